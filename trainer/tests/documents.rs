@@ -343,7 +343,13 @@ fn the_examples_of_planning_work() {
 #[test]
 fn the_commands_of_the_page_without_a_tracker_work() {
     let folder = run("docs/guide/without-a-tracker.md");
-    for file in ["touches.csv", "touches.toml", "practice/truth.csv"] {
+    for file in [
+        "touches.csv",
+        "touches.toml",
+        "practice/truth.csv",
+        "practice.html",
+        "corrected.script",
+    ] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }

@@ -8,7 +8,7 @@ use csv::StringRecord;
 
 use crate::input_error::InputError;
 use crate::measurement::table::{
-    Part, Quoting, Table, check_header, each_line, is_remark, no_header, text,
+    MEASURED_POSE, Part, Quoting, Table, check_header, each_line, is_remark, no_header, text,
 };
 
 /// Lines of a chunk; more where a record goes on behind them.
@@ -100,7 +100,7 @@ impl<R: BufRead> Chunks<R> {
             }
             Ok(())
         })?;
-        let (header_line, header) = header.ok_or_else(|| no_header(&self.path))?;
+        let (header_line, header) = header.ok_or_else(|| no_header(&self.path, MEASURED_POSE))?;
         check_header(&self.path, header_line, &header)?;
         let table = Table {
             header_line,

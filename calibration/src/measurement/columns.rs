@@ -99,13 +99,7 @@ pub(super) const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 impl Columns {
     /// The columns of a table; `file` is for messages.
     pub(super) fn parse(file: &Path, table: &Table) -> Result<Self, InputError> {
-        let (known, unknown) = named(file, table)?;
-        let mut header = Header {
-            file,
-            line: table.header_line,
-            known,
-            unknown: &unknown,
-        };
+        let mut header = Header::new(file, table)?;
         if let Some(column) = header.known.get(&Quantity::Feature) {
             return Err(header.is_of_touches(column));
         }
@@ -143,7 +137,7 @@ impl Columns {
             sigma_orientation: header.known.remove(&Quantity::SigmaOrientation),
             references,
             truth,
-            unknown,
+            unknown: header.unknown,
         })
     }
 
@@ -152,13 +146,7 @@ impl Columns {
         file: &Path,
         table: &Table,
     ) -> Result<(Vec<Column>, Option<Column>), InputError> {
-        let (known, unknown) = named(file, table)?;
-        let mut header = Header {
-            file,
-            line: table.header_line,
-            known,
-            unknown: &unknown,
-        };
+        let mut header = Header::new(file, table)?;
         if !header.known.contains_key(&Quantity::Joint(1)) {
             return Err(header.error(
                 "no column q1_deg".to_owned(),
@@ -210,7 +198,7 @@ pub(super) fn joint_columns(joints: &[Column]) -> Vec<JointColumn> {
 }
 
 /// What the names of a table's columns mean, and the names that mean nothing here.
-pub(super) fn named(
+fn named(
     file: &Path,
     table: &Table,
 ) -> Result<(BTreeMap<Quantity, Column>, Vec<String>), InputError> {
@@ -252,7 +240,21 @@ pub(super) struct Header<'a> {
     pub file: &'a Path,
     pub line: usize,
     pub known: BTreeMap<Quantity, Column>,
-    pub unknown: &'a [String],
+    /// Names that mean nothing here.
+    pub unknown: Vec<String>,
+}
+
+impl<'a> Header<'a> {
+    /// Of a table; `file` is for messages.
+    pub(super) fn new(file: &'a Path, table: &Table) -> Result<Self, InputError> {
+        let (known, unknown) = named(file, table)?;
+        Ok(Self {
+            file,
+            line: table.header_line,
+            known,
+            unknown,
+        })
+    }
 }
 
 impl Header<'_> {
@@ -263,7 +265,7 @@ impl Header<'_> {
         }
         error.with_help(format!(
             "a column's name carries its unit, as q1_deg or x_mm; not known here: {}",
-            list(self.unknown)
+            list(&self.unknown)
         ))
     }
 

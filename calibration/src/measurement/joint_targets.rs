@@ -18,7 +18,7 @@ use crate::measurement::chunks::{Chunk, Chunks};
 use crate::measurement::columns::{Column, Columns, joint_columns};
 use crate::measurement::rows::Row;
 use crate::measurement::set::JointColumn;
-use crate::measurement::table::{Part, Table, check_width, no_rows};
+use crate::measurement::table::{MEASURED_POSE, Part, Table, check_width, no_rows};
 use crate::measurement::validate::{JointChecks, JointLimits};
 use crate::robot::Robot;
 
@@ -182,7 +182,7 @@ impl TargetColumns {
 
     /// The error for a file that ends behind its header.
     pub fn no_rows(&self) -> InputError {
-        no_rows(&self.path, self.table.header_line)
+        no_rows(&self.path, self.table.header_line, MEASURED_POSE)
     }
 
     /// Appends the beginning of the file, with new columns behind its own.

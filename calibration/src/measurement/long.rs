@@ -14,7 +14,7 @@ use crate::measurement::reader::SampleFile;
 use crate::measurement::rows::{Row, norm_note};
 use crate::measurement::sample::{InstrumentSample, ToolName, sample, samples, tool_of};
 use crate::measurement::set::{Measurement, MeasurementSet};
-use crate::measurement::table::{Part, Table, check_width, no_rows};
+use crate::measurement::table::{MEASURED_POSE, Part, Table, check_width, no_rows};
 use crate::measurement::validate::{JointChecks, JointLimits};
 use crate::numeric::parallel::in_order;
 use crate::progress::threads;
@@ -136,7 +136,7 @@ impl LongFile {
             },
         )?;
         if count == 0 {
-            return Err(no_rows(path, table.header_line));
+            return Err(no_rows(path, table.header_line, MEASURED_POSE));
         }
         let mut measurements: Vec<Measurement> = kept.into_iter().flat_map(|k| k.rows).collect();
         measurements.sort_by_key(|row| row.line);

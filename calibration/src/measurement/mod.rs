@@ -72,7 +72,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<MeasurementSet, InputError> {
 /// As [`read`].
 pub fn parse(path: impl AsRef<Path>, bytes: &[u8]) -> Result<MeasurementSet, InputError> {
     let path = path.as_ref();
-    let table = table::Table::parse(path, bytes)?;
+    let table = table::Table::parse(path, bytes, table::MEASURED_POSE)?;
     let columns = columns::Columns::parse(path, &table)?;
     let (measurements, row_notes) = rows::measurements(path, &table, &columns)?;
     let mut notes = columns.notes();

@@ -8,7 +8,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::input_error::InputError;
 use crate::measurement::columns::{Column, Unit};
 use crate::measurement::rows::Row;
-use crate::measurement::table::Table;
+use crate::measurement::table::{MEASURED_POSE, Table};
 use crate::numeric::rotation::aligned;
 
 /// What one coordinate of a point is measured to where the file does not say, m: a laser tracker's.
@@ -56,7 +56,7 @@ impl PointPairs {
     /// # Errors
     /// As [`PointPairs::read`].
     pub fn parse(path: &Path, bytes: &[u8], first: &str, second: &str) -> Result<Self, InputError> {
-        let table = Table::parse(path, bytes)?;
+        let table = Table::parse(path, bytes, MEASURED_POSE)?;
         let of = |prefix: &str| -> Result<Vec<Column>, InputError> {
             ["x", "y", "z"]
                 .iter()

@@ -17,8 +17,8 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// Takes a file apart; `file` is for messages.
-    pub(super) fn parse(file: &Path, bytes: &[u8]) -> Result<Self, InputError> {
+    /// Takes a file apart; `file` is for messages, and `row` is what one is.
+    pub(super) fn parse(file: &Path, bytes: &[u8], row: &str) -> Result<Self, InputError> {
         let text = text(file, bytes, 1)?;
         let mut rows = Vec::new();
         each_line(file, text, 1, |part| {
@@ -29,12 +29,12 @@ impl Table {
         })?;
         let mut rows = rows.into_iter();
         let Some((header_line, header)) = rows.next() else {
-            return Err(no_header(file));
+            return Err(no_header(file, row));
         };
         check_header(file, header_line, &header)?;
         let rows: Vec<_> = rows.collect();
         if rows.is_empty() {
-            return Err(no_rows(file, header_line));
+            return Err(no_rows(file, header_line, row));
         }
         for (line, record) in &rows {
             check_width(file, *line, record, header.len())?;
@@ -47,21 +47,34 @@ impl Table {
     }
 }
 
-pub(super) fn no_header(file: &Path) -> InputError {
-    InputError::new(
-        file,
-        "an empty file",
-        "a header row and one measured pose a row",
-    )
+/// What a row of a measurement file is.
+pub(super) const MEASURED_POSE: &str = "one measured pose a row";
+/// What a row of a touch file is.
+pub(super) const TOUCH: &str = "one touch a row";
+
+pub(super) fn no_header(file: &Path, row: &str) -> InputError {
+    InputError::new(file, "an empty file", format!("a header row and {row}"))
 }
 
-pub(super) fn no_rows(file: &Path, header_line: usize) -> InputError {
-    InputError::new(
-        file,
-        "a header without rows",
-        "one measured pose a row after the header",
-    )
-    .at_line(header_line)
+pub(super) fn no_rows(file: &Path, header_line: usize, row: &str) -> InputError {
+    let expected = format!("{row} after the header");
+    InputError::new(file, "a header without rows", expected).at_line(header_line)
+}
+
+/// The header of a file, as far as there is one; of a file that is no text `None`.
+pub(super) fn header(bytes: &[u8]) -> Option<StringRecord> {
+    let text = String::from_utf8_lossy(bytes);
+    let mut lines = text.trim_start_matches('\u{feff}').lines();
+    let line = lines.find(|line| !is_remark(line.trim()))?;
+    let mut out = None;
+    let file = Path::new("");
+    let shown = each_line(file, line, 1, |part| {
+        if let Part::Record(_, record) = part {
+            out = Some(record.clone());
+        }
+        Ok(())
+    });
+    shown.ok().and(out)
 }
 
 /// A part of a file.

@@ -6,4 +6,5 @@ pub mod device_budget;
 pub mod held_out;
 pub mod learning_curve;
 pub mod model_selection;
+pub mod touches;
 pub mod work_volume;

@@ -269,7 +269,8 @@ impl DriftTest {
     }
 }
 
-fn inner(a: &[f64], b: &[f64]) -> f64 {
+/// The inner product.
+pub fn inner(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
@@ -279,7 +280,7 @@ fn projected(q: &Columns, seen: &[f64]) -> f64 {
 }
 
 /// A column without what an orthonormal basis has of it.
-fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
+pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     let mut out = column.to_vec();
     // Twice is enough (Kahan).
     for _ in 0..2 {

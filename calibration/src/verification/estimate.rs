@@ -10,7 +10,6 @@ use crate::numeric::statistics::Summary;
 use crate::verification::drift_test::{DriftTest, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
-use crate::verification::whitened::Whitened;
 
 /// Of a part's effect at least this share must be its own, or the two cannot be distinguished.
 const OWN_SHARE: f64 = 0.05;
@@ -28,9 +27,9 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// `None` when the equations cannot be solved.
+    /// To `y` with the factored covariance `factor`; `None` when the equations cannot be solved.
     pub fn new(
-        weighed: &Whitened<'_>,
+        (y, factor): (&Mat<f64>, &Factor),
         nuisance: &Mat<f64>,
         chosen: &[&Hypothesis],
     ) -> Option<Self> {
@@ -40,7 +39,7 @@ impl Fit {
             free.extend(columns(&hypothesis.effect));
             starts.push(free.len());
         }
-        let x = Mat::from_fn(weighed.y.nrows(), free.len(), |i, j| free[j][i]);
+        let x = Mat::from_fn(y.nrows(), free.len(), |i, j| free[j][i]);
         if free.is_empty() {
             return Some(Self {
                 covariance: Mat::zeros(0, 0),
@@ -49,7 +48,7 @@ impl Fit {
                 x,
             });
         }
-        let (white, y) = (weighed.whiten(&x), weighed.whiten(&weighed.y));
+        let (white, y) = (factor.half_solve(&x), factor.half_solve(y));
         let mut normal = product(Transposed(&white), &white);
         for i in 0..normal.nrows() {
             // A direction of the tool that positions alone do not identify.

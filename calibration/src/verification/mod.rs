@@ -19,6 +19,7 @@ pub mod noise;
 mod options;
 mod payload;
 pub mod result;
+pub mod touches;
 mod whitened;
 
 use poegp_runtime::math::se3::Pose;
@@ -102,7 +103,7 @@ pub fn check(
     let choices = test.choose(options.false_alarms);
     let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
     let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &all[*h]).collect();
-    let fit = Fit::new(&weighed, &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
+    let fit = Fit::new((y, &weighed.factor), &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
     let sensitivity = sensitivity(&test, &all, options.false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);

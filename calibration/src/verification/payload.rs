@@ -1,6 +1,7 @@
 //! What the payload does to the poses of a check.
 
 use crate::blob::fitted_frames::{Registered, base_from_first_target};
+use crate::blob::predict::BlobModel;
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
@@ -10,19 +11,25 @@ use crate::numeric::matrix::Mat;
 /// Part of the trained range of payloads by which the payload is changed to see what it does.
 const PAYLOAD_STEP: f64 = 0.25;
 
-/// What a kilogram more does, in units of the scales of each row; `None` when the payload does not vary for the model
-/// or is not known.
-pub fn payload_effect(at: &Registered, scales: NoiseScales) -> Option<Mat<f64>> {
-    let (light, heavy) = at.blob.blob().ranges.payload_kg?;
+/// Payloads in kg, less and more than `payload_kg`, between which a model is asked what the payload does; `None` where it does
+/// not vary for the model or is not known.
+pub fn payload_step(loaded: &BlobModel, payload_kg: Option<f64>) -> Option<(f64, f64)> {
+    let (light, heavy) = loaded.blob().ranges.payload_kg?;
     let (light, heavy) = (f64::from(light), f64::from(heavy));
     if heavy <= light {
         return None;
     }
     let step = PAYLOAD_STEP * (heavy - light);
+    let m = payload_kg?.clamp(light, heavy);
+    Some(((m - step).max(light), (m + step).min(heavy)))
+}
+
+/// What a kilogram more does, in units of the scales of each row; `None` when the payload does not vary for the model
+/// or is not known.
+pub fn payload_effect(at: &Registered, scales: NoiseScales) -> Option<Mat<f64>> {
     let mut out = Mat::zeros(ROWS * at.samples.len(), 1);
     for (k, sample) in at.samples.iter().enumerate() {
-        let m = sample.payload_kg?.clamp(light, heavy);
-        let (less, more) = ((m - step).max(light), (m + step).min(heavy));
+        let (less, more) = payload_step(at.blob, sample.payload_kg)?;
         let tool = at.frames.tools[sample.tool];
         let pose = |kg: f64| base_from_first_target(at.blob, sample, Some(kg)) * tool;
         let kind = ResidualFrame::ToolPoint(scales.of(sample));

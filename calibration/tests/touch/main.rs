@@ -2,6 +2,7 @@
 
 mod holes;
 mod jacobians;
+mod judged;
 mod kinds;
 mod laws;
 mod measured;

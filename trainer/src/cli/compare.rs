@@ -15,6 +15,7 @@ use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
+use crate::cli::touches::{self, are_touches};
 use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
@@ -60,13 +61,20 @@ pub struct CompareJson<'a> {
 /// `trainer compare`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5"
+    after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5\n\
+    Example: trainer compare --robot abb-irb120 touches.csv --blob before.blob --blob after.blob"
 )]
 pub struct Compare {
     #[command(flatten)]
     pub robot: RobotArgs,
-    /// Measurements for training and cross-validation.
+    /// Measurements for training and cross-validation; with --blob, touches.
     pub train: PathBuf,
+    /// Models to compare by touches; may be repeated. Nothing is trained then.
+    #[arg(long = "blob", value_name = "FILE")]
+    pub blobs: Vec<PathBuf>,
+    /// What the rows of a touch file mean (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE")]
+    pub features: Option<PathBuf>,
     /// Held-out measurements; may be repeated.
     #[arg(long = "test", value_name = "FILE")]
     pub tests: Vec<PathBuf>,
@@ -94,7 +102,35 @@ pub struct Compare {
     pub json: Option<PathBuf>,
 }
 
+/// Compares models by touches.
+fn of_touches(a: &Compare) -> Result<(), Failure> {
+    let given = [
+        (!a.tests.is_empty(), "--test"),
+        (!a.methods.is_empty(), "--methods"),
+        (a.correct_drift, "--correct-drift"),
+        (!a.accepted.accept.is_empty(), "--accept"),
+        (a.report.is_some(), "--report"),
+    ];
+    touches::refuse_options(&a.train, &given)?;
+    touches::compare::run(&touches::compare::Asked {
+        robot: &a.robot,
+        touches: &a.train,
+        features: a.features.as_deref(),
+        blobs: &a.blobs,
+        json: a.json.as_deref(),
+    })
+}
+
 pub fn run(a: &Compare) -> Result<(), Failure> {
+    if are_touches(&a.train, a.features.as_deref()) {
+        return of_touches(a);
+    }
+    if !a.blobs.is_empty() {
+        return Err(Failure::Usage(format!(
+            "found --blob with {}, expected touches: models are compared by measured poses with `trainer evaluate`, one by one",
+            a.train.display()
+        )));
+    }
     let output = [a.json.as_deref(), a.report.as_deref()];
     let inputs = [a.train.as_path(), Path::new(&a.robot.robot)];
     let inputs: Vec<&Path> = inputs

@@ -160,6 +160,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         accepted: AcceptArgs::default(),
         blob: blob.clone(),
         test: sets[1].path.clone(),
+        features: None,
         frames: FrameArgs::default(),
         trust: false,
         predictions: Some(a.out.join("predictions.csv")),

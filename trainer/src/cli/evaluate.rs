@@ -18,6 +18,7 @@ use crate::cli::instrument_drift;
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_long};
 use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::touches::{self, are_touches};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::measurement::Measurement;
@@ -75,13 +76,19 @@ struct StdSummary {
 /// `trainer evaluate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -"
+    after_help = "Of touches the arm stays as the blob says, and features and tips are fitted to it: what they miss by is printed for each \
+    feature, beside what they miss by with the arm as drawn.\n\n\
+    Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -\n\
+    Example: trainer evaluate arm.blob touches.csv --features touches.toml"
 )]
 pub struct Evaluate {
     /// Model (`.blob`).
     pub blob: PathBuf,
-    /// Measurements that the model was not trained on.
+    /// Measurements, or touches, that the model was not trained on.
     pub test: PathBuf,
+    /// What the rows of a touch file mean (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE")]
+    pub features: Option<PathBuf>,
     #[command(flatten)]
     pub frames: FrameArgs,
     /// Write the predicted instrument_from_target of each measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status. The
@@ -100,6 +107,9 @@ pub struct Evaluate {
 }
 
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
+    if are_touches(&a.test, a.features.as_deref()) {
+        return of_touches(a);
+    }
     let outputs = [a.predictions.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = BlobModel::read(&a.blob)?;
@@ -176,6 +186,23 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         report.line(line);
     }
     Ok(())
+}
+
+fn of_touches(a: &Evaluate) -> Result<(), Failure> {
+    let given = [
+        (a.predictions.is_some(), "--predictions"),
+        (a.frames.fit_base, "--fit-base"),
+        (a.frames.fit_tool.is_some(), "--fit-tool"),
+        (a.frames.correct_drift, "--correct-drift"),
+        (!a.accepted.accept.is_empty(), "--accept"),
+    ];
+    touches::refuse_options(&a.test, &given)?;
+    touches::evaluate::run(&touches::evaluate::Asked {
+        blob: &a.blob,
+        touches: &a.test,
+        features: a.features.as_deref(),
+        json: a.json.as_deref(),
+    })
 }
 
 /// What is left of a measured row once the model has predicted it.

@@ -27,6 +27,7 @@ mod output;
 mod plan;
 mod simulate;
 mod terminal;
+mod touches;
 
 use std::ffi::OsString;
 use std::io::Write;

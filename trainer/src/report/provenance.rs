@@ -4,6 +4,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::touch::TouchSet;
 
 /// A file that was read or written.
 #[derive(Clone, Debug, Serialize)]
@@ -28,6 +29,26 @@ impl FileSummary {
             sha256: hex(&set.sha256),
             rows: Some(set.measurements.len()),
         }
+    }
+
+    /// Of the rows of a touch file, and of its features.
+    pub fn of_touches(set: &TouchSet) -> [Self; 2] {
+        let [rows, features] =
+            [&set.path, &set.features_path].map(|path| path.display().to_string());
+        [
+            Self {
+                role: "touches",
+                file: rows,
+                sha256: hex(&set.sha256[0]),
+                rows: Some(set.rows.len()),
+            },
+            Self {
+                role: "features",
+                file: features,
+                sha256: hex(&set.sha256[1]),
+                rows: None,
+            },
+        ]
     }
 
     /// Of bytes.

@@ -52,5 +52,6 @@ mod signing;
 mod texts;
 mod tools;
 mod touch_files;
+mod touch_models;
 mod units;
 mod workbooks;

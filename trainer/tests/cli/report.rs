@@ -133,6 +133,54 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
 }
 
 /// The default model by cross-validation, with outliers, sessions and positions alone; what is unknown is said.
+/// The page of a calibration by touches: every kind in it, and its numbers those of the document.
+#[test]
+fn the_numbers_of_touches_are_those_of_the_document() {
+    let folder = Folder::new();
+    let kinds = "socket2,plane1,sphere1,wire1,level1,camera1";
+    folder
+        .run(&format!(
+            "simulate --robot ur10 --touch {kinds} --touches 16 --seed 5 --out t"
+        ))
+        .ok();
+    folder
+        .run("calibrate --robot ur10 t/touches.csv --out a.blob --report a.html --json a.json")
+        .ok();
+    let (page, document) = (folder.text("a.html"), folder.json("a.json"));
+    check_page(&page);
+    assert!(check_numbers(&page, &document) > 50);
+    let touches = &document["touches"];
+    for feature in touches["features"].as_array().unwrap() {
+        assert!(
+            page.contains(feature["name"].as_str().unwrap()),
+            "{feature}"
+        );
+    }
+    let mean = touches["after"]["mean_mm"].as_f64().unwrap();
+    assert!(page.contains(&format!("{mean:.3}</data> mm")), "{mean}");
+    let files = document["provenance"]["files"].as_array().unwrap();
+    let roles: Vec<&str> = files.iter().map(|f| f["role"].as_str().unwrap()).collect();
+    assert_eq!(roles, ["touches", "features", "result"]);
+    for file in files {
+        assert!(page.contains(file["sha256"].as_str().unwrap()), "{file}");
+    }
+    // Without a known distance the page says what stays unseen, in mm.
+    folder
+        .run("simulate --robot ur10 --touch socket1 --touches 40 --seed 5 --out one")
+        .ok();
+    folder
+        .run("calibrate --robot ur10 one/touches.csv --out b.blob --report b.html --json b.json")
+        .ok();
+    let (page, document) = (folder.text("b.html"), folder.json("b.json"));
+    check_page(&page);
+    check_numbers(&page, &document);
+    let unseen = document["touches"]["unseen"].as_array().unwrap();
+    assert_eq!(unseen[0]["direction"], "size", "{unseen:?}");
+    for unseen in unseen {
+        assert!(page.contains(unseen["text"].as_str().unwrap()), "{unseen}");
+    }
+}
+
 #[test]
 fn cross_validation_is_held_out_and_what_is_unknown_is_said() {
     let folder = Folder::new();

@@ -12,7 +12,7 @@
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::Pose;
+use poegp_runtime::math::se3::{Pose, Twist};
 use serde::{Deserialize, Serialize};
 
 use crate::identification::parametric::gear_line::GearLine;
@@ -102,6 +102,8 @@ pub struct TouchArm {
     pub columns: Vec<Column>,
     /// θ.
     pub theta: Vec<f64>,
+    /// base_from_joint of the last joint in every state of the problem, of an arm that is known.
+    known: Option<Vec<Pose<f64>>>,
 }
 
 /// Where the tip is in one state of the arm, and how that depends on θ.
@@ -228,7 +230,25 @@ impl TouchArm {
             theta: vec![0.0; columns.len()],
             model: ParametricModel::new(&chain, tools, coupling, layout, gravity),
             columns,
+            known: None,
         }
+    }
+
+    /// An arm that is known: `flanges` are base_from_flange in the states that it is asked for, in their order. Its tips alone
+    /// are fitted. `nominal` leads to the flange.
+    pub fn known(nominal: &Poe<f64>, tips: &[TipStart], flanges: &[Pose<f64>]) -> Self {
+        let terms = Terms {
+            gravity: false,
+            payload: false,
+            orders: 0,
+        };
+        let mut out = Self::new(nominal, tips, None, Vector3::zeros(), terms);
+        out.columns
+            .retain(|column| matches!(column.group, Group::Tip | Group::Turn));
+        out.theta = vec![0.0; out.columns.len()];
+        let flange_from_joint = nominal.frames()[nominal.kinds().len()].inverse();
+        out.known = Some(flanges.iter().map(|f| *f * flange_from_joint).collect());
+        out
     }
 
     /// Moves to the parameters `theta`.
@@ -243,8 +263,14 @@ impl TouchArm {
         self.theta = theta.to_vec();
     }
 
-    /// base_from_tip in every state.
+    /// base_from_tip in every state; of an arm that is known the states are those of the problem.
     pub fn poses(&self, states: &[BaseSample]) -> Vec<Pose<f64>> {
+        if let Some(known) = &self.known {
+            let pairs = known.iter().zip(states);
+            return pairs
+                .map(|(joint, state)| *joint * self.model.tools[state.tool])
+                .collect();
+        }
         let chains: Vec<Poe<f64>> = (0..self.model.tools.len())
             .map(|tool| self.model.chain(tool))
             .collect();
@@ -259,6 +285,15 @@ impl TouchArm {
     /// The poses with their derivatives.
     pub fn linearise(&self, states: &[BaseSample]) -> Vec<StateJet> {
         let poses = self.poses(states);
+        if let Some(known) = &self.known {
+            let all = poses.iter().zip(known).zip(states);
+            return all
+                .map(|((pose, joint), state)| StateJet {
+                    pose: *pose,
+                    jacobian: self.by_tip(joint, state.tool),
+                })
+                .collect();
+        }
         let mut out = Vec::with_capacity(states.len());
         // Some at a time: all parameters of all states would take much memory.
         for (states, poses) in states.chunks(TOGETHER).zip(poses.chunks(TOGETHER)) {
@@ -276,6 +311,31 @@ impl TouchArm {
                     pose: *pose,
                     jacobian,
                 });
+            }
+        }
+        out
+    }
+}
+
+impl TouchArm {
+    /// The derivatives of an arm that is known: by the tip `tool` alone, at base_from_joint of the last joint.
+    fn by_tip(&self, joint: &Pose<f64>, tool: usize) -> Mat<f64> {
+        let tip = self.model.tools[tool].translation;
+        let first = 6 * (self.model.layout.joints + tool);
+        let mut out = Mat::zeros(ROWS, self.columns.len());
+        for (j, column) in self.columns.iter().enumerate() {
+            if column.index != tool {
+                continue;
+            }
+            let mut twist = [0.0; 6];
+            for (row, factor) in &column.to {
+                twist[row - first] = *factor;
+            }
+            let twist = Twist::from_array(&twist);
+            let moved = joint.rotation * (twist.linear + twist.angular.cross(&tip));
+            let turned = joint.rotation * twist.angular;
+            for i in 0..3 {
+                (out[(i, j)], out[(3 + i, j)]) = (moved[i], turned[i]);
             }
         }
         out

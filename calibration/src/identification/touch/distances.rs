@@ -95,4 +95,30 @@ impl TouchFit {
         };
         (0..known.len()).map(without).collect()
     }
+
+    /// The distance between two features by the touches alone, of a set without known distances.
+    pub fn distance_by_touches(
+        &self,
+        problem: &TouchProblem,
+        between: [usize; 2],
+    ) -> Option<Measured> {
+        let (distance, direction) = self.distance(between, 0.0)?;
+        let scene = &self.scene;
+        let own = [(between[0], 1.0), (between[1], -1.0)].map(|(feature, sign)| {
+            let group = scene.group_of(&Reading::Point { feature });
+            let range = &scene.groups[group];
+            let mut columns = Mat::zeros(1, range.len());
+            for i in 0..3 {
+                let at = scene.first[feature] + i;
+                columns[(0, at - range.start)] = sign * direction[i] * scene.prior[at];
+            }
+            (group, columns)
+        });
+        let arm = Mat::zeros(1, self.arm.columns.len());
+        let variance = self.solved(problem)?.predictive(&arm, &own);
+        Some(Measured {
+            distance,
+            sigma: variance[(0, 0)].max(0.0).sqrt(),
+        })
+    }
 }

@@ -62,8 +62,37 @@ const PASSES: usize = 4;
 impl TouchFit {
     /// Features and tips on the arm as drawn.
     pub fn on_drawing(problem: &TouchProblem, orders: usize) -> Self {
+        let mut out = Self::on_arm(problem, problem.arm(orders));
+        out.settle(problem, false);
+        out
+    }
+
+    /// Features and tips on the arm as drawn, without the rows of weight zero.
+    pub fn on_drawing_without(problem: &TouchProblem, weights: &[f64]) -> Self {
+        Self::on_arm(problem, problem.arm(0)).weighted(problem, weights)
+    }
+
+    /// Features and tips on an arm that is known: `flanges` are base_from_flange in the states of the problem. Rows that do not
+    /// belong are left out.
+    pub fn on_known(problem: &TouchProblem, flanges: &[Pose<f64>]) -> Self {
+        let arm = TouchArm::known(&problem.nominal, &problem.tips, flanges);
+        let mut out = Self::on_arm(problem, arm);
+        out.settle(problem, false);
+        out.settle_robustly(problem);
+        out
+    }
+
+    /// The same fit with the rows of weight zero left out, and no others.
+    #[must_use]
+    pub fn weighted(mut self, problem: &TouchProblem, weights: &[f64]) -> Self {
+        self.weights = weights.to_vec();
+        self.settle(problem, false);
+        self
+    }
+
+    /// Features where they are, roughly, and tips as drawn on `arm`.
+    fn on_arm(problem: &TouchProblem, arm: TouchArm) -> Self {
         let set = problem.set;
-        let arm = problem.arm(orders);
         let poses = arm.poses(&problem.states);
         let figures = (0..set.features.len())
             .map(|feature| {
@@ -88,7 +117,7 @@ impl TouchFit {
             });
             visits[visit].rows.push(row);
         }
-        let mut out = Self {
+        Self {
             arm,
             scene,
             scales: Scales::new(&problem.class),
@@ -98,27 +127,30 @@ impl TouchFit {
             freedom: [0.0; Noise::ALL.len()],
             width: 1.0,
             visits,
-        };
-        out.settle(problem, false);
-        out
+        }
     }
 
     /// The arm and everything, from features on the drawing.
     pub fn new(problem: &TouchProblem, drawing: &Self) -> Self {
         let mut out = drawing.clone();
         out.moves = true;
-        out.settle(problem, true);
+        out.settle_robustly(problem);
+        out
+    }
+
+    /// Settles without the rows that do not belong.
+    fn settle_robustly(&mut self, problem: &TouchProblem) {
+        self.settle(problem, true);
         for pass in 0..PASSES {
-            let Some(left_out) = out.left_out(problem) else {
+            let Some(left_out) = self.left_out(problem) else {
                 break;
             };
-            if !out.reject(&left_out, pass) {
+            if !self.reject(&left_out, pass) {
                 break;
             }
-            out.settle(problem, false);
+            self.settle(problem, false);
         }
-        out.settle(problem, false);
-        out
+        self.settle(problem, false);
     }
 
     /// Standard deviation of the prior of an arm's parameter; zero where it is not fitted.

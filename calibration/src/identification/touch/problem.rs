@@ -126,7 +126,7 @@ impl<'a> TouchProblem<'a> {
     }
 
     /// σ² of a component of a row.
-    pub(super) fn stated_variance(&self, row: usize, component: usize) -> f64 {
+    pub fn stated_variance(&self, row: usize, component: usize) -> f64 {
         let row = &self.set.rows[row];
         let sigma = match self.set.sigma(row) {
             Some(sigma) => sigma,

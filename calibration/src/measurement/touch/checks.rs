@@ -13,7 +13,7 @@ use crate::input_error::InputError;
 use crate::measurement::columns::FEATURE;
 use crate::measurement::table::quoted;
 use crate::measurement::touch::features::on_a_line;
-use crate::measurement::touch::set::{FeatureKind, Reading, TouchRow, TouchSet};
+use crate::measurement::touch::set::{FeatureKind, KnownDistance, Reading, TouchRow, TouchSet};
 
 /// Touches of a point without which its three coordinates say nothing about the arm.
 const LEAST_OF_POINT: usize = 3;
@@ -319,12 +319,35 @@ impl TouchSet {
             InputError::new(&self.features_path, found, expected)
                 .at_line(known.line)
                 .at_column(1, "distance")
-                .with_help(format!(
-                    "touches say {:.1}, the file {:.1}: m or inch?",
-                    distance * 1e3,
-                    known.distance * 1e3
-                ))
+                .with_help(remedy(known, distance, sigma))
         })
+    }
+}
+
+/// Units that a length may have been measured in, and how many millimetres each is.
+const UNITS: [(&str, f64); 4] = [
+    ("metres", 1e3),
+    ("centimetres", 10.0),
+    ("inches", 25.4),
+    ("micrometres", 1e-3),
+];
+
+/// What may be wrong with a known distance where the touches say another one: its unit, if one makes both agree.
+fn remedy(known: &KnownDistance, distance: f64, sigma: f64) -> String {
+    let agrees = |(_, factor): &&(&str, f64)| {
+        let (said, own) = (factor * known.distance, factor * known.sigma);
+        (distance - said).abs() <= CONTRADICTION * (own * own + sigma * sigma).sqrt()
+    };
+    let (found, said) = (distance * 1e3, known.distance * 1e3);
+    match UNITS.iter().find(agrees) {
+        Some((unit, _)) => format!(
+            "touches say {found:.1} mm, and {} {unit} agree with that: give the distance in millimetres",
+            round(said)
+        ),
+        None => format!(
+            "touches say {found:.1} mm, the file {said:.1}, and no other unit makes them agree: is it the distance of these two, \
+             and is the robot the one that was touched?"
+        ),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::input_error::InputError;
-use crate::measurement::columns::{AXES, Column, FEATURE, Header, QUATERNION, Quantity, named};
+use crate::measurement::columns::{AXES, Column, FEATURE, Header, QUATERNION, Quantity};
 use crate::measurement::table::Table;
 
 /// The columns of a touch file. A field may be empty where the kind of its row has no such reading.
@@ -28,13 +28,7 @@ pub(super) struct TouchColumns {
 impl TouchColumns {
     /// The columns of a table; `file` is for messages.
     pub(super) fn parse(file: &Path, table: &Table) -> Result<Self, InputError> {
-        let (known, unknown) = named(file, table)?;
-        let mut header = Header {
-            file,
-            line: table.header_line,
-            known,
-            unknown: &unknown,
-        };
+        let mut header = Header::new(file, table)?;
         let Some(feature) = header.known.remove(&Quantity::Feature) else {
             return Err(header.error(
                 format!("no column {FEATURE}"),
@@ -78,7 +72,7 @@ impl TouchColumns {
         };
         // The time, reference points and the truth of a simulation are for trackers.
         let unused = header.known.into_values().map(|column| column.name);
-        out.unknown = unknown.iter().cloned().chain(unused).collect();
+        out.unknown = header.unknown.into_iter().chain(unused).collect();
         Ok(out)
     }
 }

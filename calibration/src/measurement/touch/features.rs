@@ -12,7 +12,9 @@ use toml::Spanned;
 use crate::input_error::InputError;
 use crate::measurement::table::quoted;
 use crate::measurement::touch::set::{Board, Camera, Feature, FeatureKind, KnownDistance, Mount};
-use crate::measurement::touch::tables::{CameraTable, DistanceTable, FeatureTable, File};
+use crate::measurement::touch::tables::{
+    CameraTable, DistanceTable, FeatureTable, File, KIND_NAMES,
+};
 use crate::robot::ClassPrior;
 use crate::robot::toml_source::TomlSource;
 
@@ -330,47 +332,10 @@ impl Source<'_> {
     /// Refuses a key that says nothing of its kind: what it states would be lost.
     fn only_keys_of_kind(&self, t: &FeatureTable) -> Result<(), InputError> {
         let kind = t.kind.get_ref().as_str();
-        let touched = ["point", "plane", "sphere", "anchor"].as_slice();
-        let span = |value: &Option<Spanned<f64>>| value.as_ref().map(Spanned::span);
-        let vector = |value: &Option<Spanned<[f64; 3]>>| value.as_ref().map(Spanned::span);
-        let list = |value: &Option<Spanned<Vec<f64>>>| value.as_ref().map(Spanned::span);
-        let corners = t.corners_mm.as_ref().map(Spanned::span);
-        let keys = [
-            ("sigma_mm", touched, span(&t.sigma_mm)),
-            ("sigma_mrad", &["level"], span(&t.sigma_mrad)),
-            ("sigma_px", &["board"], span(&t.sigma_px)),
-            ("seat_mm", &["point"], span(&t.seat_mm)),
-            ("flatness_mm", &["plane"], span(&t.flatness_mm)),
-            ("radius_mm", &["sphere"], span(&t.radius_mm)),
-            ("radius_sigma_mm", &["sphere"], span(&t.radius_sigma_mm)),
-            ("roundness_mm", &["sphere"], span(&t.roundness_mm)),
-            ("position_mm", &["anchor"], vector(&t.position_mm)),
-            ("position_sigma_mm", &["anchor"], span(&t.position_sigma_mm)),
-            ("zero_sigma_mm", &["anchor"], span(&t.zero_sigma_mm)),
-            (
-                "scale_sigma_ppm",
-                &["anchor", "board"],
-                span(&t.scale_sigma_ppm),
-            ),
-            (
-                "rotation_vector_rad",
-                &["level"],
-                vector(&t.rotation_vector_rad),
-            ),
-            (
-                "rotation_sigma_mrad",
-                &["level"],
-                span(&t.rotation_sigma_mrad),
-            ),
-            ("corners_x_mm", &["board"], list(&t.corners_x_mm)),
-            ("corners_y_mm", &["board"], list(&t.corners_y_mm)),
-            ("corners_mm", &["board"], corners),
-        ];
-        let all = [touched, &["level", "board"]].concat();
-        if !all.contains(&kind) {
+        if !KIND_NAMES.contains(&kind) {
             return Err(self.refuse("kind", &t.kind, quoted(kind), KINDS));
         }
-        for (key, kinds, span) in keys {
+        for (key, kinds, span) in t.keys() {
             if let Some(span) = span
                 && !kinds.contains(&kind)
             {

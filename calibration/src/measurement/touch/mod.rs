@@ -24,6 +24,8 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 pub use crate::robot::ClassPrior;
@@ -37,17 +39,22 @@ use sha2::{Digest, Sha256};
 use crate::input_error::InputError;
 use crate::measurement::columns::{FEATURE, ignored, joint_columns};
 use crate::measurement::rows::repeated_rows;
-use crate::measurement::table::Table;
+use crate::measurement::table::{TOUCH, Table, header};
 use crate::measurement::touch::columns::TouchColumns;
 use crate::measurement::touch::rows::Rows;
 use crate::measurement::validate::{JointChecks, JointLimits, still_joints};
 use crate::robot::Robot;
 
+/// Of a file as much is read as a header can be.
+const HEADER_BYTES: u64 = 1 << 16;
+
 /// Whether the header of a measurement file has the column `feature`: then it is a touch file. A file that is no table is
 /// none, and its reader says why.
 pub fn is_touch_file(path: &Path) -> bool {
-    let bytes = std::fs::read(path).unwrap_or_default();
-    Table::parse(path, &bytes).is_ok_and(|table| table.header.iter().any(|name| name == FEATURE))
+    let mut bytes = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(HEADER_BYTES).read_to_end(&mut bytes));
+    let header = read.ok().and_then(|_| header(&bytes));
+    header.is_some_and(|names| names.iter().any(|name| name == FEATURE))
 }
 
 /// The file of features that belongs to a touch file unless another one is named: NAME.toml beside NAME.csv.
@@ -98,7 +105,7 @@ impl TouchSet {
         })?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let described = features::parse(features_path, text)?;
-        let table = Table::parse(path, bytes)?;
+        let table = Table::parse(path, bytes, TOUCH)?;
         let columns = TouchColumns::parse(path, &table)?;
         let joint_columns = joint_columns(&columns.joints);
         let limits = JointLimits::new(path, table.header_line, &joint_columns, robot)?;

@@ -1,5 +1,7 @@
 //! The tables of the file of features, as they are written.
 
+use std::ops::Range;
+
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -64,6 +66,58 @@ pub(super) struct FeatureTable {
     pub corners_x_mm: Option<Spanned<Vec<f64>>>,
     pub corners_y_mm: Option<Spanned<Vec<f64>>>,
     pub corners_mm: Option<Spanned<Vec<[f64; 3]>>>,
+}
+
+/// Kinds that the tip touches, and those that sensors see.
+const TOUCHED: [&str; 4] = ["point", "plane", "sphere", "anchor"];
+pub(super) const KIND_NAMES: [&str; 6] = ["point", "plane", "sphere", "anchor", "level", "board"];
+
+/// A key, the kinds that it belongs to, and where it is if it is there.
+type KeyOfKinds = (&'static str, &'static [&'static str], Option<Range<usize>>);
+
+impl FeatureTable {
+    /// All keys but name and kind.
+    pub(super) fn keys(&self) -> [KeyOfKinds; 17] {
+        let span = |value: &Option<Spanned<f64>>| value.as_ref().map(Spanned::span);
+        let vector = |value: &Option<Spanned<[f64; 3]>>| value.as_ref().map(Spanned::span);
+        let list = |value: &Option<Spanned<Vec<f64>>>| value.as_ref().map(Spanned::span);
+        let corners = self.corners_mm.as_ref().map(Spanned::span);
+        [
+            ("sigma_mm", &TOUCHED, span(&self.sigma_mm)),
+            ("sigma_mrad", &["level"], span(&self.sigma_mrad)),
+            ("sigma_px", &["board"], span(&self.sigma_px)),
+            ("seat_mm", &["point"], span(&self.seat_mm)),
+            ("flatness_mm", &["plane"], span(&self.flatness_mm)),
+            ("radius_mm", &["sphere"], span(&self.radius_mm)),
+            ("radius_sigma_mm", &["sphere"], span(&self.radius_sigma_mm)),
+            ("roundness_mm", &["sphere"], span(&self.roundness_mm)),
+            ("position_mm", &["anchor"], vector(&self.position_mm)),
+            (
+                "position_sigma_mm",
+                &["anchor"],
+                span(&self.position_sigma_mm),
+            ),
+            ("zero_sigma_mm", &["anchor"], span(&self.zero_sigma_mm)),
+            (
+                "scale_sigma_ppm",
+                &["anchor", "board"],
+                span(&self.scale_sigma_ppm),
+            ),
+            (
+                "rotation_vector_rad",
+                &["level"],
+                vector(&self.rotation_vector_rad),
+            ),
+            (
+                "rotation_sigma_mrad",
+                &["level"],
+                span(&self.rotation_sigma_mrad),
+            ),
+            ("corners_x_mm", &["board"], list(&self.corners_x_mm)),
+            ("corners_y_mm", &["board"], list(&self.corners_y_mm)),
+            ("corners_mm", &["board"], corners),
+        ]
+    }
 }
 
 #[derive(Deserialize)]

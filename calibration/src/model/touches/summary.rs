@@ -39,6 +39,9 @@ pub struct TouchSummary {
     pub class: [[f64; 3]; 2],
     /// What was touched.
     pub features: Vec<FeatureSummary>,
+    /// Rows of a tracker: their positions, and their rotations.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tracker: Vec<FeatureSummary>,
     /// Known distances.
     pub distances: Vec<DistanceSummary>,
     /// Where the tips are at the flange, mm.
@@ -70,7 +73,8 @@ pub struct FeatureSummary {
     pub unit: &'static str,
     /// Share of the sum of squares, in units of the noise.
     pub share: f64,
-    /// Where it is in the base frame as fitted, mm.
+    /// Where it is in the base frame as fitted, mm; nothing of a level or a tracker.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
 }
 
@@ -155,19 +159,6 @@ impl TouchSummary {
         let class = Scales::new(&problem.class);
         let scales = |s: &Scales| [1e3 * s.length, 1e3 * s.tilt, 1e3 * s.zero];
         let (left_out_unit, factor) = unit(verdict.kind);
-        let outliers = set.rows.iter().zip(&fit.weights).zip(&residuals[1]);
-        let outliers = outliers.filter(|((_, weight), _)| **weight == 0.0);
-        let outliers = outliers.map(|((row, _), jet)| {
-            let (unit, factor) = unit(Noise::of(&row.reading, 0));
-            TouchOutlier {
-                line: row.line,
-                feature: row.reading.feature().map(|f| set.features[f].name.clone()),
-                error: factor * length(jet),
-                unit,
-            }
-        });
-        let flange = problem.nominal.frames()[problem.nominal.kinds().len()];
-        let tools = fit.arm.model.tools.iter().take(set.tips.len());
         Self {
             rows: set.rows.len(),
             equations: problem.equations(),
@@ -181,64 +172,134 @@ impl TouchSummary {
             beyond_class: known.beyond_class,
             class: [scales(&class), scales(&fit.scales)],
             features: features(problem, fit, &residuals),
+            tracker: tracker(problem, fit, &residuals),
             distances: distances(problem, drawing, fit),
-            tips_mm: tools
-                .map(|tool| mm(&(flange.inverse() * *tool).translation))
-                .collect(),
+            tips_mm: tips_mm(problem, fit),
             noise: noise(problem, fit),
-            outliers: outliers.collect(),
+            outliers: outliers(problem, fit, &residuals[1]),
             unseen,
             play_mm: verdict.play.map(|tau| 1e3 * tau),
         }
     }
 }
 
-fn length(jet: &RowJet) -> f64 {
+/// The length of a residual; of a tracker's row that of its position.
+pub fn length(jet: &RowJet) -> f64 {
     let squares = jet.residual[..jet.count.min(3)].iter().map(|x| x * x);
     squares.sum::<f64>().sqrt()
 }
 
-fn features(
+/// Where the tips are at the flange, mm.
+pub fn tips_mm(problem: &TouchProblem, fit: &TouchFit) -> Vec<[f64; 3]> {
+    let flange = problem.nominal.frames()[problem.nominal.kinds().len()];
+    let tools = fit.arm.model.tools.iter().take(problem.set.tips.len());
+    tools
+        .map(|tool| mm(&(flange.inverse() * *tool).translation))
+        .collect()
+}
+
+/// The rows that do not belong, with their residuals among `residuals`.
+pub fn outliers(problem: &TouchProblem, fit: &TouchFit, residuals: &[RowJet]) -> Vec<TouchOutlier> {
+    let set = problem.set;
+    let all = set.rows.iter().zip(&fit.weights).zip(residuals);
+    let rejected = all.filter(|((_, weight), _)| **weight == 0.0);
+    rejected
+        .map(|((row, _), jet)| {
+            let (unit, factor) = unit(Noise::of(&row.reading, 0));
+            TouchOutlier {
+                line: row.line,
+                feature: row.reading.feature().map(|f| set.features[f].name.clone()),
+                error: factor * length(jet),
+                unit,
+            }
+        })
+        .collect()
+}
+
+/// What rows of one kind miss by.
+struct Spread<'a> {
+    problem: &'a TouchProblem<'a>,
+    fit: &'a TouchFit,
+    /// As drawn and as calibrated.
+    residuals: &'a [Vec<RowJet>; 2],
+    /// The sum of squares of all rows in units of the noise.
+    all: f64,
+}
+
+impl<'a> Spread<'a> {
+    fn new(
+        problem: &'a TouchProblem,
+        fit: &'a TouchFit,
+        residuals: &'a [Vec<RowJet>; 2],
+    ) -> Spread<'a> {
+        let mut out = Spread {
+            problem,
+            fit,
+            residuals,
+            all: 0.0,
+        };
+        out.all = (0..problem.set.rows.len())
+            .map(|row| out.chi(row, |_| true))
+            .sum();
+        out
+    }
+
+    /// The squares of the components of a row that `keep` names, in units of the noise.
+    fn chi(&self, row: usize, keep: impl Fn(usize) -> bool) -> f64 {
+        let jet = &self.residuals[1][row];
+        let of = |i: usize| jet.residual[i].powi(2) / self.fit.variance(self.problem, row, i);
+        let components = (0..jet.count).filter(|i| keep(*i));
+        self.fit.weights[row] * components.map(of).sum::<f64>()
+    }
+
+    /// Of the components of kind `noise` in the rows `own`.
+    fn of(&self, name: &str, kind: &'static str, own: &[usize], noise: Noise) -> FeatureSummary {
+        let rows = &self.problem.set.rows;
+        let is_of_kind = |row: usize, i: usize| Noise::of(&rows[row].reading, i) == noise;
+        let belongs = |row: &usize| self.fit.weights[*row] > 0.0;
+        let (unit, factor) = unit(noise);
+        let rms = |jets: &[RowJet]| {
+            let (mut sum, mut count) = (0.0, 0.0);
+            for row in own.iter().copied().filter(belongs) {
+                for i in (0..jets[row].count).filter(|i| is_of_kind(row, *i)) {
+                    sum += jets[row].residual[i].powi(2);
+                    count += 1.0;
+                }
+            }
+            factor * (sum / f64::max(count, 1.0)).sqrt()
+        };
+        let share = own
+            .iter()
+            .map(|row| self.chi(*row, |i| is_of_kind(*row, i)));
+        FeatureSummary {
+            name: name.to_owned(),
+            kind,
+            rows: own.len(),
+            rejected: own.iter().filter(|row| !belongs(row)).count(),
+            rms: [rms(&self.residuals[0]), rms(&self.residuals[1])],
+            unit,
+            share: share.sum::<f64>() / self.all.max(1e-300),
+            position_mm: None,
+        }
+    }
+}
+
+/// What was touched. `residuals` are those as drawn and those of `fit`.
+pub fn features(
     problem: &TouchProblem,
     fit: &TouchFit,
     residuals: &[Vec<RowJet>; 2],
 ) -> Vec<FeatureSummary> {
     let set = problem.set;
-    let chi = |row: usize| -> f64 {
-        let jet = &residuals[1][row];
-        let of = |i: usize| jet.residual[i].powi(2) / fit.variance(problem, row, i);
-        fit.weights[row] * (0..jet.count).map(of).sum::<f64>()
-    };
-    let all: f64 = (0..set.rows.len()).map(chi).sum();
+    let spread = Spread::new(problem, fit, residuals);
     let of = |(index, feature): (usize, &crate::measurement::touch::Feature)| {
         let rows = set.rows.iter().enumerate();
         let own = rows.filter(|(_, row)| row.reading.feature() == Some(index));
         let own: Vec<usize> = own.map(|(k, _)| k).collect();
-        let kept: Vec<usize> = own
-            .iter()
-            .copied()
-            .filter(|k| fit.weights[*k] > 0.0)
-            .collect();
-        let (unit, factor) = unit(
-            own.first()
-                .map_or(Noise::Point, |k| Noise::of(&set.rows[*k].reading, 0)),
-        );
-        let rms = |jets: &[RowJet]| {
-            let components = kept
-                .iter()
-                .flat_map(|k| &jets[*k].residual[..jets[*k].count]);
-            let (sum, count) =
-                components.fold((0.0, 0.0), |(sum, count), x| (sum + x * x, count + 1.0));
-            factor * (sum / f64::max(count, 1.0)).sqrt()
-        };
+        let noise = own
+            .first()
+            .map_or(Noise::Point, |k| Noise::of(&set.rows[*k].reading, 0));
         FeatureSummary {
-            name: feature.name.clone(),
-            kind: feature.kind.name(),
-            rows: own.len(),
-            rejected: own.len() - kept.len(),
-            rms: [rms(&residuals[0]), rms(&residuals[1])],
-            unit,
-            share: own.iter().map(|k| chi(*k)).sum::<f64>() / all.max(1e-300),
             position_mm: match &fit.scene.figures[index] {
                 Figure::Point { centre, .. } | Figure::Sphere { centre, .. } => Some(mm(centre)),
                 Figure::Anchor { position, .. } => Some(mm(position)),
@@ -246,9 +307,29 @@ fn features(
                 Figure::Board { pose, .. } => Some(mm(&pose.translation)),
                 Figure::Level { .. } => None,
             },
+            ..spread.of(&feature.name, feature.kind.name(), &own, noise)
         }
     };
     set.features.iter().enumerate().map(of).collect()
+}
+
+/// The rows of a tracker: positions, and rotations where there are some.
+pub fn tracker(
+    problem: &TouchProblem,
+    fit: &TouchFit,
+    residuals: &[Vec<RowJet>; 2],
+) -> Vec<FeatureSummary> {
+    let spread = Spread::new(problem, fit, residuals);
+    let of = |noise: Noise| {
+        let rows = problem.set.rows.iter().enumerate();
+        let own = rows.filter(|(_, row)| {
+            (0..row.reading.equations()).any(|i| Noise::of(&row.reading, i) == noise)
+        });
+        let own: Vec<usize> = own.map(|(k, _)| k).collect();
+        (!own.is_empty()).then(|| spread.of("tracker", name(noise), &own, noise))
+    };
+    let both = [Noise::Position, Noise::Rotation];
+    both.into_iter().filter_map(of).collect()
 }
 
 fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<DistanceSummary> {
@@ -270,7 +351,8 @@ fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<
     set.distances.iter().zip(measured).map(of).collect()
 }
 
-fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
+/// The noise of every kind of reading that there is.
+pub fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
     let set = problem.set;
     let of = |kind: Noise| {
         let (mut sum, mut count) = (0.0, 0.0);

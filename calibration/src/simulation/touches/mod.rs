@@ -4,6 +4,7 @@
 //! that the controller shows. What the description states of tip, anchors and camera is off by its stated σ.
 
 mod sensors;
+mod table;
 
 use std::fmt::Write as _;
 
@@ -18,6 +19,7 @@ use crate::measurement::touch::{Reading, TouchSet};
 use crate::robot::Robot;
 use crate::robot::settle::{Settler, Surface};
 use crate::simulation::Simulator;
+use crate::simulation::touches::table::Row;
 use crate::simulation::true_arm::normal_vector;
 
 /// Noise of one component of a touch, m.
@@ -90,6 +92,11 @@ fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     }
 }
 
+/// In thousandths of its unit, without the digits that the multiplication leaves behind.
+fn milli(x: f64) -> f64 {
+    (1e9 * x).round() / 1e6
+}
+
 /// An arm that finds no way to a feature.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no way to \"{0}\" within the joint ranges")]
@@ -103,7 +110,7 @@ struct Touching<'a> {
     ranges: Vec<(f64, f64)>,
     /// m, true.
     tip: Vector3<f64>,
-    rows: Vec<String>,
+    rows: Vec<Row>,
     toml: String,
 }
 
@@ -201,12 +208,12 @@ fn whole_ranges(robot: &Robot) -> Vec<(f64, f64)> {
 }
 
 fn description_of_tip(comment: &str, tip: Vector3<f64>) -> String {
-    let [x, y, z] = [tip.x, tip.y, tip.z].map(|x| 1e3 * x);
+    let [x, y, z] = [tip.x, tip.y, tip.z].map(milli);
     format!(
         "# {comment}\nversion = 1\n\n[noise]\ntouch_mm = {}\n\n[prior]\nlength_mm = 0.8\ntilt_mrad = 0.8\njoint_zero_mrad = 0.8\n\n\
          [[target]]\nname = \"tip\"\ntip_mm = [{x}, {y}, {z}]\nsigma_mm = {}\n",
-        1e3 * TOUCH_NOISE,
-        1e3 * TIP_ERROR
+        milli(TOUCH_NOISE),
+        milli(TIP_ERROR)
     )
 }
 
@@ -214,8 +221,7 @@ impl Touching<'_> {
     /// Both files, and the truth.
     fn finished(mut self, truth: usize, comment: &str) -> (SimulatedTouches, String) {
         let names = self.joint_names();
-        let header = "feature,corner,value_mm,gx,gy,gz,u_px,v_px,payload_kg";
-        let csv = format!("# {comment}\n{header},{names}\n{}", self.rows.concat());
+        let csv = table::csv(comment, &names, &self.rows);
         let touches = SimulatedTouches {
             csv,
             rows: self.rows.len(),
@@ -287,12 +293,20 @@ impl Touching<'_> {
     /// A row, and another moment for the arm.
     fn row(&mut self, feature: &str, reading: &str, joints: &[f64]) {
         let _: f64 = self.random().random();
-        let mut row = format!("{feature},{reading},{}", self.payload_kg);
+        self.row_at_once(feature, reading, joints);
+    }
+
+    /// A row of the same moment as the one before.
+    fn row_at_once(&mut self, feature: &str, reading: &str, joints: &[f64]) {
+        let mut state = format!(",{}", self.payload_kg);
         for (joint, q) in self.robot.joints.iter().zip(joints) {
-            let _ = write!(row, ",{:.8}", in_file_units(joint.kind, *q));
+            let _ = write!(state, ",{:.8}", in_file_units(joint.kind, *q));
         }
-        row.push('\n');
-        self.rows.push(row);
+        self.rows.push(Row {
+            feature: feature.to_owned(),
+            reading: reading.to_owned(),
+            state,
+        });
     }
 
     fn task(&mut self, task: TouchTask, count: usize) -> Result<(), OutOfReach> {
@@ -372,7 +386,7 @@ impl Touching<'_> {
                 self.toml,
                 "\n[[distance]]\nbetween = [\"{first}\", \"{name}\"]\nmm = {:.3}\nsigma_mm = {}\n",
                 1e3 * measured,
-                1e3 * LENGTH_NOISE
+                milli(LENGTH_NOISE)
             );
         }
     }
@@ -403,8 +417,8 @@ impl Touching<'_> {
             let _ = write!(
                 self.toml,
                 "\n[[feature]]\nname = \"{name}\"\nkind = \"sphere\"\nradius_mm = {}\nradius_sigma_mm = {}\n",
-                1e3 * radius,
-                1e3 * LENGTH_NOISE
+                milli(radius),
+                milli(LENGTH_NOISE)
             );
             let true_radius = radius + LENGTH_NOISE * self.normal();
             let centre = self.somewhere() - Vector3::z() * radius;

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, Twist};
 use rand::RngExt;
 
-use super::{OutOfReach, TIP_ERROR, TOUCH_NOISE, Touching, in_file_units};
+use super::{OutOfReach, TIP_ERROR, TOUCH_NOISE, Touching, milli};
 use crate::robot::settle::Surface;
 use crate::simulation::true_arm::normal_vector;
 
@@ -43,8 +43,8 @@ impl Touching<'_> {
                 stated.x,
                 stated.y,
                 stated.z,
-                1e3 * TAPE_ERROR,
-                1e3 * ZERO_ERROR
+                milli(TAPE_ERROR),
+                milli(ZERO_ERROR)
             );
             anchors.push((name, at, zero));
         }
@@ -70,8 +70,8 @@ impl Touching<'_> {
         let _ = write!(
             self.toml,
             "\n[[feature]]\nname = \"{name}\"\nkind = \"level\"\nrotation_sigma_mrad = {}\nsigma_mrad = {}\n",
-            1e3 * MOUNTING_ERROR,
-            1e3 * LEVEL_NOISE
+            milli(MOUNTING_ERROR),
+            milli(LEVEL_NOISE)
         );
         let sensor_from_flange = self.turn();
         for _ in 0..count {
@@ -119,14 +119,14 @@ impl Touching<'_> {
         );
         if !self.toml.contains("[camera]") {
             let [u, v] = HALF_IMAGE;
-            let [x, y, z] = [drawn.x, drawn.y, drawn.z].map(|x| 1e3 * x);
+            let [x, y, z] = [drawn.x, drawn.y, drawn.z].map(milli);
             let _ = write!(
                 self.toml,
                 "\n[camera]\nfocal_px = [{FOCAL}, {FOCAL}]\ncentre_px = [{u}, {v}]\n\
                  position_mm = [{x}, {y}, {z}]\nposition_sigma_mm = {}\nrotation_vector_rad = [0, 0, 0]\n\
                  rotation_sigma_mrad = {}\n",
-                1e3 * TIP_ERROR,
-                1e3 * MOUNTING_ERROR
+                milli(TIP_ERROR),
+                milli(MOUNTING_ERROR)
             );
         }
         let image = |me: &Self, q: &[f64]| -> Option<Vec<[f64; 2]>> {
@@ -154,12 +154,8 @@ impl Touching<'_> {
             let seen = image(self, &joints).unwrap_or_default();
             for (corner, [u, v]) in seen.into_iter().enumerate() {
                 let [u, v] = [u, v].map(|x| x + PIXEL_NOISE * self.normal());
-                let mut row = format!("{name},{corner},,,,,{u:.4},{v:.4},{}", self.payload_kg);
-                for (joint, q) in self.robot.joints.iter().zip(&joints) {
-                    let _ = write!(row, ",{:.8}", in_file_units(joint.kind, *q));
-                }
-                row.push('\n');
-                self.rows.push(row);
+                let reading = format!("{corner},,,,,{u:.4},{v:.4}");
+                self.row_at_once(name, &reading, &joints);
             }
             let _: f64 = self.random().random();
         }

@@ -1,5 +1,7 @@
 //! The JSON document of `trainer calibrate`.
 
+use std::path::Path;
+
 use serde::Serialize;
 
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
@@ -18,6 +20,8 @@ use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
+use poegp_calibration::model::touches::record::ArmRecord;
+use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
@@ -102,6 +106,47 @@ pub struct BlobSummary {
     pub instructions: u32,
 }
 
+impl LossJson {
+    pub fn new(loss: &SinglePrecisionLoss) -> Self {
+        Self {
+            mean: 1e6 * loss.mean_m,
+            max: 1e6 * loss.max_m,
+        }
+    }
+}
+
+impl BlobSummary {
+    /// Of a blob that is written to `path`.
+    pub fn new(path: &Path, blob: &BlobModel) -> Self {
+        Self {
+            file: path.display().to_string(),
+            bytes: blob.bytes().len(),
+            inducing_points: blob.model().inducing_points(),
+            instructions: blob.model().size().map_or(0, |size| size.command_bound()),
+        }
+    }
+}
+
+/// What `--json` writes of a calibration by touches.
+#[derive(Serialize)]
+pub struct TouchJson {
+    pub version: &'static str,
+    pub robot: String,
+    pub touches: TouchSummary,
+    /// What `--prior` reads for a sister arm.
+    pub arm: ArmRecord,
+    /// What somebody must look at.
+    pub warnings: Vec<Finding>,
+    pub correction_limit_mm: f64,
+    pub correction_limit_mrad: f64,
+    pub single_precision_loss_um: LossJson,
+    pub blob: BlobSummary,
+    /// Whether the blob is, to the byte, the one that a project file states.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub repeats: Option<bool>,
+    pub provenance: Provenance,
+}
+
 pub fn document(
     a: &Job,
     calibration: &Calibration,
@@ -147,19 +192,11 @@ pub fn document(
         budget: None,
         correction_limit_mm: 1e3 * calibration.correction_limit.0,
         correction_limit_mrad: 1e3 * calibration.correction_limit.1,
-        single_precision_loss_um: LossJson {
-            mean: 1e6 * precision_loss.mean_m,
-            max: 1e6 * precision_loss.max_m,
-        },
+        single_precision_loss_um: LossJson::new(precision_loss),
         drift: None,
         identifiability: None,
         frames: changes(calibration),
-        blob: BlobSummary {
-            file: a.out.display().to_string(),
-            bytes: blob.bytes().len(),
-            inducing_points: blob.model().inducing_points(),
-            instructions: blob.model().size().map_or(0, |size| size.command_bound()),
-        },
+        blob: BlobSummary::new(&a.out, blob),
         repeats: None,
         provenance,
     }

@@ -140,6 +140,10 @@ impl Job {
                 "robot.serial_number",
             ),
             (a.date.is_some() && file.date.is_some(), "date"),
+            (
+                a.features.is_some() && data.features.is_some(),
+                "data.features",
+            ),
             (a.correct_drift && !data.correct_drift, "data.correct_drift"),
             (
                 a.accepted.accept.iter().any(|c| !data.accept.contains(c)),
@@ -197,6 +201,9 @@ impl Job {
             &file.date.as_ref().map(|date| date.get_ref().clone()),
         );
         self.train = project.resolve(&data.train);
+        if self.features.is_none() {
+            self.features = data.features.as_ref().map(|name| project.resolve(name));
+        }
         if self.tests.is_empty() {
             self.tests = data
                 .tests

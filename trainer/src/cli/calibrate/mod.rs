@@ -20,7 +20,7 @@ use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::made::Made;
-use crate::cli::calibrate::project::{RobotTable, Source};
+use crate::cli::calibrate::project::{Data, RobotTable, Source, payloads_and_tools};
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::input::Input;
@@ -219,13 +219,15 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
                 tip: a.chain.tip.clone(),
                 serial_number: a.serial_number.clone(),
             },
-            train: (&a.train, &set),
+            train: Data::of_set(&a.train, &set),
+            features: None,
             tests: a
                 .tests
                 .iter()
-                .map(PathBuf::as_path)
                 .zip(&tests.files)
+                .map(|(path, set)| Data::of_set(path, set))
                 .collect(),
+            payloads_and_tools: payloads_and_tools(&set),
             correct_drift: a.correct_drift,
             gauge: &a.gauge,
             accept: &a.accept,

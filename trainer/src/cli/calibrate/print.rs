@@ -169,7 +169,12 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
         a.out.display(),
         blob.bytes().len()
     ));
-    match document.repeats {
+    print_outputs(report, a, document.repeats);
+}
+
+/// Whether a project was repeated, and what was written beside the blob.
+pub fn print_outputs(report: Printer, a: &Job, repeats: Option<bool>) {
+    match repeats {
         Some(true) => {
             report.line("The blob is byte for byte the one that the project file states.");
         }

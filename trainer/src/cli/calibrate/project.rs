@@ -58,6 +58,9 @@ pub struct RobotTable {
 #[serde(deny_unknown_fields, expecting = "a table [data] with its keys")]
 pub struct DataTable {
     pub train: String,
+    /// What the rows of `train` mean, where they are touches.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub features: Option<String>,
     #[serde(default)]
     pub tests: Vec<String>,
     #[serde(default)]
@@ -197,10 +200,12 @@ impl Project {
         for (name, stated) in &data.sha256 {
             let mut files = [&self.file.robot.description, &data.train]
                 .into_iter()
+                .chain(&data.features)
                 .chain(&data.tests);
             if !files.any(|file| file == name.get_ref()) {
                 let found = format!("a checksum of \"{}\"", name.get_ref());
-                let expected = "the robot, data.train or one of data.tests, written as there";
+                let expected =
+                    "the robot, data.train, data.features or one of data.tests, written as there";
                 return Err(self.error(name.span(), name.get_ref(), found, expected));
             }
             let path = self.resolve(name.get_ref());
@@ -254,7 +259,7 @@ impl Project {
 }
 
 /// Payloads in kg, ascending, and tools in their order, of a measurement file.
-fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
+pub fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
     let mut payloads: Vec<f64> = set
         .measurements
         .iter()
@@ -276,12 +281,30 @@ fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
     (payloads, tools)
 }
 
+/// A file of the data with the checksum that it had.
+pub struct Data<'a> {
+    pub path: &'a Path,
+    pub sha256: String,
+}
+
+impl<'a> Data<'a> {
+    /// Measurements.
+    pub fn of_set(path: &'a Path, set: &MeasurementSet) -> Self {
+        let sha256 = FileSummary::of_set("", set).sha256;
+        Self { path, sha256 }
+    }
+}
+
 /// What a project file at `path` is written from. Paths are as seen from the working folder.
 pub struct Source<'a> {
     pub path: &'a Path,
     pub robot: RobotTable,
-    pub train: (&'a Path, &'a MeasurementSet),
-    pub tests: Vec<(&'a Path, &'a MeasurementSet)>,
+    pub train: Data<'a>,
+    /// What the rows of touches mean.
+    pub features: Option<Data<'a>>,
+    pub tests: Vec<Data<'a>>,
+    /// Those of the training data; empty of touches, which may have several of each.
+    pub payloads_and_tools: (Vec<f64>, Vec<String>),
     pub correct_drift: bool,
     pub gauge: &'a GaugeArgs,
     pub accept: &'a [Cause],
@@ -313,20 +336,25 @@ impl Source<'_> {
                 );
             }
         }
-        for (path, set) in std::iter::once(&self.train).chain(&self.tests) {
-            sums.insert(name(path), FileSummary::of_set("", set).sha256);
+        let data = std::iter::once(&self.train).chain(&self.features);
+        for data in data.chain(&self.tests) {
+            sums.insert(name(data.path), data.sha256.clone());
         }
-        let (payloads, tools) = payloads_and_tools(self.train.1);
+        let (payloads, tools) = self.payloads_and_tools;
         // One tool without a name says nothing.
-        let named = tools.len() > 1 || tools != [ToolName::default().to_string()];
+        let named = tools.len() > 1
+            || tools
+                .iter()
+                .any(|tool| *tool != ToolName::default().to_string());
         let file = File {
             version: spanned(VERSION),
             trainer: Some(env!("CARGO_PKG_VERSION").to_owned()),
             date: Some(spanned(self.date.to_owned())),
             robot,
             data: DataTable {
-                train: name(self.train.0),
-                tests: self.tests.iter().map(|(path, _)| name(path)).collect(),
+                train: name(self.train.path),
+                features: self.features.as_ref().map(|data| name(data.path)),
+                tests: self.tests.iter().map(|data| name(data.path)).collect(),
                 correct_drift: self.correct_drift,
                 accept: self.accept.to_vec(),
                 payloads_kg: (!payloads.is_empty()).then(|| spanned(payloads)),

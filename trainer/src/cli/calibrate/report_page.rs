@@ -1,6 +1,6 @@
 //! `--report`: held-out errors for the page, and the pages of `calibrate` and `compare`.
 
-use crate::cli::calibrate::document::CalibrateJson;
+use crate::cli::calibrate::document::{BlobSummary, CalibrateJson, LossJson, TouchJson};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
@@ -17,6 +17,7 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
+use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::progress::NEVER;
@@ -26,6 +27,7 @@ use poegp_calibration::validation::cross_validation::{
 };
 use poegp_calibration::validation::learning_curve as learning;
 use poegp_calibration::validation::model_selection::FOLDS;
+use poegp_calibration::validation::touches::TouchResidual;
 
 /// Seed of the folds of `calibrate`, which has no option for it.
 pub const SEED: u64 = 1;
@@ -172,6 +174,17 @@ pub fn provenance(
 ) -> Provenance {
     let mut files = vec![FileSummary::of_set("training", train)];
     files.extend(tests.iter().map(|set| FileSummary::of_set("test", set)));
+    provenance_of_files(robot, arm, origin, seed, files)
+}
+
+/// Of files that were read.
+fn provenance_of_files(
+    robot: &str,
+    arm: &Arm,
+    origin: &blob::write::Provenance,
+    seed: Option<u64>,
+    mut files: Vec<FileSummary>,
+) -> Provenance {
     // A built-in robot has no file; its name and the version say it all.
     if let Ok(bytes) = std::fs::read(robot) {
         files.push(FileSummary::of_bytes("robot", robot, &bytes));
@@ -185,6 +198,17 @@ pub fn provenance(
         serial_number: origin.serial_number.clone(),
         files,
     }
+}
+
+/// Where a calibration by touches comes from, with the blob that it made.
+pub fn provenance_of_touches(
+    robot: &str,
+    arm: &Arm,
+    origin: &blob::write::Provenance,
+    set: &TouchSet,
+) -> Provenance {
+    let files = FileSummary::of_touches(set).to_vec();
+    provenance_of_files(robot, arm, origin, None, files)
 }
 
 /// Title and line below it.
@@ -207,17 +231,11 @@ pub fn of_calibration(
 ) -> String {
     let elastic = document.elastic.as_ref();
     let ripple = elastic.map(ElasticSummary::listed_ripple);
-    let device = DeviceSummary {
-        file: document.blob.file.clone(),
-        bytes: document.blob.bytes,
-        inducing_points: document.blob.inducing_points,
-        instructions: document.blob.instructions,
-        limit: (document.correction_limit_mm, document.correction_limit_mrad),
-        single_precision_loss_um: (
-            document.single_precision_loss_um.mean,
-            document.single_precision_loss_um.max,
-        ),
-    };
+    let device = device(
+        &document.blob,
+        (document.correction_limit_mm, document.correction_limit_mrad),
+        &document.single_precision_loss_um,
+    );
     let page =
         page("Calibration of", &document.provenance).with(sections::headline(evidence, summary));
     sections::held_out(page, evidence, summary)
@@ -238,6 +256,37 @@ pub fn of_calibration(
             &document.warnings,
             document.budget.as_deref(),
         ))
+        .with(sections::device(&device))
+        .with(sections::provenance(&document.provenance))
+        .render()
+}
+
+fn device(blob: &BlobSummary, limit: (f64, f64), loss: &LossJson) -> DeviceSummary {
+    DeviceSummary {
+        file: blob.file.clone(),
+        bytes: blob.bytes,
+        inducing_points: blob.inducing_points,
+        instructions: blob.instructions,
+        limit,
+        single_precision_loss_um: (loss.mean, loss.max),
+    }
+}
+
+/// The page of `calibrate` by touches; `residuals` are those of the blob.
+pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
+    let found = &document.touches;
+    let device = device(
+        &document.blob,
+        (document.correction_limit_mm, document.correction_limit_mrad),
+        &document.single_precision_loss_um,
+    );
+    page("Calibration of", &document.provenance)
+        .with(sections::touch_headline(found, &document.warnings))
+        .with(sections::touched(found, residuals))
+        .with(sections::distances(found))
+        .with(sections::unseen(found))
+        .with(sections::touch_outliers(found))
+        .with(sections::class(found))
         .with(sections::device(&device))
         .with(sections::provenance(&document.provenance))
         .render()

@@ -2,43 +2,32 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
+use crate::cli::calibrate::document::{BlobSummary, LossJson, TouchJson};
 use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
+use crate::cli::calibrate::print::print_outputs;
+use crate::cli::calibrate::project::{Data, RobotTable, Source};
+use crate::cli::calibrate::report_page;
 use crate::cli::examination::settled;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs::{Arm, origin};
 use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::{Printer, note};
+use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::cli::terminal::progress;
+use crate::cli::touches::{self, print_distances, print_noise, read, table};
+use crate::report::FileSummary;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside, is_touch_file};
 use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::model::touches::{TouchCalibration, calibrate_beside_sisters};
 use poegp_calibration::trust::Finding;
-
-/// What `--json` writes.
-#[derive(Serialize)]
-pub struct TouchJson {
-    pub version: &'static str,
-    pub robot: String,
-    pub touches: TouchSummary,
-    /// What --prior reads for a sister arm.
-    pub arm: ArmRecord,
-    /// What somebody must look at.
-    pub warnings: Vec<Finding>,
-    pub blob: TouchBlob,
-}
-
-#[derive(Serialize)]
-pub struct TouchBlob {
-    pub file: String,
-    pub bytes: usize,
-}
+use poegp_calibration::validation::touches::evaluate_touches;
 
 /// Whether a job is one of touches.
 pub fn are_touches(a: &Job) -> bool {
@@ -50,19 +39,22 @@ pub fn are_touches(a: &Job) -> bool {
 /// # Errors
 /// [`Failure`], of what is read as of what is found.
 pub fn run(a: &Job) -> Result<(), Failure> {
-    refuse_options(a)?;
-    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
+    no_other_options(a)?;
+    let outputs = [
+        Some(a.out.as_path()),
+        a.json.as_deref(),
+        a.report.as_deref(),
+        a.write_project.as_deref(),
+    ];
     let beside = features_beside(&a.train);
     let features = a.features.as_deref().unwrap_or(&beside);
     let mut inputs = vec![a.train.as_path(), features, Path::new(&a.robot)];
+    inputs.extend(a.project.as_deref());
     inputs.extend(a.gauge.inputs());
     inputs.extend(a.prior.iter().map(PathBuf::as_path));
     check_outputs(&outputs, &inputs)?;
     let arm = Arm::load(&a.robot, &a.chain)?;
-    let set = TouchSet::read(&a.train, a.features.as_deref(), &arm.robot)?;
-    for text in &set.notes {
-        note(format_args!("{}: {text}", a.train.display()));
-    }
+    let set = read(&a.train, a.features.as_deref(), &arm.robot)?;
     let known = Known::read(&a.gauge, &arm.robot.name)?;
     let TouchCalibration {
         calibration,
@@ -82,23 +74,49 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     let found = progress::calibrating(|context| {
         calibration.into_blob(&arm.robot, &samples, &origin, context)
     })?;
-    let CalibratedBlob { blob, .. } = found.map_err(|e| device_failure(&a.train, e))?;
+    let CalibratedBlob {
+        calibration,
+        blob,
+        precision_loss,
+    } = found.map_err(|e| device_failure(&a.train, e))?;
+    let written = FileSummary::of_bytes("result", a.out.display().to_string(), blob.bytes());
+    let mut provenance = report_page::provenance_of_touches(&a.robot, &arm, &origin, &set);
+    let sum = written.sha256.clone();
+    provenance.files.push(written);
     let document = TouchJson {
         version: env!("CARGO_PKG_VERSION"),
         robot: a.robot.clone(),
         touches: summary,
         arm: record,
         warnings,
-        blob: TouchBlob {
-            file: a.out.display().to_string(),
-            bytes: blob.bytes().len(),
-        },
+        correction_limit_mm: 1e3 * calibration.correction_limit.0,
+        correction_limit_mrad: 1e3 * calibration.correction_limit.1,
+        single_precision_loss_um: LossJson::new(&precision_loss),
+        blob: BlobSummary::new(&a.out, &blob),
+        repeats: a
+            .blob_sha256
+            .as_ref()
+            .map(|stated| stated.eq_ignore_ascii_case(&sum)),
+        provenance,
     };
+    let page = a.report.as_deref().map(|path| {
+        let found = evaluate_touches(&set, &arm.nominal, arm.robot.coupling.as_ref(), &[&blob]);
+        let residuals = found.first().map_or(&[][..], |found| &found.residuals);
+        (path, report_page::of_touches(&document, residuals))
+    });
+    let project = a.write_project.as_deref().map(|path| {
+        let text = project(a, path, features, &set, &origin.date, blob.bytes());
+        (path, text)
+    });
     let json = json_text(&document)?;
     let mut files = vec![(a.out.as_path(), blob.bytes())];
+    let texts = page.iter().chain(&project);
+    files.extend(texts.map(|(path, text)| (*path, text.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
-    print(Printer::for_outputs(&outputs), &document);
+    let report = Printer::for_outputs(&outputs);
+    print(report, &document);
+    print_outputs(report, a, document.repeats);
     Ok(())
 }
 
@@ -130,12 +148,59 @@ fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
     InputError::new(path, found, expected).into()
 }
 
+/// The project file that makes this blob again.
+fn project(
+    a: &Job,
+    path: &Path,
+    features: &Path,
+    set: &TouchSet,
+    date: &str,
+    blob: &[u8],
+) -> String {
+    let [rows, described] = FileSummary::of_touches(set);
+    Source {
+        path,
+        robot: RobotTable {
+            description: a.robot.clone(),
+            base: a.chain.base.clone(),
+            tip: a.chain.tip.clone(),
+            serial_number: a.serial_number.clone(),
+        },
+        train: Data {
+            path: &a.train,
+            sha256: rows.sha256,
+        },
+        features: Some(Data {
+            path: features,
+            sha256: described.sha256,
+        }),
+        tests: Vec::new(),
+        payloads_and_tools: (Vec::new(), Vec::new()),
+        correct_drift: false,
+        gauge: &a.gauge,
+        accept: &a.accept,
+        calibration: Config {
+            method: Method::Elastic,
+            ..a.config
+        },
+        date,
+        out: &a.out,
+        blob,
+        report: a.report.as_deref(),
+        json: a.json.as_deref().filter(|path| !is_stdout(path)),
+    }
+    .text()
+}
+
 /// Options that touches leave no sense.
-fn refuse_options(a: &Job) -> Result<(), Failure> {
+fn no_other_options(a: &Job) -> Result<(), Failure> {
+    if !a.prior.is_empty() && a.write_project.is_some() {
+        return Err(Failure::Usage(
+            "found --prior and --write-project, expected one of them: a project file does not keep --prior".into(),
+        ));
+    }
     let given = [
         (!a.tests.is_empty(), "--test"),
-        (a.report.is_some(), "--report"),
-        (a.write_project.is_some(), "--write-project"),
         (a.correct_drift, "--correct-drift"),
         (
             !a.budget.is_unlimited(),
@@ -146,13 +211,7 @@ fn refuse_options(a: &Job) -> Result<(), Failure> {
             "--method other than elastic",
         ),
     ];
-    match given.iter().find(|(is_given, _)| *is_given) {
-        Some((_, option)) => Err(Failure::Usage(format!(
-            "found {option} with touches ({}), expected measurements of a tracker for it",
-            a.train.display()
-        ))),
-        None => Ok(()),
-    }
+    touches::refuse_options(&a.train, &given)
 }
 
 /// Refuses distances that the calibrated touches contradict.
@@ -193,42 +252,10 @@ fn print(report: Printer, document: &TouchJson) {
     report.line(format_args!(
         "  touches left out miss by {calibrated:.3} {unit}, with the drawing by {drawn:.3} {unit}\n"
     ));
-    let row = |f: &poegp_calibration::model::touches::summary::FeatureSummary| {
-        vec![
-            f.name.clone(),
-            f.kind.to_owned(),
-            f.rows.to_string(),
-            f.rejected.to_string(),
-            format!("{:.3}", f.rms[0]),
-            format!("{:.3}", f.rms[1]),
-            f.unit.to_owned(),
-        ]
-    };
-    report.table(
-        &[
-            "feature",
-            "kind",
-            "rows",
-            "left out",
-            "drawn",
-            "calibrated",
-            "",
-        ],
-        &found.features.iter().map(row).collect::<Vec<_>>(),
-    );
-    for distance in &found.distances {
-        let [a, b] = &distance.between;
-        report.line(format_args!(
-            "  {a} to {b}: {:.3} mm ± {:.3}, as drawn {:+.3}, as calibrated {:+.3}",
-            distance.said_mm, distance.sigma_mm, distance.error_mm[0], distance.error_mm[1]
-        ));
-    }
-    for noise in &found.noise {
-        report.line(format_args!(
-            "  noise of {}: {:.3} {} stated, {:.3} beyond",
-            noise.kind, noise.stated, noise.unit, noise.beyond
-        ));
-    }
+    let features = found.features.iter().chain(&found.tracker).collect();
+    table(report, &[("calibrated", features)]);
+    print_distances(report, &found.distances, "as calibrated");
+    print_noise(report, &found.noise);
     for unseen in &found.unseen {
         report.line(format_args!("  unseen: {}", unseen.text));
     }

@@ -3,6 +3,7 @@
 mod document;
 mod page;
 mod programs;
+mod touches;
 mod wording;
 
 use std::path::{Path, PathBuf};
@@ -17,6 +18,7 @@ use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_fail
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
+use crate::cli::touches::{are_touches, refuse_options};
 use crate::report::{FileSummary, Provenance};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
@@ -38,6 +40,7 @@ const RATES: (f64, f64) = (0.001, 0.2);
     after_help = "Ten to twenty poses, spread over the joints as in training. The calibration does not hold (exit code 1) if \
     --max-mm is not met, or if a detected drift moves the target by more than --max-drift-mm on average.\n\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15\n\
+    Example: trainer check arm.blob touches.csv --features touches.toml --max-mm 0.3\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --programs corrected\n\
     Example: trainer check arm.blob monday.csv --max-mm 0.15 --fit-base   (the tracker was moved)"
@@ -45,9 +48,12 @@ const RATES: (f64, f64) = (0.001, 0.2);
 pub struct Check {
     /// Model (`.blob`).
     pub blob: PathBuf,
-    /// New measurements of the robot.
+    /// New measurements of the robot, or touches.
     pub measurements: PathBuf,
-    /// Tolerance of the position error, measurement noise included.
+    /// What the rows of a touch file mean (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE")]
+    pub features: Option<PathBuf>,
+    /// Tolerance of the position error, measurement noise included; of touches, of what one misses by as all others predict it.
     #[arg(long, value_name = "MM")]
     pub max_mm: f64,
     /// Statistic of the position errors that is compared with the tolerance.
@@ -81,6 +87,9 @@ pub struct Check {
 }
 
 pub fn run(a: &Check) -> Result<(), Failure> {
+    if are_touches(&a.measurements, a.features.as_deref()) {
+        return of_touches(a);
+    }
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     let mut files: Vec<&Path> = vec![&a.blob, &a.measurements];
     files.extend(a.previous.as_deref());
@@ -134,7 +143,17 @@ pub fn run(a: &Check) -> Result<(), Failure> {
             data.samples.len() - findings.errors.poses,
         ),
         findings: &findings,
-        advice: wording::advice(&findings, tolerance_met, drift_matters, a.max_mm),
+        advice: wording::advice(
+            &wording::Outcome {
+                changes: &findings.changes,
+                without_mm: findings.without_mm.mean,
+                odd_lines: &findings.odd_lines,
+                more: "measure 100 poses or more",
+            },
+            tolerance_met,
+            drift_matters,
+            a.max_mm,
+        ),
         provenance: Provenance {
             command: crate::report::provenance::command_line(),
             version: env!("CARGO_PKG_VERSION"),
@@ -185,6 +204,32 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         reasons.join(", and "),
         document.advice.join("; ")
     )))
+}
+
+fn of_touches(a: &Check) -> Result<(), Failure> {
+    let noise = a.noise.instrument_noise();
+    let given = [
+        (a.frames.fit_base, "--fit-base"),
+        (a.frames.fit_tool.is_some(), "--fit-tool"),
+        (a.frames.correct_drift, "--correct-drift"),
+        (noise.position.is_some(), "--position-sigma-mm"),
+        (noise.orientation.is_some(), "--orientation-sigma-mrad"),
+        (!a.accepted.accept.is_empty(), "--accept"),
+        (a.report.is_some(), "--report"),
+    ];
+    refuse_options(&a.measurements, &given)?;
+    touches::run(&touches::Asked {
+        blob: &a.blob,
+        measurements: &a.measurements,
+        features: a.features.as_deref(),
+        statistic: a.statistic,
+        max_mm: a.max_mm,
+        max_drift_mm: a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm),
+        false_alarms: options(a)?.false_alarms,
+        previous: a.previous.as_deref(),
+        programs: &a.programs,
+        json: a.json.as_deref(),
+    })
 }
 
 fn options(a: &Check) -> Result<check::Options, Failure> {
@@ -285,7 +330,7 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     for line in wording::findings(f) {
         report.line(line);
     }
-    for line in wording::sensitivity(f) {
+    for line in wording::sensitivity(&f.sensitivity) {
         report.line(line);
     }
     if d.holds {

@@ -37,22 +37,11 @@ pub fn findings(r: &Report) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if r.changes.is_empty() {
-        out.push(format!(
-            "Drift: none found of base, tool, joint or payload (false alarms in {} % of checks).",
-            100.0 * r.false_alarm_rate
-        ));
-    }
-    for change in &r.changes {
-        out.push(format!("Drift: {}", sentence(change)));
-        if !change.or_else.is_empty() {
-            let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
-            out.push(format!(
-                "  these measurements would fit a change of {} just as well",
-                list(&others)
-            ));
-        }
-    }
+    out.extend(drift(
+        &r.changes,
+        "base, tool, joint or payload",
+        r.false_alarm_rate,
+    ));
     if !r.odd_lines.is_empty() {
         let lines: Vec<String> = r
             .odd_lines
@@ -71,6 +60,28 @@ pub fn findings(r: &Report) -> Vec<String> {
             r.errors.poses,
             lines.join(", ")
         ));
+    }
+    out
+}
+
+/// What has moved of the parts that are looked for.
+pub fn drift(changes: &[Change], parts: &str, false_alarm_rate: f64) -> Vec<String> {
+    let mut out = Vec::new();
+    if changes.is_empty() {
+        out.push(format!(
+            "Drift: none found of {parts} (false alarms in {} % of checks).",
+            100.0 * false_alarm_rate
+        ));
+    }
+    for change in changes {
+        out.push(format!("Drift: {}", sentence(change)));
+        if !change.or_else.is_empty() {
+            let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
+            out.push(format!(
+                "  these measurements would fit a change of {} just as well",
+                list(&others)
+            ));
+        }
     }
     out
 }
@@ -120,7 +131,7 @@ fn sentence(c: &Change) -> String {
 }
 
 /// What the check can find, and what looks alike in it.
-pub fn sensitivity(r: &Report) -> Vec<String> {
+pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
     let shown = |s: &Sensitivity| {
         let smallest = s.smallest?;
         Some(match s.unit {
@@ -128,12 +139,12 @@ pub fn sensitivity(r: &Report) -> Vec<String> {
             unit => format!("{} {smallest:.3} {unit}", part(s.part)),
         })
     };
-    let all: Vec<String> = r.sensitivity.iter().filter_map(shown).collect();
+    let all: Vec<String> = found.iter().filter_map(shown).collect();
     let mut out = vec![format!(
         "These poses show nine times in ten a change of: {}.",
         all.join(", ")
     )];
-    let hidden = r.sensitivity.iter().filter(|s| s.smallest.is_none());
+    let hidden = found.iter().filter(|s| s.smallest.is_none());
     let hidden: Vec<String> = hidden.map(|s| part(s.part)).collect();
     if !hidden.is_empty() {
         out.push(format!(
@@ -142,8 +153,7 @@ pub fn sensitivity(r: &Report) -> Vec<String> {
         ));
     }
     for owner in [Part::Base, Part::Tool] {
-        let alike: Vec<String> = r
-            .sensitivity
+        let alike: Vec<String> = found
             .iter()
             .filter(|s| s.looks_like == Some(owner))
             .map(|s| part(s.part))
@@ -159,11 +169,35 @@ pub fn sensitivity(r: &Report) -> Vec<String> {
     out
 }
 
+/// What advice is given for.
+#[derive(Clone, Copy)]
+pub struct Outcome<'a> {
+    /// What has moved.
+    pub changes: &'a [Change],
+    /// The mean error once that is taken out, mm.
+    pub without_mm: f64,
+    /// Lines that stand out.
+    pub odd_lines: &'a [usize],
+    /// What a new calibration needs, as `measure 100 poses or more`.
+    pub more: &'a str,
+}
+
 /// What to do next.
-pub fn advice(r: &Report, tolerance_met: bool, drift_matters: bool, max_mm: f64) -> Vec<String> {
+pub fn advice(
+    found: &Outcome<'_>,
+    tolerance_met: bool,
+    drift_matters: bool,
+    max_mm: f64,
+) -> Vec<String> {
+    let Outcome {
+        changes,
+        without_mm,
+        odd_lines,
+        more,
+    } = *found;
     let mut out = Vec::new();
-    for change in &r.changes {
-        let alone = if r.changes.len() == 1 && r.without_mm.mean <= max_mm {
+    for change in changes {
+        let alone = if changes.len() == 1 && without_mm <= max_mm {
             "; the rest of the calibration is as it was"
         } else {
             ""
@@ -194,18 +228,17 @@ pub fn advice(r: &Report, tolerance_met: bool, drift_matters: bool, max_mm: f64)
         };
         out.push(step + &others + alone);
     }
-    if r.changes.is_empty() && !tolerance_met {
-        out.push(if r.odd_lines.is_empty() {
-            "nothing that has moved explains it: measure 100 poses or more and calibrate again"
-                .to_owned()
+    if changes.is_empty() && !tolerance_met {
+        out.push(if odd_lines.is_empty() {
+            format!("nothing that has moved explains it: {more} and calibrate again")
         } else {
             "measure the poses again that stand out, then check again".to_owned()
         });
-    } else if !tolerance_met && r.without_mm.mean > max_mm {
-        out.push(
-            "that does not explain all: measure 100 poses or more and calibrate again".to_owned(),
-        );
-    } else if !r.changes.is_empty() && !drift_matters && tolerance_met {
+    } else if !tolerance_met && without_mm > max_mm {
+        out.push(format!(
+            "that does not explain all: {more} and calibrate again"
+        ));
+    } else if !changes.is_empty() && !drift_matters && tolerance_met {
         out.push("the drift is too small to matter; check again soon".to_owned());
     }
     out

@@ -28,13 +28,13 @@ pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     };
     let tiles = html! {
         div class="tiles" {
-            (tile("Mean position error", "mm", 3, before, after, |e| Some(e.position_mm.mean), &mean, calibrated))
-            (tile("95 % of poses are within", "mm", 3, before, after, |e| Some(e.position_mm.p95), &p95, calibrated))
+            (error_tile("Mean position error", "mm", 3, before, after, |e| Some(e.position_mm.mean), &mean, calibrated))
+            (error_tile("95 % of poses are within", "mm", 3, before, after, |e| Some(e.position_mm.p95), &p95, calibrated))
             @if after.orientation_mrad.is_some() {
-                (tile("Mean orientation error", "mrad", 3, before, after, |e| e.orientation_mrad.map(|o| o.mean),
+                (error_tile("Mean orientation error", "mrad", 3, before, after, |e| e.orientation_mrad.map(|o| o.mean),
                     &|which| format!("/held_out/{which}/orientation_mrad/mean"), calibrated))
             }
-            (tile("Largest position error", "mm", 3, before, after, |e| Some(e.position_mm.max),
+            (error_tile("Largest position error", "mm", 3, before, after, |e| Some(e.position_mm.max),
                 &|which| format!("/held_out/{which}/position_mm/max"), calibrated))
         }
     };
@@ -59,7 +59,7 @@ pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
 }
 
 #[expect(clippy::too_many_arguments, reason = "one line for each tile")]
-fn tile(
+fn error_tile(
     name: &str,
     unit: &str,
     decimals: usize,
@@ -69,17 +69,30 @@ fn tile(
     pointer: &dyn Fn(&str) -> String,
     calibrated: bool,
 ) -> Markup {
-    let (before, after) = (of(before), of(after));
-    let times = before.zip(after).filter(|(b, a)| *a > 0.0 && b > a);
+    let before = of(before).filter(|_| calibrated);
+    let before = before.map(|b| Number::new(b, decimals, pointer("nominal")));
+    match of(after) {
+        Some(after) => tile(
+            name,
+            unit,
+            Number::new(after, decimals, pointer("calibrated")),
+            before,
+        ),
+        None => html! { div class="tile" { h3 { (name) } } },
+    }
+}
+
+/// A number that matters, and what it was before.
+pub fn tile(name: &str, unit: &str, after: Number, before: Option<Number>) -> Markup {
+    let times = before.as_ref().map(|b| (b.value, after.value));
+    let times = times.filter(|(b, a)| *a > 0.0 && b > a);
     html! {
         div class="tile" {
             h3 { (name) }
-            @if let Some(after) = after {
-                div class="value" { (Number::new(after, decimals, pointer("calibrated"))) " " span { (unit) } }
-            }
-            @if let (true, Some(b)) = (calibrated, before) {
+            div class="value" { (after) " " span { (unit) } }
+            @if let Some(before) = before {
                 p {
-                    "was " (Number::new(b, decimals, pointer("nominal"))) " " (unit)
+                    "was " (before) " " (unit)
                     @if let Some((b, a)) = times { ", " (format!("{:.1}", b / a)) " times as much" }
                 }
             }

@@ -8,6 +8,7 @@ mod headline;
 mod joints;
 mod methods;
 mod time;
+mod touches;
 mod uncertainty;
 mod workspace;
 
@@ -18,6 +19,9 @@ pub use crate::report::sections::headline::headline;
 pub use crate::report::sections::joints::{joints, payloads};
 pub use crate::report::sections::methods::{distribution, learning, methods};
 pub use crate::report::sections::time::time;
+pub use crate::report::sections::touches::{
+    class, distances, touch_headline, touch_outliers, touched, unseen,
+};
 pub use crate::report::sections::uncertainty::uncertainty;
 pub use crate::report::sections::workspace::workspace;
 

@@ -108,8 +108,8 @@ fn trackers_and_touches_mix() {
         };
         mixed.push('\n');
     }
-    mixed += ",,,,,,,,1,10,-90,90,-90,10,10,100,200,300,1,0,0,0,\n";
-    mixed += ",,,,,,,,1,10,-80,80,-90,10,10,100,200,350,,,,,0.03\n";
+    mixed += ",1,10,-90,90,-90,10,10,100,200,300,1,0,0,0,\n";
+    mixed += ",1,10,-80,80,-90,10,10,100,200,350,,,,,0.03\n";
     let set = parse(&mixed, &toml).unwrap();
     assert_eq!(set.sigma(&set.rows[0]), Some(0.2e-3));
     assert_eq!(set.sigma(&set.rows[1]), Some(0.05e-3));

@@ -1,0 +1,222 @@
+//! Touches that models are judged by: each arm stays as its blob says, and features, tips and instrument are fitted to it.
+//!
+//! The poses are those that the runtime computes from the bytes of the blob. The drawing gets the same rows and the same freedom,
+//! so that the two differ in the arm alone. Known distances are no equations here: the touches say what they find without them.
+
+use poegp_protocol::blob::Correction;
+use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::math::se3::Pose;
+use serde::Serialize;
+
+use nalgebra::Vector3;
+
+use crate::blob::predict::BlobModel;
+use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
+use crate::identification::touch::jet::RowJet;
+use crate::measurement::sample::BaseSample;
+use crate::measurement::touch::{KnownDistance, TouchRow, TouchSet};
+use crate::model::config::Config;
+use crate::model::touches::USUAL_CLASS;
+use crate::model::touches::summary::{
+    DistanceSummary, FeatureSummary, NoiseSummary, TouchOutlier, features, length, noise, outliers,
+    tips_mm, tracker, unit,
+};
+
+/// What touches say of a model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TouchEvaluation {
+    /// Rows of the file.
+    pub rows: usize,
+    /// Scalar equations of them.
+    pub equations: usize,
+    /// States of the arm.
+    pub states: usize,
+    /// States whose prediction has a status other than `ok`.
+    pub flagged: usize,
+    /// Root mean square of all components in units of their stated noise: by the model over as drawn.
+    pub ratio: f64,
+    /// What was touched, as drawn and by the model.
+    pub features: Vec<FeatureSummary>,
+    /// Rows of a tracker: their positions, and their rotations.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tracker: Vec<FeatureSummary>,
+    /// Known distances, which nothing is fitted to.
+    pub distances: Vec<DistanceSummary>,
+    /// Noise by kind.
+    pub noise: Vec<NoiseSummary>,
+    /// Where the tips are at the flange by the model, mm.
+    pub tips_mm: Vec<[f64; 3]>,
+    /// Rows that do not belong.
+    pub outliers: Vec<TouchOutlier>,
+    /// All rows, in the order of the file.
+    pub residuals: Vec<TouchResidual>,
+}
+
+/// What one row misses by.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TouchResidual {
+    /// Its line in the file.
+    pub line: usize,
+    /// Its feature; `None` of a tracker's row.
+    pub feature: Option<String>,
+    /// As drawn and by the model; of a tracker's row the position.
+    pub error: [f64; 2],
+    /// The unit of `error`.
+    pub unit: &'static str,
+    /// Whether it belongs.
+    pub belongs: bool,
+}
+
+/// The drawing from base to flange, without the tool of the blob.
+pub fn drawing(loaded: &BlobModel) -> Vec<Pose<f64>> {
+    let rows = loaded.blob().geometry.nominal.iter();
+    let mut frames: Vec<Pose<f64>> = rows.map(|f| Pose::<f32>::from_rows(f).cast()).collect();
+    if let Some(last) = frames.last_mut() {
+        *last = *last * flange_from_target(loaded).inverse();
+    }
+    frames
+}
+
+/// flange_from_target of the first tool, as the blob states it.
+pub fn flange_from_target(loaded: &BlobModel) -> Pose<f64> {
+    Pose::from_rows(&loaded.host().gauge.flange_from_target)
+}
+
+/// base_from_flange as the runtime computes it, and the statuses.
+pub fn flanges(loaded: &BlobModel, states: &[BaseSample]) -> Vec<(Pose<f64>, Status)> {
+    let base_from_instrument = loaded.instrument_from_base().inverse();
+    let target_from_flange = flange_from_target(loaded).inverse();
+    let of = |state: &BaseSample| {
+        let found = loaded.predict(&state.joints, state.payload_kg);
+        let pose = base_from_instrument * found.pose * target_from_flange;
+        (pose, found.status)
+    };
+    states.iter().map(of).collect()
+}
+
+/// Gravity in the base frame, m/s²: the blob's, where it has some.
+pub fn gravity(loaded: &BlobModel) -> Vector3<f64> {
+    match &loaded.blob().correction {
+        Correction::Elastic(elastic) if elastic.gravity != [0.0; 3] => {
+            Vector3::from(elastic.gravity.map(f64::from))
+        }
+        _ => Vector3::from(Config::default().gravity_m_s2),
+    }
+}
+
+/// Judges `blobs` by the same rows of `set`, those that belong for all of them. `nominal` leads from base to flange.
+pub fn evaluate_touches(
+    set: &TouchSet,
+    nominal: &Poe<f64>,
+    coupling: Option<&Vec<Vec<f64>>>,
+    blobs: &[&BlobModel],
+) -> Vec<TouchEvaluation> {
+    let alone = TouchSet {
+        distances: Vec::new(),
+        ..set.clone()
+    };
+    let down = blobs.first().map(|blob| gravity(blob));
+    let problem = TouchProblem::new(
+        &alone,
+        nominal,
+        coupling.cloned(),
+        down.unwrap_or_default(),
+        USUAL_CLASS,
+    );
+    let flanges: Vec<Vec<(Pose<f64>, Status)>> = blobs
+        .iter()
+        .map(|blob| flanges(blob, &problem.states))
+        .collect();
+    let poses =
+        |of: &Vec<(Pose<f64>, Status)>| -> Vec<Pose<f64>> { of.iter().map(|f| f.0).collect() };
+    let mut fits: Vec<TouchFit> = flanges
+        .iter()
+        .map(|of| TouchFit::on_known(&problem, &poses(of)))
+        .collect();
+    let mut weights = vec![1.0_f64; alone.rows.len()];
+    for fit in &fits {
+        for (weight, own) in weights.iter_mut().zip(&fit.weights) {
+            *weight = weight.min(*own);
+        }
+    }
+    fits = fits
+        .into_iter()
+        .map(|fit| match fit.weights == weights {
+            true => fit,
+            false => fit.weighted(&problem, &weights),
+        })
+        .collect();
+    let drawn = TouchFit::on_drawing_without(&problem, &weights);
+    let drawn_residuals = drawn.residuals(&problem);
+    let of = |(fit, flanges): (TouchFit, &Vec<(Pose<f64>, Status)>)| {
+        let residuals: [Vec<RowJet>; 2] = [drawn_residuals.clone(), fit.residuals(&problem)];
+        TouchEvaluation {
+            rows: alone.rows.len(),
+            equations: problem.equations(),
+            states: problem.states.len(),
+            flagged: flanges.iter().filter(|(_, status)| !status.is_ok()).count(),
+            ratio: ratio(&problem, &weights, &residuals),
+            features: features(&problem, &fit, &residuals),
+            tracker: tracker(&problem, &fit, &residuals),
+            distances: distances(set, &problem, &drawn, &fit),
+            noise: noise(&problem, &fit),
+            tips_mm: tips_mm(&problem, &fit),
+            outliers: outliers(&problem, &fit, &residuals[1]),
+            residuals: each(&alone, &weights, &residuals),
+        }
+    };
+    fits.into_iter().zip(&flanges).map(of).collect()
+}
+
+fn each(set: &TouchSet, weights: &[f64], residuals: &[Vec<RowJet>; 2]) -> Vec<TouchResidual> {
+    let of = |(k, row): (usize, &TouchRow)| {
+        let (unit, factor) = unit(Noise::of(&row.reading, 0));
+        TouchResidual {
+            line: row.line,
+            feature: row.reading.feature().map(|f| set.features[f].name.clone()),
+            error: [0, 1].map(|i: usize| factor * length(&residuals[i][k])),
+            unit,
+            belongs: weights[k] > 0.0,
+        }
+    };
+    set.rows.iter().enumerate().map(of).collect()
+}
+
+/// What `residuals[1]` are of `residuals[0]`.
+fn ratio(problem: &TouchProblem, weights: &[f64], residuals: &[Vec<RowJet>; 2]) -> f64 {
+    let squares = |jets: &[RowJet]| -> f64 {
+        let rows = jets
+            .iter()
+            .enumerate()
+            .filter(|(row, _)| weights[*row] > 0.0);
+        rows.flat_map(|(row, jet)| {
+            (0..jet.count).map(move |i| jet.residual[i].powi(2) / problem.stated_variance(row, i))
+        })
+        .sum()
+    };
+    (squares(&residuals[1]) / squares(&residuals[0]).max(1e-300)).sqrt()
+}
+
+fn distances(
+    set: &TouchSet,
+    problem: &TouchProblem,
+    drawn: &TouchFit,
+    fit: &TouchFit,
+) -> Vec<DistanceSummary> {
+    let of = |known: &KnownDistance| {
+        let error = |fit: &TouchFit| {
+            let missed = fit.distance(known.between, known.distance);
+            1e3 * missed.map_or(0.0, |(missed, _)| missed)
+        };
+        let measured = fit.distance_by_touches(problem, known.between);
+        DistanceSummary {
+            between: known.between.map(|f| set.features[f].name.clone()),
+            said_mm: 1e3 * known.distance,
+            sigma_mm: 1e3 * known.sigma,
+            error_mm: [error(drawn), error(fit)],
+            measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
+        }
+    };
+    set.distances.iter().map(of).collect()
+}

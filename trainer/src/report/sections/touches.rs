@@ -1,0 +1,261 @@
+//! What a calibration by touches found: what is to be expected of the arm, what was touched, and what stays unseen.
+
+use maud::{Markup, html};
+
+use crate::report::chart::{BoxOf, Series, boxes};
+use crate::report::sections::headline::tile;
+use crate::report::{Number, Section};
+use poegp_calibration::model::touches::summary::{FeatureSummary, TouchSummary};
+use poegp_calibration::trust::Finding;
+use poegp_calibration::validation::touches::TouchResidual;
+
+/// Features of one unit beyond which the drawing's boxes are left out.
+const MOST_PAIRS: usize = 8;
+
+/// Warnings, the expected error before and after, and how it was found.
+pub fn touch_headline(summary: &TouchSummary, warnings: &[Finding]) -> Section {
+    let at = |name: &str| format!("/touches/{name}");
+    let (before, after) = (&summary.before, &summary.after);
+    let mut section = Section::new("result", "");
+    for warning in warnings {
+        section =
+            section.text(html! { b { "Warning (" (warning.cause) "): " } (warning.text) "." });
+    }
+    let lead = html! {
+        p class="lead" {
+            "After " (Number::count(summary.rows, at("rows"))) " touches, the tool is expected to be where the model says to within "
+            b class="calibrated" { (Number::mm(after.mean_mm, at("after/mean_mm"))) " mm" } " in the mean and "
+            (Number::mm(after.p95_mm, at("after/p95_mm"))) " mm for 95 of 100 poses; with the drawing it is "
+            b class="nominal" { (Number::mm(before.mean_mm, at("before/mean_mm"))) " mm" } " and "
+            (Number::mm(before.p95_mm, at("before/p95_mm"))) " mm."
+        }
+    };
+    let mm = |what: &str, value: f64| Number::mm(value, at(what));
+    let [drawn, calibrated] = summary.left_out;
+    let unit = summary.left_out_unit;
+    let tiles = html! {
+        div class="tiles" {
+            (tile("Expected position error, mean", "mm", mm("after/mean_mm", after.mean_mm), Some(mm("before/mean_mm", before.mean_mm))))
+            (tile("95 % of poses are within", "mm", mm("after/p95_mm", after.p95_mm), Some(mm("before/p95_mm", before.p95_mm))))
+            (tile("A touch left out misses by", unit, mm("left_out/1", calibrated), Some(mm("left_out/0", drawn))))
+        }
+    };
+    let how = html! {
+        p {
+            @if summary.tracker.is_empty() { "No tracker saw this arm. " }
+            "The expected errors are computed for poses over the work volume, after the best registration of base
+            and tool: from the stated noise, from what the touches miss by beyond it, and from how far an arm of this class is from its
+            drawing. A touch left out is predicted by all others; that error was seen, not computed."
+        }
+    };
+    section.block(lead).block(tiles).block(how)
+}
+
+/// The table of what was touched, and what each touch misses by.
+pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
+    let row = |list: &str, (i, f): (usize, &FeatureSummary)| {
+        let at = |name: &str| format!("/touches/{list}/{i}/{name}");
+        vec![
+            html! { (f.name) },
+            html! { (f.kind) },
+            html! { (Number::count(f.rows, at("rows"))) },
+            html! { (Number::count(f.rejected, at("rejected"))) },
+            html! { (Number::mm(f.rms[0], at("rms/0"))) " " (f.unit) },
+            html! { (Number::mm(f.rms[1], at("rms/1"))) " " (f.unit) },
+            html! { (Number::percent(f.share, at("share"))) " %" },
+        ]
+    };
+    let features = summary.features.iter().enumerate();
+    let tracker = summary.tracker.iter().enumerate();
+    let rows = features
+        .map(|f| row("features", f))
+        .chain(tracker.map(|f| row("tracker", f)));
+    let mut section = Section::new("features", "What was touched")
+        .text(html! {
+            "Root mean square of one component of what the touches miss by, with the arm as drawn and as calibrated. Features and tips are
+            fitted in both. The share is that of all squares, in units of the noise: one feature with nearly all of it was moved, or is two
+            features under one name."
+        })
+        .table(
+            &["feature", "kind", "rows", "left out", "drawn", "calibrated", "share"],
+            rows.collect(),
+        );
+    let mut units: Vec<&str> = residuals.iter().map(|r| r.unit).collect();
+    // Lengths first.
+    units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
+    units.dedup();
+    for unit in units {
+        section = plotted(section, residuals, unit);
+    }
+    let row = |(i, n): (
+        usize,
+        &poegp_calibration::model::touches::summary::NoiseSummary,
+    )| {
+        let at = |name: &str| format!("/touches/noise/{i}/{name}");
+        vec![
+            html! { (n.kind) },
+            html! { (Number::mm(n.stated, at("stated"))) " " (n.unit) },
+            html! { (Number::mm(n.beyond, at("beyond"))) " " (n.unit) },
+        ]
+    };
+    section
+        .text(html! { "The noise of one component of a reading, as stated, and what was found beyond it: seats, gears and play." })
+        .table(
+            &["reading", "stated", "beyond"],
+            summary.noise.iter().enumerate().map(row).collect(),
+        )
+}
+
+/// Boxes of what the rows of each feature with this unit miss by.
+fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section {
+    let own = || residuals.iter().filter(|r| r.unit == unit && r.belongs);
+    let name = |r: &TouchResidual| r.feature.clone().unwrap_or_else(|| "tracker".to_owned());
+    let mut names: Vec<String> = Vec::new();
+    for residual in own() {
+        let name = name(residual);
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    let pairs = names.len() <= MOST_PAIRS;
+    let mut all = Vec::new();
+    for feature in &names {
+        let errors = |i: usize| -> Vec<f64> {
+            let rows = own().filter(|r| name(r) == *feature);
+            rows.map(|r| r.error[i]).collect()
+        };
+        if pairs {
+            let label = format!("{feature}, drawn");
+            all.extend(BoxOf::new(label, Series::Nominal, &errors(0)));
+        }
+        all.extend(BoxOf::new(feature.clone(), Series::Calibrated, &errors(1)));
+    }
+    if all.is_empty() {
+        return section;
+    }
+    let what = html! {
+        "What each touch misses by" @if pairs { ", " span class="key nominal" { "as drawn" } " and " span class="key calibrated" { "calibrated" } }
+    };
+    section.figure(
+        what,
+        boxes(&format!("miss ({unit})"), &all, "What the touches of each feature miss by"),
+        "Boxes: the middle half of the touches; whiskers 5 and 95 %, diamond the mean, dot the largest. Computed from the file for the \
+         controller, in its single precision.",
+    )
+}
+
+/// Known distances as stated, as drawn, as calibrated, and as everything else has them.
+pub fn distances(summary: &TouchSummary) -> Section {
+    let section = Section::new("distances", "Known distances");
+    if summary.distances.is_empty() {
+        return section.missing(
+            "None was stated. A distance between two features, 200 mm or more, measured with a caliper, shows the size of the arm.",
+        );
+    }
+    let row = |(i, d): (
+        usize,
+        &poegp_calibration::model::touches::summary::DistanceSummary,
+    )| {
+        let at = |name: &str| format!("/touches/distances/{i}/{name}");
+        vec![
+            html! { (d.between[0]) " to " (d.between[1]) },
+            html! { (Number::mm(d.said_mm, at("said_mm"))) " ± " (Number::mm(d.sigma_mm, at("sigma_mm"))) },
+            html! { (Number::mm(d.error_mm[0], at("error_mm/0"))) },
+            html! { (Number::mm(d.error_mm[1], at("error_mm/1"))) },
+            html! {
+                @match d.measured_mm {
+                    Some([mm, sigma]) => {
+                        (Number::mm(mm, at("measured_mm/0"))) " ± " (Number::mm(sigma, at("measured_mm/1")))
+                    }
+                    None => "–",
+                }
+            },
+        ]
+    };
+    section
+        .table(
+            &[
+                "between",
+                "stated (mm)",
+                "drawn − stated (mm)",
+                "calibrated − stated (mm)",
+                "touches alone (mm)",
+            ],
+            summary.distances.iter().enumerate().map(row).collect(),
+        )
+        .text(html! {
+            "“Touches alone” is what all touches and the other distances say of it; one that is five standard deviations off is refused."
+        })
+}
+
+/// What the touches cannot tell, in words and mm.
+pub fn unseen(summary: &TouchSummary) -> Section {
+    let section = Section::new("unseen", "What stays unseen");
+    let always = html! {
+        "No touch sees where the base frame is, the zero of the first joint, or how the tool is turned; where a tracker saw the arm, too, it
+        does. Programs that are taught in their own frames need none of these."
+    };
+    if summary.unseen.is_empty() {
+        return section
+            .text(html! { "Of what moves the tool within the base frame, these touches leave nothing unseen." })
+            .text(always);
+    }
+    let item = |(i, u): (
+        usize,
+        &poegp_calibration::identification::touch::unseen::Unseen,
+    )| {
+        let mm = Number::mm(u.mm, format!("/touches/unseen/{i}/mm"));
+        html! { li { b { (mm) " mm" } ": " (u.text) } }
+    };
+    section
+        .block(html! { ul class="plain" { @for u in summary.unseen.iter().enumerate() { (item(u)) } } })
+        .text(always)
+}
+
+/// Touches that contradict the others, and the arm against its class.
+pub fn touch_outliers(summary: &TouchSummary) -> Section {
+    let section = Section::new("outliers", "Touches that stand out");
+    if summary.outliers.is_empty() {
+        return section.text(html! { "No touch contradicts the others." });
+    }
+    let row = |(i, o): (
+        usize,
+        &poegp_calibration::model::touches::summary::TouchOutlier,
+    )| {
+        let at = |name: &str| format!("/touches/outliers/{i}/{name}");
+        vec![
+            html! { "line " (Number::count(o.line, at("line"))) },
+            html! { (o.feature.as_deref().unwrap_or("tracker")) },
+            html! { (Number::mm(o.error, at("error"))) " " (o.unit) },
+        ]
+    };
+    section
+        .text(html! { "These rows do not belong to the others and were left out:" })
+        .table(
+            &["row", "feature", "misses by"],
+            summary.outliers.iter().enumerate().map(row).collect(),
+        )
+}
+
+/// How far the arm is from its drawing.
+pub fn class(summary: &TouchSummary) -> Section {
+    let field = |which: usize, i: usize| -> Markup {
+        let pointer = format!("/touches/class/{which}/{i}");
+        html! { (Number::mm(summary.class[which][i], pointer)) }
+    };
+    let row = |name: &str, i: usize| vec![html! { (name) }, field(0, i), field(1, i)];
+    let section = Section::new("class", "How far this arm is from its drawing").table(
+        &["standard deviation", "of its class", "by the touches"],
+        vec![
+            row("offset of a link (mm)", 0),
+            row("direction of an axis (mrad)", 1),
+            row("zero of a joint (mrad)", 2),
+        ],
+    );
+    match summary.beyond_class {
+        Some(factor) => section.text(html! {
+            "The touches find it " (Number::new(factor, 1, "/touches/beyond_class")) " times as far from its drawing as its class."
+        }),
+        None => section.missing("The touches determine too few parameters to say whether it is one of its class."),
+    }
+}

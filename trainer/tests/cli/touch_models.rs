@@ -1,0 +1,223 @@
+//! Models by touches: evaluated, compared, checked, repeated from a project.
+
+use std::fmt::Write as _;
+
+use crate::program::{Folder, changed};
+use crate::texts::texts;
+
+/// An arm with two models by sockets, and touches of other features that neither has seen. The same seed is the same arm.
+fn folder() -> Folder {
+    let folder = Folder::new();
+    for (kinds, touches, out) in [
+        ("socket4", 60, "many"),
+        ("socket2", 12, "few"),
+        ("socket2,wire1,plane1", 24, "fresh"),
+    ] {
+        let line = format!(
+            "simulate --robot abb-irb120 --payloads 1 --touch {kinds} --touches {touches} --seed 3 --out {out}"
+        );
+        folder.run(&line).ok();
+    }
+    for name in ["many", "few"] {
+        folder
+            .run(&format!(
+                "calibrate --robot abb-irb120 {name}/touches.csv --out {name}.blob"
+            ))
+            .ok();
+    }
+    folder
+}
+
+/// The header of a simulated touch file is behind its comment.
+fn rows(csv: &str) -> String {
+    csv.lines().skip(1).fold(String::new(), |mut out, line| {
+        writeln!(out, "{line}").unwrap();
+        out
+    })
+}
+
+#[test]
+fn evaluate_has_a_table_of_features() {
+    let _texts = texts();
+    let folder = folder();
+    let line = "evaluate many.blob fresh/touches.csv";
+    let outcome = folder.run(line).ok().said();
+    for name in ["socket/0", "socket/1", "wire/0", "plane/0"] {
+        assert!(outcome.stdout.contains(name), "{outcome:#?}");
+    }
+    let document = folder.run(&format!("{line} --json -")).ok().json();
+    let found = &document["touches"];
+    assert_eq!(found["features"].as_array().unwrap().len(), 4);
+    assert_eq!(found["residuals"].as_array().unwrap().len(), 72);
+    assert!(found["ratio"].as_f64().unwrap() < 0.6, "{found}");
+    let rms = |which: usize| found["features"][0]["rms"][which].as_f64().unwrap();
+    assert!(rms(1) < rms(0), "{found}");
+    // One row that does not belong is named, and changes little.
+    let csv = rows(&folder.text("fresh/touches.csv"));
+    let mut row = 0;
+    let csv = changed(&csv, |names, fields| {
+        row += 1;
+        if row == 5 {
+            let joint = names.iter().position(|name| *name == "q2_deg").unwrap();
+            let q: f64 = fields[joint].parse().unwrap();
+            fields[joint] = (q + 0.5).to_string();
+        }
+    });
+    folder.write("bad.csv", csv);
+    let outcome = folder
+        .run("evaluate many.blob bad.csv --features fresh/touches.toml")
+        .ok();
+    assert!(
+        outcome.stderr.contains("1 of 72 rows do not belong"),
+        "{outcome:#?}"
+    );
+    assert!(outcome.stderr.contains("line 6 by"), "{outcome:#?}");
+    folder.refuses("evaluate many.blob fresh/touches.csv --fit-base");
+    folder.refuses("evaluate many.blob fresh/touches.csv --features none.toml");
+    folder.write(
+        "empty.csv",
+        "feature,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg\n",
+    );
+    folder.write("empty.toml", folder.text("fresh/touches.toml"));
+    folder.refuses("evaluate many.blob empty.csv");
+}
+
+/// Rows of a tracker in the same file have a line of their own, positions and rotations apart.
+#[test]
+fn rows_of_a_tracker_are_judged_beside_touches() {
+    let _texts = texts();
+    let folder = folder();
+    let touches = rows(&folder.text("fresh/touches.csv"));
+    let truth = rows(&folder.text("fresh/truth.csv"));
+    let names: Vec<&str> = touches.lines().next().unwrap().split(',').collect();
+    let mut csv = format!("{},x_mm,y_mm,z_mm\n", names.join(","));
+    for line in touches.lines().skip(1) {
+        writeln!(csv, "{line},,,").unwrap();
+    }
+    let header: Vec<&str> = truth.lines().next().unwrap().split(',').collect();
+    for line in truth.lines().skip(1).take(20) {
+        let fields: Vec<&str> = line.split(',').collect();
+        let field = |name: &str| {
+            let at = header.iter().position(|known| *known == name);
+            at.map_or("", |at| fields[at])
+        };
+        let all = names.iter().chain(&["x_mm", "y_mm", "z_mm"]);
+        let all: Vec<&str> = all.map(|name| field(name)).collect();
+        writeln!(csv, "{}", all.join(",")).unwrap();
+    }
+    folder.write("mixed.csv", csv);
+    folder.write("mixed.toml", folder.text("fresh/touches.toml"));
+    let document = folder
+        .run("evaluate many.blob mixed.csv --json -")
+        .ok()
+        .json();
+    let tracker = document["touches"]["tracker"].as_array().unwrap();
+    assert_eq!(tracker.len(), 1, "{document}");
+    assert_eq!(tracker[0]["rows"], 20);
+    let rms = |which: usize| tracker[0]["rms"][which].as_f64().unwrap();
+    assert!(rms(1) < 0.5 * rms(0), "{tracker:?}");
+    folder
+        .run("calibrate --robot abb-irb120 mixed.csv --out mixed.blob")
+        .ok()
+        .said();
+}
+
+#[test]
+fn models_are_compared_by_touches() {
+    let _texts = texts();
+    let folder = folder();
+    let line = "compare --robot abb-irb120 fresh/touches.csv --blob few.blob --blob many.blob";
+    folder.run(line).ok().said();
+    let document = folder.run(&format!("{line} --json -")).ok().json();
+    let ratio = |model: usize| {
+        document["models"][model]["touches"]["ratio"]
+            .as_f64()
+            .unwrap()
+    };
+    assert!(ratio(1) < ratio(0), "{document}");
+    folder.refuses("compare --robot abb-irb120 fresh/touches.csv");
+    folder.refuses("compare --robot ur10 fresh/touches.csv --blob many.blob");
+    folder.refuses("compare --robot abb-irb120 fresh/truth.csv --blob many.blob");
+    folder.refuses(format!("{line} --folds 3 --test few/touches.csv"));
+}
+
+#[test]
+fn touches_show_whether_a_calibration_holds() {
+    let _texts = texts();
+    let folder = folder();
+    let line = "check many.blob fresh/touches.csv --max-mm 0.3";
+    folder.run(line).ok().said();
+    let document = folder.run(&format!("{line} --json -")).ok().json();
+    assert_eq!(document["holds"], true);
+    assert!(document["touches"]["size_ppm"].is_number(), "{document}");
+    // The controller shows 0.3 degrees less of joint 3.
+    let csv = rows(&folder.text("fresh/touches.csv"));
+    let csv = changed(&csv, |names, fields| {
+        let joint = names.iter().position(|name| *name == "q3_deg").unwrap();
+        let q: f64 = fields[joint].parse().unwrap();
+        fields[joint] = (q - 0.3).to_string();
+    });
+    folder.write("lost.csv", csv);
+    let lost = "check many.blob lost.csv --features fresh/touches.toml --max-mm 0.3";
+    let outcome = folder.run(lost).said();
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(outcome.stdout.contains("joint 3 stands"), "{outcome:#?}");
+    assert!(
+        outcome.stderr.contains("reset the zero of joint 3"),
+        "{outcome:#?}"
+    );
+    folder.refuses(format!("{line} --report check.html"));
+    folder.refuses(format!("{line} --fit-tool"));
+    // Of a socket without a known distance nobody sees the size; four touches see nothing.
+    let toml = folder.text("few/touches.toml");
+    let alone = &toml[..toml.find("[[distance]]").unwrap()];
+    folder.write("alone.toml", alone);
+    let unsized_line = "check many.blob few/touches.csv --features alone.toml --max-mm 0.3";
+    let outcome = folder.run(unsized_line);
+    assert!(
+        outcome
+            .stdout
+            .contains("They show no change of the arm's size"),
+        "{outcome:#?}"
+    );
+    let csv = folder.text("few/touches.csv");
+    let few: Vec<&str> = csv
+        .lines()
+        .take(2)
+        .chain(csv.lines().skip(2).take(3))
+        .collect();
+    folder.write("three.csv", few.join("\n"));
+    let feature = alone.rfind("[[feature]]").unwrap();
+    folder.write("three.toml", &alone[..feature]);
+    folder.refuses("check many.blob three.csv --max-mm 0.3");
+}
+
+/// A project of touches makes the same bytes, and names the file of features with its checksum.
+#[test]
+fn a_project_of_touches_repeats_its_blob() {
+    let _texts = texts();
+    let folder = folder();
+    let line = "calibrate --robot abb-irb120 many/touches.csv --features many/touches.toml --serial-number 7 --out a.blob \
+                --write-project many/project.toml";
+    folder.run(line).ok().said();
+    let project = folder.text("many/project.toml");
+    assert!(project.contains("features = \"touches.toml\""), "{project}");
+    let blob = folder.read("a.blob");
+    std::fs::remove_file(folder.path("a.blob")).unwrap();
+    let later = folder
+        .run_dated("calibrate many/project.toml", "1900000000")
+        .ok()
+        .said();
+    assert_eq!(folder.read("a.blob"), blob);
+    assert!(later.stdout.contains("byte for byte"), "{later:#?}");
+    assert_eq!(later.stderr, "", "nothing was overridden");
+    folder.write("other.toml", folder.text("many/touches.toml"));
+    let other = "calibrate many/project.toml --features other.toml --out b.blob";
+    let outcome = folder.run(other).ok();
+    assert!(
+        outcome.stderr.contains("overrides data.features"),
+        "{outcome:#?}"
+    );
+    folder.write("many/touches.toml", folder.text("few/touches.toml"));
+    folder.refuses("calibrate many/project.toml --out c.blob");
+}
