@@ -132,7 +132,7 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
     assert_eq!(session.code(), Some(0));
     let end = end.unwrap();
     assert_eq!(end["reason"], "tolerance");
-    assert!(expected.len() > 10 && expected[0] > 0.3, "{expected:?}");
+    assert!(expected.len() > 10 && expected[0] > 0.2, "{expected:?}");
     let last = *expected.last().unwrap();
     assert!(last <= 0.2, "{expected:?}");
     assert!(said.len() < arm.lines.len(), "it ends before the plan does");
@@ -142,9 +142,8 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
     folder
         .run("calibrate --robot abb-irb120 measured.csv --features touched/touches.toml --out m.blob --json m.json")
         .ok();
-    let after = folder.json("m.json")["touches"]["after"]["mean_mm"]
-        .as_f64()
-        .unwrap();
+    let found: Value = serde_json::from_slice(&folder.read("m.json")).unwrap();
+    let after = found["touches"]["after"]["mean_mm"].as_f64().unwrap();
     assert!((after / last - 1.0).abs() < 0.15, "{after} {last}");
 }
 

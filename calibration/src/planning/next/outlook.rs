@@ -16,7 +16,7 @@ use crate::robot::Robot;
 /// Rows without which a feature says nothing about the arm: of a point, of what gives one equation, of the others.
 const LEAST: (usize, usize, usize) = (3, 4, 2);
 /// Equations without which there is nothing to fit.
-const LEAST_EQUATIONS: usize = 30;
+const LEAST_EQUATIONS: usize = 12;
 
 /// What was found so far.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -36,7 +36,7 @@ pub struct Outlook {
 /// A feature with fewer rows than it needs, and how many those are.
 pub type Waiting = (usize, usize);
 
-/// The features that have too few rows to be fitted, of those that have any.
+/// The features that have too few rows to be fitted.
 pub fn waiting(set: &TouchSet) -> Vec<Waiting> {
     let enough = |(feature, needed): (usize, usize)| {
         let rows = set.rows.iter();

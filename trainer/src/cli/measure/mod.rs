@@ -23,7 +23,7 @@ use crate::cli::terminal::print::{is_stdout, note, warning};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::model::touches::class_of;
-use poegp_calibration::planning::next::outlook::{Outlook, outlook, waiting};
+use poegp_calibration::planning::next::outlook::{Outlook, Waiting, outlook, waiting};
 use poegp_calibration::planning::next::{Chooser, Next};
 use poegp_calibration::robot::ClassPrior;
 
@@ -84,7 +84,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let planned = Planned::read(&a.plan, a.features.as_deref(), a.positions, &arm)?;
     check(&a.out)?;
-    let show = Show::new(a.json.as_deref())?;
+    let mut lines = Lines::open(&a.from)?;
     let (journal, torn) = Journal::open(&a.out)?;
     if let Some(torn) = torn {
         warning(format_args!(
@@ -95,7 +95,8 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     let gravity = Vector3::from(a.gravity.0);
     let class = class_of(&arm.robot, &planned.set);
     let chooser = Chooser::new(&arm.robot, &arm.nominal, &planned.set, gravity, class);
-    let lines = Lines::open(&a.from, journal.bytes())?;
+    lines.pass_over(journal.bytes());
+    let show = Show::new(a.json.as_deref())?;
     let mut session = Session {
         options: a,
         arm: &arm,
@@ -107,6 +108,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
         gravity,
         class,
         found: None,
+        missing: waiting(&planned.without_rows()),
         rows: 0,
         show,
     };
@@ -127,6 +129,8 @@ struct Session<'a> {
     gravity: Vector3<f64>,
     class: ClassPrior,
     found: Option<Outlook>,
+    /// Features that have too few rows.
+    missing: Vec<Waiting>,
     rows: usize,
     show: Show,
 }
@@ -169,6 +173,7 @@ impl Session<'_> {
     }
 
     fn look(&mut self, set: &TouchSet) -> f64 {
+        self.missing = waiting(set);
         let begun = Instant::now();
         let plan = &self.planned.set;
         let arm = self.arm;
@@ -195,19 +200,16 @@ impl Session<'_> {
         }
     }
 
-    /// What comes next: where the error is small enough already, a row of a feature that has too few.
+    /// What comes next: first what every feature needs. The first touches of a point only say where the point is, so that one
+    /// by one they never seem worth anything.
     fn next(&self) -> Result<Next, End> {
-        if self.is_within() {
-            let (out, bytes) = (&self.options.out, self.journal.bytes());
-            if self.planned.is_whole(out, bytes, self.arm) {
-                return Err(End::Within);
-            }
-            let set = self.planned.so_far(out, bytes, self.arm);
-            let waiting = set.map(|set| waiting(&set)).unwrap_or_default();
-            let missing = |feature| waiting.iter().any(|(w, _)| Some(*w) == feature);
-            if let Some(next) = self.chooser.best(missing) {
-                return Ok(next);
-            }
+        let missing = |feature| self.missing.iter().any(|(m, _)| Some(*m) == feature);
+        if let Some(next) = self.chooser.best(missing) {
+            return Ok(next);
+        }
+        let (out, bytes) = (&self.options.out, self.journal.bytes());
+        if self.is_within() && self.planned.is_whole(out, bytes, self.arm) {
+            return Err(End::Within);
         }
         self.chooser.best(|_| true).ok_or(End::UsedUp)
     }

@@ -117,6 +117,13 @@ impl Planned {
         self.features.as_ref().map(|(path, _)| path.as_path())
     }
 
+    /// Before anything was measured.
+    pub fn without_rows(&self) -> TouchSet {
+        let mut out = self.set.clone();
+        out.rows.clear();
+        out
+    }
+
     /// Rows that were measured so far.
     ///
     /// # Errors

@@ -53,7 +53,11 @@ impl Show {
         })
     }
 
-    fn document(&mut self, document: Value) -> Result<(), Failure> {
+    /// Writes a document without the members that there is nothing to say of.
+    fn document(&mut self, mut document: Value) -> Result<(), Failure> {
+        if let Value::Object(members) = &mut document {
+            members.retain(|_, value| !value.is_null());
+        }
         let line = format!("{document}\n");
         match &mut self.json {
             None => Ok(()),

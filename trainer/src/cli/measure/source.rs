@@ -71,11 +71,11 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// Opens it. Of a file, lines that are among `known` were taken before.
+    /// Opens it.
     ///
     /// # Errors
     /// [`InputError`] where it cannot be read.
-    pub fn open(origin: &Origin, known: &[u8]) -> Result<Self, Failure> {
+    pub fn open(origin: &Origin) -> Result<Self, Failure> {
         let name = PathBuf::from(origin.to_string());
         let input = match origin {
             Origin::Stdin => Input::Stdin,
@@ -97,19 +97,22 @@ impl Lines {
                 })?)
             }
         };
-        let mut out = Self {
+        Ok(Self {
             name,
             input,
             waiting: Vec::new(),
             number: 0,
             known: HashMap::new(),
-        };
-        if let Input::File(_) = out.input {
+        })
+    }
+
+    /// Lines of a file that an earlier session took: they are passed over, each as often as it is here.
+    pub fn pass_over(&mut self, known: &[u8]) {
+        if let Input::File(_) = self.input {
             for line in String::from_utf8_lossy(known).lines() {
-                *out.known.entry(line.trim().to_owned()).or_default() += 1;
+                *self.known.entry(line.trim().to_owned()).or_default() += 1;
             }
         }
-        Ok(out)
     }
 
     /// What it is called in messages.
