@@ -31,7 +31,7 @@ use crate::numeric::product::{Transposed, product};
 use crate::robot::Robot;
 
 /// Positions over the work volume that are wanted, at most.
-const WANTED: usize = 150;
+const WANTED: usize = 600;
 /// What a touch misses by beyond its stated noise, m or rad: gears that no parameter describes.
 const UNDESCRIBED: f64 = 0.1e-3;
 /// What a tracker's row misses by, m and rad: its noise, the arm's repeatability and its gears.
