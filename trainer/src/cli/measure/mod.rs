@@ -138,7 +138,7 @@ struct Session<'a> {
 /// What came in place of a row.
 enum Answer {
     /// A row, and all rows with it.
-    Row(TouchSet),
+    Row(Box<TouchSet>),
     /// It cannot be measured.
     Skip,
     /// No more comes.
@@ -249,7 +249,7 @@ impl Session<'_> {
                 return Ok(Answer::Skip);
             }
             match self.taken(number, &line) {
-                Ok(Some(set)) => return Ok(Answer::Row(set)),
+                Ok(Some(set)) => return Ok(Answer::Row(Box::new(set))),
                 Ok(None) => {}
                 Err(Failure::Input(error)) => self.show.refused(&error)?,
                 Err(failure) => return Err(failure),
