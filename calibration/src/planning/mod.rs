@@ -17,6 +17,7 @@ pub mod constraints;
 pub mod constraints_file;
 pub mod forecast;
 pub mod links;
+pub mod next;
 pub mod optimal_design;
 pub mod ordering;
 pub mod refusals;

@@ -7,6 +7,7 @@ mod device_std;
 mod elastic;
 mod gauge;
 mod inducing_points;
+mod measure;
 mod measured;
 mod never_worse;
 mod outliers;

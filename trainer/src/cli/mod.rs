@@ -23,6 +23,7 @@ mod inputs;
 mod inspect;
 mod instrument_drift;
 mod keys;
+mod measure;
 mod output;
 mod plan;
 mod simulate;
@@ -50,6 +51,7 @@ use crate::cli::failure::Failure;
 use crate::cli::import::Import;
 use crate::cli::inspect::Inspect;
 use crate::cli::keys::{Keys, Sign, Verify};
+use crate::cli::measure::Measure;
 use crate::cli::plan::Plan;
 use crate::cli::simulate::Simulate;
 
@@ -79,6 +81,8 @@ pub struct Arguments {
 pub enum Command {
     /// Plan which poses to measure; write them as CSV and as robot programs.
     Plan(Plan),
+    /// Measure row by row: ask for what is worth most next, keep each row, stop when the error is small enough.
+    Measure(Measure),
     /// Simulate a robot with payloads, measured by a laser tracker.
     Simulate(Simulate),
     /// Calibrate a robot and write the model (`.blob`).
@@ -137,6 +141,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),
+        Command::Measure(a) => measure::run(&a),
         Command::Simulate(a) => simulate::run(&a),
         Command::Calibrate(a) => calibrate::run(&a),
         Command::Evaluate(a) => evaluate::run(&a),

@@ -35,6 +35,7 @@ mod import;
 mod json;
 mod long;
 mod manners;
+mod measure;
 mod numbers;
 mod outputs;
 mod plan;

@@ -203,6 +203,13 @@ impl Folder {
         command
     }
 
+    /// The same with this text on standard input.
+    pub fn run_with_input(&self, line: &str, input: &str) -> Outcome {
+        self.write("standard-input", input);
+        let input = std::fs::File::open(self.path("standard-input")).unwrap();
+        self.finish(self.command(line).stdin(input))
+    }
+
     /// Runs a command to its end.
     pub fn finish(&self, command: &mut Command) -> Outcome {
         let output = command.output().unwrap();

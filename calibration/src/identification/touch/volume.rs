@@ -193,31 +193,36 @@ fn pairs(
 /// Displacements over the volume by the parameters, with base and tip registered.
 fn field(fit: &TouchFit, states: &[BaseSample], priors: &[f64]) -> Mat<f64> {
     let jets = fit.arm.linearise(states);
-    let rows = 3 * jets.len();
-    let mut field = Mat::zeros(rows, priors.len());
-    let mut gauge = Mat::zeros(rows, GAUGE);
-    let middle = jets
-        .iter()
-        .map(|j| j.pose.translation)
-        .sum::<Vector3<f64>>()
-        / jets.len() as f64;
+    let mut field = Mat::zeros(3 * jets.len(), priors.len());
     for (k, jet) in jets.iter().enumerate() {
-        let turn = -skew(&(jet.pose.translation - middle));
         for i in 0..3 {
             for (j, sd) in priors.iter().enumerate() {
                 field[(3 * k + i, j)] = jet.jacobian[(i, j)] * sd;
             }
-            gauge[(3 * k + i, i)] = 1.0;
-            for c in 0..3 {
-                gauge[(3 * k + i, 3 + c)] = turn[(i, c)];
-                gauge[(3 * k + i, 6 + c)] = jet.pose.rotation[(i, c)];
-            }
         }
     }
-    let basis = gauge.qr().q();
+    let poses: Vec<Pose<f64>> = jets.iter().map(|jet| jet.pose).collect();
+    let basis = registered(&poses);
     let taken = product(Transposed(&basis), &field);
     field -= product(&basis, &taken);
     field
+}
+
+/// Orthonormal columns of the displacements at some poses that base and tip take up: three rows a pose.
+pub fn registered(poses: &[Pose<f64>]) -> Mat<f64> {
+    let mut gauge = Mat::zeros(3 * poses.len(), GAUGE);
+    let middle = poses.iter().map(|p| p.translation).sum::<Vector3<f64>>() / poses.len() as f64;
+    for (k, pose) in poses.iter().enumerate() {
+        let turn = -skew(&(pose.translation - middle));
+        for i in 0..3 {
+            gauge[(3 * k + i, i)] = 1.0;
+            for c in 0..3 {
+                gauge[(3 * k + i, 3 + c)] = turn[(i, c)];
+                gauge[(3 * k + i, 6 + c)] = pose.rotation[(i, c)];
+            }
+        }
+    }
+    gauge.qr().q()
 }
 
 /// τ of a position with what is not known of it: the standard error of a variance of so many rows.

@@ -20,6 +20,7 @@ mod columns;
 mod features;
 mod rows;
 mod set;
+mod so_far;
 mod tables;
 #[cfg(test)]
 mod tests;
@@ -34,6 +35,7 @@ pub use crate::measurement::touch::set::{
     Board, Camera, Feature, FeatureKind, KnownDistance, Mount, Reading, Tip, TouchRow, TouchSet,
 };
 
+use poegp_runtime::kinematics::poe::Poe;
 use sha2::{Digest, Sha256};
 
 use crate::input_error::InputError;
@@ -92,9 +94,24 @@ impl TouchSet {
     /// # Errors
     /// As [`TouchSet::read`].
     pub fn parse(
+        files: (&Path, &[u8]),
+        features: (&Path, &[u8]),
+        robot: &Robot,
+    ) -> Result<Self, InputError> {
+        let mut out = Self::parse_rows(files, features, robot, false)?;
+        out.check_touches(&chain(files.0, robot)?)?;
+        let joints = || out.rows.iter().map(|row| row.joints.as_slice());
+        let still = still_joints(robot, &out.joint_columns, joints);
+        out.notes.extend(still);
+        Ok(out)
+    }
+
+    /// Every row by itself: what only a whole file can be refused for is not looked at. A plan's readings may be empty.
+    fn parse_rows(
         (path, bytes): (&Path, &[u8]),
         (features_path, features): (&Path, &[u8]),
         robot: &Robot,
+        is_plan: bool,
     ) -> Result<Self, InputError> {
         let text = std::str::from_utf8(features).map_err(|_| {
             InputError::new(
@@ -114,6 +131,7 @@ impl TouchSet {
             columns: &columns,
             described: &described,
             robot,
+            is_plan,
             tips: Vec::new(),
         };
         let rows = reader.read(&table)?;
@@ -125,7 +143,7 @@ impl TouchSet {
         let mut notes = ignored(&columns.unknown);
         notes.extend(repeated_rows(&table));
         notes.extend(limits.notes(&checks));
-        let mut out = Self {
+        Ok(Self {
             path: path.to_path_buf(),
             features_path: features_path.to_path_buf(),
             feature_column: columns.feature.index + 1,
@@ -136,19 +154,17 @@ impl TouchSet {
             distances: described.distances,
             prior: described.prior,
             camera: described.camera,
-            notes: Vec::new(),
+            notes,
             sha256: [
                 Sha256::digest(bytes).into(),
                 Sha256::digest(features).into(),
             ],
-        };
-        let chain = robot
-            .chain()
-            .map_err(|e| InputError::new(path, e.to_string(), "a robot with 1 to 8 joints"))?;
-        out.check_touches(&chain)?;
-        let joints = || out.rows.iter().map(|row| row.joints.as_slice());
-        notes.extend(still_joints(robot, &out.joint_columns, joints));
-        out.notes = notes;
-        Ok(out)
+        })
     }
+}
+
+fn chain(path: &Path, robot: &Robot) -> Result<Poe<f64>, InputError> {
+    robot
+        .chain()
+        .map_err(|e| InputError::new(path, e.to_string(), "a robot with 1 to 8 joints"))
 }

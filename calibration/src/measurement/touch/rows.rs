@@ -20,7 +20,7 @@ use crate::robot::Robot;
 /// How far the length of a direction of gravity may be off 1.
 const GRAVITY_TOLERANCE: f64 = 0.01;
 /// Standard deviation of the tip that no `[[target]]` describes, m: it may be anywhere about the flange.
-const TIP_ANYWHERE: f64 = 0.5;
+pub(super) const TIP_ANYWHERE: f64 = 0.5;
 
 /// Reads the rows of a file, one after the other.
 pub(super) struct Rows<'a> {
@@ -28,6 +28,8 @@ pub(super) struct Rows<'a> {
     pub columns: &'a TouchColumns,
     pub described: &'a Description,
     pub robot: &'a Robot,
+    /// Whether the readings that only a touch can show may be empty; they are zero then.
+    pub is_plan: bool,
     pub tips: Vec<Tip>,
 }
 
@@ -213,6 +215,10 @@ impl Rows<'_> {
     }
 
     fn distance(&self, row: &Row<'_>, feature: &Feature) -> Result<f64, InputError> {
+        let is_empty = |column: &Column| row.field(column).is_empty();
+        if self.is_plan && self.columns.value.as_ref().is_none_or(is_empty) {
+            return Ok(0.0);
+        }
         let column = self.needed(row, &self.columns.value, "value_mm", feature)?;
         let expected = "what the wire or the ballbar reads, as its kind is \"anchor\"";
         if row.field(column).is_empty() {
@@ -229,6 +235,10 @@ impl Rows<'_> {
     }
 
     fn gravity(&self, row: &Row<'_>, feature: &Feature) -> Result<Vector3<f64>, InputError> {
+        let mut columns = self.columns.gravity.iter().flatten();
+        if self.is_plan && columns.all(|column| row.field(column).is_empty()) {
+            return Ok(Vector3::zeros());
+        }
         let columns = self.needed(row, &self.columns.gravity, "gx, gy, gz", feature)?;
         let mut gravity = Vector3::zeros();
         for (axis, column) in columns.iter().enumerate() {

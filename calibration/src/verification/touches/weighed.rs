@@ -1,0 +1,97 @@
+//! The rows of touches with their covariance, and what they show of the arm's size.
+
+use crate::identification::parametric::state::ROWS;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
+use crate::verification::drift_test::{self, Columns, columns};
+use crate::verification::hypotheses::Hypothesis;
+use crate::verification::noise::{Factors, Parts};
+use crate::verification::result::CheckError;
+use crate::verification::touches::{ArmAtTouches, Rows};
+
+/// Standard deviations of a change that a test of 1 % finds nine times in ten.
+const SURELY: f64 = 3.86;
+/// No arm is farther from its size than this, ppm.
+const LARGEST_PPM: f64 = 5000.0;
+
+/// The rows with their covariance.
+pub(super) struct Weighed {
+    /// What is looked for, in rows of touches.
+    pub(super) all: Vec<Hypothesis>,
+    pub(super) factors: Factors,
+    pub(super) factor: Factor,
+    pub(super) model_mm: f64,
+    /// From rows of poses in units of their scales to rows of touches.
+    by_pose: Mat<f64>,
+}
+
+impl Weighed {
+    pub(super) fn new(rows: &Rows, arm: &ArmAtTouches) -> Result<Self, CheckError> {
+        let unit = |column: usize| match column % ROWS {
+            0..3 => arm.scales.position,
+            _ => arm.scales.orientation,
+        };
+        let by_pose = Mat::from_fn(rows.seen.nrows(), rows.seen.ncols(), |i, j| {
+            rows.seen[(i, j)] * unit(j)
+        });
+        let of_poses = |m: &Mat<f64>| product(&product(&by_pose, m), Transposed(&by_pose));
+        let unknown = arm
+            .arm
+            .error_covariance(&arm.samples, &arm.at, arm.scales)
+            .ok_or(CheckError::Unsolvable)?;
+        let model = of_poses(&unknown);
+        let smooth = (!arm.arm.knows_its_error)
+            .then(|| of_poses(&arm.arm.smooth_covariance(&arm.samples, &arm.at)));
+        let all: Vec<Hypothesis> = arm
+            .all
+            .iter()
+            .map(|h| Hypothesis {
+                effect: product(&by_pose, &h.effect),
+                ..h.clone()
+            })
+            .collect();
+        let parts = Parts {
+            fixed: &(&model + product(&rows.stated, Transposed(&rows.stated))),
+            stated: &rows.fixed,
+            kind: &rows.kind,
+            smooth: smooth.as_ref(),
+        };
+        let looked_for = all.iter().flat_map(|h| columns(&h.effect));
+        let effects: Columns = columns(&rows.free).into_iter().chain(looked_for).collect();
+        let free = drift_test::basis(&effects, &[]);
+        let x = Mat::from_fn(rows.y.nrows(), free.len(), |i, j| free[j][i]);
+        if free.len() >= rows.y.nrows() {
+            return Err(CheckError::NothingShown);
+        }
+        // Noise is never below the stated one.
+        let factors = parts
+            .fitted(&rows.y, &x, &[1.0, 1.0, 0.0])
+            .ok_or(CheckError::Unsolvable)?;
+        let variance = |(i, sigma): (usize, &Option<f64>)| {
+            let smooth = smooth.as_ref().map_or(0.0, |s| factors[2] * s[(i, i)]);
+            sigma.map(|sigma| sigma * sigma * (model[(i, i)] + smooth))
+        };
+        let known: Vec<f64> = rows.sigma.iter().enumerate().filter_map(variance).collect();
+        let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+        Ok(Self {
+            factor: Factor::new(parts.covariance(&factors), 1)
+                .map_err(|_| CheckError::Unsolvable)?,
+            all,
+            factors,
+            model_mm: 1e3 * mean.max(0.0).sqrt(),
+            by_pose,
+        })
+    }
+}
+
+/// The change of size, ppm, that these touches find nine times in ten; `None` where it is larger than any arm's.
+pub(super) fn size_ppm(rows: &Rows, arm: &ArmAtTouches, weighed: &Weighed) -> Option<f64> {
+    let effect = product(&weighed.by_pose, &arm.size);
+    let column = columns(&weighed.factor.half_solve(&effect));
+    let free = columns(&weighed.factor.half_solve(&rows.free));
+    let free = drift_test::basis(&free, &[]);
+    let left = drift_test::without(column.first()?, &free);
+    let ppm = 1e6 * SURELY / drift_test::inner(&left, &left).sqrt();
+    (ppm <= LARGEST_PPM).then_some(ppm)
+}

@@ -1,0 +1,156 @@
+//! The file of what was measured: a row is on disk before anybody is said that it is taken.
+//!
+//! A row counts when its line has an end. Power may fail in the middle of one: the rest of it is found at the next start, becomes
+//! a comment, and is reported. Everything before it was complete.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use poegp_calibration::input_error::InputError;
+
+use crate::cli::failure::Failure;
+use crate::cli::output::transaction::writing;
+
+/// The file, open for one more row at a time.
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    bytes: Vec<u8>,
+}
+
+impl Journal {
+    /// Opens or makes the file. What a power cut left of a line comes second.
+    ///
+    /// # Errors
+    /// [`InputError`] where the file is another program's, [`Failure::LostOutput`] where it cannot be written.
+    pub fn open(path: &Path) -> Result<(Self, Option<String>), Failure> {
+        let _writing = writing();
+        let lost = |error| Failure::lost(path, error);
+        let is_new = !path.exists();
+        let mut options = OpenOptions::new();
+        let options = options.read(true).write(true).create(true).truncate(false);
+        let file = options.open(path).map_err(lost)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                let found = "a file that another measurement is writing to";
+                return Err(InputError::new(path, found, "a file for each measurement").into());
+            }
+            // Not every file system has locks.
+            Err(TryLockError::Error(_)) => {}
+        }
+        if is_new {
+            on_disk(path).map_err(lost)?;
+        }
+        let bytes = std::fs::read(path).map_err(lost)?;
+        let mut out = Self {
+            path: path.to_path_buf(),
+            file,
+            bytes,
+        };
+        let torn = out.mend().map_err(lost)?;
+        Ok((out, torn))
+    }
+
+    /// Makes a comment of what stands behind the last complete line.
+    fn mend(&mut self) -> std::io::Result<Option<String>> {
+        let complete = match self.bytes.iter().rposition(|byte| *byte == b'\n') {
+            Some(last) => last + 1,
+            None => 0,
+        };
+        if complete == self.bytes.len() {
+            return Ok(None);
+        }
+        let torn = String::from_utf8_lossy(&self.bytes[complete..]).into_owned();
+        // A file system may leave zeros where the data did not arrive.
+        let torn: String = torn.chars().filter(|c| !c.is_control()).collect();
+        let mut tail = Vec::new();
+        if !torn.is_empty() {
+            tail = format!("# torn, left out: {torn}\n").into_bytes();
+        }
+        self.bytes.truncate(complete);
+        self.file.set_len(complete as u64)?;
+        self.file.seek(SeekFrom::End(0))?;
+        self.file.write_all(&tail)?;
+        self.file.sync_all()?;
+        self.bytes.extend(tail);
+        Ok((!torn.is_empty()).then_some(torn))
+    }
+
+    /// All of it.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The first line that is neither blank nor a comment.
+    pub fn header(&self) -> Option<String> {
+        let text = String::from_utf8_lossy(&self.bytes);
+        first_line(&text).map(str::to_owned)
+    }
+
+    /// Adds a line; it is on disk when this returns, or the file is as it was.
+    ///
+    /// # Errors
+    /// [`Failure::LostOutput`].
+    pub fn append(&mut self, line: &str) -> Result<(), Failure> {
+        let _writing = writing();
+        let line = format!("{line}\n");
+        let written = self
+            .file
+            .seek(SeekFrom::End(0))
+            .and_then(|_| self.file.write_all(line.as_bytes()))
+            .and_then(|()| self.file.sync_data());
+        if let Err(error) = written {
+            let _ = self.file.set_len(self.bytes.len() as u64);
+            return Err(Failure::lost(&self.path, error));
+        }
+        self.bytes.extend(line.into_bytes());
+        Ok(())
+    }
+}
+
+/// The first line of a table that is neither blank nor a comment.
+pub fn first_line(text: &str) -> Option<&str> {
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let mut lines = text.lines().map(str::trim);
+    lines.find(|line| !line.is_empty() && !line.starts_with('#'))
+}
+
+/// The name of a new file is on disk, too.
+fn on_disk(path: &Path) -> std::io::Result<()> {
+    if !cfg!(unix) {
+        return Ok(());
+    }
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => File::open(folder)?.sync_all(),
+        _ => File::open(".")?.sync_all(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_complete_stays_and_what_is_torn_becomes_a_comment() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rows.csv");
+        let (mut journal, torn) = Journal::open(&path).unwrap();
+        assert_eq!((journal.header(), torn), (None, None));
+        journal.append("q1_deg,x_mm").unwrap();
+        journal.append("1,2").unwrap();
+        assert!(Journal::open(&path).is_err(), "one program at a time");
+        drop(journal);
+        for (tail, kept) in [("3,", "# torn, left out: 3,\n"), ("\0\0\0", "")] {
+            let before = std::fs::read_to_string(&path).unwrap();
+            std::fs::write(&path, format!("{before}{tail}")).unwrap();
+            let (journal, torn) = Journal::open(&path).unwrap();
+            assert_eq!(torn.is_some(), !kept.is_empty());
+            assert_eq!(journal.header().as_deref(), Some("q1_deg,x_mm"));
+            let after = std::fs::read_to_string(&path).unwrap();
+            assert_eq!(after, format!("{before}{kept}"));
+            assert_eq!(journal.bytes(), after.as_bytes());
+        }
+    }
+}

@@ -1,0 +1,357 @@
+//! `trainer measure`: asks for one row of a plan after the other, and says what is known after each.
+
+mod journal;
+mod plan;
+mod show;
+mod source;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use clap::Args;
+use nalgebra::Vector3;
+
+use crate::cli::args::{Gravity, RobotArgs, gravity, positive};
+use crate::cli::failure::Failure;
+use crate::cli::inputs::Arm;
+use crate::cli::measure::journal::{Journal, first_line};
+use crate::cli::measure::plan::Planned;
+use crate::cli::measure::show::{End, Show};
+use crate::cli::measure::source::{Lines, Origin};
+use crate::cli::output::{check, check_outputs};
+use crate::cli::terminal::print::{is_stdout, note, warning};
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::touch::TouchSet;
+use poegp_calibration::model::touches::class_of;
+use poegp_calibration::planning::next::outlook::{Outlook, Waiting, outlook, waiting};
+use poegp_calibration::planning::next::{Chooser, Next};
+use poegp_calibration::robot::ClassPrior;
+
+/// `trainer measure`.
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The program says which row of the plan to measure next: the one after which the positions over the work volume are \
+    known best. It takes what was measured as a line of CSV, in the columns of OUT: the joints are those that the controller shows, \
+    and need not be the planned ones. The line \"skip\" leaves out what cannot be measured. A row is on disk before it is \
+    confirmed; start the same command again to continue.\n\n\
+    The expected error is a mean over the work volume, of a model without processes and with the noise that the rows show.\n\n\
+    Examples:\n  \
+    trainer measure --robot ur10 touches.csv --out measured.csv --tolerance-mm 0.2\n  \
+    trainer measure --robot abb-irb120 plan.csv --from tracker.log --out measured.csv\n  \
+    trainer measure --robot ur10 wire.csv --from serial:/dev/ttyUSB0@9600 --out measured.csv --json -"
+)]
+pub struct Measure {
+    #[command(flatten)]
+    robot: RobotArgs,
+    /// Plan of `plan` or of `plan --touch`: the rows to choose from.
+    #[arg(value_name = "PLAN.csv")]
+    plan: PathBuf,
+    /// Description of the touched features (default: PLAN.toml beside PLAN.csv).
+    #[arg(long, value_name = "FILE")]
+    features: Option<PathBuf>,
+    /// The measured rows, an ordinary measurement file or touch file; new rows are added to those that it has.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Where measured rows come from: `-` is standard input, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT a port, anything
+    /// else a file that another program appends to.
+    #[arg(long, value_name = "SOURCE", default_value = "-")]
+    from: Origin,
+    /// End when the expected mean error is not larger than this; exit code 1 if it stays larger.
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    tolerance_mm: Option<f64>,
+    /// The tracker sees one reflector: rows have x_mm, y_mm, z_mm and no orientation.
+    #[arg(long)]
+    positions: bool,
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
+    gravity: Gravity,
+    /// Write what is said as JSON, one document a line (`-`: standard output).
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+pub fn run(a: &Measure) -> Result<(), Failure> {
+    if is_stdout(&a.out) {
+        let expected = "a file that rows can be added to";
+        return Err(InputError::new(&a.out, "standard output", expected).into());
+    }
+    let mut inputs = vec![a.plan.as_path(), Path::new(&a.robot.robot)];
+    inputs.extend(a.features.as_deref());
+    if let Origin::File(path) = &a.from {
+        inputs.push(path);
+    }
+    check_outputs(&[Some(&a.out), a.json.as_deref()], &inputs)?;
+    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    let planned = Planned::read(&a.plan, a.features.as_deref(), a.positions, &arm)?;
+    check(&a.out)?;
+    let mut lines = Lines::open(&a.from)?;
+    let (journal, torn) = Journal::open(&a.out)?;
+    if let Some(torn) = torn {
+        warning(format_args!(
+            "{}: the last line was torn and is a comment now: {torn}",
+            a.out.display()
+        ));
+    }
+    let gravity = Vector3::from(a.gravity.0);
+    let class = class_of(&arm.robot, &planned.set);
+    let chooser = Chooser::new(&arm.robot, &arm.nominal, &planned.set, gravity, class);
+    lines.pass_over(journal.bytes());
+    let show = Show::new(a.json.as_deref())?;
+    let mut session = Session {
+        options: a,
+        arm: &arm,
+        planned: &planned,
+        header: journal.header(),
+        journal,
+        chooser,
+        lines,
+        gravity,
+        class,
+        found: None,
+        missing: waiting(&planned.without_rows()),
+        rows: 0,
+        show,
+    };
+    session.resume()?;
+    let end = session.work()?;
+    session.finish(end)
+}
+
+struct Session<'a> {
+    options: &'a Measure,
+    arm: &'a Arm,
+    planned: &'a Planned,
+    journal: Journal,
+    /// Columns of the rows, once they are known.
+    header: Option<String>,
+    chooser: Chooser<'a>,
+    lines: Lines,
+    gravity: Vector3<f64>,
+    class: ClassPrior,
+    found: Option<Outlook>,
+    /// Features that have too few rows.
+    missing: Vec<Waiting>,
+    rows: usize,
+    show: Show,
+}
+
+/// What came in place of a row.
+enum Answer {
+    /// A row, and all rows with it.
+    Row(Box<TouchSet>),
+    /// It cannot be measured.
+    Skip,
+    /// No more comes.
+    End,
+}
+
+impl Session<'_> {
+    /// Takes the rows that the file has already.
+    fn resume(&mut self) -> Result<(), Failure> {
+        let out = &self.options.out;
+        let Some(header) = &self.header else {
+            return Ok(());
+        };
+        if self
+            .journal
+            .bytes()
+            .trim_ascii_end()
+            .ends_with(header.as_bytes())
+        {
+            return Ok(());
+        }
+        let set = self.planned.so_far(out, self.journal.bytes(), self.arm)?;
+        self.look(&set);
+        for (index, row) in set.rows.iter().enumerate() {
+            if !self.is_strange(index) {
+                self.chooser.measured(&set, row);
+            }
+        }
+        self.rows = set.rows.len();
+        self.show.resumed(out, self.rows, self.found.as_ref());
+        Ok(())
+    }
+
+    fn look(&mut self, set: &TouchSet) -> f64 {
+        self.missing = waiting(set);
+        let begun = Instant::now();
+        let plan = &self.planned.set;
+        let arm = self.arm;
+        let found = outlook(
+            &arm.robot,
+            &arm.nominal,
+            (set, plan),
+            self.gravity,
+            self.class,
+        );
+        self.found = found;
+        begun.elapsed().as_secs_f64()
+    }
+
+    fn is_strange(&self, row: usize) -> bool {
+        let strange = self.found.iter().flat_map(|found| &found.strange);
+        strange.map(|(index, _)| *index).any(|index| index == row)
+    }
+
+    fn is_within(&self) -> bool {
+        match (&self.found, self.options.tolerance_mm) {
+            (Some(found), Some(tolerance)) => found.expected.mean_mm <= tolerance,
+            _ => false,
+        }
+    }
+
+    /// What comes next: first what every feature needs. The first touches of a point only say where the point is, so that one
+    /// by one they never seem worth anything.
+    fn next(&self) -> Result<Next, End> {
+        let missing = |feature| self.missing.iter().any(|(m, _)| Some(*m) == feature);
+        if let Some(next) = self.chooser.best(missing) {
+            return Ok(next);
+        }
+        let (out, bytes) = (&self.options.out, self.journal.bytes());
+        if self.is_within() && self.planned.is_whole(out, bytes, self.arm) {
+            return Err(End::Within);
+        }
+        self.chooser.best(|_| true).ok_or(End::UsedUp)
+    }
+
+    fn work(&mut self) -> Result<End, Failure> {
+        loop {
+            let next = match self.next() {
+                Ok(next) => next,
+                Err(end) => return Ok(end),
+            };
+            let asked = self
+                .planned
+                .asked(&self.planned.set.rows[next.row], self.arm);
+            let left = self.chooser.left();
+            self.show.next(&asked, &next, self.arm, left)?;
+            match self.answer()? {
+                Answer::End => return Ok(End::NoMore),
+                Answer::Skip => self.chooser.skip(next.row),
+                Answer::Row(set) => self.took(&set)?,
+            }
+        }
+    }
+
+    /// The next answer; rows that cannot be used are said and asked for again.
+    fn answer(&mut self) -> Result<Answer, Failure> {
+        loop {
+            let Some((number, line)) = self.lines.next()? else {
+                if self.lines.is_torn() {
+                    note("the last line has no end and was left out");
+                }
+                return Ok(Answer::End);
+            };
+            if first_line(&line).is_none() {
+                continue;
+            }
+            if line == "skip" {
+                return Ok(Answer::Skip);
+            }
+            match self.taken(number, &line) {
+                Ok(Some(set)) => return Ok(Answer::Row(Box::new(set))),
+                Ok(None) => {}
+                Err(Failure::Input(error)) => self.show.refused(&error)?,
+                Err(failure) => return Err(failure),
+            }
+        }
+    }
+
+    /// Reads a line and puts it on disk if it is a row; `None` if it is a header.
+    fn taken(&mut self, number: usize, line: &str) -> Result<Option<TouchSet>, Failure> {
+        let of_input = |mut error: InputError| {
+            error.line = error.line.map(|_| number);
+            error
+        };
+        if line.split(',').any(|field| field.trim().starts_with("q1_")) {
+            let is_new = self.header.is_none();
+            let header = self.header.get_or_insert_with(|| line.to_owned());
+            let same = header
+                .split(',')
+                .map(str::trim)
+                .eq(line.split(',').map(str::trim));
+            return match same || is_new {
+                true => Ok(None),
+                false => Err(InputError::new(
+                    self.lines.name(),
+                    "other columns than before",
+                    format!("the columns {header}"),
+                )
+                .at_line(number)
+                .into()),
+            };
+        }
+        let header = self.header.as_deref().unwrap_or(&self.planned.header);
+        let alone = format!("{header}\n{line}\n");
+        let name = self.lines.name();
+        self.planned
+            .so_far(name, alone.as_bytes(), self.arm)
+            .map_err(of_input)?;
+        // With all others, for tools and the like.
+        let lines = match self.journal.header() {
+            Some(_) => line.to_owned(),
+            None => format!("{header}\n{line}"),
+        };
+        let mut all = self.journal.bytes().to_vec();
+        all.extend(format!("{lines}\n").bytes());
+        let set = self
+            .planned
+            .so_far(name, &all, self.arm)
+            .map_err(of_input)?;
+        self.header = Some(header.to_owned());
+        self.journal.append(&lines)?;
+        Ok(Some(set))
+    }
+
+    /// A row is on disk: says so, and what is known with it.
+    fn took(&mut self, set: &TouchSet) -> Result<(), Failure> {
+        let index = set.rows.len() - 1;
+        self.rows = set.rows.len();
+        self.show.taken(self.rows)?;
+        let before = self.found.as_ref().map(|found| found.expected.mean_mm);
+        let seconds = self.look(set);
+        let is_strange = self.is_strange(index);
+        if !is_strange {
+            self.chooser.measured(set, &set.rows[index]);
+        }
+        let tolerance = self.options.tolerance_mm;
+        self.show
+            .known(self.rows, self.found.as_ref(), before, tolerance, seconds)?;
+        if let Some(found) = self.found.as_ref().filter(|_| is_strange) {
+            let missed = found.strange.iter().find(|(row, _)| *row == index);
+            self.show
+                .strange(self.rows, missed.and_then(|(_, missed)| *missed))?;
+        }
+        Ok(())
+    }
+
+    fn finish(mut self, end: End) -> Result<(), Failure> {
+        let options = self.options;
+        let mut calibrate = format!(
+            "trainer calibrate --robot {} {}",
+            options.robot.robot,
+            options.out.display()
+        );
+        if let Some(features) = self.planned.features() {
+            calibrate += &format!(" --features {}", features.display());
+        }
+        let found = self.found.as_ref();
+        self.show
+            .end(end, self.rows, found, options.tolerance_mm, &calibrate)?;
+        match (end, options.tolerance_mm) {
+            (End::UsedUp | End::NoMore, Some(tolerance)) => {
+                let expected = found.map_or_else(
+                    || "no expected error, for the rows are too few".to_owned(),
+                    |found| format!("an expected error of {:.3} mm", found.expected.mean_mm),
+                );
+                let out = options.out.display();
+                Err(Failure::Quality(format!(
+                    "{out}: found {expected}, expected {tolerance} mm or less in a file that `calibrate` takes\n\
+                     help: all {} rows are kept; plan more rows and continue with the same --out",
+                    self.rows
+                )))
+            }
+            _ => Ok(()),
+        }
+    }
+}

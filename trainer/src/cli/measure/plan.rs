@@ -1,0 +1,182 @@
+//! The plan that is measured: what `trainer plan` wrote, of touches or of a tracker's poses, and how its rows are read.
+
+use std::path::{Path, PathBuf};
+
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement;
+use poegp_calibration::measurement::joint_targets::read_targets;
+use poegp_calibration::measurement::touch::TouchRow;
+use poegp_calibration::measurement::touch::{
+    FeatureKind, TouchSet, features_beside, is_touch_file,
+};
+use poegp_calibration::model::Method;
+use poegp_calibration::planning::candidates::{decimals, in_file_units};
+use poegp_calibration::planning::constraints::Constraints;
+
+use crate::cli::failure::Failure;
+use crate::cli::inputs::Arm;
+use crate::cli::measure::journal::first_line;
+use crate::cli::terminal::print::note;
+
+/// A plan.
+pub struct Planned {
+    /// Its rows, with the readings of the arm as drawn.
+    pub set: TouchSet,
+    /// The columns of a new file, unless the rows that come have others.
+    pub header: String,
+    features: Option<(PathBuf, Vec<u8>)>,
+}
+
+impl Planned {
+    /// Reads it, and of touches the features.
+    ///
+    /// # Errors
+    /// [`InputError`] with file, line and column.
+    pub fn read(
+        path: &Path,
+        features: Option<&Path>,
+        positions: bool,
+        arm: &Arm,
+    ) -> Result<Self, Failure> {
+        let wanted = "a plan of `trainer plan` (CSV)";
+        let bytes =
+            std::fs::read(path).map_err(|error| InputError::unreadable(path, &error, wanted))?;
+        let text = String::from_utf8_lossy(&bytes);
+        let header = first_line(&text).unwrap_or_default().to_owned();
+        let planned = match features.is_some() || is_touch_file(path) {
+            true => Self::of_touches(path, &bytes, features, header, arm)?,
+            false => Self::of_poses(path, positions, header, arm)?,
+        };
+        for text in &planned.set.notes {
+            note(format_args!("{}: {text}", path.display()));
+        }
+        Ok(planned)
+    }
+
+    fn of_touches(
+        path: &Path,
+        bytes: &[u8],
+        features: Option<&Path>,
+        mut header: String,
+        arm: &Arm,
+    ) -> Result<Self, Failure> {
+        let features = features.map_or_else(|| features_beside(path), Path::to_path_buf);
+        let text = std::fs::read(&features).map_err(|error| {
+            InputError::unreadable(&features, &error, "the features of the plan (TOML)")
+                .with_help("name the file of the features with --features FILE")
+        })?;
+        let set = TouchSet::parse_plan((path, bytes), (&features, &text), &arm.robot)?;
+        let has = |name: &str| header.split(',').any(|column| column.trim() == name);
+        let of_kind = |is: fn(&FeatureKind) -> bool| set.features.iter().any(|f| is(&f.kind));
+        let mut added = String::new();
+        if of_kind(|kind| matches!(kind, FeatureKind::Anchor { .. }))
+            && !(has("value_mm") || has("value_m"))
+        {
+            added += ",value_mm";
+        }
+        if of_kind(|kind| matches!(kind, FeatureKind::Level { .. })) && !has("gx") {
+            added += ",gx,gy,gz";
+        }
+        header += &added;
+        Ok(Self {
+            set,
+            header,
+            features: Some((features, text)),
+        })
+    }
+
+    fn of_poses(
+        path: &Path,
+        positions: bool,
+        mut header: String,
+        arm: &Arm,
+    ) -> Result<Self, Failure> {
+        let (targets, notes) = read_targets(path, &arm.robot)?;
+        let target = Constraints::none(&arm.robot)?.flange_from_target;
+        let mut set = TouchSet::of_targets(path, targets, &arm.robot, &arm.nominal, &target);
+        if positions {
+            set = set.positions_alone();
+        }
+        set.notes = notes;
+        let has = |name: &str| header.split(',').any(|column| column.trim() == name);
+        if !(has("x_mm") || has("x_m")) {
+            header += match positions {
+                true => ",x_mm,y_mm,z_mm",
+                false => ",x_mm,y_mm,z_mm,qw,qx,qy,qz",
+            };
+        }
+        Ok(Self {
+            set,
+            header,
+            features: None,
+        })
+    }
+
+    /// The file of the features.
+    pub fn features(&self) -> Option<&Path> {
+        self.features.as_ref().map(|(path, _)| path.as_path())
+    }
+
+    /// Before anything was measured.
+    pub fn without_rows(&self) -> TouchSet {
+        let mut out = self.set.clone();
+        out.rows.clear();
+        out
+    }
+
+    /// Rows that were measured so far.
+    ///
+    /// # Errors
+    /// [`InputError`] about the first row that is not as it should be.
+    pub fn so_far(&self, path: &Path, bytes: &[u8], arm: &Arm) -> Result<TouchSet, InputError> {
+        match &self.features {
+            Some((features, text)) => {
+                TouchSet::parse_so_far((path, bytes), (features, text), &arm.robot)
+            }
+            None => {
+                let set = measurement::parse(path, bytes)?;
+                set.check(&arm.robot)?;
+                TouchSet::of_poses(&set, &arm.robot)
+            }
+        }
+    }
+
+    /// Whether `calibrate` would take the file as it is.
+    pub fn is_whole(&self, path: &Path, bytes: &[u8], arm: &Arm) -> bool {
+        match &self.features {
+            Some((features, text)) => {
+                TouchSet::parse((path, bytes), (features, text), &arm.robot).is_ok()
+            }
+            None => self.so_far(path, bytes, arm).is_ok_and(|set| {
+                let equations: usize = set.rows.iter().map(|row| row.reading.equations()).sum();
+                equations >= 6 * Method::Elastic.min_poses(arm.robot.joints.len())
+            }),
+        }
+    }
+
+    /// What a row asks for: the feature, the joints in the units of files, the payload.
+    pub fn asked(&self, row: &TouchRow, arm: &Arm) -> Asked {
+        let joints = arm.robot.joints.iter().zip(&row.joints);
+        let feature = row.reading.feature();
+        Asked {
+            line: row.line,
+            feature: feature.map(|feature| self.set.features[feature].name.clone()),
+            joints: joints
+                .map(|(joint, q)| decimals(in_file_units(joint.kind, *q)))
+                .collect(),
+            payload_kg: row.payload_kg,
+        }
+    }
+}
+
+/// What is to be measured next.
+pub struct Asked {
+    /// Its line in the plan.
+    pub line: usize,
+    /// What to touch.
+    pub feature: Option<String>,
+    /// Degrees or millimetres.
+    pub joints: Vec<String>,
+    /// What is mounted.
+    pub payload_kg: Option<f64>,
+}

@@ -1,0 +1,225 @@
+//! What `trainer measure` says: lines for a person, and one JSON document a line for a program.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use poegp_calibration::input_error::InputError;
+use poegp_calibration::planning::next::Next;
+use poegp_calibration::planning::next::outlook::Outlook;
+use poegp_protocol::JointKind;
+
+use crate::cli::failure::Failure;
+use crate::cli::inputs::Arm;
+use crate::cli::measure::plan::Asked;
+use crate::cli::terminal::print::{Printer, is_stdout, note, to_stdout};
+use crate::cli::terminal::snippet;
+
+/// Why it ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// The expected error is small enough.
+    Within,
+    /// Every row of the plan was measured or left out.
+    UsedUp,
+    /// No more rows come.
+    NoMore,
+}
+
+/// Where it is said.
+pub struct Show {
+    report: Printer,
+    json: Option<(PathBuf, Option<File>)>,
+}
+
+impl Show {
+    /// With the JSON in `json`.
+    ///
+    /// # Errors
+    /// [`Failure::LostOutput`].
+    pub fn new(json: Option<&Path>) -> Result<Self, Failure> {
+        let open = |path: &Path| {
+            let file = match is_stdout(path) {
+                true => None,
+                false => Some(File::create(path).map_err(|error| Failure::lost(path, error))?),
+            };
+            Ok::<_, Failure>((path.to_path_buf(), file))
+        };
+        Ok(Self {
+            report: Printer::for_outputs(&[json]),
+            json: json.map(open).transpose()?,
+        })
+    }
+
+    /// Writes a document without the members that there is nothing to say of.
+    fn document(&mut self, mut document: Value) -> Result<(), Failure> {
+        if let Value::Object(members) = &mut document {
+            members.retain(|_, value| !value.is_null());
+        }
+        let line = format!("{document}\n");
+        match &mut self.json {
+            None => Ok(()),
+            Some((_, None)) => to_stdout(line.as_bytes()),
+            Some((path, Some(file))) => file
+                .write_all(line.as_bytes())
+                .map_err(|error| Failure::lost(path, error)),
+        }
+    }
+
+    /// Rows of an earlier session.
+    pub fn resumed(&mut self, out: &Path, rows: usize, found: Option<&Outlook>) {
+        let expected = found.map_or_else(String::new, |found| {
+            format!(", expected error {:.3} mm", found.expected.mean_mm)
+        });
+        self.report.line(format_args!(
+            "Continuing with {rows} rows of {}{expected}.",
+            out.display()
+        ));
+    }
+
+    /// What to measure.
+    pub fn next(
+        &mut self,
+        asked: &Asked,
+        next: &Next,
+        arm: &Arm,
+        left: usize,
+    ) -> Result<(), Failure> {
+        let joints: Vec<String> = (1..)
+            .zip(&arm.robot.joints)
+            .zip(&asked.joints)
+            .map(|((i, joint), value): ((usize, _), _)| match joint.kind {
+                JointKind::Revolute => format!("q{i} {value}°"),
+                JointKind::Prismatic => format!("q{i} {value} mm"),
+            })
+            .collect();
+        let feature = asked.feature.as_deref().unwrap_or("pose");
+        let payload = asked
+            .payload_kg
+            .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
+        let percent = 100.0 * (1.0 - next.share);
+        self.report.line(format_args!(
+            "next: {feature} at {}{payload} (line {} of the plan, one of {left}; foreseen: {percent:.1} % less error)",
+            joints.join(", "),
+            asked.line
+        ));
+        let values: Vec<f64> = asked.joints.iter().filter_map(|q| q.parse().ok()).collect();
+        self.document(json!({
+            "event": "next", "line": asked.line, "feature": asked.feature, "joints": values,
+            "payload_kg": asked.payload_kg, "left": left, "foreseen_share": next.share
+        }))
+    }
+
+    /// A row that cannot be used.
+    pub fn refused(&mut self, error: &InputError) -> Result<(), Failure> {
+        note(format_args!(
+            "refused, nothing was changed: {}",
+            snippet::render(error)
+        ));
+        self.document(json!({
+            "event": "refused", "line": error.line, "column": error.column.as_ref().map(|(n, _)| n),
+            "found": error.found, "expected": error.expected
+        }))
+    }
+
+    /// A row that is on disk.
+    pub fn taken(&mut self, row: usize) -> Result<(), Failure> {
+        self.report.line(format_args!("row {row} is on disk"));
+        self.document(json!({"event": "taken", "row": row}))
+    }
+
+    /// What is known with it.
+    pub fn known(
+        &mut self,
+        row: usize,
+        found: Option<&Outlook>,
+        before: Option<f64>,
+        tolerance: Option<f64>,
+        seconds: f64,
+    ) -> Result<(), Failure> {
+        match found {
+            None => self
+                .report
+                .line("  no expected error yet: the rows are too few to fit"),
+            Some(found) => {
+                let expected = found.expected;
+                let change = before.map_or_else(String::new, |before| {
+                    format!(", {:+.3} mm by this row", expected.mean_mm - before)
+                });
+                let go_on = match tolerance {
+                    Some(tolerance) if expected.mean_mm > tolerance => {
+                        format!("; go on: more than {tolerance} mm")
+                    }
+                    Some(tolerance) => format!("; {tolerance} mm is reached"),
+                    None => String::new(),
+                };
+                self.report.line(format_args!(
+                    "  expected error {:.3} mm, 95 % within {:.3} mm (as drawn {:.3} mm){change}{go_on}",
+                    expected.mean_mm, expected.p95_mm, found.drawn.mean_mm
+                ));
+            }
+        }
+        let beyond = found.map(|found| {
+            let of = found.beyond.iter();
+            of.map(|(kind, value)| json!({"kind": kind, "noise_beyond": value}))
+                .collect::<Vec<_>>()
+        });
+        self.document(json!({
+            "event": "known", "row": row, "seconds": seconds,
+            "expected_mm": found.map(|f| f.expected.mean_mm), "p95_mm": found.map(|f| f.expected.p95_mm),
+            "drawn_mm": found.map(|f| f.drawn.mean_mm), "noise": beyond,
+            "strange_rows": found.map(|f| f.strange.iter().map(|(row, _)| row + 1).collect::<Vec<_>>())
+        }))
+    }
+
+    /// The last row is not what the others say.
+    pub fn strange(&mut self, row: usize, missed_mm: Option<f64>) -> Result<(), Failure> {
+        let by = missed_mm.map_or_else(
+            || "is far off what the others say".to_owned(),
+            |mm| format!("is {mm:.1} mm off what the others say"),
+        );
+        note(format_args!(
+            "row {row} {by}: measure it again? It stays in the file, and `calibrate` leaves out what does not fit"
+        ));
+        self.document(json!({"event": "strange", "row": row, "missed_mm": missed_mm}))
+    }
+
+    /// Why it ends, and what comes then.
+    pub fn end(
+        &mut self,
+        end: End,
+        rows: usize,
+        found: Option<&Outlook>,
+        tolerance: Option<f64>,
+        calibrate: &str,
+    ) -> Result<(), Failure> {
+        let why = match end {
+            End::Within => "The expected error is within the tolerance".to_owned(),
+            End::UsedUp => "The plan is used up".to_owned(),
+            End::NoMore => "No more rows come".to_owned(),
+        };
+        let expected = found.map_or_else(String::new, |found| {
+            format!(
+                ", expected error {:.3} mm (mean over the work volume, of a model without processes)",
+                found.expected.mean_mm
+            )
+        });
+        self.report
+            .line(format_args!("{why}: {rows} rows{expected}."));
+        if rows > 0 {
+            self.report
+                .line(format_args!("Then: {calibrate} --out model.blob"));
+        }
+        let reason = match end {
+            End::Within => "tolerance",
+            End::UsedUp => "used-up",
+            End::NoMore => "no-more-rows",
+        };
+        self.document(json!({
+            "event": "end", "reason": reason, "rows": rows, "tolerance_mm": tolerance,
+            "expected_mm": found.map(|f| f.expected.mean_mm), "version": env!("CARGO_PKG_VERSION")
+        }))
+    }
+}
