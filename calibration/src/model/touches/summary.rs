@@ -34,6 +34,7 @@ pub struct TouchSummary {
     /// The unit of `left_out`.
     pub left_out_unit: &'static str,
     /// By what factor the arm is farther from its drawing than its class, where the touches say.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub beyond_class: Option<f64>,
     /// The priors of the class and those that the evidence prefers: length mm, tilt mrad, joint zero mrad.
     pub class: [[f64; 3]; 2],
@@ -53,6 +54,7 @@ pub struct TouchSummary {
     /// What the touches cannot tell.
     pub unseen: Vec<Unseen>,
     /// The largest τ of a length in mm, where it asks whether joints play or the tool slips.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub play_mm: Option<f64>,
 }
 
@@ -90,6 +92,7 @@ pub struct DistanceSummary {
     /// As drawn and as calibrated less what is said, mm.
     pub error_mm: [f64; 2],
     /// What everything else says of it, and the standard deviation of that, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub measured_mm: Option<[f64; 2]>,
 }
 

@@ -12,6 +12,7 @@
 //! the noise in units of the stated one, found from the residuals and never below it. Nobody can tell a moved base from moved
 //! features, nor the tool from the tip that is fitted: both are no hypotheses here.
 
+mod rows;
 mod weighed;
 
 use poegp_runtime::kinematics::poe::Poe;
@@ -19,29 +20,23 @@ use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
 use crate::blob::predict::BlobModel;
-use crate::identification::frame_fit::{ResidualFrame, residual_components};
-use crate::identification::parametric::state::{Linearised, ROWS};
+use crate::identification::parametric::state::ROWS;
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::problem::LeftOut;
-use crate::measurement::noise::NoiseScales;
-use crate::measurement::observation::Observation;
-use crate::measurement::sample::{BaseSample, Instrument, InstrumentSample, Sample};
+use crate::measurement::sample::BaseSample;
 use crate::measurement::touch::TouchSet;
 use crate::model::touches::USUAL_CLASS;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::Summary;
-use crate::validation::touches::{flange_from_target, flanges, gravity};
-use crate::verification::arm::BlobArm;
+use crate::validation::touches::{flanges, gravity};
 use crate::verification::drift_test::{Columns, DriftTest, columns};
 use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitivity};
-use crate::verification::hypotheses::{Hypothesis, Part, hypotheses};
-use crate::verification::payload::payload_step;
+use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, CheckError, Sensitivity};
+use crate::verification::touches::rows::{ArmAtTouches, Rows};
 use crate::verification::touches::weighed::{Weighed, size_ppm};
 use crate::verification::{FEWEST_FREEDOM, number};
 
-/// Unknowns with a wider prior than this, m or rad, nobody knows.
-const UNKNOWN: f64 = 1.0;
 /// What touches say of a calibration.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchReport {
@@ -236,209 +231,4 @@ fn moved_states(problem: &TouchProblem, parts: &[(Part, f64)]) -> Vec<BaseSample
         }
     }
     states
-}
-
-/// The equations of touches, each in units of its stated noise.
-struct Rows {
-    /// −e, where unknowns that somebody stated are as stated.
-    y: Mat<f64>,
-    /// What each sees of the poses of all states: displacement and rotation of the tip in the axes of the base, m and rad.
-    seen: Mat<f64>,
-    /// F of what nobody knows.
-    free: Mat<f64>,
-    /// F Λ of what somebody stated.
-    stated: Mat<f64>,
-    /// 0 of lengths, 1 of angles and images.
-    kind: Vec<Option<usize>>,
-    /// Share of a row's variance that no factor of the noise changes: all of a known distance.
-    fixed: Vec<f64>,
-    /// σ of the row, m; `None` of angles and images.
-    sigma: Vec<Option<f64>>,
-}
-
-/// Columns that are not zero, with their values.
-type Sparse = Vec<(usize, f64)>;
-/// e, what it sees of the pose of its state, and of its unknowns.
-type Equation = (f64, Sparse, Sparse);
-
-impl Rows {
-    fn new(problem: &TouchProblem, fit: &TouchFit) -> Self {
-        let set = problem.set;
-        let jets = fit.arm.linearise(&problem.states);
-        let priors = fit.priors(problem);
-        let (unknowns, tips) = (fit.scene.prior.len(), priors.len());
-        // Of the unknowns those of the tips come first.
-        let mut all: Vec<Equation> = Vec::new();
-        let (mut kind, mut fixed, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
-        for (row, touch) in set.rows.iter().enumerate() {
-            if fit.weights[row] == 0.0 {
-                continue;
-            }
-            let state = problem.state_of[row];
-            let jet = fit.scene.row(set, &touch.reading, &jets[state].pose);
-            for i in 0..jet.count {
-                let is_length = Noise::of(&touch.reading, i).is_length();
-                let own = problem.stated_variance(row, i).sqrt();
-                let pose = (0..ROWS).map(|a| (ROWS * state + a, jet.tip[i][a] / own));
-                let by_tips = (0..tips).map(|j| {
-                    let by_pose = (0..ROWS).map(|a| jet.tip[i][a] * jets[state].jacobian[(a, j)]);
-                    (j, by_pose.sum::<f64>() / own)
-                });
-                let scene = jet.own.iter().map(|(at, x)| (tips + at, x[i] / own));
-                all.push((
-                    jet.residual[i] / own,
-                    pose.collect(),
-                    by_tips.chain(scene).collect(),
-                ));
-                kind.push(Some(usize::from(!is_length)));
-                fixed.push(0.0);
-                sigma.push(is_length.then_some(own));
-            }
-        }
-        for known in &set.distances {
-            let Some((missed, direction)) = fit.distance(known.between, known.distance) else {
-                continue;
-            };
-            let ends = known.between.iter().zip([1.0, -1.0]);
-            let own = ends.flat_map(|(feature, sign)| {
-                let first = tips + fit.scene.first[*feature];
-                (0..3).map(move |i| (first + i, sign * direction[i] / known.sigma))
-            });
-            all.push((missed / known.sigma, Vec::new(), own.collect()));
-            kind.push(Some(0));
-            fixed.push(1.0);
-            sigma.push(None);
-        }
-        let prior: Vec<f64> = priors.iter().chain(&fit.scene.prior).copied().collect();
-        let value: Vec<f64> = fit
-            .arm
-            .theta
-            .iter()
-            .chain(&fit.scene.deviation)
-            .copied()
-            .collect();
-        let is_free = |j: &usize| prior[*j] >= UNKNOWN;
-        let is_stated = |j: &usize| prior[*j] > 0.0 && prior[*j] < UNKNOWN;
-        let free: Vec<usize> = (0..tips + unknowns).filter(is_free).collect();
-        let stated: Vec<usize> = (0..tips + unknowns).filter(is_stated).collect();
-        let mut out = Self {
-            y: Mat::zeros(all.len(), 1),
-            seen: Mat::zeros(all.len(), ROWS * problem.states.len()),
-            free: Mat::zeros(all.len(), free.len()),
-            stated: Mat::zeros(all.len(), stated.len()),
-            kind,
-            fixed,
-            sigma,
-        };
-        for (k, (residual, pose, own)) in all.into_iter().enumerate() {
-            let mut y = -residual;
-            for (column, x) in pose {
-                out.seen[(k, column)] = x;
-            }
-            for (j, x) in own {
-                if let Ok(at) = free.binary_search(&j) {
-                    out.free[(k, at)] = x;
-                } else if let Ok(at) = stated.binary_search(&j) {
-                    out.stated[(k, at)] = x * prior[j];
-                    // Back to where it was stated to be.
-                    y += x * value[j];
-                }
-            }
-            out.y[(k, 0)] = y;
-        }
-        out
-    }
-}
-
-/// The arm of the blob at the states of the touches, in rows of poses.
-struct ArmAtTouches {
-    arm: BlobArm,
-    samples: Vec<InstrumentSample>,
-    at: Linearised,
-    /// Units of the rows of poses.
-    scales: NoiseScales,
-    /// What is looked for, in rows of poses.
-    all: Vec<Hypothesis>,
-    /// Displacements that twice the size makes, in rows of poses.
-    size: Mat<f64>,
-}
-
-impl ArmAtTouches {
-    fn new(loaded: &BlobModel, problem: &TouchProblem, fit: &TouchFit) -> Self {
-        let last = problem.nominal.frames()[problem.nominal.kinds().len()];
-        let target_from_joint = (last * flange_from_target(loaded)).inverse();
-        let tools: Vec<Pose<f64>> = fit
-            .arm
-            .model
-            .tools
-            .iter()
-            .map(|tool| target_from_joint * *tool)
-            .collect();
-        let arm = BlobArm::new(loaded, &tools);
-        let poses = fit.arm.poses(&problem.states);
-        let sample = |(state, pose): (&BaseSample, &Pose<f64>)| Sample {
-            payload_kg: state.payload_kg,
-            tool: state.tool,
-            ..Sample::new(
-                state.joints.clone(),
-                state.serial_joints.clone(),
-                Observation::Pose(*pose),
-                Instrument,
-            )
-        };
-        let samples: Vec<InstrumentSample> =
-            problem.states.iter().zip(&poses).map(sample).collect();
-        let stated: Vec<f64> = (0..problem.set.rows.len())
-            .filter(|row| Noise::of(&problem.set.rows[*row].reading, 0).is_length())
-            .map(|row| problem.stated_variance(row, 0))
-            .collect();
-        let mean = stated.iter().sum::<f64>() / stated.len().max(1) as f64;
-        let unit = if mean > 0.0 { mean.sqrt() } else { LEVEL };
-        let scales = NoiseScales::uniform(unit, LEVEL);
-        let at = arm.linearise(&samples, scales);
-        let payload = payload_effect(loaded, &samples, &tools, scales);
-        let mut all = hypotheses(&arm, &at, &samples, payload);
-        all.retain(|h| !matches!(h.part, Part::Base | Part::Tool));
-        let mut size = Mat::zeros(ROWS * samples.len(), 1);
-        for (k, pose) in poses.iter().enumerate() {
-            for i in 0..3 {
-                size[(ROWS * k + i, 0)] = pose.translation[i] / scales.position;
-            }
-        }
-        Self {
-            arm,
-            samples,
-            at,
-            scales,
-            all,
-            size,
-        }
-    }
-}
-
-/// Of angles, rad.
-const LEVEL: f64 = 50e-6;
-
-/// What a kilogram more does, in units of `scales`.
-fn payload_effect(
-    loaded: &BlobModel,
-    samples: &[InstrumentSample],
-    tools: &[Pose<f64>],
-    scales: NoiseScales,
-) -> Option<Mat<f64>> {
-    let base_from_instrument = loaded.instrument_from_base().inverse();
-    let mut out = Mat::zeros(ROWS * samples.len(), 1);
-    for (k, sample) in samples.iter().enumerate() {
-        let (less, more) = payload_step(loaded, sample.payload_kg)?;
-        let pose = |kg: f64| {
-            let found = loaded.predict(&sample.joints, Some(kg)).pose;
-            base_from_instrument * found * tools[sample.tool]
-        };
-        let kind = ResidualFrame::ToolPoint(scales);
-        let all = residual_components(kind, &Observation::Pose(pose(more)), &pose(less));
-        for (row, value) in all.into_iter().enumerate() {
-            out[(ROWS * k + row, 0)] = value / (more - less);
-        }
-    }
-    Some(out)
 }

@@ -8,7 +8,7 @@ use crate::verification::drift_test::{self, Columns, columns};
 use crate::verification::hypotheses::Hypothesis;
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::result::CheckError;
-use crate::verification::touches::{ArmAtTouches, Rows};
+use crate::verification::touches::rows::{ArmAtTouches, Rows};
 
 /// Standard deviations of a change that a test of 1 % finds nine times in ten.
 const SURELY: f64 = 3.86;
