@@ -19,6 +19,7 @@ pub mod noise;
 mod options;
 mod payload;
 pub mod result;
+mod touch_rows;
 pub mod touches;
 mod whitened;
 

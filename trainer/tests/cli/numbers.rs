@@ -23,7 +23,14 @@ const RANGES: [(&str, f64); 9] = [
 const BARE: f64 = 1e10;
 const CHI_SQUARED: f64 = 1e13;
 /// Keys with a unit that may be null: documented as not measured, not there or not determined.
-const NULLS: [&str; 4] = ["noise_mrad", "payload_kg", "shift_xyz_mm", "turn_xyz_mrad"];
+const NULLS: [&str; 6] = [
+    "measured_mm",
+    "noise_mrad",
+    "payload_kg",
+    "play_mm",
+    "shift_xyz_mm",
+    "turn_xyz_mrad",
+];
 
 fn range(unit: &str) -> Option<f64> {
     let found = RANGES.iter().find(|(name, _)| *name == unit);
