@@ -129,7 +129,7 @@ class Problem:
         for feature in toml["feature"]:
             own = np.array([k for k, row in enumerate(rows) if row["feature"] == feature["name"]])
             kind = feature["kind"]
-            values = [float(rows[k]["value_mm"] or 0) for k in own]
+            values = [float(rows[k].get("value_mm") or 0) for k in own]
             entry = {"kind": kind, "rows": own, "first": first, "value": 1e-3 * np.array(values)}
             entry["sigma"] = noise[kind]
             if kind == "point":

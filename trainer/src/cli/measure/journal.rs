@@ -12,6 +12,11 @@ use poegp_calibration::input_error::InputError;
 use crate::cli::failure::Failure;
 use crate::cli::output::transaction::writing;
 
+/// Proof that a row is on disk: nothing else makes one, and nobody confirms a row without it.
+#[derive(Debug)]
+#[must_use]
+pub struct OnDisk(());
+
 /// The file, open for one more row at a time.
 pub struct Journal {
     path: PathBuf,
@@ -93,7 +98,7 @@ impl Journal {
     ///
     /// # Errors
     /// [`Failure::LostOutput`].
-    pub fn append(&mut self, line: &str) -> Result<(), Failure> {
+    pub fn append(&mut self, line: &str) -> Result<OnDisk, Failure> {
         let _writing = writing();
         let line = format!("{line}\n");
         let written = self
@@ -106,7 +111,7 @@ impl Journal {
             return Err(Failure::lost(&self.path, error));
         }
         self.bytes.extend(line.into_bytes());
-        Ok(())
+        Ok(OnDisk(()))
     }
 }
 
@@ -138,8 +143,8 @@ mod tests {
         let path = folder.path().join("rows.csv");
         let (mut journal, torn) = Journal::open(&path).unwrap();
         assert_eq!((journal.header(), torn), (None, None));
-        journal.append("q1_deg,x_mm").unwrap();
-        journal.append("1,2").unwrap();
+        let OnDisk(()) = journal.append("q1_deg,x_mm").unwrap();
+        let OnDisk(()) = journal.append("1,2").unwrap();
         assert!(Journal::open(&path).is_err(), "one program at a time");
         drop(journal);
         for (tail, kept) in [("3,", "# torn, left out: 3,\n"), ("\0\0\0", "")] {

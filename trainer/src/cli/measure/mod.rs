@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use crate::cli::args::{Gravity, RobotArgs, gravity, positive};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::measure::journal::{Journal, first_line};
+use crate::cli::measure::journal::{Journal, OnDisk, first_line};
 use crate::cli::measure::plan::Planned;
 use crate::cli::measure::show::{End, Show};
 use crate::cli::measure::source::{Lines, Origin};
@@ -137,8 +137,8 @@ struct Session<'a> {
 
 /// What came in place of a row.
 enum Answer {
-    /// A row, and all rows with it.
-    Row(Box<TouchSet>),
+    /// A row that is on disk, and all rows with it.
+    Row(Box<TouchSet>, OnDisk),
     /// It cannot be measured.
     Skip,
     /// No more comes.
@@ -228,7 +228,7 @@ impl Session<'_> {
             match self.answer()? {
                 Answer::End => return Ok(End::NoMore),
                 Answer::Skip => self.chooser.skip(next.row),
-                Answer::Row(set) => self.took(&set)?,
+                Answer::Row(set, kept) => self.took(&set, &kept)?,
             }
         }
     }
@@ -249,7 +249,7 @@ impl Session<'_> {
                 return Ok(Answer::Skip);
             }
             match self.taken(number, &line) {
-                Ok(Some(set)) => return Ok(Answer::Row(Box::new(set))),
+                Ok(Some((set, kept))) => return Ok(Answer::Row(Box::new(set), kept)),
                 Ok(None) => {}
                 Err(Failure::Input(error)) => self.show.refused(&error)?,
                 Err(failure) => return Err(failure),
@@ -258,7 +258,7 @@ impl Session<'_> {
     }
 
     /// Reads a line and puts it on disk if it is a row; `None` if it is a header.
-    fn taken(&mut self, number: usize, line: &str) -> Result<Option<TouchSet>, Failure> {
+    fn taken(&mut self, number: usize, line: &str) -> Result<Option<(TouchSet, OnDisk)>, Failure> {
         let of_input = |mut error: InputError| {
             error.line = error.line.map(|_| number);
             error
@@ -299,15 +299,15 @@ impl Session<'_> {
             .so_far(name, &all, self.arm)
             .map_err(of_input)?;
         self.header = Some(header.to_owned());
-        self.journal.append(&lines)?;
-        Ok(Some(set))
+        let kept = self.journal.append(&lines)?;
+        Ok(Some((set, kept)))
     }
 
-    /// A row is on disk: says so, and what is known with it.
-    fn took(&mut self, set: &TouchSet) -> Result<(), Failure> {
+    /// Confirms a row, and says what is known with it.
+    fn took(&mut self, set: &TouchSet, kept: &OnDisk) -> Result<(), Failure> {
         let index = set.rows.len() - 1;
         self.rows = set.rows.len();
-        self.show.taken(self.rows)?;
+        self.show.taken(self.rows, kept)?;
         let before = self.found.as_ref().map(|found| found.expected.mean_mm);
         let seconds = self.look(set);
         let is_strange = self.is_strange(index);

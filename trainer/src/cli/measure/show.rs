@@ -13,6 +13,7 @@ use poegp_protocol::JointKind;
 
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
+use crate::cli::measure::journal::OnDisk;
 use crate::cli::measure::plan::Asked;
 use crate::cli::terminal::print::{Printer, is_stdout, note, to_stdout};
 use crate::cli::terminal::snippet;
@@ -125,7 +126,7 @@ impl Show {
     }
 
     /// A row that is on disk.
-    pub fn taken(&mut self, row: usize) -> Result<(), Failure> {
+    pub fn taken(&mut self, row: usize, _: &OnDisk) -> Result<(), Failure> {
         self.report.line(format_args!("row {row} is on disk"));
         self.document(json!({"event": "taken", "row": row}))
     }
