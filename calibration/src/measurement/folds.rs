@@ -15,26 +15,22 @@ use crate::measurement::sample::Sample;
 const SAME_ANGLE: f64 = 0.1 * std::f64::consts::PI / 180.0;
 const SAME_LENGTH: f64 = 1e-4;
 
-/// Index of the group of each sample: groups hold all samples of the same configuration.
-fn groups<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<usize> {
-    let same = |a: &Sample<F>, b: &Sample<F>| {
-        a.joints
-            .iter()
-            .zip(&b.joints)
-            .zip(kinds)
-            .all(|((x, y), kind)| {
-                (x - y).abs()
-                    <= if *kind == JointKind::Revolute {
-                        SAME_ANGLE
-                    } else {
-                        SAME_LENGTH
-                    }
-            })
+/// Index of the group of each row of joints (rad or m): groups hold all rows of the same configuration.
+pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize> {
+    let same = |a: &[f64], b: &[f64]| {
+        a.iter().zip(b).zip(kinds).all(|((x, y), kind)| {
+            (x - y).abs()
+                <= if *kind == JointKind::Revolute {
+                    SAME_ANGLE
+                } else {
+                    SAME_LENGTH
+                }
+        })
     };
-    let mut group: Vec<usize> = (0..samples.len()).collect();
-    for i in 0..samples.len() {
+    let mut group: Vec<usize> = (0..joints.len()).collect();
+    for i in 0..joints.len() {
         for j in 0..i {
-            if group[i] != group[j] && same(&samples[i], &samples[j]) {
+            if group[i] != group[j] && same(joints[i], joints[j]) {
                 let (from, to) = (group[i].max(group[j]), group[i].min(group[j]));
                 group
                     .iter_mut()
@@ -57,7 +53,8 @@ impl Folds {
     /// Divides `samples` into `count` folds, drawn with `seed`. Sizes differ by no more than the largest group of equal
     /// configurations.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
-        let group = groups(samples, kinds);
+        let joints: Vec<&[f64]> = samples.iter().map(|s| s.joints.as_slice()).collect();
+        let group = same_configurations(&joints, kinds);
         let mut members: Vec<Vec<usize>> = vec![Vec::new(); samples.len()];
         for (sample, g) in group.iter().enumerate() {
             members[*g].push(sample);

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::blob::predict::BlobModel;
 use crate::blob::write::CalibratedBlob;
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
+use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
@@ -25,6 +26,8 @@ pub struct HeldOutPose {
     pub residual: [f64; 6],
     /// Predicted standard deviation of each of these, where it was asked for and is known.
     pub sigma: Option<[f64; 6]>,
+    /// The noise that the file declares for it.
+    pub noise: InstrumentNoise,
 }
 
 impl HeldOutPose {
@@ -61,6 +64,7 @@ pub fn held_out(
                 &(base_from_instrument * predicted),
             ),
             sigma: calibration.and_then(|c| c.standard_deviation(sample)),
+            noise: sample.declared_noise,
         }
     };
     samples.iter().map(observe).collect()

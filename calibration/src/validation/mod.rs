@@ -1,10 +1,12 @@
 //! Everything that is made of held-out errors.
 
 pub mod command_change;
+pub mod conformity;
 pub mod cross_validation;
 pub mod device_budget;
 pub mod held_out;
 pub mod learning_curve;
 pub mod model_selection;
+pub mod repeated_poses;
 pub mod touches;
 pub mod work_volume;

@@ -15,7 +15,10 @@ use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
+use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::cli::touches::{self, are_touches};
+use crate::report::certificate::{Certificate, Statement};
+use crate::report::sections;
 use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
@@ -44,18 +47,26 @@ pub struct CompareJson<'a> {
     pub warnings: &'a [Finding],
     /// One entry for each method.
     pub methods: &'a [ModelComparison],
-    /// With `--report`: what it shows, of the test sets or of the folds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub held_out: Option<HeldOutSummary>,
-    /// Where this comes from.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub provenance: Option<Provenance>,
+    /// With `--report` or a tolerance.
+    #[serde(flatten)]
+    pub shown: Option<&'a HeldOutPart>,
     /// With `--correct-drift`: what was taken out of the data of `methods`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<&'a DriftReport>,
     /// With `--correct-drift`: the same methods on the data as they were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub methods_without_correction: Option<&'a [ModelComparison]>,
+}
+
+/// What a report shows, of the test sets or of the folds.
+#[derive(Serialize)]
+pub struct HeldOutPart {
+    /// Errors of the best method, before and after.
+    pub held_out: HeldOutSummary,
+    /// Whether it conforms to the tolerance.
+    pub certificate: Certificate,
+    /// Where this comes from.
+    pub provenance: Provenance,
 }
 
 /// `trainer compare`.
@@ -94,6 +105,8 @@ pub struct Compare {
     pub accepted: AcceptArgs,
     #[command(flatten)]
     pub fit: FitArgs,
+    #[command(flatten)]
+    pub tolerance: ToleranceArgs,
     /// Write an HTML report with errors and plots: of the test sets, or of the folds if there are none.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -110,6 +123,10 @@ fn of_touches(a: &Compare) -> Result<(), Failure> {
         (a.correct_drift, "--correct-drift"),
         (!a.accepted.accept.is_empty(), "--accept"),
         (a.report.is_some(), "--report"),
+        (
+            a.tolerance.is_given(),
+            "--tolerance-mm, --tolerance-mrad or --coverage",
+        ),
     ];
     touches::refuse_options(&a.train, &given)?;
     touches::compare::run(&touches::compare::Asked {
@@ -244,8 +261,12 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         models = run(&last_task)?;
     }
     bar.finish_and_clear();
-    let mut shown = None;
-    if a.report.is_some() {
+    let statement = Statement {
+        tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+        ..Statement::default()
+    };
+    let (mut shown, mut html) = (None, None);
+    if a.report.is_some() || statement.tolerances.is_stated() {
         let sets = if a.tests.is_empty() {
             vec![&set]
         } else {
@@ -255,13 +276,24 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         let from = &a.robot.robot;
         let seed = Some(a.seed);
         let provenance = report_page::provenance(from, &arm, &origin, seed, &set, &test_files);
-        let summary = evidence.summary();
-        let html = report_page::of_comparison(&provenance, &evidence, &summary);
-        shown = Some((summary, provenance, html));
+        let part = HeldOutPart {
+            held_out: evidence.summary(),
+            certificate: Certificate::new(
+                &evidence,
+                &statement,
+                drift.as_ref().map(|d| (&d.report, true)),
+                &provenance.serial_number,
+            ),
+            provenance,
+        };
+        html = Some(report_page::of_comparison(
+            &part.provenance,
+            &evidence,
+            &part.held_out,
+            &part.certificate,
+        ));
+        shown = Some(part);
     }
-    let (summary, provenance, html) = shown.map_or((None, None, None), |(summary, from, html)| {
-        (Some(summary), Some(from), Some(html))
-    });
     let mut json = None;
     if a.json.is_some() {
         let document = CompareJson {
@@ -271,13 +303,13 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             weighting: a.fit.weighting.unwrap_or_default(),
             warnings: &warnings,
             methods: &models,
-            held_out: summary,
-            provenance,
+            shown: shown.as_ref(),
             drift: drift.as_ref().map(|d| &d.report),
             methods_without_correction: uncorrected.as_deref(),
         };
         json = Some(json_text(&document)?);
     }
+    let html = html.filter(|_| a.report.is_some());
     let texts = [(&a.json, &json), (&a.report, &html)];
     let texts = texts
         .iter()
@@ -304,7 +336,13 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             path.display()
         ));
     }
-    Ok(())
+    let certificate = shown.as_ref().map(|part| &part.certificate);
+    if let Some(conformity) = certificate.and_then(|c| c.conformity.as_ref())
+        && let Some(line) = sections::verdict_line(conformity)
+    {
+        report.line(format_args!("\nVerdict on the best model: {line}."));
+    }
+    tolerance::outcome(certificate, &statement)
 }
 
 /// What the report shows: `models`, with base and tool alone for comparison when that was not asked for, and the learning

@@ -146,8 +146,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         per_output: false,
         weighting: Weighting::None,
         methods: &models[..PAPER_TABLE_I.len()],
-        held_out: None,
-        provenance: None,
+        shown: None,
         drift: None,
         methods_without_correction: None,
     };

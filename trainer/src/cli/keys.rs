@@ -51,17 +51,19 @@ pub struct NewKeys {
 /// `trainer sign`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:\n  trainer sign arm.blob --key cell7.key\n  \
-    trainer sign arm.blob --key cell7.key --out signed.blob")]
+    trainer sign arm.blob --key cell7.key --out signed.blob\n  \
+    trainer sign report.html --key cell7.key   (writes report.html.sig)")]
 pub struct Sign {
-    /// Blob to sign; an existing signature is replaced.
-    pub blob: PathBuf,
+    /// Blob to sign, or a report (.html) or its JSON (.json), whose signature goes to FILE.sig. An existing signature is replaced.
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
     /// Secret key.
     #[arg(long, value_name = "FILE")]
     pub key: PathBuf,
     /// Revision of the model; a device takes none that is lower than that of its own (default: the time, in seconds).
     #[arg(long, value_name = "N")]
     pub revision: Option<u32>,
-    /// Write the signed blob to this file (default: replace the blob).
+    /// Write the signed blob, or the signature of a report, to this file (default: replace the blob; FILE.sig).
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Write the result as JSON (`-`: standard output).
@@ -71,10 +73,14 @@ pub struct Sign {
 
 /// `trainer verify`.
 #[derive(Debug, Args)]
-#[command(after_help = "Example: trainer verify arm.blob --public-key cell7.pub")]
+#[command(
+    after_help = "Examples:\n  trainer verify arm.blob --public-key cell7.pub\n  \
+    trainer verify report.html --public-key cell7.pub   (reads report.html.sig)"
+)]
 pub struct Verify {
-    /// Blob to verify.
-    pub blob: PathBuf,
+    /// Blob to verify, or a report (.html) or its JSON (.json) with its signature in FILE.sig.
+    #[arg(value_name = "FILE")]
+    pub file: PathBuf,
     /// Public key.
     #[arg(long, value_name = "FILE")]
     pub public_key: PathBuf,
@@ -121,8 +127,8 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
 }
 
 pub fn sign(a: &Sign) -> Result<(), Failure> {
-    let out = a.out.as_ref().unwrap_or(&a.blob);
-    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.key, out])?;
+    let out = a.out.as_ref().unwrap_or(&a.file);
+    check_outputs(&[a.json.as_deref()], &[&a.file, &a.key, out])?;
     if a.json.as_ref() == Some(out) {
         let found = "two outputs in one file";
         return Err(InputError::new(out, found, "a file for each output").into());
@@ -136,14 +142,14 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         return Err(InputError::new(out, "the key", expected).into());
     }
     let key = read_secret_key(&a.key)?;
-    let loaded = BlobModel::read(&a.blob)?;
+    let loaded = BlobModel::read(&a.file)?;
     let revision = match a.revision {
         Some(revision) => revision,
         None => revision_of_now()?,
     };
     let signed = key.sign(loaded.bytes(), revision).map_err(|e| {
         let expected = "a model blob written by `trainer calibrate`";
-        InputError::new(&a.blob, e.to_string(), expected)
+        InputError::new(&a.file, e.to_string(), expected)
     })?;
     let replaced = envelope::open(loaded.bytes())
         .ok()
@@ -186,20 +192,20 @@ pub fn read_secret_key(path: &Path) -> Result<SecretKey, Failure> {
 }
 
 pub fn verify(a: &Verify) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[&a.blob, &a.public_key])?;
+    check_outputs(&[a.json.as_deref()], &[&a.file, &a.public_key])?;
     let key = PublicKey::read(&a.public_key)?;
     let expected = "a model blob written by `trainer sign`";
     let bytes =
-        std::fs::read(&a.blob).map_err(|e| InputError::unreadable(&a.blob, &e, expected))?;
+        std::fs::read(&a.file).map_err(|e| InputError::unreadable(&a.file, &e, expected))?;
     let id = id_text(&key.id());
-    let verdict = |outcome: Result<u32, String>| json!({ "file": a.blob, "key": id, "verified": outcome.is_ok(), "revision": outcome.as_ref().ok(), "why": outcome.as_ref().err() });
+    let verdict = |outcome: Result<u32, String>| json!({ "file": a.file, "key": id, "verified": outcome.is_ok(), "revision": outcome.as_ref().ok(), "why": outcome.as_ref().err() });
     let refused = |why: &dyn std::fmt::Display| match write_summary(
         a.json.as_deref(),
         verdict(Err(why.to_string())),
     ) {
         Ok(()) => Failure::Refused(format!(
             "{}: not verified by key {id}: {why}",
-            a.blob.display()
+            a.file.display()
         )),
         Err(failure) => failure,
     };
@@ -214,13 +220,13 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
     write_summary(a.json.as_deref(), verdict(Ok(revision)))?;
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "{}: signed by key {id} as revision {revision}",
-        a.blob.display()
+        a.file.display()
     ));
     Ok(())
 }
 
 /// `path` with `suffix` behind its name, which may have dots of its own.
-fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+pub fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(suffix);
     name.into()

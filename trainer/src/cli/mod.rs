@@ -26,8 +26,10 @@ mod keys;
 mod measure;
 mod output;
 mod plan;
+mod signed_document;
 mod simulate;
 mod terminal;
+mod tolerance;
 mod touches;
 
 use std::ffi::OsString;
@@ -105,9 +107,9 @@ pub enum Command {
     Import(Import),
     /// Make keys that sign models.
     Keys(Keys),
-    /// Sign a blob.
+    /// Sign a blob, a report or its JSON.
     Sign(Sign),
-    /// Verify the signature of a blob, like the device does: exit code 0 if this key signed it, 1 if not.
+    /// Verify the signature of a blob, like the device does, or of a report: exit code 0 if this key signed it, 1 if not.
     Verify(Verify),
     /// Reproduce the paper's simulation: simulate, calibrate, compare, write a blob, read it back.
     Demo(Demo),
@@ -153,7 +155,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Export(a) => export::run(&a),
         Command::Import(a) => import::run(&a),
         Command::Keys(a) => keys::keys(&a),
+        Command::Sign(a) if signed_document::is_document(&a.file) => signed_document::sign(&a),
         Command::Sign(a) => keys::sign(&a),
+        Command::Verify(a) if signed_document::is_document(&a.file) => signed_document::verify(&a),
         Command::Verify(a) => keys::verify(&a),
         Command::Demo(a) => demo::run(&a),
         Command::Device(a) => device::run(&a),

@@ -15,6 +15,7 @@
 //! exact value and its place there (a JSON pointer): [`Number`]; a test compares them all. The same input gives
 //! the same bytes.
 
+pub mod certificate;
 pub mod chart;
 pub mod data;
 pub mod provenance;

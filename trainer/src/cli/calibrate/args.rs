@@ -7,6 +7,7 @@ use clap::Parser;
 use crate::cli::args::{ChainArgs, FitArgs, MethodChoice, method_or_auto};
 use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::examination::AcceptArgs;
+use crate::cli::tolerance::ToleranceArgs;
 
 /// `trainer calibrate`.
 #[derive(Debug, Parser)]
@@ -79,6 +80,8 @@ pub struct Calibrate {
     /// Held-out measurements: the errors on them are reported; may be repeated.
     #[arg(long = "test", value_name = "FILE")]
     pub tests: Vec<PathBuf>,
+    #[command(flatten)]
+    pub tolerance: ToleranceArgs,
     /// Write an HTML report: held-out errors, plots, parameters, provenance. Without --test it cross-validates, which takes
     /// about five more calibrations.
     #[arg(long, value_name = "FILE")]

@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::job::Job;
+use crate::report::certificate::Certificate;
 use crate::report::sections::ListedOutlier;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
@@ -39,6 +40,9 @@ pub struct CalibrateJson {
     /// Errors on poses that were not trained on, where some were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOutSummary>,
+    /// Whether the arm conforms to its tolerance, and who measured it with what; present with `held_out`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub certificate: Option<Certificate>,
     /// The position error to be expected all over the measured ranges of the joints.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<ExpectedError>,
@@ -180,6 +184,7 @@ pub fn document(
         training_poses: training.poses,
         training,
         held_out: None,
+        certificate: None,
         expected_error: None,
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),

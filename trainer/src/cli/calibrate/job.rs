@@ -8,6 +8,8 @@ use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::calibrate::project::{Project, is_project};
 use crate::cli::failure::Failure;
 use crate::cli::terminal::print::note;
+use crate::cli::tolerance::ToleranceTable;
+use crate::report::certificate::Statement;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::trust::Cause;
@@ -38,6 +40,8 @@ pub struct Job {
     pub serial_number: String,
     pub date: Option<String>,
     pub out: PathBuf,
+    /// What the arm is to meet, and who measures it with what.
+    pub statement: Statement,
     pub report: Option<PathBuf>,
     pub json: Option<PathBuf>,
     pub write_project: Option<PathBuf>,
@@ -100,6 +104,10 @@ impl Job {
             serial_number: a.serial_number.clone().unwrap_or_default(),
             date: a.date.clone(),
             out: a.out.clone().unwrap_or_default(),
+            statement: Statement {
+                tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+                ..Statement::default()
+            },
             report: a.report.clone(),
             json: a.json.clone(),
             write_project: a.write_project.clone(),
@@ -170,6 +178,13 @@ impl Job {
             && a.serial_number.is_none()
             && a.date.is_none()
             && a.gauge.is_empty();
+        let (tolerances, of_tolerance) = a.tolerance.completed(&file.tolerance);
+        overrides.extend(of_tolerance.into_iter().map(str::to_owned));
+        self.statement = Statement {
+            tolerances,
+            instrument: file.instrument.clone(),
+            record: file.record.clone(),
+        };
         overrides.extend(outputs.iter().filter_map(named));
         if !overrides.is_empty() {
             note(format_args!(

@@ -30,6 +30,8 @@ use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::cli::terminal::progress;
+use crate::cli::tolerance;
+use crate::report::certificate::Certificate;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_in_gauge};
 use poegp_calibration::measurement::reader::SampleFile;
@@ -79,7 +81,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     files.extend(project.map(|(path, text)| (path, text.as_bytes())));
     write_outputs(&files)?;
     print::all(Printer::for_outputs(&outputs), a, &made);
-    Ok(())
+    tolerance::outcome(made.document.certificate.as_ref(), &a.statement)
 }
 
 /// Calibrates.
@@ -195,6 +197,10 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let mut document = document(a, calibration, blob, precision_loss, training, provenance);
     document.gauge = Some(known.summary(calibration, blob, &samples)?);
     document.held_out = evidence.as_ref().map(ReportData::summary);
+    document.certificate = evidence.as_ref().map(|evidence| {
+        let drift = drift.as_ref().map(|d| (&d.report, a.correct_drift));
+        Certificate::new(evidence, &a.statement, drift, &a.serial_number)
+    });
     document.expected_error =
         ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref());
     document.elastic = ElasticSummary::new(calibration, &samples);
@@ -232,6 +238,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
             gauge: &a.gauge,
             accept: &a.accept,
             calibration: config,
+            statement: &a.statement,
             date: &origin.date,
             out: &a.out,
             blob: blob.bytes(),

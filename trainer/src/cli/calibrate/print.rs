@@ -5,6 +5,8 @@ use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::made::Made;
 use crate::cli::instrument_drift;
 use crate::cli::terminal::print::{Printer, note};
+use crate::cli::tolerance;
+use crate::report::sections;
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::CalibratedBlob;
@@ -111,6 +113,13 @@ fn print(
                 before.position_mm.mean,
                 before.position_mm.p95
             ));
+        }
+    }
+    if let Some(certificate) = &document.certificate {
+        tolerance::note_missing(certificate, &a.statement);
+        let conformity = certificate.conformity.as_ref();
+        if let Some(line) = conformity.and_then(sections::verdict_line) {
+            report.line(format_args!("  verdict: {line}"));
         }
     }
     if let Some(expected) = &document.expected_error {

@@ -13,7 +13,9 @@ use toml::{Spanned, Value};
 
 use crate::cli::calibrate::args::date;
 use crate::cli::calibrate::gauge::{GaugeArgs, GaugeTable};
+use crate::cli::tolerance::ToleranceTable;
 use crate::report::FileSummary;
+use crate::report::certificate::{Instrument, Record, Statement};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::ToolName;
@@ -40,8 +42,18 @@ pub struct File {
     pub calibration: Config,
     #[serde(default, skip_serializing_if = "GaugeTable::is_empty")]
     pub gauge: GaugeTable,
+    #[serde(default, skip_serializing_if = "ToleranceTable::is_empty")]
+    pub tolerance: ToleranceTable,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub instrument: Instrument,
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub record: Record,
     #[serde(default)]
     pub output: OutputTable,
+}
+
+fn is_default<T: Default + PartialEq>(table: &T) -> bool {
+    *table == T::default()
 }
 
 #[derive(Deserialize, Serialize)]
@@ -181,17 +193,57 @@ impl Project {
 
     /// Refuses values of the configuration that are out of range.
     fn check_values(&self) -> Result<(), InputError> {
-        let Err(error) = self.file.calibration.validate() else {
-            return Ok(());
-        };
-        #[derive(Deserialize)]
+        let file = &self.file;
+        if let Err(e) = file.calibration.validate() {
+            return Err(self.refused("calibration", e.key, e.found, e.expected));
+        }
+        if let Err((key, found, expected)) = file.tolerance.check() {
+            return Err(self.refused("tolerance", key, found.to_string(), expected.to_owned()));
+        }
+        let stated = [
+            (
+                "expanded_uncertainty_mm",
+                file.instrument.expanded_uncertainty_mm,
+            ),
+            (
+                "expanded_uncertainty_mrad",
+                file.instrument.expanded_uncertainty_mrad,
+            ),
+        ];
+        for (key, value) in stated {
+            if let Some(value) = value.filter(|x| !(*x >= 0.0 && x.is_finite())) {
+                let expected = "a number of 0 or more".to_owned();
+                return Err(self.refused("instrument", key, value.to_string(), expected));
+            }
+        }
+        match file.record.temperature_c.filter(|x| !x.is_finite()) {
+            Some(value) => {
+                let expected = "degrees Celsius".to_owned();
+                Err(self.refused("record", "temperature_c", value.to_string(), expected))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The error of a value of a table.
+    fn refused(&self, table: &str, key: &str, found: String, expected: String) -> InputError {
+        #[derive(Default, Deserialize)]
+        #[serde(default)]
         struct Spans {
             calibration: BTreeMap<String, Spanned<Value>>,
+            tolerance: BTreeMap<String, Spanned<Value>>,
+            instrument: BTreeMap<String, Spanned<Value>>,
+            record: BTreeMap<String, Spanned<Value>>,
         }
-        let spans = toml::from_str::<Spans>(&self.text).ok();
-        let span = spans.and_then(|spans| Some(spans.calibration.get(error.key)?.span()));
-        let key = format!("calibration.{}", error.key);
-        Err(self.error(span.unwrap_or_default(), &key, error.found, error.expected))
+        let spans: Spans = toml::from_str(&self.text).unwrap_or_default();
+        let values = match table {
+            "calibration" => &spans.calibration,
+            "tolerance" => &spans.tolerance,
+            "instrument" => &spans.instrument,
+            _ => &spans.record,
+        };
+        let span = values.get(key).map(Spanned::span).unwrap_or_default();
+        self.error(span, &format!("{table}.{key}"), found, expected)
     }
 
     /// Refuses data that are not those that the file states.
@@ -309,6 +361,7 @@ pub struct Source<'a> {
     pub gauge: &'a GaugeArgs,
     pub accept: &'a [Cause],
     pub calibration: Config,
+    pub statement: &'a Statement,
     pub date: &'a str,
     pub out: &'a Path,
     pub blob: &'a [u8],
@@ -366,6 +419,9 @@ impl Source<'_> {
             },
             calibration: self.calibration,
             gauge: self.gauge.table(name),
+            tolerance: ToleranceTable::new(&self.statement.tolerances),
+            instrument: self.statement.instrument.clone(),
+            record: self.statement.record.clone(),
             output: OutputTable {
                 blob: Some(name(self.out)),
                 blob_sha256: Some(FileSummary::of_bytes("", "", self.blob).sha256),

@@ -7,6 +7,7 @@ use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs::{Arm, Tests, enough_poses, equations};
 use crate::cli::terminal::interrupt::own_flag;
 use crate::cli::terminal::progress;
+use crate::report::certificate::Certificate;
 use crate::report::sections;
 use crate::report::sections::DeviceSummary;
 use crate::report::{
@@ -39,7 +40,8 @@ pub fn check(
     method: Method,
     joints: usize,
 ) -> Result<(), Failure> {
-    if a.report.is_none() || !a.tests.is_empty() {
+    let is_judged = a.statement.tolerances.is_stated();
+    if a.report.is_none() && !is_judged || !a.tests.is_empty() {
         return Ok(());
     }
     let poses = different_poses(samples);
@@ -49,11 +51,11 @@ pub fn check(
             &a.train,
             format!("{poses} different poses"),
             format!(
-                "more poses: the report holds out a fifth, and `{}` cannot be calibrated on the others",
+                "more poses: a report or a verdict holds out a fifth, and `{}` cannot be calibrated on the others",
                 method.name()
             ),
         )
-        .with_help("give --test FILE with held-out poses, measure more poses, or leave --report out")
+        .with_help("give --test FILE with held-out poses, measure more poses, or leave --report and the tolerances out")
         .into()
     })
 }
@@ -69,7 +71,8 @@ pub fn held_out(
     origin: &blob::write::Provenance,
     found: &CalibratedBlob,
 ) -> Result<Option<ReportData>, Failure> {
-    if a.report.is_none() && tests.sets.is_empty() {
+    let is_judged = a.statement.tolerances.is_stated();
+    if a.report.is_none() && !is_judged && tests.sets.is_empty() {
         return Ok(None);
     }
     let own = own_flag();
@@ -236,8 +239,17 @@ pub fn of_calibration(
         (document.correction_limit_mm, document.correction_limit_mrad),
         &document.single_precision_loss_um,
     );
-    let page =
-        page("Calibration of", &document.provenance).with(sections::headline(evidence, summary));
+    let serial_number = &document.provenance.serial_number;
+    let mut page = page("Calibration of", &document.provenance);
+    if let Some(certificate) = &document.certificate {
+        page = page.with(sections::verdict(certificate));
+    }
+    page = page.with(sections::headline(evidence, summary));
+    if let Some(certificate) = &document.certificate {
+        page = page
+            .with(sections::uncertainty_budget(certificate))
+            .with(sections::record(certificate, serial_number));
+    }
     sections::held_out(page, evidence, summary)
         .with(sections::parameters(
             document.identifiability.as_ref(),
@@ -297,9 +309,12 @@ pub fn of_comparison(
     provenance: &Provenance,
     evidence: &ReportData,
     summary: &HeldOutSummary,
+    certificate: &Certificate,
 ) -> String {
-    let page =
-        page("Comparison of models for", provenance).with(sections::headline(evidence, summary));
+    let page = page("Comparison of models for", provenance)
+        .with(sections::verdict(certificate))
+        .with(sections::headline(evidence, summary))
+        .with(sections::uncertainty_budget(certificate));
     sections::held_out(page, evidence, summary)
         .with(sections::outliers(
             evidence,

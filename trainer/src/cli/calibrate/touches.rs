@@ -178,6 +178,7 @@ fn project(
         payloads_and_tools: (Vec::new(), Vec::new()),
         correct_drift: false,
         gauge: &a.gauge,
+        statement: &a.statement,
         accept: &a.accept,
         calibration: Config {
             method: Method::Elastic,
@@ -209,6 +210,10 @@ fn no_other_options(a: &Job) -> Result<(), Failure> {
         (
             !a.auto && a.config.method != Method::Elastic,
             "--method other than elastic",
+        ),
+        (
+            a.statement.tolerances.is_stated(),
+            "--tolerance-mm and --tolerance-mrad",
         ),
     ];
     touches::refuse_options(&a.train, &given)

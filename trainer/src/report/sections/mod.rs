@@ -10,6 +10,7 @@ mod methods;
 mod time;
 mod touches;
 mod uncertainty;
+mod verdict;
 mod workspace;
 
 pub use crate::report::sections::calibration::{
@@ -23,6 +24,9 @@ pub use crate::report::sections::touches::{
     class, distances, touch_headline, touch_outliers, touched, unseen,
 };
 pub use crate::report::sections::uncertainty::uncertainty;
+pub use crate::report::sections::verdict::{
+    line as verdict_line, record, uncertainty_budget, verdict,
+};
 pub use crate::report::sections::workspace::workspace;
 
 use crate::report::{HeldOutSummary, Page, ReportData};

@@ -11,6 +11,8 @@
 //! from memory when they go out of scope. What is signed is all of the blob before its trailer, flag and checksum
 //! included (`docs/reference/blob-format.md`).
 
+pub mod document;
+
 use std::path::Path;
 
 use ed25519_dalek::{Signer, SigningKey};

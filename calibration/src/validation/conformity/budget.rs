@@ -1,0 +1,215 @@
+//! The sources of uncertainty of the error of an arm, as the GUM asks for: kind of evaluation, distribution, standard
+//! uncertainty and share of each. A source that was not measured is named without a number.
+
+use serde::Serialize;
+
+use crate::validation::conformity::Knowledge;
+use crate::validation::conformity::error_quantile::{Noise, Quantile};
+
+/// What an uncertainty comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// What the instrument reads wrongly at all poses alike, and its noise where the file declares it.
+    Instrument,
+    /// The scatter of the arm and the instrument at the same pose.
+    Repeatability,
+    /// The model's error, known at the held-out poses only.
+    Model,
+    /// The motion of the instrument while it measured.
+    Drift,
+    /// Where base and tool are.
+    BaseAndTool,
+}
+
+impl Source {
+    /// In a table.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Instrument => "instrument",
+            Self::Repeatability => "repeatability",
+            Self::Model => "model, at few poses",
+            Self::Drift => "drift",
+            Self::BaseAndTool => "base and tool",
+        }
+    }
+}
+
+/// How an uncertainty was evaluated (GUM 2.3.2, 2.3.3).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub enum Evaluation {
+    /// From the scatter of observations.
+    A,
+    /// By other means.
+    B,
+}
+
+/// One source.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Contribution {
+    /// What it comes from.
+    pub source: Source,
+    /// How it was evaluated.
+    pub evaluation: Evaluation,
+    /// `normal` or `rectangular`.
+    pub distribution: &'static str,
+    /// u_i of the error, mm or mrad; absent where it was not measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub standard_uncertainty: Option<f64>,
+    /// ν_i; absent where they are infinite.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub degrees_of_freedom: Option<f64>,
+    /// u_i²/u_c².
+    pub share: f64,
+    /// Where the number comes from, or what would give it.
+    pub basis: &'static str,
+}
+
+impl Contribution {
+    fn normal(source: Source, evaluation: Evaluation, basis: &'static str) -> Self {
+        Self {
+            source,
+            evaluation,
+            distribution: "normal",
+            standard_uncertainty: None,
+            degrees_of_freedom: None,
+            share: 0.0,
+            basis,
+        }
+    }
+
+    fn of(self, standard_uncertainty: f64) -> Self {
+        Self {
+            standard_uncertainty: Some(standard_uncertainty),
+            ..self
+        }
+    }
+}
+
+/// All sources of the uncertainty of the estimate `found`; `component` is 0 of position and 1 of rotation.
+pub fn sources(
+    found: &Quantile,
+    noise: &Noise,
+    poses_repeat: bool,
+    knowledge: &Knowledge,
+    component: usize,
+) -> Vec<Contribution> {
+    let model = Contribution::normal(
+        Source::Model,
+        Evaluation::A,
+        "how far the errors of the held-out poses differ",
+    );
+    let mut out = vec![
+        instrument(found, noise, knowledge.instrument[component]),
+        repeatability(found, noise, poses_repeat),
+        model.of(found.of_few_poses),
+        drift(knowledge, component),
+        base_and_tool(knowledge.stated_frames[component]),
+    ];
+    let square = |c: &Contribution| c.standard_uncertainty.map_or(0.0, |u| u * u);
+    let all: f64 = out.iter().map(square).sum();
+    for contribution in &mut out {
+        contribution.share = if all > 0.0 {
+            square(contribution) / all
+        } else {
+            0.0
+        };
+    }
+    out
+}
+
+fn instrument(found: &Quantile, noise: &Noise, certificate: Option<f64>) -> Contribution {
+    let declared = match noise.repeated {
+        None => found.of_noise,
+        Some(_) => 0.0,
+    };
+    let (basis, known) = match (certificate, noise.sigma > 0.0, noise.is_contradicted) {
+        (Some(_), true, _) => ("certificate, and noise removed from the errors", true),
+        (Some(_), false, true) => (
+            "certificate; the noise stays in the errors, which are smaller than it",
+            true,
+        ),
+        (Some(_), false, false) => (
+            "certificate; its noise is unknown and stays in the errors",
+            true,
+        ),
+        (None, true, _) => (
+            "noise removed from the errors; no certificate is stated",
+            true,
+        ),
+        (None, false, true) => (
+            "the noise stays in the errors, which are smaller than it; state the certificate",
+            false,
+        ),
+        (None, false, false) => (
+            "not stated: its noise stays in the errors; state its certificate",
+            false,
+        ),
+    };
+    let row = Contribution::normal(Source::Instrument, Evaluation::B, basis);
+    match known {
+        true => row.of(libm::hypot(declared, certificate.unwrap_or(0.0))),
+        false => row,
+    }
+}
+
+fn repeatability(found: &Quantile, noise: &Noise, poses_repeat: bool) -> Contribution {
+    let basis = match (poses_repeat, noise.repeated) {
+        (false, _) => "not measured: measure some poses again",
+        (true, None) => "fewer than four poses repeat: the declared noise stands for it",
+        (true, Some(_)) => "poses that were measured again",
+    };
+    let row = Contribution::normal(Source::Repeatability, Evaluation::A, basis);
+    match noise.repeated {
+        Some(freedom) => Contribution {
+            degrees_of_freedom: Some(freedom),
+            ..row.of(found.of_noise)
+        },
+        None => row,
+    }
+}
+
+fn drift(knowledge: &Knowledge, component: usize) -> Contribution {
+    let norm = |axes: [f64; 3]| axes.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let (basis, half_width) = match (knowledge.drift, knowledge.drift_is_removed) {
+        (None, _) => (
+            "not measured: measure reference points beside the poses",
+            None,
+        ),
+        (Some(drift), false) => (
+            "largest motion of the reference points, not removed",
+            Some([1e-3 * norm(drift.max_um), 1e-3 * drift.max_urad][component]),
+        ),
+        (Some(drift), true) => (
+            "what the reference points leave after the motion was removed",
+            // Of rotation nothing is known beyond that.
+            Some([1e-3 * drift.left_out_um[1] * 3.0_f64.sqrt(), 0.0][component]),
+        ),
+    };
+    Contribution {
+        source: Source::Drift,
+        evaluation: Evaluation::B,
+        distribution: "rectangular",
+        standard_uncertainty: half_width.map(|a| a / 3.0_f64.sqrt()),
+        degrees_of_freedom: None,
+        share: 0.0,
+        basis,
+    }
+}
+
+fn base_and_tool(stated: Option<f64>) -> Contribution {
+    match stated {
+        Some(u) => Contribution::normal(
+            Source::BaseAndTool,
+            Evaluation::B,
+            "stated frames against the measured ones",
+        )
+        .of(u),
+        None => Contribution::normal(
+            Source::BaseAndTool,
+            Evaluation::A,
+            "fitted: their error is part of the held-out errors",
+        )
+        .of(0.0),
+    }
+}

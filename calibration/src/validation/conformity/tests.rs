@@ -1,0 +1,221 @@
+//! Laws of the error, its uncertainty and the verdict.
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::budget::{Evaluation, Source};
+use super::*;
+use crate::measurement::noise::InstrumentNoise;
+use crate::numeric::statistics::PoseError;
+
+/// Held-out poses with these residuals of position in mm, and a rotation of a tenth of that in mrad.
+fn poses(residuals: &[[f64; 3]], sigma_mm: Option<f64>) -> Vec<HeldOutPose> {
+    let pose = |r: &[f64; 3]| {
+        let norm = r.iter().map(|x| x * x).sum::<f64>().sqrt();
+        HeldOutPose {
+            error: PoseError {
+                position_mm: norm,
+                orientation_mrad: Some(0.1 * norm),
+            },
+            position: [0.0; 3],
+            residual: core::array::from_fn(|i| if i < 3 { 1e-3 * r[i] } else { 1e-4 * r[i - 3] }),
+            sigma: None,
+            noise: InstrumentNoise {
+                position: sigma_mm.map(|x| 1e-3 * x),
+                orientation: sigma_mm.map(|x| 1e-4 * x),
+            },
+        }
+    };
+    residuals.iter().map(pose).collect()
+}
+
+fn normal(random: &mut ChaCha8Rng) -> f64 {
+    StandardNormal.sample(random)
+}
+
+/// Residuals whose size differs from pose to pose, as those of an arm, with noise.
+fn drawn(count: usize, noise: f64, random: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
+    (0..count)
+        .map(|_| {
+            let size = 0.1 * (0.6 * normal(random)).exp();
+            core::array::from_fn(|_| size * normal(random) + noise * normal(random))
+        })
+        .collect()
+}
+
+fn found(residuals: &[[f64; 3]], sigma: Option<f64>, tolerance: Option<f64>) -> Conformity {
+    let tolerances = Tolerances {
+        position_mm: tolerance,
+        ..Tolerances::default()
+    };
+    Conformity::new(&poses(residuals, sigma), &Knowledge::default(), &tolerances).unwrap()
+}
+
+/// SciPy on a grid thirty times as fine with Gauss–Hermite quadrature, and Student's table.
+#[test]
+fn quantiles_are_those_of_others() {
+    let errors = [
+        0.11, 0.32, 0.07, 0.25, 0.18, 0.41, 0.09, 0.14, 0.22, 0.30, 0.05, 0.16,
+    ];
+    let residuals = errors.map(|e| [e, 0.0, 0.0]);
+    for (sigma, error, uncertainty) in [
+        (None, 0.513_469, 0.241_025),
+        (Some(0.03), 0.551_574, 0.313_309),
+    ] {
+        let position = found(&residuals, sigma, None).position;
+        let model = &position.budget[2];
+        assert_eq!(model.source, Source::Model);
+        assert!((position.error / error - 1.0_f64).abs() < 0.01);
+        assert!((model.standard_uncertainty.unwrap() / uncertainty - 1.0).abs() < 0.05);
+    }
+    for (freedom, coverage, factor) in [
+        (Some(2.0), 0.95, 4.302_652_73),
+        (Some(10.0), 0.95, 2.228_138_85),
+        (Some(10.0), 0.99, 3.169_272_67),
+        (Some(200.0), 0.95, 1.971_896_22),
+        (Some(2000.0), 0.95, 1.961_150_82),
+        (None, 0.95, 1.959_963_98),
+    ] {
+        assert!(
+            (student(freedom, coverage) - factor).abs() < 1e-6,
+            "{freedom:?}"
+        );
+    }
+}
+
+/// Errors that are smaller than the noise that the file declares keep it: it is declared wrongly.
+#[test]
+fn a_noise_that_the_errors_contradict_is_not_removed() {
+    let residuals = drawn(60, 0.0, &mut ChaCha8Rng::seed_from_u64(9));
+    let plain = found(&residuals, None, None).position;
+    let contradicted = found(&residuals, Some(0.5), None).position;
+    assert_eq!(contradicted.error, plain.error);
+    // A true one is.
+    let residuals = drawn(400, 0.1, &mut ChaCha8Rng::seed_from_u64(10));
+    let plain = found(&residuals, None, None).position;
+    let small = found(&residuals, Some(0.1), None).position;
+    assert!(small.error < 0.98 * plain.error);
+}
+
+#[test]
+fn the_budget_adds_up() {
+    let mut random = ChaCha8Rng::seed_from_u64(3);
+    let residuals = drawn(50, 0.03, &mut random);
+    let knowledge = Knowledge {
+        instrument: [Some(0.01), None],
+        stated_frames: [Some(0.02), None],
+        ..Knowledge::default()
+    };
+    let poses = poses(&residuals, Some(0.03));
+    let conformity = Conformity::new(&poses, &knowledge, &Tolerances::default()).unwrap();
+    for found in [
+        &conformity.position,
+        conformity.orientation.as_ref().unwrap(),
+    ] {
+        let squares = |c: &Contribution| c.standard_uncertainty.unwrap_or(0.0).powi(2);
+        let sum: f64 = found.budget.iter().map(squares).sum();
+        assert!((sum.sqrt() - found.combined).abs() < 1e-15);
+        let shares: f64 = found.budget.iter().map(|c| c.share).sum();
+        assert!((shares - 1.0).abs() < 1e-12);
+        assert_eq!(found.expanded, found.coverage_factor * found.combined);
+        assert_eq!(found.met, found.error + found.expanded);
+    }
+    let row = |source: Source| {
+        let rows = &conformity.position.budget;
+        rows.iter().find(|c| c.source == source).unwrap()
+    };
+    assert!(row(Source::Instrument).standard_uncertainty.unwrap() > 0.01);
+    assert_eq!(row(Source::BaseAndTool).standard_uncertainty, Some(0.02));
+    assert_eq!(row(Source::Model).evaluation, Evaluation::A);
+    assert_eq!(row(Source::Drift).standard_uncertainty, None);
+    assert_eq!(row(Source::Repeatability).standard_uncertainty, None);
+}
+
+/// ISO 14253-1: the guard band is U on both sides of the tolerance.
+#[test]
+fn the_verdict_has_a_guard_band() {
+    let residuals = drawn(60, 0.0, &mut ChaCha8Rng::seed_from_u64(5));
+    let free = found(&residuals, None, None);
+    assert_eq!((free.verdict, free.position.verdict), (None, None));
+    let Characteristic {
+        error, expanded, ..
+    } = free.position;
+    assert!(expanded > 0.05 * error && expanded < error);
+    let verdict = |tolerance: f64| found(&residuals, None, Some(tolerance)).verdict.unwrap();
+    assert_eq!(verdict(error + 1.001 * expanded), Verdict::Conforms);
+    assert_eq!(verdict(error + 0.999 * expanded), Verdict::Undecided);
+    assert_eq!(verdict(error - 0.999 * expanded), Verdict::Undecided);
+    assert_eq!(verdict(error - 1.001 * expanded), Verdict::DoesNotConform);
+}
+
+/// Measuring a pose again shows the noise of its error and nothing of other poses.
+#[test]
+fn a_repeated_pose_counts_once() {
+    let mut random = ChaCha8Rng::seed_from_u64(7);
+    let once = drawn(30, 0.0, &mut random);
+    let (mut again, mut repeats) = (Vec::new(), Vec::new());
+    for (i, truth) in once.iter().enumerate() {
+        for _ in 0..25 {
+            again.push(core::array::from_fn(|a| {
+                truth[a] + 0.03 * normal(&mut random)
+            }));
+            repeats.push(i);
+        }
+    }
+    let knowledge = Knowledge {
+        repeats: &repeats,
+        ..Knowledge::default()
+    };
+    let again = Conformity::new(&poses(&again, None), &knowledge, &Tolerances::default()).unwrap();
+    let once = found(&once, None, None);
+    let (again, once) = (again.position, once.position);
+    assert_eq!(again.poses, 30);
+    assert!((again.error / once.error - 1.0).abs() < 0.02);
+    assert!((again.expanded / once.expanded - 1.0).abs() < 0.1);
+    let row = &again.budget[1];
+    assert_eq!(row.source, Source::Repeatability);
+    assert_eq!(row.degrees_of_freedom, Some(3.0 * 24.0 * 30.0));
+    assert!(row.share < 0.01, "{row:?}");
+}
+
+#[test]
+fn few_poses_say_nothing() {
+    let few = poses(&[[0.1, 0.0, 0.0]; LEAST_POSES - 1], None);
+    let tolerances = Tolerances::default();
+    assert_eq!(
+        Conformity::new(&few, &Knowledge::default(), &tolerances),
+        None
+    );
+}
+
+/// Poses of a known distribution: E ± U covers the true 95 % quantile, and "conforms" is seldom wrong.
+#[test]
+fn the_expanded_uncertainty_covers() {
+    const RUNS: usize = 60;
+    let mut random = ChaCha8Rng::seed_from_u64(11);
+    let mut all: Vec<f64> = drawn(200_000, 0.0, &mut random)
+        .iter()
+        .map(|r| r.iter().map(|x| x * x).sum::<f64>().sqrt())
+        .collect();
+    all.sort_by(f64::total_cmp);
+    let truth = all[190_000];
+    for (count, sigma) in [(40, 0.0), (100, 0.05)] {
+        let (mut covered, mut wrong) = (0, 0);
+        for _ in 0..RUNS {
+            let residuals = drawn(count, sigma, &mut random);
+            let position = found(&residuals, Some(sigma), None).position;
+            covered += usize::from((position.error - truth).abs() <= position.expanded);
+            // The tolerance that the arm just misses.
+            wrong += usize::from(position.met < truth);
+        }
+        let share = |count: usize| count as f64 / RUNS as f64;
+        println!(
+            "{count} poses, noise {sigma} mm: covered {:.3}, wrongly conforms {:.3}",
+            share(covered),
+            share(wrong)
+        );
+        assert!(share(covered) >= 0.86, "{}", share(covered));
+        assert!(share(wrong) <= 0.14, "{}", share(wrong));
+    }
+}

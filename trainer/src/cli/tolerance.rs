@@ -1,0 +1,154 @@
+//! What an arm is to meet, on the command line and in a project file.
+
+use clap::Args;
+use poegp_calibration::validation::conformity::{COVERAGE, Tolerances, Verdict};
+use serde::{Deserialize, Serialize};
+
+use crate::cli::args::positive;
+use crate::cli::failure::Failure;
+use crate::cli::terminal::print::note;
+use crate::report::certificate::{Certificate, Statement};
+use crate::report::sections;
+
+/// Tolerances of the command line.
+#[derive(Args, Clone, Debug, Default)]
+pub struct ToleranceArgs {
+    /// Position error that 95 of 100 poses must not exceed: report, JSON and exit code say whether the arm conforms, by
+    /// ISO 14253-1.
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    pub tolerance_mm: Option<f64>,
+    /// Rotation error that 95 of 100 poses must not exceed.
+    #[arg(long, value_name = "MRAD", value_parser = positive)]
+    pub tolerance_mrad: Option<f64>,
+    /// Probability that the stated uncertainty covers the true error (default: 0.95).
+    #[arg(long, value_name = "SHARE", value_parser = coverage)]
+    pub coverage: Option<f64>,
+}
+
+/// The table `[tolerance]` of a project file.
+#[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table [tolerance] with position_mm, orientation_mrad and coverage"
+)]
+pub struct ToleranceTable {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_mm: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orientation_mrad: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub coverage: Option<f64>,
+}
+
+impl ToleranceArgs {
+    /// Whether one was given.
+    pub fn is_given(&self) -> bool {
+        self.tolerance_mm.is_some() || self.tolerance_mrad.is_some() || self.coverage.is_some()
+    }
+
+    /// What the command line says, and of a project's table what that leaves open; the keys that it overrides.
+    pub fn completed(&self, table: &ToleranceTable) -> (Tolerances, Vec<&'static str>) {
+        let given = [
+            (
+                self.tolerance_mm,
+                table.position_mm,
+                "tolerance.position_mm",
+            ),
+            (
+                self.tolerance_mrad,
+                table.orientation_mrad,
+                "tolerance.orientation_mrad",
+            ),
+            (self.coverage, table.coverage, "tolerance.coverage"),
+        ];
+        let overridden = |(given, stated, key): &(Option<f64>, Option<f64>, _)| {
+            (given.is_some() && stated.is_some()).then_some(*key)
+        };
+        let [position_mm, orientation_mrad, coverage] =
+            given.map(|(given, stated, _)| given.or(stated));
+        let tolerances = Tolerances {
+            position_mm,
+            orientation_mrad,
+            coverage: coverage.unwrap_or(COVERAGE),
+        };
+        (tolerances, given.iter().filter_map(overridden).collect())
+    }
+}
+
+impl ToleranceTable {
+    /// What a project file keeps of tolerances.
+    pub fn new(tolerances: &Tolerances) -> Self {
+        Self {
+            position_mm: tolerances.position_mm,
+            orientation_mrad: tolerances.orientation_mrad,
+            coverage: (tolerances.coverage != COVERAGE).then_some(tolerances.coverage),
+        }
+    }
+
+    /// Whether nothing is stated.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// A key whose value is out of range, with what was found and what is expected.
+    pub fn check(&self) -> Result<(), (&'static str, f64, &'static str)> {
+        let is_size = |x: f64| x > 0.0 && x.is_finite();
+        let sizes = [
+            ("position_mm", self.position_mm),
+            ("orientation_mrad", self.orientation_mrad),
+        ];
+        for (key, value) in sizes {
+            if let Some(value) = value.filter(|value| !is_size(*value)) {
+                return Err((key, value, "a number above 0"));
+            }
+        }
+        match self.coverage.filter(|share| !is_coverage(*share)) {
+            Some(share) => Err(("coverage", share, SHARES)),
+            None => Ok(()),
+        }
+    }
+}
+
+const SHARES: &str = "a number from 0.5 to 0.999";
+
+fn is_coverage(share: f64) -> bool {
+    (0.5..=0.999).contains(&share)
+}
+
+fn coverage(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(share) if is_coverage(share) => Ok(share),
+        _ => Err(format!("expected {SHARES}")),
+    }
+}
+
+/// Names what a certificate leaves open, where somebody asked for a verdict.
+pub fn note_missing(certificate: &Certificate, statement: &Statement) {
+    if statement.tolerances.is_stated() && !certificate.missing.is_empty() {
+        note(format_args!(
+            "the certificate is missing {}; state it in a project file, under [instrument], [record] and [robot]",
+            certificate.missing.join(", ")
+        ));
+    }
+}
+
+/// What ends the command where a tolerance was asked for and is not shown to be met.
+pub fn outcome(certificate: Option<&Certificate>, statement: &Statement) -> Result<(), Failure> {
+    if !statement.tolerances.is_stated() {
+        return Ok(());
+    }
+    let found = certificate.and_then(|c| c.conformity.as_ref());
+    match found.map(|c| (c.verdict, sections::verdict_line(c))) {
+        Some((Some(Verdict::Conforms), _)) => Ok(()),
+        Some((_, Some(line))) => Err(Failure::Quality(format!(
+            "the tolerance is not shown to be met: {}\nhelp: everything was written; with more poses that are not trained on \
+             (--test) the range behind ± is narrower",
+            line
+        ))),
+        _ => Err(Failure::Quality(
+            "the tolerance is not shown to be met: too few poses were held out\nhelp: everything was written; give at least 10 \
+             poses that differ"
+                .into(),
+        )),
+    }
+}

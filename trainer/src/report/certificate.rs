@@ -1,0 +1,180 @@
+//! Whether an arm conforms to a tolerance, who measured it with what, and what is missing of that.
+
+use std::collections::BTreeMap;
+
+use poegp_calibration::measurement::folds::same_configurations;
+use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::validation::conformity::{Conformity, Knowledge, Tolerances};
+use poegp_calibration::validation::repeated_poses::{RepeatedPose, repeated_poses};
+use serde::{Deserialize, Serialize};
+
+use crate::report::{FileSummary, ReportData, Row};
+
+/// Coverage factor of the expanded uncertainty that a certificate states.
+const CERTIFICATE_FACTOR: f64 = 2.0;
+
+/// What measured the poses; the table `[instrument]` of a project file.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table [instrument] with name, certificate, expanded_uncertainty_mm and expanded_uncertainty_mrad"
+)]
+pub struct Instrument {
+    /// Its type and serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Number and day of its certificate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certificate: Option<String>,
+    /// Expanded uncertainty (k = 2) of a position, common to all poses, by the certificate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expanded_uncertainty_mm: Option<f64>,
+    /// The same of a rotation.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expanded_uncertainty_mrad: Option<f64>,
+}
+
+/// Who measured, where; the table `[record]` of a project file.
+#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a table [record] with operator, site and temperature_c"
+)]
+pub struct Record {
+    /// Who measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+    /// Where.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site: Option<String>,
+    /// Temperature of the air in °C.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+}
+
+/// Everything that is asked for and stated.
+#[derive(Clone, Debug, Default)]
+pub struct Statement {
+    /// What the arm is to meet.
+    pub tolerances: Tolerances,
+    /// With what it was measured.
+    pub instrument: Instrument,
+    /// By whom and where.
+    pub record: Record,
+}
+
+/// A pose that was measured several times, by its first row.
+#[derive(Clone, Debug, Serialize)]
+pub struct ListedPose {
+    /// Name of the file.
+    pub file: String,
+    /// Line of its first measurement.
+    pub line: usize,
+    /// AP and RP.
+    #[serde(flatten)]
+    pub found: RepeatedPose,
+}
+
+/// The part `certificate` of a JSON document.
+#[derive(Clone, Debug, Serialize)]
+pub struct Certificate {
+    /// Errors, uncertainties and the verdict; absent of too few poses.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub conformity: Option<Conformity>,
+    /// Accuracy and repeatability of poses that were measured several times (ISO 9283).
+    pub repeated_poses: Vec<ListedPose>,
+    /// With what the poses were measured.
+    pub instrument: Instrument,
+    /// By whom and where.
+    pub record: Record,
+    /// What nobody stated.
+    pub missing: Vec<&'static str>,
+    /// SHA-256 of the program; present with a tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub program_sha256: Option<String>,
+}
+
+impl Certificate {
+    /// Of the model that `evidence` is about. `drift` is that of the instrument, with whether it was removed.
+    pub fn new(
+        evidence: &ReportData,
+        statement: &Statement,
+        drift: Option<(&DriftReport, bool)>,
+        serial_number: &str,
+    ) -> Self {
+        let poses = &evidence.calibrated().poses;
+        let repeats = repeats(evidence);
+        let half = |u: Option<f64>| u.map(|u| u / CERTIFICATE_FACTOR);
+        let Statement {
+            tolerances,
+            instrument,
+            record,
+        } = statement;
+        let knowledge = Knowledge {
+            repeats: &repeats,
+            drift: drift.map(|(report, _)| report),
+            drift_is_removed: drift.is_some_and(|(_, is_removed)| is_removed),
+            instrument: [
+                half(instrument.expanded_uncertainty_mm),
+                half(instrument.expanded_uncertainty_mrad),
+            ],
+            stated_frames: [None, None],
+        };
+        let listed = |found: RepeatedPose| {
+            let Row { file, line, .. } = &evidence.rows[found.first];
+            ListedPose {
+                file: file.clone(),
+                line: *line,
+                found,
+            }
+        };
+        let missing = [
+            ("the instrument", instrument.name.is_none()),
+            (
+                "the instrument's certificate",
+                instrument.certificate.is_none(),
+            ),
+            (
+                "the instrument's uncertainty",
+                instrument.expanded_uncertainty_mm.is_none(),
+            ),
+            ("the operator", record.operator.is_none()),
+            ("the site", record.site.is_none()),
+            ("the temperature", record.temperature_c.is_none()),
+            ("the robot's serial number", serial_number.is_empty()),
+        ];
+        let missing = missing.iter().filter(|(_, is_missing)| *is_missing);
+        Self {
+            conformity: Conformity::new(poses, &knowledge, tolerances),
+            repeated_poses: repeated_poses(poses, &repeats)
+                .into_iter()
+                .map(listed)
+                .collect(),
+            instrument: instrument.clone(),
+            record: record.clone(),
+            missing: missing.map(|(what, _)| *what).collect(),
+            program_sha256: tolerances.is_stated().then(program_sha256).flatten(),
+        }
+    }
+}
+
+/// The number of the pose that each row measures: rows of the same file with the same joints, payload and tool measure one.
+fn repeats(evidence: &ReportData) -> Vec<usize> {
+    let joints: Vec<&[f64]> = evidence.rows.iter().map(|r| r.joints.as_slice()).collect();
+    let configurations = same_configurations(&joints, &evidence.kinds);
+    let mut known = BTreeMap::new();
+    let mut out = Vec::with_capacity(evidence.rows.len());
+    for (row, configuration) in evidence.rows.iter().zip(configurations) {
+        let payload = row.payload_kg.map(f64::to_bits);
+        let next = known.len();
+        let pose = (&row.file, &row.tool, payload, configuration);
+        out.push(*known.entry(pose).or_insert(next));
+    }
+    out
+}
+
+/// Of the file of this process.
+fn program_sha256() -> Option<String> {
+    let bytes = std::fs::read(std::env::current_exe().ok()?).ok()?;
+    Some(FileSummary::of_bytes("", "", &bytes).sha256)
+}

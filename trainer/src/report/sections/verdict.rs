@@ -1,0 +1,235 @@
+//! Whether the arm conforms to its tolerance, how certain that is, and who measured it with what.
+
+use maud::{Markup, html};
+use poegp_calibration::validation::conformity::budget::Contribution;
+use poegp_calibration::validation::conformity::{Characteristic, Conformity, LEAST_POSES, Verdict};
+use poegp_calibration::validation::repeated_poses::STANDARD_CYCLES;
+
+use crate::report::certificate::{Certificate, ListedPose};
+use crate::report::{Number, Section};
+
+/// Repeated poses that are listed.
+const LISTED: usize = 20;
+
+const OF_POSITION: &str = "/certificate/conformity/position";
+const OF_ROTATION: &str = "/certificate/conformity/orientation";
+
+/// What a customer reads first.
+pub fn verdict(certificate: &Certificate) -> Section {
+    let section = Section::new("verdict", "");
+    let Some(conformity) = &certificate.conformity else {
+        return section.missing(format!(
+            "No verdict: fewer than {LEAST_POSES} poses that differ were held out."
+        ));
+    };
+    let lead = html! {
+        p class="lead" {
+            @match conformity.verdict {
+                Some(Verdict::Conforms) => { b class="verdict conforms" { "The arm conforms. " } }
+                Some(Verdict::DoesNotConform) => { b class="verdict fails" { "The arm does not conform. " } }
+                Some(Verdict::Undecided) => { b class="verdict undecided" { "It cannot be decided whether the arm conforms. " } }
+                None => {}
+            }
+            (sentence(&conformity.position, "position", OF_POSITION))
+            @if let Some(rotation) = &conformity.orientation { " " (sentence(rotation, "rotation", OF_ROTATION)) }
+        }
+    };
+    let sure = html! {
+        "How sure: the range behind ± holds the true value in "
+        (Number::percent(conformity.coverage, "/certificate/conformity/coverage"))
+        " of 100 such calibrations. "
+        @match conformity.verdict {
+            Some(Verdict::Undecided) => { "The tolerance lies within that range. More poses that are not trained on narrow it." }
+            Some(Verdict::Conforms) => { "The whole range is within the tolerance." }
+            Some(Verdict::DoesNotConform) => { "For one of them, the whole range is beyond the tolerance." }
+            None => { "State a tolerance (--tolerance-mm, --tolerance-mrad) and a verdict stands here." }
+        }
+    };
+    section.block(lead).text(sure)
+}
+
+/// "95 of 100 poses are within 0.312 ± 0.058 mm; 0.400 mm are allowed."
+fn sentence(found: &Characteristic, what: &str, at: &str) -> Markup {
+    let number = |value: f64, name: &str| Number::new(value, 3, format!("{at}/{name}"));
+    html! {
+        "95 of 100 " (what) "s are off by at most "
+        (number(found.error, "error")) " ± " (number(found.expanded, "expanded")) " " (found.unit) "; "
+        @match found.tolerance {
+            Some(tolerance) => { (number(tolerance, "tolerance")) " " (found.unit) " are allowed." }
+            None => { "a tolerance of " (number(found.met, "met")) " " (found.unit) " would be met." }
+        }
+    }
+}
+
+/// The uncertainty budget, and poses that were measured several times.
+pub fn uncertainty_budget(certificate: &Certificate) -> Section {
+    let mut section = Section::new("budget", "How certain the verdict is");
+    let Some(conformity) = &certificate.conformity else {
+        return section.missing("Too few poses were held out for an uncertainty.");
+    };
+    section = section.text(html! {
+        "The error that 95 of 100 poses do not exceed is known from "
+        (Number::count(conformity.position.poses, format!("{OF_POSITION}/poses")))
+        " different poses only, measured by an instrument that has errors of its own. The budget adds these sources (GUM, \
+         JCGM 100:2008). An arm conforms if its error and the expanded uncertainty together are within the tolerance, and does \
+         not if the error without it is beyond (ISO 14253-1)."
+    });
+    section = budget(section, "Position", &conformity.position, OF_POSITION);
+    if let Some(rotation) = &conformity.orientation {
+        section = budget(section, "Rotation", rotation, OF_ROTATION);
+    }
+    repeated(section, &certificate.repeated_poses)
+}
+
+fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Section {
+    let number = |value: f64, name: &str| Number::new(value, 4, format!("{at}/{name}"));
+    let row = |(i, c): (usize, &Contribution)| {
+        let at = format!("{at}/budget/{i}");
+        vec![
+            html! { (c.source.name()) },
+            html! {
+                @match c.standard_uncertainty {
+                    Some(u) => { (Number::new(u, 4, format!("{at}/standard_uncertainty"))) }
+                    None => { "–" }
+                }
+            },
+            html! { @if c.standard_uncertainty.is_some() { (Number::percent(c.share, format!("{at}/share"))) " %" } @else { "–" } },
+            html! { (format!("{:?}", c.evaluation)) },
+            html! { (c.distribution) },
+            html! { (c.basis) },
+        ]
+    };
+    let uncertainty = format!("standard uncertainty ({})", found.unit);
+    let header = [what, &uncertainty, "share", "type", "distribution", "basis"];
+    section
+        .table(&header, found.budget.iter().enumerate().map(row).collect())
+        .text(html! {
+            "Error " (number(found.error, "error")) " " (found.unit)
+            ", combined standard uncertainty " (number(found.combined, "combined")) " " (found.unit)
+            ", expanded uncertainty " (number(found.expanded, "expanded")) " " (found.unit)
+            " with a coverage factor of " (Number::new(found.coverage_factor, 2, format!("{at}/coverage_factor")))
+            @if let Some(freedom) = found.degrees_of_freedom.filter(|freedom| *freedom < 1e4) {
+                " (" (Number::new(freedom, 0, format!("{at}/degrees_of_freedom"))) " degrees of freedom)"
+            }
+            ". The smallest tolerance that would be met is " b { (number(found.met, "met")) " " (found.unit) } "."
+        })
+}
+
+/// ISO 9283.
+fn repeated(section: Section, poses: &[ListedPose]) -> Section {
+    if poses.is_empty() {
+        return section.missing(
+            "Accuracy and repeatability (ISO 9283) are not shown: no pose was measured several times.",
+        );
+    }
+    let row = |(i, pose): (usize, &ListedPose)| {
+        let at = |name: &str| format!("/certificate/repeated_poses/{i}/{name}");
+        let found = &pose.found;
+        let three = |values: &[f64; 3], name: &str| {
+            let number = |axis: usize| Number::mm(values[axis], at(&format!("{name}/{axis}")));
+            html! { (number(0)) ", " (number(1)) ", " (number(2)) }
+        };
+        let turned = |values: &Option<[f64; 3]>, name: &str| {
+            html! { @match values { Some(values) => { (three(values, name)) } None => { "–" } } }
+        };
+        vec![
+            html! { (pose.file) " line " (Number::count(pose.line, at("line"))) },
+            html! { (Number::count(found.cycles, at("cycles"))) },
+            html! { (Number::mm(found.position_accuracy_mm, at("position_accuracy_mm"))) },
+            three(
+                &found.position_accuracy_axes_mm,
+                "position_accuracy_axes_mm",
+            ),
+            html! { (Number::mm(found.position_repeatability_mm, at("position_repeatability_mm"))) },
+            turned(
+                &found.orientation_accuracy_mrad,
+                "orientation_accuracy_mrad",
+            ),
+            turned(
+                &found.orientation_repeatability_mrad,
+                "orientation_repeatability_mrad",
+            ),
+        ]
+    };
+    let header = [
+        "pose",
+        "cycles",
+        "AP (mm)",
+        "AP x, y, z (mm)",
+        "RP (mm)",
+        "AP a, b, c (mrad)",
+        "RP a, b, c (mrad)",
+    ];
+    let rows = poses.iter().enumerate().take(LISTED).map(row).collect();
+    let fewest = poses.iter().map(|p| p.found.cycles).min().unwrap_or(0);
+    section
+        .text(html! {
+            "Accuracy AP and repeatability RP of ISO 9283 at the poses that were measured several times, against the pose that \
+             the model answers. "
+            @if fewest < STANDARD_CYCLES { "The standard asks for " (STANDARD_CYCLES) " cycles at each; here there are as few as " (fewest) ". " }
+            @if poses.len() > LISTED { "The first " (LISTED) " of " (poses.len()) " are listed." }
+        })
+        .table(&header, rows)
+}
+
+/// Who measured with what, and what nobody stated.
+pub fn record(certificate: &Certificate, serial_number: &str) -> Section {
+    let (instrument, record) = (&certificate.instrument, &certificate.record);
+    let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "not stated".to_owned());
+    let expanded = |value: Option<f64>, unit: &str| match value {
+        Some(value) => format!("{value} {unit} (k = 2)"),
+        None => "not stated".to_owned(),
+    };
+    let temperature = match record.temperature_c {
+        Some(value) => format!("{value} °C"),
+        None => "not stated".to_owned(),
+    };
+    let serial = match serial_number {
+        "" => "not stated".to_owned(),
+        number => number.to_owned(),
+    };
+    let section = Section::new("record", "Who measured, and with what").block(html! {
+        dl {
+            dt { "robot's serial number" } dd { (serial) }
+            dt { "instrument" } dd { (text(&instrument.name)) }
+            dt { "its certificate" } dd { (text(&instrument.certificate)) }
+            dt { "its uncertainty of a position" } dd { (expanded(instrument.expanded_uncertainty_mm, "mm")) }
+            @if let Some(value) = instrument.expanded_uncertainty_mrad {
+                dt { "its uncertainty of a rotation" } dd { (expanded(Some(value), "mrad")) }
+            }
+            dt { "operator" } dd { (text(&record.operator)) }
+            dt { "site" } dd { (text(&record.site)) }
+            dt { "temperature" } dd { (temperature) }
+            @if let Some(sum) = &certificate.program_sha256 { dt { "SHA-256 of the program" } dd class="hash" { (sum) } }
+        }
+    });
+    match certificate.missing.is_empty() {
+        true => section,
+        false => section.missing(format!(
+            "Missing: {}. State it in a project file, under [instrument], [record] and [robot].",
+            certificate.missing.join(", ")
+        )),
+    }
+}
+
+/// The verdict in words for a terminal; `None` without a tolerance.
+pub fn line(conformity: &Conformity) -> Option<String> {
+    let verdict = match conformity.verdict? {
+        Verdict::Conforms => "conforms",
+        Verdict::Undecided => "undecided",
+        Verdict::DoesNotConform => "does not conform",
+    };
+    let of = |found: &Characteristic| {
+        let tolerance = found.tolerance?;
+        Some(format!(
+            "95 of 100 poses within {:.3} ± {:.3} {unit}, {:.3} {unit} allowed",
+            found.error,
+            found.expanded,
+            tolerance,
+            unit = found.unit
+        ))
+    };
+    let both = [Some(&conformity.position), conformity.orientation.as_ref()];
+    let both: Vec<String> = both.into_iter().flatten().filter_map(of).collect();
+    Some(format!("{verdict} ({})", both.join("; ")))
+}

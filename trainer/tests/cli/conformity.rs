@@ -1,0 +1,253 @@
+//! A tolerance, its verdict, and the certificate that is made of it.
+
+use serde_json::Value;
+
+use crate::program::{Folder, Outcome, SERIAL, simulated};
+use crate::texts::texts;
+
+fn folder() -> Folder {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    folder.write("test.csv", simulated("test1", 40));
+    folder
+}
+
+fn calibrate(folder: &Folder, flags: &str) -> Outcome {
+    folder.run(&format!(
+        "calibrate --robot {SERIAL} train.csv --test test.csv --method poe --out arm.blob --json arm.json {flags}"
+    ))
+}
+
+fn position(document: &Value) -> [f64; 2] {
+    let position = &document["certificate"]["conformity"]["position"];
+    ["error", "expanded"].map(|name| position[name].as_f64().unwrap())
+}
+
+/// ISO 14253-1, by the exit code, in the JSON and on the page.
+#[test]
+fn the_verdict_follows_the_guard_band() {
+    let folder = folder();
+    calibrate(&folder, "").ok();
+    let [error, expanded] = position(&folder.json("arm.json"));
+    assert!(error > 0.0 && expanded > 0.0 && expanded < error);
+    for (tolerance, code, verdict, words) in [
+        (error + 1.001 * expanded, 0, "conforms", "The arm conforms."),
+        (
+            error + 0.9 * expanded,
+            1,
+            "undecided",
+            "It cannot be decided",
+        ),
+        (
+            error - 1.001 * expanded,
+            1,
+            "does-not-conform",
+            "The arm does not conform.",
+        ),
+    ] {
+        let flags = format!("--tolerance-mm {tolerance} --report report.html");
+        let outcome = calibrate(&folder, &flags);
+        assert_eq!(outcome.code, Some(code), "{outcome:#?}");
+        let document = folder.json("arm.json");
+        let found = &document["certificate"]["conformity"];
+        assert_eq!(found["verdict"], verdict);
+        assert_eq!(found["position"]["tolerance"], tolerance);
+        let page = folder.text("report.html");
+        let (said, results) = (
+            page.find(words).unwrap(),
+            page.find("id=\"result\"").unwrap(),
+        );
+        assert!(said < results, "the verdict stands first");
+        // The blob is there, whatever the verdict is.
+        assert!(!folder.read("arm.blob").is_empty());
+    }
+}
+
+/// A share of 99 % needs a wider range than one of 68 %.
+#[test]
+fn coverage_widens_the_range() {
+    let folder = folder();
+    let expanded = |coverage: &str| {
+        calibrate(&folder, &format!("--coverage {coverage}")).ok();
+        position(&folder.json("arm.json"))[1]
+    };
+    let (narrow, wide) = (expanded("0.68"), expanded("0.99"));
+    // Quantiles of the normal distribution: 0.9945 and 2.5758.
+    assert!((wide / narrow - 2.590).abs() < 0.01, "{wide} {narrow}");
+}
+
+/// Who measured with what comes from the project file, goes to page and JSON, and survives --write-project.
+#[test]
+fn a_project_states_tolerance_instrument_and_record() {
+    let folder = folder();
+    calibrate(&folder, "--serial-number 17 --write-project project.toml").ok();
+    let plain = position(&folder.json("arm.json"));
+    let project = folder.text("project.toml")
+        + "\n[tolerance]\nposition_mm = 90.0\n\n[instrument]\nname = \"AT960 no. 5\"\ncertificate = \"K 12, 2026-03-01\"\n\
+           expanded_uncertainty_mm = 0.4\n\n[record]\noperator = \"<script>alert(1)</script>\"\nsite = \"hall 3\"\ntemperature_c = 21.5\n";
+    folder.write("project.toml", &project);
+    let made = folder
+        .run("calibrate project.toml --report r.html --json r.json --write-project again.toml")
+        .ok();
+    assert!(made.stdout.contains("verdict: conforms"), "{made:#?}");
+    assert!(!made.stderr.contains("missing"), "{made:#?}");
+    let document = folder.json("r.json");
+    let certificate = &document["certificate"];
+    assert_eq!(certificate["missing"].as_array().unwrap().len(), 0);
+    assert_eq!(certificate["record"]["temperature_c"], 21.5);
+    assert_eq!(certificate["program_sha256"].as_str().unwrap().len(), 64);
+    // 0.4 mm at k = 2 is a standard uncertainty of 0.2 mm.
+    let row = &certificate["conformity"]["position"]["budget"][0];
+    assert_eq!(row["standard_uncertainty"], 0.2);
+    let [error, expanded] = position(&document);
+    assert_eq!(error, plain[0]);
+    assert!(expanded > plain[1]);
+    let page = folder.text("r.html");
+    assert!(page.contains("AT960 no. 5") && page.contains("K 12, 2026-03-01"));
+    assert!(!page.contains("<script>alert"));
+    let again = folder.text("again.toml");
+    for line in [
+        "position_mm = 90.0",
+        "site = \"hall 3\"",
+        "expanded_uncertainty_mm = 0.4",
+    ] {
+        assert!(again.contains(line), "{again}");
+    }
+
+    // Without them the report and a note name what is missing.
+    let flags = "--tolerance-mm 90 --report r.html";
+    assert!(
+        calibrate(&folder, flags)
+            .ok()
+            .stderr
+            .contains("missing the instrument")
+    );
+    assert!(folder.text("r.html").contains("Missing: the instrument"));
+}
+
+#[test]
+fn values_out_of_range_are_refused_with_their_line() {
+    let _texts = texts();
+    let folder = folder();
+    calibrate(&folder, "--write-project project.toml").ok();
+    let project = folder.text("project.toml");
+    for table in [
+        "[tolerance]\nposition_mm = 0",
+        "[tolerance]\ncoverage = 1.5",
+        "[instrument]\nexpanded_uncertainty_mm = -1",
+        "[record]\ntemperature_c = inf",
+        "[record]\nweather = \"fine\"",
+    ] {
+        folder.write("bad.toml", format!("{project}\n{table}\n"));
+        folder.refuses("calibrate bad.toml");
+    }
+    for flags in ["--tolerance-mm 0", "--tolerance-mrad x", "--coverage 1"] {
+        folder.refuses(&format!(
+            "calibrate --robot {SERIAL} train.csv --out arm.blob {flags}"
+        ));
+    }
+}
+
+/// ISO 9283 on poses that were measured several times, by an own reading of the predictions.
+#[test]
+fn repeated_poses_have_accuracy_and_repeatability() {
+    let folder = folder();
+    let test = simulated("test1", 40);
+    let (header, rows) = test.split_once('\n').unwrap();
+    let header = header.trim_start_matches('#');
+    let (header, rows) = match header.contains(",x_mm") {
+        true => (header.to_owned(), rows.to_owned()),
+        // The first line is a comment.
+        false => {
+            let (header, rows) = rows.split_once('\n').unwrap();
+            (header.to_owned(), rows.to_owned())
+        }
+    };
+    let x = header.split(',').position(|name| name == "x_mm").unwrap();
+    let lines: Vec<&str> = rows.lines().collect();
+    let moved = [0.0, 0.06, -0.03, 0.02, -0.05];
+    let mut repeated = header.clone() + "\n";
+    for line in &lines {
+        repeated += &format!("{line}\n");
+    }
+    for shift in &moved[1..] {
+        let mut fields: Vec<String> = lines[0].split(',').map(str::to_owned).collect();
+        fields[x] = format!("{}", fields[x].parse::<f64>().unwrap() + shift);
+        repeated += &format!("{}\n", fields.join(","));
+    }
+    folder.write("test.csv", repeated);
+    calibrate(&folder, "").ok();
+    let document = folder.json("arm.json");
+    let poses = document["certificate"]["repeated_poses"]
+        .as_array()
+        .unwrap();
+    assert_eq!(poses.len(), 1);
+    assert_eq!(poses[0]["cycles"], 5);
+    // Along one axis of the instrument: the distances from the mean are those of the shifts.
+    let mean = moved.iter().sum::<f64>() / 5.0;
+    let distances: Vec<f64> = moved.iter().map(|m| (m - mean).abs()).collect();
+    let l = distances.iter().sum::<f64>() / 5.0;
+    let s = (distances.iter().map(|d| (d - l).powi(2)).sum::<f64>() / 4.0).sqrt();
+    let found = poses[0]["position_repeatability_mm"].as_f64().unwrap();
+    assert!(
+        (found - (l + 3.0 * s)).abs() < 1e-9,
+        "{found} {}",
+        l + 3.0 * s
+    );
+    assert_eq!(
+        document["certificate"]["conformity"]["position"]["poses"],
+        40
+    );
+}
+
+/// What is signed is verified, and nothing else.
+#[test]
+fn a_report_and_its_json_are_signed() {
+    let _texts = texts();
+    let folder = folder();
+    calibrate(&folder, "--tolerance-mm 90 --report r.html").ok();
+    for name in ["ours", "theirs"] {
+        folder.run(&format!("keys new --out {name}")).ok();
+    }
+    for file in ["r.html", "arm.json"] {
+        folder.run(&format!("sign {file} --key ours.key")).ok();
+        folder
+            .run(&format!("verify {file} --public-key ours.pub"))
+            .ok();
+        let other = folder.run(&format!("verify {file} --public-key theirs.pub"));
+        assert_eq!(other.code, Some(1), "{other:#?}");
+    }
+    let page = folder.text("r.html");
+    folder.write("r.html", page.replacen("90", "91", 1));
+    let changed = folder.run("verify r.html --public-key ours.pub --json v.json");
+    assert_eq!(changed.code, Some(1), "{changed:#?}");
+    assert_eq!(folder.json("v.json")["verified"], false);
+    std::fs::remove_file(folder.path("r.html.sig")).unwrap();
+    folder.refuses("verify r.html --public-key ours.pub");
+    folder.refuses("sign r.html --key ours.key --revision 3");
+}
+
+#[test]
+fn compare_judges_the_best_model() {
+    let folder = folder();
+    let line = format!(
+        "compare --robot {SERIAL} train.csv --test test.csv --methods base-tool,poe --folds 0"
+    );
+    let outcome = folder
+        .run(&format!(
+            "{line} --tolerance-mm 90 --json c.json --report c.html"
+        ))
+        .ok();
+    assert!(
+        outcome
+            .stdout
+            .contains("Verdict on the best model: conforms"),
+        "{outcome:#?}"
+    );
+    assert_eq!(
+        folder.json("c.json")["certificate"]["conformity"]["verdict"],
+        "conforms"
+    );
+    let failed = folder.run(&format!("{line} --tolerance-mm 0.001"));
+    assert_eq!(failed.code, Some(1), "{failed:#?}");
+}
