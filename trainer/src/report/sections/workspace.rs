@@ -1,14 +1,18 @@
-//! Where in the workspace the errors are: three projections, before and after, with arrows.
+//! Where in the workspace the errors are: three projections, before and after, with mean errors as arrows.
 
 use maud::{Markup, html};
 
-use crate::report::chart::{Axis, Plot, Series, plain, round_125};
+use crate::report::chart::{Axis, Brush, Plot, Series, plain, round_125};
+use crate::report::sections::cubes::{self, Cube, Cubes};
 use crate::report::sections::methods::keys;
-use crate::report::{HeldOutSummary, Number, ReportData, Section};
+use crate::report::sections::poses::left_out;
+use crate::report::{HeldOutSummary, Number, ReportData, Section, rounded};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
-/// Length of an arrow that 95 % of the errors stay below, as a share of the widest side.
-const ARROW: f64 = 0.11;
+/// Length of the longest arrow, as a share of the side of a cube.
+const ARROW: f64 = 0.9;
+/// Cubes that are listed.
+const LISTED: usize = 3;
 /// Sides of a drawing, and what its labels take of them.
 const SIDE: f64 = 300.0;
 const LABELS: (f64, f64) = (66.0, 50.0);
@@ -34,12 +38,18 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     if widest.is_nan() || widest <= 0.0 {
         return section.missing("Not shown: all poses are at one place.");
     }
+    let cubes = Cubes::new(&evidence.calibrated().poses, widest);
     let mut section = section
         .text(html! {
-            (keys(both)) ". Every arrow begins where a held-out pose was measured and points from where the model says that the "
-            "tool is to where it was seen, enlarged; x, y, z are the axes of the robot's base."
+            (keys(both)) ". Dots are poses, where they were measured; x, y, z are the axes of the robot's base. Errors are averaged "
+            "over cubes with sides of " (plain(cubes.side)) " mm. An arrow begins at the middle of the poses of a cube and points "
+            "from where the model says that the tool is to where it was seen, in the mean and enlarged. What errors have in "
+            "common stays in it; noise averages out. A cube with fewer than " (cubes::FEWEST) " poses has no arrow."
+            (left_out(evidence.rows.len()))
         })
+        .answers()
         .text(neighbours(evidence));
+    let drawn = evidence.drawn();
     let mut shown = vec![(
         Series::Calibrated,
         evidence.calibrated(),
@@ -60,8 +70,14 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let side = widest * (1.0 + 2.0 * MARGIN);
     let (across, up) = (SIDE - LABELS.0, SIDE - LABELS.1);
     for (series, method, summary, which) in shown {
-        let p95 = summary.errors.position_mm.p95;
-        let factor = round_125(ARROW * widest / p95.max(1e-9), false);
+        let errors: Vec<_> = cubes
+            .cubes
+            .iter()
+            .map(|c| c.mean_error(&method.poses))
+            .collect();
+        let longest = errors.iter().map(|e| e.length).fold(1e-9, f64::max);
+        let factor = round_125(ARROW * cubes.side / longest, false);
+        let largest = cubes.by_error(&method.poses).first().copied();
         for (u, v, view) in VIEWS {
             let names = ["x", "y", "z"];
             // One scale for both axes and all views: as many mm to a unit along as across.
@@ -76,14 +92,35 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             let least = across.min(up);
             let mut plot = Plot::new(axis(u, side * across / least), axis(v, side * up / least))
                 .sized(SIDE, SIDE);
-            plot.arrows(
-                series,
-                method.poses.iter().map(|p| {
-                    let [x, y] = [u, v].map(|i| 1e3 * p.position[i]);
-                    let [dx, dy] = [u, v].map(|i| 1e3 * factor * p.residual[i]);
-                    [x, y, dx, dy]
-                }),
+            let place = |(row, i): (usize, &usize)| {
+                let [x, y] = [u, v].map(|k| 1e3 * method.poses[*i].position[k]);
+                (row, (x, y))
+            };
+            plot.poses(
+                Series::Other,
+                Brush::Rectangle,
+                drawn.iter().enumerate().map(place),
             );
+            for (cube, error) in cubes.cubes.iter().zip(&errors) {
+                let [x, y] = [u, v].map(|i| cube.position[i]);
+                let [dx, dy] = [u, v].map(|i| factor * error.vector[i]);
+                let title = format!(
+                    "{} poses: {:.3} mm in the mean",
+                    cube.members.len(),
+                    error.length
+                );
+                plot.arrow(series, [x, y, dx, dy], &title);
+            }
+            if let Some(i) = largest {
+                let low = [u, v].map(|k| cubes.cubes[i].low[k]);
+                let high = low.map(|x| x + cubes.side);
+                plot.frame(
+                    Series::Reference,
+                    (low[0], low[1]),
+                    (high[0], high[1]),
+                    "largest",
+                );
+            }
             let mean = summary.errors.position_mm.mean;
             section = section.figure(
                 html! {
@@ -95,7 +132,60 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             );
         }
     }
+    listed(section, evidence, &cubes)
+}
+
+/// The cubes with the largest mean errors, in words and in a table.
+fn listed(section: Section, evidence: &ReportData, cubes: &Cubes) -> Section {
+    let both = evidence.nominal != evidence.calibrated;
+    let (before, after) = (&evidence.nominal().poses, &evidence.calibrated().poses);
+    let order = cubes.by_error(after);
+    let Some(first) = order.first().map(|i| &cubes.cubes[*i]) else {
+        return section.missing(format!(
+            "No cube has {} poses: nothing can be averaged over a part of the workspace.",
+            cubes::FEWEST
+        ));
+    };
+    let range = |cube: &Cube, i: usize| {
+        let [low, high] = [cube.low[i], cube.low[i] + cubes.side].map(|x| rounded(x, 0));
+        html! { (low) " … " (high) }
+    };
+    let error = first.mean_error(after);
+    let certain = error.length > 3.0 * error.standard_error;
+    let row = |i: &usize| {
+        let cube = &cubes.cubes[*i];
+        let error = cube.mean_error(after);
+        let ranges = (0..3).map(|k| range(cube, k));
+        let mut fields: Vec<Markup> = ranges.collect();
+        fields.push(html! { (cube.members.len()) });
+        fields.extend(error.vector.map(|x| html! { (rounded(x, 3)) }));
+        fields.push(html! { (rounded(error.length, 3)) " ± " (rounded(error.standard_error, 3)) });
+        if both {
+            fields.push(html! { (rounded(cube.mean_error(before).length, 3)) });
+        }
+        fields
+    };
+    let mut header = vec![
+        "x (mm)",
+        "y (mm)",
+        "z (mm)",
+        "poses",
+        "error x (mm)",
+        "error y (mm)",
+        "error z (mm)",
+        "length (mm)",
+    ];
+    if both {
+        header.push("before (mm)");
+    }
     section
+        .text(html! {
+            "The largest mean error is at x " (range(first, 0)) ", y " (range(first, 1)) ", z " (range(first, 2)) " mm: "
+            b class="calibrated" { (rounded(error.length, 3)) " ± " (rounded(error.standard_error, 3)) " mm" }
+            " over " (first.members.len()) " poses, mostly along " (error.direction()) "; ± is one standard error. "
+            @if certain { "That is more than chance." } @else { "That could be chance." }
+        })
+        .table(&header, order.iter().take(LISTED).map(row).collect())
 }
 
 /// Whether errors of neighbouring poses point the same way: what is systematic could still be learnt, noise could not.

@@ -1,0 +1,522 @@
+//! The pages of the report in a browser: complete without their script, silent, answering with it, legible.
+//!
+//! What the plots answer is compared with the measurement files that were read, not with the page.
+
+mod chromium;
+mod guide;
+
+use std::collections::BTreeSet;
+
+use serde_json::{Value, json};
+
+use crate::browser::chromium::{Browser, SHIFT};
+use crate::program::{Folder, SERIAL, changed, simulated};
+
+const PAGE: &str = include_str!("page.js");
+
+/// A folder with measurements and the pages of all commands that write one with plots of poses: page and document.
+fn pages() -> (Folder, Vec<(&'static str, &'static str)>) {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 60));
+    folder.write("test.csv", simulated("test1", 20));
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out a.blob");
+    folder
+        .run(&format!(
+            "{line} --report calibrate.html --json calibrate.json"
+        ))
+        .ok();
+    let line = format!(
+        "compare --robot {SERIAL} train.csv --folds 0 --test test.csv --methods poe,poe-gp"
+    );
+    folder
+        .run(&format!("{line} --report compare.html --json compare.json"))
+        .ok();
+    let line = "check a.blob test.csv --max-mm 9 --report check.html --json check.json";
+    folder.run(line).ok();
+    let program = std::fs::read(crate::program::data("programs/part.mod")).unwrap();
+    folder.write("part.mod", program);
+    let line = "correct a.blob part.mod --payload-kg 2.5 --out out.mod --report correct.html --json correct.json";
+    folder.run(line);
+    let files = [
+        ("calibrate.html", "calibrate.json"),
+        ("compare.html", "compare.json"),
+        ("check.html", "check.json"),
+        ("correct.html", "correct.json"),
+    ];
+    (folder, files.to_vec())
+}
+
+/// Opens a page with what the tests ask of it.
+#[track_caller]
+fn open(browser: &mut Browser, folder: &Folder, page: &str) {
+    browser.open(&folder.path(page));
+    assert_eq!(browser.evaluate(PAGE), true);
+}
+
+#[track_caller]
+fn silent(browser: &Browser) {
+    assert!(browser.complaints.is_empty(), "{:#?}", browser.complaints);
+    for url in &browser.requests {
+        assert!(url.starts_with("file://") || url == "data:,", "{url}");
+    }
+}
+
+/// Joints in degrees of every line of a measurement file.
+fn joints(folder: &Folder, file: &str) -> Vec<(usize, Vec<f64>)> {
+    let text = folder.text(file);
+    let mut lines = text.lines();
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let columns: Vec<usize> = (1..)
+        .map_while(|j| names.iter().position(|n| *n == format!("q{j}_deg")))
+        .collect();
+    let row = |(i, line): (usize, &str)| {
+        let fields: Vec<&str> = line.split(',').collect();
+        (
+            i + 2,
+            columns
+                .iter()
+                .map(|c| fields[*c].parse().unwrap())
+                .collect(),
+        )
+    };
+    lines.enumerate().map(row).collect()
+}
+
+/// What is said of a pose: its line and its joints.
+#[track_caller]
+fn said(tip: &str) -> (usize, Vec<f64>) {
+    let line = tip.lines().next().unwrap().rsplit(' ').next().unwrap();
+    let joints = tip
+        .lines()
+        .find_map(|l| l.strip_prefix("joints: "))
+        .unwrap_or_else(|| panic!("{tip}"));
+    let joints = joints
+        .split(", ")
+        .map(|j| j.strip_suffix(" deg").unwrap().parse().unwrap());
+    (line.parse().unwrap(), joints.collect())
+}
+
+fn points(value: &Value) -> Vec<(f64, f64)> {
+    let pair = |p: &Value| (p[0].as_f64().unwrap(), p[1].as_f64().unwrap());
+    value.as_array().unwrap().iter().map(pair).collect()
+}
+
+fn as_texts(points: &[(f64, f64)]) -> BTreeSet<String> {
+    points.iter().map(|p| format!("{p:?}")).collect()
+}
+
+#[test]
+fn every_word_and_number_is_there_without_the_script_and_nothing_complains() {
+    let Some(mut browser) = Browser::start("reports") else {
+        return;
+    };
+    let (folder, pages) = pages();
+    for (page, document) in pages {
+        browser.call(
+            "Emulation.setScriptExecutionDisabled",
+            json!({"value": true}),
+        );
+        open(&mut browser, &folder, page);
+        assert_eq!(
+            browser.evaluate("document.querySelectorAll('.tip').length"),
+            0,
+            "{page}"
+        );
+        let without = browser.text("tests.text()");
+        browser.call(
+            "Emulation.setScriptExecutionDisabled",
+            json!({"value": false}),
+        );
+        open(&mut browser, &folder, page);
+        assert_eq!(
+            browser.evaluate("document.querySelectorAll('.tip').length"),
+            1,
+            "{page}"
+        );
+        // Answers and marks change none of it.
+        browser.evaluate("document.querySelector('svg[data-plane]').focus()");
+        browser.press("End", SHIFT);
+        assert!(!browser.text("tests.panel()").is_empty(), "{page}");
+        assert_eq!(browser.text("tests.text()"), without, "{page}");
+        let document = folder.json(document);
+        let numbers = browser.evaluate("tests.numbers()");
+        let numbers = numbers.as_array().unwrap();
+        assert!(numbers.len() > 10, "{page}: {}", numbers.len());
+        for number in numbers {
+            let (pointer, value) = (number[0].as_str().unwrap(), number[1].as_f64().unwrap());
+            let there = document.pointer(pointer).and_then(Value::as_f64);
+            assert_eq!(there, Some(value), "{page}: {pointer}");
+            let text = number[2].as_str().unwrap();
+            let decimals = text.split_once('.').map_or(0, |(_, d)| d.len());
+            let shown: f64 = text.parse().unwrap();
+            let half = 0.5001 * 10f64.powi(-(decimals as i32));
+            let fits = (shown - value).abs() <= half || (shown - 100.0 * value).abs() <= half;
+            assert!(fits, "{page}: {pointer}: {value} is shown as {text}");
+        }
+        silent(&browser);
+    }
+}
+
+/// Tab stops once at each plot, and the arrow keys reach each of its dots; what is said there is the file's.
+#[test]
+fn the_keyboard_reaches_every_point() {
+    let Some(mut browser) = Browser::start("keys in reports") else {
+        return;
+    };
+    let (folder, _) = pages();
+    for (page, file, document) in [
+        ("calibrate.html", "train.csv", "calibrate.json"),
+        ("check.html", "test.csv", "check.json"),
+    ] {
+        open(&mut browser, &folder, page);
+        let measured = joints(&folder, file);
+        let document = folder.json(document);
+        let plots = browser.evaluate("tests.plots()");
+        let plots = plots.as_array().unwrap();
+        let mut stops = Vec::new();
+        for _ in 0..200 {
+            browser.press("Tab", 0);
+            if browser.evaluate("document.activeElement === document.body") == true {
+                break;
+            }
+            let state = browser.evaluate("tests.plots().findIndex((plot) => plot.focused)");
+            let Some(at) = state.as_u64() else { continue };
+            stops.push(at as usize);
+            let plot = &plots[at as usize];
+            let (name, plane) = (plot["name"].as_str().unwrap(), &plot["plane"]);
+            let joint = name
+                .strip_prefix("joint ")
+                .map(|rest| rest[..1].parse::<usize>().unwrap());
+            let (mut lines, mut reached) = (BTreeSet::new(), BTreeSet::new());
+            browser.press("Home", 0);
+            let mut before = String::new();
+            loop {
+                let state = browser.evaluate("tests.state()");
+                let tip = state["tip"].as_str().unwrap();
+                if tip == before {
+                    break;
+                }
+                assert_eq!(
+                    state["whole"], true,
+                    "{page}, {name}: the box is cut off: {tip}"
+                );
+                before = tip.to_owned();
+                let (line, angles) = said(tip);
+                let truth = &measured.iter().find(|m| m.0 == line).unwrap().1;
+                assert_eq!(truth.len(), angles.len());
+                for (there, here) in truth.iter().zip(&angles) {
+                    assert!((there - here).abs() < 0.005_1, "{page}: {tip}: {truth:?}");
+                }
+                if let Some(rows) = document["rows"].as_array() {
+                    let row = rows.iter().find(|row| row["line"] == line).unwrap();
+                    let error = format!("{:.4}", row["position_mm"].as_f64().unwrap());
+                    assert!(
+                        tip.contains(&format!("position error (mm): {error}")),
+                        "{tip}"
+                    );
+                }
+                for core in state["cores"].as_array().unwrap() {
+                    for (x, y) in points(core) {
+                        reached.insert(format!("{:?}", (x, y)));
+                        // The dot of this line is where the joint of this line is.
+                        if let Some(j) = joint {
+                            let (low, high) = (
+                                plot["ends"][0].as_f64().unwrap(),
+                                plot["ends"][1].as_f64().unwrap(),
+                            );
+                            let share = (truth[j - 1] - low) / (high - low);
+                            let at =
+                                plane[0].as_f64().unwrap() + share * plane[2].as_f64().unwrap();
+                            assert!(
+                                (at - x).abs() < 0.06,
+                                "{page}, {name}: {tip}: {x} instead of {at}"
+                            );
+                        }
+                    }
+                }
+                lines.insert(line);
+                browser.press("ArrowRight", 0);
+            }
+            let all: BTreeSet<usize> = measured.iter().map(|m| m.0).collect();
+            assert_eq!(lines, all, "{page}, {name}");
+            let series = plot["series"].as_array().unwrap().iter();
+            let dots = as_texts(&series.flat_map(points).collect::<Vec<_>>());
+            assert_eq!(reached, dots, "{page}, {name}");
+        }
+        let each: Vec<usize> = (0..plots.len()).collect();
+        assert_eq!(stops, each, "{page}");
+        silent(&browser);
+    }
+    // The largest error of the document is at the pose that the page says it of.
+    open(&mut browser, &folder, "calibrate.html");
+    let largest = "Math.max(...Array.from(document.querySelectorAll('#poses tbody tr'), (row) => Number(row.cells[1].textContent)))";
+    let largest = browser.evaluate(largest).as_f64().unwrap();
+    let document = folder.json("calibrate.json");
+    let max = &document["held_out"]["calibrated"]["position_mm"]["max"];
+    assert!(
+        (largest - max.as_f64().unwrap()).abs() < 5.1e-5,
+        "{largest} {max}"
+    );
+    let line = browser.text("tests.text()");
+    assert!(line.contains("All 60 poses"));
+    // Escape takes the answer away.
+    browser.evaluate("document.querySelector('svg[data-plane]').focus()");
+    browser.press("End", 0);
+    assert_ne!(browser.evaluate("tests.state().tip"), "");
+    browser.press("Escape", 0);
+    assert_eq!(browser.evaluate("tests.state().tip"), "");
+}
+
+/// Dragging over the plot of a joint marks the poses of that range of the joint, by the file, in all plots.
+#[test]
+fn a_range_of_a_joint_is_marked_everywhere() {
+    let Some(mut browser) = Browser::start("marking in reports") else {
+        return;
+    };
+    let (folder, _) = pages();
+    open(&mut browser, &folder, "calibrate.html");
+    let measured = joints(&folder, "train.csv");
+    let expression = "tests.plots().findIndex((plot) => plot.name === 'joint 2 (deg)')";
+    let index = browser.evaluate(expression).as_u64().unwrap() as usize;
+    browser.evaluate(&format!(
+        "document.querySelectorAll('svg[data-plane]')[{index}].scrollIntoView({{block: 'center'}})"
+    ));
+    let plots = browser.evaluate("tests.plots()");
+    let plot = &plots[index];
+    let number = |value: &Value| value.as_f64().unwrap();
+    let [left, top, width] = [0, 1, 2].map(|i| number(&plot["plane"][i]));
+    let (low, high) = (number(&plot["ends"][0]), number(&plot["ends"][1]));
+    let scale = number(&plot["box"]["scale"]);
+    let window = |x: f64, y: f64| {
+        (
+            number(&plot["box"]["left"]) + scale * x,
+            number(&plot["box"]["top"]) + scale * y,
+        )
+    };
+    let (from, to) = (0.25, 0.6);
+    browser.mouse("mouseMoved", window(left + from * width, top + 20.0));
+    browser.mouse("mousePressed", window(left + from * width, top + 20.0));
+    for share in [0.3, 0.5, to] {
+        let place = window(left + share * width, top + 60.0);
+        browser.call(
+            "Input.dispatchMouseEvent",
+            json!({"type": "mouseMoved", "x": place.0, "y": place.1, "button": "left", "buttons": 1}),
+        );
+    }
+    browser.mouse("mouseReleased", window(left + to * width, top + 60.0));
+    // A pose on the border may fall on either side.
+    let share = |angle: f64| (angle - low) / (high - low);
+    let clear = measured
+        .iter()
+        .all(|m| (share(m.1[1]) - from).abs().min((share(m.1[1]) - to).abs()) > 0.002);
+    assert!(clear, "choose another range");
+    let inside: Vec<&(usize, Vec<f64>)> = measured
+        .iter()
+        .filter(|m| (from..to).contains(&share(m.1[1])))
+        .collect();
+    assert!((5..50).contains(&inside.len()));
+    let after = browser.evaluate("tests.plots()");
+    for plot in after.as_array().unwrap() {
+        let name = plot["name"].as_str().unwrap();
+        for (marked, all) in plot["marked"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .zip(plot["series"].as_array().unwrap())
+        {
+            assert_eq!(points(marked).len(), inside.len(), "{name}");
+            assert!(
+                as_texts(&points(marked)).is_subset(&as_texts(&points(all))),
+                "{name}"
+            );
+            // By the file: the values of another joint of the same lines.
+            let Some(joint) = name.strip_prefix("joint ") else {
+                continue;
+            };
+            let joint: usize = joint[..1].parse().unwrap();
+            let (low, high) = (number(&plot["ends"][0]), number(&plot["ends"][1]));
+            let plane = [0, 2].map(|i| number(&plot["plane"][i]));
+            let place = |m: &&(usize, Vec<f64>)| {
+                plane[0] + plane[1] * (m.1[joint - 1] - low) / (high - low)
+            };
+            let mut wanted: Vec<f64> = inside.iter().map(place).collect();
+            let mut found: Vec<f64> = points(marked).iter().map(|p| p.0).collect();
+            wanted.sort_by(f64::total_cmp);
+            found.sort_by(f64::total_cmp);
+            for (a, b) in wanted.iter().zip(&found) {
+                assert!((a - b).abs() < 0.06, "{name}: {a} {b}");
+            }
+        }
+    }
+    // The panel says how many they are and their mean error, which the table has, too.
+    let lines: Vec<usize> = inside.iter().map(|m| m.0).collect();
+    let errors = browser.evaluate("Array.from(document.querySelectorAll('#poses tbody tr'), (row) => [row.cells[0].textContent, Number(row.cells[1].textContent)])");
+    let errors = errors.as_array().unwrap().iter();
+    let error = |row: &Value| {
+        let line: usize = row[0]
+            .as_str()
+            .unwrap()
+            .strip_prefix("line ")
+            .unwrap()
+            .parse()
+            .unwrap();
+        lines.contains(&line).then(|| number(&row[1]))
+    };
+    let errors: Vec<f64> = errors.filter_map(error).collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+    let panel = browser.text("tests.panel()");
+    let expected = format!(
+        "{} of 60 poses are marked: joint 2 (deg) from ",
+        inside.len()
+    );
+    assert!(panel.starts_with(&expected), "{panel}");
+    assert!(
+        panel.contains(&format!(
+            "Mean of position error (mm): {mean:.3}, of the others "
+        )),
+        "{panel}"
+    );
+    // The dot under the pointer says which it is.
+    let (line, angles) = (measured[6].0, &measured[6].1);
+    let x = left + width * share(angles[1]);
+    let dots = points(&plot["series"][1]);
+    let dot = dots.iter().find(|d| (d.0 - x).abs() < 0.06).unwrap();
+    browser.mouse("mouseMoved", window(dot.0, dot.1));
+    let state = browser.evaluate(&format!("tests.state({index})"));
+    assert_eq!(said(state["tip"].as_str().unwrap()).0, line);
+    browser.press("Escape", 0);
+    assert_eq!(browser.text("tests.panel()"), "");
+    let marks = browser.evaluate("tests.plots().flatMap((plot) => plot.marked.flat()).length");
+    assert_eq!(marks, 0);
+    silent(&browser);
+}
+
+/// WCAG 2.2 AA in light and in dark, with answer and marks; nothing is wider than a phone; paper has what paper can show.
+#[test]
+fn the_pages_are_legible() {
+    let Some(mut browser) = Browser::start("contrast of reports") else {
+        return;
+    };
+    let (folder, pages) = pages();
+    for (page, _) in pages {
+        open(&mut browser, &folder, page);
+        for scheme in ["light", "dark"] {
+            browser.media("screen", scheme);
+            browser.evaluate(
+                "document.querySelectorAll('details').forEach((one) => { one.open = true; })",
+            );
+            let found = browser.evaluate("tests.contrasts()");
+            assert!(found["count"].as_u64().unwrap() > 100, "{page}: {found}");
+            assert_eq!(found["low"], json!([]), "{page} in {scheme}");
+            browser.press("Tab", 0);
+            browser.evaluate("document.querySelector('svg[data-plane]').focus()");
+            browser.press("End", 0);
+            assert_ne!(browser.evaluate("tests.state().tip"), "", "{page}");
+            let found = browser.evaluate("tests.contrasts()");
+            assert_eq!(
+                found["low"],
+                json!([]),
+                "{page} in {scheme}, with an answer"
+            );
+            browser.press("Escape", 0);
+        }
+        for width in [320, 390, 1100] {
+            browser.size(width, 800);
+            assert_eq!(
+                browser.evaluate("tests.sideways()"),
+                0,
+                "{page}, {width} wide"
+            );
+        }
+        browser.evaluate("document.querySelector('svg[data-plane]').focus()");
+        browser.press("End", SHIFT);
+        browser.media("print", "dark");
+        let shown = browser.evaluate(
+            "['.tip', '.panel', '.hint', 'nav'].filter((name) => Array.from(document.querySelectorAll(name)).some((e) => e.getClientRects().length > 0))",
+        );
+        assert_eq!(shown, json!([]), "{page} on paper");
+        let found = browser.evaluate("tests.contrasts()");
+        assert_eq!(found["low"], json!([]), "{page} on paper");
+        browser.media("", "light");
+        let paper = browser.call("Page.printToPDF", json!({"preferCSSPageSize": true}));
+        let paper = paper["data"].as_str().unwrap();
+        // The first bytes of a PDF, in base64.
+        assert!(paper.starts_with("JVBERi"), "{page}");
+        assert!(paper.len() > 20_000, "{page}");
+        silent(&browser);
+    }
+}
+
+/// Names of files, sessions and robots stay text, and would be stopped by the policy if they did not.
+#[test]
+fn a_script_in_a_name_does_not_run() {
+    let Some(mut browser) = Browser::start("hostile names in reports") else {
+        return;
+    };
+    let folder = Folder::new();
+    let hostile = "<script>alert(1)</script><img src=x onerror=alert(2)>";
+    let csv = changed(&simulated("train", 60), |_, fields| {
+        fields.push(format!("\"{hostile}\""))
+    });
+    let name = "<script>alert(3)<!--.csv";
+    folder.write(name, csv.replacen('\n', ",session\n", 1));
+    folder.write("robot.toml", hostile_robot());
+    let line = "calibrate --robot robot.toml --method poe --out arm.blob --report report.html";
+    let mut command = folder.command(line);
+    command
+        .arg(name)
+        .args(["--serial-number", "<svg onload=alert(4)>"]);
+    folder.finish(&mut command).ok();
+    open(&mut browser, &folder, "report.html");
+    assert_eq!(browser.evaluate("document.scripts.length"), 1);
+    assert_eq!(
+        browser.evaluate("document.querySelectorAll('img, script[src], iframe').length"),
+        0
+    );
+    let text = browser.text("tests.text()");
+    for part in [
+        hostile,
+        name,
+        "<svg onload=alert(4)>",
+        "</h1><svg onload=alert(5)>",
+    ] {
+        assert!(text.contains(part), "{part}");
+    }
+    // In the answer, too.
+    browser.press("Tab", 0);
+    browser.evaluate("document.querySelector('svg[data-plane]').focus()");
+    browser.press("End", 0);
+    let state = browser.evaluate("tests.state()");
+    assert!(state["tip"].as_str().unwrap().contains(hostile), "{state}");
+    silent(&browser);
+    // The policy stops what is not the page's own, however it came in.
+    let stopped = "new Promise((done) => {
+        document.addEventListener('securitypolicyviolation', (event) => done(event.effectiveDirective), { once: true });
+        const script = document.createElement('script');
+        script.textContent = 'alert(6)';
+        document.body.append(script);
+    })";
+    assert_eq!(browser.evaluate(stopped), "script-src-elem");
+    assert!(
+        browser
+            .complaints
+            .iter()
+            .all(|one| !one.starts_with("dialog")),
+        "{:?}",
+        browser.complaints
+    );
+    assert_eq!(browser.complaints.len(), 1, "{:#?}", browser.complaints);
+}
+
+fn hostile_robot() -> String {
+    let path = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../calibration/robots/abb-irb4400-serial.toml"
+    );
+    let text = std::fs::read_to_string(path).unwrap();
+    text.replacen(
+        "name = \"abb-irb4400-serial\"",
+        "name = '</h1><svg onload=alert(5)>'",
+        1,
+    )
+}
