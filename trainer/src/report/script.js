@@ -25,8 +25,11 @@
     return made;
   };
   const tip = element("div", "tip", document.body);
-  tip.setAttribute("role", "status");
+  tip.setAttribute("aria-hidden", "true");
   tip.hidden = true;
+  // The same for screen readers, where keys were pressed.
+  const said = element("div", "said", document.body);
+  said.setAttribute("role", "status");
   const panel = element("div", "panel", document.body);
   panel.hidden = true;
   const summary = element("span", "", panel);
@@ -35,19 +38,29 @@
   clear.type = "button";
   clear.textContent = "Clear";
 
-  // What is said of a pose, a line each.
-  const lines = (pose) => {
-    const first = rows[pose].cells[0];
-    const named = first.children.length > 0 ? Array.from(first.children, (part) => part.textContent.trim()) : [text(pose, 0)];
-    const joints = [];
-    const others = [];
+  // "error (mm)" is a name and a unit.
+  const named = (label) => {
+    const parts = label.match(/^(.*) \((.*)\)$/);
+    return parts === null ? [label, ""] : [parts[1], " " + parts[2]];
+  };
+
+  // What is said of a pose: what it is called, a line each, and pairs of name and value.
+  const titles = (pose) => {
+    const parts = Array.from(rows[pose].cells[0].children, (part) => part.textContent.trim());
+    return parts.length > 0 ? parts : [text(pose, 0)];
+  };
+  const values = (pose) => {
+    const [joints, units, pairs] = [[], new Set(), []];
     heads.forEach((head, i) => {
-      if (i === 0) return;
-      if (head.dataset.role === "joint") joints.push(text(pose, i) + " " + head.dataset.unit);
-      else if (text(pose, i) !== "") others.push(head.textContent + ": " + text(pose, i));
+      const value = text(pose, i);
+      if (i === 0 || value === "") return;
+      const [name, unit] = named(head.textContent);
+      if (head.dataset.role !== "joint") return void pairs.push([name, value + unit]);
+      joints.push([value, unit]);
+      units.add(unit);
     });
-    if (joints.length > 0) others.push("joints: " + joints.join(", "));
-    return named.concat(others);
+    const all = units.size === 1 ? joints.map((joint) => joint[0]).join(", ") + joints[0][1] : joints.map((joint) => joint.join("")).join(", ");
+    return joints.length > 0 ? pairs.concat([["joints", all]]) : pairs;
   };
 
   // A copy of a path that draws marks of another class.
@@ -126,10 +139,15 @@
     tip.hidden = pose < 0;
     if (pose >= 0) {
       tip.replaceChildren();
-      lines(pose).forEach((line, i) => { element(i === 0 ? "b" : "div", "", tip).textContent = line; });
+      titles(pose).forEach((line, i) => { element(i === 0 ? "b" : "p", "", tip).textContent = line; });
+      for (const pair of values(pose)) pair.forEach((part, i) => { element("span", i === 0 ? "name" : "", tip).textContent = part; });
     }
     draw();
     place();
+  };
+
+  const speak = (pose) => {
+    said.textContent = titles(pose).concat(values(pose).map((pair) => pair.join(": "))).join("; ");
   };
 
   const rounded = (value, span) => value.toFixed(span >= 20 ? 0 : span >= 2 ? 1 : 3);
@@ -152,12 +170,13 @@
     const others = rows.map((_, pose) => pose).filter((pose) => !marked.has(pose));
     const [low, high] = plot.ends;
     const at = (x) => rounded(low + (high - low) * (x - plot.left) / plot.width, high - low);
-    let said = marked.size + " of " + rows.length + " poses are marked";
-    if (!plot.rectangle) said += ": " + plot.label + " from " + at(x0) + " to " + at(x1);
-    said += ". ";
-    if (marked.size > 0) said += "Mean of " + heads[error].textContent + ": " + mean(Array.from(marked));
-    if (marked.size > 0) if (others.length > 0) said += ", of the others " + mean(others);
-    summary.textContent = said + (marked.size > 0 ? ". " : "");
+    let found = marked.size + " of " + rows.length + " poses are marked";
+    const [name, unit] = named(plot.label);
+    if (!plot.rectangle) found += ": " + name + " from " + at(x0) + " to " + at(x1) + unit;
+    const [what, length] = named(heads[error].textContent);
+    if (marked.size > 0) found += ". Mean " + what + " " + mean(Array.from(marked)) + length;
+    if (marked.size > 0) if (others.length > 0) found += ", of the others " + mean(others) + length;
+    summary.textContent = found + ".";
     panel.hidden = false;
     draw();
   };
@@ -214,9 +233,14 @@
       from = null;
     });
     svg.addEventListener("pointercancel", () => { from = null; });
-    svg.addEventListener("pointerleave", () => { if (from === null) show(plot, -1); });
+    // A finger that is lifted leaves the answer there.
+    svg.addEventListener("pointerleave", (event) => {
+      if (event.pointerType === "mouse") if (from === null) show(plot, -1);
+    });
     svg.addEventListener("focus", () => {
-      if (svg.matches(":focus-visible")) show(plot, plot.places.has(current) ? current : plot.order[0]);
+      if (!svg.matches(":focus-visible")) return;
+      show(plot, plot.places.has(current) ? current : plot.order[0]);
+      speak(current);
     });
     svg.addEventListener("blur", () => show(plot, -1));
     svg.addEventListener("keydown", (event) => {
@@ -229,6 +253,7 @@
         mark(plot, plot.places.get(plot.order[plot.begin]), plot.places.get(plot.order[to]));
       } else plot.begin = -1;
       show(plot, plot.order[to]);
+      speak(current);
     });
   }
 
@@ -237,6 +262,7 @@
     clearMarks();
     show(null, -1);
   });
+  addEventListener("pointerdown", (event) => { if (!event.target.closest("svg[data-plane]")) show(null, -1); });
   addEventListener("scroll", place, { passive: true });
   addEventListener("resize", place);
   for (const hint of document.querySelectorAll(".hint")) hint.hidden = plots.length === 0;

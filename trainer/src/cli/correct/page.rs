@@ -224,9 +224,9 @@ fn targets(rows: &[Row]) -> Section {
         })
         .answers();
     let mut columns = vec![Column::Name("target, before and after".into())];
-    columns.extend(["moves, mm", "turns, °"].map(|name| Column::Other(name.into())));
-    columns.push(Column::Error("off without, mm".into()));
-    columns.extend(["off with, µm", "on the way, mm"].map(|name| Column::Other(name.into())));
+    columns.extend(["moves (mm)", "turns (°)"].map(|name| Column::Other(name.into())));
+    columns.push(Column::Error("off without (mm)".into()));
+    columns.extend(["off with (µm)", "on the way (mm)"].map(|name| Column::Other(name.into())));
     section.poses(&columns, table, None)
 }
 

@@ -9,7 +9,7 @@ const TOGETHER: usize = 6;
 /// Sides of cubes, as multiples of a power of ten.
 const SIDES: [f64; 9] = [1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0];
 /// Cubes along the widest side of the workspace: at least, at most.
-const ALONG: (f64, f64) = (2.0, 8.0);
+const ALONG: (f64, f64) = (2.0, 5.0);
 
 /// Place of a cube in the grid of all cubes.
 type Place = [i64; 3];

@@ -48,11 +48,13 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         .collect();
     plot.line(Series::Reference, &line, false);
     let part = |row: &crate::report::Row| format!("{}\n{}", row.file, row.tool);
-    let few = evidence.parts(part).len() <= SEPARATED;
-    for (i, pair) in evidence.rows.windows(2).enumerate() {
-        if few && part(&pair[0]) != part(&pair[1]) {
-            plot.upright(Series::Other, (i + 1) as f64, "");
-        }
+    let pairs = evidence.rows.windows(2).enumerate();
+    let changes: Vec<usize> = pairs
+        .filter(|(_, pair)| part(&pair[0]) != part(&pair[1]))
+        .map(|(i, _)| i + 1)
+        .collect();
+    for row in changes.iter().filter(|_| changes.len() < SEPARATED) {
+        plot.upright(Series::Other, *row as f64, "");
     }
     let third = n / 3;
     let (first, last) = (

@@ -90,9 +90,8 @@ fn said(tip: &str) -> (usize, Vec<f64>) {
         .lines()
         .find_map(|l| l.strip_prefix("joints: "))
         .unwrap_or_else(|| panic!("{tip}"));
-    let joints = joints
-        .split(", ")
-        .map(|j| j.strip_suffix(" deg").unwrap().parse().unwrap());
+    let joints = joints.strip_suffix(" deg").unwrap();
+    let joints = joints.split(", ").map(|j| j.parse().unwrap());
     (line.parse().unwrap(), joints.collect())
 }
 
@@ -201,6 +200,9 @@ fn the_keyboard_reaches_every_point() {
                     "{page}, {name}: the box is cut off: {tip}"
                 );
                 before = tip.to_owned();
+                // What is seen is what a screen reader says.
+                let heard = state["said"].as_str().unwrap();
+                assert_eq!(heard, tip.trim().replace('\n', "; "), "{page}, {name}");
                 let (line, angles) = said(tip);
                 let truth = &measured.iter().find(|m| m.0 == line).unwrap().1;
                 assert_eq!(truth.len(), angles.len());
@@ -211,7 +213,7 @@ fn the_keyboard_reaches_every_point() {
                     let row = rows.iter().find(|row| row["line"] == line).unwrap();
                     let error = format!("{:.4}", row["position_mm"].as_f64().unwrap());
                     assert!(
-                        tip.contains(&format!("position error (mm): {error}")),
+                        tip.contains(&format!("position error: {error} mm")),
                         "{tip}"
                     );
                 }
@@ -365,15 +367,10 @@ fn a_range_of_a_joint_is_marked_everywhere() {
     let errors: Vec<f64> = errors.filter_map(error).collect();
     let mean = errors.iter().sum::<f64>() / errors.len() as f64;
     let panel = browser.text("tests.panel()");
-    let expected = format!(
-        "{} of 60 poses are marked: joint 2 (deg) from ",
-        inside.len()
-    );
+    let expected = format!("{} of 60 poses are marked: joint 2 from ", inside.len());
     assert!(panel.starts_with(&expected), "{panel}");
     assert!(
-        panel.contains(&format!(
-            "Mean of position error (mm): {mean:.3}, of the others "
-        )),
+        panel.contains(&format!("Mean position error {mean:.3} mm, of the others ")),
         "{panel}"
     );
     // The dot under the pointer says which it is.
@@ -384,6 +381,29 @@ fn a_range_of_a_joint_is_marked_everywhere() {
     browser.mouse("mouseMoved", window(dot.0, dot.1));
     let state = browser.evaluate(&format!("tests.state({index})"));
     assert_eq!(said(state["tip"].as_str().unwrap()).0, line);
+    // So does one under a finger, which is lifted then.
+    browser.call(
+        "Emulation.setTouchEmulationEnabled",
+        json!({"enabled": true}),
+    );
+    let other = dots.iter().find(|d| (d.0 - x).abs() > 60.0).unwrap();
+    let (x, y) = window(other.0, other.1);
+    for (kind, points) in [
+        ("touchStart", json!([{"x": x, "y": y}])),
+        ("touchEnd", json!([])),
+    ] {
+        browser.call(
+            "Input.dispatchTouchEvent",
+            json!({"type": kind, "touchPoints": points}),
+        );
+    }
+    let state = browser.evaluate(&format!("tests.state({index})"));
+    let reached = state["cores"].as_array().unwrap().iter().flat_map(points);
+    assert!(
+        as_texts(&reached.collect::<Vec<_>>()).contains(&format!("{other:?}")),
+        "{state}"
+    );
+    assert_ne!(said(state["tip"].as_str().unwrap()).0, line);
     browser.press("Escape", 0);
     assert_eq!(browser.text("tests.panel()"), "");
     let marks = browser.evaluate("tests.plots().flatMap((plot) => plot.marked.flat()).length");

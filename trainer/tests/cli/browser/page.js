@@ -86,7 +86,8 @@
       const tip = document.querySelector(".tip");
       return {
         plot: plots().indexOf(svg),
-        tip: tip.hidden ? "" : Array.from(tip.children, (line) => line.textContent).join("\n"),
+        tip: tip.hidden ? "" : Array.from(tip.children, (part) => part.textContent + (part.className === "name" ? ": " : "\n")).join(""),
+        said: document.querySelector(".said").textContent,
         cores: Array.from(svg.querySelectorAll("path.core"), points),
         whole: tip.hidden || (({ left, right, top, bottom }) => left >= 0 && right <= innerWidth + 1 && top >= 0 && bottom <= innerHeight + 1)(tip.getBoundingClientRect()),
       };
