@@ -12,20 +12,7 @@ use crate::program::Folder;
 const LARGEST: u64 = 150_000;
 const PICTURES: [&str; 4] = ["light", "dark", "phone", "print"];
 
-/// Takes the finest steps from the colours of a picture: half the bytes, and no difference to the eye.
-const FEWER_COLOURS: &str = "async (source) => {
-    const image = new Image();
-    image.src = source;
-    await image.decode();
-    const canvas = document.createElement('canvas');
-    [canvas.width, canvas.height] = [image.width, image.height];
-    const context = canvas.getContext('2d');
-    context.drawImage(image, 0, 0);
-    const pixels = context.getImageData(0, 0, image.width, image.height);
-    pixels.data.forEach((value, i) => { pixels.data[i] = 12 * Math.round(value / 12); if (value > 249) pixels.data[i] = 255; });
-    context.putImageData(pixels, 0, 0);
-    return canvas.toDataURL('image/png');
-}";
+const PALETTE: &str = include_str!("palette.js");
 
 fn file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../docs/guide/report-{name}.png"))
@@ -51,9 +38,9 @@ fn take_the_pictures() {
     folder.run("demo").ok();
     for name in PICTURES {
         let (width, height) = match name {
-            "phone" => (390, 780),
-            "print" => (794, 1000),
-            _ => (860, 700),
+            "phone" => (390, 844),
+            "print" => (794, 1123),
+            _ => (1040, 860),
         };
         browser.size(width, height);
         let medium = if name == "print" { "print" } else { "screen" };
@@ -112,10 +99,8 @@ fn take_the_pictures() {
         );
         let data = picture["data"].as_str().unwrap();
         browser.call("Page.navigate", json!({"url": "about:blank"}));
-        let fewer = browser.text(&format!(
-            "({FEWER_COLOURS})('data:image/png;base64,{data}')"
-        ));
-        let bytes = decoded(fewer.split_once(',').unwrap().1);
+        let expression = format!("({})('data:image/png;base64,{data}')", PALETTE.trim());
+        let bytes = decoded(&browser.text(&expression));
         std::fs::write(file(name), bytes).unwrap();
     }
 }
