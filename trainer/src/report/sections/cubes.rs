@@ -1,4 +1,4 @@
-//! Mean errors over cubes of the workspace: what is alike adds up, noise averages out.
+//! Mean errors over cubes of the workspace, and over squares of a view of it: what is alike adds up, noise averages out.
 
 use poegp_calibration::validation::held_out::HeldOutPose;
 
@@ -8,16 +8,19 @@ pub const FEWEST: usize = 3;
 const TOGETHER: usize = 6;
 /// Sides of cubes, as multiples of a power of ten.
 const SIDES: [f64; 9] = [1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0];
-/// Cubes along the widest side of the workspace: at least, at most.
-const ALONG: (f64, f64) = (2.0, 5.0);
+/// Along the widest side of the workspace there are this many cubes at least.
+const FEWEST_ALONG: f64 = 2.0;
+/// Along it there are this many cubes, or squares of a view, at most.
+const MOST_CUBES: f64 = 6.0;
+const MOST_SQUARES: f64 = 14.0;
 
 /// Place of a cube in the grid of all cubes.
 type Place = [i64; 3];
 
-/// One cube, in mm and in the base's axes.
+/// One cube, in mm and in the base's axes; or a square with all that is behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cube {
-    /// Its lower corner.
+    /// Its lower corner; 0 along the axis that a view is seen along.
     pub low: [f64; 3],
     /// Its poses.
     pub members: Vec<usize>,
@@ -49,15 +52,23 @@ impl Cubes {
     /// Of the positions of the poses; `widest` is the longest side of the workspace in mm. The side is the smallest round
     /// one with which most poses have neighbours in their cube.
     pub fn new(poses: &[HeldOutPose], widest: f64) -> Self {
-        let power = 10f64.powf((widest / ALONG.1).log10().floor());
-        let sides = [1.0, 10.0]
-            .into_iter()
-            .flat_map(|decade| SIDES.map(|s| s * decade * power));
-        let fits = |side: &f64| (widest / ALONG.1..=widest / ALONG.0).contains(side);
+        Self::along(&[0, 1, 2], MOST_CUBES, poses, widest)
+    }
+
+    /// The same with squares of the view that has these axes, through its whole depth.
+    pub fn of_view(axes: [usize; 2], poses: &[HeldOutPose], widest: f64) -> Self {
+        Self::along(&axes, MOST_SQUARES, poses, widest)
+    }
+
+    fn along(axes: &[usize], most: f64, poses: &[HeldOutPose], widest: f64) -> Self {
+        let power = 10f64.powf((widest / most).log10().floor());
+        let sides = [1.0, 10.0].map(|decade| SIDES.map(|s| s * decade * power));
+        let sides = sides.into_iter().flatten();
+        let fits = |side: &f64| (widest / most..=widest / FEWEST_ALONG).contains(side);
         let mut sides: Vec<f64> = sides.filter(fits).collect();
         let largest = sides.pop().unwrap_or(widest);
         let shares = |side: &f64| {
-            let cubes = divided(poses, *side);
+            let cubes = divided(axes, poses, *side);
             let mut together: Vec<usize> = cubes
                 .iter()
                 .flat_map(|(_, members)| vec![members.len(); members.len()])
@@ -79,7 +90,7 @@ impl Cubes {
                 members,
             }
         };
-        let filled = divided(poses, side)
+        let filled = divided(axes, poses, side)
             .into_iter()
             .filter(|(_, members)| members.len() >= FEWEST);
         Self {
@@ -102,11 +113,14 @@ impl Cubes {
 }
 
 /// The poses by the cube that they are in.
-fn divided(poses: &[HeldOutPose], side: f64) -> Vec<(Place, Vec<usize>)> {
+fn divided(axes: &[usize], poses: &[HeldOutPose], side: f64) -> Vec<(Place, Vec<usize>)> {
     let mut out: Vec<(Place, Vec<usize>)> = Vec::new();
     let mut known = std::collections::HashMap::new();
     for (i, pose) in poses.iter().enumerate() {
-        let place = pose.position.map(|x| (1e3 * x / side).floor() as i64);
+        let mut place = Place::default();
+        for axis in axes {
+            place[*axis] = (1e3 * pose.position[*axis] / side).floor() as i64;
+        }
         let at = *known.entry(place).or_insert(out.len());
         if at == out.len() {
             out.push((place, Vec::new()));
@@ -205,6 +219,28 @@ mod tests {
         assert!((found.vector[2] + 2.0).abs() < 1e-9, "{found:?}");
         assert_eq!(found.direction(), "−z");
         assert!(worst.low[0] >= 600.0);
+    }
+
+    /// Squares of a view have more poses than cubes of the same side, and are smaller for it.
+    #[test]
+    fn a_view_is_averaged_through_its_depth() {
+        let all = (0..512).map(|i| {
+            let [x, y, z] = [i / 64, i / 8 % 8, i % 8].map(|k| 0.05 + 0.1 * f64::from(k));
+            pose([x, y, z], [1e-3 * x, 0.0, 1e-3 * z])
+        });
+        let poses: Vec<HeldOutPose> = all.collect();
+        let (view, cubes) = (
+            Cubes::of_view([0, 1], &poses, 800.0),
+            Cubes::new(&poses, 800.0),
+        );
+        assert_eq!((view.side, cubes.side), (60.0, 200.0));
+        assert_eq!(view.cubes.len(), 64);
+        for square in &view.cubes {
+            let found = square.mean_error(&poses);
+            assert_eq!(square.members.len(), 8);
+            assert!((found.vector[0] - 1e-3 * square.position[0]).abs() < 1e-9);
+            assert!((found.vector[2] - 0.4).abs() < 1e-9, "{found:?}");
+        }
     }
 
     #[test]

@@ -2,15 +2,15 @@
 
 use maud::{Markup, html};
 
-use crate::report::chart::{Axis, Brush, Plot, Series, plain, round_125};
+use crate::report::chart::{Axis, Brush, Plot, Series, plain};
 use crate::report::sections::cubes::{self, Cube, Cubes};
 use crate::report::sections::methods::keys;
 use crate::report::sections::poses::left_out;
 use crate::report::{HeldOutSummary, Number, ReportData, Section, rounded};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
-/// Length of the longest arrow, as a share of the side of a cube.
-const ARROW: f64 = 0.9;
+/// Length of the longest arrow, as a share of the side of a square.
+const ARROW: f64 = 2.0;
 /// Cubes that are listed.
 const LISTED: usize = 3;
 /// Sides of a drawing, and what its labels take of them.
@@ -38,13 +38,15 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     if widest.is_nan() || widest <= 0.0 {
         return section.missing("Not shown: all poses are at one place.");
     }
-    let cubes = Cubes::new(&evidence.calibrated().poses, widest);
+    let poses = &evidence.calibrated().poses;
+    let squares = VIEWS.map(|(u, v, _)| Cubes::of_view([u, v], poses, widest));
+    let cubes = Cubes::new(poses, widest);
     let mut section = section
         .text(html! {
-            (keys(both)) ". Dots are poses, where they were measured; x, y, z are the axes of the robot's base. Errors are averaged "
-            "over cubes with sides of " (plain(cubes.side)) " mm. An arrow begins at the middle of the poses of a cube and points "
-            "from where the model says that the tool is to where it was seen, in the mean and enlarged. What errors have in "
-            "common stays in it; noise averages out. A cube with fewer than " (cubes::FEWEST) " poses has no arrow."
+            (keys(both)) ". Dots are poses, where they were measured; x, y, z are the axes of the robot's base. Each view is "
+            "divided into squares. An arrow is the mean error of the poses of a square, through the whole depth: from where the "
+            "model says that the tool is to where it was seen, enlarged. What errors have in common stays in it; noise averages "
+            "out. A square with fewer than " (cubes::FEWEST) " poses has no arrow."
             (left_out(evidence.rows.len()))
         })
         .answers()
@@ -70,15 +72,13 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let side = widest * (1.0 + 2.0 * MARGIN);
     let (across, up) = (SIDE - LABELS.0, SIDE - LABELS.1);
     for (series, method, summary, which) in shown {
-        let errors: Vec<_> = cubes
-            .cubes
-            .iter()
-            .map(|c| c.mean_error(&method.poses))
-            .collect();
-        let longest = errors.iter().map(|e| e.length).fold(1e-9, f64::max);
-        let factor = round_125(ARROW * cubes.side / longest, false);
+        let lengths = VIEWS.iter().zip(&squares).flat_map(|((u, v, _), view)| {
+            let errors = view.cubes.iter().map(|c| c.mean_error(&method.poses));
+            errors.map(|e| e.vector[*u].hypot(e.vector[*v]) / view.side)
+        });
+        let factor = one_digit(ARROW / lengths.fold(1e-9, f64::max));
         let largest = cubes.by_error(&method.poses).first().copied();
-        for (u, v, view) in VIEWS {
+        for ((u, v, view), squares) in VIEWS.into_iter().zip(&squares) {
             let names = ["x", "y", "z"];
             // One scale for both axes and all views: as many mm to a unit along as across.
             let axis = |i: usize, length: f64| {
@@ -101,14 +101,12 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
                 Brush::Rectangle,
                 drawn.iter().enumerate().map(place),
             );
-            for (cube, error) in cubes.cubes.iter().zip(&errors) {
-                let [x, y] = [u, v].map(|i| cube.position[i]);
+            for square in &squares.cubes {
+                let error = square.mean_error(&method.poses);
+                let [x, y] = [u, v].map(|i| square.position[i]);
                 let [dx, dy] = [u, v].map(|i| factor * error.vector[i]);
-                let title = format!(
-                    "{} poses: {:.3} mm in the mean",
-                    cube.members.len(),
-                    error.length
-                );
+                let n = square.members.len();
+                let title = format!("{n} poses: {:.3} mm in the mean", error.length);
                 plot.arrow(series, [x, y, dx, dy], &title);
             }
             if let Some(i) = largest {
@@ -128,7 +126,11 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
                     (Number::mm(mean, format!("/held_out/{which}/position_mm/mean"))) " mm in the mean"
                 },
                 plot.render(&format!("Errors over the workspace {which}, {view}")),
-                &format!("Arrows are {} times as long as the error.", plain(factor)),
+                &format!(
+                    "Arrows are {} times as long as the error; squares have sides of {} mm.",
+                    plain(factor),
+                    plain(squares.side)
+                ),
             );
         }
     }
@@ -180,9 +182,9 @@ fn listed(section: Section, evidence: &ReportData, cubes: &Cubes) -> Section {
     }
     section
         .text(html! {
-            "The largest mean error is at x " (range(first, 0)) ", y " (range(first, 1)) ", z " (range(first, 2)) " mm: "
+            "Over cubes with sides of " (plain(cubes.side)) " mm the mean error is largest at x " (range(first, 0)) ", y " (range(first, 1)) ", z " (range(first, 2)) " mm: "
             b class="calibrated" { (rounded(error.length, 3)) " ± " (rounded(error.standard_error, 3)) " mm" }
-            " over " (first.members.len()) " poses, mostly along " (error.direction()) "; ± is one standard error. "
+            " over " (first.members.len()) " poses, mostly along " (error.direction()) " (± is one standard error; framed as “largest”). "
             @if certain { "That is more than chance." } @else { "That could be chance." }
         })
         .table(&header, order.iter().take(LISTED).map(row).collect())
@@ -223,6 +225,12 @@ fn neighbours(evidence: &ReportData) -> Markup {
         }
         (crate::report::rounded(after, 2)) " after the calibration (1: they point the same way, 0: at random): " (verdict) "."
     }
+}
+
+/// The next smaller number with one digit that is not 0.
+fn one_digit(x: f64) -> f64 {
+    let power = 10f64.powf(x.log10().floor());
+    (x / power).floor().max(1.0) * power
 }
 
 fn capitalised(word: &str) -> String {
