@@ -14,8 +14,8 @@ const FEWEST_ALONG: f64 = 2.0;
 const MOST_CUBES: f64 = 6.0;
 const MOST_SQUARES: f64 = 14.0;
 
-/// Place of a cube in the grid of all cubes.
-type Place = [i64; 3];
+/// Index of a cube in the grid of all cubes.
+type Index = [i64; 3];
 
 /// One cube, in mm and in the base's axes; or a square with all that is behind it.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,13 +79,13 @@ impl Cubes {
                 .is_some_and(|n| *n >= TOGETHER)
         };
         let side = sides.into_iter().find(shares).unwrap_or(largest);
-        let cube = |(place, members): (Place, Vec<usize>)| {
+        let cube = |(index, members): (Index, Vec<usize>)| {
             let mean = |i: usize| {
                 let sum: f64 = members.iter().map(|m| 1e3 * poses[*m].position[i]).sum();
                 sum / members.len() as f64
             };
             Cube {
-                low: place.map(|x| x as f64 * side),
+                low: index.map(|x| x as f64 * side),
                 position: [0, 1, 2].map(mean),
                 members,
             }
@@ -113,17 +113,17 @@ impl Cubes {
 }
 
 /// The poses by the cube that they are in.
-fn divided(axes: &[usize], poses: &[HeldOutPose], side: f64) -> Vec<(Place, Vec<usize>)> {
-    let mut out: Vec<(Place, Vec<usize>)> = Vec::new();
+fn divided(axes: &[usize], poses: &[HeldOutPose], side: f64) -> Vec<(Index, Vec<usize>)> {
+    let mut out: Vec<(Index, Vec<usize>)> = Vec::new();
     let mut known = std::collections::HashMap::new();
     for (i, pose) in poses.iter().enumerate() {
-        let mut place = Place::default();
+        let mut index = Index::default();
         for axis in axes {
-            place[*axis] = (1e3 * pose.position[*axis] / side).floor() as i64;
+            index[*axis] = (1e3 * pose.position[*axis] / side).floor() as i64;
         }
-        let at = *known.entry(place).or_insert(out.len());
+        let at = *known.entry(index).or_insert(out.len());
         if at == out.len() {
-            out.push((place, Vec::new()));
+            out.push((index, Vec::new()));
         }
         out[at].1.push(i);
     }

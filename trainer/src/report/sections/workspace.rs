@@ -92,14 +92,14 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             let least = across.min(up);
             let mut plot = Plot::new(axis(u, side * across / least), axis(v, side * up / least))
                 .sized(SIDE, SIDE);
-            let place = |(row, i): (usize, &usize)| {
+            let dot = |(row, i): (usize, &usize)| {
                 let [x, y] = [u, v].map(|k| 1e3 * method.poses[*i].position[k]);
                 (row, (x, y))
             };
             plot.poses(
                 Series::Other,
                 Brush::Rectangle,
-                drawn.iter().enumerate().map(place),
+                drawn.iter().enumerate().map(dot),
             );
             for square in &squares.cubes {
                 let error = square.mean_error(&method.poses);
