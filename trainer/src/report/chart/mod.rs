@@ -80,6 +80,8 @@ const LEFT: f64 = 54.0;
 const CHARACTER: f64 = 6.3;
 /// Height of a label's characters, about.
 const LINE: f64 = 11.5;
+/// Dots that are smaller where there are more of them.
+const MANY: usize = 350;
 /// Characters of a name beside a box.
 const NAME: usize = 20;
 
@@ -167,6 +169,7 @@ impl Plot {
         if rows.is_empty() {
             return;
         }
+        let many = rows.len() > MANY;
         // Most plots have all rows in their order: nothing needs to be said of that.
         let in_order = rows.iter().enumerate().all(|(i, row)| i == *row);
         let rows: Vec<String> = rows.iter().map(ToString::to_string).collect();
@@ -175,7 +178,8 @@ impl Plot {
         } else {
             rows.join(" ")
         };
-        let class = format!("dots {}", series.class());
+        let size = if many { " many" } else { "" };
+        let class = format!("dots {}{size}", series.class());
         self.marks
             .push(html! { path class=(class) data-poses=(rows) d=(d) {} });
         self.poses = Some(brush);
@@ -194,7 +198,9 @@ impl Plot {
             );
         }
         let class = format!("line {}", series.class());
-        self.marks.push(html! { path class=(class) d=(d) {} });
+        // Behind it a rim in the colour of the page, so that it stands out from dots.
+        self.marks
+            .push(html! { path class="rim" d=(d) {} path class=(class) d=(d) {} });
         if dotted {
             self.dots(series, points.iter().copied());
         }

@@ -50,7 +50,7 @@
   const graphics = () => {
     const marks = "path, circle, rect";
     return Array.from(document.querySelectorAll("svg")).flatMap((svg) => Array.from(svg.querySelectorAll(marks)))
-      .filter((e) => !e.matches(".grid, .band") && (e.getAttribute("d") !== ""))
+      .filter((e) => !e.matches(".grid, .band, .rim") && (e.getAttribute("d") !== ""))
       .map((e) => {
         const style = getComputedStyle(e);
         const back = behind(e);
