@@ -11,7 +11,7 @@
 //!
 //! The page asks for nothing from a network. A page with plots of poses has one script, `script.js`, which lets these plots
 //! answer when they are pointed at; it reads the table of the poses ([`Section::poses`]), adds no number of its own to the
-//! text, and all else is there without it. The content security policy of the page ([`policy`]) allows this script and the
+//! text, and all else is there without it. The content security policy of the page (`policy.rs`) allows this script and the
 //! style sheet by their hashes and nothing else. Colours are CSS variables, also inside the SVG, so that
 //! it follows the reader's light or dark scheme and prints in light. Everything that a user named (files, sessions,
 //! robots) goes through the escaping of `maud`. A number that is in the JSON document, too, is a `data` element with its

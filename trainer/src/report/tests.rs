@@ -109,3 +109,13 @@ fn pages_of_many_poses_are_small_quick_and_say_what_they_leave_out() {
         println!("{poses} poses: {} bytes in {seconds:.3} s", page.len());
     }
 }
+
+/// What would end the script early, or make its bytes others than those of its hash; a page counts no `&` of names wrongly.
+#[test]
+fn the_script_is_text_that_a_browser_leaves_as_it_is() {
+    for word in ["</", "<!--", "\r", "&", "innerHTML", "http"] {
+        assert!(!SCRIPT.contains(word), "{word}");
+    }
+    assert!(!STYLE.contains("</"), "{STYLE}");
+    assert!(!STYLE.contains('\r'));
+}
