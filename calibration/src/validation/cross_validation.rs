@@ -119,7 +119,7 @@ pub struct Task<'a> {
 /// Memory that the folds at a time may take, bytes.
 const MEMORY: u64 = 2 << 30;
 /// Folds of so many poses that fit into [`MEMORY`] together, and one in any case.
-fn folds_in_memory(poses: usize, config: &Config) -> usize {
+pub(in crate::validation) fn folds_in_memory(poses: usize, config: &Config) -> usize {
     let one = config.method.memory(poses, config.hyperparameters);
     usize::try_from(MEMORY / one.max(1)).map_or(1, |folds| folds.max(1))
 }

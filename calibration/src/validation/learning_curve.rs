@@ -1,7 +1,10 @@
 //! The learning curve: what fewer training poses would have given, and whether more would still help.
 //!
 //! Held-out errors of one model with a growing part of the training poses. The parts are nested and drawn once with the
-//! seed of the folds; all are tested on the same poses: the test sets, or the first fold when there are none.
+//! seed of the folds; all are tested on the same poses: the test sets, or the first fold when there are none. All sizes are
+//! fitted at a time, as far as there are cores; no result depends on their number.
+
+use std::sync::Mutex;
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -10,8 +13,9 @@ use serde::Serialize;
 
 use crate::measurement::sample::InstrumentSample;
 use crate::model::config::Config;
+use crate::numeric::parallel::for_each;
 use crate::numeric::statistics::ErrorSummary;
-use crate::validation::cross_validation::Task;
+use crate::validation::cross_validation::{Task, folds_in_memory};
 use crate::validation::held_out::{HeldOutPose, held_out, summary};
 
 /// Sizes that are tried: each twice the one before, so that the whole costs about as much as one calibration.
@@ -67,27 +71,38 @@ pub fn curve(
     task: &Task,
     config: &Config,
     whole: &[HeldOutPose],
-    progress: &mut dyn FnMut(),
+    progress: &mut (dyn FnMut() + Send),
 ) -> Vec<Point> {
     let parts = Parts::new(task);
     let mut order: Vec<usize> = (0..parts.pool.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(task.seed));
-    let mut out = Vec::new();
-    for size in sizes(task, config) {
+    let point = |size: usize| -> Option<Point> {
         let mut drawn = order[..size.min(order.len())].to_vec();
         drawn.sort_unstable();
         let train: Vec<InstrumentSample> = drawn.iter().map(|i| parts.pool[*i].clone()).collect();
-        if has_all_tools(&train, &parts.tests)
-            && let Ok(found) = task.calibrated(config, &train)
-        {
-            let base = &found.calibration.base_and_tools.instrument_from_base;
-            out.push(Point {
-                trained_on: train.len(),
-                errors: summary(&held_out(&found.blob, base, &parts.tests, None)),
-            });
+        if !has_all_tools(&train, &parts.tests) {
+            return None;
         }
-        progress();
-    }
+        let found = task.calibrated(config, &train).ok()?;
+        let base = &found.calibration.base_and_tools.instrument_from_base;
+        Some(Point {
+            trained_on: train.len(),
+            errors: summary(&held_out(&found.blob, base, &parts.tests, None)),
+        })
+    };
+    let sizes = sizes(task, config);
+    let mut found: Vec<Option<Point>> = vec![None; sizes.len()];
+    let at_a_time = folds_in_memory(sizes.last().copied().unwrap_or(0), config);
+    let progress = Mutex::new(progress);
+    // The largest takes longest: first.
+    let tasks: Vec<_> = sizes.into_iter().zip(&mut found).rev().collect();
+    for_each(task.threads.min(at_a_time), tasks, |(size, slot)| {
+        *slot = point(size);
+        if let Ok(mut progress) = progress.lock() {
+            progress();
+        }
+    });
+    let mut out: Vec<Point> = found.into_iter().flatten().collect();
     let errors = match task.tests.is_empty() {
         true => summary(&task.folds().split(whole, 0).1),
         false => summary(whole),

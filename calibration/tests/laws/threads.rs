@@ -5,7 +5,8 @@ use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::progress::FitContext;
-use poegp_calibration::validation::cross_validation::Task;
+use poegp_calibration::validation::cross_validation::{Task, TestSet};
+use poegp_calibration::validation::learning_curve::{curve, sizes};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -47,5 +48,36 @@ fn no_byte_depends_on_the_number_of_threads() {
         for threads in [2, 16] {
             assert!(on(threads) == one, "{method:?} on {threads} threads");
         }
+    }
+}
+
+/// All sizes of the learning curve are fitted at a time; they come in their order, and each is reported once.
+#[test]
+fn no_learning_curve_depends_on_the_number_of_threads() {
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let curves = Curves::draw(6, 18, 3e-4, &mut random);
+    let train = measured(&curves, 140, &mut random, anywhere);
+    let tests = [TestSet {
+        name: "test".to_owned(),
+        samples: measured(&curves, 20, &mut random, anywhere),
+    }];
+    let (robot, origin) = (robot(), origin(vec![ToolName::default()]));
+    let config = Config::new(Method::Poe);
+    let on = |threads: usize| {
+        let task = Task {
+            threads,
+            ..task(&robot, &train, &tests, 0, &origin)
+        };
+        let whole = task.run(&config, &mut || ()).unwrap();
+        let mut done = 0;
+        let points = curve(&task, &config, &whole.sets[0].poses, &mut || done += 1);
+        assert_eq!(done, sizes(&task, &config).len());
+        points
+    };
+    let one = on(1);
+    let trained: Vec<usize> = one.iter().map(|point| point.trained_on).collect();
+    assert_eq!(trained, [25, 50, 100, 140]);
+    for threads in [2, 16] {
+        assert_eq!(on(threads), one, "{threads} threads");
     }
 }

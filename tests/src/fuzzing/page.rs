@@ -1,7 +1,7 @@
 //! Names with anything in them, on a page of the report.
 
 use maud::html;
-use poegp_trainer::report::{Page, Section};
+use poegp_trainer::report::{Column, Page, Section};
 
 /// Renders a page whose every name is `bytes`.
 ///
@@ -32,7 +32,15 @@ fn page(name: &str) -> String {
             html! { svg { title { (name) } text x=(name) { (name) } } },
             name,
         )
-        .table(&[name], vec![vec![html! { (name) }]]);
+        .table(&[name], vec![vec![html! { (name) }]])
+        .poses(
+            &[
+                Column::Name(name.to_owned()),
+                Column::Error(name.to_owned()),
+            ],
+            vec![vec![html! { (name) }, html! { (name) }]],
+            Some(name),
+        );
     let more = (0..4).map(|_| Section::new("two", name).text(html! { a href=(name) { (name) } }));
     let page = Page::new(name, name).with(section);
     more.fold(page, Page::with).render()

@@ -123,6 +123,26 @@ pub struct HeldOutSummary {
     pub learning_curve: Vec<Point>,
 }
 
+/// Poses that have dots in plots and a row in the table of the poses at most: the page stays below 1 MB.
+pub const DRAWN: usize = 700;
+
+/// Which of so many rows are drawn, in their order: all, or [`DRAWN`] of them. A tenth of these are the rows with the largest
+/// errors; the others are evenly spread over the rows that remain.
+pub fn drawn(errors: &[f64]) -> Vec<usize> {
+    if errors.len() <= DRAWN {
+        return (0..errors.len()).collect();
+    }
+    let mut order: Vec<usize> = (0..errors.len()).collect();
+    order.sort_by(|a, b| errors[*b].total_cmp(&errors[*a]).then(a.cmp(b)));
+    let (largest, others) = order.split_at_mut(DRAWN / 10);
+    others.sort_unstable();
+    let rest = DRAWN - largest.len();
+    let evenly = (0..rest).map(|i| others[i * others.len() / rest]);
+    let mut out: Vec<usize> = largest.iter().copied().chain(evenly).collect();
+    out.sort_unstable();
+    out
+}
+
 /// Payloads that are listed separately at most; more are gathered to steps of a kilogram.
 const PAYLOADS: usize = 12;
 
@@ -183,6 +203,11 @@ impl ReportData {
     /// What the model of the report made of the rows.
     pub fn calibrated(&self) -> &Method {
         &self.methods[self.calibrated]
+    }
+
+    /// The rows that plots and the table of the poses show.
+    pub fn drawn(&self) -> Vec<usize> {
+        drawn(&self.calibrated().errors())
     }
 
     /// The rows by a name, in the order of their first; each with the indices of its rows.
@@ -278,4 +303,28 @@ fn rows(set: &MeasurementSet) -> Vec<Row> {
         },
     };
     set.measurements.iter().map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_errors_are_always_drawn() {
+        for n in [0, 1, DRAWN, DRAWN + 1, 3 * DRAWN + 17] {
+            // Large ones at random places.
+            let errors: Vec<f64> = (0..n).map(|i| ((i * 7919) % 1009) as f64).collect();
+            let shown = drawn(&errors);
+            assert_eq!(shown.len(), n.min(DRAWN));
+            assert!(shown.windows(2).all(|pair| pair[0] < pair[1]), "{n}");
+            let mut sorted = errors.clone();
+            sorted.sort_by(|a, b| b.total_cmp(a));
+            let least = sorted.get(DRAWN / 10).copied().unwrap_or(-1.0);
+            let mut large = (0..n).filter(|i| errors[*i] > least);
+            assert!(large.all(|i| shown.contains(&i)), "{n}");
+            // Nowhere a gap in the rows: those of the beginning, of the end and between.
+            let gap = shown.windows(2).map(|pair| pair[1] - pair[0]).max();
+            assert!(gap.unwrap_or(0) <= 2 * n.div_ceil(DRAWN), "{n}: {gap:?}");
+        }
+    }
 }

@@ -9,7 +9,10 @@
 //!     └───────────────────────────────────────────> sections::* ──> Page ──> bytes
 //! ```
 //!
-//! The page asks for nothing from a network and has no scripts. Colours are CSS variables, also inside the SVG, so that
+//! The page asks for nothing from a network. A page with plots of poses has one script, `script.js`, which lets these plots
+//! answer when they are pointed at; it reads the table of the poses ([`Section::poses`]), adds no number of its own to the
+//! text, and all else is there without it. The content security policy of the page (`policy.rs`) allows this script and the
+//! style sheet by their hashes and nothing else. Colours are CSS variables, also inside the SVG, so that
 //! it follows the reader's light or dark scheme and prints in light. Everything that a user named (files, sessions,
 //! robots) goes through the escaping of `maud`. A number that is in the JSON document, too, is a `data` element with its
 //! exact value and its place there (a JSON pointer): [`Number`]; a test compares them all. The same input gives
@@ -18,6 +21,7 @@
 pub mod certificate;
 pub mod chart;
 pub mod data;
+mod policy;
 pub mod provenance;
 pub mod sections;
 #[cfg(test)]
@@ -29,6 +33,20 @@ pub use crate::report::data::{HeldOutSummary, HoldOutMethod, Method, ReportData,
 pub use crate::report::provenance::{FileSummary, Provenance};
 
 const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("script.js");
+
+/// A column of the table of the poses.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Column {
+    /// The file's name for the row: its line.
+    Name(String),
+    /// The error of the pose, by which marked poses are compared.
+    Error(String),
+    /// A joint from 1, and its unit.
+    Joint(usize, &'static str),
+    /// Anything else.
+    Other(String),
+}
 
 /// A number of the JSON document.
 #[derive(Clone, Debug)]
@@ -90,6 +108,7 @@ pub struct Section {
     blocks: Vec<Markup>,
     figures: Vec<Markup>,
     small: bool,
+    scripted: bool,
 }
 
 impl Section {
@@ -101,6 +120,7 @@ impl Section {
             blocks: Vec::new(),
             figures: Vec::new(),
             small: false,
+            scripted: false,
         }
     }
 
@@ -153,6 +173,47 @@ impl Section {
     #[must_use]
     pub fn table_beside(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
         self.figures.push(table(header, rows));
+        self
+    }
+
+    /// With the table of the poses: one row for each pose that has dots in plots ([`Plot::poses`](chart::Plot::poses)), in
+    /// their order. `folded` is what stands in its place until it is opened. A page has one at most.
+    #[must_use]
+    pub fn poses(
+        mut self,
+        columns: &[Column],
+        rows: Vec<Vec<Markup>>,
+        folded: Option<&str>,
+    ) -> Self {
+        self.close_figures();
+        self.scripted = true;
+        let table = html! {
+            div class="scroll" { table id="poses" {
+                thead { tr { @for column in columns { @match column {
+                    Column::Error(name) => th data-role="error" { (name) },
+                    Column::Joint(joint, unit) => th data-role="joint" data-unit=(unit) { "joint " (joint) " (" (unit) ")" },
+                    Column::Name(name) | Column::Other(name) => th { (name) },
+                } } } }
+                tbody { @for row in rows { tr { @for field in row { td { (field) } } } } }
+            } }
+        };
+        self.blocks.push(match folded {
+            Some(title) => html! { details { summary { (title) } (table) } },
+            None => table,
+        });
+        self
+    }
+
+    /// With a sentence that says how its plots answer; it is shown where the script runs.
+    #[must_use]
+    pub fn answers(mut self) -> Self {
+        self.close_figures();
+        self.blocks.push(html! {
+            p class="hint" hidden {
+                "Point at a dot, or go to a plot with Tab and through its dots with the arrow keys, to see the pose. Drag over a \
+                 plot, or hold Shift, to mark the same poses in all others; Escape clears."
+            }
+        });
         self
     }
 
@@ -215,11 +276,14 @@ impl Page {
 
     /// The bytes of the HTML file.
     pub fn render(&self) -> String {
+        let scripted = self.sections.iter().any(|section| section.scripted);
+        let script = scripted.then_some(SCRIPT);
         let page = html! {
             (DOCTYPE)
             html lang="en" {
                 head {
                     meta charset="utf-8";
+                    meta http-equiv="Content-Security-Policy" content=(policy::policy(STYLE, script));
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     meta name="generator" content=(concat!("poegp trainer ", env!("CARGO_PKG_VERSION")));
@@ -241,8 +305,11 @@ impl Page {
                         }
                     }
                     footer {
-                        p { "Made by poegp trainer " (env!("CARGO_PKG_VERSION")) ". This page needs no network and no scripts." }
+                        p { "Made by poegp trainer " (env!("CARGO_PKG_VERSION")) ". This page needs no network"
+                            @if scripted { "; its script, the only one that it allows, lets the plots answer." } @else { " and no scripts." }
+                        }
                     }
+                    @if let Some(script) = script { script { (PreEscaped(script)) } }
                 }
             }
         };

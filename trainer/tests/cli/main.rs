@@ -9,6 +9,8 @@ mod bad_robots;
 #[cfg(unix)]
 mod board;
 mod bridge;
+#[cfg(unix)]
+mod browser;
 mod check;
 mod choice;
 mod conformity;

@@ -28,6 +28,7 @@ use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
+use poegp_protocol::JointKind;
 
 /// Share of `--max-mm` by which a drift may move the target before it matters.
 const DRIFT_SHARE: f64 = 0.5;
@@ -168,10 +169,12 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         },
     };
     let json = json_text(&document)?;
+    let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
+    let day = loaded.host().provenance.date;
     let page = a
         .report
         .as_deref()
-        .map(|path| (path, page::page(&document, loaded.host().provenance.date)));
+        .map(|path| (path, page::page(&document, &data.set, &kinds, day)));
     let mut files: Vec<(&Path, &[u8])> = Vec::new();
     files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));

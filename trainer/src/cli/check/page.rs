@@ -7,13 +7,17 @@ use maud::html;
 use crate::cli::check::document::CheckJson;
 use crate::cli::check::programs::CorrectedProgram;
 use crate::cli::check::wording;
-use crate::report::chart::{Axis, Plot, Series};
-use crate::report::{Number, Page, Section, sections};
+use crate::report::chart::{Axis, Brush, Plot, Series};
+use crate::report::data::drawn;
+use crate::report::sections::poses::{joint_columns, joint_fields, left_out};
+use crate::report::{Column, Number, Page, Section, rounded, sections};
+use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::numeric::statistics::Summary;
-use poegp_calibration::verification::result::{Change, Estimate, Sensitivity};
+use poegp_calibration::verification::result::{Change, Estimate, RowError, Sensitivity};
+use poegp_protocol::JointKind;
 
-/// The page of a check; `date` is the day of the calibration.
-pub fn page(d: &CheckJson<'_>, date: &str) -> String {
+/// The page of a check of the rows of `set`, by a model with joints of these `kinds`; `date` is the day of the calibration.
+pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: &str) -> String {
     let p = &d.provenance;
     let serial = match p.serial_number.as_str() {
         "" => String::new(),
@@ -34,6 +38,7 @@ pub fn page(d: &CheckJson<'_>, date: &str) -> String {
         false => page.with(programs(d)),
     };
     page.with(sensitivity(d))
+        .with(poses(d, set, kinds))
         .with(sections::provenance(p))
         .render()
 }
@@ -102,14 +107,15 @@ fn errors(d: &CheckJson<'_>) -> Section {
         ),
         Axis::errors("position error (mm)", &reach),
     );
-    for (i, row) in f.rows.iter().enumerate() {
-        let series = if f.odd_lines.contains(&row.line) {
-            Series::Nominal
-        } else {
-            Series::Calibrated
-        };
-        let tooltip = format!("line {}: {:.3} mm", row.line, row.position_mm);
-        plot.dot_with_tooltip(series, (i as f64 + 0.5, row.position_mm), &tooltip);
+    let shown = drawn(&all);
+    let odd = |row: &RowError| f.odd_lines.contains(&row.line);
+    for (series, wanted) in [(Series::Calibrated, false), (Series::Nominal, true)] {
+        let of = shown
+            .iter()
+            .enumerate()
+            .filter(|(_, i)| odd(&f.rows[**i]) == wanted);
+        let at = |(row, i): (usize, &usize)| (row, (*i as f64 + 0.5, all[*i]));
+        plot.poses(series, Brush::Range, of.map(at));
     }
     plot.level(Series::Reference, d.max_mm, "allowed");
     let above = all.iter().filter(|error| **error > d.max_mm).count();
@@ -138,9 +144,13 @@ fn errors(d: &CheckJson<'_>) -> Section {
         .figure(
             finding,
             plot.render("position error of every pose of the check"),
-            "Each dot is a pose; one of the other colour stands out from all others. The line is what is allowed.",
+            &format!(
+                "Each dot is a pose; one of the other colour stands out from all others. The line is what is allowed.{}",
+                left_out(all.len())
+            ),
         )
-        .table_beside(&["position, mm", "mean", "95 %", "largest"], rows);
+        .table_beside(&["position, mm", "mean", "95 %", "largest"], rows)
+        .answers();
     match f.odd_lines.as_slice() {
         [] => section,
         lines => {
@@ -151,6 +161,32 @@ fn errors(d: &CheckJson<'_>) -> Section {
             })
         }
     }
+}
+
+/// Every pose that the plot shows: line, error, joints.
+fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Section {
+    let rows = &d.findings.rows;
+    let all: Vec<f64> = rows.iter().map(|row| row.position_mm).collect();
+    let mut columns = vec![
+        Column::Name("row".into()),
+        Column::Error("position error (mm)".into()),
+    ];
+    columns.extend(joint_columns(kinds));
+    let row = |i: usize| {
+        let RowError { line, position_mm } = rows[i];
+        let measured = set.measurements.iter().find(|m| m.line == line);
+        let joints = measured.map_or(&[][..], |m| &m.joints);
+        let mut fields = vec![
+            html! { "line " (line) },
+            html! { (rounded(position_mm, 4)) },
+        ];
+        fields.extend(joint_fields(kinds, joints));
+        fields
+    };
+    let shown = drawn(&all).into_iter().map(row).collect();
+    Section::new("all-poses", "Pose by pose")
+        .text(html! { "What the plot says of a dot: its line in the file, its error and its joints." (left_out(all.len())) })
+        .poses(&columns, shown, Some("The poses of the check"))
 }
 
 fn moved(d: &CheckJson<'_>) -> Section {

@@ -7,8 +7,8 @@ use std::collections::HashMap;
 use maud::{Markup, html};
 
 use crate::cli::correct::document::{FrameJson, ProgramJson};
-use crate::report::chart::{Axis, Plot, Series};
-use crate::report::{Number, Page, Provenance, Section, rounded, sections};
+use crate::report::chart::{Axis, Brush, Plot, Series};
+use crate::report::{Column, Number, Page, Provenance, Section, rounded, sections};
 use crate::robot_programs::correction::between::Between;
 use crate::robot_programs::correction::engine::Outcome;
 use crate::robot_programs::correction::program::{Goal, Program, Target};
@@ -17,8 +17,6 @@ use crate::robot_programs::correction::source::Number as Written;
 
 /// Most targets in the table, and most parts that are left; the page stays small.
 const SHOWN: usize = 1000;
-/// Dots with a text of their own.
-const WITH_TOOLTIPS: usize = 300;
 
 /// A corrected target, for people.
 struct Row {
@@ -180,35 +178,23 @@ fn targets(rows: &[Row]) -> Section {
         Axis::errors("distance (mm)", &errors),
     );
     let at = |i: usize| i as f64 + 0.5;
-    let between = |(i, row): (usize, &Row)| row.between_mm.map(|mm| (at(i), mm));
-    if rows.len() <= WITH_TOOLTIPS {
-        for (i, row) in rows.iter().enumerate() {
-            let name = format!("{}:{}", row.file, row.line);
-            let tooltip = format!("{name}: uncorrected {:.3} mm", row.before_mm);
-            plot.dot_with_tooltip(Series::Nominal, (at(i), row.before_mm), &tooltip);
-            if let Some(mm) = row.between_mm {
-                let tooltip = format!("on the way to {name}: {mm:.3} mm");
-                plot.dot_with_tooltip(Series::Calibrated, (at(i), mm), &tooltip);
-            }
-        }
-    } else {
-        let before = rows.iter().enumerate();
-        plot.dots(
-            Series::Nominal,
-            before.map(|(i, row)| (at(i), row.before_mm)),
-        );
-        plot.dots(
-            Series::Calibrated,
-            rows.iter().enumerate().filter_map(between),
-        );
-    }
-    // The largest first where not all are shown; in the order of the moves where they are.
-    let mut shown: Vec<&Row> = rows.iter().collect();
+    let mut shown: Vec<usize> = (0..rows.len()).collect();
     if shown.len() > SHOWN {
-        shown.sort_by(|a, b| b.before_mm.total_cmp(&a.before_mm));
+        shown.sort_by(|a, b| rows[*b].before_mm.total_cmp(&rows[*a].before_mm));
         shown.truncate(SHOWN);
+        shown.sort_unstable();
     }
-    let table = shown.iter().map(|row| {
+    let before = |(row, i): (usize, &usize)| (row, (at(*i), rows[*i].before_mm));
+    let between = |(row, i): (usize, &usize)| rows[*i].between_mm.map(|mm| (row, (at(*i), mm)));
+    let targets = || shown.iter().enumerate();
+    plot.poses(Series::Nominal, Brush::Range, targets().map(before));
+    plot.poses(
+        Series::Calibrated,
+        Brush::Range,
+        targets().filter_map(between),
+    );
+    let table = shown.iter().map(|i| {
+        let row = &rows[*i];
         vec![
             html! {
                 div { (row.file) ":" (row.line) }
@@ -232,19 +218,16 @@ fn targets(rows: &[Row]) -> Section {
         )
         .text(html! {
             "Numbers as the file has them, before and after."
-            @if rows.len() > SHOWN { " Of the " (rows.len()) " targets the table has the " (SHOWN) " with the largest distance." }
-        });
-    section.table(
-        &[
-            "target, before and after",
-            "moves, mm",
-            "turns, °",
-            "off without, mm",
-            "off with, µm",
-            "on the way, mm",
-        ],
-        table,
-    )
+            @if rows.len() > SHOWN {
+                " Of the " (rows.len()) " targets the plot and the table have the " (SHOWN) " with the largest distance."
+            }
+        })
+        .answers();
+    let mut columns = vec![Column::Name("target, before and after".into())];
+    columns.extend(["moves (mm)", "turns (°)"].map(|name| Column::Other(name.into())));
+    columns.push(Column::Error("off without (mm)".into()));
+    columns.extend(["off with (µm)", "on the way (mm)"].map(|name| Column::Other(name.into())));
+    section.poses(&columns, table, None)
 }
 
 fn left(d: &ProgramJson) -> Section {

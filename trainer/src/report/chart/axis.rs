@@ -93,7 +93,7 @@ impl Axis {
         share.clamp(0.0, 1.0)
     }
 
-    /// Values that get a line, and what is written there.
+    /// Values that get a line, and what is written there: multiples of a step, or 1, 2 and 5 in every decade.
     pub fn ticks(&self) -> Vec<(f64, String)> {
         match self.scale {
             Scale::Linear => {
@@ -106,20 +106,32 @@ impl Axis {
                     .collect()
             }
             Scale::Log => {
-                let decades = (self.upper / self.lower).log10();
-                let factors: &[f64] = if decades > 2.4 {
-                    &[1.0]
-                } else {
-                    &[1.0, 2.0, 5.0]
-                };
                 let exponents =
                     self.lower.log10().floor() as i32..=self.upper.log10().ceil() as i32;
-                let values = exponents.flat_map(|e| factors.iter().map(move |f| f * 10f64.powi(e)));
+                let values = exponents.flat_map(|e| [1.0, 2.0, 5.0].map(|f| f * 10f64.powi(e)));
                 let inside = |x: &f64| (self.lower * 0.999..=self.upper * 1.001).contains(x);
                 values.filter(inside).map(|x| (x, plain(x))).collect()
             }
         }
     }
+}
+
+/// Which labels have room: `locations` are along the axis, `lengths` what each takes of it. Powers of ten come
+/// first, then fives, then twos.
+pub fn with_room(texts: &[String], locations: &[f64], lengths: &[f64]) -> Vec<bool> {
+    let rank = |text: &String| {
+        let digit = text.chars().find(|c| ('1'..='9').contains(c));
+        ['1', '5', '2'].iter().position(|d| Some(*d) == digit)
+    };
+    let mut order: Vec<usize> = (0..texts.len()).collect();
+    order.sort_by_key(|i| rank(&texts[*i]));
+    let mut shown = vec![false; texts.len()];
+    for i in order {
+        let apart =
+            |j: usize| (locations[i] - locations[j]).abs() >= 0.5 * (lengths[i] + lengths[j]);
+        shown[i] = (0..texts.len()).filter(|j| shown[*j]).all(apart);
+    }
+    shown
 }
 
 /// The next 1, 2 or 5 times a power of ten, upwards or downwards.
@@ -172,6 +184,28 @@ mod tests {
             texts(&axis),
             ["0.01", "0.02", "0.05", "0.1", "0.2", "0.5", "1", "2"]
         );
+        // So are those of many decades.
+        let wide = texts(&Axis::log("", 0.001, 4.0));
+        assert_eq!(
+            (wide.len(), wide[1].as_str(), wide[11].as_str()),
+            (12, "0.002", "5")
+        );
+    }
+
+    #[test]
+    fn labels_without_room_are_left_out_and_powers_of_ten_stay() {
+        let texts = ["1", "2", "5", "10", "20", "50", "100"].map(str::to_owned);
+        let at = |scale: f64| [0.0, 0.301, 0.699, 1.0, 1.301, 1.699, 2.0].map(|x| scale * x);
+        let shown = |scale: f64| -> Vec<&str> {
+            let all = with_room(&texts, &at(scale), &[10.0; 7]);
+            let kept = texts.iter().zip(all).filter(|t| t.1);
+            kept.map(|t| t.0.as_str()).collect()
+        };
+        assert_eq!(shown(35.0), texts);
+        assert_eq!(shown(30.0), ["1", "10", "100"]);
+        // Where the labels are narrower than the others.
+        let few = with_room(&texts, &at(30.0), &[10.0, 4.0, 4.0, 10.0, 10.0, 10.0, 10.0]);
+        assert_eq!(few, [true, true, true, true, false, false, true]);
     }
 
     #[test]

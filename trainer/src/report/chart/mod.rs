@@ -3,11 +3,16 @@
 //! What is drawn has a class and no colour: colours, also of dark pages and of paper, are the style sheet's. Marks are one
 //! `path` for each series, not an element for each point, so that a thousand poses stay small. Coordinates have one
 //! decimal of a unit that is about a pixel.
+//!
+//! Dots that are poses have the attribute `data-poses`, and the plot of them says where its plane is (`data-plane`: left,
+//! top, width, height) and which values lie at its left and right ends (`data-x`). From that and the path itself
+//! `script.js` finds the pose under the pointer; no coordinate is written twice.
 
 mod axis;
 
 use maud::{Markup, html};
 
+use crate::report::chart::axis::with_room;
 pub use crate::report::chart::axis::{Axis, Scale, plain, round_125};
 
 /// What a mark belongs to: its colour.
@@ -73,6 +78,10 @@ const BOTTOM: f64 = 40.0;
 const LEFT: f64 = 54.0;
 /// Width of a character of the labels, about.
 const CHARACTER: f64 = 6.3;
+/// Height of a label's characters, about.
+const LINE: f64 = 11.5;
+/// Dots that are smaller where there are more of them.
+const MANY: usize = 350;
 /// Characters of a name beside a box.
 const NAME: usize = 20;
 
@@ -86,6 +95,17 @@ pub struct Plot {
     left: f64,
     y_ticks: bool,
     marks: Vec<Markup>,
+    /// Whether there are dots of poses, and whether they are marked in a box rather than between two values of x.
+    poses: Option<Brush>,
+}
+
+/// What dragging over a plot marks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Brush {
+    /// The poses between two values of x.
+    Range,
+    /// The poses in a rectangle.
+    Rectangle,
 }
 
 impl Plot {
@@ -99,6 +119,7 @@ impl Plot {
             left: LEFT,
             y_ticks: true,
             marks: Vec::new(),
+            poses: None,
         }
     }
 
@@ -132,13 +153,36 @@ impl Plot {
         self.marks.push(html! { path class=(class) d=(d) {} });
     }
 
-    /// A dot for one point that says something when it is pointed at.
-    pub fn dot_with_tooltip(&mut self, series: Series, point: (f64, f64), tooltip: &str) {
-        let (x, y) = self.at(point.0, point.1);
-        let class = format!("tooltip {}", series.class());
-        self.marks.push(html! {
-            circle class=(class) cx=(short(x)) cy=(short(y)) r="3" { title { (tooltip) } }
-        });
+    /// A dot for each pose, with its row in the table of the poses (see [`Section::poses`](super::Section::poses)).
+    pub fn poses(
+        &mut self,
+        series: Series,
+        brush: Brush,
+        points: impl IntoIterator<Item = (usize, (f64, f64))>,
+    ) {
+        let (mut d, mut rows) = (String::new(), Vec::new());
+        for (row, (x, y)) in points {
+            let (x, y) = self.at(x, y);
+            d += &format!("M{} {}h0", short(x), short(y));
+            rows.push(row);
+        }
+        if rows.is_empty() {
+            return;
+        }
+        let many = rows.len() > MANY;
+        // Most plots have all rows in their order: nothing needs to be said of that.
+        let in_order = rows.iter().enumerate().all(|(i, row)| i == *row);
+        let rows: Vec<String> = rows.iter().map(ToString::to_string).collect();
+        let rows = if in_order {
+            String::new()
+        } else {
+            rows.join(" ")
+        };
+        let size = if many { " many" } else { "" };
+        let class = format!("dots {}{size}", series.class());
+        self.marks
+            .push(html! { path class=(class) data-poses=(rows) d=(d) {} });
+        self.poses = Some(brush);
     }
 
     /// A line through the points, with a dot at each when `dotted`.
@@ -154,7 +198,9 @@ impl Plot {
             );
         }
         let class = format!("line {}", series.class());
-        self.marks.push(html! { path class=(class) d=(d) {} });
+        // Behind it a rim in the colour of the page, so that it stands out from dots.
+        self.marks
+            .push(html! { path class="rim" d=(d) {} path class=(class) d=(d) {} });
         if dotted {
             self.dots(series, points.iter().copied());
         }
@@ -204,25 +250,41 @@ impl Plot {
         });
     }
 
-    /// An arrow from each point by a displacement in the units of the axes.
-    pub fn arrows(&mut self, series: Series, arrows: impl IntoIterator<Item = [f64; 4]>) {
-        let mut d = String::new();
-        for [x, y, dx, dy] in arrows {
-            let ((x, y), (u, v)) = (self.at(x, y), self.at(x + dx, y + dy));
-            d += &format!("M{} {}L{} {}", short(x), short(y), short(u), short(v));
-            let (length, angle) = ((u - x).hypot(v - y), (v - y).atan2(u - x));
-            let head = (0.35 * length).min(4.0);
-            if head >= 0.8 {
-                let side = |turn: f64| {
-                    let a = angle + turn;
-                    (short(u + head * a.cos()), short(v + head * a.sin()))
-                };
-                let ((a, b), (c, e)) = (side(2.6), side(-2.6));
-                d += &format!("M{a} {b}L{} {}L{c} {e}", short(u), short(v));
-            }
+    /// A thick arrow from a point by a displacement in the units of the axes; `title` says what it is.
+    pub fn arrow(&mut self, series: Series, [x, y, dx, dy]: [f64; 4], title: &str) {
+        let ((x, y), (u, v)) = (self.at(x, y), self.at(x + dx, y + dy));
+        let (length, angle) = ((u - x).hypot(v - y), (v - y).atan2(u - x));
+        let mut d = format!("M{} {}L{} {}", short(x), short(y), short(u), short(v));
+        let head = (0.4 * length).min(6.0);
+        if head >= 1.0 {
+            let side = |turn: f64| {
+                let a = angle + turn;
+                (short(u + head * a.cos()), short(v + head * a.sin()))
+            };
+            let ((a, b), (c, e)) = (side(2.6), side(-2.6));
+            d += &format!("M{a} {b}L{} {}L{c} {e}", short(u), short(v));
         }
-        let class = format!("arrows {}", series.class());
-        self.marks.push(html! { path class=(class) d=(d) {} });
+        let class = format!("arrow {}", series.class());
+        self.marks
+            .push(html! { path class=(class) d=(d) { title { (title) } } });
+    }
+
+    /// A frame around a part of the plane, with a few words inside its upper left corner.
+    pub fn frame(&mut self, series: Series, low: (f64, f64), high: (f64, f64), texts: &str) {
+        let ((left, bottom), (right, top)) = (self.at(low.0, low.1), self.at(high.0, high.1));
+        let class = format!("rule {}", series.class());
+        let d = format!(
+            "M{} {}V{}H{}V{}z",
+            short(left),
+            short(bottom),
+            short(top),
+            short(right),
+            short(bottom)
+        );
+        self.marks.push(html! {
+            path class=(class) d=(d) {}
+            text class="note" x=(short(left + 3.0)) y=(short(top - 4.0)) { (texts) }
+        });
     }
 
     /// The drawing; `aria_label` describes it for screen readers.
@@ -240,6 +302,10 @@ impl Plot {
             .into_iter()
             .map(|(value, text)| (TOP + height * (1.0 - self.y.location(value)), text));
         let (ticks_x, ticks_y): (Vec<_>, Vec<_>) = (ticks_x.collect(), ticks_y.collect());
+        let labels_x = labelled(&self.x, &ticks_x, |text| {
+            CHARACTER * (text.chars().count() as f64 + 1.0)
+        });
+        let labels_y = labelled(&self.y, &ticks_y, |_| LINE);
         let mut grid = String::new();
         for (x, _) in &ticks_x {
             grid += &format!("M{} {}V{}", short(*x), short(TOP), short(bottom));
@@ -248,14 +314,19 @@ impl Plot {
             grid += &format!("M{} {}H{}", short(self.left), short(*y), short(right));
         }
         let middle = TOP + height / 2.0;
+        let plane = [self.left, TOP, width, height].map(short).join(" ");
+        let ends = format!("{} {}", self.x.lower as f32, self.x.upper as f32);
+        let (plane, ends) = (self.poses.map(|_| plane), self.poses.map(|_| ends));
+        let brush = self.poses.filter(|b| *b == Brush::Rectangle);
         html! {
-            svg viewBox=(format!("0 0 {} {}", short(self.width), short(self.height))) role="img" aria-label=(aria_label) {
+            svg viewBox=(format!("0 0 {} {}", short(self.width), short(self.height))) role="img" aria-label=(aria_label)
+                data-plane=[plane] data-x=[ends] data-brush=[brush.map(|_| "rectangle")] {
                 path class="grid" d=(grid) {}
-                @for (x, text) in &ticks_x {
+                @for (x, text) in labels_x {
                     text class="tick" x=(short(*x)) y=(short(bottom + 15.0)) text-anchor="middle" { (text) }
                 }
                 @if self.y_ticks {
-                    @for (y, text) in &ticks_y {
+                    @for (y, text) in labels_y {
                         text class="tick" x=(short(self.left - 6.0)) y=(short(y + 4.0)) text-anchor="end" { (text) }
                     }
                     text class="label" x="12" y=(short(middle)) text-anchor="middle"
@@ -325,6 +396,23 @@ pub fn boxes(label: &str, boxes: &[BoxOf], aria_label: &str) -> Markup {
         plot.marks.push(drawn);
     }
     plot.render(aria_label)
+}
+
+/// The ticks of an axis whose label has room; `length` is what a label takes of it.
+fn labelled<'a>(
+    axis: &Axis,
+    ticks: &'a [(f64, String)],
+    length: impl Fn(&str) -> f64,
+) -> Vec<&'a (f64, String)> {
+    let texts: Vec<String> = ticks.iter().map(|t| t.1.clone()).collect();
+    let locations: Vec<f64> = ticks.iter().map(|t| t.0).collect();
+    let lengths: Vec<f64> = texts.iter().map(|text| length(text)).collect();
+    let shown = match axis.scale {
+        Scale::Linear => vec![true; ticks.len()],
+        Scale::Log => with_room(&texts, &locations, &lengths),
+    };
+    let kept = ticks.iter().zip(shown).filter(|t| t.1);
+    kept.map(|t| t.0).collect()
 }
 
 /// A name of at most [`NAME`] characters; names differ mostly at their ends.

@@ -3,9 +3,10 @@
 use maud::html;
 use poegp_protocol::JointKind;
 
-use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::chart::{Axis, BoxOf, Brush, Plot, Series, boxes};
 use crate::report::sections::mean_and_error;
 use crate::report::sections::methods::keys;
+use crate::report::sections::poses::{joint_unit, left_out};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::identification::identifiability::{STILL_PRISMATIC, STILL_REVOLUTE};
 
@@ -51,8 +52,10 @@ pub fn joints(evidence: &ReportData) -> Section {
         .small_figures()
         .text(html! {
             (keys(both)) ". Dots are held-out poses, lines the means over an eighth of the joint's range. A line that rises "
-            "and falls with a joint is an effect of that joint that is left."
-        });
+            "and falls with a joint is an effect of that joint that is left." (left_out(evidence.rows.len()))
+        })
+        .answers();
+    let drawn = evidence.drawn();
     let value = |joint: usize, factor: f64| -> Vec<f64> {
         evidence
             .rows
@@ -62,9 +65,10 @@ pub fn joints(evidence: &ReportData) -> Section {
     };
     let mut unmoved = Vec::new();
     for (joint, kind) in evidence.kinds.iter().enumerate() {
-        let (unit, factor, still) = match kind {
-            JointKind::Revolute => ("deg", 180.0 / std::f64::consts::PI, STILL_REVOLUTE),
-            JointKind::Prismatic => ("mm", 1e3, STILL_PRISMATIC),
+        let (unit, factor, _) = joint_unit(*kind);
+        let still = match kind {
+            JointKind::Revolute => STILL_REVOLUTE,
+            JointKind::Prismatic => STILL_PRISMATIC,
         };
         let x = value(joint, factor);
         let low = x.iter().copied().fold(f64::INFINITY, f64::min);
@@ -84,16 +88,14 @@ pub fn joints(evidence: &ReportData) -> Section {
         let line = |bins: &[(f64, f64, usize)]| -> Vec<(f64, f64)> {
             bins.iter().map(|(x, y, _)| (*x, *y)).collect()
         };
+        let mut dots = |series: Series, errors: &[f64]| {
+            let at = |(row, i): (usize, &usize)| (row, (x[*i], errors[*i]));
+            plot.poses(series, Brush::Range, drawn.iter().enumerate().map(at));
+        };
         if both {
-            plot.dots(
-                Series::Nominal,
-                x.iter().copied().zip(before.iter().copied()),
-            );
+            dots(Series::Nominal, &before);
         }
-        plot.dots(
-            Series::Calibrated,
-            x.iter().copied().zip(after.iter().copied()),
-        );
+        dots(Series::Calibrated, &after);
         if both {
             plot.line(Series::Nominal, &line(&binned(&x, &before)), false);
         }

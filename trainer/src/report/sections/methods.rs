@@ -133,7 +133,6 @@ pub fn keys(both: bool) -> Markup {
     html! {
         @if both { span class="key nominal" { "● nominal" } "  " }
         span class="key calibrated" { "● calibrated" }
-        @if both { " the calibration" }
     }
 }
 

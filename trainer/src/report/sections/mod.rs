@@ -4,9 +4,11 @@
 //! that a number and its place there are written side by side. What a run does not know is said in a sentence.
 
 mod calibration;
+mod cubes;
 mod headline;
 mod joints;
 mod methods;
+pub mod poses;
 mod time;
 mod touches;
 mod uncertainty;
@@ -19,6 +21,7 @@ pub use crate::report::sections::calibration::{
 pub use crate::report::sections::headline::headline;
 pub use crate::report::sections::joints::{joints, payloads};
 pub use crate::report::sections::methods::{distribution, learning, methods};
+pub use crate::report::sections::poses::poses;
 pub use crate::report::sections::time::time;
 pub use crate::report::sections::touches::{
     class, distances, touch_headline, touch_outliers, touched, unseen,
@@ -42,6 +45,7 @@ pub fn held_out(page: Page, evidence: &ReportData, summary: &HeldOutSummary) -> 
         .with(time(evidence, summary))
         .with(learning(summary))
         .with(uncertainty(evidence, summary))
+        .with(poses(evidence))
 }
 
 /// Mean and the standard error of it.

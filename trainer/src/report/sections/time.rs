@@ -2,8 +2,9 @@
 
 use maud::html;
 
-use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::chart::{Axis, BoxOf, Brush, Plot, Series, boxes};
 use crate::report::sections::mean_and_error;
+use crate::report::sections::poses::left_out;
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 
 /// Rows of the running median, at least, and as a share of all.
@@ -26,10 +27,13 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         Axis::linear("held-out pose, in the order of the rows", 0.0, n as f64),
         Axis::errors("position error (mm)", &errors),
     );
-    for (i, (row, error)) in evidence.rows.iter().zip(&errors).enumerate() {
-        let tooltip = format!("{} line {}: {error:.3} mm", row.file, row.line);
-        plot.dot_with_tooltip(Series::Calibrated, (i as f64 + 0.5, *error), &tooltip);
-    }
+    let drawn = evidence.drawn();
+    let at = |(row, i): (usize, &usize)| (row, (*i as f64 + 0.5, errors[*i]));
+    plot.poses(
+        Series::Calibrated,
+        Brush::Range,
+        drawn.iter().enumerate().map(at),
+    );
     let window = WINDOW.max(n / WINDOW_SHARE);
     let middle = |i: usize| {
         let from = i.saturating_sub(window / 2).min(n - window);
@@ -44,11 +48,13 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         .collect();
     plot.line(Series::Reference, &line, false);
     let part = |row: &crate::report::Row| format!("{}\n{}", row.file, row.tool);
-    let few = evidence.parts(part).len() <= SEPARATED;
-    for (i, pair) in evidence.rows.windows(2).enumerate() {
-        if few && part(&pair[0]) != part(&pair[1]) {
-            plot.upright(Series::Other, (i + 1) as f64, "");
-        }
+    let pairs = evidence.rows.windows(2).enumerate();
+    let changes: Vec<usize> = pairs
+        .filter(|(_, pair)| part(&pair[0]) != part(&pair[1]))
+        .map(|(i, _)| i + 1)
+        .collect();
+    for row in changes.iter().filter(|_| changes.len() < SEPARATED) {
+        plot.upright(Series::Other, *row as f64, "");
     }
     let third = n / 3;
     let (first, last) = (
@@ -66,9 +72,9 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         },
         plot.render("Position errors in the order of the rows"),
         &format!(
-            "Dashed: running median of {window} poses. Point at a dot for its line in the file. A slope means that instrument, \
-             target or arm moved or warmed up; with reference points in the file --correct-drift takes out the instrument's \
-             part."
+            "Dashed: running median of {window} poses. A slope means that instrument, target or arm moved or warmed up; with \
+             reference points in the file --correct-drift takes out the instrument's part.{}",
+            left_out(n)
         ),
     );
     let (parts, of, name, known) = if summary.tools.len() > 1 {

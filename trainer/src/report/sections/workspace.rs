@@ -1,14 +1,18 @@
-//! Where in the workspace the errors are: three projections, before and after, with arrows.
+//! Where in the workspace the errors are: three projections, before and after, with mean errors as arrows.
 
 use maud::{Markup, html};
 
-use crate::report::chart::{Axis, Plot, Series, plain, round_125};
+use crate::report::chart::{Axis, Brush, Plot, Series, plain};
+use crate::report::sections::cubes::{self, Cube, Cubes};
 use crate::report::sections::methods::keys;
-use crate::report::{HeldOutSummary, Number, ReportData, Section};
+use crate::report::sections::poses::left_out;
+use crate::report::{HeldOutSummary, Number, ReportData, Section, rounded};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
-/// Length of an arrow that 95 % of the errors stay below, as a share of the widest side.
-const ARROW: f64 = 0.11;
+/// Length of the longest arrow, as a share of the side of a square.
+const ARROW: f64 = 2.0;
+/// Cubes that are listed.
+const LISTED: usize = 3;
 /// Sides of a drawing, and what its labels take of them.
 const SIDE: f64 = 300.0;
 const LABELS: (f64, f64) = (66.0, 50.0);
@@ -34,12 +38,20 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     if widest.is_nan() || widest <= 0.0 {
         return section.missing("Not shown: all poses are at one place.");
     }
+    let poses = &evidence.calibrated().poses;
+    let squares = VIEWS.map(|(u, v, _)| Cubes::of_view([u, v], poses, widest));
+    let cubes = Cubes::new(poses, widest);
     let mut section = section
         .text(html! {
-            (keys(both)) ". Every arrow begins where a held-out pose was measured and points from where the model says that the "
-            "tool is to where it was seen, enlarged; x, y, z are the axes of the robot's base."
+            (keys(both)) ". Dots are poses, where they were measured; x, y, z are the axes of the robot's base. Each view is "
+            "divided into squares. An arrow is the mean error of the poses of a square, through the whole depth: from where the "
+            "model says that the tool is to where it was seen, enlarged. What errors have in common stays in it; noise averages "
+            "out. A square with fewer than " (cubes::FEWEST) " poses has no arrow."
+            (left_out(evidence.rows.len()))
         })
+        .answers()
         .text(neighbours(evidence));
+    let drawn = evidence.drawn();
     let mut shown = vec![(
         Series::Calibrated,
         evidence.calibrated(),
@@ -60,9 +72,13 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let side = widest * (1.0 + 2.0 * MARGIN);
     let (across, up) = (SIDE - LABELS.0, SIDE - LABELS.1);
     for (series, method, summary, which) in shown {
-        let p95 = summary.errors.position_mm.p95;
-        let factor = round_125(ARROW * widest / p95.max(1e-9), false);
-        for (u, v, view) in VIEWS {
+        let lengths = VIEWS.iter().zip(&squares).flat_map(|((u, v, _), view)| {
+            let errors = view.cubes.iter().map(|c| c.mean_error(&method.poses));
+            errors.map(|e| e.vector[*u].hypot(e.vector[*v]) / view.side)
+        });
+        let factor = one_digit(ARROW / lengths.fold(1e-9, f64::max));
+        let largest = cubes.by_error(&method.poses).first().copied();
+        for ((u, v, view), squares) in VIEWS.into_iter().zip(&squares) {
             let names = ["x", "y", "z"];
             // One scale for both axes and all views: as many mm to a unit along as across.
             let axis = |i: usize, length: f64| {
@@ -76,14 +92,33 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             let least = across.min(up);
             let mut plot = Plot::new(axis(u, side * across / least), axis(v, side * up / least))
                 .sized(SIDE, SIDE);
-            plot.arrows(
-                series,
-                method.poses.iter().map(|p| {
-                    let [x, y] = [u, v].map(|i| 1e3 * p.position[i]);
-                    let [dx, dy] = [u, v].map(|i| 1e3 * factor * p.residual[i]);
-                    [x, y, dx, dy]
-                }),
+            let dot = |(row, i): (usize, &usize)| {
+                let [x, y] = [u, v].map(|k| 1e3 * method.poses[*i].position[k]);
+                (row, (x, y))
+            };
+            plot.poses(
+                Series::Other,
+                Brush::Rectangle,
+                drawn.iter().enumerate().map(dot),
             );
+            for square in &squares.cubes {
+                let error = square.mean_error(&method.poses);
+                let [x, y] = [u, v].map(|i| square.position[i]);
+                let [dx, dy] = [u, v].map(|i| factor * error.vector[i]);
+                let n = square.members.len();
+                let title = format!("{n} poses: {:.3} mm in the mean", error.length);
+                plot.arrow(series, [x, y, dx, dy], &title);
+            }
+            if let Some(i) = largest {
+                let low = [u, v].map(|k| cubes.cubes[i].low[k]);
+                let high = low.map(|x| x + cubes.side);
+                plot.frame(
+                    Series::Reference,
+                    (low[0], low[1]),
+                    (high[0], high[1]),
+                    "largest",
+                );
+            }
             let mean = summary.errors.position_mm.mean;
             section = section.figure(
                 html! {
@@ -91,11 +126,68 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
                     (Number::mm(mean, format!("/held_out/{which}/position_mm/mean"))) " mm in the mean"
                 },
                 plot.render(&format!("Errors over the workspace {which}, {view}")),
-                &format!("Arrows are {} times as long as the error.", plain(factor)),
+                &format!(
+                    "Arrows are {} times as long as the error; squares have sides of {} mm.",
+                    plain(factor),
+                    plain(squares.side)
+                ),
             );
         }
     }
+    listed(section, evidence, &cubes)
+}
+
+/// The cubes with the largest mean errors, in words and in a table.
+fn listed(section: Section, evidence: &ReportData, cubes: &Cubes) -> Section {
+    let both = evidence.nominal != evidence.calibrated;
+    let (before, after) = (&evidence.nominal().poses, &evidence.calibrated().poses);
+    let order = cubes.by_error(after);
+    let Some(first) = order.first().map(|i| &cubes.cubes[*i]) else {
+        return section.missing(format!(
+            "No cube has {} poses: nothing can be averaged over a part of the workspace.",
+            cubes::FEWEST
+        ));
+    };
+    let range = |cube: &Cube, i: usize| {
+        let [low, high] = [cube.low[i], cube.low[i] + cubes.side].map(|x| rounded(x, 0));
+        html! { (low) " … " (high) }
+    };
+    let error = first.mean_error(after);
+    let certain = error.length > 3.0 * error.standard_error;
+    let row = |i: &usize| {
+        let cube = &cubes.cubes[*i];
+        let error = cube.mean_error(after);
+        let ranges = (0..3).map(|k| range(cube, k));
+        let mut fields: Vec<Markup> = ranges.collect();
+        fields.push(html! { (cube.members.len()) });
+        fields.extend(error.vector.map(|x| html! { (rounded(x, 3)) }));
+        fields.push(html! { (rounded(error.length, 3)) " ± " (rounded(error.standard_error, 3)) });
+        if both {
+            fields.push(html! { (rounded(cube.mean_error(before).length, 3)) });
+        }
+        fields
+    };
+    let mut header = vec![
+        "x (mm)",
+        "y (mm)",
+        "z (mm)",
+        "poses",
+        "error x (mm)",
+        "error y (mm)",
+        "error z (mm)",
+        "length (mm)",
+    ];
+    if both {
+        header.push("before (mm)");
+    }
     section
+        .text(html! {
+            "Over cubes with sides of " (plain(cubes.side)) " mm the mean error is largest at x " (range(first, 0)) ", y " (range(first, 1)) ", z " (range(first, 2)) " mm: "
+            b class="calibrated" { (rounded(error.length, 3)) " ± " (rounded(error.standard_error, 3)) " mm" }
+            " over " (first.members.len()) " poses, mostly along " (error.direction()) " (± is one standard error; framed as “largest”). "
+            @if certain { "That is more than chance." } @else { "That could be chance." }
+        })
+        .table(&header, order.iter().take(LISTED).map(row).collect())
 }
 
 /// Whether errors of neighbouring poses point the same way: what is systematic could still be learnt, noise could not.
@@ -133,6 +225,12 @@ fn neighbours(evidence: &ReportData) -> Markup {
         }
         (crate::report::rounded(after, 2)) " after the calibration (1: they point the same way, 0: at random): " (verdict) "."
     }
+}
+
+/// The next smaller number with one digit that is not 0.
+fn one_digit(x: f64) -> f64 {
+    let power = 10f64.powf(x.log10().floor());
+    (x / power).floor().max(1.0) * power
 }
 
 fn capitalised(word: &str) -> String {
