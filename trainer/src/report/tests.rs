@@ -51,6 +51,7 @@ fn evidence(poses: usize) -> ReportData {
             position: [0, 1, 2].map(|j| 3.0 * at(j)),
             residual,
             sigma: Some([size; 6]),
+            noise: Default::default(),
         }
     };
     let names = ["base-tool", "poe", "poe-gp", "poe-gp-load", "elastic"];

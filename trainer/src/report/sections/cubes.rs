@@ -178,6 +178,7 @@ mod tests {
             position,
             residual: [x, y, z, 0.0, 0.0, 0.0],
             sigma: None,
+            noise: Default::default(),
         }
     }
 
