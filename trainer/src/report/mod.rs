@@ -16,6 +16,7 @@
 //! the same bytes.
 
 pub mod chart;
+pub mod controller;
 pub mod data;
 pub mod provenance;
 pub mod sections;

@@ -7,6 +7,7 @@ use serde::Serialize;
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::job::Job;
+use crate::report::controller::ControllerSummary;
 use crate::report::sections::ListedOutlier;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
@@ -26,6 +27,7 @@ use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::Row;
+use poegp_calibration::validation::next_steps::NextSteps;
 use poegp_calibration::validation::work_volume::ExpectedError;
 
 /// What `--json` writes.
@@ -42,6 +44,9 @@ pub struct CalibrateJson {
     /// The position error to be expected all over the measured ranges of the joints.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<ExpectedError>,
+    /// What would lower it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_steps: Option<NextSteps>,
     pub step1: Option<Step1>,
     pub hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -68,6 +73,9 @@ pub struct CalibrateJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<DriftReport>,
     pub identifiability: Option<IdentifyReport>,
+    /// Numbers of the arm beside those of the drawing, and signed errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub controller: Option<ControllerSummary>,
     /// By how much the frames differ from the drawing.
     pub frames: Vec<FrameChange>,
     pub blob: BlobSummary,
@@ -181,6 +189,7 @@ pub fn document(
         training,
         held_out: None,
         expected_error: None,
+        next_steps: None,
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
@@ -195,6 +204,7 @@ pub fn document(
         single_precision_loss_um: LossJson::new(precision_loss),
         drift: None,
         identifiability: None,
+        controller: None,
         frames: changes(calibration),
         blob: BlobSummary::new(&a.out, blob),
         repeats: None,

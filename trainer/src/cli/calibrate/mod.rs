@@ -30,6 +30,7 @@ use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::cli::terminal::progress;
+use crate::report::controller::ControllerSummary;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_in_gauge};
 use poegp_calibration::measurement::reader::SampleFile;
@@ -46,7 +47,8 @@ use poegp_calibration::validation::device_budget::{Budget, BudgetTrial, TRIALS, 
 use poegp_calibration::validation::model_selection::{
     Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
-use poegp_calibration::validation::work_volume::ExpectedError;
+use poegp_calibration::validation::next_steps::{self, Knowledge, NextSteps};
+use poegp_calibration::validation::work_volume::{ExpectedError, POSES};
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let a = &Job::new(arguments)?;
@@ -195,8 +197,6 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let mut document = document(a, calibration, blob, precision_loss, training, provenance);
     document.gauge = Some(known.summary(calibration, blob, &samples)?);
     document.held_out = evidence.as_ref().map(ReportData::summary);
-    document.expected_error =
-        ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref());
     document.elastic = ElasticSummary::new(calibration, &samples);
     document.outliers = outliers(calibration, &set, &samples);
     document.choice = choice.as_ref().map(|choice| choice.table.clone());
@@ -205,6 +205,28 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = of_calibration(calibration, &arm.robot, &samples);
+    let knowledge = Knowledge::new(calibration, &arm.robot, &samples);
+    document.expected_error = match calibration.has_local_deviation() {
+        true => knowledge.expected_error(),
+        false => None,
+    }
+    .or_else(|| ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref()));
+    document.next_steps = Some(NextSteps::new(&next_steps::Task {
+        calibration,
+        robot: &arm.robot,
+        samples: &samples,
+        knowledge: &knowledge,
+        expected: document.expected_error,
+        identifiability: document.identifiability.as_ref(),
+        warnings: &document.warnings,
+    }));
+    let covariance = knowledge.covariance().map(|found| (found, POSES));
+    document.controller = Some(ControllerSummary::new(
+        blob,
+        &arm.robot,
+        covariance,
+        evidence.as_ref(),
+    ));
     let sum = FileSummary::of_bytes("", "", blob.bytes()).sha256;
     document.repeats = a
         .blob_sha256

@@ -236,8 +236,9 @@ pub fn of_calibration(
         (document.correction_limit_mm, document.correction_limit_mrad),
         &document.single_precision_loss_um,
     );
-    let page =
-        page("Calibration of", &document.provenance).with(sections::headline(evidence, summary));
+    let page = page("Calibration of", &document.provenance)
+        .with(sections::headline(evidence, summary))
+        .with(sections::next_steps(document.next_steps.as_ref()));
     sections::held_out(page, evidence, summary)
         .with(sections::parameters(
             document.identifiability.as_ref(),
@@ -245,6 +246,10 @@ pub fn of_calibration(
             &ripple.unwrap_or_default(),
             elastic.and_then(ElasticSummary::listed_curve),
             elastic.and_then(ElasticSummary::warm_up),
+        ))
+        .with(sections::controller(
+            document.controller.as_ref(),
+            &evidence.kinds,
         ))
         .with(sections::outliers(
             evidence,

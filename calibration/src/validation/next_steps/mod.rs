@@ -1,0 +1,383 @@
+//! What to do next: what would lower the error that a calibration expects, and by how much.
+//!
+//! The expected error is that of [`WorkVolume`]: of a new measurement anywhere in the measured ranges of the joints. Further
+//! measurements change the covariance of the predictions whatever they will show ([`PredictionCovariance`]), so that each
+//! proposal is judged before anything is measured. Noise, hyperparameters and what the geometry cannot explain stay as they are
+//! known now. Proposals that gain less than [`LEAST_SHARE`] and [`LEAST_MM`] are left out.
+
+mod lever;
+mod pool;
+mod rows;
+
+use poegp_protocol::JointKind;
+use serde::Serialize;
+
+use crate::identification::identifiability::IdentifyReport;
+use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::measurement::sample::{InstrumentSample, different_poses};
+use crate::model::Calibration;
+use crate::model::identified::prediction_covariance;
+use crate::robot::Robot;
+use crate::trust::Finding;
+use crate::validation::next_steps::pool::Pool;
+use crate::validation::work_volume::{ExpectedError, POSES, WorkVolume};
+
+/// A step must lower the expected error by this share: two calibrations with as many random poses of the same arm differ by as
+/// much.
+pub const LEAST_SHARE: f64 = 0.05;
+/// And by this length, mm: below it the repeatability of the best arms hides the difference.
+pub const LEAST_MM: f64 = 0.002;
+/// Where poses are measured matters when it gains so many times what evenly spread ones do: less is chance of the draw.
+const BETTER: f64 = 1.2;
+/// Regions that are proposed, at most.
+const REGIONS: usize = 2;
+
+/// What a step is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// Rows of the measurement file.
+    Rows,
+    /// More poses.
+    Poses,
+    /// Where the target is mounted.
+    Target,
+    /// Payloads.
+    Payload,
+}
+
+/// Joints, or payloads, where more poses are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Range {
+    /// A joint of the controller, from 1, between two values: degrees, or mm along a prismatic joint.
+    Joint {
+        /// Number from 1.
+        joint: usize,
+        /// Least value.
+        from: f64,
+        /// Largest value.
+        to: f64,
+    },
+    /// Payload in kg.
+    PayloadKg {
+        /// The lightest.
+        from: f64,
+        /// The heaviest.
+        to: f64,
+    },
+}
+
+/// One thing to do.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Step {
+    /// What it is about.
+    pub kind: Kind,
+    /// What to do, one sentence without its full stop.
+    pub text: String,
+    /// Poses to measure.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub poses: Option<usize>,
+    /// Where; absent where they are spread over the measured ranges.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub range: Option<Range>,
+    /// Expected error now, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub before_mm: Option<f64>,
+    /// Expected error after the step, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after_mm: Option<f64>,
+}
+
+impl Step {
+    /// What the step gains, mm; 0 where the model cannot say.
+    fn gain(&self) -> f64 {
+        self.before_mm
+            .zip(self.after_mm)
+            .map_or(0.0, |(before, after)| before - after)
+    }
+
+    fn pays(&self) -> bool {
+        let least = self.before_mm.map_or(0.0, |before| LEAST_SHARE * before);
+        self.gain() >= least.max(LEAST_MM)
+    }
+
+    /// The step with its gain in one line.
+    pub fn line(&self) -> String {
+        match (self.before_mm, self.after_mm) {
+            (Some(before), Some(after)) => {
+                format!(
+                    "{}: expected error {before:.3} mm → {after:.3} mm",
+                    self.text
+                )
+            }
+            _ => self.text.clone(),
+        }
+    }
+}
+
+/// What to do next, and what was looked at.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NextSteps {
+    /// The steps: what is wrong with rows first, then by what they gain.
+    pub steps: Vec<Step>,
+    /// In one sentence, whether something pays, or what is not known.
+    pub verdict: String,
+    /// Expected error now, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_mm: Option<f64>,
+    /// The part of it that any model would show, because the measurement itself has noise, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_mm: Option<f64>,
+    /// Poses that further measurements were taken to have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub poses: Option<usize>,
+}
+
+/// What a calibration knows over the measured ranges of its joints.
+#[derive(Debug)]
+pub struct Knowledge {
+    volume: WorkVolume,
+    pool: Pool,
+    covariance: Option<PredictionCovariance>,
+}
+
+impl Knowledge {
+    /// Of `calibration`, which was made from `samples`.
+    pub fn new(calibration: &Calibration, robot: &Robot, samples: &[InstrumentSample]) -> Self {
+        let volume = WorkVolume::new(robot, samples);
+        let pool = Pool::new(
+            &volume.ranges,
+            robot,
+            samples,
+            added(different_poses(samples)),
+        );
+        let all: Vec<InstrumentSample> = volume.poses.iter().chain(&pool.poses).cloned().collect();
+        Self {
+            covariance: prediction_covariance(calibration, robot, samples, &all),
+            volume,
+            pool,
+        }
+    }
+
+    /// The covariance of the predictions over the measured ranges: [`POSES`] whole poses first; `None` of a model that does not
+    /// say it.
+    pub fn covariance(&self) -> Option<&PredictionCovariance> {
+        self.covariance.as_ref()
+    }
+
+    /// What a model expects that says how its predictions are correlated.
+    pub fn expected_error(&self) -> Option<ExpectedError> {
+        self.covariance
+            .as_ref()
+            .map(|covariance| self.expected(covariance))
+    }
+
+    /// The error that the model expects by itself.
+    fn expected(&self, covariance: &PredictionCovariance) -> ExpectedError {
+        self.volume.expected(&covariance.deviations(0..POSES))
+    }
+
+    /// The same after the poses of the pool are measured.
+    fn after(&self, covariance: &PredictionCovariance, measured: &[usize]) -> Option<f64> {
+        let rows: Vec<usize> = measured
+            .iter()
+            .flat_map(|k| covariance.rows(POSES + k).take(self.pool.equations[*k]))
+            .collect();
+        let left = covariance.deviations_after(0..POSES, &rows)?;
+        Some(self.volume.expected(&left).mean_mm)
+    }
+}
+
+/// Poses that are proposed to someone who measured `poses`: a third as many, in tens; more than fifty are a day of their own.
+fn added(poses: usize) -> usize {
+    (poses.div_ceil(30) * 10).clamp(10, 50)
+}
+
+/// What the steps are made of.
+#[derive(Debug)]
+pub struct Task<'a> {
+    /// The calibration.
+    pub calibration: &'a Calibration,
+    /// The nominal robot.
+    pub robot: &'a Robot,
+    /// The rows that it was made from.
+    pub samples: &'a [InstrumentSample],
+    /// What it knows over the measured ranges.
+    pub knowledge: &'a Knowledge,
+    /// The error that it is stated to have there.
+    pub expected: Option<ExpectedError>,
+    /// What these poses identify.
+    pub identifiability: Option<&'a IdentifyReport>,
+    /// What somebody must look at.
+    pub warnings: &'a [Finding],
+}
+
+impl NextSteps {
+    /// Of a calibration.
+    pub fn new(task: &Task) -> Self {
+        let mut steps = rows::steps(task);
+        let pool = &task.knowledge.pool;
+        let known = task.knowledge.covariance.as_ref();
+        let mut gains: Vec<Step> = Vec::new();
+        if let Some(covariance) = known {
+            gains.extend(more_poses(task, covariance));
+            gains.extend(lever::step(task, covariance));
+        }
+        gains.retain(Step::pays);
+        gains.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+        let is_paid = !gains.is_empty();
+        steps.extend(gains);
+        steps.extend(rows::undetermined(task));
+        let noise = known.map(|covariance| {
+            let of = |pose: usize| {
+                std::array::from_fn(|a| covariance.noise[covariance.first[pose] + a].sqrt())
+            };
+            let noise: Vec<[f64; 3]> = (0..POSES).map(of).collect();
+            scale(task, covariance) * task.knowledge.volume.expected(&noise).mean_mm
+        });
+        let expected = known.and(task.expected).map(|expected| expected.mean_mm);
+        Self {
+            verdict: verdict(task, is_paid, &steps, expected.zip(noise)),
+            steps,
+            expected_mm: expected,
+            noise_mm: noise,
+            poses: known.map(|_| pool.count),
+        }
+    }
+
+    /// The first step in one line, with what it would gain; or that none pays.
+    pub fn first(&self) -> String {
+        self.steps
+            .first()
+            .map_or_else(|| self.verdict.clone(), Step::line)
+    }
+
+    /// The first two steps, a line each, or that none pays.
+    pub fn summary(&self) -> Vec<String> {
+        match self.steps.as_slice() {
+            [] => vec![self.first()],
+            steps => steps.iter().take(2).map(Step::line).collect(),
+        }
+    }
+}
+
+/// The stated error over what the model expects by itself: 1, but of a model whose stated error was found on held-out rows.
+fn scale(task: &Task, covariance: &PredictionCovariance) -> f64 {
+    let own = task.knowledge.expected(covariance).mean_mm;
+    task.expected.map_or(1.0, |stated| stated.mean_mm / own)
+}
+
+/// More poses, spread evenly and in parts of the measured ranges.
+fn more_poses(task: &Task, covariance: &PredictionCovariance) -> Vec<Step> {
+    let (knowledge, pool) = (task.knowledge, &task.knowledge.pool);
+    let scale = scale(task, covariance);
+    let before = scale * knowledge.expected(covariance).mean_mm;
+    let after = |measured: &[usize]| {
+        knowledge
+            .after(covariance, measured)
+            .map(|mean| scale * mean)
+    };
+    let step = |text: String, range: Option<Range>, after: f64| Step {
+        kind: match range {
+            Some(Range::PayloadKg { .. }) => Kind::Payload,
+            _ => Kind::Poses,
+        },
+        text,
+        poses: Some(pool.count),
+        range,
+        before_mm: Some(before),
+        after_mm: Some(after),
+    };
+    // The mean over three draws: less chance in it.
+    let even: Option<Vec<f64>> = pool.even().iter().map(|part| after(part)).collect();
+    let Some(even) = even.map(|each| each.iter().sum::<f64>() / each.len() as f64) else {
+        return Vec::new();
+    };
+    let even = step(
+        format!(
+            "Measure {} more poses, spread over the joint ranges measured so far",
+            pool.count
+        ),
+        None,
+        even,
+    );
+    let mut regions: Vec<Step> = Vec::new();
+    for (range, measured) in pool.regions(task.robot) {
+        let Some(after) = after(&measured) else {
+            continue;
+        };
+        let text = format!(
+            "Measure {} more poses {}",
+            pool.count,
+            wording(task, &range)
+        );
+        let found = step(text, Some(range), after);
+        if found.gain() >= BETTER * even.gain() {
+            regions.push(found);
+        }
+    }
+    regions.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+    regions.truncate(REGIONS);
+    regions.push(even);
+    regions
+}
+
+/// "with joint 5 below −40°".
+fn wording(task: &Task, range: &Range) -> String {
+    match *range {
+        Range::Joint { joint, from, to } => {
+            let unit = match task.robot.joints[joint - 1].kind {
+                JointKind::Revolute => "°",
+                JointKind::Prismatic => " mm",
+            };
+            let range = task.knowledge.volume.ranges[joint - 1];
+            match from <= pool::shown(task.robot, joint - 1, range).0 {
+                true => format!("with joint {joint} below {}{unit}", signed(to)),
+                false => format!("with joint {joint} above {}{unit}", signed(from)),
+            }
+        }
+        Range::PayloadKg { from, to } if from == to => format!("with a payload of {from} kg"),
+        Range::PayloadKg { from, to } => format!("with payloads of {from} to {to} kg"),
+    }
+}
+
+/// A number with a true minus.
+fn signed(value: f64) -> String {
+    format!("{value}").replace('-', "−")
+}
+
+/// One sentence about all steps.
+fn verdict(task: &Task, is_paid: bool, steps: &[Step], known: Option<(f64, f64)>) -> String {
+    let method = task.calibration.config.method.name();
+    let Some((expected, noise)) = known else {
+        return format!(
+            "What further measurements would gain is not known: a model of the method `{method}` does not say how sure it is of \
+             the arm"
+        );
+    };
+    let count = task.knowledge.pool.count;
+    if is_paid {
+        return format!(
+            "{} would lower the expected error by at least {:.0} %",
+            match steps.iter().filter(|s| s.after_mm.is_some()).count() {
+                1 => "One step",
+                _ => "Each of the steps with a number",
+            },
+            100.0 * LEAST_SHARE
+        );
+    }
+    let rest = match method {
+        "elastic" => format!(
+            "of the {expected:.3} mm expected, {noise:.3} mm are the noise of a measurement"
+        ),
+        _ => format!(
+            "most of the {expected:.3} mm expected is what the geometry of the arm cannot explain; only enough poses for a \
+             richer model would change that"
+        ),
+    };
+    format!(
+        "More poses do not pay: {count} of them would lower the expected error by less than {:.0} %, and {rest}",
+        100.0 * LEAST_SHARE
+    )
+}
