@@ -11,6 +11,7 @@ mod board;
 mod bridge;
 mod check;
 mod choice;
+mod controller;
 mod correct;
 mod demo;
 #[cfg(unix)]
