@@ -5,14 +5,19 @@
 //! the distance from the model, which the export states.
 
 use poegp_protocol::JointKind;
+use poegp_runtime::kinematics::poe::Poe;
 
+use crate::identification::frame_fit::{ResidualFrame, linearise};
 use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::measurement::sample::InstrumentSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
 /// Share of the largest diagonal element that every one gets: redundant directions stay as they are.
 const RIDGE: f64 = 1e-10;
+/// Poses of the first target, at least: twice the equations that the frames of eight joints have.
+const LEAST_POSES: usize = 12;
 /// Numbers of a frame.
 const SIX: usize = 6;
 
@@ -26,33 +31,42 @@ pub struct ChainDeviation {
 }
 
 impl ChainDeviation {
-    /// From the first rows of `known`, those of `poses` whole poses; `coupling` is C of q_serial = C q by rows. `None` when the
-    /// equations cannot be solved.
+    /// Of a `chain` from the base to the first target, from what `known` says of whole `poses`, its first ones; `coupling` is C of
+    /// q_serial = C q by rows. `None` when too few of the poses are of the first target, and when the equations cannot be solved.
     pub fn new(
         known: &PredictionCovariance,
-        poses: usize,
-        kinds: &[JointKind],
+        poses: &[InstrumentSample],
+        chain: &Poe<f64>,
         coupling: Option<&[Vec<f64>]>,
     ) -> Option<Self> {
-        let (n, rows) = (kinds.len(), known.first[poses]);
-        let covariance = Mat::from_fn(rows, rows, |i, j| known.covariance[(i, j)]);
-        let all = Mat::from_fn(rows, known.frames.ncols(), |i, j| known.frames[(i, j)]);
+        let (kinds, n) = (chain.kinds(), chain.kinds().len());
+        let own: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].tool == 0).collect();
+        if own.len() < LEAST_POSES {
+            return None;
+        }
+        let rows: Vec<usize> = own.iter().flat_map(|k| known.rows(*k)).collect();
+        let covariance = Mat::from_fn(rows.len(), rows.len(), |i, j| {
+            known.covariance[(rows[i], rows[j])]
+        });
+        let samples: Vec<InstrumentSample> = own.iter().map(|k| poses[*k].clone()).collect();
+        let all: Vec<usize> = (0..=n).collect();
+        let kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
+        let (_, all) = linearise(chain, &samples, &all, kind);
         let frames = fitted(&all, &covariance)?;
-        // Base and tools as they are, then one column for each joint between the first and the last.
+        // Base and tool, then one column for each joint between the first and the last.
         let share = |i: usize, j: usize| match coupling {
             Some(rows) => rows[i][j],
             None => f64::from(u8::from(i == j)),
         };
         let free = 1..n.saturating_sub(1).max(1);
-        let tools = all.ncols() - SIX * n;
-        let columns = Mat::from_fn(rows, SIX + tools + free.len(), |row, column| {
+        let columns = Mat::from_fn(rows.len(), 2 * SIX + free.len(), |row, column| {
             if column < SIX {
                 return all[(row, column)];
             }
-            if column < SIX + tools {
+            if column < 2 * SIX {
                 return all[(row, SIX * n + column - SIX)];
             }
-            let joint = free.start + column - SIX - tools;
+            let joint = free.start + column - 2 * SIX;
             let of = |i: usize| {
                 let axis = match kinds[i] {
                     JointKind::Revolute => 5,
@@ -67,12 +81,11 @@ impl ChainDeviation {
             if !free.contains(&joint) {
                 return 0.0;
             }
-            let at = SIX + tools + joint - free.start;
+            let at = 2 * SIX + joint - free.start;
             zeros[(at, at)].max(0.0).sqrt()
         };
-        let own = SIX * (n + 1);
         Some(Self {
-            frames: Mat::from_fn(own, own, |i, j| frames[(i, j)]),
+            frames,
             zeros: (0..n).map(of).collect(),
         })
     }

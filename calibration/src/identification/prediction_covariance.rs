@@ -23,8 +23,6 @@ pub struct PredictionCovariance {
     pub covariance: Mat<f64>,
     /// Variance of the noise of a measurement of each row, m² and rad².
     pub noise: Vec<f64>,
-    /// By how much each row changes with the frames of the chain, six columns each from the left, the tools behind them.
-    pub frames: Mat<f64>,
     /// The first row of each pose, and the number of rows at the end.
     pub first: Vec<usize>,
 }

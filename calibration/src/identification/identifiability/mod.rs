@@ -150,7 +150,6 @@ pub fn prediction_covariance(task: &Task, new: &[BaseSample]) -> Option<Predicti
     Some(PredictionCovariance {
         covariance: covariance.of(&own),
         noise: rows.iter().map(noise).collect(),
-        frames: own,
         first,
     })
 }

@@ -187,11 +187,6 @@ impl PosteriorCovariance {
                 scales[i] * covariance[(i, j)] * scales[j]
             }),
             noise: rows.iter().zip(&scales).map(noise).collect(),
-            frames: Mat::from_fn(
-                rows.len(),
-                ROWS * (fit.origin.frames.len() + fit.origin.tools.len()),
-                |i, j| scales[i] * new.a[(rows[i], j)],
-            ),
             first,
         })
     }

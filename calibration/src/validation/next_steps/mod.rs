@@ -160,10 +160,10 @@ impl Knowledge {
         }
     }
 
-    /// The covariance of the predictions over the measured ranges: [`POSES`] whole poses first; `None` of a model that does not
-    /// say it.
-    pub fn covariance(&self) -> Option<&PredictionCovariance> {
-        self.covariance.as_ref()
+    /// Whole poses all over the measured ranges, and what the model knows of them first of all; `None` of a model that does not say
+    /// how its predictions are correlated.
+    pub fn predictions(&self) -> Option<(&PredictionCovariance, &[InstrumentSample])> {
+        Some((self.covariance.as_ref()?, &self.volume.poses))
     }
 
     /// What a model expects that says how its predictions are correlated.

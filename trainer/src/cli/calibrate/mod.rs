@@ -48,7 +48,7 @@ use poegp_calibration::validation::model_selection::{
     Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
 use poegp_calibration::validation::next_steps::{self, Knowledge, NextSteps};
-use poegp_calibration::validation::work_volume::{ExpectedError, POSES};
+use poegp_calibration::validation::work_volume::ExpectedError;
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     let a = &Job::new(arguments)?;
@@ -66,6 +66,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         a.json.as_deref(),
         a.report.as_deref(),
         a.write_project.as_deref(),
+        a.controller_csv.as_deref(),
     ];
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot)];
     inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
@@ -79,6 +80,13 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     let project = a.write_project.as_deref().zip(made.project.as_deref());
     files.extend(project.map(|(path, text)| (path, text.as_bytes())));
+    let csv = made
+        .document
+        .controller
+        .as_ref()
+        .map(ControllerSummary::to_csv);
+    let csv = a.controller_csv.as_deref().zip(csv.as_deref());
+    files.extend(csv.map(|(path, text)| (path, text.as_bytes())));
     write_outputs(&files)?;
     print::all(Printer::for_outputs(&outputs), a, &made);
     Ok(())
@@ -220,11 +228,10 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         identifiability: document.identifiability.as_ref(),
         warnings: &document.warnings,
     }));
-    let covariance = knowledge.covariance().map(|found| (found, POSES));
     document.controller = Some(ControllerSummary::new(
         blob,
         &arm.robot,
-        covariance,
+        knowledge.predictions(),
         evidence.as_ref(),
     ));
     let sum = FileSummary::of_bytes("", "", blob.bytes()).sha256;

@@ -247,10 +247,7 @@ pub fn of_calibration(
             elastic.and_then(ElasticSummary::listed_curve),
             elastic.and_then(ElasticSummary::warm_up),
         ))
-        .with(sections::controller(
-            document.controller.as_ref(),
-            &evidence.kinds,
-        ))
+        .with(sections::controller(document.controller.as_ref()))
         .with(sections::outliers(
             evidence,
             summary,

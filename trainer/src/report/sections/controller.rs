@@ -2,23 +2,22 @@
 
 use maud::{Markup, html};
 
-use crate::report::controller::{BeforeAndAfter, Changed, ControllerSummary, residual_unit};
+use crate::report::controller::{BeforeAndAfter, Changed, ControllerSummary};
 use crate::report::{Number, Section};
 use poegp_calibration::validation::signed_residuals::Signed;
-use poegp_protocol::JointKind;
 
 /// Decimals of degrees: a hundredth of a milliradian is 0.0006°.
 const DEGREES: usize = 4;
 
 /// Denavit-Hartenberg table, joint zeros and signed residuals.
-pub fn controller(summary: Option<&ControllerSummary>, kinds: &[JointKind]) -> Section {
+pub fn controller(summary: Option<&ControllerSummary>) -> Section {
     let section = Section::new("controller", "For the controller's engineer");
     let Some(summary) = summary else {
         return section.missing("Not shown: there is no calibrated chain.");
     };
     let section = zeros(dh(section, summary), summary);
     match &summary.residuals {
-        Some(residuals) => signed(section, summary, residuals, kinds),
+        Some(residuals) => signed(section, summary, residuals),
         None => section.missing("Signed errors are not shown: no pose was held out."),
     }
 }
@@ -107,12 +106,7 @@ fn zeros(section: Section, summary: &ControllerSummary) -> Section {
         )
 }
 
-fn signed(
-    section: Section,
-    summary: &ControllerSummary,
-    residuals: &BeforeAndAfter,
-    kinds: &[JointKind],
-) -> Section {
+fn signed(section: Section, summary: &ControllerSummary, residuals: &BeforeAndAfter) -> Section {
     let BeforeAndAfter { before, after } = residuals;
     let pair = |name: Markup, unit: &str, part: String, before: &Signed, after: &Signed| {
         let field = |when: &str, value: &Signed| {
@@ -145,9 +139,8 @@ fn signed(
             ));
         }
     }
-    let joints = summary.joint_zeros.iter().zip(kinds).enumerate();
-    for (i, (joint, kind)) in joints {
-        let (part, unit) = (format!("joints/{i}"), residual_unit(*kind));
+    for (i, joint) in summary.joint_zeros.iter().enumerate() {
+        let (part, unit) = (format!("joints/{i}"), joint.residual_unit());
         let values = (&before.joints[i], &after.joints[i]);
         rows.push(pair(
             html! { (joint.joint) },
