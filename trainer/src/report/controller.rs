@@ -14,7 +14,7 @@ use poegp_calibration::blob::predicted_poses::PredictedPoses;
 use poegp_calibration::blob::region::Region;
 use poegp_calibration::identification::prediction_covariance::PredictionCovariance;
 use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::robot::Robot;
+use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::signed_residuals::{Row, Signed, SignedResiduals, weights};
 
@@ -37,6 +37,9 @@ pub struct Changed {
 pub struct DhChange {
     /// Name of the joint.
     pub joint: String,
+    /// Unit of the signed errors of the joint.
+    #[serde(skip)]
+    pub residual_unit: &'static str,
     /// Along the new x.
     pub a_mm: Changed,
     /// Along z.
@@ -91,7 +94,7 @@ pub struct BeforeAndAfter {
 pub struct ControllerSummary {
     /// The table, distal, joint by joint.
     pub dh: Vec<DhChange>,
-    /// The zeros of the joints.
+    /// The zeros of the joints; empty where the drawing is as near to the model without them.
     pub joint_zeros: Vec<JointZero>,
     /// How much of the model either holds.
     pub distance: Distances,
@@ -125,7 +128,7 @@ impl ControllerSummary {
         let (drawing, calibrated) = rows_beside_drawing(&chain);
         let row = |i: usize| {
             let std = std.as_ref().map(|rows| rows[i]);
-            dh_change(&robot.joints[i].name, &drawing[i], &calibrated[i], std)
+            dh_change(&robot.joints[i], &drawing[i], &calibrated[i], std)
         };
         let zero = |i: usize| {
             let unit = match kinds[i] {
@@ -143,9 +146,12 @@ impl ControllerSummary {
             }
         };
         let joints = 0..kinds.len();
+        // `trainer export` refuses them otherwise.
+        let drawn = &chain.distance.drawing.position_mm;
+        let is_nearer = zeros.error.position_mm.mean < drawn.mean;
         Self {
             dh: joints.clone().map(row).collect(),
-            joint_zeros: joints.map(zero).collect(),
+            joint_zeros: joints.filter(|_| is_nearer).map(zero).collect(),
             distance: Distances {
                 drawing_mm: chain.distance.drawing.position_mm.mean,
                 joint_zeros_mm: zeros.error.position_mm.mean,
@@ -229,28 +235,20 @@ impl ControllerSummary {
                 pair("axis", name, "mrad", &before[axis], &after[axis]);
             }
         }
-        let joints = self
-            .joint_zeros
-            .iter()
-            .zip(before.joints.iter().zip(&after.joints));
-        for (zero, (before, after)) in joints {
-            pair("joint", &zero.joint, zero.residual_unit(), before, after);
+        let joints = self.dh.iter().zip(before.joints.iter().zip(&after.joints));
+        for (row, (before, after)) in joints {
+            pair("joint", &row.joint, row.residual_unit, before, after);
         }
         out.0
     }
 }
 
-impl JointZero {
-    /// Unit of the residual of the joint.
-    pub fn residual_unit(&self) -> &'static str {
-        match self.offset_deg {
-            Some(_) => "mrad",
-            None => "mm",
-        }
-    }
-}
-
-fn dh_change(joint: &str, drawing: &DhRow, calibrated: &DhRow, std: Option<[f64; 5]>) -> DhChange {
+fn dh_change(
+    joint: &Joint,
+    drawing: &DhRow,
+    calibrated: &DhRow,
+    std: Option<[f64; 5]>,
+) -> DhChange {
     let (drawn, found) = (numbers(drawing), numbers(calibrated));
     let number = |i: usize| {
         let unit = if i < 2 {
@@ -272,7 +270,11 @@ fn dh_change(joint: &str, drawing: &DhRow, calibrated: &DhRow, std: Option<[f64;
         }
     };
     DhChange {
-        joint: joint.to_owned(),
+        joint: joint.name.clone(),
+        residual_unit: match joint.kind {
+            JointKind::Revolute => "mrad",
+            JointKind::Prismatic => "mm",
+        },
         a_mm: number(0),
         d_mm: number(1),
         alpha_deg: number(2),

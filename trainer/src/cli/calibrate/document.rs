@@ -145,6 +145,8 @@ pub struct TouchJson {
     pub arm: ArmRecord,
     /// What somebody must look at.
     pub warnings: Vec<Finding>,
+    /// Numbers of the arm beside those of the drawing.
+    pub controller: ControllerSummary,
     pub correction_limit_mm: f64,
     pub correction_limit_mrad: f64,
     pub single_precision_loss_um: LossJson,

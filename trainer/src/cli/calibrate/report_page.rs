@@ -289,6 +289,7 @@ pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
         .with(sections::unseen(found))
         .with(sections::touch_outliers(found))
         .with(sections::class(found))
+        .with(sections::controller(Some(&document.controller)))
         .with(sections::device(&device))
         .with(sections::provenance(&document.provenance))
         .render()

@@ -29,12 +29,15 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
     let field = |row: usize, name: &str, decimals: usize, number: &Changed| {
         let at = |key: &str| format!("/controller/dh/{row}/{name}/{key}");
         html! {
-            (Number::new(number.drawing, decimals, at("drawing"))) " → "
-            b { (Number::new(number.calibrated, decimals, at("calibrated"))) }
-            br;
-            @if number.difference >= 0.0 { "+" }
-            (Number::new(number.difference, decimals, at("difference")))
-            @if let Some(std) = number.std { " ± " (Number::new(std, decimals, at("std"))) }
+            div {
+                (Number::new(number.drawing, decimals, at("drawing"))) " → "
+                b { (Number::new(number.calibrated, decimals, at("calibrated"))) }
+            }
+            div {
+                @if number.difference >= 0.0 { "+" }
+                (Number::new(number.difference, decimals, at("difference")))
+                @if let Some(std) = number.std { " ± " (Number::new(std, decimals, at("std"))) }
+            }
         }
     };
     let rows = summary.dh.iter().enumerate().map(|(i, row)| {
@@ -66,18 +69,24 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
                 " R" sub { "y" } "(β); β stands in place of d where two axes are parallel, because d is not determined there"
             }
             ". The same table with base and flange is written by " code { "trainer export --dh" } "."
-            @if !has_std { " This model does not say how well it knows the arm, so that standard deviations are missing." }
+            @if !has_std { " Standard deviations are not known for this model." }
         })
         .table(&header, rows.collect())
         .text(html! {
             "How much of the model these numbers hold: over the trained joint ranges this table is in the mean "
-            (Number::mm(distance.dh_mm, "/controller/distance/dh_mm")) " mm from the whole model, the joint zeros below "
+            (Number::mm(distance.dh_mm, "/controller/distance/dh_mm")) " mm from the whole model, joint zeros alone "
             (Number::mm(distance.joint_zeros_mm, "/controller/distance/joint_zeros_mm")) " mm, and the drawing "
             (Number::mm(distance.drawing_mm, "/controller/distance/drawing_mm")) " mm."
+            @if distance.dh_mm >= distance.drawing_mm { " The drawing is as near: do not enter the table." }
         })
 }
 
 fn zeros(section: Section, summary: &ControllerSummary) -> Section {
+    if summary.joint_zeros.is_empty() {
+        return section.missing(
+            "Joint zeros alone are not shown: with them the drawing is no nearer to the model than without. Do not enter any.",
+        );
+    }
     let rows = summary.joint_zeros.iter().enumerate().map(|(i, zero)| {
         let at = |key: &str| format!("/controller/joint_zeros/{i}/{key}");
         let offset = match (zero.offset_deg, zero.offset_mm) {
@@ -139,8 +148,8 @@ fn signed(section: Section, summary: &ControllerSummary, residuals: &BeforeAndAf
             ));
         }
     }
-    for (i, joint) in summary.joint_zeros.iter().enumerate() {
-        let (part, unit) = (format!("joints/{i}"), joint.residual_unit());
+    for (i, joint) in summary.dh.iter().enumerate() {
+        let (part, unit) = (format!("joints/{i}"), joint.residual_unit);
         let values = (&before.joints[i], &after.joints[i]);
         rows.push(pair(
             html! { (joint.joint) },
