@@ -123,6 +123,9 @@ pub struct NextSteps {
     pub steps: Vec<Step>,
     /// In one sentence, whether something pays, or what is not known.
     pub verdict: String,
+    /// What is left if nothing pays, or why nothing is known; absent where steps say it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
     /// Expected error now, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_mm: Option<f64>,
@@ -237,8 +240,10 @@ impl NextSteps {
             scale(task, covariance) * task.knowledge.volume.expected(&noise).mean_mm
         });
         let expected = known.and(task.expected).map(|expected| expected.mean_mm);
+        let (verdict, why) = verdict(task, is_paid, &steps, expected.zip(noise));
         Self {
-            verdict: verdict(task, is_paid, &steps, expected.zip(noise)),
+            verdict,
+            why,
             steps,
             expected_mm: expected,
             noise_mm: noise,
@@ -347,37 +352,41 @@ fn signed(value: f64) -> String {
     format!("{value}").replace('-', "−")
 }
 
-/// One sentence about all steps.
-fn verdict(task: &Task, is_paid: bool, steps: &[Step], known: Option<(f64, f64)>) -> String {
+/// One sentence about all steps, and what it leaves open.
+fn verdict(
+    task: &Task,
+    is_paid: bool,
+    steps: &[Step],
+    known: Option<(f64, f64)>,
+) -> (String, Option<String>) {
     let method = task.calibration.config.method.name();
     let Some((expected, noise)) = known else {
-        return format!(
-            "What further measurements would gain is not known: a model of the method `{method}` does not say how sure it is of \
-             the arm"
-        );
+        let unknown = "What further measurements would gain is not known".to_owned();
+        let why =
+            format!("A model of the method `{method}` does not say how sure it is of the arm");
+        return (unknown, Some(why));
     };
-    let count = task.knowledge.pool.count;
+    let percent = 100.0 * LEAST_SHARE;
     if is_paid {
-        return format!(
-            "{} would lower the expected error by at least {:.0} %",
-            match steps.iter().filter(|s| s.after_mm.is_some()).count() {
-                1 => "One step",
-                _ => "Each of the steps with a number",
-            },
-            100.0 * LEAST_SHARE
-        );
+        let each = match steps.iter().filter(|s| s.after_mm.is_some()).count() {
+            1 => "One step",
+            _ => "Each of the steps with a number",
+        };
+        let gain = format!("{each} would lower the expected error by at least {percent:.0} %");
+        return (gain, None);
     }
-    let rest = match method {
+    let count = task.knowledge.pool.count;
+    let nothing = format!(
+        "More poses do not pay: {count} of them would lower the expected error by less than {percent:.0} %"
+    );
+    let why = match method {
         "elastic" => format!(
-            "of the {expected:.3} mm expected, {noise:.3} mm are the noise of a measurement"
+            "Of the {expected:.3} mm expected, {noise:.3} mm would be seen of a perfect model, too: the noise of the measurement"
         ),
         _ => format!(
-            "most of the {expected:.3} mm expected is what the geometry of the arm cannot explain; only enough poses for a \
-             richer model would change that"
+            "Most of the {expected:.3} mm expected is what the geometry of the arm cannot explain; a richer model may need more poses \
+             than these"
         ),
     };
-    format!(
-        "More poses do not pay: {count} of them would lower the expected error by less than {:.0} %, and {rest}",
-        100.0 * LEAST_SHARE
-    )
+    (nothing, Some(why))
 }

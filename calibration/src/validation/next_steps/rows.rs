@@ -32,7 +32,8 @@ fn remedy(cause: Cause) -> Option<&'static str> {
         Cause::Step | Cause::Drift | Cause::Mixed => {
             "Measure again what was measured before something moved, or give each mounting a session of its own"
         }
-        Cause::Outlier | Cause::Rows | Cause::Lag => "Measure these rows again, or leave them out",
+        Cause::Outlier => "Measure these rows again",
+        Cause::Rows | Cause::Lag => "Measure these rows again, or leave them out",
         Cause::Stuck | Cause::Placeholder | Cause::Clip | Cause::Copies => "Leave these rows out",
         Cause::Time => "Give the file a column with the time of each row",
         Cause::Payload => "Measure the same poses with and without the payload",

@@ -11,7 +11,9 @@ pub fn next_steps(found: Option<&NextSteps>) -> Section {
     let Some(found) = found else {
         return section.missing("Not shown: nothing was examined.");
     };
-    section = section.block(html! { p { b { (found.verdict) "." } } });
+    section = section.block(html! {
+        p { b { (found.verdict) "." } @if let Some(why) = &found.why { " " (why) "." } }
+    });
     if !found.steps.is_empty() {
         let steps = found.steps.iter().enumerate();
         section =
