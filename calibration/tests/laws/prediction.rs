@@ -99,14 +99,14 @@ fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
         .collect();
     let near = |what: &str, stated: &[[f64; 3]], covariance: &DMatrix<f64>| {
         for (pose, stated) in stated.iter().enumerate() {
-            for axis in 0..3 {
+            for (axis, stated) in stated.iter().enumerate() {
                 let row = other.row(6 * pose + axis);
                 let variance = (row * covariance * row.transpose())[(0, 0)] + known.noise[axis];
                 let expected = variance.sqrt();
                 assert!(
-                    (stated[axis] / expected - 1.0).abs() < 1e-5,
+                    (stated / expected - 1.0).abs() < 1e-5,
                     "{what} {pose}: {} {expected}",
-                    stated[axis]
+                    stated
                 );
             }
         }

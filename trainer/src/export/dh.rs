@@ -33,11 +33,11 @@ pub fn table(chain: &CalibratedChain) -> Table {
     }
 }
 
+/// First frame, rows and last frame.
+type RowsBetween = (Pose<f64>, Vec<DhRow>, Pose<f64>);
+
 /// The rows of the drawing, and first frame, rows and last frame of an arm with the frames `to_flange`.
-fn beside_drawing(
-    chain: &CalibratedChain,
-    to_flange: &[Pose<f64>],
-) -> (Vec<DhRow>, (Pose<f64>, Vec<DhRow>, Pose<f64>)) {
+fn beside_drawing(chain: &CalibratedChain, to_flange: &[Pose<f64>]) -> (Vec<DhRow>, RowsBetween) {
     let nominal = at_zero(&chain.nominal_to_flange());
     // Nominal frames first: they say which way the axes of the calibrated arm shall point.
     let (_, nominal_rows, _) = rows(&nominal, &nominal[0], None);

@@ -52,8 +52,8 @@ fn deviations_of_dh_rows_are_those_of_drawn_frames() {
             let other = moved(&chain, |k| drawn[(k, 0)]);
             let (_, others) = rows_beside_drawing(&other);
             for ((square, row), moved) in squares.iter_mut().zip(&rows).zip(&others) {
-                for i in 0..5 {
-                    square[i] += wrapped(numbers(moved)[i] - numbers(row)[i]).powi(2);
+                for (i, sum) in square.iter_mut().enumerate() {
+                    *sum += wrapped(numbers(moved)[i] - numbers(row)[i]).powi(2);
                 }
             }
         }

@@ -163,8 +163,8 @@ impl PosteriorCovariance {
             }
             for (k, other) in points.iter().enumerate() {
                 let between = self.between(point, other);
-                for row in first[k]..first[k + 1] {
-                    add(&mut covariance, &new.jacobian, row, rows[row], &between);
+                for (row, own) in rows.iter().enumerate().take(first[k + 1]).skip(first[k]) {
+                    add(&mut covariance, &new.jacobian, row, *own, &between);
                 }
             }
         }
