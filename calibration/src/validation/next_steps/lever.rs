@@ -13,7 +13,8 @@ use crate::measurement::sample::InstrumentSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-use crate::validation::next_steps::{Kind, Step, Task};
+use crate::validation::next_steps::step::{Kind, Step};
+use crate::validation::next_steps::task::Task;
 use crate::validation::work_volume::POSES;
 
 /// How far beyond the target, m.

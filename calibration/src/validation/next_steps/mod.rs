@@ -8,113 +8,22 @@
 mod lever;
 mod pool;
 mod rows;
+mod step;
+mod task;
 
 use poegp_protocol::JointKind;
 use serde::Serialize;
 
-use crate::identification::identifiability::IdentifyReport;
-use crate::identification::prediction_covariance::PredictionCovariance;
-use crate::measurement::sample::{InstrumentSample, different_poses};
-use crate::model::Calibration;
-use crate::model::identified::prediction_covariance;
-use crate::robot::Robot;
-use crate::trust::Finding;
-use crate::validation::next_steps::pool::Pool;
-use crate::validation::work_volume::{ExpectedError, POSES, WorkVolume};
+pub use crate::validation::next_steps::step::{Kind, LEAST_MM, LEAST_SHARE, Range, Step};
+pub use crate::validation::next_steps::task::{Knowledge, Task};
 
-/// A step must lower the expected error by this share: two calibrations with as many random poses of the same arm differ by as
-/// much.
-pub const LEAST_SHARE: f64 = 0.05;
-/// And by this length, mm: below it the repeatability of the best arms hides the difference.
-pub const LEAST_MM: f64 = 0.002;
+use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::validation::work_volume::POSES;
+
 /// Where poses are measured matters when it gains so many times what evenly spread ones do: less is chance of the draw.
 const BETTER: f64 = 1.2;
 /// Regions that are proposed, at most.
 const REGIONS: usize = 2;
-
-/// What a step is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
-    /// Rows of the measurement file.
-    Rows,
-    /// More poses.
-    Poses,
-    /// Where the target is mounted.
-    Target,
-    /// Payloads.
-    Payload,
-}
-
-/// Joints, or payloads, where more poses are wanted.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Range {
-    /// A joint of the controller, from 1, between two values: degrees, or mm along a prismatic joint.
-    Joint {
-        /// Number from 1.
-        joint: usize,
-        /// Least value.
-        from: f64,
-        /// Largest value.
-        to: f64,
-    },
-    /// Payload in kg.
-    PayloadKg {
-        /// The lightest.
-        from: f64,
-        /// The heaviest.
-        to: f64,
-    },
-}
-
-/// One thing to do.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Step {
-    /// What it is about.
-    pub kind: Kind,
-    /// What to do, one sentence without its full stop.
-    pub text: String,
-    /// Poses to measure.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub poses: Option<usize>,
-    /// Where; absent where they are spread over the measured ranges.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub range: Option<Range>,
-    /// Expected error now, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub before_mm: Option<f64>,
-    /// Expected error after the step, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub after_mm: Option<f64>,
-}
-
-impl Step {
-    /// What the step gains, mm; 0 where the model cannot say.
-    fn gain(&self) -> f64 {
-        self.before_mm
-            .zip(self.after_mm)
-            .map_or(0.0, |(before, after)| before - after)
-    }
-
-    fn pays(&self) -> bool {
-        let least = self.before_mm.map_or(0.0, |before| LEAST_SHARE * before);
-        self.gain() >= least.max(LEAST_MM)
-    }
-
-    /// The step with its gain in one line.
-    pub fn line(&self) -> String {
-        match (self.before_mm, self.after_mm) {
-            (Some(before), Some(after)) => {
-                format!(
-                    "{}: expected error {before:.3} mm → {after:.3} mm",
-                    self.text
-                )
-            }
-            _ => self.text.clone(),
-        }
-    }
-}
 
 /// What to do next, and what was looked at.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -135,85 +44,6 @@ pub struct NextSteps {
     /// Poses that further measurements were taken to have.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<usize>,
-}
-
-/// What a calibration knows over the measured ranges of its joints.
-#[derive(Debug)]
-pub struct Knowledge {
-    volume: WorkVolume,
-    pool: Pool,
-    covariance: Option<PredictionCovariance>,
-}
-
-impl Knowledge {
-    /// Of `calibration`, which was made from `samples`.
-    pub fn new(calibration: &Calibration, robot: &Robot, samples: &[InstrumentSample]) -> Self {
-        let volume = WorkVolume::new(robot, samples);
-        let pool = Pool::new(
-            &volume.ranges,
-            robot,
-            samples,
-            added(different_poses(samples)),
-        );
-        let all: Vec<InstrumentSample> = volume.poses.iter().chain(&pool.poses).cloned().collect();
-        Self {
-            covariance: prediction_covariance(calibration, robot, samples, &all),
-            volume,
-            pool,
-        }
-    }
-
-    /// Whole poses all over the measured ranges, and what the model knows of them first of all; `None` of a model that does not say
-    /// how its predictions are correlated.
-    pub fn predictions(&self) -> Option<(&PredictionCovariance, &[InstrumentSample])> {
-        Some((self.covariance.as_ref()?, &self.volume.poses))
-    }
-
-    /// What a model expects that says how its predictions are correlated.
-    pub fn expected_error(&self) -> Option<ExpectedError> {
-        self.covariance
-            .as_ref()
-            .map(|covariance| self.expected(covariance))
-    }
-
-    /// The error that the model expects by itself.
-    fn expected(&self, covariance: &PredictionCovariance) -> ExpectedError {
-        self.volume.expected(&covariance.deviations(0..POSES))
-    }
-
-    /// The same after the poses of the pool are measured.
-    fn after(&self, covariance: &PredictionCovariance, measured: &[usize]) -> Option<f64> {
-        let rows: Vec<usize> = measured
-            .iter()
-            .flat_map(|k| covariance.rows(POSES + k).take(self.pool.equations[*k]))
-            .collect();
-        let left = covariance.deviations_after(0..POSES, &rows)?;
-        Some(self.volume.expected(&left).mean_mm)
-    }
-}
-
-/// Poses that are proposed to someone who measured `poses`: a third as many, in tens; more than fifty are a day of their own.
-fn added(poses: usize) -> usize {
-    (poses.div_ceil(30) * 10).clamp(10, 50)
-}
-
-/// What the steps are made of.
-#[derive(Debug)]
-pub struct Task<'a> {
-    /// The calibration.
-    pub calibration: &'a Calibration,
-    /// The nominal robot.
-    pub robot: &'a Robot,
-    /// The rows that it was made from.
-    pub samples: &'a [InstrumentSample],
-    /// What it knows over the measured ranges.
-    pub knowledge: &'a Knowledge,
-    /// The error that it is stated to have there.
-    pub expected: Option<ExpectedError>,
-    /// What these poses identify.
-    pub identifiability: Option<&'a IdentifyReport>,
-    /// What somebody must look at.
-    pub warnings: &'a [Finding],
 }
 
 impl NextSteps {

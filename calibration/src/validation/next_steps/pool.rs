@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::InstrumentSample;
 use crate::robot::Robot;
-use crate::validation::next_steps::Range;
+use crate::validation::next_steps::step::Range;
 use crate::validation::work_volume::like;
 
 /// Parts of a range.

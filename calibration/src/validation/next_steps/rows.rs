@@ -4,7 +4,8 @@ use poegp_protocol::cause::Cause;
 
 use crate::measurement::sample::InstrumentSample;
 use crate::trust::Tier;
-use crate::validation::next_steps::{Kind, Step, Task};
+use crate::validation::next_steps::step::{Kind, Step};
+use crate::validation::next_steps::task::Task;
 
 /// A row belongs to the warm-up while it is away by more than this share of the largest displacement.
 const WARMING: f64 = 0.25;
