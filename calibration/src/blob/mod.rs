@@ -1,6 +1,7 @@
 //! From a calibration to the bytes of a blob, and from the bytes to what a device predicts.
 
 pub mod batch;
+pub mod chain_deviation;
 pub mod commander;
 pub mod evaluator;
 pub mod fitted_frames;

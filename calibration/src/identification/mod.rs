@@ -5,4 +5,5 @@ pub mod base_tools;
 pub mod frame_fit;
 pub mod identifiability;
 pub mod parametric;
+pub mod prediction_covariance;
 pub mod touch;

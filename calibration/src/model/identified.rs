@@ -1,22 +1,64 @@
 //! What the samples of a calibration identified.
 
-use crate::identification::identifiability::{IdentifyReport, Task, identify, residual_scales};
+use crate::identification::identifiability::{
+    self, IdentifyReport, Task, identify, residual_scales,
+};
+use crate::identification::prediction_covariance::PredictionCovariance;
 use crate::measurement::noise::{InstrumentNoise, NoiseScales};
 use crate::measurement::sample::{BaseSample, InstrumentSample, in_base_frame};
 use crate::model::calibration::Calibration;
+use crate::model::correction::Correction;
 use crate::model::methods::Method;
+use crate::model::methods::problem::FrameEstimate;
 use crate::robot::Robot;
 
 /// The least noise that is believed, metres and radians.
 const QUIETEST: f64 = 1e-6;
 
-/// What `samples`, seen by the instrument, identified in `calibration`: its noise is what the elastic model fitted, else the RMS of
-/// the chain's own residuals.
+/// What `samples`, seen by the instrument, identified in `calibration`.
 pub fn of_calibration(
     calibration: &Calibration,
     robot: &Robot,
     samples: &[InstrumentSample],
 ) -> Option<IdentifyReport> {
+    with_task(calibration, robot, samples, identify)
+}
+
+/// Covariance of what `calibration`, made from `samples`, predicts of `new`; `None` of a model that does not say how its
+/// predictions are correlated: with a Gaussian process on the pose of the tool, or without any parameter of the arm.
+pub fn prediction_covariance(
+    calibration: &Calibration,
+    robot: &Robot,
+    samples: &[InstrumentSample],
+    new: &[InstrumentSample],
+) -> Option<PredictionCovariance> {
+    let noisy = |s: &InstrumentSample| s.clone().with_noise(calibration.config.instrument_noise());
+    let new: Vec<InstrumentSample> = new.iter().map(noisy).collect();
+    match (&calibration.estimate, &calibration.correction) {
+        (
+            FrameEstimate::Parametric {
+                uncertainty: Some(known),
+            },
+            _,
+        ) => known.of_predictions(&new),
+        (_, Correction::None) if calibration.config.method == Method::Poe => {
+            let base = &calibration.base_and_tools.instrument_from_base;
+            let new = in_base_frame(&new, base);
+            with_task(calibration, robot, samples, |task| {
+                identifiability::prediction_covariance(task, &new)
+            })
+        }
+        _ => None,
+    }
+}
+
+/// The noise of `samples` is what the elastic model fitted, else the RMS of the chain's own residuals.
+fn with_task<T>(
+    calibration: &Calibration,
+    robot: &Robot,
+    samples: &[InstrumentSample],
+    of: impl FnOnce(&Task) -> Option<T>,
+) -> Option<T> {
     let samples: Vec<BaseSample> = in_base_frame(
         &calibration.trained_on(samples),
         &calibration.base_and_tools.instrument_from_base,
@@ -34,7 +76,7 @@ pub fn of_calibration(
         None => residual_scales(chain, &calibration.tools, &samples),
     };
     let positive = |x: f64| if x > QUIETEST { x } else { QUIETEST };
-    identify(&Task {
+    of(&Task {
         robot,
         chain,
         tools: &calibration.tools,

@@ -220,7 +220,14 @@ impl Factor {
     /// L⁻¹ `right`, the squares of whose columns are those of `right`ᵀ matrix⁻¹ `right`.
     pub fn half_solve(&self, right: &Mat<f64>) -> Mat<f64> {
         let mut out = right.clone();
-        solve_lower(&columns(&self.lower), &mut columns_mut(&mut out));
+        let lower = columns(&self.lower);
+        for_each(
+            self.threads,
+            parts(&mut out, TILES.0),
+            |(_, mut columns)| {
+                solve_lower(&lower, &mut columns);
+            },
+        );
         out
     }
 

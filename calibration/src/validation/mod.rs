@@ -7,6 +7,8 @@ pub mod device_budget;
 pub mod held_out;
 pub mod learning_curve;
 pub mod model_selection;
+pub mod next_steps;
 pub mod repeated_poses;
+pub mod signed_residuals;
 pub mod touches;
 pub mod work_volume;

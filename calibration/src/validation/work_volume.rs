@@ -8,14 +8,15 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 
 use crate::measurement::observation::Observation;
-use crate::measurement::sample::{InstrumentSample, Sample};
+use crate::measurement::sample::{Instrument, InstrumentSample, Sample};
 use crate::model::Calibration;
+use crate::model::identified::prediction_covariance;
 use crate::numeric::statistics::{Summary, extremes};
 use crate::robot::Robot;
 use crate::validation::model_selection::Choice;
 
 /// Configurations that are drawn from the measured ranges, and errors drawn for each.
-const POSES: usize = 64;
+pub const POSES: usize = 64;
 const DRAWS: usize = 50;
 
 /// Position error to be expected of a new measurement anywhere in the measured ranges of the joints.
@@ -25,6 +26,69 @@ pub struct ExpectedError {
     pub mean_mm: f64,
     /// 95 % of the errors are expected to be smaller, mm.
     pub p95_mm: f64,
+}
+
+/// Random configurations in the measured ranges of the joints, and random errors of each in units of its standard deviation.
+#[derive(Clone, Debug)]
+pub struct WorkVolume {
+    /// Measured ranges of the controller's joints, rad or m.
+    pub ranges: Vec<(f64, f64)>,
+    /// Whole poses, each with payload and tool of some measured row.
+    pub poses: Vec<InstrumentSample>,
+    draws: Vec<Vec<Vector3<f64>>>,
+}
+
+impl WorkVolume {
+    /// Of measured rows.
+    pub fn new(robot: &Robot, samples: &[InstrumentSample]) -> Self {
+        let range = |joint: usize| extremes(samples.iter().map(|s| s.joints[joint]));
+        let ranges: Vec<(f64, f64)> = (0..robot.joints.len()).map(range).collect();
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let (mut poses, mut draws) = (Vec::with_capacity(POSES), Vec::with_capacity(POSES));
+        for _ in 0..POSES {
+            let of = |(least, most): &(f64, f64)| least + (most - least) * random.random::<f64>();
+            let joints: Vec<f64> = ranges.iter().map(of).collect();
+            let row = &samples[random.random_range(0..samples.len())];
+            poses.push(like(row, robot, joints));
+            let mut normal = |_| Vector3::from_fn(|_, _| StandardNormal.sample(&mut random));
+            draws.push((0..DRAWS).map(&mut normal).collect());
+        }
+        Self {
+            ranges,
+            poses,
+            draws,
+        }
+    }
+
+    /// The error where positions have these standard deviations, m.
+    pub fn expected(&self, deviations: &[[f64; 3]]) -> ExpectedError {
+        let errors = self
+            .draws
+            .iter()
+            .zip(deviations)
+            .flat_map(|(draws, sigma)| {
+                let error =
+                    |draw: &Vector3<f64>| 1e3 * draw.component_mul(&Vector3::from(*sigma)).norm();
+                draws.iter().map(error)
+            });
+        let summary = Summary::new(&errors.collect::<Vec<_>>());
+        ExpectedError {
+            mean_mm: summary.mean,
+            p95_mm: summary.p95,
+        }
+    }
+}
+
+/// A whole pose at these joints (rad or m) that is otherwise like a measured row.
+pub fn like(row: &InstrumentSample, robot: &Robot, joints: Vec<f64>) -> InstrumentSample {
+    let serial_joints = robot.serial_joints(&joints);
+    let observation = Observation::Pose(Pose::identity());
+    Sample {
+        payload_kg: row.payload_kg,
+        tool: row.tool,
+        declared_noise: row.declared_noise,
+        ..Sample::new(joints, serial_joints, observation, Instrument)
+    }
 }
 
 impl ExpectedError {
@@ -43,35 +107,15 @@ impl ExpectedError {
                 p95_mm: chosen.position_mm.p95,
             });
         }
-        let range = |joint: usize| extremes(samples.iter().map(|s| s.joints[joint]));
-        let ranges: Vec<(f64, f64)> = (0..robot.joints.len()).map(range).collect();
-        let mut random = ChaCha8Rng::seed_from_u64(1);
-        let mut errors = Vec::with_capacity(POSES * DRAWS);
-        for _ in 0..POSES {
-            let of = |(least, most): &(f64, f64)| least + (most - least) * random.random::<f64>();
-            let joints: Vec<f64> = ranges.iter().map(of).collect();
-            let row = &samples[random.random_range(0..samples.len())];
-            let serial_joints = robot.serial_joints(&joints);
-            let observation = Observation::Pose(Pose::identity());
-            let pose = Sample {
-                payload_kg: row.payload_kg,
-                tool: row.tool,
-                declared_noise: row.declared_noise,
-                ..Sample::new(joints, serial_joints, observation, row.frame)
-            };
-            let sigma = calibration.standard_deviation(&pose)?;
-            for _ in 0..DRAWS {
-                let error = Vector3::from_fn(|axis, _| {
-                    let drawn: f64 = StandardNormal.sample(&mut random);
-                    1e3 * sigma[axis] * drawn
-                });
-                errors.push(error.norm());
-            }
+        let volume = WorkVolume::new(robot, samples);
+        if let Some(known) = prediction_covariance(calibration, robot, samples, &volume.poses) {
+            return Some(volume.expected(&known.deviations(0..POSES)));
         }
-        let summary = Summary::new(&errors);
-        Some(Self {
-            mean_mm: summary.mean,
-            p95_mm: summary.p95,
-        })
+        let of = |pose: &InstrumentSample| {
+            let [x, y, z, ..] = calibration.standard_deviation(pose)?;
+            Some([x, y, z])
+        };
+        let deviations: Option<Vec<[f64; 3]>> = volume.poses.iter().map(of).collect();
+        Some(volume.expected(&deviations?))
     }
 }

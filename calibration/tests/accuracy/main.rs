@@ -10,6 +10,7 @@ mod inducing_points;
 mod measure;
 mod measured;
 mod never_worse;
+mod next_steps;
 mod outliers;
 mod own_joint_curve;
 mod paper;

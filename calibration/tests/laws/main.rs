@@ -11,6 +11,7 @@ mod nearest_chain;
 mod noise;
 mod outliers;
 mod own_joint_curve;
+mod prediction;
 mod ranges;
 mod selection;
 #[path = "../fidelity/sets.rs"]

@@ -291,6 +291,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             &evidence,
             &part.held_out,
             &part.certificate,
+            &warnings,
         ));
         shown = Some(part);
     }

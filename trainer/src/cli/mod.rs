@@ -88,7 +88,7 @@ pub enum Command {
     /// Simulate a robot with payloads, measured by a laser tracker.
     Simulate(Simulate),
     /// Calibrate a robot and write the model (`.blob`).
-    Calibrate(Calibrate),
+    Calibrate(Box<Calibrate>),
     /// Evaluate a blob on measurements that it was not trained on.
     Evaluate(Evaluate),
     /// Compare calibration methods by cross-validation or on test sets.

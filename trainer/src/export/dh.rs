@@ -7,11 +7,12 @@
 //! what four numbers cannot say.
 
 use nalgebra::Vector3;
-use poegp_runtime::math::se3::Pose;
+use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::export::calibrated_chain::at_zero;
 use crate::export::tables::{DhRow, Row, Table};
 use crate::export::{CalibratedChain, gauge};
+use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::robot::normal_form::rotation_about;
 
 /// Sine of the angle below which axes count as parallel. Errors of arms are a few milliradians, and with the common
@@ -23,17 +24,81 @@ const MEET_M: f64 = 1e-6;
 /// The table of a calibrated chain. The convention leaves the sign of every x axis open: it is taken as for the nominal
 /// arm, whose θ are within ±90° where that can be had.
 pub fn table(chain: &CalibratedChain) -> Table {
-    let nominal = at_zero(&chain.nominal_to_flange());
-    let calibrated = at_zero(&chain.to_flange());
-    // Nominal frames first: they say which way the axes of the calibrated arm shall point.
-    let (_, nominal_rows, _) = rows(&nominal, &nominal[0], None);
-    let (base, rows, flange) = rows(&calibrated, &nominal[0], Some(&nominal_rows));
+    let (_, (base, rows, flange)) = beside_drawing(chain, &chain.to_flange());
     Table {
         convention: "dh",
         base: Some(base),
         rows: rows.into_iter().map(Row::Dh).collect(),
         flange,
     }
+}
+
+/// First frame, rows and last frame.
+type RowsBetween = (Pose<f64>, Vec<DhRow>, Pose<f64>);
+
+/// The rows of the drawing, and first frame, rows and last frame of an arm with the frames `to_flange`.
+fn beside_drawing(chain: &CalibratedChain, to_flange: &[Pose<f64>]) -> (Vec<DhRow>, RowsBetween) {
+    let nominal = at_zero(&chain.nominal_to_flange());
+    // Nominal frames first: they say which way the axes of the calibrated arm shall point.
+    let (_, nominal_rows, _) = rows(&nominal, &nominal[0], None);
+    let calibrated = rows(&at_zero(to_flange), &nominal[0], Some(&nominal_rows));
+    (nominal_rows, calibrated)
+}
+
+/// The rows of the drawing and of the calibrated arm, joint by joint.
+pub fn rows_beside_drawing(chain: &CalibratedChain) -> (Vec<DhRow>, Vec<DhRow>) {
+    let (drawing, (_, calibrated, _)) = beside_drawing(chain, &chain.to_flange());
+    (drawing, calibrated)
+}
+
+/// Step of a frame in the derivative of the rows, m and rad.
+const STEP: f64 = 1e-6;
+
+/// Standard deviations of the rows of the calibrated arm: a, d, α, θ and β of each. `covariance` is that of the frames, six
+/// numbers each that multiply it from the left.
+pub fn deviations(chain: &CalibratedChain, covariance: &Mat<f64>) -> Vec<[f64; 5]> {
+    let frames = chain.to_flange();
+    let with = |k: usize, step: f64| {
+        let mut moved = frames.clone();
+        let twist = std::array::from_fn(|i| if i == k % 6 { step } else { 0.0 });
+        moved[k / 6] = Pose::exp(&Twist::from_array(&twist)) * moved[k / 6];
+        beside_drawing(chain, &moved).1.1
+    };
+    let columns = covariance.ncols();
+    let rows = frames.len() - 1;
+    let mut derivative = Mat::zeros(5 * rows, columns);
+    for k in 0..columns {
+        for (row, (more, less)) in with(k, STEP).iter().zip(&with(k, -STEP)).enumerate() {
+            for (i, (more, less)) in numbers(more).iter().zip(numbers(less)).enumerate() {
+                let change = if i < 2 {
+                    more - less
+                } else {
+                    wrapped(more - less)
+                };
+                derivative[(5 * row + i, k)] = change / (2.0 * STEP);
+            }
+        }
+    }
+    let spread = &derivative * covariance;
+    let deviation = |at: usize| {
+        let variance: f64 = (0..columns)
+            .map(|k| spread[(at, k)] * derivative[(at, k)])
+            .sum();
+        variance.max(0.0).sqrt()
+    };
+    let of = |row: usize| std::array::from_fn(|i| deviation(5 * row + i));
+    (0..rows).map(of).collect()
+}
+
+/// a, d, α, θ and β, which is 0 where there is none.
+pub fn numbers(row: &DhRow) -> [f64; 5] {
+    [row.a, row.d, row.alpha, row.theta, row.beta.unwrap_or(0.0)]
+}
+
+/// An angle within ±π.
+pub fn wrapped(angle: f64) -> f64 {
+    let turn = 2.0 * std::f64::consts::PI;
+    angle - turn * (angle / turn).round()
 }
 
 /// The same arm in Craig's convention: a, α and β of a row are those before its joint.
@@ -142,7 +207,6 @@ fn row(direction: &Vector3<f64>, point: &Vector3<f64>, theta_like: Option<f64>) 
 /// θ or θ + π, whichever is nearer to `like` (else to 0, and at ±90° as it came), within ±π; and −1 where it is turned.
 fn nearest_theta(theta: f64, like: Option<f64>, apart: bool) -> (f64, f64) {
     let pi = std::f64::consts::PI;
-    let wrapped = |x: f64| x - 2.0 * pi * (x / (2.0 * pi)).round();
     let near = |x: f64| wrapped(x - like.unwrap_or(0.0)).abs();
     let (kept, turned) = (wrapped(theta), wrapped(theta + pi));
     // A right angle of the nominal arm, give or take: a > 0 where the axes are apart.

@@ -20,6 +20,7 @@
 
 pub mod certificate;
 pub mod chart;
+pub mod controller;
 pub mod data;
 mod policy;
 pub mod provenance;
@@ -278,6 +279,13 @@ impl Page {
     pub fn render(&self) -> String {
         let scripted = self.sections.iter().any(|section| section.scripted);
         let script = scripted.then_some(SCRIPT);
+        // Behind them: what else there is.
+        let leading = self
+            .sections
+            .iter()
+            .take_while(|s| s.heading.is_empty())
+            .count()
+            .max(1);
         let page = html! {
             (DOCTYPE)
             html lang="en" {
@@ -300,8 +308,7 @@ impl Page {
                                 @if !section.heading.is_empty() { h2 { (section.heading) } }
                                 @for block in &section.blocks { (block) }
                             }
-                            // Behind the headline: what else there is.
-                            @if i == 0 && self.sections.len() > 3 { (self.contents()) }
+                            @if i + 1 == leading && self.sections.len() > 3 { (self.contents()) }
                         }
                     }
                     footer {

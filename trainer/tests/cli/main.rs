@@ -14,6 +14,7 @@ mod browser;
 mod check;
 mod choice;
 mod conformity;
+mod controller;
 mod correct;
 mod demo;
 #[cfg(unix)]

@@ -22,6 +22,8 @@ const TOGETHER: f64 = 0.95;
 pub struct Cause {
     /// In words.
     pub text: String,
+    /// What to measure.
+    pub remedy: Option<&'static str>,
     /// Directions, not orthonormal.
     pub directions: Mat<f64>,
 }
@@ -103,6 +105,8 @@ fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
     let directions: Vec<_> = turns.collect();
     (!directions.is_empty()).then(|| Cause {
         text: "only positions were measured: the tool's orientation cannot be known".into(),
+        // A point needs none, and a target further out is proposed by what it gains.
+        remedy: None,
         directions: columns(frames, &directions),
     })
 }
@@ -160,6 +164,7 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
     };
     Some(Cause {
         text,
+        remedy: Some("Move every joint in some of the poses"),
         directions: columns(frames, &directions),
     })
 }
@@ -195,6 +200,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
         })
         .collect();
     Some(Cause {
+        remedy: Some("Turn the tool in some of the poses"),
         text: format!(
             "all poses have the same tool orientation (within {:.2}°): the base's and the tool's positions cannot be distinguished",
             widest.to_degrees()
@@ -215,7 +221,7 @@ pub fn too_few(task: &Task, possible: usize) -> Option<String> {
 }
 
 /// Why these poses do not identify the effect of payloads.
-pub fn payload(task: &Task) -> Vec<String> {
+pub fn payload(task: &Task) -> Vec<(String, &'static str)> {
     let payloads: Vec<f64> = task.samples.iter().filter_map(|s| s.payload_kg).collect();
     let mut out = Vec::new();
     if payloads.len() < task.samples.len() || payloads.iter().all(|m| *m == payloads[0]) {
@@ -232,10 +238,11 @@ pub fn payload(task: &Task) -> Vec<String> {
         } else {
             ("joints", "move")
         };
-        out.push(format!(
+        let text = format!(
             "under these payloads only {joints} {} {verb}: how the load bends the arm elsewhere is unknown",
             count(&moving)
-        ));
+        );
+        out.push((text, "Move all joints under each payload"));
     }
     let together: Vec<usize> = moving
         .iter()
@@ -243,10 +250,11 @@ pub fn payload(task: &Task) -> Vec<String> {
         .filter(|i| correlation(&payloads, &values(*i).collect::<Vec<_>>()).abs() > TOGETHER)
         .collect();
     if !together.is_empty() {
-        out.push(format!(
+        let text = format!(
             "the payload changes only together with joint {}: their effects cannot be distinguished",
             count(&together)
-        ));
+        );
+        out.push((text, "Measure the same poses with each payload"));
     }
     let with_tool = |k: usize| {
         let tool = task.samples[k].tool;
@@ -258,10 +266,12 @@ pub fn payload(task: &Task) -> Vec<String> {
             "a displacement by the load",
             "the tool's frame of its session",
         ];
-        out.push(format!(
+        let text = format!(
             "the payload changes only where the target was remounted: {} cannot be distinguished",
             list(&what.map(str::to_owned))
-        ));
+        );
+        let remedy = "Measure two payloads without mounting the target again between them";
+        out.push((text, remedy));
     }
     out
 }

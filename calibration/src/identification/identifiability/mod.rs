@@ -36,6 +36,7 @@ use crate::identification::identifiability::elementary_motions::Coordinates;
 use crate::identification::identifiability::frames::ROUNDING;
 use crate::identification::identifiability::subspaces::{Explained, Space};
 use crate::identification::parametric::state::{Layout, ParametricModel, ROWS};
+use crate::identification::prediction_covariance::{PredictionCovariance, rows_of};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
@@ -72,7 +73,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
         .iter()
         .flat_map(|f| 6 * f.position..6 * f.position + 6)
         .collect();
-    let jacobian = |samples: &[BaseSample]| jacobian(task, samples, &columns);
+    let jacobian = |samples: &[BaseSample]| jacobian(task, samples, task.noise, &columns);
     let data = jacobian(task.samples);
     let rich = jacobian(&rich_samples(task, tools));
     if !(0..data.nrows()).all(|i| (0..data.ncols()).all(|j| data[(i, j)].is_finite())) {
@@ -87,12 +88,16 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     let unidentified_count = all.ncols();
     let hidden = coordinates.shares(&all);
     let mut unidentified = all.clone();
-    let general = |text| Finding {
+    let general = |(text, remedy)| Finding {
         text,
         directions: 0,
+        remedy: Some(remedy),
     };
     let too_few = causes::too_few(task, possible.rank);
-    let mut findings: Vec<Finding> = too_few.into_iter().map(general).collect();
+    let mut findings: Vec<Finding> = too_few
+        .into_iter()
+        .map(|text| general((text, "Measure more poses")))
+        .collect();
     for cause in causes::geometric(task, &frames) {
         let Explained { directions, rest } =
             subspaces::explain(&unidentified, &cause.directions, &all, &possible);
@@ -101,6 +106,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
             findings.push(Finding {
                 text: cause.text,
                 directions,
+                remedy: cause.remedy,
             });
         }
     }
@@ -124,6 +130,30 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     })
 }
 
+/// Covariance of the predictions of `new`, from the uncertainty of the frames alone; what the geometry cannot explain counts as
+/// noise of each measurement. `None` when the equations cannot be solved.
+pub fn prediction_covariance(task: &Task, new: &[BaseSample]) -> Option<PredictionCovariance> {
+    let frames = frames(task.chain.kinds().len(), task.tools.len(), false);
+    let columns: Vec<usize> = (0..ROWS * frames.len()).collect();
+    let data = jacobian(task, task.samples, task.noise, &columns);
+    let covariance = uncertainty::Covariance::new(&data, &frames)?;
+    let (rows, first) = rows_of(new.iter().map(|s| s.observation.equations()));
+    let all = jacobian(task, new, NoiseScales::ONE, &columns);
+    let own = Mat::from_fn(rows.len(), columns.len(), |i, j| all[(rows[i], j)]);
+    let noise = |row: &usize| {
+        let scales = task.noise.of(&new[row / ROWS]);
+        match row % ROWS {
+            0..3 => scales.position.powi(2),
+            _ => scales.orientation.powi(2),
+        }
+    };
+    Some(PredictionCovariance {
+        covariance: covariance.of(&own),
+        noise: rows.iter().map(noise).collect(),
+        first,
+    })
+}
+
 /// What the residuals of a chain ask for.
 pub(crate) fn residual_scales(
     chain: &Poe<f64>,
@@ -142,8 +172,13 @@ pub(crate) fn residual_scales(
     NoiseScales::estimated(&residuals, samples)
 }
 
-/// The geometric columns of the linearised model, rows in units of the noise.
-fn jacobian(task: &Task, samples: &[BaseSample], columns: &[usize]) -> Mat<f64> {
+/// The geometric columns of the linearised model, rows in units of `scales`.
+fn jacobian(
+    task: &Task,
+    samples: &[BaseSample],
+    scales: NoiseScales,
+    columns: &[usize],
+) -> Mat<f64> {
     let n = task.chain.kinds().len();
     let layout = Layout {
         joints: n,
@@ -155,7 +190,7 @@ fn jacobian(task: &Task, samples: &[BaseSample], columns: &[usize]) -> Mat<f64> 
     let last = task.chain.frames()[n];
     let tools = task.tools.iter().map(|tool| last * *tool).collect();
     let state = ParametricModel::new(task.chain, tools, None, layout, Vector3::zeros());
-    let all = state.linearise(samples, task.noise).a;
+    let all = state.linearise(samples, scales).a;
     Mat::from_fn(ROWS * samples.len(), columns.len(), |row, column| {
         all[(row, columns[column])]
     })

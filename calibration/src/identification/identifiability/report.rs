@@ -9,6 +9,9 @@ pub struct Finding {
     pub text: String,
     /// Number of directions that it describes; 0 where it is about the payload or the number of poses.
     pub directions: usize,
+    /// What measurements would determine it, as a request; `None` where none is known, or none is needed.
+    #[serde(skip)]
+    pub remedy: Option<&'static str>,
 }
 
 /// What a data set identifies.

@@ -39,6 +39,11 @@ impl Covariance {
         )))
     }
 
+    /// Of what these rows multiply the parameters by.
+    pub fn of(&self, rows: &Mat<f64>) -> Mat<f64> {
+        product(&product(rows, &self.0), Transposed(rows))
+    }
+
     /// Of every frame, redundant directions taken out.
     pub fn deviations(&self, frames: &[Frame], possible: &Space) -> Vec<FrameDeviation> {
         let identified = possible.identified();

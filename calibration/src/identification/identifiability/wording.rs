@@ -68,6 +68,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
                 names => format!("{} cannot be distinguished by these poses", list(names)),
             },
             directions: 1,
+            remedy: None,
         })
         .collect();
     if let Some(first) = long.first() {
@@ -78,6 +79,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
         out.push(Finding {
             text,
             directions: long.len(),
+            remedy: None,
         });
     }
     out

@@ -10,11 +10,13 @@
 use std::sync::OnceLock;
 
 use poegp_protocol::JointKind;
-use poegp_protocol::limits::MAX_GROUPS;
+use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
+use poegp_runtime::kinematics::poe::JointTrig;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
+use crate::identification::prediction_covariance::{PredictionCovariance, rows_of};
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
 use crate::learning::elastic::likelihood::Posterior;
 use crate::learning::elastic::own_joint_curve::CurvePrior;
@@ -96,74 +98,118 @@ impl PosteriorCovariance {
         sample: &Sample<F>,
         factor: [f64; 2],
     ) -> [f64; ROWS] {
-        let fit = &self.fit;
-        let Some(solved) = &fit.solved else {
-            return [f64::NAN; ROWS];
-        };
         let whole = Sample {
             observation: Observation::Pose(Pose::identity()),
-            declared_noise: sample.declared_noise.or(self.typical),
             ..sample.clone()
         };
-        let scales = fit.scales.of(&whole);
-        let new = fit.origin.linearise(&[whole], fit.scales);
+        let Some(found) = self.of_predictions(&[whole]) else {
+            return [f64::NAN; ROWS];
+        };
+        std::array::from_fn(|a| {
+            let variance = found.covariance[(a, a)].max(0.0) + found.noise[a];
+            factor[usize::from(a >= 3)] * variance.sqrt()
+        })
+    }
+
+    /// Covariance of the predictions of `samples`, of rotations where they have orientations; `None` without processes.
+    pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> Option<PredictionCovariance> {
+        let fit = &self.fit;
+        let solved = fit.solved.as_ref()?;
+        let noisy = |sample: &Sample<F>| {
+            sample
+                .clone()
+                .with_noise(sample.declared_noise.or(self.typical))
+        };
+        let samples: Vec<Sample<F>> = samples.iter().map(noisy).collect();
+        let (rows, first) = rows_of(samples.iter().map(|s| s.observation.equations()));
+        let new = fit.origin.linearise(&samples, fit.scales);
+        let points: Vec<Point> = samples
+            .iter()
+            .map(|s| (fit.origin.features(s), s.payload_kg.unwrap_or(0.0)))
+            .collect();
         let groups = fit.origin.layout.groups();
         let lambda: Vec<f64> = groups
             .iter()
             .map(|g| prior_variance(*g, &fit.hyperparameters))
             .collect();
-        let scaled = Mat::from_fn(ROWS, lambda.len(), |i, j| new.a[(i, j)] * lambda[j]);
-        let mut prior = product(&scaled, Transposed(&new.a));
-        let mut cross = product(&scaled, Transposed(&self.linear.a));
-        let features = fit.origin.features(sample);
-        let payload = sample.payload_kg.unwrap_or(0.0);
-        for (c, kernel) in self.kernels.iter().enumerate() {
-            let revolute = fit.inputs.kinds[c] == JointKind::Revolute;
-            let curve = self.curve.as_ref().filter(|_| revolute);
-            let own = kernel.payload_factor(payload, payload)
-                + curve.map_or(0.0, |p| p.amplitude * p.spectrum.total());
-            for a in 0..ROWS {
-                for b in 0..ROWS {
-                    prior[(a, b)] += new.jacobian[(a, c)] * new.jacobian[(b, c)] * own;
+        let own = Mat::from_fn(rows.len(), lambda.len(), |i, j| new.a[(rows[i], j)]);
+        let scaled = Mat::from_fn(rows.len(), lambda.len(), |i, j| own[(i, j)] * lambda[j]);
+        let mut covariance = product(&scaled, Transposed(&own));
+        let mut cross = product(&self.linear.a, Transposed(&scaled));
+        let trained: Vec<Point> = fit
+            .inputs
+            .features
+            .iter()
+            .copied()
+            .zip(fit.inputs.payloads.iter().copied())
+            .collect();
+        for (pose, point) in points.iter().enumerate() {
+            let columns = first[pose]..first[pose + 1];
+            let add =
+                |to: &mut Mat<f64>, jacobian: &Mat<f64>, row: usize, own: usize, k: &[f64]| {
+                    for column in columns.clone() {
+                        let moved = k
+                            .iter()
+                            .enumerate()
+                            .map(|(c, k)| k * jacobian[(own, c)] * new.jacobian[(rows[column], c)]);
+                        to[(row, column)] += moved.sum::<f64>();
+                    }
+                };
+            for (k, other) in trained.iter().enumerate() {
+                let between = self.between(point, other);
+                for row in ROWS * k..ROWS * (k + 1) {
+                    add(&mut cross, &self.linear.jacobian, row, row, &between);
                 }
             }
-            for (k, (other, other_payload)) in fit
-                .inputs
-                .features
-                .iter()
-                .zip(&fit.inputs.payloads)
-                .enumerate()
-            {
-                let mut s = [0.0; 8];
-                for (d, kind) in fit.inputs.kinds.iter().enumerate() {
-                    s[d] = similarity(*kind, &features[d], &other[d]);
-                }
-                let value = kernel.payload_factor(payload, *other_payload)
-                    * kernel.joint_factor(&s)
-                    + curve.map_or(0.0, |p| p.between(features[c], other[c]));
-                for row in ROWS * k..ROWS * (k + 1) {
-                    let moved = value * self.linear.jacobian[(row, c)];
-                    for a in 0..ROWS {
-                        cross[(a, row)] += new.jacobian[(a, c)] * moved;
-                    }
+            for (k, other) in points.iter().enumerate() {
+                let between = self.between(point, other);
+                for (row, own) in rows.iter().enumerate().take(first[k + 1]).skip(first[k]) {
+                    add(&mut covariance, &new.jacobian, row, *own, &between);
                 }
             }
         }
-        let explained = product(&cross, &solved.factor.solve(&cross.transpose()));
-        std::array::from_fn(|a| {
-            let h = fit.hyperparameters[usize::from(a >= 3)];
-            let noise = libm::exp(h) * new.relative_noise(a, h).powi(2);
-            let scale = if a < 3 {
-                scales.position
-            } else {
-                scales.orientation
-            };
-            factor[usize::from(a >= 3)]
-                * scale
-                * ((prior[(a, a)] - explained[(a, a)]).max(0.0) + noise).sqrt()
+        let half = solved.factor.half_solve(&cross);
+        covariance -= product(Transposed(&half), &half);
+        let scale = |row: usize| {
+            let scales = fit.scales.of(&samples[row / ROWS]);
+            match row % ROWS {
+                0..3 => scales.position,
+                _ => scales.orientation,
+            }
+        };
+        let scales: Vec<f64> = rows.iter().map(|row| scale(*row)).collect();
+        let noise = |(row, scale): (&usize, &f64)| {
+            let h = fit.hyperparameters[usize::from(row % ROWS >= 3)];
+            scale * scale * libm::exp(h) * new.relative_noise(*row, h).powi(2)
+        };
+        Some(PredictionCovariance {
+            covariance: Mat::from_fn(rows.len(), rows.len(), |i, j| {
+                scales[i] * covariance[(i, j)] * scales[j]
+            }),
+            noise: rows.iter().zip(&scales).map(noise).collect(),
+            first,
         })
     }
+
+    /// Covariance of the deflections of each joint at two points, rad² and m².
+    fn between(&self, (a, m): &Point, (b, other): &Point) -> Vec<f64> {
+        let kinds = &self.fit.inputs.kinds;
+        let mut s = [0.0; MAX_JOINTS];
+        for (d, kind) in kinds.iter().enumerate() {
+            s[d] = similarity(*kind, &a[d], &b[d]);
+        }
+        let of = |(c, kernel): (usize, &JointKernel<f64>)| {
+            let curve = self.curve.as_ref();
+            let curve = curve.filter(|_| kinds[c] == JointKind::Revolute);
+            kernel.payload_factor(*m, *other) * kernel.joint_factor(&s)
+                + curve.map_or(0.0, |prior| prior.between(a[c], b[c]))
+        };
+        self.kernels.iter().enumerate().map(of).collect()
+    }
 }
+
+/// Joints as a kernel compares them, and a payload in kg.
+type Point = (JointTrig<f64>, f64);
 
 /// Leaves the poses of each payload out of `solved` together; `None` when there is one payload only, or so many that a
 /// pose left out alone has no neighbours of its own payload.

@@ -4,6 +4,7 @@
 use std::sync::OnceLock;
 
 use crate::identification::parametric::state::ROWS;
+use crate::identification::prediction_covariance::PredictionCovariance;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::learning::elastic::variance_inflation::{REFIT_BELOW, RefitSpec};
@@ -64,5 +65,16 @@ impl Uncertainty {
             .payload_factor(sample.payload_kg, self.left_out);
         self.posterior
             .standard_deviation(sample, [inflation[0] * more[0], inflation[1] * more[1]])
+    }
+
+    /// Covariance of the predictions of `samples`, scaled as [`Uncertainty::standard_deviation`] is.
+    pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> Option<PredictionCovariance> {
+        let inflation = self.inflation();
+        let factor = |pose: usize| {
+            let payload = samples[pose].payload_kg;
+            let more = self.posterior.payload_factor(payload, self.left_out);
+            [inflation[0] * more[0], inflation[1] * more[1]]
+        };
+        Some(self.posterior.of_predictions(samples)?.scaled(factor))
     }
 }

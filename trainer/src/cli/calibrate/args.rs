@@ -89,6 +89,10 @@ pub struct Calibrate {
     /// Write the results as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Write what a controller's engineer asks for as CSV: DH rows and joint zeros with standard deviations, signed errors of
+    /// held-out poses (those with --report or --test).
+    #[arg(long, value_name = "FILE")]
+    pub controller_csv: Option<PathBuf>,
 }
 
 /// A day of the calendar.

@@ -8,6 +8,7 @@ use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::job::Job;
 use crate::report::certificate::Certificate;
+use crate::report::controller::ControllerSummary;
 use crate::report::sections::ListedOutlier;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
@@ -27,6 +28,7 @@ use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::Row;
+use poegp_calibration::validation::next_steps::NextSteps;
 use poegp_calibration::validation::work_volume::ExpectedError;
 
 /// What `--json` writes.
@@ -46,6 +48,9 @@ pub struct CalibrateJson {
     /// The position error to be expected all over the measured ranges of the joints.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<ExpectedError>,
+    /// What would lower it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub next_steps: Option<NextSteps>,
     pub step1: Option<Step1>,
     pub hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -72,6 +77,9 @@ pub struct CalibrateJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<DriftReport>,
     pub identifiability: Option<IdentifyReport>,
+    /// Numbers of the arm beside those of the drawing, and signed errors.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub controller: Option<ControllerSummary>,
     /// By how much the frames differ from the drawing.
     pub frames: Vec<FrameChange>,
     pub blob: BlobSummary,
@@ -141,6 +149,8 @@ pub struct TouchJson {
     pub arm: ArmRecord,
     /// What somebody must look at.
     pub warnings: Vec<Finding>,
+    /// Numbers of the arm beside those of the drawing.
+    pub controller: ControllerSummary,
     pub correction_limit_mm: f64,
     pub correction_limit_mrad: f64,
     pub single_precision_loss_um: LossJson,
@@ -186,6 +196,7 @@ pub fn document(
         held_out: None,
         certificate: None,
         expected_error: None,
+        next_steps: None,
         step1: calibration.frame_fit().map(step1),
         hyperparameters: hyperparameters.collect(),
         elastic: None,
@@ -200,6 +211,7 @@ pub fn document(
         single_precision_loss_um: LossJson::new(precision_loss),
         drift: None,
         identifiability: None,
+        controller: None,
         frames: changes(calibration),
         blob: BlobSummary::new(&a.out, blob),
         repeats: None,

@@ -44,6 +44,7 @@ pub struct Job {
     pub statement: Statement,
     pub report: Option<PathBuf>,
     pub json: Option<PathBuf>,
+    pub controller_csv: Option<PathBuf>,
     pub write_project: Option<PathBuf>,
     pub project: Option<PathBuf>,
     /// SHA-256 that the project file states for the blob, unless an option changes the calibration.
@@ -110,6 +111,7 @@ impl Job {
             },
             report: a.report.clone(),
             json: a.json.clone(),
+            controller_csv: a.controller_csv.clone(),
             write_project: a.write_project.clone(),
             project: None,
             blob_sha256: None,

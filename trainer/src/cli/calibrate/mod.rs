@@ -32,6 +32,7 @@ use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::cli::terminal::progress;
 use crate::cli::tolerance;
 use crate::report::certificate::Certificate;
+use crate::report::controller::ControllerSummary;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_in_gauge};
 use poegp_calibration::measurement::reader::SampleFile;
@@ -48,6 +49,7 @@ use poegp_calibration::validation::device_budget::{Budget, BudgetTrial, TRIALS, 
 use poegp_calibration::validation::model_selection::{
     Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
+use poegp_calibration::validation::next_steps::{self, Knowledge, NextSteps};
 use poegp_calibration::validation::work_volume::ExpectedError;
 
 pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
@@ -66,6 +68,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
         a.json.as_deref(),
         a.report.as_deref(),
         a.write_project.as_deref(),
+        a.controller_csv.as_deref(),
     ];
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot)];
     inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
@@ -79,6 +82,13 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
     let project = a.write_project.as_deref().zip(made.project.as_deref());
     files.extend(project.map(|(path, text)| (path, text.as_bytes())));
+    let csv = made
+        .document
+        .controller
+        .as_ref()
+        .map(ControllerSummary::to_csv);
+    let csv = a.controller_csv.as_deref().zip(csv.as_deref());
+    files.extend(csv.map(|(path, text)| (path, text.as_bytes())));
     write_outputs(&files)?;
     print::all(Printer::for_outputs(&outputs), a, &made);
     tolerance::outcome(made.document.certificate.as_ref(), &a.statement)
@@ -201,8 +211,6 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         let drift = drift.as_ref().map(|d| (&d.report, a.correct_drift));
         Certificate::new(evidence, &a.statement, drift, &a.serial_number)
     });
-    document.expected_error =
-        ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref());
     document.elastic = ElasticSummary::new(calibration, &samples);
     document.outliers = outliers(calibration, &set, &samples);
     document.choice = choice.as_ref().map(|choice| choice.table.clone());
@@ -211,6 +219,27 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = of_calibration(calibration, &arm.robot, &samples);
+    let knowledge = Knowledge::new(calibration, &arm.robot, &samples);
+    document.expected_error = match calibration.has_local_deviation() {
+        true => knowledge.expected_error(),
+        false => None,
+    }
+    .or_else(|| ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref()));
+    document.next_steps = Some(NextSteps::new(&next_steps::Task {
+        calibration,
+        robot: &arm.robot,
+        samples: &samples,
+        knowledge: &knowledge,
+        expected: document.expected_error,
+        identifiability: document.identifiability.as_ref(),
+        warnings: &document.warnings,
+    }));
+    document.controller = Some(ControllerSummary::new(
+        blob,
+        &arm.robot,
+        knowledge.predictions(),
+        evidence.as_ref(),
+    ));
     let sum = FileSummary::of_bytes("", "", blob.bytes()).sha256;
     document.repeats = a
         .blob_sha256

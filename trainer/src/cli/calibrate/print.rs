@@ -128,6 +128,11 @@ fn print(
             expected.mean_mm, expected.p95_mm
         ));
     }
+    if let Some(found) = &document.next_steps {
+        for line in found.summary() {
+            report.line(format_args!("  next: {line}"));
+        }
+    }
     if let Some(summary) = &document.elastic {
         summary.print(report);
     }

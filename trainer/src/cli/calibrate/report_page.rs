@@ -23,6 +23,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::progress::NEVER;
 use poegp_calibration::progress::threads;
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::{
     ModelComparison, SetErrors, Task, TestSet, applicable,
 };
@@ -240,11 +241,14 @@ pub fn of_calibration(
         &document.single_precision_loss_um,
     );
     let serial_number = &document.provenance.serial_number;
+    let next = document.next_steps.as_ref();
     let mut page = page("Calibration of", &document.provenance);
     if let Some(certificate) = &document.certificate {
-        page = page.with(sections::verdict(certificate));
+        page = page.with(sections::verdict(certificate, &document.warnings, next));
     }
-    page = page.with(sections::headline(evidence, summary));
+    page = page
+        .with(sections::headline(evidence, summary))
+        .with(sections::next_steps(next));
     if let Some(certificate) = &document.certificate {
         page = page
             .with(sections::uncertainty_budget(certificate))
@@ -258,6 +262,7 @@ pub fn of_calibration(
             elastic.and_then(ElasticSummary::listed_curve),
             elastic.and_then(ElasticSummary::warm_up),
         ))
+        .with(sections::controller(document.controller.as_ref()))
         .with(sections::outliers(
             evidence,
             summary,
@@ -299,6 +304,7 @@ pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
         .with(sections::unseen(found))
         .with(sections::touch_outliers(found))
         .with(sections::class(found))
+        .with(sections::controller(Some(&document.controller)))
         .with(sections::device(&device))
         .with(sections::provenance(&document.provenance))
         .render()
@@ -310,9 +316,10 @@ pub fn of_comparison(
     evidence: &ReportData,
     summary: &HeldOutSummary,
     certificate: &Certificate,
+    warnings: &[Finding],
 ) -> String {
     let page = page("Comparison of models for", provenance)
-        .with(sections::verdict(certificate))
+        .with(sections::verdict(certificate, warnings, None))
         .with(sections::headline(evidence, summary))
         .with(sections::uncertainty_budget(certificate));
     sections::held_out(page, evidence, summary)

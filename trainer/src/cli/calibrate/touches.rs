@@ -18,6 +18,7 @@ use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::cli::terminal::progress;
 use crate::cli::touches::{self, print_distances, print_noise, read, table};
 use crate::report::FileSummary;
+use crate::report::controller::ControllerSummary;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside, is_touch_file};
@@ -45,6 +46,7 @@ pub fn run(a: &Job) -> Result<(), Failure> {
         a.json.as_deref(),
         a.report.as_deref(),
         a.write_project.as_deref(),
+        a.controller_csv.as_deref(),
     ];
     let beside = features_beside(&a.train);
     let features = a.features.as_deref().unwrap_or(&beside);
@@ -89,6 +91,7 @@ pub fn run(a: &Job) -> Result<(), Failure> {
         touches: summary,
         arm: record,
         warnings,
+        controller: ControllerSummary::new(&blob, &arm.robot, None, None),
         correction_limit_mm: 1e3 * calibration.correction_limit.0,
         correction_limit_mrad: 1e3 * calibration.correction_limit.1,
         single_precision_loss_um: LossJson::new(&precision_loss),
@@ -109,10 +112,16 @@ pub fn run(a: &Job) -> Result<(), Failure> {
         (path, text)
     });
     let json = json_text(&document)?;
+    let csv = document.controller.to_csv();
     let mut files = vec![(a.out.as_path(), blob.bytes())];
     let texts = page.iter().chain(&project);
     files.extend(texts.map(|(path, text)| (*path, text.as_bytes())));
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    let csv = a
+        .controller_csv
+        .as_deref()
+        .map(|path| (path, csv.as_bytes()));
+    files.extend(csv);
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
     print(report, &document);

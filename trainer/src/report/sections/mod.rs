@@ -4,10 +4,12 @@
 //! that a number and its place there are written side by side. What a run does not know is said in a sentence.
 
 mod calibration;
+mod controller;
 mod cubes;
 mod headline;
 mod joints;
 mod methods;
+mod next_steps;
 pub mod poses;
 mod time;
 mod touches;
@@ -18,9 +20,11 @@ mod workspace;
 pub use crate::report::sections::calibration::{
     DeviceSummary, ListedOutlier, Ripple, choice, device, outliers, parameters, provenance,
 };
+pub use crate::report::sections::controller::controller;
 pub use crate::report::sections::headline::headline;
 pub use crate::report::sections::joints::{joints, payloads};
 pub use crate::report::sections::methods::{distribution, learning, methods};
+pub use crate::report::sections::next_steps::next_steps;
 pub use crate::report::sections::poses::poses;
 pub use crate::report::sections::time::time;
 pub use crate::report::sections::touches::{

@@ -1,11 +1,14 @@
 //! Whether the arm conforms to its tolerance, how certain that is, and who measured it with what.
 
 use maud::{Markup, html};
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::conformity::budget::Contribution;
 use poegp_calibration::validation::conformity::{Characteristic, Conformity, LEAST_POSES, Verdict};
+use poegp_calibration::validation::next_steps::NextSteps;
 use poegp_calibration::validation::repeated_poses::STANDARD_CYCLES;
 
 use crate::report::certificate::{Certificate, ListedPose};
+use crate::report::sections::next_steps::first_step;
 use crate::report::{Number, Section};
 
 /// Repeated poses that are listed.
@@ -14,9 +17,18 @@ const LISTED: usize = 20;
 const OF_POSITION: &str = "/certificate/conformity/position";
 const OF_ROTATION: &str = "/certificate/conformity/orientation";
 
-/// What a customer reads first.
-pub fn verdict(certificate: &Certificate) -> Section {
-    let section = Section::new("verdict", "");
+/// What a customer reads first: what somebody must look at, whether the arm is good enough, how sure that is, what to do.
+pub fn verdict(
+    certificate: &Certificate,
+    warnings: &[Finding],
+    next: Option<&NextSteps>,
+) -> Section {
+    let mut section = Section::new("verdict", "");
+    if !warnings.is_empty() {
+        section = section.block(html! {
+            ul class="warnings" { @for finding in warnings { li { b { "Warning: " } (finding.text) "." } } }
+        });
+    }
     let Some(conformity) = &certificate.conformity else {
         return section.missing(format!(
             "No verdict: fewer than {LEAST_POSES} poses that differ were held out."
@@ -45,7 +57,11 @@ pub fn verdict(certificate: &Certificate) -> Section {
             None => { "State a tolerance (--tolerance-mm, --tolerance-mrad) and a verdict stands here." }
         }
     };
-    section.block(lead).text(sure)
+    section = section.block(lead).text(sure);
+    match next {
+        Some(next) => section.text(html! { "What to do next: " (first_step(next)) }),
+        None => section,
+    }
 }
 
 /// "95 of 100 poses are within 0.312 ± 0.058 mm; 0.400 mm are allowed."
@@ -86,7 +102,7 @@ fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Sec
     let row = |(i, c): (usize, &Contribution)| {
         let at = format!("{at}/budget/{i}");
         vec![
-            html! { (c.source.name()) },
+            html! { (c.source.name()) span class="basis" { (c.basis) } },
             html! {
                 @match c.standard_uncertainty {
                     Some(u) => { (Number::new(u, 4, format!("{at}/standard_uncertainty"))) }
@@ -96,11 +112,10 @@ fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Sec
             html! { @if c.standard_uncertainty.is_some() { (Number::percent(c.share, format!("{at}/share"))) " %" } @else { "–" } },
             html! { (format!("{:?}", c.evaluation)) },
             html! { (c.distribution) },
-            html! { (c.basis) },
         ]
     };
     let uncertainty = format!("standard uncertainty ({})", found.unit);
-    let header = [what, &uncertainty, "share", "type", "distribution", "basis"];
+    let header = [what, &uncertainty, "share", "type", "distribution"];
     section
         .table(&header, found.budget.iter().enumerate().map(row).collect())
         .text(html! {

@@ -1,0 +1,104 @@
+//! How well a chain alone, or joint zeros alone, are known that are fitted to the predictions of a model.
+//!
+//! Both fits are linear for small changes: x = (CᵀC)⁻¹ Cᵀ y with C the columns of what is fitted and y the predictions over a region.
+//! With K the covariance of those, x has the covariance G K Gᵀ, G = (CᵀC)⁻¹ Cᵀ. What a chain cannot hold is no uncertainty: it is
+//! the distance from the model, which the export states.
+
+use poegp_protocol::JointKind;
+use poegp_runtime::kinematics::poe::Poe;
+
+use crate::identification::frame_fit::{ResidualFrame, linearise};
+use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::measurement::sample::InstrumentSample;
+use crate::numeric::cholesky::Factor;
+use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
+
+/// Share of the largest diagonal element that every one gets: redundant directions stay as they are.
+const RIDGE: f64 = 1e-10;
+/// Poses of the first target, at least: twice the equations that the frames of eight joints have.
+const LEAST_POSES: usize = 12;
+/// Numbers of a frame.
+const SIX: usize = 6;
+
+/// How well the nearest chain and the joint zeros of a model are known.
+#[derive(Clone, Debug)]
+pub struct ChainDeviation {
+    /// Covariance of the frames of the chain to the first target, six numbers each that multiply it from the left, m and rad.
+    pub frames: Mat<f64>,
+    /// Standard deviations of the zeros of the controller's joints, rad or m; 0 of the first and the last, which are not fitted.
+    pub zeros: Vec<f64>,
+}
+
+impl ChainDeviation {
+    /// Of a `chain` from the base to the first target, from what `known` says of whole `poses`, its first ones; `coupling` is C of
+    /// q_serial = C q by rows. `None` when too few of the poses are of the first target, and when the equations cannot be solved.
+    pub fn new(
+        known: &PredictionCovariance,
+        poses: &[InstrumentSample],
+        chain: &Poe<f64>,
+        coupling: Option<&[Vec<f64>]>,
+    ) -> Option<Self> {
+        let (kinds, n) = (chain.kinds(), chain.kinds().len());
+        let own: Vec<usize> = (0..poses.len()).filter(|k| poses[*k].tool == 0).collect();
+        if own.len() < LEAST_POSES {
+            return None;
+        }
+        let rows: Vec<usize> = own.iter().flat_map(|k| known.rows(*k)).collect();
+        let covariance = Mat::from_fn(rows.len(), rows.len(), |i, j| {
+            known.covariance[(rows[i], rows[j])]
+        });
+        let samples: Vec<InstrumentSample> = own.iter().map(|k| poses[*k].clone()).collect();
+        let all: Vec<usize> = (0..=n).collect();
+        let kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
+        let (_, all) = linearise(chain, &samples, &all, kind);
+        let frames = fitted(&all, &covariance)?;
+        // Base and tool, then one column for each joint between the first and the last.
+        let share = |i: usize, j: usize| match coupling {
+            Some(rows) => rows[i][j],
+            None => f64::from(u8::from(i == j)),
+        };
+        let free = 1..n.saturating_sub(1).max(1);
+        let columns = Mat::from_fn(rows.len(), 2 * SIX + free.len(), |row, column| {
+            if column < SIX {
+                return all[(row, column)];
+            }
+            if column < 2 * SIX {
+                return all[(row, SIX * n + column - SIX)];
+            }
+            let joint = free.start + column - 2 * SIX;
+            let of = |i: usize| {
+                let axis = match kinds[i] {
+                    JointKind::Revolute => 5,
+                    JointKind::Prismatic => 2,
+                };
+                share(i, joint) * all[(row, SIX * (i + 1) + axis)]
+            };
+            (0..n - 1).map(of).sum()
+        });
+        let zeros = fitted(&columns, &covariance)?;
+        let of = |joint: usize| {
+            if !free.contains(&joint) {
+                return 0.0;
+            }
+            let at = 2 * SIX + joint - free.start;
+            zeros[(at, at)].max(0.0).sqrt()
+        };
+        Some(Self {
+            frames,
+            zeros: (0..n).map(of).collect(),
+        })
+    }
+}
+
+/// G K Gᵀ.
+fn fitted(columns: &Mat<f64>, covariance: &Mat<f64>) -> Option<Mat<f64>> {
+    let mut normal = product(Transposed(columns), columns);
+    let diagonal = (0..normal.nrows()).map(|i| normal[(i, i)]);
+    let ridge = RIDGE * diagonal.fold(0.0, f64::max);
+    for i in 0..normal.nrows() {
+        normal[(i, i)] += ridge;
+    }
+    let g = Factor::new(normal, 1).ok()?.solve(&columns.transpose());
+    Some(product(&product(&g, covariance), Transposed(&g)))
+}

@@ -1,0 +1,222 @@
+//! What to do next: what would lower the error that a calibration expects, and by how much.
+//!
+//! The expected error is that of [`WorkVolume`]: of a new measurement anywhere in the measured ranges of the joints. Further
+//! measurements change the covariance of the predictions whatever they will show ([`PredictionCovariance`]), so that each
+//! proposal is judged before anything is measured. Noise, hyperparameters and what the geometry cannot explain stay as they are
+//! known now. Proposals that gain less than [`LEAST_SHARE`] and [`LEAST_MM`] are left out.
+
+mod lever;
+mod pool;
+mod rows;
+mod step;
+mod task;
+
+use poegp_protocol::JointKind;
+use serde::Serialize;
+
+pub use crate::validation::next_steps::step::{Kind, LEAST_MM, LEAST_SHARE, Range, Step};
+pub use crate::validation::next_steps::task::{Knowledge, Task};
+
+use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::validation::work_volume::POSES;
+
+/// Where poses are measured matters when it gains so many times what evenly spread ones do: less is chance of the draw.
+const BETTER: f64 = 1.2;
+/// Regions that are proposed, at most.
+const REGIONS: usize = 2;
+
+/// What to do next, and what was looked at.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct NextSteps {
+    /// The steps: what is wrong with rows first, then by what they gain.
+    pub steps: Vec<Step>,
+    /// In one sentence, whether something pays, or what is not known.
+    pub verdict: String,
+    /// What is left if nothing pays, or why nothing is known; absent where steps say it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub why: Option<String>,
+    /// Expected error now, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_mm: Option<f64>,
+    /// The part of it that any model would show, because the measurement itself has noise, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_mm: Option<f64>,
+    /// Poses that further measurements were taken to have.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub poses: Option<usize>,
+}
+
+impl NextSteps {
+    /// Of a calibration.
+    pub fn new(task: &Task) -> Self {
+        let mut steps = rows::steps(task);
+        let pool = &task.knowledge.pool;
+        let known = task.knowledge.covariance.as_ref();
+        let mut gains: Vec<Step> = Vec::new();
+        if let Some(covariance) = known {
+            gains.extend(more_poses(task, covariance));
+            gains.extend(lever::step(task, covariance));
+        }
+        gains.retain(Step::pays);
+        gains.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+        let is_paid = !gains.is_empty();
+        steps.extend(gains);
+        steps.extend(rows::undetermined(task));
+        let noise = known.map(|covariance| {
+            let of = |pose: usize| {
+                std::array::from_fn(|a| covariance.noise[covariance.first[pose] + a].sqrt())
+            };
+            let noise: Vec<[f64; 3]> = (0..POSES).map(of).collect();
+            scale(task, covariance) * task.knowledge.volume.expected(&noise).mean_mm
+        });
+        let expected = known.and(task.expected).map(|expected| expected.mean_mm);
+        let (verdict, why) = verdict(task, is_paid, &steps, expected.zip(noise));
+        Self {
+            verdict,
+            why,
+            steps,
+            expected_mm: expected,
+            noise_mm: noise,
+            poses: known.map(|_| pool.count),
+        }
+    }
+
+    /// The first step in one line, with what it would gain; or that none pays.
+    pub fn first(&self) -> String {
+        self.steps
+            .first()
+            .map_or_else(|| self.verdict.clone(), Step::line)
+    }
+
+    /// The first two steps, a line each, or that none pays.
+    pub fn summary(&self) -> Vec<String> {
+        match self.steps.as_slice() {
+            [] => vec![self.first()],
+            steps => steps.iter().take(2).map(Step::line).collect(),
+        }
+    }
+}
+
+/// The stated error over what the model expects by itself: 1, but of a model whose stated error was found on held-out rows.
+fn scale(task: &Task, covariance: &PredictionCovariance) -> f64 {
+    let own = task.knowledge.expected(covariance).mean_mm;
+    task.expected.map_or(1.0, |stated| stated.mean_mm / own)
+}
+
+/// More poses, spread evenly and in parts of the measured ranges.
+fn more_poses(task: &Task, covariance: &PredictionCovariance) -> Vec<Step> {
+    let (knowledge, pool) = (task.knowledge, &task.knowledge.pool);
+    let scale = scale(task, covariance);
+    let before = scale * knowledge.expected(covariance).mean_mm;
+    let after = |measured: &[usize]| {
+        knowledge
+            .after(covariance, measured)
+            .map(|mean| scale * mean)
+    };
+    let step = |text: String, range: Option<Range>, after: f64| Step {
+        kind: match range {
+            Some(Range::PayloadKg { .. }) => Kind::Payload,
+            _ => Kind::Poses,
+        },
+        text,
+        poses: Some(pool.count),
+        range,
+        before_mm: Some(before),
+        after_mm: Some(after),
+    };
+    // The mean over three draws: less chance in it.
+    let even: Option<Vec<f64>> = pool.even().iter().map(|part| after(part)).collect();
+    let Some(even) = even.map(|each| each.iter().sum::<f64>() / each.len() as f64) else {
+        return Vec::new();
+    };
+    let even = step(
+        format!(
+            "Measure {} more poses, spread over the joint ranges measured so far",
+            pool.count
+        ),
+        None,
+        even,
+    );
+    let mut regions: Vec<Step> = Vec::new();
+    for (range, measured) in pool.regions(task.robot) {
+        let Some(after) = after(&measured) else {
+            continue;
+        };
+        let text = format!(
+            "Measure {} more poses {}",
+            pool.count,
+            wording(task, &range)
+        );
+        let found = step(text, Some(range), after);
+        if found.gain() >= BETTER * even.gain() {
+            regions.push(found);
+        }
+    }
+    regions.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
+    regions.truncate(REGIONS);
+    regions.push(even);
+    regions
+}
+
+/// "with joint 5 below −40°".
+fn wording(task: &Task, range: &Range) -> String {
+    match *range {
+        Range::Joint { joint, from, to } => {
+            let unit = match task.robot.joints[joint - 1].kind {
+                JointKind::Revolute => "°",
+                JointKind::Prismatic => " mm",
+            };
+            let range = task.knowledge.volume.ranges[joint - 1];
+            match from <= pool::shown(task.robot, joint - 1, range).0 {
+                true => format!("with joint {joint} below {}{unit}", signed(to)),
+                false => format!("with joint {joint} above {}{unit}", signed(from)),
+            }
+        }
+        Range::PayloadKg { from, to } if from == to => format!("with a payload of {from} kg"),
+        Range::PayloadKg { from, to } => format!("with payloads of {from} to {to} kg"),
+    }
+}
+
+/// A number with a true minus.
+fn signed(value: f64) -> String {
+    format!("{value}").replace('-', "−")
+}
+
+/// One sentence about all steps, and what it leaves open.
+fn verdict(
+    task: &Task,
+    is_paid: bool,
+    steps: &[Step],
+    known: Option<(f64, f64)>,
+) -> (String, Option<String>) {
+    let method = task.calibration.config.method.name();
+    let Some((expected, noise)) = known else {
+        let unknown = "What further measurements would gain is not known".to_owned();
+        let why =
+            format!("A model of the method `{method}` does not say how sure it is of the arm");
+        return (unknown, Some(why));
+    };
+    let percent = 100.0 * LEAST_SHARE;
+    if is_paid {
+        let each = match steps.iter().filter(|s| s.after_mm.is_some()).count() {
+            1 => "One step",
+            _ => "Each of the steps with a number",
+        };
+        let gain = format!("{each} would lower the expected error by at least {percent:.0} %");
+        return (gain, None);
+    }
+    let count = task.knowledge.pool.count;
+    let nothing = format!(
+        "More poses do not pay: {count} of them would lower the expected error by less than {percent:.0} %"
+    );
+    let why = match method {
+        "elastic" => format!(
+            "Of the {expected:.3} mm expected, {noise:.3} mm would be seen of a perfect model, too: the noise of the measurement"
+        ),
+        _ => format!(
+            "Most of the {expected:.3} mm expected is what the geometry of the arm cannot explain; a richer model may need more poses \
+             than these"
+        ),
+    };
+    (nothing, Some(why))
+}

@@ -1,0 +1,98 @@
+//! What is wrong with rows of the file, with what to do about it.
+
+use poegp_protocol::cause::Cause;
+
+use crate::measurement::sample::InstrumentSample;
+use crate::trust::Tier;
+use crate::validation::next_steps::step::{Kind, Step};
+use crate::validation::next_steps::task::Task;
+
+/// A row belongs to the warm-up while it is away by more than this share of the largest displacement.
+const WARMING: f64 = 0.25;
+
+/// What to do about rows, what was warned about first. Nobody knows what these gain before it is done.
+pub fn steps(task: &Task) -> Vec<Step> {
+    let step = |text: String| Step {
+        kind: Kind::Rows,
+        text,
+        poses: None,
+        range: None,
+        before_mm: None,
+        after_mm: None,
+    };
+    let warned = task.warnings.iter().filter(|w| w.tier == Tier::Warning);
+    let remedies = warned.filter_map(|w| Some(step(format!("{}: {}", remedy(w.cause)?, w.text))));
+    let mut out: Vec<Step> = remedies.collect();
+    out.extend(warm_up(task).map(step));
+    out
+}
+
+/// What to do about rows that were warned about; `None` where the warning is not about rows.
+fn remedy(cause: Cause) -> Option<&'static str> {
+    Some(match cause {
+        Cause::Step | Cause::Drift | Cause::Mixed => {
+            "Measure again what was measured before something moved, or give each mounting a session of its own"
+        }
+        Cause::Outlier => "Measure these rows again",
+        Cause::Rows | Cause::Lag => "Measure these rows again, or leave them out",
+        Cause::Stuck | Cause::Placeholder | Cause::Clip | Cause::Copies => "Leave these rows out",
+        Cause::Time => "Give the file a column with the time of each row",
+        Cause::Payload => "Measure the same poses with and without the payload",
+        _ => return None,
+    })
+}
+
+/// What these rows cannot show, whatever the error within the measured ranges is.
+pub fn undetermined(task: &Task) -> Vec<Step> {
+    let findings = task
+        .identifiability
+        .into_iter()
+        .flat_map(|found| &found.findings);
+    let asked = findings.filter_map(|finding| Some((finding.remedy?, &finding.text)));
+    asked
+        .map(|(remedy, text)| Step {
+            kind: Kind::Poses,
+            text: format!("{remedy}: {text}"),
+            poses: None,
+            range: None,
+            before_mm: None,
+            after_mm: None,
+        })
+        .collect()
+}
+
+fn warm_up(task: &Task) -> Option<String> {
+    let report = &task.calibration.warm_up.as_ref()?.report;
+    let expected = task.expected.map_or(0.0, |expected| expected.mean_mm);
+    let rows = report
+        .time_constant
+        .map(|time| warming_rows(task.samples, time));
+    let which = match rows {
+        Some(rows) if rows < task.samples.len() => {
+            format!("The first {rows} rows are of a colder arm")
+        }
+        _ => "The arm warmed up in all rows".to_owned(),
+    };
+    let moved = format!(
+        "targets moved by up to {:.3} mm until the end",
+        report.largest_mm
+    );
+    match report.removed {
+        false => Some(format!(
+            "{which}, {moved}: warm the arm up before you measure, or leave `--warm-up keep` out"
+        )),
+        // What was removed does no harm to a warm arm. A cold one is off by as much.
+        true if report.largest_mm > expected => Some(format!(
+            "{which}, {moved}; this was taken out of the model, which is that of the warm arm: warm the arm up before it works, \
+             and before you measure again"
+        )),
+        true => None,
+    }
+}
+
+/// Rows at the beginning of their sessions in which the arm is not warm yet, by a time constant in the unit of their time.
+fn warming_rows(samples: &[InstrumentSample], time_constant: f64) -> usize {
+    let until = -time_constant * libm::log(WARMING);
+    let times = samples.iter().filter_map(|s| s.elapsed);
+    times.filter(|time| time.value < until).count()
+}

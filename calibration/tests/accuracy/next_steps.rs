@@ -1,0 +1,180 @@
+//! What a calibration proposes to do next, done to simulated arms: what it gains beside what was forecast.
+
+use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::statistics::{ErrorSummary, extremes};
+use poegp_calibration::planning::forecast::sample;
+use poegp_calibration::progress::FitContext;
+use poegp_calibration::robot::Robot;
+use poegp_calibration::simulation::{Scenario, Simulator};
+use poegp_calibration::validation::next_steps::{
+    Knowledge, LEAST_SHARE, NextSteps, Range, Step, Task,
+};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::{arm, origin, say};
+
+/// Gain found over gain forecast, of all arms together. A forecast knows neither that more poses show better how an arm bends,
+/// nor that few poses showed it wrongly.
+const WITHIN: std::ops::RangeInclusive<f64> = 0.6..=1.7;
+/// Where nothing pays, more poses gain at most this share in the mean over the arms: what counts as a gain, and half of it for the
+/// chance of a draw.
+const LEFT: f64 = 1.5 * LEAST_SHARE;
+const SEEDS: u64 = 4;
+/// Fresh poses that errors are found at.
+const FRESH: usize = 300;
+
+type Ranges = Vec<(f64, f64)>;
+
+fn drawn(ranges: &Ranges, random: &mut ChaCha8Rng) -> Vec<f64> {
+    let of = |(least, most): &(f64, f64)| least + (most - least) * random.random::<f64>();
+    ranges.iter().map(of).collect()
+}
+
+fn calibrated(robot: &Robot, train: &[InstrumentSample]) -> CalibratedBlob {
+    let config = Config::new(Method::Elastic);
+    calibrate_to_blob(robot, train, &config, &origin(1), &FitContext::default())
+        .unwrap_or_else(|e| panic!("{e}"))
+}
+
+fn steps(robot: &Robot, found: &CalibratedBlob, train: &[InstrumentSample]) -> NextSteps {
+    let calibration = &found.calibration;
+    let knowledge = Knowledge::new(calibration, robot, train);
+    NextSteps::new(&Task {
+        calibration,
+        robot,
+        samples: train,
+        knowledge: &knowledge,
+        expected: knowledge.expected_error(),
+        identifiability: None,
+        warnings: &[],
+    })
+}
+
+/// Measures what a step asks for.
+fn followed(
+    step: &Step,
+    mut ranges: Ranges,
+    measure: &mut impl FnMut(&[f64]) -> InstrumentSample,
+    random: &mut ChaCha8Rng,
+) -> Vec<InstrumentSample> {
+    if let Some(Range::Joint { joint, from, to }) = step.range {
+        ranges[joint - 1] = (from.to_radians(), to.to_radians());
+    }
+    (0..step.poses.unwrap())
+        .map(|_| measure(&drawn(&ranges, random)))
+        .collect()
+}
+
+/// One arm, measured at `count` poses, of which a share of `aside` has joint 5 in the upper half of its range: forecast and found, each
+/// before and after.
+fn trial(name: &str, scenario: Scenario, seed: u64, count: usize, aside: f64) -> ([f64; 4], bool) {
+    let (robot, _) = arm(name);
+    let mut simulator = Simulator::new(&robot, scenario, &[], seed);
+    let all: Ranges = simulator.ranges().to_vec();
+    let mut random = ChaCha8Rng::seed_from_u64(100 + seed);
+    let mut measure = |joints: &[f64]| sample(&robot, &simulator.measure_at(joints, 0.0), None);
+    let mut upper = all.clone();
+    upper[4].0 = 0.5 * (upper[4].0 + upper[4].1);
+    let mut train: Vec<InstrumentSample> = (0..count)
+        .map(|k| {
+            let is_aside = (k as f64) < aside * count as f64;
+            let joints = drawn(if is_aside { &upper } else { &all }, &mut random);
+            measure(&joints)
+        })
+        .collect();
+    let measured: Ranges = (0..6)
+        .map(|joint| extremes(train.iter().map(|s| s.joints[joint])))
+        .collect();
+    let fresh: Vec<InstrumentSample> = (0..FRESH)
+        .map(|_| measure(&drawn(&measured, &mut random)))
+        .collect();
+    let error = |found: &CalibratedBlob| {
+        ErrorSummary::new(&found.blob.errors(&fresh))
+            .position_mm
+            .mean
+    };
+    let found = calibrated(&robot, &train);
+    let before = error(&found);
+    let advice = steps(&robot, &found, &train);
+    let first = advice.steps.iter().find(|step| step.after_mm.is_some());
+    let evenly = Step {
+        kind: poegp_calibration::validation::next_steps::Kind::Poses,
+        text: "nothing pays".to_owned(),
+        poses: advice.poses,
+        range: None,
+        before_mm: advice.expected_mm,
+        after_mm: advice.expected_mm,
+    };
+    let step = first.unwrap_or(&evenly);
+    train.extend(followed(step, measured, &mut measure, &mut random));
+    let after = error(&calibrated(&robot, &train));
+    let numbers = [
+        step.before_mm.unwrap(),
+        step.after_mm.unwrap(),
+        before,
+        after,
+    ];
+    say(format_args!(
+        "{name}, {scenario:?}, arm {seed}, {count} poses: {}: forecast {:.4} → {:.4} mm, found {:.4} → {:.4} mm",
+        step.text, numbers[0], numbers[1], numbers[2], numbers[3]
+    ));
+    (numbers, first.is_some())
+}
+
+#[test]
+fn what_is_proposed_gains_what_was_forecast() {
+    let (mut forecast, mut found, mut regions) = (0.0, 0.0, 0);
+    for (name, scenario) in [
+        ("abb-irb4400-serial", Scenario::WithBacklash),
+        ("abb-irb120", Scenario::Nonlinear),
+    ] {
+        for seed in 1..=SEEDS {
+            let (numbers, pays) = trial(name, scenario, seed, 40, 0.95);
+            let [expected, then, before, after] = numbers;
+            if !pays {
+                continue;
+            }
+            regions += 1;
+            forecast += (expected - then) / expected;
+            found += (before - after) / before;
+        }
+    }
+    say(format_args!(
+        "{regions} steps: gain forecast {:.1} %, found {:.1} % in the mean, ratio {:.2}",
+        100.0 * forecast / f64::from(regions),
+        100.0 * found / f64::from(regions),
+        found / forecast
+    ));
+    assert!(
+        f64::from(regions) >= 0.75 * 2.0 * SEEDS as f64,
+        "{regions} arms have something to do"
+    );
+    assert!(WITHIN.contains(&(found / forecast)));
+}
+
+#[test]
+fn where_nothing_pays_more_poses_gain_nothing() {
+    let (mut gains, mut silent) = (0.0, 0.0);
+    for (name, scenario) in [
+        ("abb-irb4400-serial", Scenario::Paper),
+        ("abb-irb120", Scenario::Paper),
+    ] {
+        for seed in 1..=SEEDS {
+            let ([_, _, before, after], pays) = trial(name, scenario, seed, 120, 0.0);
+            if !pays {
+                gains += (before - after) / before;
+                silent += 1.0;
+            }
+        }
+    }
+    say(format_args!(
+        "{silent} arms where nothing pays: poses gain {:.1} % in the mean",
+        100.0 * gains / silent
+    ));
+    assert!(silent >= 1.5 * SEEDS as f64);
+    assert!(gains / silent < LEFT);
+}

@@ -1,0 +1,321 @@
+//! What the engineer of a controller asks for: the arm's numbers beside those of the drawing, and errors with their signs.
+
+use csv::WriterBuilder;
+use poegp_protocol::JointKind;
+use serde::Serialize;
+
+use crate::export::dh::{deviations, numbers, rows_beside_drawing, wrapped};
+use crate::export::{CalibratedChain, tables::DhRow};
+use crate::report::ReportData;
+use poegp_calibration::blob::chain_deviation::ChainDeviation;
+use poegp_calibration::blob::joint_offsets::JointOffsets;
+use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::predicted_poses::PredictedPoses;
+use poegp_calibration::blob::region::Region;
+use poegp_calibration::identification::prediction_covariance::PredictionCovariance;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::robot::{Joint, Robot};
+use poegp_calibration::validation::held_out::HeldOutPose;
+use poegp_calibration::validation::signed_residuals::{Row, Signed, SignedResiduals, weights};
+
+/// A number of the drawing and what it is of the calibrated arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Changed {
+    /// Of the drawing.
+    pub drawing: f64,
+    /// Of the calibrated arm.
+    pub calibrated: f64,
+    /// Calibrated less drawing; an angle within ±180°.
+    pub difference: f64,
+    /// Standard deviation of the difference; absent where the model does not say it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub std: Option<f64>,
+}
+
+/// A row of the Denavit-Hartenberg table.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DhChange {
+    /// Name of the joint.
+    pub joint: String,
+    /// Unit of the signed errors of the joint.
+    #[serde(skip)]
+    pub residual_unit: &'static str,
+    /// Along the new x.
+    pub a_mm: Changed,
+    /// Along z.
+    pub d_mm: Changed,
+    /// About the new x.
+    pub alpha_deg: Changed,
+    /// About z where the controller says 0.
+    pub theta_deg: Changed,
+    /// About the new y: only where the axis is parallel to the one before, but for an error.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub beta_deg: Option<Changed>,
+}
+
+/// The zero of a joint.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct JointZero {
+    /// Name of the joint.
+    pub joint: String,
+    /// Of a revolute joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_deg: Option<f64>,
+    /// Of a prismatic joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_mm: Option<f64>,
+    /// Standard deviation in the same unit; absent where the model does not say it, and of the first and the last joint.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub std: Option<f64>,
+}
+
+/// Mean distances from the whole model over the trained joint ranges, mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Distances {
+    /// Of the drawing with the model's base and tool.
+    pub drawing_mm: f64,
+    /// Of the drawing with the joint zeros, and base and tool that belong to them.
+    pub joint_zeros_mm: f64,
+    /// Of the Denavit-Hartenberg table.
+    pub dh_mm: f64,
+}
+
+/// Signed errors of the poses that were held out.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BeforeAndAfter {
+    /// Of the drawing with base and tool fitted.
+    pub before: SignedResiduals,
+    /// Of the calibrated model.
+    pub after: SignedResiduals,
+}
+
+/// The part `controller` of a JSON document.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ControllerSummary {
+    /// The table, distal, joint by joint.
+    pub dh: Vec<DhChange>,
+    /// The zeros of the joints; empty where the drawing is as near to the model without them.
+    pub joint_zeros: Vec<JointZero>,
+    /// How much of the model either holds.
+    pub distance: Distances,
+    /// Absent where no pose was held out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub residuals: Option<BeforeAndAfter>,
+}
+
+impl ControllerSummary {
+    /// Of a blob of `robot`. `known` is the covariance of the model's predictions, and whole poses that are its first ones; `held_out` are
+    /// the poses that were held out.
+    pub fn new(
+        blob: &BlobModel,
+        robot: &Robot,
+        known: Option<(&PredictionCovariance, &[InstrumentSample])>,
+        held_out: Option<&ReportData>,
+    ) -> Self {
+        let predicted = PredictedPoses::new(blob, Region::trained(blob.blob()));
+        let chain = CalibratedChain::nearest(blob, &predicted);
+        let coupling = chain.coupling.as_deref();
+        let zeros = JointOffsets::new(
+            &predicted,
+            &chain.drawing(),
+            &chain.flange_from_target,
+            coupling,
+        );
+        let kinds: Vec<JointKind> = robot.joints.iter().map(|joint| joint.kind).collect();
+        let deviation = known
+            .and_then(|(known, poses)| ChainDeviation::new(known, poses, &chain.poe(), coupling));
+        let std = deviation.as_ref().map(|d| deviations(&chain, &d.frames));
+        let (drawing, calibrated) = rows_beside_drawing(&chain);
+        let row = |i: usize| {
+            let std = std.as_ref().map(|rows| rows[i]);
+            dh_change(&robot.joints[i], &drawing[i], &calibrated[i], std)
+        };
+        let zero = |i: usize| {
+            let unit = match kinds[i] {
+                JointKind::Revolute => 180.0 / std::f64::consts::PI,
+                JointKind::Prismatic => 1e3,
+            };
+            let offset = Some(unit * zeros.offsets[i]);
+            let turns = kinds[i] == JointKind::Revolute;
+            let std = deviation.as_ref().map(|d| unit * d.zeros[i]);
+            JointZero {
+                joint: robot.joints[i].name.clone(),
+                offset_deg: offset.filter(|_| turns),
+                offset_mm: offset.filter(|_| !turns),
+                std: std.filter(|std| *std > 0.0),
+            }
+        };
+        let joints = 0..kinds.len();
+        // `trainer export` refuses them otherwise.
+        let drawn = &chain.distance.drawing.position_mm;
+        let is_nearer = zeros.error.position_mm.mean < drawn.mean;
+        Self {
+            dh: joints.clone().map(row).collect(),
+            joint_zeros: joints.filter(|_| is_nearer).map(zero).collect(),
+            distance: Distances {
+                drawing_mm: chain.distance.drawing.position_mm.mean,
+                joint_zeros_mm: zeros.error.position_mm.mean,
+                dh_mm: chain.distance.chain.position_mm.mean,
+            },
+            residuals: held_out.map(|data| {
+                let rows = |poses: &'_ [HeldOutPose]| -> Vec<(Vec<f64>, HeldOutPose)> {
+                    let rows = data.rows.iter().map(|row| row.joints.clone());
+                    rows.zip(poses.iter().copied()).collect()
+                };
+                let (before, after) = (rows(&data.nominal().poses), rows(&data.calibrated().poses));
+                let of = |rows: &[(Vec<f64>, HeldOutPose)]| {
+                    let rows: Vec<Row> =
+                        rows.iter().map(|(q, pose)| (q.as_slice(), pose)).collect();
+                    SignedResiduals::new(robot, &chain.poe(), &rows, &weights(&rows))
+                };
+                BeforeAndAfter {
+                    before: of(&before),
+                    after: of(&after),
+                }
+            }),
+        }
+    }
+
+    /// The same as CSV, a row for each number.
+    pub fn to_csv(&self) -> String {
+        let mut out = CsvText::new();
+        for row in &self.dh {
+            let beta = row.beta_deg.as_ref().map(|beta| ("beta", "deg", beta));
+            let all = [
+                ("a", "mm", &row.a_mm),
+                ("d", "mm", &row.d_mm),
+                ("alpha", "deg", &row.alpha_deg),
+                ("theta", "deg", &row.theta_deg),
+            ];
+            for (name, unit, n) in all.into_iter().chain(beta) {
+                let numbers = [
+                    Some(n.drawing),
+                    Some(n.calibrated),
+                    Some(n.difference),
+                    None,
+                    n.std,
+                ];
+                out.row(["dh", &row.joint, name, unit], numbers);
+            }
+        }
+        for zero in &self.joint_zeros {
+            let unit = if zero.offset_deg.is_some() {
+                "deg"
+            } else {
+                "mm"
+            };
+            let offset = zero.offset_deg.or(zero.offset_mm);
+            let numbers = [Some(0.0), offset, offset, None, zero.std];
+            out.row(["joint_zero", &zero.joint, "offset", unit], numbers);
+        }
+        let Some(BeforeAndAfter { before, after }) = &self.residuals else {
+            return out.0;
+        };
+        let mut pair = |table: &str, name: &str, unit: &str, before: &Signed, after: &Signed| {
+            let numbers = [
+                before.mean,
+                after.mean,
+                after.mean - before.mean,
+                before.std,
+                after.std,
+            ];
+            out.row([table, name, "residual", unit], numbers.map(Some));
+        };
+        for (axis, name) in ["x", "y", "z"].iter().enumerate() {
+            pair(
+                "axis",
+                name,
+                "mm",
+                &before.axes_mm[axis],
+                &after.axes_mm[axis],
+            );
+        }
+        if let (Some(before), Some(after)) = (&before.axes_mrad, &after.axes_mrad) {
+            for (axis, name) in ["about_x", "about_y", "about_z"].iter().enumerate() {
+                pair("axis", name, "mrad", &before[axis], &after[axis]);
+            }
+        }
+        let joints = self.dh.iter().zip(before.joints.iter().zip(&after.joints));
+        for (row, (before, after)) in joints {
+            pair("joint", &row.joint, row.residual_unit, before, after);
+        }
+        out.0
+    }
+}
+
+fn dh_change(
+    joint: &Joint,
+    drawing: &DhRow,
+    calibrated: &DhRow,
+    std: Option<[f64; 5]>,
+) -> DhChange {
+    let (drawn, found) = (numbers(drawing), numbers(calibrated));
+    let number = |i: usize| {
+        let unit = if i < 2 {
+            1e3
+        } else {
+            180.0 / std::f64::consts::PI
+        };
+        let difference = found[i] - drawn[i];
+        let difference = if i < 2 {
+            difference
+        } else {
+            wrapped(difference)
+        };
+        Changed {
+            drawing: unit * drawn[i],
+            calibrated: unit * found[i],
+            difference: unit * difference,
+            std: std.map(|std| unit * std[i]),
+        }
+    };
+    DhChange {
+        joint: joint.name.clone(),
+        residual_unit: match joint.kind {
+            JointKind::Revolute => "mrad",
+            JointKind::Prismatic => "mm",
+        },
+        a_mm: number(0),
+        d_mm: number(1),
+        alpha_deg: number(2),
+        theta_deg: number(3),
+        beta_deg: calibrated.beta.map(|_| number(4)),
+    }
+}
+
+/// A file as it is being written.
+struct CsvText(String);
+
+impl CsvText {
+    fn new() -> Self {
+        let mut out = Self(String::new());
+        out.fields(
+            [
+                "table",
+                "name",
+                "quantity",
+                "unit",
+                "before",
+                "after",
+                "difference",
+                "std_before",
+                "std_after",
+            ]
+            .map(str::to_owned),
+        );
+        out
+    }
+
+    fn row(&mut self, names: [&str; 4], numbers: [Option<f64>; 5]) {
+        let numbers = numbers.map(|x| x.map_or_else(String::new, |x| format!("{x}")));
+        self.fields(names.map(str::to_owned).into_iter().chain(numbers));
+    }
+
+    fn fields(&mut self, fields: impl IntoIterator<Item = String>) {
+        let mut writer = WriterBuilder::new().from_writer(Vec::new());
+        // Memory takes every byte, and fields are text.
+        let written = writer.write_record(fields).ok();
+        let bytes = written.and_then(|()| writer.into_inner().ok());
+        self.0 += &String::from_utf8_lossy(&bytes.unwrap_or_default());
+    }
+}
