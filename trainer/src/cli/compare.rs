@@ -263,6 +263,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     bar.finish_and_clear();
     let statement = Statement {
         tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+        noise: a.fit.config(Method::Elastic).instrument_noise(),
         ..Statement::default()
     };
     let (mut shown, mut html) = (None, None);

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 
 use poegp_calibration::measurement::folds::same_configurations;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
+use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::validation::conformity::{Conformity, Knowledge, Tolerances};
+use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::repeated_poses::{RepeatedPose, repeated_poses};
 use serde::{Deserialize, Serialize};
 
@@ -29,7 +31,7 @@ pub struct Instrument {
     /// Expanded uncertainty (k = 2) of a position, common to all poses, by the certificate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expanded_uncertainty_mm: Option<f64>,
-    /// The same of a rotation.
+    /// Expanded uncertainty (k = 2) of a rotation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expanded_uncertainty_mrad: Option<f64>,
 }
@@ -57,6 +59,8 @@ pub struct Record {
 pub struct Statement {
     /// What the arm is to meet.
     pub tolerances: Tolerances,
+    /// The noise of rows that declare none.
+    pub noise: InstrumentNoise,
     /// With what it was measured.
     pub instrument: Instrument,
     /// By whom and where.
@@ -102,13 +106,18 @@ impl Certificate {
         drift: Option<(&DriftReport, bool)>,
         serial_number: &str,
     ) -> Self {
-        let poses = &evidence.calibrated().poses;
+        let with_noise = |pose: &HeldOutPose| HeldOutPose {
+            noise: pose.noise.or(statement.noise),
+            ..*pose
+        };
+        let poses: Vec<HeldOutPose> = evidence.calibrated().poses.iter().map(with_noise).collect();
         let repeats = repeats(evidence);
         let half = |u: Option<f64>| u.map(|u| u / CERTIFICATE_FACTOR);
         let Statement {
             tolerances,
             instrument,
             record,
+            ..
         } = statement;
         let knowledge = Knowledge {
             repeats: &repeats,
@@ -145,8 +154,8 @@ impl Certificate {
         ];
         let missing = missing.iter().filter(|(_, is_missing)| *is_missing);
         Self {
-            conformity: Conformity::new(poses, &knowledge, tolerances),
-            repeated_poses: repeated_poses(poses, &repeats)
+            conformity: Conformity::new(&poses, &knowledge, tolerances),
+            repeated_poses: repeated_poses(&poses, &repeats)
                 .into_iter()
                 .map(listed)
                 .collect(),

@@ -76,6 +76,21 @@ fn coverage_widens_the_range() {
     assert!((wide / narrow - 2.590).abs() < 0.01, "{wide} {narrow}");
 }
 
+/// The noise that is stated is taken out of the error, and its own uncertainty goes to the instrument's row.
+#[test]
+fn a_stated_noise_is_taken_out() {
+    let folder = folder();
+    calibrate(&folder, "").ok();
+    let [plain, _] = position(&folder.json("arm.json"));
+    calibrate(&folder, "--position-sigma-mm 0.2").ok();
+    let document = folder.json("arm.json");
+    let [error, _] = position(&document);
+    assert!(error < 0.99 * plain, "{error} {plain}");
+    let row = &document["certificate"]["conformity"]["position"]["budget"][0];
+    assert_eq!(row["source"], "instrument");
+    assert!(row["standard_uncertainty"].as_f64().unwrap() > 0.0);
+}
+
 /// Who measured with what comes from the project file, goes to page and JSON, and survives --write-project.
 #[test]
 fn a_project_states_tolerance_instrument_and_record() {
@@ -142,7 +157,7 @@ fn values_out_of_range_are_refused_with_their_line() {
         folder.refuses("calibrate bad.toml");
     }
     for flags in ["--tolerance-mm 0", "--tolerance-mrad x", "--coverage 1"] {
-        folder.refuses(&format!(
+        folder.refuses(format!(
             "calibrate --robot {SERIAL} train.csv --out arm.blob {flags}"
         ));
     }

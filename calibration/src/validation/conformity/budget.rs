@@ -3,8 +3,23 @@
 
 use serde::Serialize;
 
-use crate::validation::conformity::Knowledge;
+use crate::measurement::instrument_drift::DriftReport;
 use crate::validation::conformity::error_quantile::{Noise, Quantile};
+
+/// What is known of the held-out poses beside their errors.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Knowledge<'a> {
+    /// For each held-out pose the number of the distinct pose that it repeats.
+    pub repeats: &'a [usize],
+    /// The instrument's drift, where reference points were measured.
+    pub drift: Option<&'a DriftReport>,
+    /// Whether it was removed from the poses.
+    pub drift_is_removed: bool,
+    /// Standard uncertainty of the instrument by its certificate, common to all poses: mm and mrad.
+    pub instrument: [Option<f64>; 2],
+    /// Standard uncertainty of a base or tool that was stated and not fitted: mm and mrad.
+    pub stated_frames: [Option<f64>; 2],
+}
 
 /// What an uncertainty comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

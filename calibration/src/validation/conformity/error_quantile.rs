@@ -13,9 +13,10 @@
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, SQRT_2};
 
-use crate::validation::conformity::SHARE;
 use crate::validation::held_out::HeldOutPose;
 
+/// Share of the poses whose error does not exceed the quantile.
+const SHARE: f64 = 0.95;
 /// Values of μ, at first from [`BELOW`] under to [`ABOVE`] over what all poses have in the mean.
 const LOCATIONS: usize = 25;
 const BELOW: f64 = 2.2;

@@ -19,13 +19,11 @@ mod tests;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
-use crate::measurement::instrument_drift::DriftReport;
+pub use crate::validation::conformity::budget::Knowledge;
 use crate::validation::conformity::budget::{Contribution, sources};
 use crate::validation::conformity::error_quantile::{Distinct, Noise, estimate};
 use crate::validation::held_out::HeldOutPose;
 
-/// Share of the poses whose error does not exceed the characteristic.
-pub const SHARE: f64 = 0.95;
 /// Held-out poses below which nothing is said.
 pub const LEAST_POSES: usize = 10;
 /// Degrees of freedom from which on the quantile of Student's distribution is expanded about the normal one.
@@ -73,21 +71,6 @@ impl Default for Tolerances {
             coverage: COVERAGE,
         }
     }
-}
-
-/// What is known of the held-out poses beside their errors.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Knowledge<'a> {
-    /// For each held-out pose the number of the distinct pose that it repeats.
-    pub repeats: &'a [usize],
-    /// The instrument's drift, where reference points were measured.
-    pub drift: Option<&'a DriftReport>,
-    /// Whether it was removed from the poses.
-    pub drift_is_removed: bool,
-    /// Standard uncertainty of the instrument by its certificate, common to all poses: mm and mrad.
-    pub instrument: [Option<f64>; 2],
-    /// Standard uncertainty of a base or tool that was stated and not fitted: mm and mrad.
-    pub stated_frames: [Option<f64>; 2],
 }
 
 /// The error of position or of rotation, its uncertainty and the verdict. Lengths are in mm, angles in mrad.

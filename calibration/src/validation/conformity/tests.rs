@@ -38,7 +38,7 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
 fn drawn(count: usize, noise: f64, random: &mut ChaCha8Rng) -> Vec<[f64; 3]> {
     (0..count)
         .map(|_| {
-            let size = 0.1 * (0.6 * normal(random)).exp();
+            let size = 0.1 * libm::exp(0.6 * normal(random));
             core::array::from_fn(|_| size * normal(random) + noise * normal(random))
         })
         .collect()

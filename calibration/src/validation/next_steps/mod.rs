@@ -1,6 +1,6 @@
 //! What to do next: what would lower the error that a calibration expects, and by how much.
 //!
-//! The expected error is that of [`WorkVolume`]: of a new measurement anywhere in the measured ranges of the joints. Further
+//! The expected error is that of [`WorkVolume`](crate::validation::work_volume::WorkVolume): of a new measurement anywhere in the measured ranges of the joints. Further
 //! measurements change the covariance of the predictions whatever they will show ([`PredictionCovariance`]), so that each
 //! proposal is judged before anything is measured. Noise, hyperparameters and what the geometry cannot explain stay as they are
 //! known now. Proposals that gain less than [`LEAST_SHARE`] and [`LEAST_MM`] are left out.

@@ -107,6 +107,7 @@ impl Job {
             out: a.out.clone().unwrap_or_default(),
             statement: Statement {
                 tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+                noise: config.instrument_noise(),
                 ..Statement::default()
             },
             report: a.report.clone(),
@@ -184,6 +185,7 @@ impl Job {
         overrides.extend(of_tolerance.into_iter().map(str::to_owned));
         self.statement = Statement {
             tolerances,
+            noise: self.config.instrument_noise(),
             instrument: file.instrument.clone(),
             record: file.record.clone(),
         };
