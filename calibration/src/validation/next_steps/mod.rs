@@ -1,7 +1,7 @@
 //! What to do next: what would lower the error that a calibration expects, and by how much.
 //!
-//! The expected error is that of [`WorkVolume`](crate::validation::work_volume::WorkVolume): of a new measurement anywhere in the measured ranges of the joints. Further
-//! measurements change the covariance of the predictions whatever they will show ([`PredictionCovariance`]), so that each
+//! The expected error is that of a [work volume](crate::validation::work_volume::WorkVolume): of a new measurement anywhere in
+//! the measured ranges of the joints. Further measurements change the covariance of the predictions whatever they will show ([`PredictionCovariance`]), so that each
 //! proposal is judged before anything is measured. Noise, hyperparameters and what the geometry cannot explain stay as they are
 //! known now. Proposals that gain less than [`LEAST_SHARE`] and [`LEAST_MM`] are left out.
 
@@ -192,8 +192,9 @@ fn verdict(
     let method = task.calibration.config.method.name();
     let Some((expected, noise)) = known else {
         let unknown = "What further measurements would gain is not known".to_owned();
-        let why =
-            format!("A model of the method `{method}` does not say how sure it is of the arm");
+        let why = format!(
+            "This `{method}` model does not say how sure it is of the arm; `poe` does, and `elastic` with processes"
+        );
         return (unknown, Some(why));
     };
     let percent = 100.0 * LEAST_SHARE;

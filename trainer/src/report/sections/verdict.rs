@@ -58,7 +58,8 @@ pub fn verdict(
         }
     };
     section = section.block(lead).text(sure);
-    match next {
+    // What is not known is said in its own section.
+    match next.filter(|next| next.expected_mm.is_some() || !next.steps.is_empty()) {
         Some(next) => section.text(html! { "What to do next: " (first_step(next)) }),
         None => section,
     }
