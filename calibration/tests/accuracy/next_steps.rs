@@ -4,6 +4,7 @@ use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::numeric::statistics::{ErrorSummary, extremes};
 use poegp_calibration::planning::forecast::sample;
 use poegp_calibration::progress::FitContext;
@@ -12,6 +13,7 @@ use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::next_steps::{
     Knowledge, LEAST_SHARE, NextSteps, Range, Step, Task,
 };
+use poegp_calibration::validation::work_volume::ExpectedError;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -35,7 +37,11 @@ fn drawn(ranges: &Ranges, random: &mut ChaCha8Rng) -> Vec<f64> {
 }
 
 fn calibrated(robot: &Robot, train: &[InstrumentSample]) -> CalibratedBlob {
-    let config = Config::new(Method::Elastic);
+    calibrated_by(Method::Elastic, robot, train)
+}
+
+fn calibrated_by(method: Method, robot: &Robot, train: &[InstrumentSample]) -> CalibratedBlob {
+    let config = Config::new(method);
     calibrate_to_blob(robot, train, &config, &origin(1), &FitContext::default())
         .unwrap_or_else(|e| panic!("{e}"))
 }
@@ -177,4 +183,60 @@ fn where_nothing_pays_more_poses_gain_nothing() {
     ));
     assert!(silent >= 1.5 * SEEDS as f64);
     assert!(gains / silent < LEFT);
+}
+
+/// A rigid model of an arm that gives way: the error that is left is not one of noise, however many poses there are.
+#[test]
+fn a_rigid_model_promises_no_more_than_it_keeps() {
+    for (poses, more) in [(15, 10), (200, 50)] {
+        let (mut forecast, mut found) = (0.0, 0.0);
+        for seed in 1..=2 * SEEDS {
+            let (robot, _) = arm("abb-irb120");
+            let mut simulator = Simulator::new(&robot, Scenario::Nonlinear, &[], seed);
+            let ranges: Ranges = simulator.ranges().to_vec();
+            let mut random = ChaCha8Rng::seed_from_u64(300 + seed);
+            let mut measured = |count: usize| -> Vec<InstrumentSample> {
+                (0..count)
+                    .map(|_| {
+                        let joints = drawn(&ranges, &mut random);
+                        sample(&robot, &simulator.measure_at(&joints, 0.0), None)
+                    })
+                    .collect()
+            };
+            let (mut train, fresh) = (measured(poses), measured(FRESH));
+            let error = |train: &[InstrumentSample]| {
+                let found = calibrated_by(Method::Poe, &robot, train);
+                let errors = found.blob.errors(&fresh);
+                (ErrorSummary::new(&errors).position_mm.mean, found)
+            };
+            let (before, calibration) = error(&train);
+            let knowledge = Knowledge::new(&calibration.calibration, &robot, &train);
+            let identified = of_calibration(&calibration.calibration, &robot, &train);
+            let advice = NextSteps::new(&Task {
+                calibration: &calibration.calibration,
+                robot: &robot,
+                samples: &train,
+                knowledge: &knowledge,
+                expected: Some(ExpectedError {
+                    mean_mm: before,
+                    p95_mm: 2.0 * before,
+                }),
+                identifiability: identified.as_ref(),
+                warnings: &[],
+            });
+            let then = advice.steps.first().and_then(|step| step.after_mm);
+            forecast += (before - then.unwrap_or(before)) / before;
+            train.extend(measured(more));
+            found += (before - error(&train).0) / before;
+        }
+        let arms = 2.0 * SEEDS as f64;
+        let (forecast, found) = (forecast / arms, found / arms);
+        say(format_args!(
+            "poe, {poses} and {more} more poses: gain forecast {:.1} %, found {:.1} % in the mean",
+            100.0 * forecast,
+            100.0 * found
+        ));
+        assert!(forecast <= 2.0 * found.max(LEAST_SHARE));
+        assert!(poses < 100 || forecast == 0.0);
+    }
 }

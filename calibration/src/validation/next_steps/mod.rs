@@ -51,12 +51,17 @@ impl NextSteps {
     pub fn new(task: &Task) -> Self {
         let mut steps = rows::steps(task);
         let pool = &task.knowledge.pool;
-        let known = task.knowledge.covariance.as_ref();
+        // A rigid model does not know how far the arm is from rigid: what it says of poses unlike these is not to be believed.
+        let is_own = task.calibration.has_local_deviation();
+        let known = task.knowledge.covariance.as_ref().filter(|_| is_own);
         let mut gains: Vec<Step> = Vec::new();
         if let Some(covariance) = known {
             gains.extend(more_poses(task, covariance));
             gains.extend(lever::step(task, covariance));
         }
+        let alike = like_these(task).filter(|_| !is_own);
+        let is_known = known.is_some() || alike.is_some();
+        gains.extend(alike);
         gains.retain(Step::pays);
         gains.sort_by(|a, b| b.gain().total_cmp(&a.gain()));
         let is_paid = !gains.is_empty();
@@ -67,17 +72,18 @@ impl NextSteps {
                 std::array::from_fn(|a| covariance.noise[covariance.first[pose] + a].sqrt())
             };
             let noise: Vec<[f64; 3]> = (0..POSES).map(of).collect();
-            scale(task, covariance) * task.knowledge.volume.expected(&noise).mean_mm
+            task.knowledge.volume.expected(&noise).mean_mm
         });
-        let expected = known.and(task.expected).map(|expected| expected.mean_mm);
-        let (verdict, why) = verdict(task, is_paid, &steps, expected.zip(noise));
+        let expected = task.expected.filter(|_| is_known);
+        let expected = expected.map(|expected| expected.mean_mm);
+        let (verdict, why) = verdict(task, is_paid, &steps, expected, noise);
         Self {
             verdict,
             why,
             steps,
             expected_mm: expected,
             noise_mm: noise,
-            poses: known.map(|_| pool.count),
+            poses: is_known.then_some(pool.count),
         }
     }
 
@@ -97,22 +103,38 @@ impl NextSteps {
     }
 }
 
-/// The stated error over what the model expects by itself: 1, but of a model whose stated error was found on held-out rows.
-fn scale(task: &Task, covariance: &PredictionCovariance) -> f64 {
-    let own = task.knowledge.expected(covariance).mean_mm;
-    task.expected.map_or(1.0, |stated| stated.mean_mm / own)
+/// Mean over root mean square of the length of three normal components.
+const MEAN_OVER_RMS: f64 = 0.921;
+
+/// More poses of the same kind for a rigid model. Of the error that was found on held-out rows, the part c that comes from noise
+/// in so many rows goes down with their number; what geometry cannot explain stays:
+///
+/// ```text
+/// after² = before² − c² n / (N + n)
+/// ```
+fn like_these(task: &Task) -> Option<Step> {
+    let before = task.expected?.mean_mm;
+    let of_noise = MEAN_OVER_RMS * task.identifiability?.expected.rms_mm;
+    let (measured, more) = (task.samples.len() as f64, task.knowledge.pool.count as f64);
+    let less = of_noise.min(before).powi(2) * more / (measured + more);
+    Some(Step {
+        kind: Kind::Poses,
+        text: format!(
+            "Measure {} more poses like these",
+            task.knowledge.pool.count
+        ),
+        poses: Some(task.knowledge.pool.count),
+        range: None,
+        before_mm: Some(before),
+        after_mm: Some((before * before - less).sqrt()),
+    })
 }
 
 /// More poses, spread evenly and in parts of the measured ranges.
 fn more_poses(task: &Task, covariance: &PredictionCovariance) -> Vec<Step> {
     let (knowledge, pool) = (task.knowledge, &task.knowledge.pool);
-    let scale = scale(task, covariance);
-    let before = scale * knowledge.expected(covariance).mean_mm;
-    let after = |measured: &[usize]| {
-        knowledge
-            .after(covariance, measured)
-            .map(|mean| scale * mean)
-    };
+    let before = knowledge.expected(covariance).mean_mm;
+    let after = |measured: &[usize]| knowledge.after(covariance, measured);
     let step = |text: String, range: Option<Range>, after: f64| Step {
         kind: match range {
             Some(Range::PayloadKg { .. }) => Kind::Payload,
@@ -187,10 +209,11 @@ fn verdict(
     task: &Task,
     is_paid: bool,
     steps: &[Step],
-    known: Option<(f64, f64)>,
+    expected: Option<f64>,
+    noise: Option<f64>,
 ) -> (String, Option<String>) {
     let method = task.calibration.config.method.name();
-    let Some((expected, noise)) = known else {
+    let Some(expected) = expected else {
         let unknown = "What further measurements would gain is not known".to_owned();
         let why = format!(
             "This `{method}` model does not say how sure it is of the arm; `poe` does, and `elastic` with processes"
@@ -210,11 +233,11 @@ fn verdict(
     let nothing = format!(
         "More poses do not pay: {count} of them would lower the expected error by less than {percent:.0} %"
     );
-    let why = match method {
-        "elastic" => format!(
+    let why = match noise {
+        Some(noise) => format!(
             "Of the {expected:.3} mm expected, {noise:.3} mm would be seen of a perfect model, too: the noise of the measurement"
         ),
-        _ => format!(
+        None => format!(
             "Most of the {expected:.3} mm expected is what the geometry of the arm cannot explain; a richer model may need more poses \
              than these"
         ),
