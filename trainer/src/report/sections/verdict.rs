@@ -46,14 +46,17 @@ pub fn verdict(
             @if let Some(rotation) = &conformity.orientation { " " (sentence(rotation, "rotation", OF_ROTATION)) }
         }
     };
+    let both = [Some(&conformity.position), conformity.orientation.as_ref()];
+    let tolerances = both.into_iter().flatten().filter_map(|c| c.tolerance);
+    let are_two = tolerances.count() == 2;
     let sure = html! {
         "How sure: the range behind ± holds the true value in "
         (Number::percent(conformity.coverage, "/certificate/conformity/coverage"))
         " of 100 such calibrations. "
         @match conformity.verdict {
-            Some(Verdict::Undecided) => { "The tolerance lies within that range. More poses that are not trained on narrow it." }
+            Some(Verdict::Undecided) => { "The tolerance" @if are_two { " of one of them" } " lies within the range. More poses that are not trained on narrow it." }
             Some(Verdict::Conforms) => { "The whole range is within the tolerance." }
-            Some(Verdict::DoesNotConform) => { "For one of them, the whole range is beyond the tolerance." }
+            Some(Verdict::DoesNotConform) => { "Even the lower end of the range is beyond the tolerance" @if are_two { " of one of them" } "." }
             None => { "State a tolerance (--tolerance-mm, --tolerance-mrad) and a verdict stands here." }
         }
     };
