@@ -384,12 +384,15 @@ impl<'a> Registered<'a> {
 
     /// The error of each prediction.
     pub fn errors(&self) -> Vec<PoseError> {
-        let of = |(k, sample): (usize, &InstrumentSample)| {
-            sample
-                .observation
-                .error(&(self.frames.instrument_from_base * self.in_base(k)))
-        };
-        self.samples.iter().enumerate().map(of).collect()
+        let predicted = self.predicted();
+        let pairs = self.samples.iter().zip(&predicted);
+        pairs.map(|(s, pose)| s.observation.error(pose)).collect()
+    }
+
+    /// `instrument_from_target` of each sample as the blob has it.
+    pub fn predicted(&self) -> Vec<Pose<f64>> {
+        let of = |k: usize| self.frames.instrument_from_base * self.in_base(k);
+        (0..self.samples.len()).map(of).collect()
     }
 }
 

@@ -31,6 +31,26 @@ pub struct HeldOutPose {
 }
 
 impl HeldOutPose {
+    /// Of a pose that was predicted in the instrument's frame.
+    pub fn new(
+        sample: &InstrumentSample,
+        base_from_instrument: &Pose<f64>,
+        predicted: &Pose<f64>,
+    ) -> Self {
+        let measured = sample.observation.transformed(base_from_instrument);
+        Self {
+            error: sample.observation.error(predicted),
+            position: measured.position().into(),
+            residual: residual_components(
+                ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+                &measured,
+                &(*base_from_instrument * *predicted),
+            ),
+            sigma: None,
+            noise: sample.declared_noise,
+        }
+    }
+
     /// Components of the residual that were measured: six, or the three of the position.
     pub fn components(&self) -> usize {
         if self.error.orientation_mrad.is_some() {
@@ -54,17 +74,9 @@ pub fn held_out(
         let predicted = blob
             .predict_tool(&sample.joints, sample.payload_kg, sample.tool)
             .pose;
-        let measured = sample.observation.transformed(&base_from_instrument);
         HeldOutPose {
-            error: sample.observation.error(&predicted),
-            position: measured.position().into(),
-            residual: residual_components(
-                ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
-                &measured,
-                &(base_from_instrument * predicted),
-            ),
             sigma: calibration.and_then(|c| c.standard_deviation(sample)),
-            noise: sample.declared_noise,
+            ..HeldOutPose::new(sample, &base_from_instrument, &predicted)
         }
     };
     samples.iter().map(observe).collect()

@@ -33,6 +33,7 @@ use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::measurement::samples::Samples;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::ErrorSummary;
+use crate::validation::held_out::HeldOutPose;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, DriftTest, columns};
 use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitivity};
@@ -140,7 +141,21 @@ pub fn check(
         model_knows_its_error: arm.knows_its_error,
         sensitivity,
         odd_lines: odd(&left, samples, scales, lines),
+        poses: held_out(&placed),
     })
+}
+
+fn held_out(placed: &Registered) -> Vec<HeldOutPose> {
+    let base_from_instrument = placed.frames.instrument_from_base.inverse();
+    let of = |(sample, predicted): (&InstrumentSample, &Pose<f64>)| {
+        HeldOutPose::new(sample, &base_from_instrument, predicted)
+    };
+    placed
+        .samples
+        .iter()
+        .zip(&placed.predicted())
+        .map(of)
+        .collect()
 }
 
 /// [`check`] by a file of fresh measurements that was read after the tools of the blob.

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::blob::fitted_frames::FrameError;
 use crate::numeric::statistics::{ErrorSummary, Summary};
+use crate::validation::held_out::HeldOutPose;
 use crate::verification::hypotheses::Part;
 
 /// One component of a change, with half the width of its 95 % interval.
@@ -112,6 +113,9 @@ pub struct Report {
     pub sensitivity: Vec<Sensitivity>,
     /// Lines of measurements that stand out from all others.
     pub odd_lines: Vec<usize>,
+    /// What the model made of the poses, in the order of `rows`.
+    #[serde(skip)]
+    pub poses: Vec<HeldOutPose>,
 }
 
 /// Why nothing can be said.

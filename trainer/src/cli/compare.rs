@@ -280,7 +280,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         let part = HeldOutPart {
             held_out: evidence.summary(),
             certificate: Certificate::new(
-                &evidence,
+                evidence.judged(),
                 &statement,
                 drift.as_ref().map(|d| (&d.report, true)),
                 &provenance.serial_number,

@@ -8,6 +8,7 @@ use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::validation::conformity::{Conformity, Knowledge, Tolerances};
 use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::repeated_poses::{RepeatedPose, repeated_poses};
+use poegp_protocol::JointKind;
 use serde::{Deserialize, Serialize};
 
 use crate::report::{FileSummary, ReportData, Row};
@@ -98,10 +99,32 @@ pub struct Certificate {
     pub program_sha256: Option<String>,
 }
 
+/// Poses that a model was not trained on.
+#[derive(Clone, Copy, Debug)]
+pub struct Judged<'a> {
+    /// What the model made of them.
+    pub poses: &'a [HeldOutPose],
+    /// Their rows.
+    pub rows: &'a [Row],
+    /// Kinds of the joints.
+    pub kinds: &'a [JointKind],
+}
+
+impl ReportData {
+    /// What the model of the report made of the rows.
+    pub fn judged(&self) -> Judged<'_> {
+        Judged {
+            poses: &self.calibrated().poses,
+            rows: &self.rows,
+            kinds: &self.kinds,
+        }
+    }
+}
+
 impl Certificate {
-    /// Of the model that `evidence` is about. `drift` is that of the instrument, with whether it was removed.
+    /// Of poses that were judged. `drift` is that of the instrument, with whether it was removed.
     pub fn new(
-        evidence: &ReportData,
+        judged: Judged<'_>,
         statement: &Statement,
         drift: Option<(&DriftReport, bool)>,
         serial_number: &str,
@@ -110,8 +133,8 @@ impl Certificate {
             noise: pose.noise.or(statement.noise),
             ..*pose
         };
-        let poses: Vec<HeldOutPose> = evidence.calibrated().poses.iter().map(with_noise).collect();
-        let repeats = repeats(evidence);
+        let poses: Vec<HeldOutPose> = judged.poses.iter().map(with_noise).collect();
+        let repeats = repeats(judged);
         let half = |u: Option<f64>| u.map(|u| u / CERTIFICATE_FACTOR);
         let Statement {
             tolerances,
@@ -130,7 +153,7 @@ impl Certificate {
             stated_frames: [None, None],
         };
         let listed = |found: RepeatedPose| {
-            let Row { file, line, .. } = &evidence.rows[found.first];
+            let Row { file, line, .. } = &judged.rows[found.first];
             ListedPose {
                 file: file.clone(),
                 line: *line,
@@ -168,12 +191,12 @@ impl Certificate {
 }
 
 /// The number of the pose that each row measures: rows of the same file with the same joints, payload and tool measure one.
-fn repeats(evidence: &ReportData) -> Vec<usize> {
-    let joints: Vec<&[f64]> = evidence.rows.iter().map(|r| r.joints.as_slice()).collect();
-    let configurations = same_configurations(&joints, &evidence.kinds);
+fn repeats(judged: Judged<'_>) -> Vec<usize> {
+    let joints: Vec<&[f64]> = judged.rows.iter().map(|r| r.joints.as_slice()).collect();
+    let configurations = same_configurations(&joints, judged.kinds);
     let mut known = BTreeMap::new();
-    let mut out = Vec::with_capacity(evidence.rows.len());
-    for (row, configuration) in evidence.rows.iter().zip(configurations) {
+    let mut out = Vec::with_capacity(judged.rows.len());
+    for (row, configuration) in judged.rows.iter().zip(configurations) {
         let payload = row.payload_kg.map(f64::to_bits);
         let next = known.len();
         let pose = (&row.file, &row.tool, payload, configuration);

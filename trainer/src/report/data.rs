@@ -285,7 +285,7 @@ impl ReportData {
 }
 
 /// The rows of a file.
-fn rows(set: &MeasurementSet) -> Vec<Row> {
+pub fn rows(set: &MeasurementSet) -> Vec<Row> {
     let file = set.path.file_name().map_or_else(
         || set.path.display().to_string(),
         |name| name.to_string_lossy().into_owned(),

@@ -266,3 +266,26 @@ fn compare_judges_the_best_model() {
     let failed = folder.run(&format!("{line} --tolerance-mm 0.001"));
     assert_eq!(failed.code, Some(1), "{failed:#?}");
 }
+
+/// Fresh poses judge a model as the same poses did when it was made.
+#[test]
+fn a_check_judges_as_the_calibration_did() {
+    let folder = folder();
+    calibrate(&folder, "").ok();
+    let made = position(&folder.json("arm.json"));
+    let line = "check arm.blob test.csv --max-mm 90 --json check.json --report check.html";
+    let outcome = folder.run(&format!("{line} --tolerance-mm 90")).ok();
+    assert!(
+        outcome
+            .stdout
+            .contains("Verdict on the tolerance: conforms"),
+        "{outcome:#?}"
+    );
+    let found = position(&folder.json("check.json"));
+    for (found, made) in found.iter().zip(&made) {
+        assert!((found / made - 1.0).abs() < 1e-4, "{found} {made}");
+    }
+    assert!(folder.text("check.html").contains("The arm conforms."));
+    let failed = folder.run(&format!("{line} --tolerance-mm 0.001"));
+    assert_eq!(failed.code, Some(1), "{failed:#?}");
+}

@@ -209,7 +209,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     document.held_out = evidence.as_ref().map(ReportData::summary);
     document.certificate = evidence.as_ref().map(|evidence| {
         let drift = drift.as_ref().map(|d| (&d.report, a.correct_drift));
-        Certificate::new(evidence, &a.statement, drift, &a.serial_number)
+        Certificate::new(evidence.judged(), &a.statement, drift, &a.serial_number)
     });
     document.elastic = ElasticSummary::new(calibration, &samples);
     document.outliers = outliers(calibration, &set, &samples);

@@ -5,6 +5,7 @@ use serde::Serialize;
 
 use crate::cli::check::programs::CorrectedProgram;
 use crate::report::Provenance;
+use crate::report::certificate::Certificate;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::command_change::CommandChange;
@@ -62,6 +63,8 @@ pub struct CheckJson<'a> {
     /// Programs that were corrected.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub programs: Vec<CorrectedProgram>,
+    /// Whether the arm conforms to a tolerance.
+    pub certificate: Certificate,
     /// What was fitted before anything was asked.
     #[serde(skip)]
     pub fitted: Option<String>,

@@ -18,8 +18,10 @@ use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_fail
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
+use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::cli::touches::{are_touches, refuse_options};
-use crate::report::{FileSummary, Provenance};
+use crate::report::certificate::{Certificate, Judged, Statement};
+use crate::report::{FileSummary, Provenance, data, sections};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -79,6 +81,8 @@ pub struct Check {
     pub noise: NoiseArgs,
     #[command(flatten)]
     pub accepted: AcceptArgs,
+    #[command(flatten)]
+    pub tolerance: ToleranceArgs,
     /// Write an HTML report: pass/fail, errors against the tolerance, detected changes.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
@@ -125,7 +129,21 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let tolerance_met = error <= a.max_mm;
     let drift_matters = !findings.changes.is_empty() && findings.effect_mm.mean > max_drift_mm;
     let blob = loaded.blob();
+    let statement = Statement {
+        tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+        ..Statement::default()
+    };
+    let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
+    let is_compared = |line: usize| findings.rows.iter().any(|row| row.line == line);
+    let mut rows = data::rows(&data.set);
+    rows.retain(|row| is_compared(row.line));
+    let judged = Judged {
+        poses: &findings.poses,
+        rows: &rows,
+        kinds: &kinds,
+    };
     let document = CheckJson {
+        certificate: Certificate::new(judged, &statement, None, blob.robot.serial_number),
         version: env!("CARGO_PKG_VERSION"),
         warnings,
         method: loaded.host().provenance.method,
@@ -186,7 +204,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         loaded.host().provenance.date,
     );
     if document.holds {
-        return Ok(());
+        return tolerance::outcome(Some(&document.certificate), &statement);
     }
     let mut reasons = Vec::new();
     if !tolerance_met {
@@ -219,6 +237,10 @@ fn of_touches(a: &Check) -> Result<(), Failure> {
         (noise.orientation.is_some(), "--orientation-sigma-mrad"),
         (!a.accepted.accept.is_empty(), "--accept"),
         (a.report.is_some(), "--report"),
+        (
+            a.tolerance.is_given(),
+            "--tolerance-mm, --tolerance-mrad or --coverage",
+        ),
     ];
     refuse_options(&a.measurements, &given)?;
     touches::run(&touches::Asked {
@@ -321,6 +343,10 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     }
     report.table(&["", "mean", "p95", "max", "orientation"], &rows);
     report.line("");
+    let conformity = d.certificate.conformity.as_ref();
+    if let Some(line) = conformity.and_then(sections::verdict_line) {
+        report.line(format_args!("Verdict on the tolerance: {line}."));
+    }
     if let Some(line) = &d.fitted {
         report.line(line);
     }

@@ -31,7 +31,9 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         ),
     )
     .with(headline(d))
+    .with(sections::verdict(&d.certificate, &d.warnings, None))
     .with(errors(d))
+    .with(sections::uncertainty_budget(&d.certificate))
     .with(moved(d));
     let page = match d.programs.is_empty() {
         true => page,
