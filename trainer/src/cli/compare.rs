@@ -282,7 +282,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             certificate: Certificate::new(
                 evidence.judged(),
                 &statement,
-                drift.as_ref().map(|d| (&d.report, true)),
+                instrument_drift::known(drift.as_ref().map(|d| &d.report), &set),
                 &provenance.serial_number,
             ),
             provenance,

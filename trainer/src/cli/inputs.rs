@@ -15,7 +15,7 @@ use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::long::{LongFile, is_long};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
@@ -169,6 +169,8 @@ pub struct TestData {
     pub samples: Vec<InstrumentSample>,
     /// First the tools of the blob, then those that only the file has.
     pub names: Vec<ToolName>,
+    /// The drift that was removed from the samples.
+    pub drift: Option<DriftReport>,
     /// A file of which `set` and `samples` are some rows only.
     long: Option<LongFile>,
 }
@@ -216,7 +218,12 @@ fn complete(
     (long, file): (Option<LongFile>, SampleFile),
 ) -> Result<TestData, Failure> {
     let blob = loaded.blob();
-    let SampleFile { set, samples, .. } = file;
+    let SampleFile {
+        set,
+        samples,
+        drift,
+        ..
+    } = file;
     if blob.ranges.payload_kg.is_some() && !set.has_payload() {
         return Err(InputError::new(
             path,
@@ -229,6 +236,7 @@ fn complete(
         set,
         samples,
         names,
+        drift: drift.map(|drift| drift.report),
         long,
     })
 }

@@ -7,7 +7,7 @@ use crate::cli::input::Input;
 use crate::cli::inputs::Arm;
 use crate::cli::terminal::print::note;
 use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::ToolName;
 
@@ -40,17 +40,26 @@ pub fn read(
     Ok(file)
 }
 
+/// What a certificate states of the drift, with whether it was removed: `removed`, or what the reference points of `set` show.
+pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(DriftReport, bool)> {
+    match removed {
+        Some(report) => Some((report.clone(), true)),
+        None => seen(set).map(|report| (report, false)),
+    }
+}
+
+/// What reference points show. Points that cannot be used show nothing.
+fn seen(set: &MeasurementSet) -> Option<DriftReport> {
+    let first = set.measurements.first()?;
+    if first.references.is_empty() {
+        return None;
+    }
+    Drift::estimate(set).ok().map(|drift| drift.report)
+}
+
 /// Names `--correct-drift` where the reference points of a file show a motion that is worth it.
 fn hint(path: &Path, set: &MeasurementSet) {
-    if set
-        .measurements
-        .first()
-        .is_none_or(|m| m.references.is_empty())
-    {
-        return;
-    }
-    // Points that cannot be used were not asked for.
-    let Ok(Drift { report, .. }) = Drift::estimate(set) else {
+    let Some(report) = seen(set) else {
         return;
     };
     let [before, after] = report.left_out_um;

@@ -126,7 +126,7 @@ impl Certificate {
     pub fn new(
         judged: Judged<'_>,
         statement: &Statement,
-        drift: Option<(&DriftReport, bool)>,
+        drift: Option<(DriftReport, bool)>,
         serial_number: &str,
     ) -> Self {
         let with_noise = |pose: &HeldOutPose| HeldOutPose {
@@ -144,13 +144,13 @@ impl Certificate {
         } = statement;
         let knowledge = Knowledge {
             repeats: &repeats,
-            drift: drift.map(|(report, _)| report),
-            drift_is_removed: drift.is_some_and(|(_, is_removed)| is_removed),
+            drift: drift
+                .as_ref()
+                .map(|(report, is_removed)| (report, *is_removed)),
             instrument: [
                 half(instrument.expanded_uncertainty_mm),
                 half(instrument.expanded_uncertainty_mrad),
             ],
-            stated_frames: [None, None],
         };
         let listed = |found: RepeatedPose| {
             let Row { file, line, .. } = &judged.rows[found.first];

@@ -275,6 +275,11 @@ impl Page {
         self
     }
 
+    /// Adds those sections that there are.
+    pub fn with_all(self, sections: impl IntoIterator<Item = Section>) -> Self {
+        sections.into_iter().fold(self, Self::with)
+    }
+
     /// The bytes of the HTML file.
     pub fn render(&self) -> String {
         let scripted = self.sections.iter().any(|section| section.scripted);

@@ -1,4 +1,4 @@
-//! Files of many rows: as quick as promised, in constant memory, and with what short files have.
+//! Files of many rows, and pages: as quick as promised, in constant memory, and with what short files have.
 
 use std::io::Write;
 use std::path::Path;
@@ -84,6 +84,38 @@ fn many_rows_take_little_time_and_memory() {
         assert!(cpu <= most, "{cpu} s");
         assert!(memory <= 100.0, "{memory} MB");
     }
+}
+
+/// A page takes little beyond the fits that it needs: with a rigid model, whose fits take milliseconds, nearly all of what it
+/// adds to the verdict, which has the same folds.
+#[cfg(target_os = "linux")]
+#[test]
+#[cfg_attr(debug_assertions, ignore = "in release only")]
+fn a_report_takes_little_time() {
+    const MOST_SECONDS: f64 = 1.5;
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 300));
+    let seconds = |more: &str| {
+        let command = format!(
+            "calibrate --robot {SERIAL} train.csv --method poe --tolerance-mm 100 --out arm.blob {more}"
+        );
+        let child = folder
+            .command(&command)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        watched(child.unwrap()).1
+    };
+    let (without, with) = (
+        seconds("--json arm.json"),
+        seconds("--json arm.json --report arm.html"),
+    );
+    let _ = writeln!(
+        std::io::stderr(),
+        "300 poses: {without:.2} s of CPU for model and verdict, {:.2} s more with the page (at most {MOST_SECONDS})",
+        with - without
+    );
+    assert!(with - without <= MOST_SECONDS);
 }
 
 /// CPU seconds of ten million exponentials on this thread: a core that is shared, or slower, is as slow for both.

@@ -24,7 +24,7 @@ fn numbers(page: &str) -> Vec<(f64, String, String)> {
 
 /// Every number of the page is the one of the document, rounded; returns how many there are.
 #[track_caller]
-fn check_numbers(page: &str, document: &Value) -> usize {
+pub fn check_numbers(page: &str, document: &Value) -> usize {
     let numbers = numbers(page);
     for (value, pointer, text) in &numbers {
         let there = document.pointer(pointer).and_then(Value::as_f64);
@@ -41,7 +41,7 @@ fn check_numbers(page: &str, document: &Value) -> usize {
 
 /// Complete, small, without network, with one script at most, its own; every element closed, no number that is none.
 #[track_caller]
-fn check_page(page: &str) {
+pub fn check_page(page: &str) {
     const SCRIPT: &str = include_str!("../../src/report/script.js");
     let own = format!("<script>{SCRIPT}</script>");
     let table = page.contains("<table id=\"poses\">");

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::program::{Folder, changed};
+use crate::report::{check_numbers, check_page};
 use crate::texts::texts;
 
 /// An arm with two models by sockets, and touches of other features that neither has seen. The same seed is the same arm.
@@ -166,7 +167,18 @@ fn touches_show_whether_a_calibration_holds() {
         outcome.stderr.contains("reset the zero of joint 3"),
         "{outcome:#?}"
     );
-    folder.refuses(format!("{line} --report check.html"));
+    // Pages of both, with the numbers of the documents.
+    for (line, code, verdict) in [(line, 0, "holds. "), (lost, 1, "does not hold. ")] {
+        let outcome = folder.run(&format!("{line} --report check.html --json check.json"));
+        assert_eq!(outcome.code, Some(code), "{outcome:#?}");
+        let page = folder.text("check.html");
+        check_page(&page);
+        let document = serde_json::from_str(&folder.text("check.json")).unwrap();
+        assert!(check_numbers(&page, &document) > 12);
+        assert!(page.contains(&format!("The calibration {verdict}")));
+        let named = page.contains("<td>joint 3 stands off by</td>");
+        assert_eq!(named, code == 1, "{page}");
+    }
     folder.refuses(format!("{line} --fit-tool"));
     // Of a socket without a known distance nobody sees the size; four touches see nothing.
     let toml = folder.text("few/touches.toml");

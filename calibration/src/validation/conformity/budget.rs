@@ -11,14 +11,10 @@ use crate::validation::conformity::error_quantile::{Noise, Quantile};
 pub struct Knowledge<'a> {
     /// For each held-out pose the number of the distinct pose that it repeats.
     pub repeats: &'a [usize],
-    /// The instrument's drift, where reference points were measured.
-    pub drift: Option<&'a DriftReport>,
-    /// Whether it was removed from the poses.
-    pub drift_is_removed: bool,
+    /// The instrument's drift, where reference points were measured, and whether it was removed from the poses.
+    pub drift: Option<(&'a DriftReport, bool)>,
     /// Standard uncertainty of the instrument by its certificate, common to all poses: mm and mrad.
     pub instrument: [Option<f64>; 2],
-    /// Standard uncertainty of a base or tool that was stated and not fitted: mm and mrad.
-    pub stated_frames: [Option<f64>; 2],
 }
 
 /// What an uncertainty comes from.
@@ -114,12 +110,18 @@ pub fn sources(
         Evaluation::A,
         "how far the errors of the held-out poses differ",
     );
+    // The errors are those of poses in the instrument's frame: nothing is added for the frames between.
+    let base_and_tool = Contribution::normal(
+        Source::BaseAndTool,
+        Evaluation::A,
+        "their error is part of the errors of the poses",
+    );
     let mut out = vec![
         instrument(found, noise, knowledge.instrument[component]),
         repeatability(found, noise, poses_repeat),
         model.of(found.of_few_poses),
-        drift(knowledge, component),
-        base_and_tool(knowledge.stated_frames[component]),
+        drift(knowledge.drift, component),
+        base_and_tool.of(0.0),
     ];
     let square = |c: &Contribution| c.standard_uncertainty.map_or(0.0, |u| u * u);
     let all: f64 = out.iter().map(square).sum();
@@ -184,18 +186,18 @@ fn repeatability(found: &Quantile, noise: &Noise, poses_repeat: bool) -> Contrib
     }
 }
 
-fn drift(knowledge: &Knowledge, component: usize) -> Contribution {
+fn drift(known: Option<(&DriftReport, bool)>, component: usize) -> Contribution {
     let norm = |axes: [f64; 3]| axes.iter().map(|x| x * x).sum::<f64>().sqrt();
-    let (basis, half_width) = match (knowledge.drift, knowledge.drift_is_removed) {
-        (None, _) => (
+    let (basis, half_width) = match known {
+        None => (
             "not measured: measure reference points beside the poses",
             None,
         ),
-        (Some(drift), false) => (
+        Some((drift, false)) => (
             "largest motion of the reference points, not removed",
             Some([1e-3 * norm(drift.max_um), 1e-3 * drift.max_urad][component]),
         ),
-        (Some(drift), true) => (
+        Some((drift, true)) => (
             "what the reference points leave after the motion was removed",
             // Of rotation nothing is known beyond that.
             Some([1e-3 * drift.left_out_um[1] * 3.0_f64.sqrt(), 0.0][component]),
@@ -209,22 +211,5 @@ fn drift(knowledge: &Knowledge, component: usize) -> Contribution {
         degrees_of_freedom: None,
         share: 0.0,
         basis,
-    }
-}
-
-fn base_and_tool(stated: Option<f64>) -> Contribution {
-    match stated {
-        Some(u) => Contribution::normal(
-            Source::BaseAndTool,
-            Evaluation::B,
-            "stated frames against the measured ones",
-        )
-        .of(u),
-        None => Contribution::normal(
-            Source::BaseAndTool,
-            Evaluation::A,
-            "fitted: their error is part of the held-out errors",
-        )
-        .of(0.0),
     }
 }

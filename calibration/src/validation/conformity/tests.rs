@@ -6,6 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::budget::{Evaluation, Source};
 use super::*;
+use crate::measurement::instrument_drift::DriftReport;
 use crate::measurement::noise::InstrumentNoise;
 use crate::numeric::statistics::PoseError;
 
@@ -104,7 +105,6 @@ fn the_budget_adds_up() {
     let residuals = drawn(50, 0.03, &mut random);
     let knowledge = Knowledge {
         instrument: [Some(0.01), None],
-        stated_frames: [Some(0.02), None],
         ..Knowledge::default()
     };
     let poses = poses(&residuals, Some(0.03));
@@ -126,10 +126,54 @@ fn the_budget_adds_up() {
         rows.iter().find(|c| c.source == source).unwrap()
     };
     assert!(row(Source::Instrument).standard_uncertainty.unwrap() > 0.01);
-    assert_eq!(row(Source::BaseAndTool).standard_uncertainty, Some(0.02));
+    assert_eq!(row(Source::BaseAndTool).standard_uncertainty, Some(0.0));
     assert_eq!(row(Source::Model).evaluation, Evaluation::A);
     assert_eq!(row(Source::Drift).standard_uncertainty, None);
     assert_eq!(row(Source::Repeatability).standard_uncertainty, None);
+}
+
+/// A motion of 3 and 4 µm along two axes is one of 5 µm; removed, what the reference points leave remains.
+#[test]
+fn the_drift_of_the_instrument_has_its_row() {
+    let report = DriftReport {
+        points: 3,
+        misses: 0,
+        missed_lines: Vec::new(),
+        outliers: 0,
+        outlier_lines: Vec::new(),
+        poses_without: 0,
+        motion: "rigid",
+        window_poses: [None; 3],
+        std_um: [1.0; 3],
+        max_um: [3.0, 0.0, 4.0],
+        max_urad: 60.0,
+        left_out_um: [3.0, 1.0],
+    };
+    let residuals = drawn(50, 0.0, &mut ChaCha8Rng::seed_from_u64(4));
+    let uncertainty = |is_removed| {
+        let knowledge = Knowledge {
+            drift: Some((&report, is_removed)),
+            ..Knowledge::default()
+        };
+        let poses = poses(&residuals, None);
+        let conformity = Conformity::new(&poses, &knowledge, &Tolerances::default()).unwrap();
+        let row = |found: &Characteristic| {
+            let mut rows = found.budget.iter();
+            let row = rows.find(|c| c.source == Source::Drift).unwrap();
+            row.standard_uncertainty.unwrap()
+        };
+        [
+            row(&conformity.position),
+            row(conformity.orientation.as_ref().unwrap()),
+        ]
+    };
+    // Half the width of a rectangle over √3.
+    let [position, rotation] = uncertainty(false);
+    assert!((position - 0.002_886_751).abs() < 1e-9, "{position}");
+    assert!((rotation - 0.034_641_016).abs() < 1e-9, "{rotation}");
+    let [position, rotation] = uncertainty(true);
+    assert!((position - 0.001).abs() < 1e-12, "{position}");
+    assert_eq!(rotation, 0.0);
 }
 
 /// ISO 14253-1: the guard band is U on both sides of the tolerance.

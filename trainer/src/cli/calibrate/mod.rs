@@ -208,7 +208,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     document.gauge = Some(known.summary(calibration, blob, &samples)?);
     document.held_out = evidence.as_ref().map(ReportData::summary);
     document.certificate = evidence.as_ref().map(|evidence| {
-        let drift = drift.as_ref().map(|d| (&d.report, a.correct_drift));
+        let drift = instrument_drift::known(drift.as_ref().map(|d| &d.report), &set);
         Certificate::new(evidence.judged(), &a.statement, drift, &a.serial_number)
     });
     document.elastic = ElasticSummary::new(calibration, &samples);

@@ -10,6 +10,7 @@ use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification::result::Report as Findings;
+use poegp_calibration::verification::touches::TouchReport;
 
 /// What `--max-mm` is the bound of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
@@ -37,6 +38,15 @@ impl Statistic {
             Self::Mean => "mean",
             Self::P95 => "95 %",
             Self::Max => "largest",
+        }
+    }
+
+    /// Of a summary in the JSON document.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Mean => "mean",
+            Self::P95 => "p95",
+            Self::Max => "max",
         }
     }
 }
@@ -71,6 +81,28 @@ pub struct CheckJson<'a> {
     #[serde(flatten)]
     pub findings: &'a Findings,
     /// What to do next.
+    pub advice: Vec<String>,
+    pub provenance: Provenance,
+}
+
+/// What `--json` writes of touches.
+#[derive(Serialize)]
+pub struct CheckTouchesJson<'a> {
+    pub version: &'static str,
+    pub method: &'a str,
+    pub name: String,
+    /// Whether the calibration holds: the exit code.
+    pub holds: bool,
+    pub statistic: Statistic,
+    pub max_mm: f64,
+    pub tolerance_met: bool,
+    pub max_drift_mm: f64,
+    pub drift_matters: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub commands_move: Option<CommandChange>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub programs: Vec<CorrectedProgram>,
+    pub touches: &'a TouchReport,
     pub advice: Vec<String>,
     pub provenance: Provenance,
 }

@@ -3,6 +3,7 @@
 mod document;
 mod page;
 mod programs;
+mod touch_page;
 mod touches;
 mod wording;
 
@@ -142,8 +143,9 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         rows: &rows,
         kinds: &kinds,
     };
+    let drift = instrument_drift::known(data.drift.as_ref(), &data.set);
     let document = CheckJson {
-        certificate: Certificate::new(judged, &statement, None, blob.robot.serial_number),
+        certificate: Certificate::new(judged, &statement, drift, blob.robot.serial_number),
         version: env!("CARGO_PKG_VERSION"),
         warnings,
         method: loaded.host().provenance.method,
@@ -173,18 +175,12 @@ pub fn run(a: &Check) -> Result<(), Failure> {
             drift_matters,
             a.max_mm,
         ),
-        provenance: Provenance {
-            command: crate::report::provenance::command_line(),
-            version: env!("CARGO_PKG_VERSION"),
-            date: origin(data.set.sha256, blob.robot.serial_number, Vec::new()).date,
-            seed: None,
-            robot: blob.robot.name.to_owned(),
-            serial_number: blob.robot.serial_number.to_owned(),
-            files: vec![
-                FileSummary::of_set("fresh measurements", &data.set),
-                FileSummary::of_bytes("model", a.blob.display().to_string(), loaded.bytes()),
-            ],
-        },
+        provenance: provenance(
+            &loaded,
+            &a.blob,
+            data.set.sha256,
+            vec![FileSummary::of_set("fresh measurements", &data.set)],
+        ),
     };
     let json = json_text(&document)?;
     let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
@@ -227,6 +223,27 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     )))
 }
 
+/// Of the check of a model, from `files` that were measured; the first has this hash.
+fn provenance(
+    loaded: &BlobModel,
+    blob: &Path,
+    sha256: [u8; 32],
+    mut files: Vec<FileSummary>,
+) -> Provenance {
+    let path = blob.display().to_string();
+    files.push(FileSummary::of_bytes("model", path, loaded.bytes()));
+    let robot = &loaded.blob().robot;
+    Provenance {
+        command: crate::report::provenance::command_line(),
+        version: env!("CARGO_PKG_VERSION"),
+        date: origin(sha256, robot.serial_number, Vec::new()).date,
+        seed: None,
+        robot: robot.name.to_owned(),
+        serial_number: robot.serial_number.to_owned(),
+        files,
+    }
+}
+
 fn of_touches(a: &Check) -> Result<(), Failure> {
     let noise = a.noise.instrument_noise();
     let given = [
@@ -236,7 +253,6 @@ fn of_touches(a: &Check) -> Result<(), Failure> {
         (noise.position.is_some(), "--position-sigma-mm"),
         (noise.orientation.is_some(), "--orientation-sigma-mrad"),
         (!a.accepted.accept.is_empty(), "--accept"),
-        (a.report.is_some(), "--report"),
         (
             a.tolerance.is_given(),
             "--tolerance-mm, --tolerance-mrad or --coverage",
@@ -253,6 +269,7 @@ fn of_touches(a: &Check) -> Result<(), Failure> {
         false_alarms: options(a)?.false_alarms,
         previous: a.previous.as_deref(),
         programs: &a.programs,
+        report: a.report.as_deref(),
         json: a.json.as_deref(),
     })
 }

@@ -2,15 +2,17 @@
 //!
 //! There is nothing held out here: every pose of a check is fresh. The numbers are those of the JSON document.
 
-use maud::html;
+use maud::{Markup, html};
 
 use crate::cli::check::document::CheckJson;
 use crate::cli::check::programs::CorrectedProgram;
 use crate::cli::check::wording;
 use crate::report::chart::{Axis, Brush, Plot, Series};
 use crate::report::data::drawn;
+use crate::report::sections::headline::tile;
 use crate::report::sections::poses::{joint_columns, joint_fields, left_out};
-use crate::report::{Column, Number, Page, Section, rounded, sections};
+use crate::report::{Column, Number, Page, Provenance, Section, rounded, sections};
+use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification::result::{Change, Estimate, RowError, Sensitivity};
@@ -18,68 +20,83 @@ use poegp_protocol::JointKind;
 
 /// The page of a check of the rows of `set`, by a model with joints of these `kinds`; `date` is the day of the calibration.
 pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: &str) -> String {
-    let p = &d.provenance;
+    let f = d.findings;
+    let found = Found {
+        at: "",
+        looked_at: "base, tool, a joint or the payload",
+        changes: &f.changes,
+        false_alarm_rate: f.false_alarm_rate,
+        unknown_error: (!f.model_knows_its_error).then_some(
+            "This model does not know its own error, so false alarms are more frequent than stated; `elastic` does.",
+        ),
+        sensitivity: &f.sensitivity,
+    };
+    let noise = html! {
+        "Noise of these measurements: " (Number::new(f.noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
+        (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
+    };
+    titled(&d.provenance, d.method, date)
+        .with(headline(d))
+        .with(sections::verdict(&d.certificate, &d.warnings, None))
+        .with(errors(d))
+        .with(sections::uncertainty_budget(&d.certificate))
+        .with(moved(&found))
+        .with_all(programs(&d.programs))
+        .with(sensitivity(&found, noise))
+        .with(poses(d, set, kinds))
+        .with(sections::provenance(&d.provenance))
+        .render()
+}
+
+/// What both kinds of check say of changes.
+pub(super) struct Found<'a> {
+    /// Where it stands in the JSON document.
+    pub at: &'static str,
+    /// The parts that could have changed.
+    pub looked_at: &'static str,
+    pub changes: &'a [Change],
+    pub false_alarm_rate: f64,
+    /// What to say where the model does not know how wrong it is.
+    pub unknown_error: Option<&'static str>,
+    pub sensitivity: &'a [Sensitivity],
+}
+
+pub(super) fn titled(p: &Provenance, method: &str, date: &str) -> Page {
     let serial = match p.serial_number.as_str() {
         "" => String::new(),
         number => format!(", serial number {number}"),
     };
-    let page = Page::new(
+    Page::new(
         format!("Check of {}{serial}", p.robot),
         format!(
-            "{}, against the calibration of {date} (`{}`), poegp trainer {}",
-            p.date, d.method, p.version
+            "{}, against the calibration of {date} (`{method}`), poegp trainer {}",
+            p.date, p.version
         ),
     )
-    .with(headline(d))
-    .with(sections::verdict(&d.certificate, &d.warnings, None))
-    .with(errors(d))
-    .with(sections::uncertainty_budget(&d.certificate))
-    .with(moved(d));
-    let page = match d.programs.is_empty() {
-        true => page,
-        false => page.with(programs(d)),
-    };
-    page.with(sensitivity(d))
-        .with(poses(d, set, kinds))
-        .with(sections::provenance(p))
-        .render()
 }
 
 fn headline(d: &CheckJson<'_>) -> Section {
     let f = d.findings;
     let s = &f.errors.position_mm;
-    let key = match d.statistic.name() {
-        "mean" => "mean",
-        "95 %" => "p95",
-        _ => "max",
-    };
-    let error = Number::mm(d.statistic.of(s), format!("/position_mm/{key}"));
+    let error = Number::mm(
+        d.statistic.of(s),
+        format!("/position_mm/{}", d.statistic.key()),
+    );
     let lead = html! {
         p class="lead" {
-            @if d.holds { b class="calibrated" { "The calibration holds. " } }
-            @else { b class="nominal" { "The calibration does not hold. " } }
+            (holds(d.holds))
             "On " (Number::count(f.errors.poses, "/poses")) " fresh poses the " (d.statistic.name())
             " position error is " b { (error) " mm" } "; " (Number::mm(d.max_mm, "/max_mm")) " mm are allowed. "
-            @if f.changes.is_empty() {
-                "Nothing was found to have moved."
-            } @else {
-                @let parts: Vec<String> = f.changes.iter().map(|c| wording::part(c.part)).collect();
-                "A change of " (poegp_calibration::identification::identifiability::list(&parts)) " was found, which moves the target by "
-                (Number::mm(f.effect_mm.mean, "/effect_mm/mean")) " mm in the mean; "
-                (Number::mm(d.max_drift_mm, "/max_drift_mm")) " mm are allowed."
-            }
+            (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the target", ""))
         }
-    };
-    let tile = |name: &str, number: Number, unit: &str| {
-        html! { div class="tile" { h3 { (name) } div class="value" { (number) " " span { (unit) } } } }
     };
     let tiles = html! {
         div class="tiles" {
-            (tile("Mean position error", Number::mm(s.mean, "/position_mm/mean"), "mm"))
-            (tile("95 % of poses are within", Number::mm(s.p95, "/position_mm/p95"), "mm"))
-            (tile("Largest position error", Number::mm(s.max, "/position_mm/max"), "mm"))
+            (tile("Mean position error", "mm", Number::mm(s.mean, "/position_mm/mean"), None))
+            (tile("95 % of poses are within", "mm", Number::mm(s.p95, "/position_mm/p95"), None))
+            (tile("Largest position error", "mm", Number::mm(s.max, "/position_mm/max"), None))
             @if let Some(o) = &f.errors.orientation_mrad {
-                (tile("Mean orientation error", Number::new(o.mean, 3, "/orientation_mrad/mean"), "mrad"))
+                (tile("Mean orientation error", "mrad", Number::new(o.mean, 3, "/orientation_mrad/mean"), None))
             }
         }
     };
@@ -87,60 +104,63 @@ fn headline(d: &CheckJson<'_>) -> Section {
     if let Some(line) = &d.fitted {
         section = section.text(html! { (line) });
     }
-    if !d.advice.is_empty() {
-        section = section.block(html! {
-            p { "What to do next:" }
-            ul { @for advice in &d.advice { li { (advice) } } }
-        });
+    advised(section, &d.advice)
+}
+
+pub(super) fn holds(holds: bool) -> Markup {
+    html! {
+        @if holds { b class="calibrated" { "The calibration holds. " } }
+        @else { b class="nominal" { "The calibration does not hold. " } }
     }
-    section
+}
+
+/// What was found to have changed, and how far that moves `what`.
+pub(super) fn changed(
+    changes: &[Change],
+    effect_mm: &Summary,
+    most_mm: f64,
+    what: &str,
+    at: &str,
+) -> Markup {
+    let parts: Vec<String> = changes.iter().map(|c| wording::part(c.part)).collect();
+    html! {
+        @if parts.is_empty() {
+            "Nothing was found to have moved."
+        } @else {
+            "A change of " (list(&parts)) " was found, which moves " (what) " by "
+            (Number::mm(effect_mm.mean, format!("{at}/effect_mm/mean"))) " mm in the mean; "
+            (Number::mm(most_mm, "/max_drift_mm")) " mm are allowed."
+        }
+    }
+}
+
+pub(super) fn advised(section: Section, advice: &[String]) -> Section {
+    if advice.is_empty() {
+        return section;
+    }
+    section.block(html! {
+        p { "What to do next:" }
+        ul { @for advice in advice { li { (advice) } } }
+    })
 }
 
 fn errors(d: &CheckJson<'_>) -> Section {
     let f = d.findings;
-    let all: Vec<f64> = f.rows.iter().map(|row| row.position_mm).collect();
-    let mut reach = all.clone();
-    reach.push(d.max_mm);
-    let mut plot = Plot::new(
-        Axis::linear(
-            "fresh pose, in the order of the rows",
-            0.0,
-            all.len().max(1) as f64,
-        ),
-        Axis::errors("position error (mm)", &reach),
-    );
-    let shown = drawn(&all);
-    let odd = |row: &RowError| f.odd_lines.contains(&row.line);
-    for (series, wanted) in [(Series::Calibrated, false), (Series::Nominal, true)] {
-        let of = shown
-            .iter()
-            .enumerate()
-            .filter(|(_, i)| odd(&f.rows[**i]) == wanted);
-        let at = |(row, i): (usize, &usize)| (row, (*i as f64 + 0.5, all[*i]));
-        plot.poses(series, Brush::Range, of.map(at));
-    }
-    plot.level(Series::Reference, d.max_mm, "allowed");
-    let above = all.iter().filter(|error| **error > d.max_mm).count();
+    let row = |row: &RowError| (row.line, row.position_mm);
+    let rows: Vec<(usize, f64)> = f.rows.iter().map(row).collect();
+    let axes = [
+        "fresh pose, in the order of the rows",
+        "position error (mm)",
+    ];
+    let (plot, above) = drawn_rows(&rows, axes, &f.odd_lines, d.max_mm);
     let finding = html! {
         @if above == 0 { "All poses are within what is allowed of the " (d.statistic.name()) }
-        @else { (above) " of " (all.len()) " poses are above what is allowed of the " (d.statistic.name()) }
+        @else { (above) " of " (rows.len()) " poses are above what is allowed of the " (d.statistic.name()) }
     };
-    let row = |name: &str, s: &Summary, location: &str| {
-        let field = |value: f64, key: &str| {
-            let number = Number::mm(value, format!("/{location}/{key}"));
-            html! { (number) }
-        };
-        vec![
-            html! { (name) },
-            field(s.mean, "mean"),
-            field(s.p95, "p95"),
-            field(s.max, "max"),
-        ]
-    };
-    let mut rows = vec![row("error now", &f.errors.position_mm, "position_mm")];
+    let mut table = vec![summed("error now", &f.errors.position_mm, "/position_mm")];
     if !f.changes.is_empty() {
-        rows.push(row("of it drift", &f.effect_mm, "effect_mm"));
-        rows.push(row("without drift", &f.without_mm, "without_mm"));
+        table.push(summed("of it drift", &f.effect_mm, "/effect_mm"));
+        table.push(summed("without drift", &f.without_mm, "/without_mm"));
     }
     let section = Section::new("errors", "The errors")
         .figure(
@@ -148,21 +168,69 @@ fn errors(d: &CheckJson<'_>) -> Section {
             plot.render("position error of every pose of the check"),
             &format!(
                 "Each dot is a pose; one of the other colour stands out from all others. The line is what is allowed.{}",
-                left_out(all.len())
+                left_out(rows.len())
             ),
         )
-        .table_beside(&["position, mm", "mean", "95 %", "largest"], rows)
+        .table_beside(&["position, mm", "mean", "95 %", "largest"], table)
         .answers();
-    match f.odd_lines.as_slice() {
-        [] => section,
-        lines => {
-            let lines: Vec<String> = lines.iter().map(ToString::to_string).collect();
-            section.text(html! {
-                "Measurements that stand out from the others: line" @if lines.len() > 1 { "s" } " " (lines.join(", "))
-                ". Measure again."
-            })
-        }
+    with_odd_lines(section, &f.odd_lines, "Measurements", "Measure again.")
+}
+
+/// The plot of a number of mm for each line of a file, and how many are above `most`.
+pub(super) fn drawn_rows(
+    rows: &[(usize, f64)],
+    [across, up]: [&str; 2],
+    odd_lines: &[usize],
+    most: f64,
+) -> (Plot, usize) {
+    let all: Vec<f64> = rows.iter().map(|(_, mm)| *mm).collect();
+    let mut reach = all.clone();
+    reach.push(most);
+    let mut plot = Plot::new(
+        Axis::linear(across, 0.0, all.len().max(1) as f64),
+        Axis::errors(up, &reach),
+    );
+    let shown = drawn(&all);
+    for (series, wanted) in [(Series::Calibrated, false), (Series::Nominal, true)] {
+        let of = shown
+            .iter()
+            .enumerate()
+            .filter(|(_, i)| odd_lines.contains(&rows[**i].0) == wanted);
+        let at = |(row, i): (usize, &usize)| (row, (*i as f64 + 0.5, all[*i]));
+        plot.poses(series, Brush::Range, of.map(at));
     }
+    plot.level(Series::Reference, most, "allowed");
+    let above = all.iter().filter(|mm| **mm > most).count();
+    (plot, above)
+}
+
+/// A row of a table of mean, 95 % and largest.
+pub(super) fn summed(name: &str, s: &Summary, at: &str) -> Vec<Markup> {
+    let field = |value: f64, key: &str| {
+        let number = Number::mm(value, format!("{at}/{key}"));
+        html! { (number) }
+    };
+    vec![
+        html! { (name) },
+        field(s.mean, "mean"),
+        field(s.p95, "p95"),
+        field(s.max, "max"),
+    ]
+}
+
+pub(super) fn with_odd_lines(
+    section: Section,
+    lines: &[usize],
+    what: &str,
+    remedy: &str,
+) -> Section {
+    if lines.is_empty() {
+        return section;
+    }
+    let listed: Vec<String> = lines.iter().map(ToString::to_string).collect();
+    section.text(html! {
+        (what) " that stand out from the others: line" @if lines.len() > 1 { "s" } " " (listed.join(", ")) ". " (remedy)
+    })
 }
 
 /// Every pose that the plot shows: line, error, joints.
@@ -191,21 +259,18 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
         .poses(&columns, shown, Some("The poses of the check"))
 }
 
-fn moved(d: &CheckJson<'_>) -> Section {
-    let f = d.findings;
+pub(super) fn moved(f: &Found<'_>) -> Section {
     let mut section = Section::new("moved", "What has moved");
-    if !f.model_knows_its_error {
-        section = section.text(html! {
-            "This model does not know its own error, so false alarms are more frequent than stated; `elastic` does."
-        });
+    if let Some(text) = f.unknown_error {
+        section = section.text(html! { (text) });
     }
     let rate = html! {
         "Of a hundred checks of an arm to which nothing happened, "
-        (Number::percent(f.false_alarm_rate, "/false_alarm_rate")) " would find something."
+        (Number::percent(f.false_alarm_rate, format!("{}/false_alarm_rate", f.at))) " would find something."
     };
     if f.changes.is_empty() {
         return section
-            .missing("No drift of base, tool, a joint or the payload was found.")
+            .missing(format!("No drift of {} was found.", f.looked_at))
             .text(rate);
     }
     let mut rows = Vec::new();
@@ -219,7 +284,7 @@ fn moved(d: &CheckJson<'_>) -> Section {
             ]);
         }
         for (what, estimate, unit, decimals, key) in sizes(change) {
-            let location = format!("/changes/{i}/{key}");
+            let location = format!("{}/changes/{i}/{key}", f.at);
             rows.push(vec![
                 html! { (wording::part(change.part)) " " (what) },
                 html! {
@@ -228,7 +293,7 @@ fn moved(d: &CheckJson<'_>) -> Section {
                 },
                 html! {
                     @if change.p_value < wording::LEAST_P { "< " (wording::LEAST_P) }
-                    @else { (Number::new(change.p_value, 4, format!("/changes/{i}/p_value"))) }
+                    @else { (Number::new(change.p_value, 4, format!("{}/changes/{i}/p_value", f.at))) }
                 },
             ]);
         }
@@ -239,14 +304,17 @@ fn moved(d: &CheckJson<'_>) -> Section {
     for change in f.changes.iter().filter(|c| !c.or_else.is_empty()) {
         let others: Vec<String> = change.or_else.iter().map(|p| wording::part(*p)).collect();
         section = section.text(html! {
-            "These measurements would fit a change of " (poegp_calibration::identification::identifiability::list(&others)) " just as well as one of "
+            "These measurements would fit a change of " (list(&others)) " just as well as one of "
             (wording::part(change.part)) "."
         });
     }
     section
 }
 
-fn programs(d: &CheckJson<'_>) -> Section {
+pub(super) fn programs(programs: &[CorrectedProgram]) -> Option<Section> {
+    if programs.is_empty() {
+        return None;
+    }
     let row = |(i, p): (usize, &CorrectedProgram)| {
         let moves = |statistic: fn(&Summary) -> f64, key: &str| {
             let moves = p.moves_mm.as_ref();
@@ -261,10 +329,11 @@ fn programs(d: &CheckJson<'_>) -> Section {
             moves(|mm| mm.max, "max"),
         ]
     };
-    let rows = d.programs.iter().enumerate().map(row).collect();
-    Section::new("programs", "Corrected programs")
+    let rows = programs.iter().enumerate().map(row).collect();
+    let section = Section::new("programs", "Corrected programs")
         .text(html! { "How far the targets of each would move if this model corrected it now." })
-        .table(&["program", "", "mean, mm", "largest"], rows)
+        .table(&["program", "", "mean, mm", "largest"], rows);
+    Some(section)
 }
 
 /// The sizes of a change: what, estimate, unit, decimals, place in the JSON document.
@@ -291,7 +360,7 @@ fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
     out
 }
 
-fn sensitivity(d: &CheckJson<'_>) -> Section {
+pub(super) fn sensitivity(f: &Found<'_>, noise: Markup) -> Section {
     let row = |(i, s): (usize, &Sensitivity)| {
         let (unit, decimals) = match s.unit {
             "deg" => ("°", 4),
@@ -301,19 +370,16 @@ fn sensitivity(d: &CheckJson<'_>) -> Section {
             html! { (wording::part(s.part)) },
             html! {
                 @match s.smallest {
-                    Some(smallest) => { (Number::new(smallest, decimals, format!("/sensitivity/{i}/smallest"))) " " (unit) }
+                    Some(smallest) => { (Number::new(smallest, decimals, format!("{}/sensitivity/{i}/smallest", f.at))) " " (unit) }
                     None => { "none, however large" }
                 }
             },
             html! { @if let Some(other) = s.looks_like { (wording::part(other)) } },
         ]
     };
-    let f = d.findings;
     Section::new("sensitivity", "What this check can see")
         .text(html! {
-            "The smallest changes, in the worst direction, that these poses show nine times in ten. Noise of these measurements: "
-            (Number::new(f.noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
-            (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
+            "The smallest changes, in the worst direction, that these poses show nine times in ten. " (noise)
         })
         .table(
             &["part", "smallest change", "looks the same as"],

@@ -2,44 +2,23 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-
 use crate::cli::calibrate::gauge;
-use crate::cli::check::document::Statistic;
-use crate::cli::check::{programs, wording};
+use crate::cli::check::document::{CheckTouchesJson, Statistic};
+use crate::cli::check::{programs, provenance, touch_page, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::file_name;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::touches::{drawn_robot, read, with_payload};
+use crate::report::FileSummary;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside};
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification::CheckError;
-use poegp_calibration::verification::touches::{TouchReport, check_touches};
-
-/// What `--json` writes.
-#[derive(Serialize)]
-struct CheckTouchesJson<'a> {
-    version: &'static str,
-    method: &'a str,
-    name: String,
-    /// Whether the calibration holds: the exit code.
-    holds: bool,
-    statistic: Statistic,
-    max_mm: f64,
-    tolerance_met: bool,
-    max_drift_mm: f64,
-    drift_matters: bool,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    commands_move: Option<CommandChange>,
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    programs: Vec<programs::CorrectedProgram>,
-    touches: &'a TouchReport,
-    advice: Vec<String>,
-}
+use poegp_calibration::verification::touches::check_touches;
+use poegp_protocol::JointKind;
 
 /// What was asked for.
 pub(super) struct Asked<'a> {
@@ -52,6 +31,7 @@ pub(super) struct Asked<'a> {
     pub false_alarms: f64,
     pub previous: Option<&'a Path>,
     pub programs: &'a [PathBuf],
+    pub report: Option<&'a Path>,
     pub json: Option<&'a Path>,
 }
 
@@ -64,7 +44,8 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let features = a.features.unwrap_or(&beside);
     let mut files: Vec<&Path> = vec![a.blob, a.measurements, features];
     files.extend(a.previous);
-    check_outputs(&[a.json], &files)?;
+    let outputs = [a.json, a.report];
+    check_outputs(&outputs, &files)?;
     let loaded = BlobModel::read(a.blob)?;
     let robot = drawn_robot(&loaded);
     let set = read(a.measurements, a.features, &robot)?;
@@ -96,12 +77,24 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
         programs: programs::compared(a.programs, &loaded, a.blob)?,
         touches: &found,
         advice: wording::advice(&advised, tolerance_met, drift_matters, a.max_mm),
+        provenance: provenance(
+            &loaded,
+            a.blob,
+            set.sha256[0],
+            FileSummary::of_touches(&set).into(),
+        ),
     };
+    let day = loaded.host().provenance.date;
     let json = json_text(&document)?;
-    let json = a.json.map(|path| (path, json.as_bytes()));
-    write_outputs(json.as_slice())?;
-    let report = Printer::for_outputs(&[a.json]);
-    print(report, a, &document, loaded.host().provenance.date);
+    let kinds: Vec<JointKind> = loaded.blob().robot.joints.iter().map(|j| j.kind).collect();
+    let page = a
+        .report
+        .map(|path| (path, touch_page::page(&document, &set, &kinds, day)));
+    let mut files: Vec<(&Path, &[u8])> = Vec::new();
+    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
+    files.extend(a.json.map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    print(Printer::for_outputs(&outputs), a, &document, day);
     if document.holds {
         return Ok(());
     }

@@ -6,7 +6,7 @@
 mod calibration;
 mod controller;
 mod cubes;
-mod headline;
+pub mod headline;
 mod joints;
 mod methods;
 mod next_steps;
