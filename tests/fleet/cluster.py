@@ -8,6 +8,7 @@ import ctypes
 import getpass
 import os
 import pathlib
+import re
 import shlex
 import shutil
 import signal
@@ -212,8 +213,17 @@ class Cluster:
         """What one of Slurm's commands prints; nothing when it fails."""
         return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
+    def jobs(self, state: str) -> list[str]:
+        """Numbers of the jobs in a state."""
+        return self.ask("squeue", "-h", "-t", state, "-o", "%i").split()
+
+    def states(self) -> dict[str, str]:
+        """How each job ended that has ended, by its number."""
+        text = (self.folder / "completed.txt").read_text(encoding="utf-8")
+        return dict(re.findall(r"^JobId=(\d+) .*?JobState=(\w+)", text, re.MULTILINE))
+
     def is_idle(self) -> bool:
-        """No job waits or runs, and no process of one is left."""
+        """No job waits, runs or ends."""
         done = subprocess.run(["squeue", "-h"], capture_output=True, text=True, check=False)
         return done.returncode == 0 and not done.stdout.strip()
 

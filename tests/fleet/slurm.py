@@ -1,8 +1,8 @@
 """The fleet's workflow on a Slurm cluster of one node: a job, the daemons and Snakemake are killed, and the table has to be that
 of a run on this machine without any of it.
 
-Every start and end of the trainer is written down by a script that stands before it. So it is counted, by neither Snakemake nor
-Slurm, that no robot is calibrated twice unless an interruption hit it, and no more often than it was hit.
+A script that stands before the trainer writes down each start and end with Slurm's job. Every robot has to have started exactly
+once in a job that Slurm calls completed, and every other start has to be in a job that an interruption hit.
 """
 
 import argparse
@@ -19,6 +19,9 @@ import time
 
 import check
 from cluster import Cluster, NotStarted, adopt_orphans, descendants, end_all
+
+# More than Snakemake waits between two looks at its jobs, and than an interruption lasts.
+SECONDS_WITHOUT_PROGRESS = 300
 
 RECORDER = """#!/bin/sh
 [ "$1" = calibrate ] || exec {trainer} "$@"
@@ -41,14 +44,15 @@ class Runs:
     def lines(self) -> list[list[str]]:
         return [line.split() for line in self.file.read_text(encoding="utf-8").splitlines()]
 
-    def starts(self) -> collections.Counter:
-        return collections.Counter(name for what, name, *_ in self.lines() if what == "start")
+    def starts(self) -> list[tuple[str, str]]:
+        """Robots with Slurm's job."""
+        return [(name, job) for what, name, job, *_ in self.lines() if what == "start"]
 
-    def ended(self) -> set[str]:
-        return {name for what, name, *_ in self.lines() if what == "end"}
+    def ends(self) -> int:
+        return sum(line[0] == "end" for line in self.lines())
 
     def going_on(self) -> dict[str, str]:
-        """Slurm's job of each robot whose trainer has started and not ended."""
+        """Slurm's job of each robot whose trainer has started and written no end."""
         jobs = {}
         for what, name, job, *_ in self.lines():
             if what == "start":
@@ -59,11 +63,12 @@ class Runs:
 
 
 class Fleet:
-    """Snakemake in the foreground of the test, and what has hit which robot."""
+    """Snakemake, and the jobs that an interruption has hit."""
 
     def __init__(self, arguments: argparse.Namespace, folder: pathlib.Path, runs: Runs) -> None:
         self.arguments, self.folder, self.runs = arguments, folder, runs
-        self.hits: collections.Counter = collections.Counter()
+        # Slurm's jobs.
+        self.hit: set[str] = set()
         self.log = folder / "snakemake.log"
         self.process: subprocess.Popen | None = None
 
@@ -79,52 +84,62 @@ class Fleet:
     def booked(self) -> set[str]:
         return check.booked(self.log.read_text(encoding="utf-8"))
 
-    def wait_until(self, holds, what: str, seconds: float = 1800) -> None:
-        deadline = time.monotonic() + seconds
+    def training(self) -> dict[str, str]:
+        """Slurm's job of each robot whose trainer runs."""
+        return {name: job for name, job in self.runs.going_on().items() if job not in self.hit}
+
+    def wait_until(self, holds, what: str, ends: bool = False) -> None:
+        """Waits as long as anything goes on; Snakemake has to live unless the wait is for its end."""
+        seen, when = None, time.monotonic()
         while not holds():
-            if self.process.poll() is not None:
+            if not ends and self.process.poll() is not None:
                 sys.exit(f"fleet: Snakemake ended before {what}:\n{self.log.read_text(encoding='utf-8')}")
-            if time.monotonic() > deadline:
-                sys.exit(f"fleet: not after {seconds:.0f} s: {what}:\n{self.log.read_text(encoding='utf-8')}")
+            now = (self.log.stat().st_size, self.runs.file.stat().st_size)
+            if now != seen:
+                seen, when = now, time.monotonic()
+            elif time.monotonic() - when > SECONDS_WITHOUT_PROGRESS:
+                sys.exit(f"fleet: nothing happens, waiting until {what}:\n{self.log.read_text(encoding='utf-8')}")
             time.sleep(0.02)
 
     def kill_job(self, cluster: Cluster) -> str:
         """Cancels the job of a robot whose trainer runs, as an administrator would; which it was."""
         while True:
-            self.wait_until(self.runs.going_on, "a trainer runs")
-            name, job = next(iter(self.runs.going_on().items()))
+            self.wait_until(self.training, "a trainer runs")
+            name, job = next(iter(self.training().items()))
             cluster.ask("scancel", job)
-            self.wait_until(lambda: job not in cluster.ask("squeue", "-h", "-o", "%i").split(), f"job {job} is gone", 60)
+            self.wait_until(lambda: job not in cluster.ask("squeue", "-h", "-o", "%i").split(), f"job {job} is gone")
             # It may have been faster than the signal.
             if self.runs.going_on().get(name) == job:
-                self.hits[name] += 1
+                self.hit.add(job)
                 return name
 
-    def kill_daemons(self, cluster: Cluster, seconds: float) -> set[str]:
-        """For so long there is no Slurm; the robots whose trainers ran then."""
-        hit = set(self.runs.going_on())
+    def kill_daemons(self, cluster: Cluster, seconds: float) -> int:
+        """For so long there is no Slurm; how many jobs ran at its end."""
+        jobs = set(cluster.jobs("running"))
         cluster.kill_slurm()
         time.sleep(seconds)
         cluster.start_slurm()
-        hit |= set(self.runs.going_on())
-        self.hits.update(hit)
-        return hit
+        self.hit |= jobs
+        return len(jobs)
 
-    def kill_snakemake(self, cluster: Cluster) -> tuple[set[str], set[str]]:
-        """Kills it and, as its user has to, its jobs; robots that were being calibrated, and those that were and it did not know."""
+    def kill_snakemake(self, cluster: Cluster) -> str:
+        """Kills it and, as its user may, its jobs; otherwise they end by themselves."""
         os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
+        running, waiting, known = cluster.jobs("running"), cluster.jobs("pending"), len(self.booked())
+        if self.arguments.let_jobs_end:
+            self.wait_until(cluster.is_idle, "all jobs have ended", ends=True)
+            return f"Snakemake killed when it knew {known} robots as done; its {len(running) + len(waiting)} jobs went on"
+        self.hit |= set(running)
         cluster.ask("scancel", "--me")
         cluster.wait_for(cluster.is_idle, "jobs are left after scancel", 120)
-        booked, ended = self.booked(), self.runs.ended()
-        lost = {name for name in self.runs.starts() if name not in booked}
-        self.hits.update(lost)
-        return lost - ended, lost & ended
+        return f"Snakemake killed when it knew {known} robots as done, its {len(running)} running and {len(waiting)} waiting jobs cancelled"
 
     def finish(self) -> None:
         check.run(self.command("--unlock"), self.folder)
         self.start()
-        if self.process.wait() != 0:
+        self.wait_until(lambda: self.process.poll() is not None, "Snakemake has ended", ends=True)
+        if self.process.returncode != 0:
             sys.exit(f"fleet: the last run ended with {self.process.returncode}:\n{self.log.read_text(encoding='utf-8')}")
 
 
@@ -141,30 +156,33 @@ def interrupted(fleet: Fleet, cluster: Cluster, arguments: argparse.Namespace) -
     """The interruptions, one after the other, and the run that ends; what happened."""
     said = []
     fleet.start()
-    fleet.wait_until(lambda: len(fleet.runs.ended()) >= arguments.robots // 6, "some robots are done")
+    fleet.wait_until(lambda: fleet.runs.ends() >= arguments.robots // 6, "some robots are done")
     said.append(f"job of {fleet.kill_job(cluster)} killed")
     if arguments.seconds_without_slurm:
-        fleet.wait_until(lambda: len(fleet.runs.ended()) >= arguments.robots // 3, "a third is done")
-        hit = fleet.kill_daemons(cluster, arguments.seconds_without_slurm)
-        said.append(f"slurmctld and slurmd killed for {arguments.seconds_without_slurm} s while {len(hit)} trainers ran")
+        fleet.wait_until(lambda: fleet.runs.ends() >= arguments.robots // 3, "a third is done")
+        jobs = fleet.kill_daemons(cluster, arguments.seconds_without_slurm)
+        said.append(f"slurmctld and slurmd killed for {arguments.seconds_without_slurm} s while {jobs} jobs ran")
     # Of a sample none is noted by then: Snakemake asks too seldom.
-    fleet.wait_until(lambda: len(fleet.booked()) >= arguments.robots // 4 * 2 and fleet.runs.going_on(), "half of them are noted")
-    booked = len(fleet.booked())
-    running, unknown = fleet.kill_snakemake(cluster)
-    said.append(f"Snakemake killed when it knew {booked} as done, {len(running)} ran and {len(unknown)} were done without its knowledge")
+    fleet.wait_until(lambda: len(fleet.booked()) >= arguments.robots // 4 * 2 and fleet.training(), "half of them are noted")
+    said.append(fleet.kill_snakemake(cluster))
     fleet.finish()
     return "; ".join(said)
 
 
-def count(fleet: Fleet, robots: int) -> str:
+def count(fleet: Fleet, cluster: Cluster, robots: int) -> str:
     """Nothing lost, nothing twice but what was hit."""
+    states = cluster.states()
     starts = fleet.runs.starts()
-    check.expect(len(starts) == robots, f"{len(starts)} robots of {robots} were calibrated")
-    check.expect(not fleet.runs.going_on().keys() - fleet.runs.ended(), f"no end: {fleet.runs.going_on()}")
-    for name, number in sorted(starts.items()):
-        check.expect(number <= 1 + fleet.hits[name], f"{name} was calibrated {number} times and interrupted {fleet.hits[name]} times")
-    again = {name: number for name, number in starts.items() if number > 1}
-    return f"{sum(starts.values())} calibrations of {robots} robots: {len(again)} more than once, all of them interrupted"
+    whole = collections.Counter(name for name, job in starts if states.get(job) == "COMPLETED")
+    other = [(name, job) for name, job in starts if states.get(job) != "COMPLETED"]
+    check.expect(len(whole) == robots, f"{len(whole)} robots of {robots} were calibrated")
+    check.expect(max(whole.values()) == 1, f"calibrated more than once: {[name for name, number in whole.items() if number > 1]}")
+    for name, job in other:
+        check.expect(job in fleet.hit, f"{name}: job {job} was not interrupted and ended as {states.get(job)}")
+    return (
+        f"{len(starts)} calibrations of {robots} robots, each once in a job that completed,"
+        f" {len(other)} in interrupted jobs ({', '.join(name for name, _ in other)})"
+    )
 
 
 def main() -> None:
@@ -175,10 +193,12 @@ def main() -> None:
     parser.add_argument("--poses", type=int, required=True)
     parser.add_argument("--seconds-without-slurm", type=int, default=0, help="0: the daemons are not killed")
     parser.add_argument("--seconds-between-checks", type=int, help="instead of the profile's")
+    parser.add_argument("--let-jobs-end", action="store_true", help="when Snakemake was killed; otherwise they are cancelled")
     parser.add_argument("folder", type=pathlib.Path)
     arguments = parser.parse_args()
     folder = arguments.folder
     adopt_orphans()
+    os.environ["PATH"] = f"{check.FLEET / 'no-accounting'}:{os.environ['PATH']}"
     for stop in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(stop, lambda number, _: sys.exit(f"fleet: ended by signal {number}"))
     # Blobs hold the day.
@@ -203,7 +223,7 @@ def main() -> None:
         with Cluster(folder / "cluster") as cluster:
             fleet = Fleet(arguments, slurm, Runs(file))
             said = interrupted(fleet, cluster, arguments)
-            counted = count(fleet, arguments.robots + 1)
+            counted = count(fleet, cluster, arguments.robots + 1)
             blobs = compare(local, slurm)
             check.expect(cluster.is_idle(), f"jobs are left: {cluster.ask('squeue')}")
             again = check.run(fleet.command("--dry-run"), slurm)
@@ -211,7 +231,7 @@ def main() -> None:
             left = cluster.stop()
             check.expect(not left, f"{len(left)} processes are left: {left}")
     except NotStarted as error:
-        print(f"NOT RUN: the fleet on Slurm: no cluster: {error}", file=sys.stderr)
+        print(f"NOT RUN: the fleet on Slurm: no cluster: {error}")
         return
     finally:
         end_all()
