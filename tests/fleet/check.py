@@ -16,10 +16,10 @@ import time
 FLEET = pathlib.Path(__file__).resolve().parents[2] / "examples" / "fleet"
 
 
-def engine(arguments: argparse.Namespace, *more: str) -> list[str]:
+def engine(arguments: argparse.Namespace, *more: str, profile: str = "local") -> list[str]:
     return [
         *(arguments.snakemake, "--snakefile", str(FLEET / "Snakefile")),
-        *("--profile", str(FLEET / "profiles" / "local"), "--cores", arguments.cores, *more, "--config", f"trainer={arguments.trainer}"),
+        *("--profile", str(FLEET / "profiles" / profile), *more, "--config", f"trainer={arguments.trainer}"),
     ]
 
 
@@ -96,7 +96,6 @@ def main() -> None:
     parser.add_argument("--trainer", required=True)
     parser.add_argument("--robots", type=int, required=True)
     parser.add_argument("--poses", type=int, required=True)
-    parser.add_argument("--cores", default="all")
     parser.add_argument("folder", type=pathlib.Path)
     arguments = parser.parse_args()
     folder = arguments.folder

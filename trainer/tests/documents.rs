@@ -260,7 +260,6 @@ fn the_commands_of_the_tutorial_work() {
     }
 }
 
-/// The project file's commands, and the fleet's example of one on simulated poses of the robot that it names.
 #[test]
 fn the_commands_of_the_page_on_programs_work() {
     let folder = run("docs/guide/into-the-cell.md");
@@ -277,6 +276,13 @@ fn the_commands_of_the_page_on_programs_work() {
 fn the_commands_of_the_page_on_projects_work() {
     let folder = run("docs/guide/projects.md");
     assert!(folder.join("other.blob").is_file());
+}
+
+/// The project file of one robot of a fleet, on simulated poses of the robot that it names.
+#[test]
+fn the_project_of_the_page_on_fleets_works() {
+    let page = "docs/guide/fleet.md";
+    let folder = run(page);
     let text = "trainer simulate --robot abb-irb120 --poses 60 --test-sets 1 --out .\n\
                 trainer calibrate fleet.toml --method poe --out arm.blob\n";
     let background = &mut Background(Vec::new());
@@ -286,7 +292,7 @@ fn the_commands_of_the_page_on_projects_work() {
             line: number,
             text: format!("{line}\n"),
         };
-        run_block(&block, &folder, 0, "docs/guide/projects.md", background);
+        run_block(&block, &folder, 0, page, background);
         let _ = fs::rename(folder.join("train.csv"), folder.join("measured.csv"));
         let _ = fs::rename(folder.join("test1.csv"), folder.join("test.csv"));
     }

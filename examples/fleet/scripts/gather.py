@@ -21,8 +21,6 @@ COLUMNS = [
     "calibrated_p95_mm",
     "calibrated_max_mm",
     "blob_bytes",
-    "seconds",
-    "cpu_seconds",
     "message",
 ]
 
@@ -43,7 +41,7 @@ th { color: var(--faint); font-weight: 600; } a { color: var(--bar); }
 def row(folder: pathlib.Path) -> dict:
     """What is known of one robot, errors in mm."""
     outcome = json.loads((folder / "outcome.json").read_text(encoding="utf-8"))
-    found = {"name": folder.name, **{key: outcome[key] for key in ("state", "robot", "seconds", "cpu_seconds", "message")}}
+    found = {"name": folder.name, **{key: outcome[key] for key in ("state", "robot", "message")}}
     if outcome["state"] == "calibrated":
         facts = json.loads((folder / "calibrate.json").read_text(encoding="utf-8"))
         held_out = facts["held_out"]
