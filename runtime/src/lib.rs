@@ -7,7 +7,7 @@
 //! ```
 //! use poegp_runtime::{Model400, ModelError, Status};
 //!
-//! static BLOB: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/capi/examples/arm.blob"));
+//! static BLOB: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/arm.blob"));
 //!
 //! fn main() -> Result<(), ModelError> {
 //!     let mut model = Model400::new();                 // room for 400 inducing points; no heap
