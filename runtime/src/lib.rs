@@ -27,6 +27,16 @@
 //! Cortex-M4F's assembly; the same bits on every target; an answer for every input, with a [`Status`] that says what it is
 //! worth. Units are radians, metres and kilograms. Nothing here allocates or reads files.
 //!
+//! # Features
+//!
+//! The defaults are what a firmware wants. No feature changes a bit of an answer.
+//!
+//! | feature | default | effect |
+//! |---|---|---|
+//! | `portable-kernels` | off | the innermost loops from portable Rust on every processor: no unsafe code, more instructions |
+//!
+//! Signatures, store and service need no feature: what a firmware does not call is not linked.
+//!
 //! # Layers
 //!
 //! A module uses those above it in this table, never one below.
