@@ -2,7 +2,7 @@
 
 use poegp_runtime::{Model400, ModelError, Status};
 
-static BLOB: &[u8] = include_bytes!("../capi/examples/arm.blob");
+static BLOB: &[u8] = include_bytes!("arm.blob");
 
 fn main() -> Result<(), ModelError> {
     let mut model = Model400::new();

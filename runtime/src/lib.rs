@@ -7,7 +7,7 @@
 //! ```
 //! use poegp_runtime::{Model400, ModelError, Status};
 //!
-//! static BLOB: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/capi/examples/arm.blob"));
+//! static BLOB: &[u8] = include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/examples/arm.blob"));
 //!
 //! fn main() -> Result<(), ModelError> {
 //!     let mut model = Model400::new();                 // room for 400 inducing points; no heap
@@ -26,6 +26,16 @@
 //! The crate promises: no heap, no panic, no unbounded loop, no NaN out, no unsafe code but the innermost loops in a
 //! Cortex-M4F's assembly; the same bits on every target; an answer for every input, with a [`Status`] that says what it is
 //! worth. Units are radians, metres and kilograms. Nothing here allocates or reads files.
+//!
+//! # Features
+//!
+//! The defaults are what a firmware wants. No feature changes a bit of an answer.
+//!
+//! | feature | default | effect |
+//! |---|---|---|
+//! | `portable-kernels` | off | the innermost loops from portable Rust on every processor: no unsafe code, more instructions |
+//!
+//! Signatures, store and service need no feature: what a firmware does not call is not linked.
 //!
 //! # Layers
 //!

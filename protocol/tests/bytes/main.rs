@@ -10,5 +10,6 @@ mod link;
 mod listing;
 mod messages;
 mod receiver;
+mod releases;
 mod sample;
 mod texts;

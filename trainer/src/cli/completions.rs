@@ -3,11 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use clap_complete::Shell;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
+use crate::cli::inputs::now;
 use crate::cli::output::make_folder;
 use crate::cli::output::{check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
@@ -22,14 +23,34 @@ pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met,
     trainer completions bash --out ~/.local/share/bash-completion/completions/trainer\n  \
     trainer completions zsh --out ~/.zfunc/_trainer   (with ~/.zfunc in fpath)\n  \
     trainer completions fish --out ~/.config/fish/completions/trainer.fish\n  \
-    trainer completions powershell   (add its output to $PROFILE)")]
+    trainer completions elvish   (in rc.elv: eval (trainer completions elvish | slurp))")]
 pub struct Completions {
     /// Which shell.
     #[arg(value_enum)]
-    pub shell: Shell,
+    pub shell: CompletedShell,
     /// Where the script goes (`-`: standard output).
     #[arg(long, value_name = "FILE", default_value = "-")]
     pub out: PathBuf,
+}
+
+/// The shells in which the tests load the scripts (`trainer/tests/cli/shells.rs`).
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum CompletedShell {
+    Bash,
+    Elvish,
+    Fish,
+    Zsh,
+}
+
+impl From<CompletedShell> for Shell {
+    fn from(shell: CompletedShell) -> Self {
+        match shell {
+            CompletedShell::Bash => Self::Bash,
+            CompletedShell::Elvish => Self::Elvish,
+            CompletedShell::Fish => Self::Fish,
+            CompletedShell::Zsh => Self::Zsh,
+        }
+    }
 }
 
 /// `trainer manual`.
@@ -47,7 +68,7 @@ pub struct Manual {
 pub fn completions(a: &Completions, mut command: clap::Command) -> Result<(), Failure> {
     check_outputs(&[Some(&a.out)], &[])?;
     let mut script = Vec::new();
-    clap_complete::generate(a.shell, &mut command, "trainer", &mut script);
+    clap_complete::generate(Shell::from(a.shell), &mut command, "trainer", &mut script);
     write_outputs(&[(&a.out, &script)])
 }
 
@@ -185,10 +206,15 @@ fn collect(
     folder: &Path,
     pages: &mut Vec<(PathBuf, Vec<u8>)>,
 ) -> std::io::Result<()> {
-    let man = clap_mangen::Man::new(command.clone());
+    let man = clap_mangen::Man::new(command.clone())
+        .date(now().date().to_string())
+        .source(concat!("trainer ", env!("CARGO_PKG_VERSION")))
+        .manual("poegp");
     let mut page = Vec::new();
     man.render(&mut page)?;
-    pages.push((folder.join(man.get_filename()), page));
+    let page =
+        String::from_utf8_lossy(&page).replace("\n.SH EXTRA\n", "\n.SH EXAMPLES AND EXIT CODES\n");
+    pages.push((folder.join(man.get_filename()), page.into_bytes()));
     for subcommand in command.get_subcommands() {
         collect(subcommand, folder, pages)?;
     }

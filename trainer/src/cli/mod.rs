@@ -59,13 +59,13 @@ use crate::cli::simulate::Simulate;
 
 /// Calibrate a robot from tracker measurements, and write the model that the controller evaluates.
 #[derive(Debug, Parser)]
-#[command(name = "trainer", version, about, max_term_width = 100)]
+#[command(name = "trainer", version, max_term_width = 100)]
 #[command(after_help = "Examples:\n  \
     trainer demo\n  \
     trainer calibrate --robot abb-irb120 train.csv --out arm.blob --report report.html\n  \
     trainer calibrate project.toml\n  \
     trainer COMMAND --help   (each command has its own examples)\n\n\
-    NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date kept in a blob.")]
+    NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date in a blob and in manual pages.")]
 pub struct Arguments {
     /// Print errors only. Output files and `--json -` are still written.
     #[arg(long, short, global = true)]

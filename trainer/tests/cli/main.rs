@@ -53,6 +53,8 @@ mod project;
 mod report;
 mod reproducible;
 mod robots;
+#[cfg(target_os = "linux")]
+mod shells;
 mod signing;
 mod texts;
 mod tools;

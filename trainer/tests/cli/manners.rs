@@ -9,13 +9,13 @@ use crate::texts::texts;
 fn shells_and_manuals() {
     let _texts = texts();
     let folder = Folder::new();
-    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+    for shell in ["bash", "zsh", "fish", "elvish"] {
         let script = folder.run(&format!("completions {shell}")).ok().stdout;
         for word in ["calibrate", "max-correction-mm", "provision"] {
             assert!(script.contains(word), "{shell}: {word}");
         }
     }
-    folder.refuses("completions tcsh");
+    folder.refuses("completions powershell");
     folder.run("manual --out man --json pages.json").ok();
     let files = folder.json("pages.json")["files"].as_array().unwrap().len();
     assert!(files > 25, "{files}");
