@@ -1,11 +1,16 @@
 //! The JSON document of `trainer check`.
 
+use std::path::Path;
+
 use clap::ValueEnum;
 use serde::Serialize;
 
 use crate::cli::check::programs::CorrectedProgram;
-use crate::report::Provenance;
+use crate::cli::inputs::origin;
 use crate::report::certificate::Certificate;
+use crate::report::provenance::command_line;
+use crate::report::{FileSummary, Provenance};
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::command_change::CommandChange;
@@ -105,4 +110,25 @@ pub struct CheckTouchesJson<'a> {
     pub touches: &'a TouchReport,
     pub advice: Vec<String>,
     pub provenance: Provenance,
+}
+
+/// Of the check of a model, from `files` that were measured; the first has this hash.
+pub fn provenance(
+    loaded: &BlobModel,
+    blob: &Path,
+    sha256: [u8; 32],
+    mut files: Vec<FileSummary>,
+) -> Provenance {
+    let path = blob.display().to_string();
+    files.push(FileSummary::of_bytes("model", path, loaded.bytes()));
+    let robot = &loaded.blob().robot;
+    Provenance {
+        command: command_line(),
+        version: env!("CARGO_PKG_VERSION"),
+        date: origin(sha256, robot.serial_number, Vec::new()).date,
+        seed: None,
+        robot: robot.name.to_owned(),
+        serial_number: robot.serial_number.to_owned(),
+        files,
+    }
 }

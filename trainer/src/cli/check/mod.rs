@@ -11,18 +11,18 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::args::{FrameArgs, NoiseArgs};
 use crate::cli::calibrate::gauge;
-use crate::cli::check::document::{CheckJson, Statistic};
+use crate::cli::check::document::{CheckJson, Statistic, provenance};
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
-use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure, origin};
+use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::cli::touches::{are_touches, refuse_options};
 use crate::report::certificate::{Certificate, Judged, Statement};
-use crate::report::{FileSummary, Provenance, data, sections};
+use crate::report::{FileSummary, data, sections};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -221,27 +221,6 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         reasons.join(", and "),
         document.advice.join("; ")
     )))
-}
-
-/// Of the check of a model, from `files` that were measured; the first has this hash.
-fn provenance(
-    loaded: &BlobModel,
-    blob: &Path,
-    sha256: [u8; 32],
-    mut files: Vec<FileSummary>,
-) -> Provenance {
-    let path = blob.display().to_string();
-    files.push(FileSummary::of_bytes("model", path, loaded.bytes()));
-    let robot = &loaded.blob().robot;
-    Provenance {
-        command: crate::report::provenance::command_line(),
-        version: env!("CARGO_PKG_VERSION"),
-        date: origin(sha256, robot.serial_number, Vec::new()).date,
-        seed: None,
-        robot: robot.name.to_owned(),
-        serial_number: robot.serial_number.to_owned(),
-        files,
-    }
 }
 
 fn of_touches(a: &Check) -> Result<(), Failure> {

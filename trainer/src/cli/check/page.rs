@@ -21,7 +21,7 @@ use poegp_protocol::JointKind;
 /// The page of a check of the rows of `set`, by a model with joints of these `kinds`; `date` is the day of the calibration.
 pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: &str) -> String {
     let f = d.findings;
-    let found = Found {
+    let found = Changes {
         at: "",
         looked_at: "base, tool, a joint or the payload",
         changes: &f.changes,
@@ -49,7 +49,7 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
 }
 
 /// What both kinds of check say of changes.
-pub(super) struct Found<'a> {
+pub(super) struct Changes<'a> {
     /// Where it stands in the JSON document.
     pub at: &'static str,
     /// The parts that could have changed.
@@ -259,7 +259,7 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
         .poses(&columns, shown, Some("The poses of the check"))
 }
 
-pub(super) fn moved(f: &Found<'_>) -> Section {
+pub(super) fn moved(f: &Changes<'_>) -> Section {
     let mut section = Section::new("moved", "What has moved");
     if let Some(text) = f.unknown_error {
         section = section.text(html! { (text) });
@@ -360,7 +360,7 @@ fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
     out
 }
 
-pub(super) fn sensitivity(f: &Found<'_>, noise: Markup) -> Section {
+pub(super) fn sensitivity(f: &Changes<'_>, noise: Markup) -> Section {
     let row = |(i, s): (usize, &Sensitivity)| {
         let (unit, decimals) = match s.unit {
             "deg" => ("°", 4),

@@ -4,7 +4,7 @@ use maud::html;
 
 use crate::cli::check::document::CheckTouchesJson;
 use crate::cli::check::page::{
-    Found, advised, changed, drawn_rows, holds, moved, programs, sensitivity, summed, titled,
+    Changes, advised, changed, drawn_rows, holds, moved, programs, sensitivity, summed, titled,
     with_odd_lines,
 };
 use crate::report::data::drawn;
@@ -18,7 +18,7 @@ use poegp_protocol::JointKind;
 /// The page of a check by the touches of `set`, by a model with joints of these `kinds`; `date` is the day of the calibration.
 pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date: &str) -> String {
     let f = d.touches;
-    let found = Found {
+    let found = Changes {
         at: "/touches",
         looked_at: "a joint or the payload",
         changes: &f.changes,

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use crate::cli::calibrate::gauge;
-use crate::cli::check::document::{CheckTouchesJson, Statistic};
-use crate::cli::check::{programs, provenance, touch_page, wording};
+use crate::cli::check::document::{CheckTouchesJson, Statistic, provenance};
+use crate::cli::check::{programs, touch_page, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::file_name;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
