@@ -4,6 +4,7 @@ All commands name files relative to `folder`, which is a folder of this machine.
 
 import os
 import shutil
+import tempfile
 import time
 from pathlib import Path
 
@@ -23,6 +24,8 @@ class System:
 
     # How many times as slow as this machine, roughly: long commands are left out beyond 10.
     slowness = 1
+    # Whether the program is a descendant of this process.
+    own_process = True
     # Whether Ctrl-C is a key of a terminal, and not a signal.
     by_terminal = False
 
@@ -140,9 +143,12 @@ class Container(System):
     """podman, with an image that is built for this trial and removed after it."""
 
     title = "podman"
+    own_process = False
 
     def set_up(self):
-        self.podman = [need("podman", "podman runc"), "--cgroup-manager=cgroupfs", f"--root={self.work}-storage", f"--runroot={self.work}-run"]
+        # podman refuses long paths.
+        self.storage = tempfile.mkdtemp(prefix="poegp-")
+        self.podman = [need("podman", "podman runc"), "--cgroup-manager=cgroupfs", f"--root={self.storage}/storage", f"--runroot={self.storage}/run"]
         plain, folder = self.podman, self.files[0].parent
         run([*plain, "build", "--tag", "poegp-trial", "--file", self.files[0], folder])
         # podman's own choice of a runtime needs the second version of control groups.
@@ -163,8 +169,7 @@ class Container(System):
     def leave(self):
         if hasattr(self, "podman"):
             run([*self.podman, "system", "reset", "--force"], check=False)
-        for name in ("-storage", "-run"):
-            shutil.rmtree(f"{self.work}{name}", ignore_errors=True)
+            shutil.rmtree(self.storage, ignore_errors=True)
         super().leave()
 
 
