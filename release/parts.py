@@ -159,6 +159,9 @@ def package(build):
         shutil.rmtree(extra, ignore_errors=True)
         extra.mkdir()
         run([trainer, "--quiet", "manual", "--out", extra / "man"], env=build.environment())
+        for page in (extra / "man").glob("*.1"):
+            page.with_suffix(".1.gz").write_bytes(gzip.compress(page.read_bytes(), 9, mtime=0))
+            page.unlink()
         for shell, name in SHELLS.items():
             run([trainer, "completions", shell, "--out", extra / name], env=build.environment())
         file = build.out / f"poegp_{version()}_{architecture}.deb"
