@@ -79,7 +79,7 @@ class Debian(System):
 
     title = "fresh Debian (debootstrap)"
     # What Debian itself writes when it installs and removes any package.
-    ITS_OWN = ("/var/lib/dpkg/", "/var/log/", "/var/cache/", "/root/work")
+    ITS_OWN = ("/var/lib/dpkg/", "/var/lib/apt/", "/var/log/", "/var/cache/", "/root/work")
 
     def set_up(self):
         need_root()
@@ -99,7 +99,7 @@ class Debian(System):
         self.started = time.monotonic()
         package = next(file for file in self.files if file.name.endswith("amd64.deb"))
         shutil.copy2(package, self.work / "poegp.deb")
-        self.chroot("apt-get", "install", "-q", "-y", "--no-download", "/poegp.deb")
+        self.chroot("apt-get", "install", "-q", "-y", "/poegp.deb")
         (self.work / "poegp.deb").unlink()
 
     def chroot(self, *arguments):
@@ -184,9 +184,26 @@ class Wine(System):
         self.prefix = Path(f"{self.work}-prefix")
         shutil.rmtree(self.prefix, ignore_errors=True)
         shutil.copy2(self.files[0], self.work / "trainer.exe")
+        self.lend_random_numbers()
         # Wine's own setting up is not the program's.
         run([self.wine, "wineboot", "--init"], env=self.environment(), timeout=600)
         self.started = time.monotonic()
+
+    def lend_random_numbers(self):
+        """Rust's library takes random numbers from a library that Windows has, and Wine from version 9 on."""
+        if any(Path("/usr").glob("lib/**/wine/x86_64-windows/bcryptprimitives.dll")):
+            return
+        source = self.work / "bcryptprimitives.c"
+        source.write_text(
+            "#include <windows.h>\n"
+            "BOOLEAN NTAPI SystemFunction036(PVOID, ULONG);\n"
+            "__declspec(dllexport) BOOL WINAPI ProcessPrng(PBYTE data, SIZE_T size) "
+            "{ return SystemFunction036(data, (ULONG)size); }\n"
+        )
+        compiler = need("x86_64-w64-mingw32-gcc", "gcc-mingw-w64-x86-64")
+        run([compiler, "-shared", "-O1", source, "-o", source.with_suffix(".dll"), "-ladvapi32"])
+        source.unlink()
+        self.title = "Wine before 9, bcryptprimitives.dll lent"
 
     def environment(self):
         return super().environment() | {"WINEPREFIX": str(self.prefix), "WINEDEBUG": "-all", "WINEDLLOVERRIDES": "mscoree,mshtml="}

@@ -124,6 +124,7 @@ def try_system(row, kind, inputs):
         started = time.monotonic()
         system.set_up()
         # What belongs to the machine and not to the artefact is not counted.
+        row.system = system.title
         row.set_up = time.monotonic() - getattr(system, "started", started)
         inputs.copy_to(system.folder)
         first_result(row, system)
