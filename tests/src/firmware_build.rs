@@ -170,18 +170,16 @@ pub fn firmware() -> Result<&'static Firmware, FirmwareError> {
     firmware_of(Board::default())
 }
 
-/// The image of the default board from a copy of the sources in `source`, built below `target`, which may be new.
+/// The image of a board from a copy of the sources in `source`, built below `target`, which may be new.
 ///
 /// # Errors
 /// [`FirmwareError`].
-pub fn firmware_from(source: &Path, target: &Path) -> Result<Firmware, FirmwareError> {
-    build(
-        source,
-        target,
-        Board::default(),
-        Variant::default(),
-        find_toolchain()?,
-    )
+pub fn firmware_from(
+    source: &Path,
+    target: &Path,
+    board: Board,
+) -> Result<Firmware, FirmwareError> {
+    build(source, target, board, Variant::default(), find_toolchain()?)
 }
 
 fn find_toolchain() -> Result<Toolchain, FirmwareError> {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use poegp_tests::firmware_build::{firmware, firmware_from};
+use poegp_tests::firmware_build::{Board, firmware, firmware_from};
 use poegp_tests::image::Image;
 use poegp_tests::workspace;
 use sha2::{Digest, Sha256};
@@ -62,7 +62,7 @@ fn two_folders_give_one_image() {
     // A member of the workspace has a library; this one is empty.
     fs::create_dir_all(source.join("tests/src")).unwrap();
     fs::write(source.join("tests/src/lib.rs"), "//! Not here.\n").unwrap();
-    let there = firmware_from(&source, &elsewhere.path().join("build"))
+    let there = firmware_from(&source, &elsewhere.path().join("build"), Board::default())
         .unwrap_or_else(|error| panic!("{error}"));
     let (one, other) = (fs::read(&here.elf).unwrap(), fs::read(&there.elf).unwrap());
     println!(

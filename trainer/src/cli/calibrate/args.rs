@@ -97,7 +97,10 @@ pub struct Calibrate {
 
 /// A day of the calendar.
 pub fn date(text: &str) -> Result<String, String> {
-    let numbers: Option<Vec<u16>> = text.split('-').map(|part| part.parse().ok()).collect();
+    let numbers: Option<Vec<u16>> = text
+        .split('-')
+        .map(|part| part.parse::<u16>().ok())
+        .collect();
     let day = match numbers.as_deref() {
         Some([year, month, day]) if text.len() == 10 => u8::try_from(*month)
             .ok()

@@ -85,7 +85,7 @@ impl Header {
 fn configuration(text: &str) -> Option<Configuration> {
     let numbers: Vec<u8> = text
         .split(',')
-        .map_while(|n| n.trim().parse().ok())
+        .map_while(|n| n.trim().parse::<u8>().ok())
         .collect();
     let [wrist, _, _, four, six, one, ..] = numbers[..] else {
         return None;
