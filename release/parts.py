@@ -144,6 +144,8 @@ def linux_arm64(build):
 def windows(build):
     """the program for Windows on x86-64"""
     need("x86_64-w64-mingw32-gcc", "gcc-mingw-w64-x86-64")
+    if " " in str(build.target):
+        raise Failed(f"the folder {build.target}: GNU's dlltool cannot write where names have spaces")
     # The linker keeps every function that has a table for unwinding, used or not; link-time optimisation does not: 14.5 MB without it.
     return program(build, "windows", options=["--config", 'profile.dist.lto="fat"'])
 

@@ -149,14 +149,18 @@ def processor_seconds():
 
 def first_result(row, system):
     """A model and its report from the measurements of one robot."""
+    arguments, name, csv = next(calibrations())
+    if system.slowness > 10:
+        row.skip("a calibration of 300 poses, which takes more than half an hour under this emulator; the first result is of 12")
+        arguments, name, csv = [*arguments, "--method", "elastic"], "elastic.blob", "elastic.csv"
     started, before = time.monotonic(), processor_seconds()
-    system.run("calibrate", "--robot", ROBOT, "train.csv", "--out", "whole.blob", "--report", "report.html", timeout=7200)
+    system.run(*arguments, csv, "--out", name, "--report", "report.html")
     row.first_result = time.monotonic() - started
     if system.own_process:
         row.processor = processor_seconds() - before
     if "</html>" not in (system.folder / "report.html").read_text():
         raise Failed("the report is not complete")
-    row.blob("whole.blob", system.folder / "whole.blob")
+    row.blob(name, system.folder / name)
     row.ok("`calibrate --report`")
 
 
@@ -173,7 +177,6 @@ def names(row, system):
     """Spaces and letters beyond ASCII in every path."""
     folder = system.folder / "Prüfstand Süd 1"
     folder.mkdir()
-    # The same name of the file: the model has it.
     shutil.copy2(system.folder / "elastic.csv", folder / "Messung ä 1.csv")
     system.run("calibrate", "--robot", ROBOT, "--method", "poe", "Prüfstand Süd 1/Messung ä 1.csv",
               "--out", "Prüfstand Süd 1/Modell ü.blob", "--report", "Prüfstand Süd 1/Bericht ß.html")  # fmt: skip
@@ -276,7 +279,7 @@ def device(row, system, inputs):
 
 def demo(row, system):
     if system.slowness > 10:
-        row.skip("demo: minutes natively, hours under this emulator")
+        row.skip("demo: half a minute natively, an hour or more under this emulator")
         return
     started = time.monotonic()
     system.run("demo", timeout=3600)
