@@ -118,7 +118,7 @@ fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
 /// Predicting 10 000 poses, whole poses with their checks, against the six means alone done naively.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
-fn ten_thousand_predictions() {
+fn ten_thousand_predictions_take_little_time() {
     let (found, blob, samples) = calibrated(Method::PoeGpLoad);
     let rounds = 10_000_usize.div_ceil(samples.len());
     let time = |work: &dyn Fn(&InstrumentSample)| {
@@ -148,7 +148,7 @@ fn ten_thousand_predictions() {
 
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
-fn an_elastic_fit_of_three_hundred_poses() {
+fn an_elastic_fit_takes_little_time() {
     let start = cpu_seconds();
     let ((_, blob, samples), ratio) = in_ten_million_exponentials(|| calibrated(Method::Elastic));
     let seconds = cpu_seconds() - start;
@@ -192,7 +192,7 @@ fn an_elastic_fit_of_three_hundred_poses() {
 /// bounded by four: other programs move the ratio by a tenth.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
-fn the_choice_of_a_model() {
+fn the_choice_of_a_model_takes_little_time() {
     let (robot, samples) = arm();
     let origin = Provenance {
         tools: vec![ToolName::default()],
@@ -232,7 +232,7 @@ fn the_choice_of_a_model() {
 /// belong to other rows there, so that it tries everything.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
-fn the_examination_of_measurements() {
+fn the_examination_of_measurements_takes_little_time() {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/data/simulated/irb4400_wild_s0_train.csv");

@@ -191,7 +191,7 @@ fn assert_same(judged: &Judged, document: &Value) {
 
 /// The evidence of the interface: 10 000 cycles of 4 ms, each with its answer, none with a step, the real tool on its path.
 #[test]
-fn ten_thousand_cycles_with_faults() {
+fn ten_thousand_cycles_take_little_time() {
     let folder = Folder::new();
     let bridge = Bridge::start(&folder, "--cycles 10000");
     let mut arm = Arm::new();
