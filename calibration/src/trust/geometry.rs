@@ -125,11 +125,10 @@ impl Geometry {
             .iter()
             .map(|g| prior_variance(*g, &hyper).sqrt())
             .collect();
-        let mut weights = vec![1.0; samples.len()];
         for _ in 0..ROUNDS {
             let scales = robust_scales(&state, &samples);
             let linear = state.linearise(&samples, scales);
-            weights = row_weights(&state.residuals(&samples, scales), &samples);
+            let weights = row_weights(&state.residuals(&samples, scales), &samples);
             let factor = Factor::new(normal(&linear, &weights, &sd), 1).ok()?;
             let right = right_side(&linear, &weights, &sd);
             let z = factor.solve(&right);
@@ -162,7 +161,7 @@ impl Geometry {
         let scales = robust_scales(&state, &samples);
         let linear = state.linearise(&samples, scales);
         let residuals = state.residuals(&samples, scales);
-        weights = row_weights(&residuals, &samples);
+        let weights = row_weights(&residuals, &samples);
         let factor = Factor::new(normal(&linear, &weights, &sd), 1).ok()?;
         let identity = Mat::from_fn(sd.len(), sd.len(), |i, j| {
             f64::from(u8::from(i == j)) * sd[i]

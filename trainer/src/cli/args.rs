@@ -113,6 +113,27 @@ impl NoiseArgs {
 }
 
 impl FitArgs {
+    /// Each option, and whether it was given.
+    pub fn given(&self) -> [(bool, &'static str); 9] {
+        [
+            (self.per_output, "--per-output"),
+            (self.no_variance, "--no-variance"),
+            (self.inducing_points.is_some(), "--inducing-points"),
+            (self.gravity.is_some(), "--gravity"),
+            (
+                self.noise.position_sigma_mm.is_some(),
+                "--position-sigma-mm",
+            ),
+            (
+                self.noise.orientation_sigma_mrad.is_some(),
+                "--orientation-sigma-mrad",
+            ),
+            (self.outliers.is_some(), "--outliers"),
+            (self.warm_up.is_some(), "--warm-up"),
+            (self.weighting.is_some(), "--weighting"),
+        ]
+    }
+
     /// Puts what was given into `config`, and returns the keys that it changed.
     pub fn overlay(&self, config: &mut Config) -> Vec<&'static str> {
         let old = *config;

@@ -92,12 +92,12 @@ pub struct Compare {
     /// Methods, separated by commas (default: all that the data allow).
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
     pub methods: Vec<Method>,
-    /// Number of folds of the cross-validation; 0 for none.
-    #[arg(long, default_value_t = 10)]
-    pub folds: usize,
-    /// Seed of the division into folds.
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    /// Number of folds of the cross-validation; 0 for none (default: 10).
+    #[arg(long, value_name = "N")]
+    pub folds: Option<usize>,
+    /// Seed of the division into folds (default: 1).
+    #[arg(long, value_name = "SEED")]
+    pub seed: Option<u64>,
     /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
     #[arg(long)]
     pub correct_drift: bool,
@@ -107,7 +107,7 @@ pub struct Compare {
     pub fit: FitArgs,
     #[command(flatten)]
     pub tolerance: ToleranceArgs,
-    /// Write an HTML report with errors and plots: of the test sets, or of the folds if there are none.
+    /// Write an HTML report with errors and plots: of the test sets, of the folds if there are none, or of the touches.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Write the errors as JSON (`-`: standard output).
@@ -115,25 +115,38 @@ pub struct Compare {
     pub json: Option<PathBuf>,
 }
 
+impl Compare {
+    fn folds(&self) -> usize {
+        self.folds.unwrap_or(10)
+    }
+
+    fn seed(&self) -> u64 {
+        self.seed.unwrap_or(1)
+    }
+}
+
 /// Compares models by touches.
 fn of_touches(a: &Compare) -> Result<(), Failure> {
     let given = [
         (!a.tests.is_empty(), "--test"),
         (!a.methods.is_empty(), "--methods"),
+        (a.folds.is_some(), "--folds"),
+        (a.seed.is_some(), "--seed"),
         (a.correct_drift, "--correct-drift"),
         (!a.accepted.accept.is_empty(), "--accept"),
-        (a.report.is_some(), "--report"),
         (
             a.tolerance.is_given(),
             "--tolerance-mm, --tolerance-mrad or --coverage",
         ),
     ];
     touches::refuse_options(&a.train, &given)?;
+    touches::refuse_options(&a.train, &a.fit.given())?;
     touches::compare::run(&touches::compare::Asked {
         robot: &a.robot,
         touches: &a.train,
         features: a.features.as_deref(),
         blobs: &a.blobs,
+        report: a.report.as_deref(),
         json: a.json.as_deref(),
     })
 }
@@ -155,12 +168,12 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         .chain(a.tests.iter().map(PathBuf::as_path))
         .collect();
     check_outputs(&output, &inputs)?;
-    if a.folds == 1 {
+    if a.folds() == 1 {
         return Err(Failure::Usage(
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
         ));
     }
-    if a.report.is_some() && a.folds == 0 && a.tests.is_empty() {
+    if a.report.is_some() && a.folds() == 0 && a.tests.is_empty() {
         return Err(Failure::Usage(
             "--folds 0 without --test holds nothing out: the report would be empty".into(),
         ));
@@ -174,34 +187,35 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     } = arm.read(&a.train, &mut tools, DriftCorrection::None)?;
     let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
     let trained_tools = tools.len();
-    if a.folds > train.len() {
+    if a.folds() > train.len() {
         return Err(Failure::Usage(format!(
             "--folds {} for {} poses",
-            a.folds,
+            a.folds(),
             train.len()
         )));
     }
     let (mut tests, mut corrected_tests, mut test_files) = (Vec::new(), Vec::new(), Vec::new());
     for path in &a.tests {
         let none = DriftCorrection::None;
-        let SampleFile { set, samples, .. } =
-            inputs::read_test(&arm, path, &mut tools, trained_tools, none)?;
+        let SampleFile {
+            set: test, samples, ..
+        } = inputs::read_test(&arm, path, &set, &mut tools, trained_tools, none)?;
         let name = file_name(path);
         if let Some(drift) = &drift {
-            let samples = Drift::estimate_as(&set, drift)?.correct(&samples);
+            let samples = Drift::estimate_as(&test, drift)?.correct(&samples);
             let name = name.clone();
             corrected_tests.push(TestSet { name, samples });
         }
         tests.push(TestSet { name, samples });
-        test_files.push(set);
+        test_files.push(test);
     }
     let methods = methods(a, &train, &tests)?;
     // A fold may be larger than its share by one group of equal configurations; the calibration itself checks again.
     let held_out = |rows: usize| {
-        if a.folds == 0 {
+        if a.folds() == 0 {
             0
         } else {
-            rows.div_ceil(a.folds)
+            rows.div_ceil(a.folds())
         }
     };
     let smallest = |rows: usize| rows - held_out(rows);
@@ -231,8 +245,8 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         robot: &arm.robot,
         train: &train,
         tests: &tests,
-        folds: a.folds,
-        seed: a.seed,
+        folds: a.folds(),
+        seed: a.seed(),
         origin: &origin,
         cancel: &NEVER,
         threads: threads(),
@@ -275,7 +289,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         };
         let evidence = evidence(a, &last_task, &models, &sets)?;
         let from = &a.robot.robot;
-        let seed = Some(a.seed);
+        let seed = Some(a.seed());
         let provenance = report_page::provenance(from, &arm, &origin, seed, &set, &test_files);
         let part = HeldOutPart {
             held_out: evidence.summary(),
@@ -300,7 +314,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     if a.json.is_some() {
         let document = CompareJson {
             version: env!("CARGO_PKG_VERSION"),
-            seed: a.seed,
+            seed: a.seed(),
             per_output: a.fit.per_output,
             weighting: a.fit.weighting.unwrap_or_default(),
             warnings: &warnings,
@@ -362,8 +376,8 @@ fn evidence(
     }
     let how = if a.tests.is_empty() {
         HoldOutMethod::CrossValidation {
-            folds: a.folds,
-            seed: a.seed,
+            folds: a.folds(),
+            seed: a.seed(),
         }
     } else {
         HoldOutMethod::TestSets
@@ -410,10 +424,11 @@ fn methods(
 /// One table of all `runs`, each with what is said after the names of its sets.
 fn print(report: Printer, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
     report.line("Held-out errors: position in mm, orientation in mrad.");
-    if a.folds > 0 {
+    if a.folds() > 0 {
         report.line(format_args!(
             "{} folds drawn with seed {}; equal configurations are never split.",
-            a.folds, a.seed
+            a.folds(),
+            a.seed()
         ));
     }
     report.line("");

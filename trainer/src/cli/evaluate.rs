@@ -37,6 +37,8 @@ struct EvaluateJson<'a> {
     /// What somebody must look at in the measurements.
     warnings: Vec<Finding>,
     method: &'a str,
+    /// Whether the model was calibrated with these measurements.
+    training_data: bool,
     base_fitted: bool,
     tool_fitted: bool,
     sets: [&'a SetErrors; 1],
@@ -160,6 +162,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         version: env!("CARGO_PKG_VERSION"),
         warnings,
         method: loaded.host().provenance.method,
+        training_data: inputs::is_training_data(&loaded, set.sha256),
         base_fitted: frames.is_base_fitted,
         tool_fitted: frames.is_tool_fitted.contains(&true),
         sets: [&result],
@@ -172,6 +175,9 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     }
     let report = Printer::for_outputs(&outputs);
     print(report, &result, document.method, &flags, poses);
+    if document.training_data {
+        inputs::warn_of_training_data(&a.test, a.blob.display());
+    }
     if !is_same_frame(&result.errors) {
         warning(format_args!(
             "{}: these measurements are not in the frames of the calibration, or not of this robot: {FRAMES_HELP}",

@@ -1,5 +1,6 @@
 //! Files that commands read: robots and measurements.
 
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use poegp_protocol::blob::Blob;
@@ -10,7 +11,7 @@ use crate::cli::args::ChainArgs;
 use crate::cli::examination::{Examined, explained};
 use crate::cli::failure::{Failure, calibration_failure};
 use crate::cli::input::Input;
-use crate::cli::terminal::print::note;
+use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
@@ -143,6 +144,38 @@ pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) 
         tools,
         ..Provenance::default()
     }
+}
+
+const TRAINING_DATA: &str = "the training data";
+
+/// Whether a model was calibrated with the file that has this hash.
+pub fn is_training_data(loaded: &BlobModel, sha256: [u8; 32]) -> bool {
+    loaded.host().provenance.data_sha256 == sha256
+}
+
+/// Refuses the file that a model was calibrated with: `expected` is what a command needs instead.
+///
+/// # Errors
+/// [`InputError`].
+pub fn fresh(
+    loaded: &BlobModel,
+    path: &Path,
+    sha256: [u8; 32],
+    expected: &str,
+) -> Result<(), InputError> {
+    match is_training_data(loaded, sha256) {
+        true => Err(InputError::new(path, TRAINING_DATA, expected)
+            .with_help("the model was fitted to these rows, so they cannot show that it is wrong")),
+        false => Ok(()),
+    }
+}
+
+/// Says that errors are of the rows that `model` was fitted to.
+pub fn warn_of_training_data(path: &Path, model: impl Display) {
+    warning(format_args!(
+        "{}: {model} was calibrated with these rows: its errors elsewhere are larger",
+        path.display()
+    ));
 }
 
 /// The time, or the one of SOURCE_DATE_EPOCH.
@@ -412,11 +445,15 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
 pub fn read_test(
     arm: &Arm,
     path: &Path,
+    train: &MeasurementSet,
     tools: &mut Vec<ToolName>,
     trained_tools: usize,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
     let file = arm.read(path, tools, correction)?;
+    if file.set.sha256 == train.sha256 {
+        return Err(InputError::new(path, TRAINING_DATA, "held-out poses").into());
+    }
     if let Some(unknown) = tools.get(trained_tools) {
         return Err(InputError::new(
             path,
@@ -451,11 +488,7 @@ impl Tests {
         for path in paths {
             let correction = drift.map_or(DriftCorrection::None, DriftCorrection::RelativeTo);
             let SampleFile { set, samples, .. } =
-                read_test(arm, path, &mut names, tools.len(), correction)?;
-            if set.sha256 == train.sha256 {
-                let found = "the training data";
-                return Err(InputError::new(path, found, "held-out poses").into());
-            }
+                read_test(arm, path, train, &mut names, tools.len(), correction)?;
             let name = file_name(path);
             files.push(set);
             sets.push(TestSet { name, samples });

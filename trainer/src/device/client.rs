@@ -92,7 +92,7 @@ impl Client {
     pub fn open(address: &Address, options: Options) -> Result<Self, ClientError> {
         let failed = |error: io::Error| ClientError::Open {
             port: address.to_string(),
-            advice: port::advice(address, &error),
+            advice: port::device_advice(address, &error),
             error,
         };
         let stream = port::open(address).map_err(failed)?;

@@ -17,7 +17,7 @@ pub enum ClientError {
         /// What the system says.
         error: io::Error,
         /// What to try.
-        advice: &'static str,
+        advice: String,
     },
     /// The port was open and is no longer.
     #[error(

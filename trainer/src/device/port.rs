@@ -193,13 +193,20 @@ pub fn advice(address: &Address, error: &io::Error) -> &'static str {
         }
         // A line that is locked is reported like one that is missing.
         (Address::Serial { path, .. }, io::ErrorKind::NotFound) if !Path::new(path).exists() => {
-            "is the board plugged in? `ls /dev/tty*` before and after shows its name"
+            "is it plugged in? `ls /dev/tty*` before and after shows its name"
         }
         (Address::Serial { .. }, _) => "is another program using it?",
-        _ => {
-            "is something listening there? `trainer device emulate` starts a device and prints its port"
-        }
+        _ => "is something listening there?",
     }
+}
+
+/// What to look at when a device's port does not open: the same, and where there is a device without hardware.
+pub fn device_advice(address: &Address, error: &io::Error) -> String {
+    let own = match address {
+        Address::Serial { .. } => "",
+        _ => " `trainer device emulate` starts a device and prints its port",
+    };
+    format!("{}{own}", advice(address, error))
 }
 
 #[cfg(test)]

@@ -202,6 +202,8 @@ fn sessions_targets_and_positions_alone() {
         (named("target"), true),
         (positions, false),
     ] {
+        let all_but_one = csv.trim_end().rsplit_once('\n').unwrap().0.to_owned();
+        folder.write("test.csv", all_but_one);
         folder.write("tools.csv", csv);
         for model in ["base-tool", "poe", "poe-gp", "poe-gp-load", "elastic"] {
             let line = |out: &str| {
@@ -212,14 +214,13 @@ fn sessions_targets_and_positions_alone() {
                 continue;
             }
             folder.refuses(line("new.blob"));
-            let files = "tools.csv --folds 0 --test tools.csv";
+            let files = "tools.csv --folds 0 --test test.csv";
             folder.refuses(format!(
                 "compare --robot {SERIAL} {files} --methods {model}"
             ));
         }
         // Left to itself, compare runs what the data allow.
-        let line =
-            format!("compare --robot {SERIAL} tools.csv --folds 0 --test tools.csv --json -");
+        let line = format!("compare --robot {SERIAL} tools.csv --folds 0 --test test.csv --json -");
         let document = folder.run(&line).ok().json();
         let models = document["methods"].as_array().unwrap();
         let is_gp = |m: &serde_json::Value| m["method"].as_str().unwrap().contains("gp");

@@ -211,3 +211,28 @@ fn what_cannot_be_checked_is_refused() {
         folder.refuses(format!("check arm.blob fresh.csv {options}"));
     }
 }
+
+/// A model says little that is wrong of the rows that it was fitted to.
+#[test]
+fn training_data_are_no_evidence() {
+    let _texts = texts();
+    let folder = folder();
+    folder.refuses("check arm.blob train.csv --max-mm 0.15");
+    folder.refuses(format!(
+        "compare --robot {SERIAL} train.csv --test train.csv --folds 0 --methods poe"
+    ));
+    folder.refuses(format!(
+        "calibrate --robot {SERIAL} train.csv --test train.csv --method poe --out new.blob"
+    ));
+    // A copy is the same file.
+    folder.write("copy.csv", folder.text("train.csv"));
+    folder.refuses("check arm.blob copy.csv --max-mm 0.15");
+    // Errors of training data can be asked for, and are called so.
+    let line = |file: &str| format!("evaluate arm.blob {file} --json out.json");
+    let outcome = folder.run(&line("train.csv")).ok().said();
+    assert!(outcome.stderr.contains("its errors elsewhere are larger"));
+    assert_eq!(folder.json("out.json")["training_data"], true);
+    let outcome = folder.run(&line("fresh.csv")).ok();
+    assert_eq!(outcome.stderr, "");
+    assert_eq!(folder.json("out.json")["training_data"], false);
+}

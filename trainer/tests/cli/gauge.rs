@@ -58,7 +58,7 @@ fn a_gauge_is_kept_or_stated() {
     assert!(moved["position_mm"]["mean"].as_f64().unwrap() > 0.0);
     folder.run("inspect second.blob").ok().said();
     folder
-        .run("check second.blob second.csv --max-mm 9 --previous first.blob")
+        .run("check second.blob first.csv --max-mm 9 --previous first.blob")
         .ok()
         .said();
 

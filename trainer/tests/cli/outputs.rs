@@ -10,6 +10,7 @@ use crate::texts::texts;
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 30));
+    folder.write("fresh.csv", simulated("test2", 20));
     let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
     folder.run(&line).ok();
     folder
@@ -124,9 +125,9 @@ fn commands_with_text() -> Vec<(String, &'static [&'static str])> {
         ("calibrate --help".to_owned(), &[]),
         ("--version".to_owned(), &[]),
         ("inspect arm.blob".to_owned(), &[]),
-        ("evaluate arm.blob train.csv".to_owned(), &[]),
+        ("evaluate arm.blob fresh.csv".to_owned(), &[]),
         (
-            "check arm.blob train.csv --max-mm 9 --max-drift-mm 9".to_owned(),
+            "check arm.blob fresh.csv --max-mm 9 --max-drift-mm 9".to_owned(),
             &[],
         ),
         (
@@ -145,7 +146,7 @@ fn commands_with_document() -> Vec<String> {
     vec![
         "inspect arm.blob --json -".to_owned(),
         "completions bash".to_owned(),
-        "evaluate arm.blob train.csv --predictions -".to_owned(),
+        "evaluate arm.blob fresh.csv --predictions -".to_owned(),
         format!("calibrate --robot {SERIAL} train.csv --method poe --out new.blob --json -"),
         format!("simulate --robot {SERIAL} --poses 3 --out cell --json -"),
         "keys new --out pair --json -".to_owned(),
@@ -314,7 +315,13 @@ fn a_rename_that_fails_takes_the_others_back() {
         assert!(folder.path("second").is_dir());
         std::fs::remove_dir_all(folder.path("second")).unwrap();
         std::fs::remove_file(folder.path("pipe")).unwrap();
-        let mut expected = vec!["arm.blob", "first.blob", "train.csv", "train2.csv"];
+        let mut expected = vec![
+            "arm.blob",
+            "first.blob",
+            "fresh.csv",
+            "train.csv",
+            "train2.csv",
+        ];
         expected.retain(|name| there_before || *name != "first.blob");
         assert_eq!(folder.names(), expected);
         if there_before {
@@ -350,7 +357,7 @@ fn json_on_standard_output_is_alone() {
         None,
     );
     check(
-        "evaluate arm.blob train.csv --predictions predicted.csv",
+        "evaluate arm.blob fresh.csv --predictions predicted.csv",
         Some("predicted.csv"),
     );
     check("inspect arm.blob", None);

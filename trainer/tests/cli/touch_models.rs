@@ -136,10 +136,35 @@ fn models_are_compared_by_touches() {
             .unwrap()
     };
     assert!(ratio(1) < ratio(0), "{document}");
+    // The page with the numbers of the document.
+    let outcome = folder.run(&format!("{line} --report page.html --json page.json"));
+    outcome.ok().said();
+    let page = folder.text("page.html");
+    check_page(&page);
+    assert!(check_numbers(&page, &folder.json("page.json")) > 30);
+    assert!(
+        page.contains(r#"<b class="calibrated">many.blob</b> describes"#),
+        "{page}"
+    );
+    assert!(!page.contains("Warning"), "{page}");
+    // Touches that a model was made from.
+    let own = line.replace("fresh/", "many/");
+    let outcome = folder
+        .run(&format!("{own} --report page.html --json page.json"))
+        .ok()
+        .said();
+    assert!(outcome.stderr.contains("its errors elsewhere are larger"));
+    let document = folder.json("page.json");
+    assert_eq!(document["models"][0]["training_data"], false);
+    assert_eq!(document["models"][1]["training_data"], true);
+    let warning = "</b>many.blob was calibrated with these touches.";
+    assert!(folder.text("page.html").contains(warning));
     folder.refuses("compare --robot abb-irb120 fresh/touches.csv");
     folder.refuses("compare --robot ur10 fresh/touches.csv --blob many.blob");
     folder.refuses("compare --robot abb-irb120 fresh/truth.csv --blob many.blob");
     folder.refuses(format!("{line} --folds 3 --test few/touches.csv"));
+    folder.refuses(format!("{line} --folds 10"));
+    folder.refuses(format!("{line} --outliers keep"));
 }
 
 #[test]
@@ -180,6 +205,7 @@ fn touches_show_whether_a_calibration_holds() {
         assert_eq!(named, code == 1, "{page}");
     }
     folder.refuses(format!("{line} --fit-tool"));
+    folder.refuses("check many.blob many/touches.csv --max-mm 0.3");
     // Of a socket without a known distance nobody sees the size; four touches see nothing.
     let toml = folder.text("few/touches.toml");
     let alone = &toml[..toml.find("[[distance]]").unwrap()];

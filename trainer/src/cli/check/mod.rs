@@ -104,6 +104,8 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let loaded = BlobModel::read(&a.blob)?;
     let correction = instrument_drift::correction(a.frames.correct_drift);
     let data = inputs::read(&loaded, &Input::file(&a.measurements), correction)?;
+    let sha256 = data.set.sha256;
+    inputs::fresh(&loaded, &a.measurements, sha256, "fresh measurements")?;
     let warnings = data.examined(
         &a.measurements,
         a.json.as_deref(),

@@ -6,7 +6,7 @@ use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckTouchesJson, Statistic, provenance};
 use crate::cli::check::{programs, touch_page, wording};
 use crate::cli::failure::Failure;
-use crate::cli::inputs::file_name;
+use crate::cli::inputs::{file_name, fresh};
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::touches::{drawn_robot, read, with_payload};
@@ -50,6 +50,7 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let robot = drawn_robot(&loaded);
     let set = read(a.measurements, a.features, &robot)?;
     with_payload(&loaded, &set)?;
+    fresh(&loaded, a.measurements, set.sha256[0], "fresh touches")?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
     let coupling = robot.coupling.as_ref();
     let found = check_touches(&loaded, &set, &nominal, coupling, a.false_alarms)

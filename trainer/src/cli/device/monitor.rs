@@ -72,7 +72,7 @@ fn follow_log(address: &Address, elf: &Path, lines: Sender<String>) -> Result<()
     let mut stream = port::open(address).map_err(|error| {
         usage(format!(
             "{address} does not open: {error}\nhelp: {}",
-            port::advice(address, &error)
+            port::device_advice(address, &error)
         ))
     })?;
     let limited = stream.limit_reads(LOG_READ_LIMIT);

@@ -2,19 +2,20 @@
 
 use std::path::{Path, PathBuf};
 
-use serde::Serialize;
-
 use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{Arm, file_name};
+use crate::cli::inputs::{Arm, file_name, is_training_data, origin, warn_of_training_data};
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::touches::document::{CompareTouchesJson, ModelJson};
 use crate::cli::touches::evaluate::FITTED;
-use crate::cli::touches::{outliers_text, read, table, with_payload};
+use crate::cli::touches::{compare_page, outliers_text, read, table, with_payload};
+use crate::report::provenance::command_line;
+use crate::report::{FileSummary, Provenance};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::touch::features_beside;
-use poegp_calibration::validation::touches::{TouchEvaluation, evaluate_touches};
+use poegp_calibration::measurement::touch::{TouchSet, features_beside};
+use poegp_calibration::validation::touches::evaluate_touches;
 
 /// What was asked for.
 pub struct Asked<'a> {
@@ -22,22 +23,8 @@ pub struct Asked<'a> {
     pub touches: &'a Path,
     pub features: Option<&'a Path>,
     pub blobs: &'a [PathBuf],
+    pub report: Option<&'a Path>,
     pub json: Option<&'a Path>,
-}
-
-/// What `--json` writes.
-#[derive(Serialize)]
-struct CompareTouchesJson {
-    version: &'static str,
-    name: String,
-    models: Vec<ModelJson>,
-}
-
-#[derive(Serialize)]
-struct ModelJson {
-    file: String,
-    method: String,
-    touches: TouchEvaluation,
 }
 
 /// Compares, writes and prints.
@@ -55,7 +42,8 @@ pub fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let mut inputs = vec![a.touches, a.features.unwrap_or(&beside)];
     inputs.push(Path::new(&a.robot.robot));
     inputs.extend(a.blobs.iter().map(PathBuf::as_path));
-    check_outputs(&[a.json], &inputs)?;
+    let outputs = [a.json, a.report];
+    check_outputs(&outputs, &inputs)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let set = read(a.touches, a.features, &arm.robot)?;
     let mut loaded = Vec::new();
@@ -75,18 +63,50 @@ pub fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let models = models.map(|((touches, loaded), path)| ModelJson {
         file: path.display().to_string(),
         method: loaded.host().provenance.method.to_owned(),
+        training_data: is_training_data(loaded, set.sha256[0]),
         touches,
     });
     let document = CompareTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         name: file_name(a.touches),
         models: models.collect(),
+        provenance: provenance(a, &arm.robot.name, &set, &loaded),
     };
     let json = json_text(&document)?;
-    let json = a.json.map(|path| (path, json.as_bytes()));
-    write_outputs(json.as_slice())?;
-    print(Printer::for_outputs(&[a.json]), a, &document);
+    let page = a.report.map(|path| (path, compare_page::page(&document)));
+    let mut files: Vec<(&Path, &[u8])> = Vec::new();
+    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
+    files.extend(a.json.map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    print(Printer::for_outputs(&outputs), a, &document);
     Ok(())
+}
+
+fn provenance(a: &Asked<'_>, robot: &str, set: &TouchSet, loaded: &[BlobModel]) -> Provenance {
+    let mut files: Vec<FileSummary> = FileSummary::of_touches(set).into();
+    let models = loaded.iter().zip(a.blobs);
+    files.extend(models.map(|(loaded, path)| {
+        FileSummary::of_bytes("model", path.display().to_string(), loaded.bytes())
+    }));
+    // Models of several arms of one type have no serial number in common.
+    let mut numbers: Vec<&str> = loaded
+        .iter()
+        .map(|model| model.blob().robot.serial_number)
+        .collect();
+    numbers.dedup();
+    let serial_number = match numbers[..] {
+        [number] => number,
+        _ => "",
+    };
+    Provenance {
+        command: command_line(),
+        version: env!("CARGO_PKG_VERSION"),
+        date: origin(set.sha256[0], "", Vec::new()).date,
+        seed: None,
+        robot: robot.to_owned(),
+        serial_number: serial_number.to_owned(),
+        files,
+    }
 }
 
 fn print(report: Printer, a: &Asked<'_>, document: &CompareTouchesJson) {
@@ -135,6 +155,9 @@ fn print(report: Printer, a: &Asked<'_>, document: &CompareTouchesJson) {
         ));
     }
     report.line(FITTED);
+    for model in document.models.iter().filter(|model| model.training_data) {
+        warn_of_training_data(a.touches, &model.file);
+    }
     if let Some(text) = outliers_text(&first.outliers, first.rows) {
         warning(format_args!("{}: {text}", a.touches.display()));
     }

@@ -2,18 +2,17 @@
 
 use std::path::Path;
 
-use serde::Serialize;
-
 use crate::cli::failure::Failure;
-use crate::cli::inputs::file_name;
+use crate::cli::inputs::{file_name, is_training_data, warn_of_training_data};
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::touches::document::EvaluateTouchesJson;
 use crate::cli::touches::{
     drawn_robot, outliers_text, print_distances, print_noise, read, table, with_payload,
 };
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::measurement::touch::features_beside;
-use poegp_calibration::validation::touches::{TouchEvaluation, evaluate_touches};
+use poegp_calibration::validation::touches::evaluate_touches;
 
 /// What was asked for.
 pub struct Asked<'a> {
@@ -21,15 +20,6 @@ pub struct Asked<'a> {
     pub touches: &'a Path,
     pub features: Option<&'a Path>,
     pub json: Option<&'a Path>,
-}
-
-/// What `--json` writes.
-#[derive(Serialize)]
-struct EvaluateTouchesJson<'a> {
-    version: &'static str,
-    method: &'a str,
-    name: String,
-    touches: &'a TouchEvaluation,
 }
 
 /// Evaluates, writes and prints.
@@ -52,6 +42,7 @@ pub fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let document = EvaluateTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         method: loaded.host().provenance.method,
+        training_data: is_training_data(&loaded, set.sha256[0]),
         name: file_name(a.touches),
         touches: found,
     };
@@ -82,6 +73,9 @@ fn print(report: Printer, a: &Asked<'_>, document: &EvaluateTouchesJson<'_>) {
             "{} of {} states are outside of what the model was trained on.",
             found.flagged, found.states
         ));
+    }
+    if document.training_data {
+        warn_of_training_data(a.touches, a.blob.display());
     }
     let file = a.touches.display();
     if let Some(text) = outliers_text(&found.outliers, found.rows) {

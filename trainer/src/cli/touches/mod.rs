@@ -1,6 +1,8 @@
 //! Touches in the commands that judge models by them: how they are read, and the table of what was touched.
 
 pub mod compare;
+mod compare_page;
+mod document;
 pub mod evaluate;
 
 use std::path::Path;

@@ -1,0 +1,36 @@
+//! What `evaluate --json` and `compare --json` write of touches.
+
+use serde::Serialize;
+
+use crate::report::Provenance;
+use poegp_calibration::validation::touches::TouchEvaluation;
+
+/// `trainer evaluate`.
+#[derive(Serialize)]
+pub(super) struct EvaluateTouchesJson<'a> {
+    pub version: &'static str,
+    pub method: &'a str,
+    /// Whether the model was calibrated with these touches.
+    pub training_data: bool,
+    pub name: String,
+    pub touches: &'a TouchEvaluation,
+}
+
+/// `trainer compare`.
+#[derive(Serialize)]
+pub(super) struct CompareTouchesJson {
+    pub version: &'static str,
+    pub name: String,
+    pub models: Vec<ModelJson>,
+    pub provenance: Provenance,
+}
+
+/// One model of [`CompareTouchesJson`].
+#[derive(Serialize)]
+pub(super) struct ModelJson {
+    pub file: String,
+    pub method: String,
+    /// Whether it was calibrated with these touches.
+    pub training_data: bool,
+    pub touches: TouchEvaluation,
+}
