@@ -8,6 +8,7 @@ import shutil
 import tarfile
 import venv
 from pathlib import Path
+from urllib.parse import quote
 
 from common import Absent, Failed, need, need_cargo_tool, need_target, printed, run, version
 
@@ -27,6 +28,8 @@ DEVICE = "thumbv7em-none-eabihf"
 NEEDS = {"package": ["linux-amd64", "linux-arm64"], "container": ["linux-amd64", "linux-arm64"]}
 HOST = "x86_64-unknown-linux-gnu"
 BOARDS = ("mps2-an386", "mps2-an500", "stm32f405")
+# Parts that have the same bytes from the same folder only, and why.
+BOUND_TO_FOLDER = {"wheel": "Cargo gives functions names after the absolute path of a crate outside the workspace, and python/ is one of its own"}
 SHELLS = {
     "bash": "trainer",
     "zsh": "_trainer",
@@ -262,7 +265,10 @@ def sbom(build):
             if path.parent == folder:
                 file = build.out / "sbom" / f"{name}.cdx.json"
                 file.parent.mkdir(exist_ok=True)
-                file.write_text(path.read_text().replace(str(build.source), "/poegp"))
+                text = path.read_text()
+                for source in (str(build.source), quote(str(build.source))):
+                    text = text.replace(source, "/poegp")
+                file.write_text(text)
                 files.append(file)
             path.unlink()
     if len(files) != 7:
