@@ -82,13 +82,15 @@ def calibrate(robot, data, *, method="auto", **options):
         file or a TOML description.
     data : path, DataFrame or dict of arrays
         Measured poses: a file, or a table with the names of its columns (``q1_deg`` … or ``q1_rad`` …, ``x_mm`` or ``x_m`` …,
-        optionally ``qw`` … ``qz``, ``payload_kg`` and others). A project file (``.toml``) is taken, too.
+        optionally ``qw`` … ``qz``, ``payload_kg`` and others). A project file (``.toml``) is taken, too, and so is a file of
+        touches with ``NAME.toml`` beside it or ``features="NAME.toml"``.
     method : str
         ``auto``, or ``elastic``, ``poe``, ``base-tool``, ``poe-gp``, ``poe-gp-load``.
     **options
         The options of ``trainer calibrate`` with underscores: ``inducing_points=150``, ``position_sigma_mm=0.02``,
         ``gravity=[0, 0, -9.81]``, ``test=["a.csv", "b.csv"]``, ``keep_gauge="old.blob"``, ``accept=["drift"]``,
-        ``no_variance=True``, ``date="2026-11-23"``.
+        ``no_variance=True``, ``date="2026-11-23"``. With ``tolerance_mm=0.3`` the verdict is in
+        ``summary["certificate"]``; the controller's offsets are in ``summary["controller"]``.
 
     Returns
     -------

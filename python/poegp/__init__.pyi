@@ -164,6 +164,11 @@ class _CalibrateOptions(TypedDict, total=False):
     previous: _Path
     accept: list[str]
     test: list[_Path]
+    tolerance_mm: float
+    tolerance_mrad: float
+    coverage: float
+    features: _Path
+    prior: list[_Path]
 
 class _CorrectOptions(TypedDict, total=False):
     payload_kg: float

@@ -83,7 +83,10 @@ pub fn calibrate(
         Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
     };
     let mut line = vec![OsString::from("--robot"), robot.into()];
-    line.extend(given(options, &["out", "json", "report", "write_project"])?);
+    line.extend(given(
+        options,
+        &["out", "json", "report", "write_project", "controller_csv"],
+    )?);
     line.extend(["--out", "(in memory)"].map(OsString::from));
     line.push(name.into());
     let made = calibrated(py, line.clone(), data.clone())?;

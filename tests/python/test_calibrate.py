@@ -92,6 +92,33 @@ def test_the_report_is_the_page_of_the_command_line(arm, trainer, tmp_path):
     assert numbers("found.html") == expected
 
 
+def test_a_verdict_is_in_the_summary(arm):
+    """Both verdicts, and no failure as the command line's exit code is."""
+    for tolerance, verdict in [(50.0, "conforms"), (1e-3, "does-not-conform")]:
+        found = poegp.calibrate(
+            "abb-irb120", arm.train, method="poe", test=[arm.test], tolerance_mm=tolerance, coverage=0.95
+        )
+        certificate = found.summary["certificate"]
+        assert certificate["conformity"]["position"]["verdict"] == verdict
+        assert found.summary["controller"]
+
+
+def test_touches_give_the_bytes_of_the_command_line(trainer, tmp_path):
+    """Sockets and a wire in place of a tracker, with the page; a table has no features."""
+    cell = tmp_path / "cell"
+    trainer("simulate", "--robot", "ur10", "--touch", "socket2,wire1", "--touches", 40, "--out", cell)
+    touches, out, page = cell / "touches.csv", tmp_path / "a.blob", tmp_path / "page.html"
+    trainer("calibrate", "--robot", "ur10", touches, "--out", out)
+    for options in [{}, {"features": cell / "touches.toml"}]:
+        found = poegp.calibrate("ur10", touches, **options)
+        assert found.blob == out.read_bytes()
+    assert found.summary["touches"]["rows"] == 80
+    found.report(page)
+    assert "</html>" in page.read_text()
+    with pytest.raises(ValueError, match="touches in a file"):
+        poegp.calibrate("ur10", pd.read_csv(touches, comment="#"), features=cell / "touches.toml")
+
+
 def test_errors_name_file_line_and_column(arm, tmp_path):
     lines = arm.train.read_text().splitlines()
     fields = lines[5].split(",")

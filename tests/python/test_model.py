@@ -121,8 +121,11 @@ def test_corrected_commands_bring_the_arm_where_the_drawing_says(elastic, wide, 
             wanted = model.nominal(rows.q, frame=frame)
             joints, answer = model.correct(rows.q, payload_kg=rows.kg)
             there, _ = model.predict(joints, payload_kg=rows.kg, frame=frame)
+            # Beside singularities a part stays, and is stated. This small arm is near one in a third of these poses.
+            left = np.linalg.norm(there[:, :3, 3] - wanted[:, :3, 3], axis=1)
+            assert np.abs(left - answer.position_error_m).max() < within
             whole = answer.status & poegp.Status.PARTLY_CORRECTED == 0
-            assert whole.sum() > 200
+            assert whole.sum() > 150
             assert apart(there[whole], wanted[whole])[0] < within
             before, _ = model.predict(rows.q, payload_kg=rows.kg, frame=frame)
             assert apart(before, wanted)[1] > 1e-4

@@ -69,7 +69,7 @@ def test_every_option_of_the_stubs_is_one_of_the_command_line(trainer):
         lines = [line.split() for line in trainer(command, "--help").splitlines()]
         known = {w for line in lines for w in line[:2] if w.startswith("--")}
         known = {w.strip(",()[]").removeprefix("--").replace("-", "_") for w in known}
-        outputs = {"out", "json", "report", "write_project", "robot", "method", "help", "quiet", "threads", "with"}
+        outputs = {"out", "json", "report", "write_project", "controller_csv", "robot", "method", "help", "quiet", "threads", "with"}
         assert tables[table] == known - outputs - arguments.get(command, set())
 
 

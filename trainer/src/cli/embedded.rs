@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use clap::error::ErrorKind;
 
 use crate::cli::calibrate::job::Job;
-use crate::cli::calibrate::make;
+use crate::cli::calibrate::{make, touches};
 pub use crate::cli::evaluate::Residual;
 pub use crate::cli::failure::Failure;
 use crate::cli::output::json_text;
@@ -44,6 +44,14 @@ pub fn calibrate(
     };
     let mut job = Job::new(&arguments)?;
     job.table = table;
+    if touches::are_touches(&job) {
+        let made = cancelled_by(cancel, || touches::make(&job))?;
+        return Ok(Calibrated {
+            json: json_text(&made.document)?,
+            blob: made.blob.bytes().to_vec(),
+            report: made.report,
+        });
+    }
     let made = cancelled_by(cancel, || make(&job))?;
     Ok(Calibrated {
         json: json_text(&made.document)?,

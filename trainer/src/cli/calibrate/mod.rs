@@ -9,7 +9,7 @@ mod made;
 mod print;
 mod project;
 pub mod report_page;
-mod touches;
+pub mod touches;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -57,12 +57,6 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     if touches::are_touches(a) {
         return touches::run(a);
     }
-    if !a.prior.is_empty() {
-        return Err(Failure::Usage(format!(
-            "found --prior with measurements of a tracker ({}), expected a touch file for it",
-            a.train.display()
-        )));
-    }
     let outputs = [
         Some(a.out.as_path()),
         a.json.as_deref(),
@@ -99,6 +93,18 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`], of what is read as of what is found.
 pub fn make(a: &Job) -> Result<Made, Failure> {
+    if a.features.is_some() {
+        return Err(Failure::Usage(format!(
+            "found --features with the table {}, expected the touches in a file",
+            a.train.display()
+        )));
+    }
+    if !a.prior.is_empty() {
+        return Err(Failure::Usage(format!(
+            "found --prior with measurements of a tracker ({}), expected a touch file for it",
+            a.train.display()
+        )));
+    }
     let mut config = a.config;
     if a.auto {
         config.method = Method::BaseTool;

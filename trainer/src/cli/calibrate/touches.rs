@@ -19,6 +19,7 @@ use crate::cli::terminal::progress;
 use crate::cli::touches::{self, print_distances, print_noise, read, table};
 use crate::report::FileSummary;
 use crate::report::controller::ControllerSummary;
+use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside, is_touch_file};
@@ -35,12 +36,21 @@ pub fn are_touches(a: &Job) -> bool {
     a.table.is_none() && (a.features.is_some() || is_touch_file(&a.train))
 }
 
+/// A calibration by touches, and what is written of it.
+pub struct Made {
+    pub blob: BlobModel,
+    pub document: TouchJson,
+    /// The page of `--report`, where it is asked for.
+    pub report: Option<String>,
+    /// The project file of `--write-project`, where it is asked for.
+    project: Option<String>,
+}
+
 /// Calibrates by touches and writes what was asked for.
 ///
 /// # Errors
 /// [`Failure`], of what is read as of what is found.
 pub fn run(a: &Job) -> Result<(), Failure> {
-    no_other_options(a)?;
     let outputs = [
         Some(a.out.as_path()),
         a.json.as_deref(),
@@ -48,13 +58,45 @@ pub fn run(a: &Job) -> Result<(), Failure> {
         a.write_project.as_deref(),
         a.controller_csv.as_deref(),
     ];
-    let beside = features_beside(&a.train);
-    let features = a.features.as_deref().unwrap_or(&beside);
-    let mut inputs = vec![a.train.as_path(), features, Path::new(&a.robot)];
+    let features = features(a);
+    let mut inputs = vec![a.train.as_path(), &features, Path::new(&a.robot)];
     inputs.extend(a.project.as_deref());
     inputs.extend(a.gauge.inputs());
     inputs.extend(a.prior.iter().map(PathBuf::as_path));
+    no_other_options(a)?;
     check_outputs(&outputs, &inputs)?;
+    let made = make(a)?;
+    let json = json_text(&made.document)?;
+    let csv = made.document.controller.to_csv();
+    let mut files = vec![(a.out.as_path(), made.blob.bytes())];
+    let texts = [
+        (a.report.as_deref(), made.report.as_ref()),
+        (a.write_project.as_deref(), made.project.as_ref()),
+        (a.json.as_deref(), Some(&json)),
+        (a.controller_csv.as_deref(), Some(&csv)),
+    ];
+    let wanted = texts.iter().filter_map(|(path, text)| path.zip(*text));
+    files.extend(wanted.map(|(path, text)| (path, text.as_bytes())));
+    write_outputs(&files)?;
+    let report = Printer::for_outputs(&outputs);
+    print(report, &made.document);
+    print_outputs(report, a, made.document.repeats);
+    Ok(())
+}
+
+/// The file that says what the rows mean.
+fn features(a: &Job) -> PathBuf {
+    a.features
+        .clone()
+        .unwrap_or_else(|| features_beside(&a.train))
+}
+
+/// Calibrates by touches.
+///
+/// # Errors
+/// [`Failure`], of what is read as of what is found.
+pub fn make(a: &Job) -> Result<Made, Failure> {
+    no_other_options(a)?;
     let arm = Arm::load(&a.robot, &a.chain)?;
     let set = read(&a.train, a.features.as_deref(), &arm.robot)?;
     let known = Known::read(&a.gauge, &arm.robot.name)?;
@@ -102,31 +144,21 @@ pub fn run(a: &Job) -> Result<(), Failure> {
             .map(|stated| stated.eq_ignore_ascii_case(&sum)),
         provenance,
     };
-    let page = a.report.as_deref().map(|path| {
+    let report = a.report.is_some().then(|| {
         let found = evaluate_touches(&set, &arm.nominal, arm.robot.coupling.as_ref(), &[&blob]);
         let residuals = found.first().map_or(&[][..], |found| &found.residuals);
-        (path, report_page::of_touches(&document, residuals))
+        report_page::of_touches(&document, residuals)
     });
-    let project = a.write_project.as_deref().map(|path| {
-        let text = project(a, path, features, &set, &origin.date, blob.bytes());
-        (path, text)
-    });
-    let json = json_text(&document)?;
-    let csv = document.controller.to_csv();
-    let mut files = vec![(a.out.as_path(), blob.bytes())];
-    let texts = page.iter().chain(&project);
-    files.extend(texts.map(|(path, text)| (*path, text.as_bytes())));
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    let csv = a
-        .controller_csv
+    let project = a
+        .write_project
         .as_deref()
-        .map(|path| (path, csv.as_bytes()));
-    files.extend(csv);
-    write_outputs(&files)?;
-    let report = Printer::for_outputs(&outputs);
-    print(report, &document);
-    print_outputs(report, a, document.repeats);
-    Ok(())
+        .map(|path| project(a, path, &features(a), &set, &origin.date, blob.bytes()));
+    Ok(Made {
+        blob,
+        document,
+        report,
+        project,
+    })
 }
 
 /// What `--json` wrote of sister arms.
