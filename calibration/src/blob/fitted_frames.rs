@@ -111,7 +111,8 @@ impl FramesToFit {
 }
 
 impl FittedFrames {
-    /// The base of the blob and these `tools`, first those that it knows, but for the frames that `which` has fitted.
+    /// The base of the blob and these `tools`, first those that it knows, but for the frames that `which` has fitted; also for
+    /// the base of a model that knows no instrument ([`BlobModel::knows_instrument`]).
     ///
     /// # Errors
     /// [`FrameError`].
@@ -121,6 +122,10 @@ impl FittedFrames {
         mut tools: Vec<Pose<f64>>,
         which: FramesToFit,
     ) -> Result<Self, FrameError> {
+        let which = FramesToFit {
+            base: which.base || !blob.knows_instrument(),
+            ..which
+        };
         let (known, count) = (blob.tools().len(), tools.len().max(tool_count(samples)));
         let is_new = |tool: usize| which.tools && tool >= known;
         let is_tool_fitted: Vec<bool> = (0..count).map(is_new).collect();

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use poegp_protocol::blob::{self, Blob, DecodeError, Host};
+use poegp_protocol::blob::{self, Blob, DecodeError, FrameSource, Host};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::load_error::LoadError;
@@ -155,6 +155,14 @@ impl BlobModel {
     /// The base frame of the model, seen from the instrument.
     pub fn instrument_from_base(&self) -> Pose<f64> {
         self.instrument_from_base
+    }
+
+    /// Whether the model knows where an instrument stands. Touches alone show none: such a model states its poses in the
+    /// base of the drawing, and measurements need a base of their own ([`FittedFrames`](super::fitted_frames::FittedFrames)).
+    pub fn knows_instrument(&self) -> bool {
+        // The base that is fitted to measured poses is never the drawing's to the last bit.
+        self.instrument_from_base != Pose::identity()
+            || self.host().gauge.base == FrameSource::Stated
     }
 
     /// C of q_serial = C q by rows; `None` is the identity.

@@ -185,6 +185,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         ));
     }
     if let Some(line) = fitted_frames(
+        &loaded,
         document.base_fitted,
         document.tool_fitted,
         frames.left_out.len(),

@@ -360,7 +360,18 @@ impl TestData {
 }
 
 /// Which frames were fitted; `left_out` rows were not compared.
-pub fn fitted_frames(base: bool, tool: bool, left_out: usize) -> Option<String> {
+pub fn fitted_frames(
+    loaded: &BlobModel,
+    base: bool,
+    tool: bool,
+    left_out: usize,
+) -> Option<String> {
+    let why = match loaded.knows_instrument() {
+        true => "",
+        false => {
+            "This model was calibrated by touches, which do not show where the instrument stands. "
+        }
+    };
     let what = match (base, tool) {
         (false, false) => return None,
         (true, false) => "The base frame was",
@@ -369,10 +380,10 @@ pub fn fitted_frames(base: bool, tool: bool, left_out: usize) -> Option<String> 
     };
     Some(match left_out {
         0 => format!(
-            "{what} fitted to these measurements, which flatters the errors a little and hides any drift of theirs."
+            "{why}{what} fitted to these measurements, which flatters the errors a little and hides any drift of theirs."
         ),
         rows => format!(
-            "{what} fitted to {rows} other rows, which are not compared; any drift of theirs is hidden."
+            "{why}{what} fitted to {rows} other rows, which are not compared; any drift of theirs is hidden."
         ),
     })
 }

@@ -149,13 +149,17 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
         blob.robot.name, p.method
     ));
     report.line(format_args!(
-        "  {} bytes, format {}, CRC {}; calibrated {} by trainer {} on {} poses",
+        "  {} bytes, format {}, CRC {}; calibrated {} by trainer {} on {} poses{}",
         loaded.bytes().len(),
         FORMAT_VERSION,
         text("crc"),
         text("date"),
         text("trainer_version"),
-        p.training_poses
+        p.training_poses,
+        match loaded.knows_instrument() {
+            true => "",
+            false => ", by touches alone",
+        }
     ));
     report.line(format_args!("  data SHA-256 {}", text("data_sha256")));
     let instructions = |what: &str| document["instructions"][what].as_u64().unwrap_or(0);

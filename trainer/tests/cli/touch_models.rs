@@ -37,6 +37,36 @@ fn rows(csv: &str) -> String {
     })
 }
 
+/// Touches do not show where an instrument stands: measured poses have a base of their own, without being asked for.
+#[test]
+fn measured_poses_have_a_base_of_their_own() {
+    let folder = folder();
+    for asked in ["", " --fit-base"] {
+        let line = format!("evaluate many.blob fresh/truth.csv{asked}");
+        let outcome = folder.run(&line).ok();
+        assert!(outcome.stdout.contains("by touches, which do not show"));
+        let document = folder.run(&format!("{line} --json -")).ok().json();
+        assert_eq!(document["base_fitted"], true);
+        let mean = document["sets"][0]["position_mm"]["mean"].as_f64().unwrap();
+        assert!(mean < 0.15, "{mean}");
+    }
+    let checked = folder
+        .run("check many.blob fresh/truth.csv --max-mm 0.5")
+        .ok();
+    assert!(checked.stdout.contains("by touches, which do not show"));
+    let shown = folder.run("inspect many.blob").ok();
+    assert!(shown.stdout.contains("by touches alone"), "{shown:#?}");
+    // Who states the base knows it.
+    folder
+        .run("calibrate --robot abb-irb120 many/touches.csv --base-from 0,0,0,1,0,0,0 --out stated.blob")
+        .ok();
+    let document = folder
+        .run("evaluate stated.blob fresh/truth.csv --json -")
+        .ok()
+        .json();
+    assert_eq!(document["base_fitted"], false);
+}
+
 #[test]
 fn evaluate_has_a_table_of_features() {
     let _texts = texts();

@@ -124,8 +124,10 @@ pub fn findings(summary: &TouchSummary) -> Findings {
         );
     }
     if summary.features.len() > 1 {
+        let equations: usize = summary.features.iter().map(|f| f.equations).sum();
         for feature in summary.features.iter().filter(|f| {
-            let even = f.rows as f64 / summary.rows.max(1) as f64;
+            // A touch of a socket leaves three components, one of a plane or a wire one.
+            let even = f.equations as f64 / equations.max(1) as f64;
             f.share > ALONE && f.share > 2.0 * even
         }) {
             add(

@@ -73,6 +73,9 @@ pub struct FeatureSummary {
     pub rms: [f64; 2],
     /// The unit of `rms`: mm, mrad or px.
     pub unit: &'static str,
+    /// Scalar equations of them.
+    #[serde(skip)]
+    pub equations: usize,
     /// Share of the sum of squares, in units of the noise.
     pub share: f64,
     /// Where it is in the base frame as fitted, mm; nothing of a level or a tracker.
@@ -274,6 +277,10 @@ impl<'a> Spread<'a> {
         let share = own
             .iter()
             .map(|row| self.chi(*row, |i| is_of_kind(*row, i)));
+        let of_row = |row: &usize| {
+            let all = 0..self.residuals[1][*row].count;
+            all.filter(|i| is_of_kind(*row, *i)).count()
+        };
         FeatureSummary {
             name: name.to_owned(),
             kind,
@@ -281,6 +288,7 @@ impl<'a> Spread<'a> {
             rejected: own.iter().filter(|row| !belongs(row)).count(),
             rms: [rms(&self.residuals[0]), rms(&self.residuals[1])],
             unit,
+            equations: own.iter().map(of_row).sum(),
             share: share.sum::<f64>() / self.all.max(1e-300),
             position_mm: None,
         }

@@ -161,6 +161,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         commands_move,
         programs: programs::compared(&a.programs, &loaded, &a.blob)?,
         fitted: fitted_frames(
+            &loaded,
             findings.base_fitted,
             findings.tool_fitted,
             data.samples.len() - findings.errors.poses,
