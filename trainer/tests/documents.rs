@@ -363,7 +363,7 @@ fn the_commands_of_the_page_without_a_tracker_work() {
 #[test]
 fn the_examples_of_importing_work() {
     let folder = run("docs/guide/import.md");
-    for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {
+    for file in ["measured.csv", "points.csv", "tracker.csv.imported"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }
