@@ -162,12 +162,13 @@ pub fn write(path: &std::path::Path, record: &Record, seed: u64) {
     text += &record.text();
     let _ = writeln!(
         text,
-        "\n{} files were judged wrongly, with the findings and their values over the limits (`!`: refused):\n\n```text",
+        "\n{} files were judged wrongly (the run prints its findings):\n\n```text",
         record.misses.len()
     );
     for miss in &record.misses {
-        // The messages below the first line are printed by the run.
-        let _ = writeln!(text, "{}", miss.lines().next().unwrap_or_default());
+        // Set, mistake and verdict.
+        let parts: Vec<&str> = miss.split(" | ").take(3).collect();
+        let _ = writeln!(text, "{}", parts.join(": "));
     }
     text += "```\n";
     std::fs::write(path, text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
