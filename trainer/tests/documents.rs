@@ -486,6 +486,21 @@ fn command_reference() {
     );
 }
 
+/// Pages that somebody reads from the beginning to the end stay short.
+#[test]
+fn guides_are_short() {
+    let guides = fs::read_dir(workspace().join("docs/guide")).unwrap();
+    let names = guides.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let pages = names.filter(|name| name.ends_with(".md"));
+    let pages = pages.map(|name| (format!("docs/guide/{name}"), 1500));
+    let others = [("README.md", 900), ("ARCHITECTURE.md", 1500)];
+    let others = others.map(|(name, most)| (name.to_owned(), most));
+    for (name, most) in pages.chain(others) {
+        let words = document(&name).split_whitespace().count();
+        assert!(words <= most, "{name}: {words} words, at most {most}");
+    }
+}
+
 /// Numbers that a page repeats are those of the record.
 #[test]
 fn quoted_numbers_are_those_of_the_record() {
