@@ -95,7 +95,10 @@ pub fn import_bytes(
             } else {
                 "one, as the map has neither [points] nor [join]"
             };
-            let found = format!("{} files to import", raws.len());
+            let found = match raws.len() {
+                1 => "1 file to import".to_owned(),
+                count => format!("{count} files to import"),
+            };
             return Err(InputError::new(&map.path, found, expected));
         }
     };

@@ -193,7 +193,7 @@ fn repeated_rows_are_kept_with_a_note() {
     let mut text = "q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n2,2,3,4\n1,2,3,4\n".to_owned();
     notes_say(
         &ok(&text).notes,
-        &["the same to the last digit as an earlier row: 1 row (line 4 as 2)"],
+        &["equal to an earlier row in every digit: 1 row (line 4 as 2)"],
     );
     assert_eq!(ok(&text).measurements.len(), 3);
     // 1.0 is another text: not to the last digit the same.
