@@ -47,7 +47,7 @@ pub enum DeviceCommand {
     Monitor(Monitor),
     /// Restart the device with its stored models.
     Restart(Restart),
-    /// Tell the device that the controller has stopped and sends no more commands.
+    /// State that the controller has stopped and sends no more commands.
     Stop(Stop),
     /// Store the public key that must have signed each model, permanently.
     Provision(Provision),
