@@ -363,7 +363,7 @@ fn the_commands_of_the_page_without_a_tracker_work() {
 #[test]
 fn the_examples_of_importing_work() {
     let folder = run("docs/guide/import.md");
-    for file in ["measured.csv", "angles.csv", "vectors.csv", "points.csv"] {
+    for file in ["measured.csv", "points.csv", "tracker.csv.imported"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
 }
@@ -484,6 +484,21 @@ fn command_reference() {
         document(COMMANDS) == page,
         "{COMMANDS} is stale: POEGP_BLESS=1 cargo test -p poegp-trainer --test documents command_reference"
     );
+}
+
+/// Pages that somebody reads from the beginning to the end stay short.
+#[test]
+fn guides_are_short() {
+    let guides = fs::read_dir(workspace().join("docs/guide")).unwrap();
+    let names = guides.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let pages = names.filter(|name| name.ends_with(".md"));
+    let pages = pages.map(|name| (format!("docs/guide/{name}"), 1500));
+    let others = [("README.md", 900), ("ARCHITECTURE.md", 1500)];
+    let others = others.map(|(name, most)| (name.to_owned(), most));
+    for (name, most) in pages.chain(others) {
+        let words = document(&name).split_whitespace().count();
+        assert!(words <= most, "{name}: {words} words, at most {most}");
+    }
 }
 
 /// Numbers that a page repeats are those of the record.

@@ -11,10 +11,11 @@ fn document(name: &str) -> String {
     fs::read_to_string(workspace().join(name)).unwrap()
 }
 
-/// The table of planted faults has every patch beside the test that it names, and nothing else.
+/// The list of planted faults has every patch beside the test that it names, and the evidence their number.
 #[test]
 fn every_planted_fault_stands_beside_its_law() {
-    let page = document("docs/evidence/verification-evidence.md");
+    let page = document("tests/faults/README.md");
+    let evidence = document("docs/evidence/verification-evidence.md");
     let mut faults = 0;
     for entry in fs::read_dir(workspace().join("tests/faults")).unwrap() {
         let path = entry.unwrap().path();
@@ -35,7 +36,13 @@ fn every_planted_fault_stands_beside_its_law() {
         assert!(page.lines().any(beside), "{fault} beside {law}");
         faults += 1;
     }
-    assert!(page.contains(&format!("[all {faults}]")), "{faults} faults");
+    assert!(
+        evidence.contains(&format!("[all {faults}]")),
+        "{faults} faults"
+    );
+    let listed = page.lines().filter(|line| line.starts_with("- `"));
+    let listed: usize = listed.map(|line| line.matches('`').count() / 2 - 1).sum();
+    assert_eq!(listed, faults, "faults without a patch");
 }
 
 /// The cells of the table below `heading`, row by row.

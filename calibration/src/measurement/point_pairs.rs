@@ -124,7 +124,7 @@ impl PointPairs {
             return Err(InputError::new(
                 path,
                 format!(
-                    "a point that is {:.3} mm from itself after the best fit of all {}",
+                    "a point whose two positions are {:.3} mm apart after the best fit of all {}",
                     1e3 * off[worst],
                     off.len()
                 ),

@@ -81,7 +81,7 @@ pub(super) fn repeated_rows(table: &Table) -> Vec<String> {
         }
     }
     let text =
-        |rows: String| format!("kept, though the same to the last digit as an earlier row: {rows}");
+        |rows: String| format!("kept, although equal to an earlier row in every digit: {rows}");
     repeats.text().map(text).into_iter().collect()
 }
 

@@ -269,7 +269,7 @@ impl MeasurementSet {
         }
         repeats
             .text()
-            .map(|rows| format!("at the joints of an earlier row: {rows}"))
+            .map(|rows| format!("joints equal to those of an earlier row: {rows}"))
     }
 
     /// One orientation throughout, or a cell of millimetres.

@@ -160,7 +160,7 @@ fn above(points: &[Vector3<f64>], radii: &[f64]) -> bool {
     })
 }
 
-/// Shares of random configurations that each rule refuses; `docs/decisions/calibration.md` quotes them.
+/// Shares of random configurations that each rule refuses; `docs/decisions/calibration.md` quotes what is allowed.
 #[test]
 fn built_in_arms_keep_enough_configurations() {
     for name in BUILT_IN {

@@ -35,15 +35,15 @@ pub struct ChainArgs {
 /// Settings of the calibration; what is not given keeps the value of the project file or the default.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Separate hyperparameters for each of the six outputs of the paper's process: more accurate, but six exponentials for
-    /// each inducing point on the device.
+    /// Separate hyperparameters for each of the six outputs of the paper's process: more accurate, but slower
+    /// on the device.
     #[arg(long)]
     pub per_output: bool,
     /// Leave the predictive standard deviation of the position out of an elastic model.
     #[arg(long)]
     pub no_variance: bool,
-    /// Inducing points of the elastic model on the device, at most, of all joints together (default: 200). More are more
-    /// accurate and slower.
+    /// Largest number of inducing points of the elastic model, of all joints together (default: 200). More
+    /// are more accurate and slower.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_INDUCING_POINTS as i64))]
     pub inducing_points: Option<u32>,
     /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
@@ -54,8 +54,8 @@ pub struct FitArgs {
     /// Treatment of outliers; they are listed either way (default: reject).
     #[arg(long, value_name = "POLICY", value_parser = outliers())]
     pub outliers: Option<OutlierPolicy>,
-    /// Treatment of a warm-up, during which base, tool and joint zeros change. The elastic model finds it by the time of the
-    /// rows, or by their order; it is reported either way (default: remove).
+    /// Treatment of a warm-up, a change of base, tool and joint zeros with time that the elastic method finds
+    /// and reports (default: remove).
     #[arg(long, value_name = "POLICY", value_parser = warm_up())]
     pub warm_up: Option<WarmUpPolicy>,
     /// Weights of the measurements in step 1 of the paper (default: none).
@@ -66,11 +66,11 @@ pub struct FitArgs {
 /// What is fitted to new measurements, or taken out of them, before they are compared with predictions.
 #[derive(Clone, Copy, Debug, Default, Args)]
 pub struct FrameArgs {
-    /// Fit the base frame to these measurements first, because the instrument was moved.
+    /// First fit the base frame to these measurements, after the instrument was moved.
     #[arg(long)]
     pub fit_base: bool,
-    /// Fit the frames of tools that the blob does not know to these measurements first: targets that were remounted, or are
-    /// new. With ROWS, fit to as many rows of each tool, evenly spread, and compare the others.
+    /// First fit the frames of remounted or new targets to these measurements. With ROWS, fit to that many
+    /// rows of each tool, evenly spread, and compare the others.
     #[arg(long, value_name = "ROWS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..))]
     pub fit_tool: Option<Option<u32>>,
     /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).

@@ -80,10 +80,10 @@ pub struct Compare {
     pub robot: RobotArgs,
     /// Measurements for training and cross-validation; with --blob, touches.
     pub train: PathBuf,
-    /// Models to compare by touches; may be repeated. Nothing is trained then.
+    /// Models to compare on touches, without training; may be repeated.
     #[arg(long = "blob", value_name = "FILE")]
     pub blobs: Vec<PathBuf>,
-    /// What the rows of a touch file mean (TOML; default: NAME.toml beside NAME.csv).
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
     #[arg(long, value_name = "FILE")]
     pub features: Option<PathBuf>,
     /// Held-out measurements; may be repeated.
@@ -107,7 +107,8 @@ pub struct Compare {
     pub fit: FitArgs,
     #[command(flatten)]
     pub tolerance: ToleranceArgs,
-    /// Write an HTML report with errors and plots: of the test sets, of the folds if there are none, or of the touches.
+    /// Write an HTML report with errors and plots of the test sets, otherwise of the folds, or of the
+    /// touches.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Write the errors as JSON (`-`: standard output).

@@ -25,10 +25,10 @@ pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met,
     trainer completions fish --out ~/.config/fish/completions/trainer.fish\n  \
     trainer completions elvish   (in rc.elv: eval (trainer completions elvish | slurp))")]
 pub struct Completions {
-    /// Which shell.
+    /// Shell.
     #[arg(value_enum)]
     pub shell: CompletedShell,
-    /// Where the script goes (`-`: standard output).
+    /// Write the script (`-`: standard output).
     #[arg(long, value_name = "FILE", default_value = "-")]
     pub out: PathBuf,
 }
@@ -60,7 +60,7 @@ pub struct Manual {
     /// Folder to write into, created if it does not exist (its parent must): trainer.1, trainer-calibrate.1 and so on.
     #[arg(long, value_name = "FOLDER")]
     pub out: PathBuf,
-    /// The names of the files as JSON (`-`: standard output).
+    /// Write the file names as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -111,7 +111,7 @@ pub fn command_reference(command: clap::Command) -> String {
     for text in leaves.iter().flat_map(|leaf| options(leaf)) {
         *uses.entry(text).or_default() += 1;
     }
-    let shared = |text: &String| uses[text] > 2;
+    let shared = |text: &String| uses[text] > 1;
     let mut page = String::from(
         "# Commands\n\nGenerated from the command line by `POEGP_BLESS=1 cargo test -p poegp-trainer --test documents \
          command_reference`.\n\n",

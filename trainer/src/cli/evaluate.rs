@@ -88,13 +88,14 @@ pub struct Evaluate {
     pub blob: PathBuf,
     /// Measurements, or touches, that the model was not trained on.
     pub test: PathBuf,
-    /// What the rows of a touch file mean (TOML; default: NAME.toml beside NAME.csv).
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
     #[arg(long, value_name = "FILE")]
     pub features: Option<PathBuf>,
     #[command(flatten)]
     pub frames: FrameArgs,
-    /// Write the predicted instrument_from_target of each measurement, in order: x_mm,y_mm,z_mm,qw,qx,qy,qz,status. The
-    /// orientation is empty where the tool's frame is fitted to positions alone, which do not show it.
+    /// Write the predicted instrument_from_target of each measurement, in order:
+    /// x_mm,y_mm,z_mm,qw,qx,qy,qz,status. The orientation is empty if the tool's frame is fitted to positions
+    /// alone.
     #[arg(long, value_name = "FILE")]
     pub predictions: Option<PathBuf>,
     /// Add two columns to the predictions: trust,sigma_mm, the extrapolation score and the predictive standard deviation

@@ -23,8 +23,8 @@ pub const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 /// Causes that the user has looked into.
 #[derive(Clone, Debug, Default, Args)]
 pub struct AcceptArgs {
-    /// Cause of a refusal or a warning that you have looked into; may be repeated. A refusal becomes a warning and a warning
-    /// a note. The blob keeps the cause.
+    /// Accept a cause of refusal or warning that you have looked into; may be repeated. A refusal becomes a
+    /// warning, a warning a note. The blob records the cause.
     #[arg(long, value_name = "CAUSE", value_parser = |name: &str| name.parse::<Cause>())]
     pub accept: Vec<Cause>,
 }

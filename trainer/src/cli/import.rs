@@ -29,8 +29,8 @@ const SHOWN: usize = 3;
     Example: trainer import data/panda --preset mukca --distance 50 --out touches.csv"
 )]
 pub struct Import {
-    /// Measurements; where the joints have a file of their own, that of the poses or points and then that of the joints. With
-    /// the preset mukca a folder.
+    /// Measurements; if the joints are in a second file, first the poses or points, then the joints. With the
+    /// preset mukca, a folder.
     #[arg(required = true, num_args = 1..=2, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Column map (TOML).
@@ -45,7 +45,8 @@ pub struct Import {
     /// Write the map that was used, as the start of a map of your own.
     #[arg(long, value_name = "FILE", conflicts_with = "map")]
     pub write_map: Option<PathBuf>,
-    /// Measurement file to write (`-`: standard output); of touches also their features, NAME.toml beside NAME.csv.
+    /// Measurement file to write (`-`: standard output); for touches also the features, NAME.toml beside
+    /// NAME.csv.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
     /// Write the number of rows, the first three of them and the notes as JSON (`-`: standard output).

@@ -31,7 +31,7 @@ pub struct Keys {
 /// The commands of `trainer keys`.
 #[derive(Debug, Subcommand)]
 pub enum KeysCommand {
-    /// Make a pair of keys; no file is overwritten.
+    /// Make a pair of keys, without overwriting files.
     New(NewKeys),
 }
 
@@ -43,7 +43,7 @@ pub struct NewKeys {
     /// Write NAME.key, the secret key, readable by its owner only, and NAME.pub, the public key.
     #[arg(long, value_name = "NAME")]
     pub out: PathBuf,
-    /// Write the id of the key and the names of its files as JSON, nothing secret (`-`: standard output).
+    /// Write the key id and the file names as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -54,13 +54,14 @@ pub struct NewKeys {
     trainer sign arm.blob --key cell7.key --out signed.blob\n  \
     trainer sign report.html --key cell7.key   (writes report.html.sig)")]
 pub struct Sign {
-    /// Blob to sign, or a report (.html) or its JSON (.json), whose signature goes to FILE.sig. An existing signature is replaced.
+    /// Blob to sign, or a report (.html) or its JSON (.json), whose signature is FILE.sig. An existing
+    /// signature is replaced.
     #[arg(value_name = "FILE")]
     pub file: PathBuf,
     /// Secret key.
     #[arg(long, value_name = "FILE")]
     pub key: PathBuf,
-    /// Revision of the model; a device takes none that is lower than that of its own (default: the time, in seconds).
+    /// Revision of the model; a device accepts none lower than its own (default: the time in seconds).
     #[arg(long, value_name = "N")]
     pub revision: Option<u32>,
     /// Write the signed blob, or the signature of a report, to this file (default: replace the blob; FILE.sig).
@@ -84,7 +85,7 @@ pub struct Verify {
     /// Public key.
     #[arg(long, value_name = "FILE")]
     pub public_key: PathBuf,
-    /// Write the verdict as JSON, also if the signature is wrong (`-`: standard output).
+    /// Write the verdict as JSON, also for a wrong signature (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }

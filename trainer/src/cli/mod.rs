@@ -81,9 +81,10 @@ pub struct Arguments {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Plan which poses to measure; write them as CSV and as robot programs.
+    /// Choose the poses to measure; write them as CSV and as robot programs.
     Plan(Plan),
-    /// Measure row by row: ask for what is worth most next, keep each row, stop when the error is small enough.
+    /// Measure row by row: ask for the most useful row next, store each row, stop when the error is small
+    /// enough.
     Measure(Measure),
     /// Simulate a robot with payloads, measured by a laser tracker.
     Simulate(Simulate),
@@ -95,7 +96,7 @@ pub enum Command {
     Compare(Compare),
     /// Check from a few new measurements whether a calibration still holds (exit code 0) or not (1).
     Check(Check),
-    /// Correct a file of joint targets, like the device does.
+    /// Correct robot programs or a file of joint targets, as the device does.
     Correct(Correct),
     /// Correct a robot while it runs its program, over the network.
     Bridge(Bridge),
@@ -115,7 +116,7 @@ pub enum Command {
     Demo(Demo),
     /// Use a co-processor: upload a model, check it, monitor it, emulate it.
     Device(Device),
-    /// Print a script that completes the commands and options of this program in a shell.
+    /// Print a script that completes commands and options in a shell.
     Completions(Completions),
     /// Write the manual pages, one for each command.
     Manual(Manual),

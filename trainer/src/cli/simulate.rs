@@ -44,8 +44,8 @@ pub struct Simulate {
     /// Errors of the simulated robot.
     #[arg(long, value_name = "SCENARIO", default_value = "paper", value_parser = scenario())]
     pub scenario: Scenario,
-    /// Touch features instead of measuring with a tracker: socket, plane, sphere, ballbar, wire, level, camera, each with the
-    /// number of such features, as socket2; the rows of all are in one file.
+    /// Simulate touches instead of a tracker: socket, plane, sphere, ballbar, wire, level or camera, each
+    /// followed by the number of such features, as in socket2. All rows are in one file.
     #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = touch_task, conflicts_with_all = ["poses", "test_sets", "test_poses"])]
     pub touch: Vec<TouchTask>,
     /// Touch the sockets of a plan of `plan --touch`, with NAME.toml beside NAME.csv.

@@ -13,8 +13,8 @@ use crate::report::sections;
 /// Tolerances of the command line.
 #[derive(Args, Clone, Debug, Default)]
 pub struct ToleranceArgs {
-    /// Position error that 95 of 100 poses must not exceed: report, JSON and exit code say whether the arm conforms, by
-    /// ISO 14253-1.
+    /// Position error that 95 of 100 poses must not exceed. Report, JSON and exit code state whether the arm
+    /// conforms (ISO 14253-1).
     #[arg(long, value_name = "MM", value_parser = positive)]
     pub tolerance_mm: Option<f64>,
     /// Rotation error that 95 of 100 poses must not exceed.

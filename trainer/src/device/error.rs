@@ -31,7 +31,7 @@ pub enum ClientError {
     },
     /// Not one byte came.
     #[error(
-        "nobody answers at {port}\nhelp: is the board powered, and is this its port? Another one may have the log"
+        "no answer at {port}\nhelp: is the board powered, and is this its port? Another one may have the log"
     )]
     Nobody {
         /// Its name.
@@ -39,7 +39,7 @@ pub enum ClientError {
     },
     /// Bytes came, and no frame was intact.
     #[error(
-        "at {port} came {bytes} bytes and no intact frame\n\
+        "{port} sent {bytes} bytes and no intact frame\n\
          help: wrong baud rate (--baud), or the port of the log, or no device of this kind"
     )]
     Noise {

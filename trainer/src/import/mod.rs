@@ -5,7 +5,7 @@
 //!                                                       points, joints ──> rigid fit ──┘
 //! ```
 //!
-//! `docs/guide/import.md` has the map's keys and an example of every shape. Nothing is dropped in silence: a cell that is not
+//! `docs/reference/column-map.md` has the map's keys, `docs/guide/import.md` has examples. Nothing is dropped in silence: a cell that is not
 //! what the map says is refused with file, line and column, a row without a measurement is refused unless the map says
 //! `incomplete = "leave-out"` and then listed, and columns that the map does not name are listed.
 //!
@@ -95,7 +95,10 @@ pub fn import_bytes(
             } else {
                 "one, as the map has neither [points] nor [join]"
             };
-            let found = format!("{} files to import", raws.len());
+            let found = match raws.len() {
+                1 => "1 file to import".to_owned(),
+                count => format!("{count} files to import"),
+            };
             return Err(InputError::new(&map.path, found, expected));
         }
     };

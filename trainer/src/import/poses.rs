@@ -42,10 +42,11 @@ pub fn rows(
             notes.extend(twice_or_unused(map, joint_table, &used)?);
             if joined.unused > 0 {
                 let path = joint_table.path.display();
-                notes.push(format!(
-                    "{path}: {} rows of joints belong to no pose",
-                    joined.unused
-                ));
+                let rows = match joined.unused {
+                    1 => "1 row of joints belongs".to_owned(),
+                    rows => format!("{rows} rows of joints belong"),
+                };
+                notes.push(format!("{path}: {rows} to no pose"));
             }
         }
         None => {

@@ -97,7 +97,10 @@ impl Preset {
             false => (1, "one file"),
         };
         if files.len() != expected {
-            let found = format!("{} files to import", files.len());
+            let found = match files.len() {
+                1 => "1 file to import".to_owned(),
+                count => format!("{count} files to import"),
+            };
             let expected = format!("{what}, for the preset `{}`", self.name);
             return Err(InputError::new(files[0].0, found, expected));
         }

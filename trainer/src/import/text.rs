@@ -247,7 +247,7 @@ pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, 
         let (found, help) = match is_utf16 {
             true => (
                 "UTF-16 text",
-                "say so in the map: encoding = \"utf-16\" in [file]",
+                "state it in the map: encoding = \"utf-16\" in [file]",
             ),
             false => (
                 "no byte order mark",

@@ -171,7 +171,7 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
     let outcome = folder.run_with_input(&line, &input);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
     assert!(
-        outcome.stderr.contains("off what the others say"),
+        outcome.stderr.contains("from what the other rows predict"),
         "{outcome:#?}"
     );
     crate::texts::record(&outcome.line, &crate::texts::masked(&outcome.stderr, true));

@@ -193,17 +193,17 @@ fn repeated_rows_are_kept_with_a_note() {
     let mut text = "q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n2,2,3,4\n1,2,3,4\n".to_owned();
     notes_say(
         &ok(&text).notes,
-        &["the same to the last digit as an earlier row: 1 row (line 4 as 2)"],
+        &["equal to an earlier row in every digit: 1 row (line 4 as 2)"],
     );
     assert_eq!(ok(&text).measurements.len(), 3);
-    // 1.0 is another text: not to the last digit the same.
+    // 1.0 is another text: not equal in every digit.
     assert!(
         ok("q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n1.0,2,3,4\n")
             .notes
             .is_empty()
     );
     text += &"2,2,3,4\n".repeat(6);
-    notes_say(&ok(&text).notes, &["earlier row: 7 rows (lines 4 as 2, "]);
+    notes_say(&ok(&text).notes, &["every digit: 7 rows (lines 4 as 2, "]);
     assert!(
         ok(&text).notes[0].ends_with("7 as 3, 8 as 3, …)"),
         "{:?}",

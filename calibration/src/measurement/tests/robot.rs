@@ -114,7 +114,7 @@ fn odd_sets_are_noted() {
         format!("{SIX}1,2,3,4,5,6,100,8,9\n-40,50,-60,70,-80,90,300,2,3\n1.0,2,3,4,5,6,101,8,9\n");
     notes_say(
         &notes(repeated),
-        &["at the joints of an earlier row: 1 row (line 4 as 2)"],
+        &["joints equal to those of an earlier row: 1 row (line 4 as 2)"],
     );
     let metres = format!("{SIX}1,2,3,4,5,6,1.2,0.3,-2\n-40,50,-60,70,-80,90,1,2,-2.5\n");
     notes_say(

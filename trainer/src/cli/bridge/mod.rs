@@ -21,7 +21,7 @@ pub struct Bridge {
 /// The interfaces.
 #[derive(Debug, Subcommand)]
 pub enum BridgeCommand {
-    /// KUKA RSI: the controller sends its axis setpoints in every cycle and adds the axis correction of the answer.
+    /// Correct a KUKA robot live over RSI: answer the axis setpoints of every cycle with a correction.
     Rsi(RsiArgs),
 }
 

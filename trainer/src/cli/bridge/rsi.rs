@@ -42,7 +42,7 @@ pub struct RsiArgs {
     /// Payload in kg; needed where the model depends on it.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
-    /// Element of the controller's packets with the axis values to be corrected.
+    /// Element of the controller's packets with the axis values to correct.
     #[arg(long, value_name = "ELEMENT", default_value = "ASPos")]
     pub setpoint: Element,
     /// Largest correction of an axis in degrees.

@@ -32,12 +32,11 @@ pub struct Calibrate {
     pub chain: ChainArgs,
     /// Measurements to train on, or a project file (.toml).
     pub train: PathBuf,
-    /// What the rows of a touch file mean: sockets, planes, spheres, wires, levels and boards (TOML; default: NAME.toml beside
-    /// NAME.csv).
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
     #[arg(long, value_name = "FILE")]
     pub features: Option<PathBuf>,
-    /// Of a touch file: what --json wrote of sister arms of the same drawing that touches calibrated. Their spread and their own
-    /// uncertainty become this arm's prior, without its size. The gain is small.
+    /// Prior for a touch file: the --json files of touch calibrations of other arms of the same drawing. The
+    /// gain is small.
     #[arg(long, value_name = "JSON", value_delimiter = ',')]
     pub prior: Vec<PathBuf>,
     /// Project file to write: `trainer calibrate FILE` repeats this calibration.
@@ -89,8 +88,8 @@ pub struct Calibrate {
     /// Write the results as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Write what a controller's engineer asks for as CSV: DH rows and joint zeros with standard deviations, signed errors of
-    /// held-out poses (those with --report or --test).
+    /// Write DH rows and joint zeros with standard deviations as CSV; with --report or --test also signed
+    /// held-out errors.
     #[arg(long, value_name = "FILE")]
     pub controller_csv: Option<PathBuf>,
 }

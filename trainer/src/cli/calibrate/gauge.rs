@@ -21,12 +21,12 @@ use poegp_calibration::validation::command_change::CommandChange;
 #[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Base and tool")]
 pub struct GaugeArgs {
-    /// What base and tool are fitted to where they are neither kept nor stated: the measured poses, or the finished model over a
-    /// fixed grid of poses. Over the grid, the commands of two calibrations of one robot differ less.
+    /// Target of the base-tool fit, if base and tool are neither kept nor stated. With the grid, the commands
+    /// of two calibrations of one robot differ less.
     #[arg(long, value_enum, value_name = "FIT")]
     pub gauge: Option<GaugeFit>,
-    /// Keep base and tool of an earlier blob of this robot, so that taught programs stay valid. The target must still be
-    /// mounted as it was, and the instrument must stand where it stood, or see --references.
+    /// Keep base and tool of an earlier blob of this robot, so that taught programs stay valid. The target
+    /// must be mounted as before, and the instrument must not have moved (otherwise see --references).
     #[arg(long, value_name = "BLOB")]
     pub keep_gauge: Option<PathBuf>,
     /// Fixed points measured before and after the instrument was moved (CSV: before_x_mm …, after_x_mm …, at least three),
@@ -40,7 +40,7 @@ pub struct GaugeArgs {
     /// State the tool: flange_from_target as X,Y,Z,QW,QX,QY,QZ in mm.
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
     pub tool_from: Option<String>,
-    /// Print by how much the commands differ from those of an earlier blob (default: that of --keep-gauge).
+    /// Print how far the commands differ from those of an earlier blob (default: that of --keep-gauge).
     #[arg(long, value_name = "BLOB")]
     pub previous: Option<PathBuf>,
 }

@@ -54,26 +54,27 @@ pub struct Check {
     pub blob: PathBuf,
     /// New measurements of the robot, or touches.
     pub measurements: PathBuf,
-    /// What the rows of a touch file mean (TOML; default: NAME.toml beside NAME.csv).
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
     #[arg(long, value_name = "FILE")]
     pub features: Option<PathBuf>,
-    /// Tolerance of the position error, measurement noise included; of touches, of what one misses by as all others predict it.
+    /// Tolerance of the position error, including measurement noise; for touches, of the miss that all others
+    /// predict.
     #[arg(long, value_name = "MM")]
     pub max_mm: f64,
-    /// Statistic of the position errors that is compared with the tolerance.
+    /// Statistic of the position errors to compare with the tolerance.
     #[arg(long, value_enum, default_value_t = Statistic::Mean)]
     pub statistic: Statistic,
     /// Tolerance of the mean displacement of the target by a detected drift (default: half of --max-mm).
     #[arg(long, value_name = "MM")]
     pub max_drift_mm: Option<f64>,
-    /// Rate of false alarms: share of unchanged robots for which a drift is reported.
+    /// Share of unchanged robots for which the check reports a drift.
     #[arg(long, value_name = "RATE", default_value_t = 0.01)]
     pub false_alarms: f64,
-    /// Print by how much the commands differ from those of an earlier blob of this robot.
+    /// Print how far the commands differ from those of an earlier blob of this robot.
     #[arg(long, value_name = "BLOB")]
     pub previous: Option<PathBuf>,
-    /// A corrected program, or a folder with some; may be repeated. Print which of them another model corrected, and how far
-    /// their targets would move if this one did.
+    /// Corrected program, or a folder of them; may be repeated. Print which of them another model corrected,
+    /// and how far their targets would move with this one.
     #[arg(long, value_name = "PATH")]
     pub programs: Vec<PathBuf>,
     #[command(flatten)]

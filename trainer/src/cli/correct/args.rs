@@ -28,29 +28,29 @@ pub struct Correct {
     /// Payload of all targets in kg, for a file without payload_kg.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
-    /// Of a program: the payload is what it says of each tool.
+    /// Take the payload of each tool from the program.
     #[arg(long, conflicts_with = "payload_kg")]
     pub payload_from_program: bool,
-    /// Of a program: tools and frames that it does not define, and the pulses of a degree of INFORM joints (TOML).
+    /// Tools and frames that the program does not define, and pulses per degree of INFORM joints (TOML).
     #[arg(long, value_name = "FILE")]
     pub frames: Option<PathBuf>,
-    /// Of a program: further files of it, for tools and frames; they are not corrected.
+    /// Further files of the program, read for tools and frames and not corrected.
     #[arg(long, value_name = "FILE")]
     pub with: Vec<PathBuf>,
-    /// Of a program: insert targets on straight lines where the tool would leave the line between its
-    /// corrected ends by more than this, in mm (RAPID MoveL, KRL LIN, URScript movel).
+    /// Insert targets on straight lines of a program where the tool would leave the line by more than this,
+    /// in mm (RAPID MoveL, KRL LIN, URScript movel).
     #[arg(long, value_name = "TOL_MM", conflicts_with = "inverse")]
     pub split: Option<f64>,
-    /// Bring a corrected program back to the nominal arm.
+    /// Restore a corrected program to the nominal arm.
     #[arg(long)]
     pub inverse: bool,
     /// Write the corrected targets (`-`: standard output); of several programs, a folder.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Of a program: print what would be done, and write neither program nor record.
+    /// Print what the command would do to a program, without writing it.
     #[arg(long)]
     pub dry_run: bool,
-    /// Of a program: write an HTML report with every target before and after, and what is left.
+    /// Write an HTML report on a program: every target before and after, and the remaining errors.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Write the summary as JSON (`-`: standard output).

@@ -166,7 +166,7 @@ fn payload(a: &Correct, loaded: &BlobModel, columns: &TargetColumns) -> Result<f
     let needed = loaded.blob().ranges.payload_kg;
     match (a.payload_kg, columns.has_payload()) {
         (Some(_), true) => Err(Failure::Usage(format!(
-            "--payload-kg beside the column payload_kg of {}\nhelp: give one of them",
+            "found --payload-kg and the column payload_kg of {}, expected one of them",
             columns.path().display()
         ))),
         (Some(kg), _) if !(0.0..=f64::from(MAX_PAYLOAD_KG)).contains(&kg) => Err(Failure::Usage(

@@ -179,10 +179,10 @@ pub fn refuse_corrected(
         if record.result_sha256 != hash || record.source_sha256 == hash || record.is_inverse {
             continue;
         }
-        let found = format!("a program that was corrected already: {name} says so");
+        let found = format!("a program that was corrected already ({name})");
         match direction {
             Direction::Correct => {
-                return Err(InputError::new(path, found, "a program that was not")
+                return Err(InputError::new(path, found, "an uncorrected program")
                     .with_help(format!(
                         "correct {} instead, or bring this one back with --inverse",
                         record.source
@@ -190,7 +190,7 @@ pub fn refuse_corrected(
                     .into());
             }
             Direction::Inverse if record.model_sha256 != model => {
-                let found = format!("a program that another model has corrected: {name} says so");
+                let found = format!("a program that another model has corrected ({name})");
                 return Err(InputError::new(path, found, "the model that corrected it").into());
             }
             Direction::Inverse => return Ok(Some(record)),

@@ -31,29 +31,29 @@ pub struct Device {
 pub enum DeviceCommand {
     /// Show the device, its firmware and its active model.
     Info(Info),
-    /// Bring a model onto the device: upload, verify, store, run.
+    /// Put a model onto the device: upload, verify, store, run.
     Flash(Flash),
-    /// Errors of the device's poses on measurements, and whether they are the host's to the bit.
+    /// Print the errors of the device's poses on measurements, and compare them with the host's bits.
     Evaluate(Evaluate),
-    /// The corrected joints for the commands of a measurement file, as CSV.
+    /// Correct the commands of a measurement file on the device; write CSV.
     Correct(Correct),
-    /// Switch corrections off (commands come back as they are) or on again.
+    /// Switch corrections off (commands come back unchanged) or on again.
     Bypass(Bypass),
-    /// Go back to the other stored model.
+    /// Return to the other stored model.
     Rollback(Rollback),
-    /// What the device has counted since it started.
+    /// Print the device's counters since its start.
     Statistics(Statistics),
     /// Watch the statistics and the log.
     Monitor(Monitor),
     /// Restart the device with its stored models.
     Restart(Restart),
-    /// Say that the controller has stopped and that no more commands will come.
+    /// State that the controller has stopped and sends no more commands.
     Stop(Stop),
-    /// Give the device the public key that models have to be signed by, once and for all.
+    /// Store the public key that must have signed each model, permanently.
     Provision(Provision),
-    /// Period and limits of the controller's cycle, kept by the device.
+    /// Set the period and limits of the controller's cycle.
     Cycle(Cycle),
-    /// Run the firmware in QEMU until Ctrl-C, for the other commands to connect to.
+    /// Run the firmware in QEMU until Ctrl-C, with a port for the other commands.
     Emulate(Emulate),
 }
 
@@ -66,7 +66,7 @@ pub struct Link {
     /// Speed of a serial line (default: 115200).
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     pub baud: Option<u32>,
-    /// Longest wait for one answer in milliseconds; a request is sent up to three times.
+    /// Longest wait for one answer in milliseconds; the program sends a request up to three times.
     #[arg(long, value_name = "MS", default_value_t = 2_000, value_parser = clap::value_parser!(u64).range(1..=600_000))]
     pub timeout_ms: u64,
 }
@@ -96,7 +96,7 @@ impl Link {
 /// What signs requests.
 #[derive(Debug, Args)]
 pub struct Authority {
-    /// Secret key that signs the request; only a device with a public key needs it.
+    /// Secret key that signs the request, for a device with a public key.
     #[arg(long, value_name = "FILE")]
     pub key: Option<PathBuf>,
 }
@@ -145,7 +145,7 @@ pub struct Flash {
     pub common: LinkAndJson,
     #[command(flatten)]
     pub authority: Authority,
-    /// Upload the model even if the device runs it already, has no room for it or does not trust its signature.
+    /// Upload even if the device runs the model already, has no room for it or does not trust its signature.
     #[arg(long)]
     pub force: bool,
     /// The device has moved to another robot: accept that robot's model.
@@ -168,7 +168,7 @@ pub struct Evaluate {
     pub test: PathBuf,
     #[command(flatten)]
     pub common: LinkAndJson,
-    /// The model that the device runs: for the instrument's frame, and to compare the bits of every answer.
+    /// Model that the device runs, for the instrument's frame and to compare the bits of every answer.
     #[arg(long, value_name = "FILE")]
     pub blob: Option<PathBuf>,
 }
@@ -185,13 +185,13 @@ pub struct Correct {
     pub test: PathBuf,
     #[command(flatten)]
     pub link: Link,
-    /// The model that the device runs: to compare the bits of every answer.
+    /// Model that the device runs, to compare the bits of every answer.
     #[arg(long, value_name = "FILE")]
     pub blob: Option<PathBuf>,
-    /// Where the corrected joints go (`-`: standard output).
+    /// Write the corrected joints (`-`: standard output).
     #[arg(long, value_name = "FILE", default_value = "-")]
     pub out: PathBuf,
-    /// The summary as JSON (`-`: standard output, with --out elsewhere).
+    /// Write the summary as JSON (`-`: standard output, with --out elsewhere).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -199,7 +199,7 @@ pub struct Correct {
 /// Off or on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Switch {
-    /// Commands come back as they are.
+    /// Commands come back unchanged.
     On,
     /// Commands are corrected.
     Off,
@@ -212,7 +212,7 @@ pub enum Switch {
     Example: trainer device bypass on --port /dev/ttyUSB0"
 )]
 pub struct Bypass {
-    /// Whether corrections are bypassed.
+    /// Bypass the corrections or not.
     #[arg(value_enum)]
     pub switch: Switch,
     #[command(flatten)]
@@ -247,17 +247,17 @@ pub struct Statistics {
 pub struct Monitor {
     #[command(flatten)]
     pub link: Link,
-    /// One look instead of one every second until Ctrl-C.
+    /// Print once instead of every second until Ctrl-C.
     #[arg(long)]
     pub once: bool,
-    /// Standard output (`-`) as JSON: a document in each line, what was counted or a line of the log. With --once one
-    /// document, which may also go to a file.
+    /// Print JSON (`-`), one document per line: statistics or a line of the log. With --once, one document,
+    /// also to a file.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Port of the defmt log.
     #[arg(long, value_name = "PORT", requires = "elf")]
     pub log: Option<Address>,
-    /// The image that runs on the device: the texts of its log are in it.
+    /// Image that runs on the device, with the texts of its log.
     #[arg(long, value_name = "FILE", requires = "log")]
     pub elf: Option<PathBuf>,
 }
@@ -293,7 +293,7 @@ pub struct Stop {
     Example: trainer device provision cell7.pub --port /dev/ttyUSB0"
 )]
 pub struct Provision {
-    /// The public key, as `trainer keys new` has written it.
+    /// Public key written by `trainer keys new`.
     pub key: PathBuf,
     #[command(flatten)]
     pub common: LinkAndJson,
@@ -314,17 +314,17 @@ pub struct Cycle {
     /// Time between two commands of the controller, in microseconds (50 to 100000).
     #[arg(long, value_name = "US")]
     pub period_us: Option<u32>,
-    /// Largest rate of the correction beyond what the path explains, in rad/s (0.0001 to 1).
+    /// Largest rate of the correction beyond the motion of the path, in rad/s (0.0001 to 1).
     #[arg(long, value_name = "RAD_PER_S")]
     pub rate: Option<f32>,
-    /// Largest acceleration of it, in rad/s² (0.001 to 100).
+    /// Largest acceleration of the correction beyond the motion of the path, in rad/s² (0.001 to 100).
     #[arg(long, value_name = "RAD_PER_S2")]
     pub acceleration: Option<f32>,
-    /// Shortest time in which a correction is switched on or off, in seconds (0.01 to 10).
+    /// Shortest time to switch a correction on or off, in seconds (0.01 to 10).
     #[arg(long, value_name = "S")]
     pub blend: Option<f32>,
-    /// Most instructions that one command may take, frames included. The device refuses models that may take more;
-    /// `trainer inspect` shows what a model may take.
+    /// Most instructions of one command, frames included. The device rejects models that may take more
+    /// (`trainer inspect`).
     #[arg(long, value_name = "N")]
     pub max_instructions: Option<u32>,
 }
@@ -340,7 +340,7 @@ pub struct Emulate {
     /// Board to emulate.
     #[arg(long, value_enum, default_value_t = Board::Mps2An386)]
     pub board: Board,
-    /// Firmware image for this board.
+    /// Firmware image for the board.
     #[arg(long, value_name = "FILE")]
     pub elf: PathBuf,
     /// Socket of the link: unix:PATH or tcp:HOST:PORT (port 0: any) (default: a socket in the folder for temporary files).
@@ -349,7 +349,7 @@ pub struct Emulate {
     /// Socket of the log: unix:PATH or tcp:HOST:PORT (port 0: any) (default: a socket in the folder for temporary files).
     #[arg(long, value_name = "PORT")]
     pub log: Option<Address>,
-    /// Keep the flash in this file, which is created if it does not exist (default: models are lost at the end).
+    /// Keep the flash in this file; created if it does not exist (default: models are lost at the end).
     #[arg(long, value_name = "FILE")]
     pub flash_image: Option<PathBuf>,
     /// Count 64 ns for each instruction instead of real time, so that tick counts repeat exactly.

@@ -157,7 +157,7 @@ fn check_robot(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     }
     Err(Failure::Usage(format!(
         "the model is of {}, the device corrects {}\n\
-         help: if the device has moved to that robot, say so with --replace-robot; nothing was uploaded",
+         help: if the device has moved to that robot, use --replace-robot; nothing was uploaded",
         is(robot.name, robot.serial_number),
         is(&active.robot, &active.serial_number)
     )))

@@ -32,8 +32,8 @@ pub fn run(a: &Monitor) -> Result<(), Failure> {
     let as_json = a.json.as_deref();
     if !a.once && as_json.is_some_and(|path| !is_stdout(path)) {
         return Err(Failure::Usage(
-            "--json to a file: expected `-`, which a shell can send into a file, or --once\nhelp: a file is written whole, and \
-             watching has no end"
+            "--json to a file: expected `-`, which a shell can redirect, or --once\nhelp: a file is written whole at the end, but \
+             monitoring has no end"
                 .to_owned(),
         ));
     }

@@ -74,14 +74,14 @@ pub struct Export {
     /// Write a C header with the bytes of the blob and the frames of the chain.
     #[arg(long, value_name = "FILE")]
     pub c_header: Option<PathBuf>,
-    /// Fit the chain near some joints: a CSV file of poses, or DEGREES@q1,…,qn about one pose in degrees (millimetres along
-    /// prismatic joints). DEGREES@CSV reaches further about the poses of a file than 2 degrees. Default: the trained ranges.
+    /// Fit the chain near some poses: DEGREES@q1,…,qn around one pose in degrees (mm along prismatic joints),
+    /// a CSV file of poses (within 2 degrees), or DEGREES@CSV. Default: the trained ranges.
     #[arg(long, value_name = "POSES", allow_hyphen_values = true)]
     pub region: Option<String>,
     /// Fit the chain for one trained payload in kg (default: those of the region's file, else all that were trained).
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f32>,
-    /// Write the names of the files, what the chain leaves and the omitted effects as JSON (`-`: standard output).
+    /// Write file names, distance from the model and omitted effects as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
 }
@@ -414,7 +414,7 @@ fn format_of(path: &Path, has_rows: bool) -> Result<Format, Failure> {
                 " or .json"
             };
             let expected = format!("a name that ends with .toml{csv}, or - for JSON");
-            Err(InputError::new(path, "a name that says no format", expected).into())
+            Err(InputError::new(path, "a file name without a known format", expected).into())
         }
     }
 }

@@ -43,29 +43,29 @@ use poegp_calibration::robot::ClassPrior;
 pub struct Measure {
     #[command(flatten)]
     robot: RobotArgs,
-    /// Plan of `plan` or of `plan --touch`: the rows to choose from.
+    /// Plan of `plan` or `plan --touch`, with the rows to choose from.
     #[arg(value_name = "PLAN.csv")]
     plan: PathBuf,
     /// Description of the touched features (default: PLAN.toml beside PLAN.csv).
     #[arg(long, value_name = "FILE")]
     features: Option<PathBuf>,
-    /// The measured rows, an ordinary measurement file or touch file; new rows are added to those that it has.
+    /// Measurement file or touch file to append the measured rows to.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Where measured rows come from: `-` is standard input, serial:DEVICE[@BAUD], unix:PATH or tcp:HOST:PORT a port, anything
-    /// else a file that another program appends to.
+    /// Source of measured rows: `-` (standard input), serial:DEVICE[@BAUD], unix:PATH, tcp:HOST:PORT, or a
+    /// file that another program appends to.
     #[arg(long, value_name = "SOURCE", default_value = "-")]
     from: Origin,
     /// End when the expected mean error is not larger than this; exit code 1 if it stays larger.
     #[arg(long, value_name = "MM", value_parser = positive)]
     tolerance_mm: Option<f64>,
-    /// The tracker sees one reflector: rows have x_mm, y_mm, z_mm and no orientation.
+    /// Rows have x_mm, y_mm, z_mm and no orientation, as from one reflector.
     #[arg(long)]
     positions: bool,
     /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
     gravity: Gravity,
-    /// Write what is said as JSON, one document a line (`-`: standard output).
+    /// Write the dialogue as JSON, one document per line (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -341,7 +341,7 @@ impl Session<'_> {
         match (end, options.tolerance_mm) {
             (End::UsedUp | End::NoMore, Some(tolerance)) => {
                 let expected = found.map_or_else(
-                    || "no expected error, for the rows are too few".to_owned(),
+                    || "no expected error: too few rows".to_owned(),
                     |found| format!("an expected error of {:.3} mm", found.expected.mean_mm),
                 );
                 let out = options.out.display();

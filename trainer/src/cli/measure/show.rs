@@ -178,8 +178,8 @@ impl Show {
     /// The last row is not what the others say.
     pub fn strange(&mut self, row: usize, missed_mm: Option<f64>) -> Result<(), Failure> {
         let by = missed_mm.map_or_else(
-            || "is far off what the others say".to_owned(),
-            |mm| format!("is {mm:.1} mm off what the others say"),
+            || "is far from what the other rows predict".to_owned(),
+            |mm| format!("is {mm:.1} mm from what the other rows predict"),
         );
         note(format_args!(
             "row {row} {by}: measure it again? It stays in the file, and `calibrate` leaves out what does not fit"

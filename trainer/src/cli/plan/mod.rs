@@ -55,8 +55,8 @@ pub struct Plan {
     /// Number of poses for the calibration (default 100; with --touch 20 for each feature).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=2000))]
     count: Option<u32>,
-    /// Plan touches without a tracker: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, roughly where the feature stands in mm of the
-    /// base frame; once for each feature. The tip is the [target] of --constraints.
+    /// Plan touches of a feature: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, its approximate position in mm in
+    /// the base frame; may be repeated. The tip is the [target] of --constraints.
     #[arg(long, value_name = "KIND=X,Y,Z", value_parser = touch::goal, conflicts_with_all = [
         "payloads", "test_poses", "v_optimal", "space_filling", "prior", "forecast", "no_forecast", "rapid", "krl", "urscript", "fanuc"
     ])]
@@ -82,7 +82,7 @@ pub struct Plan {
     /// Choose poses as far apart as possible (default for more than 60 poses).
     #[arg(long)]
     space_filling: bool,
-    /// Model of a calibrated robot of the same type: a V-optimal plan expects errors of the sizes that this model has.
+    /// Model of a calibrated robot of the same type, whose error sizes a V-optimal plan expects.
     #[arg(long, value_name = "MODEL.blob", conflicts_with = "space_filling")]
     prior: Option<PathBuf>,
     /// Seed of the random numbers; the same seed gives the same plan.
@@ -91,10 +91,10 @@ pub struct Plan {
     /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
     #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
     gravity: Gravity,
-    /// Numbers of poses whose worth is simulated beside that of the plan.
+    /// Numbers of poses for which the forecast simulates the error, beside the plan.
     #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = COUNTS, value_parser = forecast_count)]
     forecast: Vec<usize>,
-    /// Leave that simulation out; with the default numbers it takes half a minute on two cores.
+    /// Skip the forecast, which takes half a minute on two cores.
     #[arg(long, conflicts_with = "forecast")]
     no_forecast: bool,
     /// The plan as CSV, in the columns of a measurement file without the measurements.

@@ -76,8 +76,9 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let least: usize = goals.iter().map(Goal::least_rows).max().unwrap_or(0) * goals.len();
     if count < least {
         return Err(Failure::Usage(format!(
-            "--count {count}: expected at least {least} touches of {} features: fewer say nothing about the arm",
-            goals.len()
+            "--count {count}: expected at least {least} touches of {} feature{}: fewer do not show the arm's errors",
+            goals.len(),
+            if goals.len() == 1 { "" } else { "s" }
         )));
     }
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
@@ -160,6 +161,6 @@ fn print(report: Printer, seed: u64, plan: &TouchPlan, names: &[String], tip: &V
         "  Lead the tip there by hand or slowly, as near to these joints as it goes, and write down those that the controller then shows."
     ));
     note(format_args!(
-        "expected is for an arm whose links are 0.3 mm, axes 0.5 mrad and joint zeros 1 mrad off its drawing; only touches show yours"
+        "the expected error assumes links 0.3 mm, axes 0.5 mrad and joint zeros 1 mrad off the drawing; only touches show your arm"
     ));
 }

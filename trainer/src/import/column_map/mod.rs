@@ -80,7 +80,9 @@ impl Map {
         let tables: Tables = toml::from_str(text).map_err(|error| {
             TomlSource { file: path, text }
                 .refused(&error, "a map of columns (TOML)")
-                .with_help("docs/guide/import.md has every key and an example of every shape")
+                .with_help(
+                    "docs/reference/column-map.md has every key, docs/guide/import.md has examples",
+                )
         })?;
         let orientation = tables.orientation;
         let joints = joints(tables.joints).map_err(|(span, key, found, expected)| {
