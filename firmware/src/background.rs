@@ -56,6 +56,13 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         image_crc: hal_unsafe::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
+        // QEMU has no clock tree, and tests of the rest go on there.
+        clock_hz: if cfg!(feature = "stated-clock") {
+            Chosen::CLOCK_HZ
+        } else {
+            parts.core_hz
+        },
+        needed_clock_hz: Chosen::CLOCK_HZ,
         max_instructions: Chosen::MAX_INSTRUCTIONS,
         flash_blocks: Chosen::FLASH_BLOCKS,
         slot_writes: Chosen::SLOT_WRITES,

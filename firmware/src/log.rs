@@ -75,6 +75,9 @@ fn refused(refusal: &Refusal) {
         Refusal::NoOtherModel => defmt::warn!("refused: there is no other model"),
         Refusal::NotAKey => defmt::warn!("refused: not a public key"),
         Refusal::CyclesRunning => defmt::warn!("refused: cycles are running"),
+        Refusal::SlowClock { hz, needed } => {
+            defmt::error!("clock of {=u32} Hz, {=u32} needed", *hz, *needed)
+        }
         // The order of the pieces is the peer's affair, and the answer names it.
         _ => {}
     }
