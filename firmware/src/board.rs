@@ -60,6 +60,10 @@ pub trait Board {
     fn random() -> Option<u32> {
         None
     }
+    /// Whether the supply is sure to be what fast writing of the flash needs; logged at the start.
+    fn supply_is_sure() -> bool {
+        true
+    }
     /// Keeps the watchdog from restarting the board. Only `watchdog` calls this.
     fn feed_watchdog();
 }

@@ -36,6 +36,11 @@ pub fn running(model: &Option<ModelIdentity>) {
     }
 }
 
+/// The option bytes allow a supply with which the flash is written slowly.
+pub fn supply_is_not_sure() {
+    defmt::warn!("brown-out level is not 3");
+}
+
 /// A stored model was not taken.
 pub fn not_started(refusal: &Refusal) {
     defmt::error!("a stored model is not taken");

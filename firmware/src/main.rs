@@ -38,6 +38,8 @@ mod interrupts;
 mod log;
 #[cfg(target_os = "none")]
 mod mailbox;
+#[cfg(all(target_os = "none", feature = "planted-faults"))]
+mod measured;
 #[cfg(target_os = "none")]
 mod mem_intrinsics;
 #[cfg(all(target_os = "none", feature = "planted-faults"))]

@@ -241,6 +241,10 @@ impl Board for Stm32F405 {
         ready.then(|| RNG_DATA.read())
     }
 
+    fn supply_is_sure() -> bool {
+        SectorFlash::new(Controller, 1).supply_is_sure()
+    }
+
     fn feed_watchdog() {
         IWDG_KEY.write(IWDG_FEED);
     }

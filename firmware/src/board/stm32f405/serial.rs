@@ -79,7 +79,7 @@ mod link {
     use crate::drivers::send::SendQueue;
     use crate::hal_unsafe::Register;
 
-    /// DMA2: stream 5 receives, stream 7 sends, both on channel 4 (RM0090, table 43).
+    /// DMA2: stream 5 receives, stream 7 sends, both on channel 4 (RM0090, 10.3.3).
     const RECEIVE: Stream = Stream::of(5);
     const SEND: Stream = Stream::of(7);
     const CHANNEL: u32 = 4;

@@ -14,7 +14,7 @@ use crate::drivers::line::DmaLine;
 use crate::drivers::receive::ReceiveRing;
 use crate::hal_unsafe::Register;
 
-/// DMA2: stream 0 receives, stream 3 sends, both on channel 3 (RM0090, table 43).
+/// DMA2: stream 0 receives, stream 3 sends, both on channel 3 (RM0090, 10.3.3).
 const RECEIVE: Stream = Stream::of(0);
 const SEND: Stream = Stream::of(3);
 const CHANNEL: u32 = 3;
