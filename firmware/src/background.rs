@@ -56,6 +56,13 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         image_crc: hal_unsafe::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
+        // QEMU has no clock tree, and tests of the rest go on there.
+        clock_hz: if cfg!(feature = "stated-clock") {
+            Chosen::CLOCK_HZ
+        } else {
+            parts.core_hz
+        },
+        needed_clock_hz: Chosen::CLOCK_HZ,
         max_instructions: Chosen::MAX_INSTRUCTIONS,
         flash_blocks: Chosen::FLASH_BLOCKS,
         slot_writes: Chosen::SLOT_WRITES,
@@ -98,6 +105,9 @@ struct Shell {
 impl Shell {
     fn boot(&mut self, services: &mut Services, reason: &StartReason) {
         log::start(Chosen::NAME, reason);
+        if !Chosen::supply_is_sure() {
+            log::supply_is_not_sure();
+        }
         for refusal in services.boot(&mut self.calls).iter().flatten() {
             log::not_started(refusal);
         }
@@ -120,7 +130,12 @@ impl Shell {
                 crate::planted_faults::in_background(&request);
             }
             let sequence = receiver.sequence();
-            let response = services.handle_frame(receiver, &mut self.calls);
+            #[cfg(feature = "planted-faults")]
+            let measured = crate::measured::answer(receiver);
+            #[cfg(not(feature = "planted-faults"))]
+            let measured = None;
+            let response =
+                measured.unwrap_or_else(|| services.handle_frame(receiver, &mut self.calls));
             // Free for the next service before the answer is on the line, so that its sender never finds it busy.
             receiver.clear();
             cycle::WORKED.put(receiver);

@@ -28,6 +28,9 @@ pub trait Board {
     const NAME: &'static str;
     /// Frequency of [`Board::ticks`] in hertz.
     const TICK_HZ: u32;
+    /// Frequency of the processor's clock in hertz for which the next two are true. With a lower one
+    /// ([`Parts::core_hz`]) the device takes no model.
+    const CLOCK_HZ: u32;
     /// Ticks in which a cyclic request is to be answered.
     const DEADLINE_TICKS: u32;
     /// Instructions that the processor is sure to carry out until then.
@@ -57,6 +60,10 @@ pub trait Board {
     fn random() -> Option<u32> {
         None
     }
+    /// Whether the supply is sure to be what fast writing of the flash needs; logged at the start.
+    fn supply_is_sure() -> bool {
+        true
+    }
     /// Keeps the watchdog from restarting the board. Only `watchdog` calls this.
     fn feed_watchdog();
 }
@@ -77,10 +84,18 @@ pub struct Parts<B: Board> {
     pub strobe: B::Strobe,
 }
 
-/// A serial line with an interrupt, whose handler is in `interrupts`. Reading and writing never wait.
+/// A line with interrupts, whose handlers are in `interrupts`. Reading and writing never wait, and move a byte or many.
 pub trait Link: Read + ReadReady + Write + WriteReady {
     /// Called first in the handler: clears what made it run, where reading and writing do not.
     fn acknowledge(&mut self);
     /// Whether the interrupt is wanted when a byte can be written.
     fn notify_writable(&mut self, wanted: bool);
+    /// Whether everything is sent but the byte or two that a UART holds.
+    fn is_sent(&mut self) -> bool {
+        true
+    }
+    /// Received bytes that were lost before they could be read, since this was last asked.
+    fn lost(&mut self) -> u32 {
+        0
+    }
 }

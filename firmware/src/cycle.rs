@@ -158,5 +158,7 @@ fn SysTick() {
     if *COUNT == 0 {
         SCB::set_pendsv();
     }
+    // An event of the line that was missed costs ten milliseconds and no more.
+    uart::interrupt();
     watchdog::look(RUNNING.load(Ordering::Relaxed));
 }

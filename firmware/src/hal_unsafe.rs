@@ -1,7 +1,8 @@
 //! What cannot be said in safe Rust: registers, memory outside of Rust's, priorities, interrupts.
 //!
 //! All of it is safe to use from outside. A [`Register`] or a [`Region`] can only be made, at compile time, for addresses
-//! where no Rust object ever lies; no DMA is used. The stack and the image are only read.
+//! where no Rust object ever lies. A DMA controller is pointed at a [`DmaMemory`] only, of which nobody has a reference. The
+//! stack and the image are only read.
 #![allow(unsafe_code)]
 
 use core::ptr;
@@ -71,13 +72,63 @@ impl Region {
     }
 
     /// Sets one word; nothing happens beyond the end.
-    #[cfg(feature = "mps2")]
     #[inline(always)]
     pub fn write(self, word: usize, value: u32) {
         if word < self.words {
             let address = self.start + 4 * word;
             // SAFETY: as in `read`.
             unsafe { ptr::with_exposed_provenance_mut::<u32>(address).write_volatile(value) }
+        }
+    }
+
+    /// Sets one byte; nothing happens beyond the end.
+    #[cfg(feature = "stm32f405")]
+    pub fn write_byte(self, byte: usize, value: u8) {
+        if byte < 4 * self.words {
+            // SAFETY: as in `read`.
+            unsafe {
+                ptr::with_exposed_provenance_mut::<u8>(self.start + byte).write_volatile(value)
+            }
+        }
+    }
+}
+
+/// Memory that a DMA controller reads or writes at any time. Zeros at the start.
+#[cfg(feature = "stm32f405")]
+pub struct DmaMemory<const BYTES: usize>(core::cell::UnsafeCell<[u8; BYTES]>);
+
+// SAFETY: nothing has a reference to the bytes. Each access is one byte, volatile; any bits are a byte.
+#[cfg(feature = "stm32f405")]
+unsafe impl<const BYTES: usize> Sync for DmaMemory<BYTES> {}
+
+#[cfg(feature = "stm32f405")]
+impl<const BYTES: usize> DmaMemory<BYTES> {
+    /// For a `static`.
+    pub const fn new() -> Self {
+        Self(core::cell::UnsafeCell::new([0; BYTES]))
+    }
+
+    /// For the address register of a stream that moves at most so many bytes.
+    pub fn address(&'static self) -> u32 {
+        self.0.get().expose_provenance() as u32
+    }
+
+    /// One byte; 0 beyond the end.
+    #[inline(always)]
+    pub fn read(&'static self, at: usize) -> u8 {
+        if at >= BYTES {
+            return 0;
+        }
+        // SAFETY: inside, and see above.
+        unsafe { self.0.get().cast::<u8>().add(at).read_volatile() }
+    }
+
+    /// Sets one byte; nothing happens beyond the end.
+    #[inline(always)]
+    pub fn write(&'static self, at: usize, byte: u8) {
+        if at < BYTES {
+            // SAFETY: inside, and see above.
+            unsafe { self.0.get().cast::<u8>().add(at).write_volatile(byte) }
         }
     }
 }

@@ -27,8 +27,44 @@ unsafe fn DefaultHandler(_number: i16) {
 #[cfg(feature = "stm32f405")]
 use stm32f4xx_hal::pac::interrupt;
 
-#[cfg(feature = "stm32f405")]
+/// The line is idle; or, without DMA, a byte.
+#[cfg(all(feature = "stm32f405", not(feature = "spi-link")))]
 #[interrupt]
 fn USART1() {
+    crate::uart::interrupt();
+}
+
+/// Half of what can be received has come.
+#[cfg(all(feature = "stm32f405", not(feature = "spi-link")))]
+#[interrupt]
+fn DMA2_STREAM5() {
+    crate::uart::interrupt();
+}
+
+/// A piece was sent.
+#[cfg(all(feature = "stm32f405", not(feature = "spi-link")))]
+#[interrupt]
+fn DMA2_STREAM7() {
+    crate::uart::interrupt();
+}
+
+/// The controller ends a transfer.
+#[cfg(feature = "spi-link")]
+#[interrupt]
+fn EXTI4() {
+    crate::uart::interrupt();
+}
+
+/// Half of what can be received has come.
+#[cfg(feature = "spi-link")]
+#[interrupt]
+fn DMA2_STREAM0() {
+    crate::uart::interrupt();
+}
+
+/// Half of what is sent was sent.
+#[cfg(feature = "spi-link")]
+#[interrupt]
+fn DMA2_STREAM3() {
     crate::uart::interrupt();
 }

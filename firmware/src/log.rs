@@ -36,6 +36,11 @@ pub fn running(model: &Option<ModelIdentity>) {
     }
 }
 
+/// The option bytes allow a supply with which the flash is written slowly.
+pub fn supply_is_not_sure() {
+    defmt::warn!("brown-out level is not 3");
+}
+
 /// A stored model was not taken.
 pub fn not_started(refusal: &Refusal) {
     defmt::error!("a stored model is not taken");
@@ -75,6 +80,9 @@ fn refused(refusal: &Refusal) {
         Refusal::NoOtherModel => defmt::warn!("refused: there is no other model"),
         Refusal::NotAKey => defmt::warn!("refused: not a public key"),
         Refusal::CyclesRunning => defmt::warn!("refused: cycles are running"),
+        Refusal::SlowClock { hz, needed } => {
+            defmt::error!("clock of {=u32} Hz, {=u32} needed", *hz, *needed)
+        }
         // The order of the pieces is the peer's affair, and the answer names it.
         _ => {}
     }

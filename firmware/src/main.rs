@@ -26,6 +26,10 @@ mod capacity;
 mod cycle;
 #[cfg(target_os = "none")]
 mod defmt_ring;
+// Each board takes what it needs.
+#[cfg(target_os = "none")]
+#[allow(dead_code)]
+mod drivers;
 #[cfg(target_os = "none")]
 mod hal_unsafe;
 #[cfg(target_os = "none")]
@@ -34,6 +38,8 @@ mod interrupts;
 mod log;
 #[cfg(target_os = "none")]
 mod mailbox;
+#[cfg(all(target_os = "none", feature = "planted-faults"))]
+mod measured;
 #[cfg(target_os = "none")]
 mod mem_intrinsics;
 #[cfg(all(target_os = "none", feature = "planted-faults"))]

@@ -1,11 +1,13 @@
 //! The serial line between its interrupt and the cycle: bytes in, bytes out, and when a frame ended.
 //!
 //! ```text
-//!  UART ──> interrupt ──> received ──> front      highest priority: a byte is never lost to a computation
+//!  link ──> interrupt ──> received ──> front      highest priority: a byte is never lost to a computation
 //!       <──    "      <── outgoing <──   "
 //! ```
+//!
+//! The link hands over one byte or many: a UART each time one came, DMA when the line falls silent or half its ring is
+//! full.
 
-use embedded_io::{Read, ReadReady, Write, WriteReady};
 use heapless::Deque;
 
 use crate::board::{Board, Chosen, Link};
@@ -21,21 +23,25 @@ const FRAMES: usize = 8;
 pub const CHUNK: usize = 16;
 
 /// The line.
-pub struct Line {
-    link: <Chosen as Board>::Link,
+pub struct Line<L> {
+    link: L,
     received: Deque<u8, RECEIVED>,
     /// When the zeros in `received` came, as far as there is room.
     ends: Deque<u32, FRAMES>,
     outgoing: Deque<u8, OUTGOING>,
     lost: u32,
+    /// The last byte that came. A zero behind a zero means nothing; a line like SPI is full of them.
+    last: u8,
+    /// Whether something was not sent yet.
+    sending: bool,
 }
 
 /// The only one. Empty until the board was started.
-pub static LINE: Mailbox<Line> = Mailbox::new();
+pub static LINE: Mailbox<Line<<Chosen as Board>::Link>> = Mailbox::new();
 
-impl Line {
-    /// Over a started serial line.
-    pub fn new(link: <Chosen as Board>::Link) -> Self {
+impl<L: Link> Line<L> {
+    /// Over a started link.
+    pub fn new(link: L) -> Self {
         let mut outgoing = Deque::new();
         // Ends the answer that a restart may have cut, or the first one after it would look damaged.
         let _ = outgoing.push_back(0);
@@ -45,11 +51,13 @@ impl Line {
             ends: Deque::new(),
             outgoing,
             lost: 0,
+            last: 0,
+            sending: true,
         }
     }
 
     /// Moves up to [`CHUNK`] received bytes to `out` and returns how many.
-    fn take(&mut self, out: &mut [u8; CHUNK]) -> usize {
+    pub fn take(&mut self, out: &mut [u8; CHUNK]) -> usize {
         let mut taken = 0;
         for slot in out {
             let Some(byte) = self.received.pop_front() else {
@@ -61,45 +69,73 @@ impl Line {
         taken
     }
 
-    /// Writes what can be written now, and returns whether that was the rest.
-    fn pump(&mut self) -> bool {
-        let before = self.outgoing.len();
-        while let (Ok(true), Some(byte)) = (self.link.write_ready(), self.outgoing.front()) {
-            if self.link.write(&[*byte]).is_err() {
-                break;
-            }
-            self.outgoing.pop_front();
+    /// Queues up to [`CHUNK`] bytes, for which there is room, and writes what can be written now.
+    pub fn put(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            let _ = self.outgoing.push_back(*byte);
         }
-        let waiting = !self.outgoing.is_empty();
-        self.link.notify_writable(waiting);
-        before > 0 && !waiting
+        self.sending = true;
+        self.pump();
     }
 
-    /// The interrupt: returns whether the cycle has something to do.
-    fn serve(&mut self) -> bool {
-        self.link.acknowledge();
-        let mut ended = false;
-        let mut byte = [0];
-        while let Ok(true) = self.link.read_ready() {
-            match self.link.read(&mut byte) {
-                Ok(1) if self.received.push_back(byte[0]).is_ok() => {
-                    if byte == [0] {
-                        ended = true;
-                        let _ = self.ends.push_back(Chosen::ticks());
-                    }
-                }
-                _ => self.lost = self.lost.saturating_add(1),
+    /// Writes what can be written now.
+    fn pump(&mut self) {
+        while let Ok(true) = self.link.write_ready() {
+            let (bytes, _) = self.outgoing.as_slices();
+            let written = match self.link.write(bytes) {
+                Ok(written) if written > 0 => written,
+                _ => break,
+            };
+            for _ in 0..written {
+                self.outgoing.pop_front();
             }
         }
+        self.link.notify_writable(!self.outgoing.is_empty());
+    }
+
+    /// Whether everything is sent but the byte or two that the hardware holds.
+    fn is_sent(&mut self) -> bool {
+        self.outgoing.is_empty() && self.link.is_sent()
+    }
+
+    /// Takes what came, at the time `now`: whether a frame ended.
+    fn receive(&mut self, now: u32) -> bool {
+        let mut ended = false;
+        let mut bytes = [0; CHUNK];
+        while let Ok(true) = self.link.read_ready() {
+            let read = self.link.read(&mut bytes).unwrap_or(0);
+            for byte in bytes.iter().take(read) {
+                let before = core::mem::replace(&mut self.last, *byte);
+                if *byte == 0 && before == 0 {
+                    continue;
+                }
+                if self.received.push_back(*byte).is_err() {
+                    self.lost = self.lost.saturating_add(1);
+                } else if *byte == 0 {
+                    ended = true;
+                    let _ = self.ends.push_back(now);
+                }
+            }
+        }
+        self.lost = self.lost.saturating_add(self.link.lost());
+        ended
+    }
+
+    /// The interrupt, at the time `now`: returns whether the cycle has something to do.
+    pub fn serve(&mut self, now: u32) -> bool {
+        self.link.acknowledge();
+        let ended = self.receive(now);
+        self.pump();
         // An answer of the background may wait for an empty line.
-        let emptied = self.pump();
-        ended || emptied || self.received.len() > RECEIVED / 2
+        let now_sending = !self.is_sent();
+        let sending = core::mem::replace(&mut self.sending, now_sending);
+        ended || (sending && !self.sending) || self.received.len() > RECEIVED / 2
     }
 }
 
-/// Called by the handler of the link's interrupt.
+/// Called by the handler of the link's interrupts; and now and then by SysTick, in case one was missed.
 pub fn interrupt() {
-    if LINE.with(Line::serve) == Some(true) {
+    if LINE.with(|line| line.serve(Chosen::ticks())) == Some(true) {
         cortex_m::peripheral::SCB::set_pendsv();
     }
 }
@@ -126,18 +162,13 @@ pub fn send(frame: &[u8]) {
         return;
     }
     for chunk in frame.chunks(CHUNK) {
-        LINE.with(|line| {
-            for byte in chunk {
-                let _ = line.outgoing.push_back(*byte);
-            }
-            line.pump();
-        });
+        LINE.with(|line| line.put(chunk));
     }
 }
 
 /// Whether everything is sent but what the hardware holds.
 pub fn is_sent() -> bool {
-    LINE.with(|line| line.outgoing.is_empty()) == Some(true)
+    LINE.with(Line::is_sent) == Some(true)
 }
 
 /// Bytes that were lost.

@@ -38,11 +38,21 @@ pub enum Variant {
     PortableKernels,
     /// With faults that a test asks for.
     PlantedFaults,
+    /// Takes the clock to be right: QEMU has no clock tree of the STM32F405.
+    StatedClock,
+    /// The link of the STM32F405 over SPI.
+    SpiLink,
 }
 
 impl Variant {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Product, Self::PortableKernels, Self::PlantedFaults];
+    pub const ALL: [Self; 5] = [
+        Self::Product,
+        Self::PortableKernels,
+        Self::PlantedFaults,
+        Self::StatedClock,
+        Self::SpiLink,
+    ];
 
     /// The firmware's feature.
     fn feature(self) -> Option<&'static str> {
@@ -50,6 +60,8 @@ impl Variant {
             Self::Product => None,
             Self::PortableKernels => Some("portable-kernels"),
             Self::PlantedFaults => Some("planted-faults"),
+            Self::StatedClock => Some("stated-clock"),
+            Self::SpiLink => Some("spi-link"),
         }
     }
 }
@@ -107,6 +119,8 @@ fn folder(board: Board, variant: Variant, toolchain: &Toolchain) -> String {
         Variant::Product => of_board,
         Variant::PortableKernels => format!("{of_board}-portable"),
         Variant::PlantedFaults => format!("{of_board}-planted-faults"),
+        Variant::StatedClock => format!("{of_board}-stated-clock"),
+        Variant::SpiLink => format!("{of_board}-spi-link"),
     }
 }
 

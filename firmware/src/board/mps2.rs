@@ -211,6 +211,7 @@ impl Board for Mps2 {
     #[cfg(feature = "mps2-an500")]
     const NAME: &'static str = "mps2-an500";
     const TICK_HZ: u32 = CLOCK_HZ;
+    const CLOCK_HZ: u32 = CLOCK_HZ;
     // 4 ms: at 25 MHz a correction with 100 inducing points takes over one.
     const DEADLINE_TICKS: u32 = CLOCK_HZ / 250;
     // QEMU counts 64 ns for each.

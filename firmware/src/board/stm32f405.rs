@@ -1,7 +1,9 @@
-//! STM32F405 with stm32f4xx-hal: for instance an Olimex STM32-H405, an Adafruit Feather, or a Netduino Plus 2.
+//! STM32F405 with stm32f4xx-hal and a crystal of 8 MHz, for instance an Olimex STM32-H405. With another crystal (12 MHz on
+//! an Adafruit Feather, 25 MHz on a Netduino Plus 2) change `CRYSTAL_MHZ` first, or the clock is wrong.
 //!
 //! ```text
-//!  PA9, PA10   USART1   link, 1 Mbaud              8 MHz crystal: 168 MHz. None, or QEMU: 16 MHz, internal oscillator
+//!  PA9, PA10   USART1   link, 1 Mbaud, by DMA            168 MHz from the crystal. Without it 16 MHz: no model is taken
+//!  PA4 to PA7  SPI1     link with feature spi-link       NSS, SCK, MISO, MOSI
 //!  PA2, PA3    USART2   defmt, 115 200 baud
 //!  PB0         output   strobe
 //!  TIM2                 ticks, 1 MHz
@@ -9,34 +11,42 @@
 //!                       slot takes one)
 //! ```
 //!
+//! Feature `fast-link`: 4 Mbaud, with the crystal only.
+//!
 //! The flash has one bank: while it erases or writes, the processor waits. So the service refuses to touch it while
 //! cyclic requests are expected ([`Board::FLASH_BLOCKS`]).
 //!
-//! QEMU's `netduinoplus2` runs the same image. It models neither the clock tree (the crystal never starts, so the
-//! internal oscillator is used) nor the flash controller: there, nothing can be stored.
+//! QEMU's `netduinoplus2` runs the same image. It models neither the clock tree (the crystal never starts), nor DMA (the
+//! link takes an interrupt for each byte), nor the flash controller (nothing can be stored). Feature `stated-clock`, which
+//! no product has, takes the clock to be right.
 
-use core::convert::Infallible;
+mod dma;
+mod serial;
+#[cfg(feature = "spi-link")]
+mod spi;
 
-use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
-use embedded_storage::nor_flash::{
-    ErrorType as FlashErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
-};
 use poegp_runtime::store::Layout;
-use stm32f4xx_hal::flash::FlashExt;
 use stm32f4xx_hal::gpio::{Output, PB0};
-use stm32f4xx_hal::pac::{self, FLASH, Interrupt, TIM2, USART1, USART2};
+use stm32f4xx_hal::pac::{self, Interrupt, TIM2, USART2};
 use stm32f4xx_hal::prelude::*;
 use stm32f4xx_hal::rcc::{Config, Enable, Rcc, Reset};
-use stm32f4xx_hal::serial::{self, Event, RxISR, Serial, TxISR};
+use stm32f4xx_hal::serial as hal_serial;
 
-use crate::board::{Board, Link, Parts};
+use crate::board::{Board, Parts};
+use crate::drivers::flash::{self, FlashRegister, FlashRegisters, SectorFlash};
 use crate::hal_unsafe::{Region, Register, enable_interrupt};
 
 const CRYSTAL_MHZ: u32 = 8;
 const CORE_MHZ: u32 = 168;
 /// Looks at the crystal before it is taken to be missing: some milliseconds; it starts within two.
 const CRYSTAL_LOOKS: u32 = 20_000;
-const LINK_BAUD: u32 = 1_000_000;
+/// Without the crystal always the lower one: the internal oscillator has no other.
+#[cfg(not(feature = "spi-link"))]
+const LINK_BAUD: [u32; 2] = [1_000_000, FAST_BAUD];
+#[cfg(all(feature = "fast-link", not(feature = "spi-link")))]
+const FAST_BAUD: u32 = 4_000_000;
+#[cfg(not(any(feature = "fast-link", feature = "spi-link")))]
+const FAST_BAUD: u32 = 1_000_000;
 const LOG_BAUD: u32 = 115_200;
 const TICK_HZ: u32 = 1_000_000;
 
@@ -62,129 +72,45 @@ const RNG_READY: u32 = 1;
 const RNG_STATES: u32 = RNG_READY | 0b110;
 const RNG_LOOKS: u32 = 10_000;
 
-/// A serial line of the HAL with the traits of embedded-io.
-pub struct Line<U: serial::Instance>(Serial<U>);
+const SECTOR: u32 = flash::SECTOR;
+const STORE: Region = Region::at(
+    0x0800_0000 + flash::START_OFFSET as usize,
+    flash::BYTES as usize / 4,
+);
+/// Looks at the busy flag, each of some eight cycles: longer than any erase, shorter than the watchdog waits.
+const FLASH_LOOKS: u32 = 100_000_000;
 
-impl<U: serial::Instance> ErrorType for Line<U> {
-    type Error = Infallible;
+const RCC_AHB1_ENABLE: Register = Register::at(0x4002_3830);
+const DMA2_CLOCK: u32 = 1 << 22;
+
+/// The flash controller at 0x4002_3c00, and its sectors behind the image.
+pub struct Controller;
+
+const fn register(register: FlashRegister) -> Register {
+    Register::at(0x4002_3c00 + register as usize)
 }
 
-impl<U: serial::Instance> ReadReady for Line<U> {
-    fn read_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(self.0.is_rx_not_empty())
-    }
-}
-
-impl<U: serial::Instance> Read for Line<U>
-where
-    Serial<U>: embedded_hal_nb::serial::Read<u8>,
-{
-    fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
-        // A byte that the hardware finds wrong is as good as lost: the frame's CRC shows it.
-        match (
-            buffer.first_mut(),
-            embedded_hal_nb::serial::Read::read(&mut self.0),
-        ) {
-            (Some(slot), Ok(byte)) => {
-                *slot = byte;
-                Ok(1)
-            }
-            _ => Ok(0),
-        }
-    }
-}
-
-impl<U: serial::Instance> WriteReady for Line<U> {
-    fn write_ready(&mut self) -> Result<bool, Infallible> {
-        Ok(self.0.is_tx_empty())
-    }
-}
-
-impl<U: serial::Instance> Write for Line<U>
-where
-    Serial<U>: embedded_hal_nb::serial::Write<u8>,
-{
-    fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        Ok(bytes.first().map_or(0, |byte| {
-            // It is ready: the writer has asked.
-            usize::from(embedded_hal_nb::serial::Write::write(&mut self.0, *byte).is_ok())
-        }))
-    }
-    fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
-    }
-}
-
-impl Link for Line<USART1> {
-    // Reading and writing the data register clear everything.
-    fn acknowledge(&mut self) {}
-    fn notify_writable(&mut self, wanted: bool) {
-        if wanted {
-            self.0.listen(Event::TxEmpty);
-        } else {
-            self.0.unlisten(Event::TxEmpty);
-        }
-    }
-}
-
-const SECTOR: u32 = 128 * 1024;
-/// Sector 6, which begins as far from the start of the flash.
-const STORE_START: u32 = 2 * SECTOR;
-const STORE_BYTES: u32 = 6 * SECTOR;
-const STORE: Region = Region::at(0x0800_0000 + STORE_START as usize, STORE_BYTES as usize / 4);
-const FIRST_SECTOR: u32 = 6;
-
-/// Sectors 6 to 11 of the internal flash.
-pub struct InternalFlash(FLASH);
-
-/// The flash controller has refused, or the address is beyond the end.
-#[derive(Clone, Copy, Debug)]
-pub struct FlashFault;
-
-impl NorFlashError for FlashFault {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
-    }
-}
-
-impl FlashErrorType for InternalFlash {
-    type Error = FlashFault;
-}
-
-impl ReadNorFlash for InternalFlash {
-    const READ_SIZE: usize = 4;
-
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), FlashFault> {
-        for (word, chunk) in (offset as usize / 4..).zip(bytes.chunks_mut(4)) {
-            let value = STORE.read(word).ok_or(FlashFault)?;
-            for (slot, byte) in chunk.iter_mut().zip(value.to_le_bytes()) {
-                *slot = byte;
-            }
-        }
-        Ok(())
+impl FlashRegisters for Controller {
+    fn get(&mut self, which: FlashRegister) -> u32 {
+        register(which).read()
     }
 
-    fn capacity(&self) -> usize {
-        STORE_BYTES as usize
-    }
-}
-
-impl NorFlash for InternalFlash {
-    const WRITE_SIZE: usize = 4;
-    const ERASE_SIZE: usize = SECTOR as usize;
-
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashFault> {
-        for sector in from / SECTOR..to / SECTOR {
-            let erased = self.0.unlocked().erase((FIRST_SECTOR + sector) as u8);
-            erased.map_err(|_| FlashFault)?;
-        }
-        Ok(())
+    fn set(&mut self, which: FlashRegister, value: u32) {
+        register(which).write(value);
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashFault> {
-        let at = (STORE_START + offset) as usize;
-        let written = self.0.unlocked().program(at, bytes.iter());
-        written.map_err(|_| FlashFault)
+    fn load(&mut self, offset: u32) -> Option<u32> {
+        STORE.read(offset.checked_sub(flash::START_OFFSET)? as usize / 4)
+    }
+
+    fn store_word(&mut self, offset: u32, value: u32) {
+        let inside = offset.wrapping_sub(flash::START_OFFSET);
+        STORE.write(inside as usize / 4, value);
+    }
+
+    fn store_byte(&mut self, offset: u32, value: u8) {
+        let inside = offset.wrapping_sub(flash::START_OFFSET);
+        STORE.write_byte(inside as usize, value);
     }
 }
 
@@ -230,14 +156,18 @@ impl Board for Stm32F405 {
     const TICK_HZ: u32 = TICK_HZ;
     const DEADLINE_TICKS: u32 = TICK_HZ / 1_000;
     // In 1 ms at 1.75 cycles per instruction: loads, divisions and roots take several cycles, and so does flash that has to
-    // be waited for. Not measured on a board, and not true without its crystal.
+    // be waited for. Not measured on a board. Without the crystal the device takes no model.
+    const CLOCK_HZ: u32 = CORE_MHZ * 1_000_000;
     const MAX_INSTRUCTIONS: u32 = CORE_MHZ * 1_000 * 4 / 7;
     const FLASH_BLOCKS: bool = true;
     // Of the 10 000 erases of a sector that the data sheet promises, a hundredth part.
     const SLOT_WRITES: u32 = 100;
-    type Link = Line<USART1>;
-    type Log = Line<USART2>;
-    type Flash = InternalFlash;
+    #[cfg(not(feature = "spi-link"))]
+    type Link = serial::Uart;
+    #[cfg(feature = "spi-link")]
+    type Link = spi::Spi;
+    type Log = serial::Line<USART2>;
+    type Flash = SectorFlash<Controller>;
     type Strobe = PB0<Output>;
 
     fn start() -> Option<Parts<Self>> {
@@ -245,12 +175,25 @@ impl Board for Stm32F405 {
         let mut rcc = start_clock(parts.RCC);
         let gpioa = parts.GPIOA.split(&mut rcc);
         let gpiob = parts.GPIOB.split(&mut rcc);
-        let config = |baud: u32| serial::Config::default().baudrate(baud.bps());
-        let mut link = parts
-            .USART1
-            .serial((gpioa.pa9, gpioa.pa10), config(LINK_BAUD), &mut rcc)
-            .ok()?;
-        link.listen(Event::RxNotEmpty);
+        let config = |baud: u32| hal_serial::Config::default().baudrate(baud.bps());
+        RCC_AHB1_ENABLE.write(RCC_AHB1_ENABLE.read() | DMA2_CLOCK);
+        #[cfg(not(feature = "spi-link"))]
+        let link = {
+            let fast = usize::from(rcc.clocks.hclk().raw() >= Self::CLOCK_HZ);
+            let baud = LINK_BAUD.get(fast).copied()?;
+            let pins = (gpioa.pa9, gpioa.pa10);
+            let line = parts.USART1.serial(pins, config(baud), &mut rcc).ok()?;
+            serial::Uart::new(line)
+        };
+        #[cfg(feature = "spi-link")]
+        let link = {
+            // The pins keep their function when these are gone.
+            gpioa.pa4.into_alternate::<5>();
+            gpioa.pa5.into_alternate::<5>();
+            gpioa.pa6.into_alternate::<5>();
+            gpioa.pa7.into_alternate::<5>();
+            spi::Spi::start()
+        };
         let log = parts
             .USART2
             .serial((gpioa.pa2, gpioa.pa3), config(LOG_BAUD), &mut rcc)
@@ -259,9 +202,9 @@ impl Board for Stm32F405 {
         start_watchdog();
         Some(Parts {
             core_hz: rcc.clocks.hclk().raw(),
-            link: Line(link),
-            log: Line(log),
-            flash: InternalFlash(parts.FLASH),
+            link,
+            log: serial::Line(log),
+            flash: SectorFlash::new(Controller, FLASH_LOOKS),
             layout: Layout {
                 slots: [2 * SECTOR..4 * SECTOR, 4 * SECTOR..6 * SECTOR],
                 key: SECTOR..2 * SECTOR,
@@ -271,8 +214,18 @@ impl Board for Stm32F405 {
         })
     }
 
+    #[cfg(not(feature = "spi-link"))]
     fn listen() {
         enable_interrupt(Interrupt::USART1);
+        enable_interrupt(Interrupt::DMA2_STREAM5);
+        enable_interrupt(Interrupt::DMA2_STREAM7);
+    }
+
+    #[cfg(feature = "spi-link")]
+    fn listen() {
+        enable_interrupt(Interrupt::EXTI4);
+        enable_interrupt(Interrupt::DMA2_STREAM0);
+        enable_interrupt(Interrupt::DMA2_STREAM3);
     }
 
     #[inline(always)]
@@ -286,6 +239,10 @@ impl Board for Stm32F405 {
         // 40 clocks of 48 MHz each; none without the crystal, whose PLL makes that clock.
         let ready = (0..RNG_LOOKS).any(|_| RNG_STATUS.read() & RNG_STATES == RNG_READY);
         ready.then(|| RNG_DATA.read())
+    }
+
+    fn supply_is_sure() -> bool {
+        SectorFlash::new(Controller, 1).supply_is_sure()
     }
 
     fn feed_watchdog() {

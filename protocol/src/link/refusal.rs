@@ -122,4 +122,12 @@ pub enum Refusal {
     },
     /// The device does not compute what it should: it takes no model, and corrects nothing.
     SelfTest,
+    /// The processor's clock is slower than the board's deadline needs, for instance because the crystal did not start: the
+    /// device takes no model, and corrects nothing.
+    SlowClock {
+        /// As it is.
+        hz: u32,
+        /// At least.
+        needed: u32,
+    },
 }

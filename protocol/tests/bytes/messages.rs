@@ -199,6 +199,10 @@ pub fn refusals() -> Vec<Refusal> {
         Refusal::CycleSetting { code: 4 },
         Refusal::TooManyWrites { allowed: 100 },
         Refusal::SelfTest,
+        Refusal::SlowClock {
+            hz: 16_000_000,
+            needed: 168_000_000,
+        },
     ]
 }
 

@@ -270,9 +270,12 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.store.public_key().map_err(refused)
     }
 
-    fn check_self_test(&self) -> Result<(), Refusal> {
+    /// Whether this device computes as it should, and in time.
+    fn check_board(&self) -> Result<(), Refusal> {
+        let (hz, needed) = (self.board.clock_hz, self.board.needed_clock_hz);
         match self.board.self_test {
-            true => Ok(()),
+            true if hz >= needed => Ok(()),
+            true => Err(Refusal::SlowClock { hz, needed }),
             false => Err(Refusal::SelfTest),
         }
     }
@@ -299,7 +302,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             }
         }
         let crc = self.upload.check_complete()?;
-        self.check_self_test()?;
+        self.check_board()?;
         let key = self.key()?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();

@@ -17,6 +17,10 @@ pub struct BoardInfo {
     pub tick_hz: u32,
     /// Ticks in which a cyclic request is to be answered.
     pub deadline_ticks: u32,
+    /// Frequency of the processor's clock in hertz, as it is.
+    pub clock_hz: u32,
+    /// Below this frequency neither the deadline nor the number of instructions is true, and no model is taken.
+    pub needed_clock_hz: u32,
     /// Instructions for which there is time in a cycle, until another number is provisioned.
     pub max_instructions: u32,
     /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use poegp_protocol::link::{Refusal, Request, Response, StartReason};
 use poegp_runtime::guard::status::Status;
 use poegp_tests::device::Device;
-use poegp_tests::emulator::{Clock, Machine};
+use poegp_tests::emulator::{Clock, Machine, instructions};
 use poegp_tests::firmware_build::{Board, Firmware, Variant, firmware, firmware_with};
 use poegp_tests::image::Image;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
@@ -250,6 +250,38 @@ fn a_commit_that_takes_long_is_no_hang() {
     }
 }
 
+/// Command and answer of six joints, 32 times each: by DMA at most half of what an interrupt for each byte takes, whose entry
+/// and exit are not in it.
+#[test]
+fn instructions_of_a_byte_on_its_way() {
+    let machine = Machine {
+        board: Board::default(),
+        elf: &with_planted_faults().elf,
+        clock: Clock::Counting,
+        flash_image: None,
+    };
+    let mut device = Device::on(&machine).unwrap();
+    let tick_hz = device.identify().unwrap().tick_hz;
+    let mut per_byte = |question, bytes: u32| {
+        let request = Request::Activate { blob_crc: question };
+        let Response::Uploading { received } = device.request(&request).unwrap() else {
+            panic!()
+        };
+        instructions(received, tick_hz) / f64::from(32 * bytes)
+    };
+    let received = [0xfa17_0101, 0xfa17_0102].map(|question| per_byte(question, 37));
+    let sent = [0xfa17_0103, 0xfa17_0104].map(|question| per_byte(question, 46));
+    println!("instructions per byte    by DMA    an interrupt each");
+    println!(
+        "received               {:8.1}  {:8.1}",
+        received[0], received[1]
+    );
+    println!("sent                   {:8.1}  {:8.1}", sent[0], sent[1]);
+    assert!(received[0] <= 0.5 * received[1], "{received:?}");
+    assert!(sent[0] <= 0.7 * sent[1], "{sent:?}");
+    assert!(received[0] + sent[0] <= 200.0);
+}
+
 /// The product has none of this.
 #[test]
 fn a_product_plants_nothing() {
@@ -260,7 +292,7 @@ fn a_product_plants_nothing() {
     load_and_correct(&mut device);
     assert_eq!(restarts(&mut device), 0);
     let product = Image::read(&firmware().unwrap().elf).unwrap();
-    assert!(product.named(&["14planted_faults"]).is_empty());
+    assert!(product.named(&["14planted_faults", "8measured"]).is_empty());
     let planted = Image::read(&with_planted_faults().elf).unwrap();
     assert!(
         !planted.named(&["14planted_faults"]).is_empty(),

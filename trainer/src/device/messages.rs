@@ -80,6 +80,12 @@ pub fn refusal(refusal: &Refusal) -> String {
              firmware again, or replace the board"
                 .to_owned()
         }
+        Refusal::SlowClock { hz, needed } => format!(
+            "its processor runs at {:.0} MHz instead of {:.0} MHz, too slow for its deadline, and it corrects nothing; look at its \
+             crystal and supply, and restart it",
+            f64::from(*hz) / 1e6,
+            f64::from(*needed) / 1e6
+        ),
         Refusal::TooManyWrites { allowed } => format!(
             "models were stored or rolled back {allowed} times since it started, and each time wears its flash; `trainer device \
              restart` if that was on purpose"

@@ -43,6 +43,8 @@ fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Correct
         max_instructions: 100_000,
         flash_blocks: false,
         slot_writes: u32::MAX,
+        clock_hz: 25_000_000,
+        needed_clock_hz: 25_000_000,
         self_test: true,
         start: StartReason::PowerOn,
     };

@@ -109,7 +109,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         stored: &Stored,
         device: &mut impl Device<'m, WORDS>,
     ) -> Result<(), Refusal> {
-        self.check_self_test()?;
+        self.check_board()?;
         let key = self.key()?;
         let buffer = self.upload.abandon(stored.length as usize);
         let bytes = self.store.read(stored, buffer).map_err(refused)?;

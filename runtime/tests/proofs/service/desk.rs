@@ -40,6 +40,8 @@ pub const BOARD: BoardInfo = BoardInfo {
     max_instructions: MAX_INSTRUCTIONS,
     flash_blocks: false,
     slot_writes: u32::MAX,
+    clock_hz: 25_000_000,
+    needed_clock_hz: 25_000_000,
     self_test: true,
     start: StartReason::PowerOn,
 };

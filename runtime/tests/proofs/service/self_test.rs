@@ -1,4 +1,5 @@
-//! The self-test: passed by whoever computes as the workstation does, and nothing is corrected without it.
+//! The self-test: passed by whoever computes as the workstation does, and nothing is corrected without it, nor with a clock
+//! that is too slow.
 
 use std::path::Path;
 use std::{env, fs};
@@ -33,19 +34,44 @@ fn the_workstation_passes() {
 
 #[test]
 fn a_device_that_fails_corrects_nothing() {
-    let [old, new, third] = Known::three();
     let failing = BoardInfo {
         self_test: false,
         ..BOARD
     };
+    corrects_nothing(failing, Refusal::SelfTest);
+}
+
+/// The number of instructions that is provisioned for a command does not matter: it is of the right clock.
+#[test]
+fn a_clock_that_is_too_slow_corrects_nothing() {
+    let slow = BoardInfo {
+        clock_hz: 16_000_000,
+        needed_clock_hz: 168_000_000,
+        ..BOARD
+    };
+    let refusal = Refusal::SlowClock {
+        hz: 16_000_000,
+        needed: 168_000_000,
+    };
+    corrects_nothing(slow, refusal);
+    let just = BoardInfo {
+        clock_hz: BOARD.needed_clock_hz + 1,
+        ..BOARD
+    };
+    let mut desk = Desk::start_on(flash(), false, just);
+    Known::three()[0].install(&mut desk);
+}
+
+fn corrects_nothing(failing: BoardInfo, why: Refusal) {
+    let [old, new, third] = Known::three();
     let mut desk = Desk::default();
     old.install(&mut desk);
     new.install(&mut desk);
     let flash_before = desk.flash.borrow().operations;
     let mut desk = Desk::start_on(desk.flash, false, failing);
-    assert_eq!(desk.not_started, [Some(Refusal::SelfTest); 2]);
+    assert_eq!(desk.not_started, [Some(why); 2]);
     assert_eq!(desk.active(), None);
-    assert_eq!(third.upload(&mut desk), refused(Refusal::SelfTest));
+    assert_eq!(third.upload(&mut desk), refused(why));
     assert_eq!(
         desk.ask(&Request::CommitUpload),
         refused(Refusal::NotVerified)

@@ -34,6 +34,8 @@ pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
     max_instructions: 30_000,
     flash_blocks: false,
     slot_writes: 12,
+    clock_hz: 25_000_000,
+    needed_clock_hz: 25_000_000,
     self_test: true,
     start: StartReason::PowerOn,
 };
