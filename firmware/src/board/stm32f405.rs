@@ -170,6 +170,8 @@ impl Board for Stm32F405 {
     type Flash = SectorFlash<Controller>;
     type Strobe = PB0<Output>;
 
+    // Not inlined: the background must not keep its stack frame.
+    #[inline(never)]
     fn start() -> Option<Parts<Self>> {
         let parts = pac::Peripherals::take()?;
         let mut rcc = start_clock(parts.RCC);
