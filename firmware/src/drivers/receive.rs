@@ -7,7 +7,7 @@
 //!                  ^ middle        ^ end      the controller notes that it has passed them
 //! ```
 //!
-//! A controller that laps the reader overwrites bytes. That is noticed in every case: whoever writes a whole lap passes
+//! A controller that laps the reader overwrites bytes. That is noticed in every case: a controller that writes a whole lap passes
 //! the middle and the end. Then everything unread is dropped and counted. Half a lap is enough to look like one, if it
 //! begins before the middle and ends behind the end; so somebody has to look once in half a lap.
 
