@@ -130,12 +130,9 @@ impl Shell {
                 crate::planted_faults::in_background(&request);
             }
             let sequence = receiver.sequence();
+            let response = services.handle_frame(receiver, &mut self.calls);
             #[cfg(feature = "planted-faults")]
-            let measured = crate::measured::answer(receiver);
-            #[cfg(not(feature = "planted-faults"))]
-            let measured = None;
-            let response =
-                measured.unwrap_or_else(|| services.handle_frame(receiver, &mut self.calls));
+            let response = crate::measured::answer(receiver).unwrap_or(response);
             // Free for the next service before the answer is on the line, so that its sender never finds it busy.
             receiver.clear();
             cycle::WORKED.put(receiver);

@@ -61,6 +61,7 @@ impl SendDma for Pieces {
 }
 
 /// By DMA, or a byte for each interrupt.
+#[allow(clippy::large_enum_variant)] // nothing can be boxed
 enum Simulated {
     Dma(DmaLine<Ring, SendQueue<Pieces>>),
     Bytes { read: usize },

@@ -250,7 +250,7 @@ fn a_commit_that_takes_long_is_no_hang() {
     }
 }
 
-/// Command and answer of six joints, 32 times each: by DMA at most half of what an interrupt for each byte takes, whose entry
+/// Command and answer of six joints, 32 times each: by DMA at most 0.6 of what an interrupt for each byte takes, whose entry
 /// and exit are not in it.
 #[test]
 fn instructions_of_a_byte_on_its_way() {
@@ -277,8 +277,8 @@ fn instructions_of_a_byte_on_its_way() {
         received[0], received[1]
     );
     println!("sent                   {:8.1}  {:8.1}", sent[0], sent[1]);
-    assert!(received[0] <= 0.5 * received[1], "{received:?}");
-    assert!(sent[0] <= 0.7 * sent[1], "{sent:?}");
+    assert!(received[0] <= 0.6 * received[1], "{received:?}");
+    assert!(sent[0] <= 0.6 * sent[1], "{sent:?}");
     assert!(received[0] + sent[0] <= 200.0);
 }
 
