@@ -301,7 +301,7 @@ fn requests_as_bytes() {
 
 #[test]
 fn refusals_as_bytes() {
-    let table: [&[u8]; 28] = [
+    let table: [&[u8]; 29] = [
         &[10, 0],
         &[10, 1, 1, 2],
         &[10, 2],
@@ -330,6 +330,7 @@ fn refusals_as_bytes() {
         &[10, 25, 4],
         &[10, 26, 100],
         &[10, 27],
+        &[10, 28, 0x80, 0xc8, 0xd0, 0x07, 0x80, 0xf4, 0x8d, 0x50],
     ];
     assert_eq!(table.len(), refusals().len());
     for (refusal, bytes) in refusals().into_iter().zip(table) {
