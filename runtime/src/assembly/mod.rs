@@ -1,14 +1,33 @@
-//! The ground floor: what the loops in a Cortex-M4F's assembly read, and those loops.
+//! The ground floor: what the loops in assembly read, and those loops.
 //!
-//! [`crate::gp::loops`] chooses between them and the portable loops; both have the same bits.
+//! Here is chosen whose they are: those of a Cortex-M55 with the feature `cortex-m55`, otherwise those of a Cortex-M4F; on other
+//! targets and with `portable-kernels` there are none. [`crate::gp::loops`] gives each shape of rows its loop; the
+//! portable loops serve the rest. All have the same bits. What is in here is the only unsafe code of the crate.
 
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",
     not(feature = "portable-kernels")
 ))]
-pub(crate) mod cortex_m4;
+#[cfg_attr(feature = "cortex-m55", path = "cortex_m55/mod.rs")]
+#[cfg_attr(not(feature = "cortex-m55"), path = "cortex_m4/mod.rs")]
+mod chosen;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+mod square_root;
 
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+pub(crate) use self::{
+    chosen::{folded, inducing_sets},
+    square_root::square_root,
+};
 use heapless::Vec;
 use poegp_protocol::limits::MAX_GROUPS;
 

@@ -2,8 +2,8 @@
 //!
 //! One exponential for every point, unrolled over the number of joints or inputs. The functions here are the portable source
 //! and the definition of every bit: multiply, then add, in the order of the rows.
-//! `cortex_m4/` has the same loops for `f32` on a Cortex-M4F, without a bit of difference; [`KernelLoops`] chooses. What
-//! is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
+//! `assembly` has the same loops for `f32` on a Cortex-M4F and on a Cortex-M55, without a bit of difference; [`KernelLoops`]
+//! chooses. What is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
 
 use poegp_protocol::limits::OUTPUTS;
 
@@ -61,7 +61,7 @@ impl KernelLoops for f64 {}
     target_abi = "eabihf",
     not(feature = "portable-kernels")
 ))]
-mod cortex_m4;
+mod in_assembly;
 
 #[cfg(not(all(
     target_arch = "arm",

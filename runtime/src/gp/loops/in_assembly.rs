@@ -3,8 +3,7 @@
 use poegp_protocol::limits::OUTPUTS;
 
 use super::{KernelLoops, portable_set_mean};
-use crate::assembly::Blocks;
-use crate::assembly::cortex_m4::{folded, inducing_sets};
+use crate::assembly::{Blocks, folded, inducing_sets};
 use crate::math::scalar::Scalar;
 
 /// Views of arrays whose length the caller knows as a parameter N as arrays whose length is a number; nothing when N is
