@@ -22,6 +22,13 @@ mod square_root;
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",
+    feature = "cortex-m55",
+    not(feature = "portable-kernels")
+))]
+pub(crate) use self::chosen::payload;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
     not(feature = "portable-kernels")
 ))]
 pub(crate) use self::{
@@ -30,6 +37,19 @@ pub(crate) use self::{
 };
 use heapless::Vec;
 use poegp_protocol::limits::MAX_GROUPS;
+
+/// 1.5·2²³: adding it to an `f32` of magnitude below 2²² leaves the nearest integer in the low mantissa bits.
+pub(crate) const EXP2_ROUND: f32 = 12_582_912.0;
+
+/// Coefficients of the polynomial of [`Scalar::exp2`](crate::math::scalar::Scalar::exp2) for `f32` behind the leading 1, lowest
+/// power first.
+pub(crate) const EXP2: [f32; 5] = [
+    f32::from_bits(0x3f31_7215),
+    f32::from_bits(0x3e75_fce1),
+    f32::from_bits(0x3d63_5b6c),
+    f32::from_bits(0x3c1e_7457),
+    f32::from_bits(0x3aad_ed2c),
+];
 
 /// Constants of [`Scalar::exp2_scaled`](crate::math::scalar::Scalar::exp2_scaled) for `f32`: 1.5·2²³ less 10, which takes
 /// 2¹⁰ out of the result, then the polynomial of `exp2` divided by its leading coefficient, highest power first.

@@ -55,10 +55,26 @@ fn instructions_on_a_cortex_m55() {
     let none = [f64::INFINITY; 2];
     for (name, correction, limits) in [
         ("chain alone", SampleCorrection::None, none),
-        ("paper, 300 points", SampleCorrection::Folded(300), [6_000.0, f64::INFINITY]),
-        ("elastic without points", SampleCorrection::Elastic(NO_POINTS), none),
-        ("elastic, 100 points, no ripple", SampleCorrection::Elastic(BARE), [7_000.0, 15_500.0]),
-        ("elastic, 200 points", SampleCorrection::Elastic(Elastic::PLAIN), none),
+        (
+            "paper, 300 points",
+            SampleCorrection::Folded(300),
+            [6_000.0, f64::INFINITY],
+        ),
+        (
+            "elastic without points",
+            SampleCorrection::Elastic(NO_POINTS),
+            none,
+        ),
+        (
+            "elastic, 100 points, no ripple",
+            SampleCorrection::Elastic(BARE),
+            [7_000.0, 15_500.0],
+        ),
+        (
+            "elastic, 200 points",
+            SampleCorrection::Elastic(Elastic::PLAIN),
+            none,
+        ),
         (
             "elastic, 200 points, standard deviation",
             SampleCorrection::Elastic(Elastic::WITH_STD),
@@ -75,8 +91,8 @@ fn instructions_on_a_cortex_m55() {
             beyond.push((name, counts));
         }
         if std::env::var_os("POEGP_X").is_none() {
-        assert_recorded(&format!("Cortex-M55, pose, {name}"), counts[0]);
-        assert_recorded(&format!("Cortex-M55, command, {name}"), counts[1]);
+            assert_recorded(&format!("Cortex-M55, pose, {name}"), counts[0]);
+            assert_recorded(&format!("Cortex-M55, command, {name}"), counts[1]);
         }
     }
     assert!(beyond.is_empty(), "{beyond:?}");

@@ -185,7 +185,11 @@ fn instructions_of_all_kernels() {
             .map(|(count, limit)| format!("{count:.0} ({limit:.0})"))
             .collect();
         println!("| {name} | {} |", cells.join(" | "));
-        if counts.iter().zip(limits).any(|(count, limit)| *count > limit) {
+        if counts
+            .iter()
+            .zip(limits)
+            .any(|(count, limit)| *count > limit)
+        {
             beyond.push((name, counts));
         }
         // What has no loop in assembly costs the same, but for where a tick begins.

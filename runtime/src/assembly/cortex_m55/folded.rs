@@ -17,9 +17,15 @@ use super::CONSTANTS;
 macro_rules! row {
     ($first:literal, $k:literal) => {
         concat!(
-            "vldmia r5!, {{s", $first, "-s21}}\n",
-            "vmul.f32 q4, q4, ", $k, "\n",
-            "vmul.f32 q5, q5, ", $k, "\n",
+            "vldmia r5!, {{s",
+            $first,
+            "-s21}}\n",
+            "vmul.f32 q4, q4, ",
+            $k,
+            "\n",
+            "vmul.f32 q5, q5, ",
+            $k,
+            "\n",
             "vadd.f32 q6, q6, q4\n",
             "vadd.f32 q7, q7, q5\n"
         )
@@ -80,6 +86,7 @@ macro_rules! over_fours {
                         inout("r3") sums.as_mut_ptr() => _,
                         inout("r5") fours.as_ptr() => _,
                         out("r4") _,
+                        out("r12") _,
                         out("lr") _,
                     );
                 }

@@ -78,6 +78,7 @@ macro_rules! over_blocks {
                         inout("r5") list.as_ptr() => _,
                         inout("lr") CONSTANTS.as_ptr() => _,
                         out("r4") _,
+                        out("r12") _,
                     );
                 }
             }

@@ -49,7 +49,9 @@ macro_rules! exp2_lanes {
             "vadd.f32 q3, q3, r4\n",
             "vmul.f32 q3, q3, q1\n",
             $between,
-            "vadd.f32 q3, q3, ", $d0, "\n",
+            "vadd.f32 q3, q3, ",
+            $d0,
+            "\n",
             "vmla.i32 q3, q2, r12\n"
         )
     };
@@ -61,7 +63,7 @@ macro_rules! with_all_registers {
         asm!(
             ".cpu cortex-m55",
             $($asm)*
-            out("r8") _, out("r9") _, out("r10") _, out("r11") _, out("r12") _,
+            out("r8") _, out("r9") _, out("r10") _, out("r11") _,
             out("s0") _, out("s1") _, out("s2") _, out("s3") _, out("s4") _, out("s5") _, out("s6") _, out("s7") _,
             out("s8") _, out("s9") _, out("s10") _, out("s11") _, out("s12") _, out("s13") _, out("s14") _,
             out("s15") _, out("s16") _, out("s17") _, out("s18") _, out("s19") _, out("s20") _, out("s21") _,

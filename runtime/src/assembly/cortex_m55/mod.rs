@@ -31,6 +31,7 @@
 mod instructions;
 pub(crate) mod folded;
 pub(crate) mod inducing_sets;
+pub(crate) mod payload;
 
 use crate::assembly::EXP2_SCALED;
 
