@@ -150,7 +150,7 @@ fn instructions_of_all_kernels() {
         (
             "paper, 300 points, folded",
             Sample::plain(30, SampleCorrection::Folded(300)),
-            [15_500.0, 20_000.0, 6_000.0],
+            [15_500.0, 20_000.0, 6_300.0],
         ),
         (
             "paper, 300 points, differences",
@@ -160,7 +160,7 @@ fn instructions_of_all_kernels() {
         (
             "elastic, 200 points",
             elastic(6, Elastic::PLAIN),
-            [14_000.0, 17_500.0, 11_000.0],
+            [14_000.0, 17_500.0, 8_600.0],
         ),
         (
             "five joints",
