@@ -23,8 +23,8 @@
 //! A single command is corrected by [`Model::correct`]. A path goes through a [`filter::CommandFilter`] as well, which keeps
 //! the correction from stepping when the model or the payload changes.
 //!
-//! The crate promises: no heap, no panic, no unbounded loop, no NaN out, no unsafe code but the innermost loops in a
-//! Cortex-M4F's assembly; the same bits on every target; an answer for every input, with a [`Status`] that says what it is
+//! The crate promises: no heap, no panic, no unbounded loop, no NaN out, no unsafe code but the innermost loops in
+//! assembly; the same bits on every target; an answer for every input, with a [`Status`] that says what it is
 //! worth. Units are radians, metres and kilograms. Nothing here allocates or reads files.
 //!
 //! # Features
@@ -34,6 +34,7 @@
 //! | feature | default | effect |
 //! |---|---|---|
 //! | `portable-kernels` | off | the innermost loops from portable Rust on every processor: no unsafe code, more instructions |
+//! | `cortex-m55` | off | the innermost loops with the vectors of a Cortex-M55 or M85 (Helium with floating point), which must be there |
 //!
 //! Signatures, store and service need no feature: what a firmware does not call is not linked.
 //!

@@ -27,6 +27,7 @@ fn board(name: &str) -> Result<Board, String> {
     let mut boards = Board::ALL.into_iter();
     let found = boards.find(|board| board.name() == name);
     found.ok_or_else(|| {
-        format!("found the board {name:?}, expected mps2-an386, mps2-an500 or stm32f405")
+        let names = Board::ALL.map(Board::name).join(", ");
+        format!("found the board {name:?}, expected one of {names}")
     })
 }

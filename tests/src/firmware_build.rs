@@ -21,12 +21,34 @@ use std::{env, fs};
 
 pub use poegp_trainer::device::board::Board;
 
-/// The device's target.
+/// The target of the default board, and of every Cortex-M4F and M7.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Variable that asks for one of the toolchains.
 pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
 const PACKAGE: &str = "poegp-firmware";
 const PROFILE: &str = "firmware";
+
+/// The target of a board.
+pub const fn target_of(board: Board) -> &'static str {
+    match board {
+        Board::Mps2An386 | Board::Mps2An500 | Board::Stm32F405 => TARGET,
+        Board::Mps3An547 => "thumbv8m.main-none-eabihf",
+    }
+}
+
+/// Flags of the compiler for a board. It must make no vectors for Helium of its own: their arithmetic takes denormal numbers
+/// for zero (`docs/decisions/arithmetic.md`).
+fn flags(board: Board) -> Vec<String> {
+    let scalar = ["no-vectorize-loops", "no-vectorize-slp"].map(str::to_owned);
+    let scalar = match board {
+        Board::Mps3An547 => scalar.to_vec(),
+        Board::Mps2An386 | Board::Mps2An500 | Board::Stm32F405 => Vec::new(),
+    };
+    std::iter::once(format!("target-cpu={}", board.cpu()))
+        .chain(scalar)
+        .flat_map(|flag| ["-C".to_owned(), flag])
+        .collect()
+}
 
 /// What distinguishes images of one board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -129,11 +151,13 @@ fn folder(board: Board, variant: Variant, toolchain: &Toolchain) -> String {
 pub enum FirmwareError {
     /// No compiler can build for the device.
     #[error(
-        "no compiler can build for {TARGET}{}\nhelp: either `rustup target add {TARGET}`, \
+        "no compiler can build for {target}{}\nhelp: either `rustup target add {target}`, \
          or `apt-get install rustc-web cargo-web rust-web-src lld` (Debian)",
         .asked.as_ref().map(|way| format!(" ({TOOLCHAIN_VARIABLE}={way})")).unwrap_or_default()
     )]
     NoToolchain {
+        /// The target.
+        target: &'static str,
         /// The way that was asked for.
         asked: Option<String>,
     },
@@ -170,7 +194,8 @@ pub fn firmware_with(board: Board, variant: Variant) -> Result<&'static Firmware
         .get_or_init(|| {
             let target = env::var_os("CARGO_TARGET_DIR")
                 .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir));
-            build(workspace(), &target, board, variant, find_toolchain()?)
+            let toolchain = find_toolchain(target_of(board))?;
+            build(workspace(), &target, board, variant, toolchain)
         })
         .as_ref()
         .map_err(Clone::clone)
@@ -193,26 +218,27 @@ pub fn firmware_from(
     target: &Path,
     board: Board,
 ) -> Result<Firmware, FirmwareError> {
-    build(source, target, board, Variant::default(), find_toolchain()?)
+    let toolchain = find_toolchain(target_of(board))?;
+    build(source, target, board, Variant::default(), toolchain)
 }
 
-fn find_toolchain() -> Result<Toolchain, FirmwareError> {
+fn find_toolchain(target: &'static str) -> Result<Toolchain, FirmwareError> {
     let asked = env::var(TOOLCHAIN_VARIABLE).ok();
     let found = match asked.as_deref() {
-        None => prebuilt().or_else(build_std),
-        Some("prebuilt") => prebuilt(),
+        None => prebuilt(target).or_else(build_std),
+        Some("prebuilt") => prebuilt(target),
         Some("build-std") => build_std(),
         Some(other) => return Err(FirmwareError::UnknownToolchain(other.to_owned())),
     };
-    found.ok_or(FirmwareError::NoToolchain { asked })
+    found.ok_or(FirmwareError::NoToolchain { target, asked })
 }
 
 /// Compilers to try: what the user calls `rustc`, then the distribution's.
 const COMPILERS: [&str; 2] = ["rustc", "/usr/bin/rustc"];
 
-fn prebuilt() -> Option<Toolchain> {
+fn prebuilt(target: &str) -> Option<Toolchain> {
     COMPILERS.iter().find_map(|rustc| {
-        let directory = printed(rustc, &["--print", "target-libdir", "--target", TARGET])?;
+        let directory = printed(rustc, &["--print", "target-libdir", "--target", target])?;
         fs::read_dir(directory)
             .ok()?
             .flatten()
@@ -306,7 +332,8 @@ fn build(
     let (Toolchain::Prebuilt { rustc } | Toolchain::BuildStd { rustc }) = &toolchain;
     // The cargo that belongs to the compiler.
     let mut command = Command::new(rustc.with_file_name("cargo"));
-    let flags: Vec<String> = ["-C".to_owned(), format!("target-cpu={}", board.cpu())]
+    let triple = target_of(board);
+    let flags: Vec<String> = flags(board)
         .into_iter()
         .chain(
             renamed_folders(source, &directory, rustc)
@@ -317,12 +344,12 @@ fn build(
     clean(&mut command)
         .current_dir(source)
         .args(["build", "--locked", "--package", PACKAGE])
-        .args(["--profile", PROFILE, "--target", TARGET])
+        .args(["--profile", PROFILE, "--target", triple])
         .args(["--no-default-features", "--features", board.name()])
         // Here, so that no configuration file of the workspace is needed.
         .arg("--config")
         // A list of strings is written alike in Rust and in TOML.
-        .arg(format!("target.{TARGET}.rustflags={flags:?}"))
+        .arg(format!("target.'{triple}'.rustflags={flags:?}"))
         .arg("--target-dir")
         .arg(&directory)
         .env("RUSTC", rustc)
@@ -332,10 +359,11 @@ fn build(
         command.args(["--features", feature]);
     }
     if let Toolchain::BuildStd { .. } = toolchain {
+        let linker = triple.replace(['-', '.'], "_").to_uppercase();
         command
             .arg("-Zbuild-std=core")
             .env("RUSTC_BOOTSTRAP", "1")
-            .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", "ld.lld");
+            .env(format!("CARGO_TARGET_{linker}_LINKER"), "ld.lld");
     }
     let failed = |output| FirmwareError::Build {
         toolchain: toolchain.to_string(),
@@ -348,7 +376,7 @@ fn build(
         return Err(failed(String::from_utf8_lossy(&output.stderr).into_owned()));
     }
     Ok(Firmware {
-        elf: directory.join(TARGET).join(PROFILE).join(PACKAGE),
+        elf: directory.join(triple).join(PROFILE).join(PACKAGE),
         toolchain,
     })
 }

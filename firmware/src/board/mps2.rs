@@ -1,15 +1,20 @@
-//! Arm MPS2 with FPGA image AN386 (Cortex-M4F) or AN500 (Cortex-M7), as QEMU emulates them.
+//! Arm MPS2 with FPGA image AN386 (Cortex-M4F) or AN500 (Cortex-M7), and MPS3 with AN547 (Cortex-M55), as QEMU emulates
+//! them.
 //!
-//! Registers from "Application Note AN386" and the "Cortex-M System Design Kit TRM" (ARM DDI 0479): APB UART, ch. 4.3,
-//! APB timer, ch. 4.1, APB watchdog, ch. 4.5. The system clock, which feeds all of them, is 25 MHz.
+//! Registers from the application notes of the images, the "Cortex-M System Design Kit TRM" (ARM DDI 0479: APB UART, ch. 4.3,
+//! APB timer, ch. 4.1, APB watchdog, ch. 4.5) and, for AN547, the "SSE-300 TRM" (ARM 101773: system counter). The clock of
+//! the MPS2 is 25 MHz. That of the MPS3 is 32 MHz; its UARTs have 25 MHz and its watchdog 32 768 Hz. It starts in secure
+//! state and stays there.
 //!
 //! ```text
-//!  0x4000_0000  TIMER0    CTRL +0  VALUE +4  RELOAD +8                       Board::ticks
-//!  0x4000_4000  UART0     DATA +0  STATE +4  CTRL +8  INT +12  BAUDDIV +16   link; interrupts 0 and 1
-//!  0x4000_5000  UART1     the same                                           defmt
-//!  0x4000_8000  WATCHDOG  LOAD +0  CTRL +8  INTCLR +12  LOCK +0xc00
-//!  0x4002_8000  FPGAIO    LED +0                                             strobe
-//!  0x2100_0000  PSRAM     (AN500: 0x6000_0000) stands for NOR flash: QEMU can keep it in a file
+//!  MPS2         MPS3
+//!  0x4000_0000  -            TIMER0    CTRL +0  VALUE +4  RELOAD +8                       Board::ticks
+//!  -            0x5810_0000  COUNTER   CNTCR +0  CNTCV +8                                 Board::ticks
+//!  0x4000_4000  0x5930_3000  UART0     DATA +0  STATE +4  CTRL +8  INT +12  BAUDDIV +16   link; two interrupts
+//!  0x4000_5000  0x5930_4000  UART1     the same                                           defmt
+//!  0x4000_8000  0x5802_e000  WATCHDOG  LOAD +0  CTRL +8  INTCLR +12  LOCK +0xc00
+//!  0x4002_8000  0x5930_2000  FPGAIO    LED +0                                             strobe
+//!  0x2100_0000  0x6000_0000  PSRAM     (AN500: 0x6000_0000) stands for NOR flash: QEMU can keep it in a file
 //! ```
 
 use core::convert::Infallible;
@@ -24,27 +29,86 @@ use static_cell::ConstStaticCell;
 use crate::board::{Board, Link, Parts};
 use crate::hal_unsafe::{Interrupt, Region, Register, enable_interrupt};
 
-const CLOCK_HZ: u32 = 25_000_000;
+/// What is where, and the clocks.
+#[cfg(not(feature = "mps3-an547"))]
+mod place {
+    use crate::hal_unsafe::Register;
+
+    pub const CLOCK_HZ: u32 = 25_000_000;
+    pub const UART_HZ: u32 = CLOCK_HZ;
+    pub const WATCHDOG_HZ: u32 = CLOCK_HZ;
+    pub const UART0: usize = 0x4000_4000;
+    pub const UART1: usize = 0x4000_5000;
+    pub const UART0_INTERRUPTS: [u16; 2] = [0, 1];
+    pub const WATCHDOG: usize = 0x4000_8000;
+    pub const FPGAIO: usize = 0x4002_8000;
+    #[cfg(feature = "mps2-an386")]
+    pub const PSRAM: usize = 0x2100_0000;
+    #[cfg(feature = "mps2-an500")]
+    pub const PSRAM: usize = 0x6000_0000;
+
+    const TIMER_CTRL: Register = Register::at(0x4000_0000);
+    const TIMER_VALUE: Register = Register::at(0x4000_0004);
+    const TIMER_RELOAD: Register = Register::at(0x4000_0008);
+    const TIMER_ENABLE: u32 = 1;
+
+    pub fn start_counter() {
+        TIMER_RELOAD.write(u32::MAX);
+        TIMER_VALUE.write(u32::MAX);
+        TIMER_CTRL.write(TIMER_ENABLE);
+    }
+
+    #[inline(always)]
+    pub fn counter() -> u32 {
+        // The timer counts down from 2³² − 1.
+        !TIMER_VALUE.read()
+    }
+}
+
+/// The same of the MPS3.
+#[cfg(feature = "mps3-an547")]
+mod place {
+    use crate::hal_unsafe::Register;
+
+    pub const CLOCK_HZ: u32 = 32_000_000;
+    pub const UART_HZ: u32 = 25_000_000;
+    pub const WATCHDOG_HZ: u32 = 32_768;
+    pub const UART0: usize = 0x5930_3000;
+    pub const UART1: usize = 0x5930_4000;
+    pub const UART0_INTERRUPTS: [u16; 2] = [33, 34];
+    pub const WATCHDOG: usize = 0x5802_e000;
+    pub const FPGAIO: usize = 0x5930_2000;
+    pub const PSRAM: usize = 0x6000_0000;
+
+    const COUNTER_CTRL: Register = Register::at(0x5810_0000);
+    const COUNTER_VALUE: Register = Register::at(0x5810_0008);
+    const COUNTER_ENABLE: u32 = 1;
+
+    pub fn start_counter() {
+        COUNTER_CTRL.write(COUNTER_ENABLE);
+    }
+
+    #[inline(always)]
+    pub fn counter() -> u32 {
+        // The lower half of 64 bits.
+        COUNTER_VALUE.read()
+    }
+}
+
+use place::{CLOCK_HZ, FPGAIO, PSRAM, UART_HZ, UART0, UART0_INTERRUPTS, UART1, WATCHDOG};
+
 const BAUD: u32 = 115_200;
 /// Not fed for this long, and as long again, it restarts the board.
-const WATCHDOG_TICKS: u32 = 4 * CLOCK_HZ;
+const WATCHDOG_TICKS: u32 = 4 * place::WATCHDOG_HZ;
 
-const TIMER_CTRL: Register = Register::at(0x4000_0000);
-const TIMER_VALUE: Register = Register::at(0x4000_0004);
-const TIMER_RELOAD: Register = Register::at(0x4000_0008);
-const TIMER_ENABLE: u32 = 1;
-
-const WATCHDOG_LOAD: Register = Register::at(0x4000_8000);
-const WATCHDOG_CTRL: Register = Register::at(0x4000_8008);
-const WATCHDOG_INTCLR: Register = Register::at(0x4000_800c);
-const WATCHDOG_LOCK: Register = Register::at(0x4000_8c00);
+const WATCHDOG_LOAD: Register = Register::at(WATCHDOG);
+const WATCHDOG_CTRL: Register = Register::at(WATCHDOG + 8);
+const WATCHDOG_INTCLR: Register = Register::at(WATCHDOG + 0xc);
+const WATCHDOG_LOCK: Register = Register::at(WATCHDOG + 0xc00);
 const WATCHDOG_UNLOCK: u32 = 0x1acc_e551;
 const WATCHDOG_COUNT_AND_RESET: u32 = 3;
 
-const LED: Register = Register::at(0x4002_8000);
-
-const LINK_RECEIVED: Interrupt = Interrupt(0);
-const LINK_SENT: Interrupt = Interrupt(1);
+const LED: Register = Register::at(FPGAIO);
 
 /// One APB UART.
 pub struct Uart {
@@ -62,7 +126,7 @@ const CTRL_RX_INTERRUPT: u32 = 0b1000;
 const ALL_INTERRUPTS: u32 = 0b1111;
 
 macro_rules! uart {
-    ($base:literal) => {
+    ($base:expr) => {
         Uart {
             data: const { Register::at($base) },
             state: const { Register::at($base + 4) },
@@ -123,10 +187,6 @@ impl Link for Uart {
 /// that RAM which was never written reads as erased.
 pub struct PsramFlash;
 
-#[cfg(feature = "mps2-an386")]
-const PSRAM: usize = 0x2100_0000;
-#[cfg(feature = "mps2-an500")]
-const PSRAM: usize = 0x6000_0000;
 const PAGE: u32 = 4_096;
 const SLOT: u32 = 16 * PAGE;
 const FLASH_BYTES: u32 = 2 * SLOT + 2 * PAGE;
@@ -210,6 +270,8 @@ impl Board for Mps2 {
     const NAME: &'static str = "mps2-an386";
     #[cfg(feature = "mps2-an500")]
     const NAME: &'static str = "mps2-an500";
+    #[cfg(feature = "mps3-an547")]
+    const NAME: &'static str = "mps3-an547";
     const TICK_HZ: u32 = CLOCK_HZ;
     const CLOCK_HZ: u32 = CLOCK_HZ;
     // 4 ms: at 25 MHz a correction with 100 inducing points takes over one.
@@ -227,15 +289,13 @@ impl Board for Mps2 {
     fn start() -> Option<Parts<Self>> {
         static ONCE: ConstStaticCell<()> = ConstStaticCell::new(());
         ONCE.try_take()?;
-        for divider in [Register::at(0x4000_4010), Register::at(0x4000_5010)] {
-            divider.write(CLOCK_HZ / BAUD);
+        for divider in const { [Register::at(UART0 + 16), Register::at(UART1 + 16)] } {
+            divider.write(UART_HZ / BAUD);
         }
-        let (link, log) = (uart!(0x4000_4000), uart!(0x4000_5000));
+        let (link, log) = (uart!(UART0), uart!(UART1));
         log.ctrl.write(CTRL_ENABLE);
         link.ctrl.write(CTRL_ENABLE | CTRL_RX_INTERRUPT);
-        TIMER_RELOAD.write(u32::MAX);
-        TIMER_VALUE.write(u32::MAX);
-        TIMER_CTRL.write(TIMER_ENABLE);
+        place::start_counter();
         WATCHDOG_LOCK.write(WATCHDOG_UNLOCK);
         WATCHDOG_LOAD.write(WATCHDOG_TICKS);
         WATCHDOG_CTRL.write(WATCHDOG_COUNT_AND_RESET);
@@ -255,14 +315,14 @@ impl Board for Mps2 {
     }
 
     fn listen() {
-        enable_interrupt(LINK_RECEIVED);
-        enable_interrupt(LINK_SENT);
+        for number in UART0_INTERRUPTS {
+            enable_interrupt(Interrupt(number));
+        }
     }
 
     #[inline(always)]
     fn ticks() -> u32 {
-        // The timer counts down from 2³² − 1.
-        !TIMER_VALUE.read()
+        place::counter()
     }
 
     fn feed_watchdog() {

@@ -1,16 +1,55 @@
-//! The ground floor: what the loops in a Cortex-M4F's assembly read, and those loops.
+//! The ground floor: what the loops in assembly read, and those loops.
 //!
-//! [`crate::gp::loops`] chooses between them and the portable loops; both have the same bits.
+//! Here is chosen whose they are: those of a Cortex-M55 with the feature `cortex-m55`, otherwise those of a Cortex-M4F; on other
+//! targets and with `portable-kernels` there are none. [`crate::gp::loops`] gives each shape of rows its loop; the
+//! portable loops serve the rest. All have the same bits. What is in here is the only unsafe code of the crate.
 
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",
     not(feature = "portable-kernels")
 ))]
-pub(crate) mod cortex_m4;
+#[cfg_attr(feature = "cortex-m55", path = "cortex_m55/mod.rs")]
+#[cfg_attr(not(feature = "cortex-m55"), path = "cortex_m4/mod.rs")]
+mod chosen;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+mod square_root;
 
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    feature = "cortex-m55",
+    not(feature = "portable-kernels")
+))]
+pub(crate) use self::chosen::payload;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+pub(crate) use self::{
+    chosen::{folded, inducing_sets},
+    square_root::square_root,
+};
 use heapless::Vec;
 use poegp_protocol::limits::MAX_GROUPS;
+
+/// 1.5·2²³: adding it to an `f32` of magnitude below 2²² leaves the nearest integer in the low mantissa bits.
+pub(crate) const EXP2_ROUND: f32 = 12_582_912.0;
+
+/// Coefficients of the polynomial of [`Scalar::exp2`](crate::math::scalar::Scalar::exp2) for `f32` behind the leading 1, lowest
+/// power first.
+pub(crate) const EXP2: [f32; 5] = [
+    f32::from_bits(0x3f31_7215),
+    f32::from_bits(0x3e75_fce1),
+    f32::from_bits(0x3d63_5b6c),
+    f32::from_bits(0x3c1e_7457),
+    f32::from_bits(0x3aad_ed2c),
+];
 
 /// Constants of [`Scalar::exp2_scaled`](crate::math::scalar::Scalar::exp2_scaled) for `f32`: 1.5·2²³ less 10, which takes
 /// 2¹⁰ out of the result, then the polynomial of `exp2` divided by its leading coefficient, highest power first.

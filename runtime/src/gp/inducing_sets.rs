@@ -99,7 +99,7 @@ pub(super) struct SetProcess<'a, T> {
     pub(super) payload_kg: T,
 }
 
-impl<T: Scalar> SetProcess<'_, T> {
+impl<T: KernelLoops> SetProcess<'_, T> {
     /// The query times the rates, once instead of in every row; and the payload groups that have rows, each with its factor
     /// and what the loops leave out of every exponent.
     // Beside a loop in assembly, which wants all registers, the constants in here would be loaded for every group.
@@ -114,12 +114,8 @@ impl<T: Scalar> SetProcess<'_, T> {
             let rate = self.kernel.rates[d];
             *slot = [self.motions[d][0] * rate, self.motions[d][1] * rate];
         }
-        let groups = self.group_payloads_kg.iter().zip(&self.set.points);
-        blocks.refill(groups.map(|(group_kg, points)| {
-            let falling = kernel.falling(payload_kg, *group_kg);
-            let factor = kernel.amplitude_at(payload_kg, *group_kg) * falling;
-            (*points, factor)
-        }));
+        let groups = self.group_payloads_kg;
+        T::refill(blocks, &kernel, groups, &self.set.points, payload_kg);
     }
 
     /// The mean of a process that looks at any number of joints of any kind, and the rows that follow.

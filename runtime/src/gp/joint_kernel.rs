@@ -22,7 +22,7 @@ pub struct JointKernel<T> {
     /// a₁ in rad²/kg².
     pub payload_amplitude: T,
     /// −Σ W_cd, see [`JointKernel::set_rates`].
-    pub(super) bias: T,
+    pub(crate) bias: T,
 }
 
 impl<T: Scalar> JointKernel<T> {
@@ -108,13 +108,13 @@ impl<T: Scalar> JointKernel<T> {
 
     /// a₀ + a₁ m m′.
     #[inline(always)]
-    pub(super) fn amplitude_at(&self, payload_kg: T, other_kg: T) -> T {
+    pub(crate) fn amplitude_at(&self, payload_kg: T, other_kg: T) -> T {
         self.amplitude + self.payload_amplitude * (payload_kg * other_kg)
     }
 
     /// 2^(−W_m (m − m′)²), and what the unrolled loops leave out of every exponent, 2^(−Σ W_d).
     #[inline(always)]
-    pub(super) fn falling(&self, payload_kg: T, other_kg: T) -> T {
+    pub(crate) fn falling(&self, payload_kg: T, other_kg: T) -> T {
         let difference = payload_kg - other_kg;
         (self.bias - self.payload_rate * (difference * difference)).exp2()
     }

@@ -8,7 +8,7 @@
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use crate::assembly::EXP2_SCALED;
+use crate::assembly::{EXP2, EXP2_ROUND as ROUND, EXP2_SCALED};
 
 mod sealed {
     pub trait Sealed {}
@@ -171,9 +171,6 @@ impl Scalar for f64 {
     }
 }
 
-/// 1.5·2²³: adding it to an `f32` of magnitude below 2²² leaves the nearest integer in the low mantissa bits.
-const ROUND: f32 = 12_582_912.0;
-
 impl Scalar for f32 {
     const ZERO: Self = 0.0;
     const ONE: Self = 1.0;
@@ -218,7 +215,7 @@ impl Scalar for f32 {
             target_abi = "eabihf",
             not(feature = "portable-kernels")
         ))]
-        return crate::assembly::cortex_m4::square_root(self);
+        return crate::assembly::square_root(self);
         #[cfg(not(all(
             target_arch = "arm",
             target_abi = "eabihf",
@@ -296,14 +293,10 @@ impl Scalar for f32 {
 /// shifting by 23 leaves the integer alone in the exponent field.
 #[inline(always)]
 fn exp2_parts(value: f32) -> (u32, u32) {
-    const C1: f32 = f32::from_bits(0x3f31_7215);
-    const C2: f32 = f32::from_bits(0x3e75_fce1);
-    const C3: f32 = f32::from_bits(0x3d63_5b6c);
-    const C4: f32 = f32::from_bits(0x3c1e_7457);
-    const C5: f32 = f32::from_bits(0x3aad_ed2c);
+    let [c1, c2, c3, c4, c5] = EXP2;
     let shifted = value + ROUND;
     let fraction = value - (shifted - ROUND);
     let polynomial =
-        1.0 + fraction * (C1 + fraction * (C2 + fraction * (C3 + fraction * (C4 + fraction * C5))));
+        1.0 + fraction * (c1 + fraction * (c2 + fraction * (c3 + fraction * (c4 + fraction * c5))));
     (polynomial.to_bits(), shifted.to_bits())
 }

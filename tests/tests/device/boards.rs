@@ -1,4 +1,4 @@
-//! The other boards: a Cortex-M7, and an STM32F405 as far as QEMU's `netduinoplus2` is one.
+//! The other boards: a Cortex-M7, a Cortex-M55, and an STM32F405 as far as QEMU's `netduinoplus2` is one.
 //!
 //! QEMU models no clock tree of the STM32: the product refuses to be in time, and a variant that takes the clock to be right
 //! shows the rest. Nor does it model DMA, so the link takes an interrupt for each byte; nor the flash controller: what is
@@ -74,7 +74,15 @@ fn corrects(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {
 
 #[test]
 fn cortex_m7_gives_the_committed_bits() {
-    let board = Board::Mps2An500;
+    gives_the_committed_bits(Board::Mps2An500);
+}
+
+#[test]
+fn cortex_m55_gives_the_committed_bits() {
+    gives_the_committed_bits(Board::Mps3An547);
+}
+
+fn gives_the_committed_bits(board: Board) {
     let mut device = start(board);
     identifies_itself(&mut device, board);
     let mut load = |device: &mut Device, blob: &[u8]| {

@@ -15,6 +15,7 @@ mod damage;
 mod demo;
 mod golden;
 mod growth;
+mod helium;
 mod image;
 mod kernels;
 mod kills;

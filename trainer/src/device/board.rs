@@ -12,6 +12,9 @@ pub enum Board {
     /// Cortex-M7.
     #[value(name = "mps2-an500")]
     Mps2An500,
+    /// Cortex-M55 with Helium.
+    #[value(name = "mps3-an547")]
+    Mps3An547,
     /// Cortex-M4F, QEMU's netduinoplus2: without its clocks and its flash controller.
     #[value(name = "stm32f405")]
     Stm32F405,
@@ -19,13 +22,19 @@ pub enum Board {
 
 impl Board {
     /// All boards.
-    pub const ALL: [Self; 3] = [Self::Mps2An386, Self::Mps2An500, Self::Stm32F405];
+    pub const ALL: [Self; 4] = [
+        Self::Mps2An386,
+        Self::Mps2An500,
+        Self::Mps3An547,
+        Self::Stm32F405,
+    ];
 
     /// Name of the board.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Mps2An386 => "mps2-an386",
             Self::Mps2An500 => "mps2-an500",
+            Self::Mps3An547 => "mps3-an547",
             Self::Stm32F405 => "stm32f405",
         }
     }
@@ -33,7 +42,7 @@ impl Board {
     /// QEMU's name of the machine.
     pub const fn machine(self) -> &'static str {
         match self {
-            Self::Mps2An386 | Self::Mps2An500 => self.name(),
+            Self::Mps2An386 | Self::Mps2An500 | Self::Mps3An547 => self.name(),
             Self::Stm32F405 => "netduinoplus2",
         }
     }
@@ -43,6 +52,7 @@ impl Board {
         match self {
             Self::Mps2An386 | Self::Stm32F405 => "cortex-m4",
             Self::Mps2An500 => "cortex-m7",
+            Self::Mps3An547 => "cortex-m55",
         }
     }
 
@@ -50,6 +60,8 @@ impl Board {
     pub const fn memory_mib(self) -> Option<u32> {
         match self {
             Self::Mps2An386 | Self::Mps2An500 => Some(16),
+            // All of its DDR: QEMU takes no less. Of the file only what was written takes room.
+            Self::Mps3An547 => Some(2_048),
             Self::Stm32F405 => None,
         }
     }
@@ -57,7 +69,7 @@ impl Board {
     /// Address and bytes of the flash behind the image, where QEMU reads zeros and erased flash reads ones.
     pub const fn erased_flash(self) -> Option<(u32, usize)> {
         match self {
-            Self::Mps2An386 | Self::Mps2An500 => None,
+            Self::Mps2An386 | Self::Mps2An500 | Self::Mps3An547 => None,
             Self::Stm32F405 => Some((0x0804_0000, 6 * 128 * 1024)),
         }
     }

@@ -1,7 +1,7 @@
-//! The loops of `inner_loops.rs` for a Cortex-M4F, in its assembly: the same bits, a quarter fewer instructions.
+//! The loops of `gp/loops` for a Cortex-M4F, in its assembly: the same bits, a quarter fewer instructions.
 //!
-//! Compiled where the target passes floats in VFP registers (`thumbv7em-none-eabihf`: M4F and M7; the M33's, too) unless the
-//! feature `portable-kernels` asks for the portable loops. Interrupts and FPU contexts are nothing special: to the compiler
+//! Compiled where the target passes floats in VFP registers (`thumbv7em-none-eabihf`: M4F and M7; the M33's, too) unless a
+//! feature asks for other loops. Interrupts and FPU contexts are nothing special: to the compiler
 //! this is code that uses all floating-point registers. What the compiler does not do by itself: one VLDM instead of a
 //! VLDR for every word, all 32 registers, and two exponentials side by side, so that no instruction waits for the one
 //! before it. Multiply, then add, as everywhere; an addition of integers sets the exponent.
@@ -17,7 +17,7 @@
 //! Every step takes two points, and a point that is left over goes through portable code; of a
 //! inducing set, whose groups are small, it has instructions of its own.
 //!
-//! This and what is in it is the only module of the crate with unsafe code. Every block reads whole rows of slices whose length was counted
+//! Every block reads whole rows of slices whose length was counted
 //! by `as_chunks`, and writes the sums that it is given.
 #![allow(unsafe_code)]
 
@@ -25,23 +25,3 @@
 mod instructions;
 pub(crate) mod folded;
 pub(crate) mod inducing_sets;
-
-use core::arch::asm;
-
-/// The processor's own square root, which libm (52 instructions) does not use on this target.
-#[inline(always)]
-pub(crate) fn square_root(value: f32) -> f32 {
-    let mut bits = value.to_bits();
-    // SAFETY: changes the registers that it names and nothing else.
-    unsafe {
-        asm!(
-            "vmov s0, {bits}",
-            "vsqrt.f32 s0, s0",
-            "vmov {bits}, s0",
-            bits = inout(reg) bits,
-            out("s0") _,
-            options(pure, nomem, nostack, preserves_flags)
-        );
-    }
-    f32::from_bits(bits)
-}

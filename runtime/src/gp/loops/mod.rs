@@ -2,12 +2,13 @@
 //!
 //! One exponential for every point, unrolled over the number of joints or inputs. The functions here are the portable source
 //! and the definition of every bit: multiply, then add, in the order of the rows.
-//! `cortex_m4/` has the same loops for `f32` on a Cortex-M4F, without a bit of difference; [`KernelLoops`] chooses. What
-//! is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
+//! `assembly` has the same loops for `f32` on a Cortex-M4F and on a Cortex-M55, without a bit of difference; [`KernelLoops`]
+//! chooses. What is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
 
-use poegp_protocol::limits::OUTPUTS;
+use poegp_protocol::limits::{MAX_GROUPS, OUTPUTS};
 
 use crate::assembly::Blocks;
+use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
 
 /// Rows that are computed side by side where registers hold several numbers; one by one elsewhere. The bits are the same.
@@ -32,6 +33,24 @@ macro_rules! inner_loops {
                     $portable($($argument),+);
                 }
             )+
+
+            /// The payload groups that have rows, each with the factor of its sum: its amplitude and what is left of the
+            /// kernel.
+            #[inline(always)]
+            fn refill(
+                blocks: &mut Blocks<Self>,
+                kernel: &JointKernel<Self>,
+                group_payloads_kg: &[Self],
+                points: &[u16; MAX_GROUPS],
+                payload_kg: Self,
+            ) {
+                let groups = group_payloads_kg.iter().zip(points);
+                blocks.refill(groups.map(|(group_kg, points)| {
+                    let falling = kernel.falling(payload_kg, *group_kg);
+                    let factor = kernel.amplitude_at(payload_kg, *group_kg) * falling;
+                    (*points, factor)
+                }));
+            }
         }
     };
 }
@@ -61,7 +80,7 @@ impl KernelLoops for f64 {}
     target_abi = "eabihf",
     not(feature = "portable-kernels")
 ))]
-mod cortex_m4;
+mod in_assembly;
 
 #[cfg(not(all(
     target_arch = "arm",

@@ -1,10 +1,18 @@
 //! Which loop in assembly serves which shape of rows; the portable loops serve the others.
 
+#[cfg(feature = "cortex-m55")]
+use core::mem::MaybeUninit;
+
+#[cfg(feature = "cortex-m55")]
+use poegp_protocol::limits::MAX_GROUPS;
 use poegp_protocol::limits::OUTPUTS;
 
 use super::{KernelLoops, portable_set_mean};
-use crate::assembly::Blocks;
-use crate::assembly::cortex_m4::{folded, inducing_sets};
+#[cfg(feature = "cortex-m55")]
+use crate::assembly::payload;
+use crate::assembly::{Blocks, folded, inducing_sets};
+#[cfg(feature = "cortex-m55")]
+use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
 
 /// Views of arrays whose length the caller knows as a parameter N as arrays whose length is a number; nothing when N is
@@ -26,6 +34,28 @@ macro_rules! with_numbers {
 }
 
 impl KernelLoops for f32 {
+    #[cfg(feature = "cortex-m55")]
+    #[inline(always)]
+    fn refill(
+        blocks: &mut Blocks<Self>,
+        kernel: &JointKernel<Self>,
+        group_payloads_kg: &[Self],
+        points: &[u16; MAX_GROUPS],
+        payload_kg: Self,
+    ) {
+        let mut out = [const { MaybeUninit::uninit() }; MAX_GROUPS];
+        let (rate, bias) = (kernel.payload_rate, kernel.bias);
+        let falling = payload::falling(group_payloads_kg, payload_kg, rate, bias, &mut out);
+        let groups = group_payloads_kg.iter().zip(falling).zip(points);
+        blocks.refill(groups.map(|((group_kg, falling), points)| {
+            // Scalar: the product may be denormal.
+            (
+                *points,
+                kernel.amplitude_at(payload_kg, *group_kg) * *falling,
+            )
+        }));
+    }
+
     #[inline(always)]
     fn folded_sums<const D: usize, const ROW: usize>(
         rows: &[[Self; ROW]],

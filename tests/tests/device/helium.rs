@@ -1,0 +1,73 @@
+//! What a Cortex-M55 costs, in instructions that repeat exactly, and what of that no vector can take.
+
+use poegp_tests::device::Device;
+use poegp_tests::emulator::{Clock, Machine, instructions};
+use poegp_tests::firmware_build::{Board, firmware_of};
+use poegp_tests::record::assert_recorded;
+use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
+
+/// Neither ripple nor curves.
+const BARE: Elastic = Elastic {
+    points: 100,
+    ripple: 0,
+    ..Elastic::PLAIN
+};
+
+/// Without inducing points and their groups: what is left is for scalar code.
+const NO_POINTS: Elastic = Elastic {
+    points: 0,
+    groups: 0,
+    ..BARE
+};
+
+/// Most instructions of a pose and of a corrected command.
+fn pose_and_command(device: &mut Device, correction: SampleCorrection) -> [f64; 2] {
+    let sample = Sample::plain(31, correction);
+    let tick_hz = device.load(&sample.blob()).unwrap().tick_hz;
+    let mut most = [0, 0];
+    for query in sample.queries(20) {
+        most[0] = most[0].max(device.evaluate(&query).unwrap().ticks);
+        most[1] = most[1].max(device.correct(&query).unwrap().ticks);
+    }
+    most.map(|ticks| instructions(ticks, tick_hz))
+}
+
+#[test]
+fn instructions_on_a_cortex_m55() {
+    let board = Board::Mps3An547;
+    let firmware = firmware_of(board).unwrap_or_else(|error| panic!("{error}"));
+    let mut device = Device::on(&Machine {
+        board,
+        elf: &firmware.elf,
+        clock: Clock::Counting,
+        flash_image: None,
+    })
+    .unwrap();
+    println!("instructions of a pose and of a command, Cortex-M55, six joints:");
+    println!("| model | pose | command |");
+    println!("|---|---|---|");
+    for (name, correction) in [
+        ("chain alone", SampleCorrection::None),
+        ("paper, 300 points", SampleCorrection::Folded(300)),
+        (
+            "elastic without points",
+            SampleCorrection::Elastic(NO_POINTS),
+        ),
+        (
+            "elastic, 100 points, no ripple",
+            SampleCorrection::Elastic(BARE),
+        ),
+        (
+            "elastic, 200 points",
+            SampleCorrection::Elastic(Elastic::PLAIN),
+        ),
+    ] {
+        let [pose, command] = pose_and_command(&mut device, correction);
+        println!("| {name} | {pose:.0} | {command:.0} |");
+        if correction == SampleCorrection::Elastic(BARE) {
+            assert!(pose <= 7_000.0, "{pose}");
+        }
+        assert_recorded(&format!("Cortex-M55, pose, {name}"), pose);
+        assert_recorded(&format!("Cortex-M55, command, {name}"), command);
+    }
+}
