@@ -31,7 +31,7 @@ use crate::hal_unsafe::{Interrupt, Region, Register, enable_interrupt};
 
 /// What is where, and the clocks.
 #[cfg(not(feature = "mps3-an547"))]
-mod place {
+mod addresses {
     use crate::hal_unsafe::Register;
 
     pub const CLOCK_HZ: u32 = 25_000_000;
@@ -67,7 +67,7 @@ mod place {
 
 /// The same of the MPS3.
 #[cfg(feature = "mps3-an547")]
-mod place {
+mod addresses {
     use crate::hal_unsafe::Register;
 
     pub const CLOCK_HZ: u32 = 32_000_000;
@@ -95,11 +95,11 @@ mod place {
     }
 }
 
-use place::{CLOCK_HZ, FPGAIO, PSRAM, UART_HZ, UART0, UART0_INTERRUPTS, UART1, WATCHDOG};
+use addresses::{CLOCK_HZ, FPGAIO, PSRAM, UART_HZ, UART0, UART0_INTERRUPTS, UART1, WATCHDOG};
 
 const BAUD: u32 = 115_200;
 /// Not fed for this long, and as long again, it restarts the board.
-const WATCHDOG_TICKS: u32 = 4 * place::WATCHDOG_HZ;
+const WATCHDOG_TICKS: u32 = 4 * addresses::WATCHDOG_HZ;
 
 const WATCHDOG_LOAD: Register = Register::at(WATCHDOG);
 const WATCHDOG_CTRL: Register = Register::at(WATCHDOG + 8);
@@ -295,7 +295,7 @@ impl Board for Mps2 {
         let (link, log) = (uart!(UART0), uart!(UART1));
         log.ctrl.write(CTRL_ENABLE);
         link.ctrl.write(CTRL_ENABLE | CTRL_RX_INTERRUPT);
-        place::start_counter();
+        addresses::start_counter();
         WATCHDOG_LOCK.write(WATCHDOG_UNLOCK);
         WATCHDOG_LOAD.write(WATCHDOG_TICKS);
         WATCHDOG_CTRL.write(WATCHDOG_COUNT_AND_RESET);
@@ -322,7 +322,7 @@ impl Board for Mps2 {
 
     #[inline(always)]
     fn ticks() -> u32 {
-        place::counter()
+        addresses::counter()
     }
 
     fn feed_watchdog() {

@@ -7,34 +7,24 @@
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",
-    not(feature = "portable-kernels")
+    not(feature = "portable-kernels"),
+    not(feature = "cortex-m55")
 ))]
-#[cfg_attr(feature = "cortex-m55", path = "cortex_m55/mod.rs")]
-#[cfg_attr(not(feature = "cortex-m55"), path = "cortex_m4/mod.rs")]
-mod chosen;
+pub(crate) mod cortex_m4;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels"),
+    feature = "cortex-m55"
+))]
+pub(crate) mod cortex_m55;
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",
     not(feature = "portable-kernels")
 ))]
-mod square_root;
+pub(crate) mod square_root;
 
-#[cfg(all(
-    target_arch = "arm",
-    target_abi = "eabihf",
-    feature = "cortex-m55",
-    not(feature = "portable-kernels")
-))]
-pub(crate) use self::chosen::payload;
-#[cfg(all(
-    target_arch = "arm",
-    target_abi = "eabihf",
-    not(feature = "portable-kernels")
-))]
-pub(crate) use self::{
-    chosen::{folded, inducing_sets},
-    square_root::square_root,
-};
 use heapless::Vec;
 use poegp_protocol::limits::MAX_GROUPS;
 

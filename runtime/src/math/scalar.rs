@@ -215,7 +215,7 @@ impl Scalar for f32 {
             target_abi = "eabihf",
             not(feature = "portable-kernels")
         ))]
-        return crate::assembly::square_root(self);
+        return crate::assembly::square_root::square_root(self);
         #[cfg(not(all(
             target_arch = "arm",
             target_abi = "eabihf",

@@ -1,7 +1,7 @@
 //! The innermost loops with the vectors of a Cortex-M55 or M85 (Helium): four rows in the lanes, the bits of the portable loops.
 //!
-//! Compiled with the feature `cortex-m55`, because a crate is not told whether its target has these vectors; the
-//! assembler is told with `.cpu`. To the compiler this is code that uses all floating-point registers, and it
+//! Compiled with the feature `cortex-m55`, because a crate cannot ask whether its target has these vectors; `.cpu`
+//! names the processor to the assembler. To the compiler this is code that uses all floating-point registers, and it
 //! keeps r6 and r7, which an operand cannot be. The predicate register VPR is saved by the processor when an exception
 //! comes, like S0 to S15.
 //!

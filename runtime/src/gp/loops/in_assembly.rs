@@ -8,9 +8,11 @@ use poegp_protocol::limits::MAX_GROUPS;
 use poegp_protocol::limits::OUTPUTS;
 
 use super::{KernelLoops, portable_set_mean};
+use crate::assembly::Blocks;
+#[cfg(not(feature = "cortex-m55"))]
+use crate::assembly::cortex_m4::{folded, inducing_sets};
 #[cfg(feature = "cortex-m55")]
-use crate::assembly::payload;
-use crate::assembly::{Blocks, folded, inducing_sets};
+use crate::assembly::cortex_m55::{folded, inducing_sets, payload};
 #[cfg(feature = "cortex-m55")]
 use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
