@@ -29,7 +29,7 @@ use static_cell::ConstStaticCell;
 use crate::board::{Board, Link, Parts};
 use crate::hal_unsafe::{Interrupt, Region, Register, enable_interrupt};
 
-/// What is where, and the clocks.
+/// Addresses and clocks of the MPS2.
 #[cfg(not(feature = "mps3-an547"))]
 mod addresses {
     use crate::hal_unsafe::Register;
@@ -65,7 +65,7 @@ mod addresses {
     }
 }
 
-/// The same of the MPS3.
+/// Those of the MPS3.
 #[cfg(feature = "mps3-an547")]
 mod addresses {
     use crate::hal_unsafe::Register;
