@@ -16,46 +16,45 @@ use crate::image::{Image, ImageError};
 const PROGRAM: &str = "arm-none-eabi-addr2line";
 
 /// Part, end of the file's path, part of the function's name. The first that fits counts.
-const RULES: [(&str, &str, &str); 27] = [
-    ("sines and cosines", "scalar.rs", "sin_cos"),
+const RULES: [(&str, &str, &str); 34] = [
+    ("sines and cosines", "math/scalar.rs", "sin_cos"),
     (
         "sines and cosines, turned by small changes",
-        "deflection/mod.rs",
+        "elastic/deflection.rs",
         "deflected_into",
     ),
-    ("ripple", "deflection/mod.rs", "ripple"),
-    ("kernels and outputs", "processes/mod.rs", ""),
-    ("kernels and outputs", "processes/sets.rs", ""),
-    ("kernels and outputs", "cortex_m4/mod.rs", ""),
-    ("kernels and outputs", "cortex_m4/instructions.rs", ""),
-    ("kernels and outputs", "cortex_m4/own.rs", ""),
-    ("kernels and outputs", "cortex_m4/pairs.rs", ""),
-    ("kernels and outputs", "cortex_m4/sets.rs", ""),
-    ("kernels and outputs", "inner_loops.rs", ""),
-    ("kernels and outputs", "posterior.rs", ""),
-    ("torque terms", "deflection/gravity.rs", ""),
-    ("standard deviation", "deflection/variance.rs", ""),
-    ("chains, forward kinematics", "poe.rs", ""),
-    ("chains, forward kinematics", "chain.rs", ""),
-    ("Newton steps", "newton.rs", ""),
-    ("trust and ranges", "trust.rs", ""),
-    ("bound, corrected pose", "bound.rs", ""),
-    ("bound, corrected pose", "se3.rs", "corrected"),
-    (
-        "search for the command, and its check",
-        "model/correct.rs",
-        "",
-    ),
-    (
-        "search for the command, and its check",
-        "correct/judgement.rs",
-        "",
-    ),
-    ("elastic correction, the rest", "deflection/mod.rs", ""),
+    ("ripple and curves", "elastic/ripple.rs", ""),
+    ("ripple and curves", "elastic/curve.rs", ""),
+    ("loops over points", "cortex_m4/instructions.rs", ""),
+    ("kernels and outputs", "gp/joint_processes.rs", ""),
+    ("kernels and outputs", "gp/inducing_sets.rs", ""),
+    ("kernels and outputs", "gp/joint_kernel.rs", ""),
+    ("kernels and outputs", "gp/loops/mod.rs", ""),
+    ("kernels and outputs", "gp/loops/in_assembly.rs", ""),
+    ("kernels and outputs", "gp/quadratic_posterior.rs", ""),
+    ("kernels and outputs", "gp/quadratic_kernel.rs", ""),
+    ("kernels and outputs", "assembly/mod.rs", ""),
+    ("kernels and outputs", "cortex_m4/folded.rs", ""),
+    ("kernels and outputs", "cortex_m4/inducing_sets.rs", ""),
+    ("gravity", "elastic/gravity.rs", ""),
+    ("standard deviation", "elastic/position_variance.rs", ""),
+    ("standard deviation", "model/position_variance.rs", ""),
+    ("chains", "kinematics/poe.rs", ""),
+    ("chains", "kinematics/minimal_chain.rs", ""),
+    ("coupling", "kinematics/coupling.rs", ""),
+    ("Newton steps", "kinematics/newton.rs", ""),
+    ("limited step", "correct/step_limit.rs", ""),
+    ("search for the command", "correct/mod.rs", ""),
+    ("search for the command", "correct/acceptance.rs", ""),
+    ("trust and ranges", "guard/trust.rs", ""),
+    ("limit, corrected pose", "guard/limit.rs", ""),
+    ("limit, corrected pose", "math/se3.rs", "corrected"),
+    ("elastic correction, the rest", "elastic/deflection.rs", ""),
+    ("elastic correction, the rest", "model/elastic.rs", ""),
     ("checks of the input, status", "model/mod.rs", ""),
-    ("checks of the input, status", "model/checked.rs", ""),
-    ("checks of the input, status", "model/elastic.rs", ""),
-    ("checks of the input, status", "model/view.rs", ""),
+    ("checks of the input, status", "model/evaluate.rs", ""),
+    ("checks of the input, status", "model/arm.rs", ""),
+    ("checks of the input, status", "model/task_space.rs", ""),
 ];
 
 /// Functions of the compiler's library.
@@ -245,5 +244,22 @@ fn rule(name: &str, path: &str) -> Option<String> {
         Some((part, _, _)) => Some((*part).to_owned()),
         None if SERVING.contains(&file) => None,
         None => Some(file.to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file that was renamed would be shown under its name, and its part would shrink.
+    #[test]
+    fn every_rule_names_a_file_of_the_runtime() {
+        let runtime = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/src");
+        for (part, file, _) in RULES {
+            let found = [runtime.clone(), runtime.join("assembly")]
+                .iter()
+                .any(|folder| folder.join(file).is_file());
+            assert!(found, "{part}: no file {file}");
+        }
     }
 }
