@@ -86,6 +86,9 @@ pub struct Parts<B: Board> {
 
 /// A line with interrupts, whose handlers are in `interrupts`. Reading and writing never wait, and move a byte or many.
 pub trait Link: Read + ReadReady + Write + WriteReady {
+    /// Whether bytes wait for an interrupt together, as with DMA: then they came when it was raised, at the latest.
+    const IN_BULK: bool = false;
+
     /// Called first in the handler: clears what made it run, where reading and writing do not.
     fn acknowledge(&mut self);
     /// Whether the interrupt is wanted when a byte can be written.

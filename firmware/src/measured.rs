@@ -115,6 +115,8 @@ impl Write for Simulated {
 }
 
 impl Link for Simulated {
+    const IN_BULK: bool = true;
+
     fn acknowledge(&mut self) {}
     fn notify_writable(&mut self, _wanted: bool) {}
 }

@@ -98,7 +98,7 @@ impl<L: Link> Line<L> {
         self.outgoing.is_empty() && self.link.is_sent()
     }
 
-    /// Takes what came, at the time `now`: whether a frame ended.
+    /// Takes what came, in the interrupt that was raised at `now`: whether a frame ended.
     fn receive(&mut self, now: u32) -> bool {
         let mut ended = false;
         let mut bytes = [0; CHUNK];
@@ -113,7 +113,8 @@ impl<L: Link> Line<L> {
                     self.lost = self.lost.saturating_add(1);
                 } else if *byte == 0 {
                     ended = true;
-                    let _ = self.ends.push_back(now);
+                    let came = if L::IN_BULK { now } else { Chosen::ticks() };
+                    let _ = self.ends.push_back(came);
                 }
             }
         }

@@ -159,6 +159,8 @@ mod link {
     }
 
     impl Link for Uart {
+        const IN_BULK: bool = true;
+
         fn acknowledge(&mut self) {
             // Of single bytes, reading and writing the data register clear everything.
             if let Self::Dma(_) = self

@@ -89,6 +89,8 @@ impl Write for Spi {
 }
 
 impl Link for Spi {
+    const IN_BULK: bool = true;
+
     fn acknowledge(&mut self) {
         // The flags of the streams are cleared by whoever looks at them.
         EXTI_PENDING.write(NSS);
