@@ -160,8 +160,8 @@ fn the_machine_is_switched_off_when_its_time_is_up() {
         flash_image: None,
     };
     let (_emulator, mut link) = Emulator::start(&machine, limit).unwrap();
-    // Nobody asks, so nothing comes but the end.
+    // Nobody asks, so nothing comes but the end; and the zero of a start, when the device looks after its line before that.
     let mut bytes = Vec::new();
     link.read_to_end(&mut bytes).unwrap();
-    assert!(bytes.is_empty(), "{bytes:?}");
+    assert!(bytes.is_empty() || bytes == [0], "{bytes:?}");
 }
