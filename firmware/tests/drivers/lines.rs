@@ -130,7 +130,7 @@ fn drain(line: &mut DmaLine<Writes, NoSender>, state: &mut u64, out: &mut Vec<u8
     }
 }
 
-/// Whoever looks once in half a ring gets every byte, in any chunks, also when events are lost in between.
+/// A reader that looks once in half a ring gets every byte, in any chunks, even when events are lost.
 #[test]
 fn every_byte_arrives_when_somebody_looks_in_time() {
     for seed in 1..200_u64 {
@@ -410,7 +410,7 @@ fn intact_but_empty(bytes: &[u8]) -> (Vec<u16>, usize) {
     intact(&kept[1..])
 }
 
-/// Whoever does not look for a lap: frames may have been sent twice, and from then on nothing is left over.
+/// A reader that misses a lap may have sent frames twice; from then on nothing is left over.
 #[test]
 fn a_lap_that_nobody_saw_leaves_nothing() {
     let frame = &frames(1)[0];

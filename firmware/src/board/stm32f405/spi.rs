@@ -92,7 +92,7 @@ impl Link for Spi {
     const IN_BULK: bool = true;
 
     fn acknowledge(&mut self) {
-        // The flags of the streams are cleared by whoever looks at them.
+        // The flags of the streams are cleared where they are read.
         EXTI_PENDING.write(NSS);
     }
     fn notify_writable(&mut self, _wanted: bool) {}
