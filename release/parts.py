@@ -27,7 +27,9 @@ DEVICE = "thumbv7em-none-eabihf"
 # The parts that a part is made of.
 NEEDS = {"package": ["linux-amd64", "linux-arm64"], "container": ["linux-amd64", "linux-arm64"]}
 HOST = "x86_64-unknown-linux-gnu"
-BOARDS = ("mps2-an386", "mps2-an500", "stm32f405")
+HELIUM = "thumbv8m.main-none-eabihf"
+# Targets of the boards.
+BOARDS = {"mps2-an386": DEVICE, "mps2-an500": DEVICE, "mps3-an547": HELIUM, "stm32f405": DEVICE}
 # Parts that have the same bytes from the same folder only, and why.
 BOUND_TO_FOLDER = {"wheel": "Cargo gives functions names after the absolute path of a crate outside the workspace, and python/ is one of its own"}
 SHELLS = {
@@ -187,9 +189,9 @@ def container(build):
 
 def firmware(build):
     """device images of all boards, as the tests build them"""
-    need_target(DEVICE)
     files = []
-    for board in BOARDS:
+    for board, target in BOARDS.items():
+        need_target(target)
         file = build.out / f"poegp-firmware-{version()}-{board}.elf"
         arguments = ["cargo", "run", "--quiet", "--release", "--locked", "--package", "poegp-tests", "--example", "firmware"]
         run([*arguments, "--", file, board, build.source, build.target])
