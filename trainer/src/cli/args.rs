@@ -11,6 +11,22 @@ use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, MAX_INDUCING_POINTS, Weighting};
 
+/// Headings of long helps, in their order.
+pub mod heading {
+    pub const MEASUREMENTS: &str = "Measurements";
+    pub const MODEL: &str = "Model";
+    pub const FRAMES: &str = "Base and tool";
+    pub const DEVICE: &str = "Limits for the device";
+    pub const TOLERANCE: &str = "Tolerance";
+    pub const RECORDS: &str = "Records";
+    pub const PROGRAMS: &str = "Robot programs";
+    pub const CHOICE: &str = "Choice of poses";
+    pub const TOUCHES: &str = "Touches";
+    pub const FORECAST: &str = "Forecast";
+    /// Options of every command; they stand last.
+    pub const GENERAL: &str = "General options";
+}
+
 /// A robot description.
 #[derive(Debug, Args)]
 pub struct RobotArgs {
@@ -35,32 +51,33 @@ pub struct ChainArgs {
 /// Settings of the calibration; what is not given keeps the value of the project file or the default.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Separate hyperparameters for each of the six outputs of the paper's process: more accurate, but slower
-    /// on the device.
-    #[arg(long)]
-    pub per_output: bool,
-    /// Leave the predictive standard deviation of the position out of an elastic model.
-    #[arg(long)]
-    pub no_variance: bool,
-    /// Largest number of inducing points of the elastic model, of all joints together (default: 200). More
-    /// are more accurate and slower.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_INDUCING_POINTS as i64))]
-    pub inducing_points: Option<u32>,
-    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
-    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = gravity)]
-    pub gravity: Option<Gravity>,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
     pub noise: NoiseArgs,
     /// Treatment of outliers; they are listed either way (default: reject).
-    #[arg(long, value_name = "POLICY", value_parser = outliers())]
+    #[arg(long, value_name = "POLICY", value_parser = outliers(), help_heading = heading::MEASUREMENTS)]
     pub outliers: Option<OutlierPolicy>,
     /// Treatment of a warm-up, a change of base, tool and joint zeros with time that the elastic method finds
     /// and reports (default: remove).
-    #[arg(long, value_name = "POLICY", value_parser = warm_up())]
+    #[arg(long, value_name = "POLICY", value_parser = warm_up(), help_heading = heading::MEASUREMENTS)]
     pub warm_up: Option<WarmUpPolicy>,
     /// Weights of the measurements in step 1 of the paper (default: none).
-    #[arg(long, value_name = "WEIGHTS", value_parser = weighting())]
+    #[arg(long, value_name = "WEIGHTS", value_parser = weighting(), help_heading = heading::MODEL)]
     pub weighting: Option<Weighting>,
+    /// Separate hyperparameters for each of the six outputs of the paper's process: more accurate, but slower
+    /// on the device.
+    #[arg(long, help_heading = heading::MODEL)]
+    pub per_output: bool,
+    /// Leave the predictive standard deviation of the position out of an elastic model.
+    #[arg(long, help_heading = heading::MODEL)]
+    pub no_variance: bool,
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = gravity, help_heading = heading::MODEL)]
+    pub gravity: Option<Gravity>,
+    /// Largest number of inducing points of the elastic model, of all joints together (default: 200). More
+    /// are more accurate and slower.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=MAX_INDUCING_POINTS as i64),
+        help_heading = heading::DEVICE)]
+    pub inducing_points: Option<u32>,
 }
 
 /// What is fitted to new measurements, or taken out of them, before they are compared with predictions.
@@ -74,7 +91,7 @@ pub struct FrameArgs {
     #[arg(long, value_name = "ROWS", num_args = 0..=1, value_parser = clap::value_parser!(u32).range(1..))]
     pub fit_tool: Option<Option<u32>>,
     /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
-    #[arg(long)]
+    #[arg(long, help_heading = heading::MEASUREMENTS)]
     pub correct_drift: bool,
 }
 

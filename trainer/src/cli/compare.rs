@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::cli::args::{FitArgs, RobotArgs, method};
+use crate::cli::args::{FitArgs, RobotArgs, heading, method};
 use crate::cli::calibrate::report_page;
 use crate::cli::examination::{AcceptArgs, Examined};
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
@@ -76,37 +76,25 @@ pub struct HeldOutPart {
     Example: trainer compare --robot abb-irb120 touches.csv --blob before.blob --blob after.blob"
 )]
 pub struct Compare {
-    #[command(flatten)]
-    pub robot: RobotArgs,
     /// Measurements for training and cross-validation; with --blob, touches.
     pub train: PathBuf,
-    /// Models to compare on touches, without training; may be repeated.
-    #[arg(long = "blob", value_name = "FILE")]
-    pub blobs: Vec<PathBuf>,
-    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
-    #[arg(long, value_name = "FILE")]
-    pub features: Option<PathBuf>,
-    /// Held-out measurements; may be repeated.
-    #[arg(long = "test", value_name = "FILE")]
-    pub tests: Vec<PathBuf>,
+    #[command(flatten)]
+    pub robot: RobotArgs,
     /// Methods, separated by commas (default: all that the data allow).
     #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
     pub methods: Vec<Method>,
+    /// Models to compare on touches, without training; may be repeated.
+    #[arg(long = "blob", value_name = "FILE")]
+    pub blobs: Vec<PathBuf>,
+    /// Held-out measurements; may be repeated.
+    #[arg(long = "test", value_name = "FILE")]
+    pub tests: Vec<PathBuf>,
     /// Number of folds of the cross-validation; 0 for none (default: 10).
     #[arg(long, value_name = "N")]
     pub folds: Option<usize>,
     /// Seed of the division into folds (default: 1).
     #[arg(long, value_name = "SEED")]
     pub seed: Option<u64>,
-    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
-    #[arg(long)]
-    pub correct_drift: bool,
-    #[command(flatten)]
-    pub accepted: AcceptArgs,
-    #[command(flatten)]
-    pub fit: FitArgs,
-    #[command(flatten)]
-    pub tolerance: ToleranceArgs,
     /// Write an HTML report with errors and plots of the test sets, otherwise of the folds, or of the
     /// touches.
     #[arg(long, value_name = "FILE")]
@@ -114,6 +102,18 @@ pub struct Compare {
     /// Write the errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE", help_heading = heading::MEASUREMENTS)]
+    pub features: Option<PathBuf>,
+    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
+    #[arg(long, help_heading = heading::MEASUREMENTS)]
+    pub correct_drift: bool,
+    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
+    pub accepted: AcceptArgs,
+    #[command(flatten)]
+    pub fit: FitArgs,
+    #[command(flatten, next_help_heading = heading::TOLERANCE)]
+    pub tolerance: ToleranceArgs,
 }
 
 impl Compare {

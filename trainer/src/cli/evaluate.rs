@@ -9,7 +9,7 @@ use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
-use crate::cli::args::FrameArgs;
+use crate::cli::args::{FrameArgs, heading};
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
@@ -88,11 +88,6 @@ pub struct Evaluate {
     pub blob: PathBuf,
     /// Measurements, or touches, that the model was not trained on.
     pub test: PathBuf,
-    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
-    #[arg(long, value_name = "FILE")]
-    pub features: Option<PathBuf>,
-    #[command(flatten)]
-    pub frames: FrameArgs,
     /// Write the predicted instrument_from_target of each measurement, in order:
     /// x_mm,y_mm,z_mm,qw,qx,qy,qz,status. The orientation is empty if the tool's frame is fitted to positions
     /// alone.
@@ -102,11 +97,16 @@ pub struct Evaluate {
     /// (empty if the blob has none).
     #[arg(long, requires = "predictions")]
     pub trust: bool,
-    #[command(flatten)]
-    pub accepted: AcceptArgs,
     /// Write the errors as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE", help_heading = heading::MEASUREMENTS)]
+    pub features: Option<PathBuf>,
+    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
+    pub accepted: AcceptArgs,
+    #[command(flatten, next_help_heading = heading::FRAMES)]
+    pub frames: FrameArgs,
 }
 
 pub fn run(a: &Evaluate) -> Result<(), Failure> {

@@ -39,6 +39,7 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
+use crate::cli::args::heading;
 use crate::cli::bridge::Bridge;
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::check::Check;
@@ -68,10 +69,10 @@ use crate::cli::simulate::Simulate;
     NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date in a blob and in manual pages.")]
 pub struct Arguments {
     /// Print errors only. Output files and `--json -` are still written.
-    #[arg(long, short, global = true)]
+    #[arg(long, short, global = true, help_heading = heading::GENERAL)]
     pub quiet: bool,
     /// Compute on at most N threads (default: one for each core). No result depends on it.
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", help_heading = heading::GENERAL)]
     pub threads: Option<NonZeroUsize>,
     /// Command.
     #[command(subcommand)]

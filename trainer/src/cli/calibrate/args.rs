@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
-use crate::cli::args::{ChainArgs, FitArgs, MethodChoice, method_or_auto};
+use crate::cli::args::{ChainArgs, FitArgs, MethodChoice, heading, method_or_auto};
 use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::examination::AcceptArgs;
 use crate::cli::tolerance::ToleranceArgs;
@@ -25,62 +25,22 @@ use crate::cli::tolerance::ToleranceArgs;
     trainer calibrate project.toml --out again.blob"
 )]
 pub struct Calibrate {
+    /// Measurements to train on, or a project file (.toml).
+    pub train: PathBuf,
     /// URDF file, TOML description, or built-in robot: abb-irb4400, abb-irb4400-serial, abb-irb120, kuka-iiwa7, ur5, ur10.
     #[arg(long)]
     pub robot: Option<String>,
     #[command(flatten)]
     pub chain: ChainArgs,
-    /// Measurements to train on, or a project file (.toml).
-    pub train: PathBuf,
-    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
-    #[arg(long, value_name = "FILE")]
-    pub features: Option<PathBuf>,
-    /// Prior for a touch file: the --json files of touch calibrations of other arms of the same drawing. The
-    /// gain is small.
-    #[arg(long, value_name = "JSON", value_delimiter = ',')]
-    pub prior: Vec<PathBuf>,
-    /// Project file to write: `trainer calibrate FILE` repeats this calibration.
-    #[arg(long, value_name = "FILE")]
-    pub write_project: Option<PathBuf>,
-    /// Day of the calibration, kept in the blob (default: SOURCE_DATE_EPOCH, otherwise today).
-    #[arg(long, value_name = "YYYY-MM-DD", value_parser = date)]
-    pub date: Option<String>,
     /// Calibration method (default: auto).
     #[arg(long, value_name = "METHOD", value_parser = method_or_auto())]
     pub method: Option<MethodChoice>,
-    #[command(flatten)]
-    pub fit: FitArgs,
-    /// Upper limit on the instructions of one command on a Cortex-M4F, frames included; inducing points and lengthscales
-    /// of the elastic model are chosen to fit.
-    #[arg(long, value_name = "N")]
-    pub max_instructions: Option<u64>,
-    /// Upper limit on the size of the blob in bytes; the number of inducing points is reduced to fit.
-    #[arg(long, value_name = "BYTES")]
-    pub max_blob_bytes: Option<usize>,
-    /// Serial number of the robot, kept in the blob.
-    #[arg(long)]
-    pub serial_number: Option<String>,
-    /// Upper limit on the displacement of the target by the correction (default: twice the largest in training).
-    #[arg(long, value_name = "MM")]
-    pub max_correction_mm: Option<f64>,
-    /// Upper limit on the rotation of the target by the correction (default: twice the largest in training).
-    #[arg(long, value_name = "MRAD")]
-    pub max_correction_mrad: Option<f64>,
-    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
-    #[arg(long)]
-    pub correct_drift: bool,
-    #[command(flatten)]
-    pub gauge: GaugeArgs,
-    #[command(flatten)]
-    pub accepted: AcceptArgs,
     /// Blob to write.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
     /// Held-out measurements: the errors on them are reported; may be repeated.
     #[arg(long = "test", value_name = "FILE")]
     pub tests: Vec<PathBuf>,
-    #[command(flatten)]
-    pub tolerance: ToleranceArgs,
     /// Write an HTML report: held-out errors, plots, parameters, provenance. Without --test it cross-validates, which takes
     /// about five more calibrations.
     #[arg(long, value_name = "FILE")]
@@ -88,9 +48,49 @@ pub struct Calibrate {
     /// Write the results as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE", help_heading = heading::MEASUREMENTS)]
+    pub features: Option<PathBuf>,
+    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
+    #[arg(long, help_heading = heading::MEASUREMENTS)]
+    pub correct_drift: bool,
+    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
+    pub accepted: AcceptArgs,
+    #[command(flatten)]
+    pub fit: FitArgs,
+    /// Prior for a touch file: the --json files of touch calibrations of other arms of the same drawing. The
+    /// gain is small.
+    #[arg(long, value_name = "JSON", value_delimiter = ',', help_heading = heading::MODEL)]
+    pub prior: Vec<PathBuf>,
+    #[command(flatten, next_help_heading = heading::FRAMES)]
+    pub gauge: GaugeArgs,
+    /// Upper limit on the instructions of one command on a Cortex-M4F, frames included; inducing points and lengthscales
+    /// of the elastic model are chosen to fit.
+    #[arg(long, value_name = "N", help_heading = heading::DEVICE)]
+    pub max_instructions: Option<u64>,
+    /// Upper limit on the size of the blob in bytes; the number of inducing points is reduced to fit.
+    #[arg(long, value_name = "BYTES", help_heading = heading::DEVICE)]
+    pub max_blob_bytes: Option<usize>,
+    /// Upper limit on the displacement of the target by the correction (default: twice the largest in training).
+    #[arg(long, value_name = "MM", help_heading = heading::DEVICE)]
+    pub max_correction_mm: Option<f64>,
+    /// Upper limit on the rotation of the target by the correction (default: twice the largest in training).
+    #[arg(long, value_name = "MRAD", help_heading = heading::DEVICE)]
+    pub max_correction_mrad: Option<f64>,
+    #[command(flatten, next_help_heading = heading::TOLERANCE)]
+    pub tolerance: ToleranceArgs,
+    /// Serial number of the robot, kept in the blob.
+    #[arg(long, help_heading = heading::RECORDS)]
+    pub serial_number: Option<String>,
+    /// Day of the calibration, kept in the blob (default: SOURCE_DATE_EPOCH, otherwise today).
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = date, help_heading = heading::RECORDS)]
+    pub date: Option<String>,
+    /// Project file to write: `trainer calibrate FILE` repeats this calibration.
+    #[arg(long, value_name = "FILE", help_heading = heading::RECORDS)]
+    pub write_project: Option<PathBuf>,
     /// Write DH rows and joint zeros with standard deviations as CSV; with --report or --test also signed
     /// held-out errors.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = heading::RECORDS)]
     pub controller_csv: Option<PathBuf>,
 }
 

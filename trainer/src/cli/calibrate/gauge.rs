@@ -19,7 +19,6 @@ use poegp_calibration::validation::command_change::CommandChange;
 
 /// Options of the gauge.
 #[derive(Args, Clone, Debug, Default)]
-#[command(next_help_heading = "Base and tool")]
 pub struct GaugeArgs {
     /// Target of the base-tool fit, if base and tool are neither kept nor stated. With the grid, the commands
     /// of two calibrations of one robot differ less.

@@ -9,7 +9,7 @@ mod wording;
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::{FrameArgs, NoiseArgs};
+use crate::cli::args::{FrameArgs, NoiseArgs, heading};
 use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckJson, Statistic, provenance};
 use crate::cli::examination::AcceptArgs;
@@ -54,9 +54,6 @@ pub struct Check {
     pub blob: PathBuf,
     /// New measurements of the robot, or touches.
     pub measurements: PathBuf,
-    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
-    #[arg(long, value_name = "FILE")]
-    pub features: Option<PathBuf>,
     /// Tolerance of the position error, including measurement noise; for touches, of the miss that all others
     /// predict.
     #[arg(long, value_name = "MM")]
@@ -77,20 +74,23 @@ pub struct Check {
     /// and how far their targets would move with this one.
     #[arg(long, value_name = "PATH")]
     pub programs: Vec<PathBuf>,
-    #[command(flatten)]
-    pub frames: FrameArgs,
-    #[command(flatten)]
-    pub noise: NoiseArgs,
-    #[command(flatten)]
-    pub accepted: AcceptArgs,
-    #[command(flatten)]
-    pub tolerance: ToleranceArgs,
     /// Write an HTML report: pass/fail, errors against the tolerance, detected changes.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
     /// Write the findings as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
+    #[arg(long, value_name = "FILE", help_heading = heading::MEASUREMENTS)]
+    pub features: Option<PathBuf>,
+    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
+    pub noise: NoiseArgs,
+    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
+    pub accepted: AcceptArgs,
+    #[command(flatten, next_help_heading = heading::FRAMES)]
+    pub frames: FrameArgs,
+    #[command(flatten, next_help_heading = heading::TOLERANCE)]
+    pub tolerance: ToleranceArgs,
 }
 
 pub fn run(a: &Check) -> Result<(), Failure> {

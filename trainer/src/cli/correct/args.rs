@@ -4,16 +4,19 @@ use std::path::PathBuf;
 
 use clap::Args;
 
+use crate::cli::args::heading;
+
 /// `trainer correct`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Of a robot program only the numbers of targets change. Its controller then brings the real tool where it believed \
-    the nominal one to be. What cannot be corrected is left and named, with exit code 1. Tools and frames are those of the \
-    program, of files of --with, or of --frames. A record OUT.poegp.json is written beside it.\n\n\
-    Of a CSV file with joints only the joint columns change. Five columns are added: position_error_um \
-    and rotation_error_urad (what stays by the model), applied (how much of the arm's error is corrected, 0 to 1), status (ok, \
-    or why not), trust (1 within the trained ranges, towards 0 far from them). Each row is corrected on its own, as the device \
-    does before its filter: beside a singularity only in part, so that neighbouring rows stay neighbours.\n\n\
+    after_help = "In a robot program, the command changes the numbers of targets and nothing else. The controller then moves the real \
+    tool to the poses that the program was written for. Tools and frames come from the program, from the files of --with or \
+    from --frames. The command lists each target that it cannot correct, leaves it as it is and ends with exit code 1. It \
+    writes a record, OUT.poegp.json, beside the program.\n\n\
+    In a CSV file of joint targets, it changes the joint columns and adds five: position_error_um and rotation_error_urad (the \
+    error that remains, by the model), applied (the share of the error that is corrected, 0 to 1), status (ok, or the reason) \
+    and trust (1 within the trained ranges, falling to 0 far outside). It corrects each row alone, as the device does before \
+    its filter. Beside a singularity it corrects a row in part, so that the correction changes smoothly from row to row.\n\n\
     Examples:\n  trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv\n  \
     trainer correct arm.blob weld.mod --payload-from-program --out corrected.mod"
 )]
@@ -28,32 +31,32 @@ pub struct Correct {
     /// Payload of all targets in kg, for a file without payload_kg.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
-    /// Take the payload of each tool from the program.
-    #[arg(long, conflicts_with = "payload_kg")]
-    pub payload_from_program: bool,
-    /// Tools and frames that the program does not define, and pulses per degree of INFORM joints (TOML).
-    #[arg(long, value_name = "FILE")]
-    pub frames: Option<PathBuf>,
-    /// Further files of the program, read for tools and frames and not corrected.
-    #[arg(long, value_name = "FILE")]
-    pub with: Vec<PathBuf>,
-    /// Insert targets on straight lines of a program where the tool would leave the line by more than this,
-    /// in mm (RAPID MoveL, KRL LIN, URScript movel).
-    #[arg(long, value_name = "TOL_MM", conflicts_with = "inverse")]
-    pub split: Option<f64>,
-    /// Restore a corrected program to the nominal arm.
-    #[arg(long)]
-    pub inverse: bool,
-    /// Write the corrected targets (`-`: standard output); of several programs, a folder.
+    /// Write the corrected targets (`-`: standard output); for several programs, a folder.
     #[arg(long, value_name = "FILE")]
     pub out: PathBuf,
-    /// Print what the command would do to a program, without writing it.
-    #[arg(long)]
-    pub dry_run: bool,
-    /// Write an HTML report on a program: every target before and after, and the remaining errors.
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
     /// Write the summary as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+    /// Take the payload of each tool from the program.
+    #[arg(long, conflicts_with = "payload_kg", help_heading = heading::PROGRAMS)]
+    pub payload_from_program: bool,
+    /// Tools and frames that the program does not define, and pulses per degree of INFORM joints (TOML).
+    #[arg(long, value_name = "FILE", help_heading = heading::PROGRAMS)]
+    pub frames: Option<PathBuf>,
+    /// Further files of the program, read for tools and frames and not corrected.
+    #[arg(long, value_name = "FILE", help_heading = heading::PROGRAMS)]
+    pub with: Vec<PathBuf>,
+    /// Insert targets on straight lines where the tool would leave the line by more than this, in mm (RAPID MoveL, KRL LIN,
+    /// URScript movel).
+    #[arg(long, value_name = "TOL_MM", conflicts_with = "inverse", help_heading = heading::PROGRAMS)]
+    pub split: Option<f64>,
+    /// Restore a corrected program to the nominal arm.
+    #[arg(long, help_heading = heading::PROGRAMS)]
+    pub inverse: bool,
+    /// Print what the command would do, without writing the program or its record.
+    #[arg(long, help_heading = heading::PROGRAMS)]
+    pub dry_run: bool,
+    /// Write an HTML report: every target before and after, and the remaining errors.
+    #[arg(long, value_name = "FILE", help_heading = heading::PROGRAMS)]
+    pub report: Option<PathBuf>,
 }

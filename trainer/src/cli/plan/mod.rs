@@ -10,7 +10,7 @@ use std::time::Instant;
 use clap::Args;
 use nalgebra::Vector3;
 
-use crate::cli::args::{Gravity, RobotArgs, gravity};
+use crate::cli::args::{Gravity, RobotArgs, gravity, heading};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -55,66 +55,66 @@ pub struct Plan {
     /// Number of poses for the calibration (default 100; with --touch 20 for each feature).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=2000))]
     count: Option<u32>,
-    /// Plan touches of a feature: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, its approximate position in mm in
-    /// the base frame; may be repeated. The tip is the [target] of --constraints.
-    #[arg(long, value_name = "KIND=X,Y,Z", value_parser = touch::goal, conflicts_with_all = [
-        "payloads", "test_poses", "v_optimal", "space_filling", "prior", "forecast", "no_forecast", "rapid", "krl", "urscript", "fanuc"
-    ])]
-    touch: Vec<Goal>,
-    /// Write the description of the touched features, to be completed (TOML).
-    #[arg(long, value_name = "FILE", requires = "touch")]
-    features_out: Option<PathBuf>,
     /// Payloads in kg, separated by commas; the plan has one block of poses for each.
     #[arg(long, value_name = "KG,KG", value_delimiter = ',')]
     payloads: Vec<f64>,
-    /// Constraints of the robot cell: joint ranges, floor, workspace, keep-out boxes, the instrument's line of sight (TOML).
-    #[arg(long, value_name = "FILE")]
-    constraints: Option<PathBuf>,
     /// Number of additional random poses, for `evaluate`.
     #[arg(long, value_name = "K", default_value_t = 0, requires = "test_out", value_parser = clap::value_parser!(u32).range(0..=500))]
     test_poses: u32,
     /// File for the additional random poses; do not calibrate with them.
     #[arg(long, value_name = "FILE", requires = "test_poses")]
     test_out: Option<PathBuf>,
-    /// Choose the poses from which the model predicts all others best (default up to 60 poses).
-    #[arg(long, conflicts_with = "space_filling")]
-    v_optimal: bool,
-    /// Choose poses as far apart as possible (default for more than 60 poses).
-    #[arg(long)]
-    space_filling: bool,
-    /// Model of a calibrated robot of the same type, whose error sizes a V-optimal plan expects.
-    #[arg(long, value_name = "MODEL.blob", conflicts_with = "space_filling")]
-    prior: Option<PathBuf>,
-    /// Seed of the random numbers; the same seed gives the same plan.
-    #[arg(long, default_value_t = 1)]
-    seed: u64,
-    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
-    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
-    gravity: Gravity,
-    /// Numbers of poses for which the forecast simulates the error, beside the plan.
-    #[arg(long, value_name = "N,N", value_delimiter = ',', default_values_t = COUNTS, value_parser = forecast_count)]
-    forecast: Vec<usize>,
-    /// Skip the forecast, which takes half a minute on two cores.
-    #[arg(long, conflicts_with = "forecast")]
-    no_forecast: bool,
     /// The plan as CSV, in the columns of a measurement file without the measurements.
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// The plan as a program for ABB (.mod).
-    #[arg(long, value_name = "FILE")]
-    rapid: Option<PathBuf>,
-    /// The plan as a program for KUKA (.src).
-    #[arg(long, value_name = "FILE")]
-    krl: Option<PathBuf>,
-    /// The plan as a program for Universal Robots (.script).
-    #[arg(long, value_name = "FILE")]
-    urscript: Option<PathBuf>,
-    /// The plan as a program listing for Fanuc (.ls).
-    #[arg(long, value_name = "FILE")]
-    fanuc: Option<PathBuf>,
     /// Write the plan's statistics and the forecast as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Constraints of the robot cell: joint ranges, floor, workspace, keep-out boxes, the instrument's line of sight (TOML).
+    #[arg(long, help_heading = heading::CHOICE, value_name = "FILE")]
+    constraints: Option<PathBuf>,
+    /// Choose the poses from which the model predicts all others best (default up to 60 poses).
+    #[arg(long, help_heading = heading::CHOICE, conflicts_with = "space_filling")]
+    v_optimal: bool,
+    /// Choose poses as far apart as possible (default for more than 60 poses).
+    #[arg(long, help_heading = heading::CHOICE)]
+    space_filling: bool,
+    /// Model of a calibrated robot of the same type, whose error sizes a V-optimal plan expects.
+    #[arg(long, help_heading = heading::CHOICE, value_name = "MODEL.blob", conflicts_with = "space_filling")]
+    prior: Option<PathBuf>,
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
+    #[arg(long, help_heading = heading::CHOICE, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
+    gravity: Gravity,
+    /// Seed of the random numbers; the same seed gives the same plan.
+    #[arg(long, help_heading = heading::CHOICE, default_value_t = 1)]
+    seed: u64,
+    /// Plan touches of a feature: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, its approximate position in mm in
+    /// the base frame; may be repeated. The tip is the [target] of --constraints.
+    #[arg(long, help_heading = heading::TOUCHES, value_name = "KIND=X,Y,Z", value_parser = touch::goal, conflicts_with_all = [
+        "payloads", "test_poses", "v_optimal", "space_filling", "prior", "forecast", "no_forecast", "rapid", "krl", "urscript", "fanuc"
+    ])]
+    touch: Vec<Goal>,
+    /// Write the description of the touched features, to be completed (TOML).
+    #[arg(long, help_heading = heading::TOUCHES, value_name = "FILE", requires = "touch")]
+    features_out: Option<PathBuf>,
+    /// Numbers of poses for which the forecast simulates the error, beside the plan.
+    #[arg(long, help_heading = heading::FORECAST, value_name = "N,N", value_delimiter = ',', default_values_t = COUNTS, value_parser = forecast_count)]
+    forecast: Vec<usize>,
+    /// Skip the forecast, which takes half a minute on two cores.
+    #[arg(long, help_heading = heading::FORECAST, conflicts_with = "forecast")]
+    no_forecast: bool,
+    /// The plan as a program for ABB (.mod).
+    #[arg(long, help_heading = heading::PROGRAMS, value_name = "FILE")]
+    rapid: Option<PathBuf>,
+    /// The plan as a program for KUKA (.src).
+    #[arg(long, help_heading = heading::PROGRAMS, value_name = "FILE")]
+    krl: Option<PathBuf>,
+    /// The plan as a program for Universal Robots (.script).
+    #[arg(long, help_heading = heading::PROGRAMS, value_name = "FILE")]
+    urscript: Option<PathBuf>,
+    /// The plan as a program listing for Fanuc (.ls).
+    #[arg(long, help_heading = heading::PROGRAMS, value_name = "FILE")]
+    fanuc: Option<PathBuf>,
 }
 
 pub fn run(a: &Plan) -> Result<(), Failure> {
