@@ -1,200 +1,31 @@
-//! Files that commands read: robots and measurements.
+//! Measurements of the robot that a blob is of.
 
-use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use poegp_protocol::blob::Blob;
-use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::Pose;
-
-use crate::cli::args::ChainArgs;
-use crate::cli::examination::{Examined, explained};
-use crate::cli::failure::{Failure, calibration_failure};
-use crate::cli::input::Input;
-use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
+use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::long::{LongFile, is_long};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::measurement::{Measurement, MeasurementSet};
-use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::numeric::parallel::in_order;
 use poegp_calibration::progress::threads;
-use poegp_calibration::robot::{Joint, LoadOptions, Robot};
+use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::trust::{Cause, Finding};
-use poegp_calibration::validation::cross_validation::TestSet;
+use poegp_protocol::blob::Blob;
+use poegp_runtime::math::se3::Pose;
+
+use crate::cli::examination::Examined;
+use crate::cli::failure::Failure;
+use crate::cli::input::Input;
+use crate::cli::inputs::read_samples;
+use crate::cli::terminal::print::note;
 
 /// What to do about measurements in other frames than the calibration's.
 pub const FRAMES_HELP: &str = "if the instrument was moved give --fit-base, if the target was remounted or the calibration \
     had positions alone --fit-tool";
-
-/// A robot with its chain.
-pub struct Arm {
-    pub robot: Robot,
-    pub nominal: Poe<f64>,
-}
-
-impl Arm {
-    pub fn load(description: &str, chain: &ChainArgs) -> Result<Self, Failure> {
-        let options = LoadOptions {
-            base: chain.base.clone(),
-            tip: chain.tip.clone(),
-        };
-        let robot = Robot::load(description, &options)?;
-        let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
-        Ok(Self { robot, nominal })
-    }
-
-    /// Reads and checks a measurement file for this robot; notes go to standard error. New tools are added to `tools`.
-    pub fn read(
-        &self,
-        path: &Path,
-        tools: &mut Vec<ToolName>,
-        correction: DriftCorrection,
-    ) -> Result<SampleFile, Failure> {
-        read_samples(&Input::file(path), &self.robot, tools, correction)
-    }
-
-    /// As [`Arm::read`], for measurements that need not be in a file.
-    pub fn read_input(
-        &self,
-        input: &Input<'_>,
-        tools: &mut Vec<ToolName>,
-        correction: DriftCorrection,
-    ) -> Result<SampleFile, Failure> {
-        read_samples(input, &self.robot, tools, correction)
-    }
-}
-
-/// A measurement file of `robot`; notes go to standard error.
-fn read_samples(
-    input: &Input<'_>,
-    robot: &Robot,
-    tools: &mut Vec<ToolName>,
-    correction: DriftCorrection,
-) -> Result<SampleFile, Failure> {
-    let path = input.path;
-    let file = match input.bytes {
-        Some(bytes) => SampleFile::parse(path, bytes, robot, tools, correction),
-        None => SampleFile::read(path, robot, tools, correction),
-    };
-    let file = file.map_err(|error| explained(input, robot, error))?;
-    for text in &file.notes {
-        note(format_args!("{}: {text}", path.display()));
-    }
-    Ok(file)
-}
-
-/// Refuses a file with too few different poses or too many rows before any work, as an error of the file.
-pub fn enough_poses(
-    path: &Path,
-    (poses, rows): (usize, usize),
-    equations: usize,
-    method: Method,
-    joints: usize,
-) -> Result<(), Failure> {
-    if let Some(most) = method.max_poses().filter(|most| rows > *most) {
-        let error = CalibrationError::TooManyPoses {
-            found: rows,
-            most,
-            method: method.name(),
-        };
-        return Err(calibration_failure(path, &error));
-    }
-    let parameters = method.parameters(joints);
-    let needed = (6 * method.min_poses(joints)).div_ceil(equations);
-    if poses >= needed {
-        return Ok(());
-    }
-    Err(InputError::new(
-        path,
-        match poses == rows {
-            true => format!("{poses} poses"),
-            false => format!("{poses} different poses in {rows} rows"),
-        },
-        format!(
-            "at least {needed} for `{}`: {parameters} unknowns, {} equations a pose",
-            method.name(),
-            if equations == 6 { "six" } else { "three" }
-        ),
-    )
-    .with_help("measure more poses, or choose a method with fewer parameters")
-    .into())
-}
-
-/// Equations that a pose gives: six, or three when only positions were measured.
-pub fn equations(samples: &[InstrumentSample]) -> usize {
-    if samples.iter().all(|s| !s.observation.has_orientation()) {
-        3
-    } else {
-        6
-    }
-}
-
-/// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
-pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Provenance {
-    Provenance {
-        serial_number: serial_number.to_owned(),
-        date: now().date().to_string(),
-        data_sha256,
-        tools,
-        ..Provenance::default()
-    }
-}
-
-const TRAINING_DATA: &str = "the training data";
-
-/// Whether a model was calibrated with the file that has this hash.
-pub fn is_training_data(loaded: &BlobModel, sha256: [u8; 32]) -> bool {
-    loaded.host().provenance.data_sha256 == sha256
-}
-
-/// Refuses the file that a model was calibrated with: `expected` is what a command needs instead.
-///
-/// # Errors
-/// [`InputError`].
-pub fn fresh(
-    loaded: &BlobModel,
-    path: &Path,
-    sha256: [u8; 32],
-    expected: &str,
-) -> Result<(), InputError> {
-    match is_training_data(loaded, sha256) {
-        true => Err(InputError::new(path, TRAINING_DATA, expected)
-            .with_help("the model was fitted to these rows, so they cannot show that it is wrong")),
-        false => Ok(()),
-    }
-}
-
-/// Says that errors are of the rows that `model` was fitted to.
-pub fn warn_of_training_data(path: &Path, model: impl Display) {
-    warning(format_args!(
-        "{}: {model} was calibrated with these rows: its errors elsewhere are larger",
-        path.display()
-    ));
-}
-
-/// The time, or the one of SOURCE_DATE_EPOCH.
-pub fn now() -> time::OffsetDateTime {
-    let seconds = std::env::var("SOURCE_DATE_EPOCH")
-        .ok()
-        .and_then(|s| s.parse().ok());
-    seconds
-        .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
-        .unwrap_or_else(time::OffsetDateTime::now_utc)
-}
-
-/// The last part of a path, for tables.
-pub fn file_name(path: &Path) -> String {
-    path.file_name().map_or_else(
-        || path.display().to_string(),
-        |n| n.to_string_lossy().into_owned(),
-    )
-}
 
 /// A measurement file as the arm of a blob sees it.
 pub struct TestData {
@@ -449,61 +280,5 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
         }),
         link_radius: None,
         prior: None,
-    }
-}
-
-/// A test file of the same arm, whose tools have to be among the first `trained_tools`.
-pub fn read_test(
-    arm: &Arm,
-    path: &Path,
-    train: &MeasurementSet,
-    tools: &mut Vec<ToolName>,
-    trained_tools: usize,
-    correction: DriftCorrection,
-) -> Result<SampleFile, Failure> {
-    let file = arm.read(path, tools, correction)?;
-    if file.set.sha256 == train.sha256 {
-        return Err(InputError::new(path, TRAINING_DATA, "held-out poses").into());
-    }
-    if let Some(unknown) = tools.get(trained_tools) {
-        return Err(InputError::new(
-            path,
-            format!("{unknown}, which is not in the training data"),
-            "tools of the training data",
-        )
-        .with_help("calibrate without this file, then fit the tool with `trainer evaluate --fit-tool ROWS`")
-        .into());
-    }
-    Ok(file)
-}
-
-/// Test files, with the drift taken out when the training data have it taken out.
-pub struct Tests {
-    /// As they were read.
-    pub files: Vec<MeasurementSet>,
-    /// As they are predicted.
-    pub sets: Vec<TestSet>,
-}
-
-impl Tests {
-    /// Reads them all; the training file itself is refused.
-    pub fn read(
-        arm: &Arm,
-        paths: &[PathBuf],
-        train: &MeasurementSet,
-        tools: &[ToolName],
-        drift: Option<&Drift>,
-    ) -> Result<Self, Failure> {
-        let (mut files, mut sets) = (Vec::new(), Vec::new());
-        let mut names = tools.to_vec();
-        for path in paths {
-            let correction = drift.map_or(DriftCorrection::None, DriftCorrection::RelativeTo);
-            let SampleFile { set, samples, .. } =
-                read_test(arm, path, train, &mut names, tools.len(), correction)?;
-            let name = file_name(path);
-            files.push(set);
-            sets.push(TestSet { name, samples });
-        }
-        Ok(Self { files, sets })
     }
 }

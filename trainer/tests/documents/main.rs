@@ -1,0 +1,58 @@
+//! The documents of the workspace: their commands work, their links lead somewhere, and their numbers agree.
+//!
+//! A fenced block after one of these comments, which a browser does not show, is part of the test:
+//!
+//! ```text
+//! <!-- test: file NAME -->       the block is written to NAME
+//! <!-- test: run -->             lines that start with "trainer" or "$ trainer" are run, in order
+//! <!-- test: run, exit 2 -->     the same, and the program must end so; other lines must be part of what it prints
+//! <!-- test: first -->           run by a test of its own
+//! ```
+//!
+//! In a block that is run, `cargo run --release -p poegp-tests --example firmware FILE` builds the image without that cargo.
+//! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables. A line that ends with
+//! `&` goes on in the background until the end of the document; the next waits until it has printed what it has to say.
+//! `until [ -S FILE ]; do sleep 0.1; done` waits for a socket in a shell; here it must exist.
+//!
+//! `<!-- record: ROW -->NUMBER` quotes the record of docs/evidence/performance.md.
+
+mod agreement;
+mod blocks;
+mod commands;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+#[cfg(unix)]
+#[allow(dead_code, reason = "the tests of the device use more of it")]
+#[path = "../../../tests/src/firmware_build.rs"]
+mod firmware_build;
+
+fn workspace() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .parent()
+        .expect("the package lies in the workspace")
+}
+
+fn document(name: &str) -> String {
+    fs::read_to_string(workspace().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// Every Markdown file of the workspace.
+fn documents() -> Vec<PathBuf> {
+    fn collect(folder: &Path, out: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            let name = path.file_name().unwrap().to_str().unwrap();
+            let skipped = name.starts_with('.') || name == "target" || name == "demo";
+            if path.is_dir() && !skipped {
+                collect(&path, out);
+            } else if name.ends_with(".md") {
+                out.push(path);
+            }
+        }
+    }
+    let mut all = Vec::new();
+    collect(workspace(), &mut all);
+    all
+}
