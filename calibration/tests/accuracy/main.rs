@@ -1,6 +1,7 @@
 //! The figures of the README: the paper's Table I, ten simulated arms, and arms that others measured.
 //!
-//! Each test prints what it measured, whether or not it passes.
+//! Each test prints what it measured, whether or not it passes. Those that simulate many arms take a few in `tests/run`, and as
+//! many as `POEGP_SEEDS` says; the records of the evidence are of four.
 
 mod choice;
 mod device_std;
@@ -38,6 +39,14 @@ use poegp_runtime::kinematics::poe::Poe;
 /// Shows a measured number: to the terminal, past what the test harness captures.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
+}
+
+/// How many simulated arms of each kind: a sample, or what `POEGP_SEEDS` says.
+fn seeds(sample: u64) -> u64 {
+    let given = std::env::var("POEGP_SEEDS").ok();
+    given.map_or(sample, |text| {
+        text.parse().expect("POEGP_SEEDS is a number of arms")
+    })
 }
 
 /// A built-in robot with its chain.

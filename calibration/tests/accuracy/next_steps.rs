@@ -17,7 +17,7 @@ use poegp_calibration::validation::work_volume::ExpectedError;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{arm, origin, say};
+use crate::{arm, origin, say, seeds};
 
 /// Gain found over gain forecast, of all arms together. A forecast knows neither that more poses show better how an arm bends,
 /// nor that few poses showed it wrongly.
@@ -25,7 +25,6 @@ const WITHIN: std::ops::RangeInclusive<f64> = 0.6..=1.7;
 /// Where nothing pays, more poses gain at most this share in the mean over the arms: what counts as a gain, and half of it for the
 /// chance of a draw.
 const LEFT: f64 = 1.5 * LEAST_SHARE;
-const SEEDS: u64 = 4;
 /// Fresh poses that errors are found at.
 const FRESH: usize = 300;
 
@@ -133,12 +132,13 @@ fn trial(name: &str, scenario: Scenario, seed: u64, count: usize, aside: f64) ->
 
 #[test]
 fn what_is_proposed_gains_what_was_forecast() {
+    let arms = seeds(4);
     let (mut forecast, mut found, mut regions) = (0.0, 0.0, 0);
     for (name, scenario) in [
         ("abb-irb4400-serial", Scenario::WithBacklash),
         ("abb-irb120", Scenario::Nonlinear),
     ] {
-        for seed in 1..=SEEDS {
+        for seed in 1..=arms {
             let (numbers, pays) = trial(name, scenario, seed, 40, 0.95);
             let [expected, then, before, after] = numbers;
             if !pays {
@@ -156,7 +156,7 @@ fn what_is_proposed_gains_what_was_forecast() {
         found / forecast
     ));
     assert!(
-        f64::from(regions) >= 0.75 * 2.0 * SEEDS as f64,
+        f64::from(regions) >= 0.75 * 2.0 * arms as f64,
         "{regions} arms have something to do"
     );
     assert!(WITHIN.contains(&(found / forecast)));
@@ -164,12 +164,13 @@ fn what_is_proposed_gains_what_was_forecast() {
 
 #[test]
 fn where_nothing_pays_more_poses_gain_nothing() {
+    let arms = seeds(2);
     let (mut gains, mut silent) = (0.0, 0.0);
     for (name, scenario) in [
         ("abb-irb4400-serial", Scenario::Paper),
         ("abb-irb120", Scenario::Paper),
     ] {
-        for seed in 1..=SEEDS {
+        for seed in 1..=arms {
             let ([_, _, before, after], pays) = trial(name, scenario, seed, 120, 0.0);
             if !pays {
                 gains += (before - after) / before;
@@ -181,7 +182,7 @@ fn where_nothing_pays_more_poses_gain_nothing() {
         "{silent} arms where nothing pays: poses gain {:.1} % in the mean",
         100.0 * gains / silent
     ));
-    assert!(silent >= 1.5 * SEEDS as f64);
+    assert!(silent >= 1.5 * arms as f64);
     assert!(gains / silent < LEFT);
 }
 
@@ -190,7 +191,8 @@ fn where_nothing_pays_more_poses_gain_nothing() {
 fn a_rigid_model_promises_no_more_than_it_keeps() {
     for (poses, more) in [(15, 10), (200, 50)] {
         let (mut forecast, mut found) = (0.0, 0.0);
-        for seed in 1..=2 * SEEDS {
+        let arms = 2 * seeds(4);
+        for seed in 1..=arms {
             let (robot, _) = arm("abb-irb120");
             let mut simulator = Simulator::new(&robot, Scenario::Nonlinear, &[], seed);
             let ranges: Ranges = simulator.ranges().to_vec();
@@ -229,7 +231,7 @@ fn a_rigid_model_promises_no_more_than_it_keeps() {
             train.extend(measured(more));
             found += (before - error(&train).0) / before;
         }
-        let arms = 2.0 * SEEDS as f64;
+        let arms = arms as f64;
         let (forecast, found) = (forecast / arms, found / arms);
         say(format_args!(
             "poe, {poses} and {more} more poses: gain forecast {:.1} %, found {:.1} % in the mean",
