@@ -96,9 +96,21 @@ fn help_line(help: &Option<String>) -> String {
         .map_or_else(String::new, |help| format!("\nhelp: {help}"))
 }
 
+/// `1 row`, `2 rows`: so many of what the noun names, whose plural ends with an s.
+pub fn counted(count: usize, noun: &str) -> String {
+    let s = if count == 1 { "" } else { "s" };
+    format!("{count} {noun}{s}")
+}
+
 #[cfg(test)]
 mod tests {
-    use super::InputError;
+    use super::{InputError, counted};
+
+    #[test]
+    fn one_is_no_plural() {
+        let said = [0, 1, 2].map(|count| counted(count, "row"));
+        assert_eq!(said, ["0 rows", "1 row", "2 rows"]);
+    }
 
     #[test]
     fn display_names_the_place() {

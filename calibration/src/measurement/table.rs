@@ -4,7 +4,7 @@ use std::path::Path;
 
 use csv::{ReaderBuilder, StringRecord, Trim};
 
-use crate::input_error::InputError;
+use crate::input_error::{InputError, counted};
 
 /// The fields of a file, trimmed.
 pub(super) struct Table {
@@ -249,8 +249,8 @@ pub(super) fn check_width(
     let kind = if count < width { "short" } else { "long" };
     let error = InputError::new(
         file,
-        format!("a {kind} row of {count} fields"),
-        format!("{width} fields, as the header has"),
+        format!("a {kind} row of {}", counted(count, "field")),
+        format!("{}, as the header has", counted(width, "field")),
     )
     .at_line(line);
     let help = if record.iter().any(|field| field.contains('\n')) {

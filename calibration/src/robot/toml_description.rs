@@ -44,7 +44,7 @@ use poegp_protocol::limits::MAX_RIPPLE;
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::input_error::InputError;
+use crate::input_error::{InputError, counted};
 use crate::robot::description::{ClassPrior, Joint, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
@@ -210,7 +210,7 @@ impl TomlSource<'_> {
         let mut refused = self.refused(error, "a robot description in TOML");
         let key = refused
             .found
-            .strip_prefix("unknown field `")
+            .strip_prefix("the unknown key `")
             .and_then(|rest| rest.strip_suffix('`'));
         let without_unit = [
             "limits",
@@ -456,12 +456,12 @@ impl TomlSource<'_> {
     ) -> Result<Option<Vec<Vec<f64>>>, InputError> {
         let expected = format!("a matrix of {n} rows of {n} numbers, for {n} joints");
         if rows.get_ref().len() != n {
-            let found = format!("{} rows", rows.get_ref().len());
+            let found = counted(rows.get_ref().len(), "row");
             return Err(self.error(rows.span(), "coupling", found, expected));
         }
         for row in rows.get_ref() {
             if row.get_ref().len() != n {
-                let found = format!("a row of {} numbers", row.get_ref().len());
+                let found = format!("a row of {}", counted(row.get_ref().len(), "number"));
                 return Err(self.error(row.span(), "coupling", found, expected));
             }
             if let Some(bad) = row.get_ref().iter().find(|number| !number.is_finite()) {

@@ -37,6 +37,63 @@ pub struct Origin {
     rpy_rad: Option<Spanned<[f64; 3]>>,
 }
 
+/// What serde says, as the file's author would: what was found, and what was expected where that is said.
+pub fn found_and_expected(message: &str) -> (String, Option<String>) {
+    let parts: Vec<&str> = message.split_whitespace().collect();
+    let message = parts.join(" ");
+    let Some((found, expected)) = message.split_once(", expected ") else {
+        return match message.strip_prefix("missing field ") {
+            Some(key) => (format!("no {key}"), Some(format!("the key {key}"))),
+            None => (value(&message), None),
+        };
+    };
+    let values = |length: &str| format!("a list of {length} values");
+    let expected = match expected {
+        "u8" | "u16" | "u32" | "u64" | "usize" | "i8" | "i16" | "i32" | "i64" | "isize" => {
+            "a whole number".to_owned()
+        }
+        "f32" | "f64" => "a number".to_owned(),
+        "a boolean" => "true or false".to_owned(),
+        "a sequence" => "a list".to_owned(),
+        "a map" => "a table".to_owned(),
+        other if other.starts_with("struct ") => "a table".to_owned(),
+        other => match other.strip_prefix("an array of length ") {
+            Some(length) => values(length),
+            None => other.to_owned(),
+        },
+    };
+    (value(found), Some(expected))
+}
+
+/// The value that serde names.
+fn value(found: &str) -> String {
+    let kinds = [
+        ("unknown field ", "the unknown key "),
+        ("unknown variant ", ""),
+        ("invalid length ", "a list of length "),
+        ("invalid value: ", ""),
+        ("invalid type: ", ""),
+    ];
+    let stripped = kinds
+        .iter()
+        .find_map(|(prefix, said)| Some((*said, found.strip_prefix(prefix)?)));
+    let (said, rest) = stripped.unwrap_or(("", found));
+    let number = ["integer ", "floating point "];
+    let number = number.iter().find_map(|kind| rest.strip_prefix(kind));
+    match (number, rest) {
+        (Some(number), _) => format!("the number {}", number.trim_matches('`')),
+        (None, "map") => "a table".to_owned(),
+        (None, "sequence") => "a list".to_owned(),
+        (None, _) => match rest.strip_prefix("boolean ") {
+            Some(truth) => truth.trim_matches('`').to_owned(),
+            None => match rest.strip_prefix("string ") {
+                Some(text) => format!("the text {text}"),
+                None => format!("{said}{rest}"),
+            },
+        },
+    }
+}
+
 /// The text of a TOML file that is being read.
 #[derive(Clone, Copy)]
 pub struct TomlSource<'a> {
@@ -70,15 +127,8 @@ impl TomlSource<'_> {
 
     /// What toml or serde say, taken apart into found and expected; `whole` is what the file should be.
     pub fn refused(&self, error: &toml::de::Error, whole: &str) -> InputError {
-        let parts: Vec<&str> = error.message().split_whitespace().collect();
-        let message = parts.join(" ");
-        let (found, expected) = match message.split_once(", expected ") {
-            Some((found, expected)) => (found.to_owned(), expected.to_owned()),
-            None => match message.strip_prefix("missing field ") {
-                Some(key) => (format!("no {key}"), format!("the key {key}")),
-                None => (message, whole.to_owned()),
-            },
-        };
+        let (found, expected) = found_and_expected(error.message());
+        let expected = expected.unwrap_or_else(|| whole.to_owned());
         match error.span() {
             Some(span) => self.error(span, "", found, expected),
             None => InputError::new(self.file, found, expected),
@@ -176,5 +226,57 @@ fn to_si(value: f64, factor: f64) -> f64 {
         value / 1e3
     } else {
         value * factor
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn refused(text: &str) -> (String, Option<String>) {
+        #[derive(Debug, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        #[allow(dead_code, reason = "read, never used")]
+        struct File {
+            count: u32,
+            length: Option<f64>,
+            place: Option<[f64; 3]>,
+            all: Option<bool>,
+            inner: Option<Inner>,
+        }
+        #[derive(Debug, Deserialize)]
+        struct Inner {}
+        found_and_expected(toml::from_str::<File>(text).unwrap_err().message())
+    }
+
+    #[test]
+    fn serde_speaks_as_the_author_of_a_file_does() {
+        for (text, found, expected) in [
+            ("count = \"x\"", "the text \"x\"", Some("a whole number")),
+            ("count = 0.5", "the number 0.5", Some("a whole number")),
+            ("count = 1\nlength = true", "true", Some("a number")),
+            ("count = 1\nlength = []", "a list", Some("a number")),
+            ("count = 1\nall = 1", "the number 1", Some("true or false")),
+            (
+                "count = 1\nplace = [1, 2]",
+                "a list of length 2",
+                Some("a list of 3 values"),
+            ),
+            ("count = 1\ninner = 3", "the number 3", Some("a table")),
+            ("length = 1", "no `count`", Some("the key `count`")),
+        ] {
+            let said = refused(text);
+            assert_eq!(
+                said,
+                (found.to_owned(), expected.map(str::to_owned)),
+                "{text}"
+            );
+        }
+        let (found, expected) = refused("cuont = 1");
+        assert_eq!(found, "the unknown key `cuont`");
+        assert_eq!(
+            expected.unwrap(),
+            "one of `count`, `length`, `place`, `all`, `inner`"
+        );
     }
 }

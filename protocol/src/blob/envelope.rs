@@ -158,40 +158,41 @@ pub enum DecodeError {
     MalformedPayload,
 }
 
+/// What was found, as a noun.
 impl core::fmt::Display for DecodeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Truncated { expected, found } => {
-                write!(
-                    f,
-                    "blob is truncated: {found} bytes, at least {expected} expected"
-                )
+                write!(f, "a blob cut off at {found} bytes, of at least {expected}")
             }
-            Self::WrongMagic => write!(f, "not a model blob (it does not begin with POEGPARM)"),
+            Self::WrongMagic => write!(f, "another kind of file (it does not begin with POEGPARM)"),
             Self::UnknownVersion { found, supported } => {
                 write!(
                     f,
-                    "blob format version {found}; this version reads version {supported}"
+                    "a blob of format version {found}; this version reads version {supported}"
                 )
             }
             Self::ReservedBitsSet => {
-                write!(f, "blob header is damaged (reserved bits are not zero)")
+                write!(
+                    f,
+                    "a blob with a damaged header (reserved bits are not zero)"
+                )
             }
             Self::TrailingBytes { expected, found } => {
                 write!(
                     f,
-                    "blob has {found} bytes where its header announces {expected}"
+                    "a blob of {found} bytes whose header announces {expected}"
                 )
             }
             Self::CrcMismatch { stored, computed } => {
                 write!(
                     f,
-                    "blob is damaged: CRC {computed:08x}, it says {stored:08x}"
+                    "a damaged blob: its bytes have CRC {computed:08x}, it says {stored:08x}"
                 )
             }
             Self::MalformedPayload => write!(
                 f,
-                "blob has an intact checksum and a payload that cannot be read"
+                "a blob with an intact checksum and a payload that cannot be read"
             ),
         }
     }

@@ -15,7 +15,7 @@ fn texts_of_a_blob_have_its_numbers() {
                 expected: 123,
                 found: 45,
             },
-            &["45 bytes", "123 expected"][..],
+            &["45 bytes", "at least 123"][..],
         ),
         (DecodeError::WrongMagic, &["POEGPARM"]),
         (

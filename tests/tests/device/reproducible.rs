@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use poegp_tests::firmware_build::{Board, firmware, firmware_from};
+use poegp_tests::firmware_build::{Board, firmware, firmware_from, firmware_of};
 use poegp_tests::image::Image;
 use poegp_tests::workspace;
 use sha2::{Digest, Sha256};
@@ -74,8 +74,21 @@ fn two_folders_give_one_image() {
     let images = [&here.elf, &there.elf].map(|elf| Image::read(elf).unwrap().crc);
     assert_eq!(images[0], images[1], "what is loaded differs");
     assert_eq!(hash(&one), hash(&other));
-    for folder in [workspace(), &source] {
-        let folder = folder.to_string_lossy();
-        assert!(!contains(&one, &folder), "{folder} is in the image");
+    let folder = source.to_string_lossy();
+    assert!(!contains(&other, &folder), "{folder} is in the image");
+}
+
+/// The flags that rename folders, and all others, reach the compiler for each target.
+#[test]
+fn no_image_names_a_folder_of_this_machine() {
+    for board in Board::ALL {
+        let image = firmware_of(board).unwrap_or_else(|error| panic!("{error}"));
+        let bytes = fs::read(&image.elf).unwrap();
+        let folder = workspace().to_string_lossy();
+        assert!(
+            !contains(&bytes, &folder),
+            "{folder} is in the image of {}",
+            board.name()
+        );
     }
 }

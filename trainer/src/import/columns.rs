@@ -10,7 +10,7 @@ use crate::import::column_map::{
 use crate::import::text::Table;
 use crate::import::units::{shared_unit, unit_of};
 use crate::import::value::RowValues;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 
 /// Where x, y and z are.
 pub struct Triple(pub [usize; 3], pub LengthUnit);
@@ -161,8 +161,8 @@ pub fn columns<const N: usize>(
         map.error(
             names.span(),
             key,
-            format!("{} columns", locations.len()),
-            format!("{N} columns"),
+            counted(locations.len(), "column"),
+            counted(N, "column"),
         )
     })
 }

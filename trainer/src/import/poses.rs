@@ -10,7 +10,7 @@ use crate::import::pose::{is_miss, pose_reader};
 use crate::import::text::Table;
 use crate::import::value::RowValues;
 use crate::import::write::Row;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 
 /// What is off a rotation by more is noted when it is made one.
 const NOTED: f64 = 1e-6;
@@ -134,11 +134,7 @@ pub fn rows(
 /// The note on what was left out, which the map asked for.
 pub fn left_out_note(what: &[String]) -> Option<String> {
     (!what.is_empty()).then(|| {
-        let rows = if what.len() == 1 {
-            "1 row"
-        } else {
-            &format!("{} rows", what.len())
-        };
+        let rows = counted(what.len(), "row");
         format!(
             "left out, as the map asks: {rows} without a whole measurement (lines {})",
             what.join(", ")

@@ -279,7 +279,7 @@ fn toml_is_refused_by_name() {
         &DH.replace("\"dh\"", "\"denavit\""),
         &[
             "arm.toml:2: column 14",
-            "unknown variant `denavit`",
+            "found `denavit`",
             "`poe`, `dh`",
             "`modified-dh`",
         ],
@@ -290,7 +290,7 @@ fn toml_is_refused_by_name() {
     );
     toml_refused(
         &DH.replace("a_m", "a"),
-        &["arm.toml:6:", "unknown field `a`", "help", "a_m or a_mm"],
+        &["arm.toml:6:", "unknown key `a`", "help", "a_m or a_mm"],
     );
     toml_refused(
         &DH.replace("alpha_deg", "alpha"),
@@ -310,7 +310,7 @@ fn toml_is_refused_by_name() {
     );
     toml_refused(
         &DH.replace("0.1", "\"0.1\""),
-        &["arm.toml:6:", "string \"0.1\""],
+        &["arm.toml:6:", "the text \"0.1\""],
     );
     toml_refused(
         &(DH.to_owned() + "axis = [0, 0, 1]"),
@@ -416,9 +416,9 @@ fn toml_limits_and_coupling_are_refused_by_name() {
     let coupled = |matrix: &str| two.replacen('\n', &format!("\ncoupling = {matrix}\n"), 1);
     toml_refused(
         &coupled("[[1, 0]]"),
-        &["arm.toml:2:", "(coupling)", "1 rows", "2 rows of 2 numbers"],
+        &["arm.toml:2:", "(coupling)", "1 row", "2 rows of 2 numbers"],
     );
-    toml_refused(&coupled("[[1, 0], [1]]"), &["a row of 1 numbers"]);
+    toml_refused(&coupled("[[1, 0], [1]]"), &["a row of 1 number"]);
     toml_refused(&coupled("[[1, 2], [2, 4]]"), &["singular", "invertible"]);
     toml_refused(&coupled("[[1, nan], [2, 4]]"), &["NaN", "finite"]);
     let load = |matrix| {

@@ -14,7 +14,7 @@ use crate::cli::input::Input;
 use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
@@ -106,8 +106,8 @@ pub fn enough_poses(
     Err(InputError::new(
         path,
         match poses == rows {
-            true => format!("{poses} poses"),
-            false => format!("{poses} different poses in {rows} rows"),
+            true => counted(poses, "pose"),
+            false => format!("{} in {rows} rows", counted(poses, "different pose")),
         },
         format!(
             "at least {needed} for `{}`: {parameters} unknowns, {} equations a pose",

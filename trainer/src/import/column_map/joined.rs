@@ -4,7 +4,7 @@ use toml::Spanned;
 
 use crate::import::column_map::{ColumnName, FileJoin, Join, JoinBy, Map, Points, Reflectors};
 use crate::import::rigid::spans_a_plane;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 
 impl Map {
     pub(super) fn check_points(&self, points: &Points) -> Result<(), InputError> {
@@ -136,7 +136,7 @@ impl Map {
             return Err(self.error(how.at.span(), "reflectors.at", found, expected));
         }
         if let Some(names) = how.columns.get_ref().iter().find(|names| names.len() != 3) {
-            let found = format!("{} columns of a reflector", names.len());
+            let found = format!("{} of a reflector", counted(names.len(), "column"));
             let expected = "its x, y and z";
             return Err(self.error(how.columns.span(), "reflectors.columns", found, expected));
         }
@@ -170,6 +170,6 @@ impl Map {
         }
         let counts: Vec<String> = counts.iter().map(usize::to_string).collect();
         let expected = format!("{} columns", counts.join(" or "));
-        Err(self.error(columns.span(), key, format!("{found} columns"), expected))
+        Err(self.error(columns.span(), key, counted(found, "column"), expected))
     }
 }

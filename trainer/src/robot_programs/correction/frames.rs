@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::toml_source::TomlSource;
 use poegp_runtime::math::se3::Pose;
 use serde::Deserialize;
 
@@ -81,13 +82,8 @@ impl FrameFile {
     /// As [`FrameFile::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
         let entries: Entries = toml::from_str(text).map_err(|error| {
-            let at = error.span().map_or(0, |span| span.start);
-            let source = Source::new(path, text.as_bytes().to_vec(), false);
-            source.error(
-                at,
-                error.message().replace('\n', ", "),
-                "[tool.\"NAME\"] and [base.\"NAME\"] with xyz_mm = [x, y, z] and quaternion = [w, x, y, z]",
-            )
+            let whole = "[tool.\"NAME\"] and [base.\"NAME\"] with xyz_mm = [x, y, z] and quaternion = [w, x, y, z]";
+            TomlSource { file: path, text }.refused(&error, whole)
         })?;
         let given = |kind: &str, entries: BTreeMap<String, Entry>| -> Result<_, InputError> {
             let mut out = BTreeMap::new();

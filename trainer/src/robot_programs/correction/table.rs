@@ -14,7 +14,7 @@
 use std::ops::Range;
 use std::path::Path;
 
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::frames::FrameFile;
@@ -68,7 +68,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         };
         if fields.len() != header.len() {
             let expected = format!("{}, as many as the header has", header.len());
-            let found = format!("{} fields", fields.len());
+            let found = counted(fields.len(), "field");
             return Err(InputError::new(&copy.path, found, expected).at_line(line));
         }
         let number = |column: usize| -> Result<Number, InputError> {

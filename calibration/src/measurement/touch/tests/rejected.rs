@@ -94,7 +94,7 @@ fn kinds_and_keys() {
     refused(
         &csv,
         &toml.replace("sigma_mm", "sigma"),
-        &["features.toml:", "unknown field `sigma`"],
+        &["features.toml:", "unknown key `sigma`"],
     );
     refused(
         &csv,
