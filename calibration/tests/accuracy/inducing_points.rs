@@ -4,12 +4,12 @@
 //! `POEGP_SEEDS=10 POEGP_MEASURED_DATA=FOLDER cargo test --release -p poegp-calibration --test accuracy -- --nocapture
 //! inducing_points` takes ten arms of each kind; that takes minutes.
 
+use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
-use poegp_calibration::model::gauge::GaugeChoice;
-use poegp_calibration::model::{Method, calibrate};
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -37,23 +37,19 @@ struct Sums {
 impl Sums {
     fn add(&mut self, robot: &Robot, train: &[InstrumentSample], test: &[InstrumentSample]) {
         let tools = train.iter().map(|s| s.tool + 1).max().unwrap_or(1);
-        let config = Config::new(Method::Elastic);
-        let context = FitContext::default();
-        // The fit knows nothing of inducing points: one for all.
-        let mut calibration = calibrate(robot, train, &config, &context).unwrap();
-        calibration = calibration
-            .in_gauge(robot, &GaugeChoice::default())
-            .unwrap();
         for (i, points) in POINTS.into_iter().enumerate() {
-            calibration.config.inducing_points = points;
-            let found = calibration.into_blob(robot, train, &origin(tools), &context);
-            let found = found.unwrap_or_else(|e| panic!("{e}"));
+            let config = Config {
+                inducing_points: points,
+                ..Config::new(Method::Elastic)
+            };
+            let context = FitContext::default();
+            let found = calibrate_to_blob(robot, train, &config, &origin(tools), &context)
+                .unwrap_or_else(|e| panic!("{e}"));
             let size = found.blob.model().size().unwrap();
             let errors = found.blob.errors(test);
             self.errors[i].extend(errors.iter().map(|e| e.position_mm));
             self.sizes[i][0] += f64::from(size.command_bound());
             self.sizes[i][1] += found.blob.bytes().len() as f64;
-            calibration = found.calibration;
         }
         self.count += 1.0;
     }
@@ -96,6 +92,9 @@ fn simulated_arms() {
             sums.add(&robot, &train, &test);
         }
         let means = sums.row(&format!("{scenario:?}, {seeds} arms"));
+        // Where processes pay, their size follows the number.
+        let [least, .., most] = sums.sizes.map(|size| size[1]);
+        assert!(scenario == Scenario::Paper || least < most);
         let best = means.into_iter().fold(f64::INFINITY, f64::min);
         assert!(means[DEFAULT] <= WORSE * best, "{scenario:?}: {means:?}");
     }
