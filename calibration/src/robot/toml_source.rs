@@ -41,56 +41,59 @@ pub struct Origin {
 pub fn found_and_expected(message: &str) -> (String, Option<String>) {
     let parts: Vec<&str> = message.split_whitespace().collect();
     let message = parts.join(" ");
-    let Some((found, expected)) = message.split_once(", expected ") else {
+    // The last one, for a text of the file may have the same words.
+    let Some((found, expected)) = message.rsplit_once(", expected ") else {
         return match message.strip_prefix("missing field ") {
             Some(key) => (format!("no {key}"), Some(format!("the key {key}"))),
-            None => (value(&message), None),
+            None => (message, None),
         };
     };
-    let values = |length: &str| format!("a list of {length} values");
     let expected = match expected {
-        "u8" | "u16" | "u32" | "u64" | "usize" | "i8" | "i16" | "i32" | "i64" | "isize" => {
-            "a whole number".to_owned()
-        }
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, 0 or more".to_owned(),
+        "i8" | "i16" | "i32" | "i64" | "isize" => "a whole number".to_owned(),
         "f32" | "f64" => "a number".to_owned(),
         "a boolean" => "true or false".to_owned(),
         "a sequence" => "a list".to_owned(),
         "a map" => "a table".to_owned(),
         other if other.starts_with("struct ") => "a table".to_owned(),
         other => match other.strip_prefix("an array of length ") {
-            Some(length) => values(length),
+            Some(length) => format!("a list of {length} values"),
             None => other.to_owned(),
         },
     };
-    (value(found), Some(expected))
+    (found_value(found), Some(expected))
 }
 
+/// How serde begins, and what the author of the file would say instead; what follows is kept.
+const BEGINNINGS: [(&str, &str); 8] = [
+    ("unknown field ", "the unknown key "),
+    ("unknown variant ", ""),
+    ("invalid length ", "a list of length "),
+    ("integer ", "the number "),
+    ("floating point ", "the number "),
+    ("string ", "the text "),
+    ("map", "a table"),
+    ("sequence", "a list"),
+];
+
 /// The value that serde names.
-fn value(found: &str) -> String {
-    let kinds = [
-        ("unknown field ", "the unknown key "),
-        ("unknown variant ", ""),
-        ("invalid length ", "a list of length "),
-        ("invalid value: ", ""),
-        ("invalid type: ", ""),
-    ];
-    let stripped = kinds
+fn found_value(found: &str) -> String {
+    let kinds = ["invalid type: ", "invalid value: "];
+    let found = kinds
         .iter()
-        .find_map(|(prefix, said)| Some((*said, found.strip_prefix(prefix)?)));
-    let (said, rest) = stripped.unwrap_or(("", found));
-    let number = ["integer ", "floating point "];
-    let number = number.iter().find_map(|kind| rest.strip_prefix(kind));
-    match (number, rest) {
-        (Some(number), _) => format!("the number {}", number.trim_matches('`')),
-        (None, "map") => "a table".to_owned(),
-        (None, "sequence") => "a list".to_owned(),
-        (None, _) => match rest.strip_prefix("boolean ") {
-            Some(truth) => truth.trim_matches('`').to_owned(),
-            None => match rest.strip_prefix("string ") {
-                Some(text) => format!("the text {text}"),
-                None => format!("{said}{rest}"),
-            },
-        },
+        .find_map(|kind| found.strip_prefix(kind))
+        .unwrap_or(found);
+    let is_number = found.starts_with("integer ") || found.starts_with("floating point ");
+    if let Some(truth) = found.strip_prefix("boolean ") {
+        return truth.trim_matches('`').to_owned();
+    }
+    let begun = BEGINNINGS
+        .iter()
+        .find_map(|(serde, said)| Some(format!("{said}{}", found.strip_prefix(serde)?)));
+    match begun {
+        Some(number) if is_number => number.replace('`', ""),
+        Some(said) => said,
+        None => found.to_owned(),
     }
 }
 
@@ -252,8 +255,26 @@ mod tests {
     #[test]
     fn serde_speaks_as_the_author_of_a_file_does() {
         for (text, found, expected) in [
-            ("count = \"x\"", "the text \"x\"", Some("a whole number")),
-            ("count = 0.5", "the number 0.5", Some("a whole number")),
+            (
+                "count = \"x\"",
+                "the text \"x\"",
+                Some("a whole number, 0 or more"),
+            ),
+            (
+                "count = 0.5",
+                "the number 0.5",
+                Some("a whole number, 0 or more"),
+            ),
+            (
+                "count = -1",
+                "the number -1",
+                Some("a whole number, 0 or more"),
+            ),
+            (
+                "count = 1\nlength = \"1, expected 2\"",
+                "the text \"1, expected 2\"",
+                Some("a number"),
+            ),
             ("count = 1\nlength = true", "true", Some("a number")),
             ("count = 1\nlength = []", "a list", Some("a number")),
             ("count = 1\nall = 1", "the number 1", Some("true or false")),

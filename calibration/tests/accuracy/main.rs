@@ -1,7 +1,7 @@
 //! The figures of the README: the paper's Table I, ten simulated arms, and arms that others measured.
 //!
-//! Each test prints what it measured, whether or not it passes. Those that simulate many arms take a few in `tests/run`, and as
-//! many as `POEGP_SEEDS` says; the records of the evidence are of four.
+//! Each test prints what it measured, whether or not it passes. Some simulate a few arms in `tests/run`, and as many as
+//! `POEGP_SEEDS` says otherwise: the evidence has three for `gauge` and four for `next_steps`.
 
 mod choice;
 mod device_std;

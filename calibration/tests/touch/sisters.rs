@@ -119,7 +119,7 @@ fn only_sisters_are_heard() {
     }
 }
 
-/// Real arms: sets and the arm that each is of. `panda_3_bis` is `panda_3` with its ball mounted anew.
+/// Real arms: sets and the arm that each is of. `panda_3_bis` is `panda_3` with its ball mounted again.
 const ARMS: [(&str, &str, u32); 3] = [
     ("panda_2", "front_center", 2),
     ("panda_3", "frontcenter", 3),

@@ -163,7 +163,10 @@ impl core::fmt::Display for DecodeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::Truncated { expected, found } => {
-                write!(f, "a blob cut off at {found} bytes, of at least {expected}")
+                write!(
+                    f,
+                    "a truncated blob of {found} bytes, which should have at least {expected}"
+                )
             }
             Self::WrongMagic => write!(f, "another kind of file (it does not begin with POEGPARM)"),
             Self::UnknownVersion { found, supported } => {
@@ -187,7 +190,7 @@ impl core::fmt::Display for DecodeError {
             Self::CrcMismatch { stored, computed } => {
                 write!(
                     f,
-                    "a damaged blob: its bytes have CRC {computed:08x}, it says {stored:08x}"
+                    "a damaged blob: its bytes have CRC {computed:08x}, but it says {stored:08x}"
                 )
             }
             Self::MalformedPayload => write!(

@@ -11,7 +11,7 @@ use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, MAX_INDUCING_POINTS, Weighting};
 
-/// Headings of long helps, in their order.
+/// Headings of long helps.
 pub mod heading {
     pub const MEASUREMENTS: &str = "Measurements";
     pub const MODEL: &str = "Model";

@@ -56,14 +56,14 @@ pub struct Calibrate {
     pub correct_drift: bool,
     #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
     pub accepted: AcceptArgs,
+    #[command(flatten, next_help_heading = heading::FRAMES)]
+    pub gauge: GaugeArgs,
     #[command(flatten)]
     pub fit: FitArgs,
     /// Prior for a touch file: the --json files of touch calibrations of other arms of the same drawing. The
     /// gain is small.
     #[arg(long, value_name = "JSON", value_delimiter = ',', help_heading = heading::MODEL)]
     pub prior: Vec<PathBuf>,
-    #[command(flatten, next_help_heading = heading::FRAMES)]
-    pub gauge: GaugeArgs,
     /// Upper limit on the instructions of one command on a Cortex-M4F, frames included; inducing points and lengthscales
     /// of the elastic model are chosen to fit.
     #[arg(long, value_name = "N", help_heading = heading::DEVICE)]
