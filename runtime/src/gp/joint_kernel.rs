@@ -85,8 +85,7 @@ impl<T: Scalar> JointKernel<T> {
         exponent.exp2()
     }
 
-    /// The same for many points at once, with the similarities of each joint, into `out`; in `f64` other last bits
-    /// ([`Scalar::exp2_each`]).
+    /// The same for many points at once, with the similarities of each joint, into `out`.
     #[inline(always)]
     pub fn joint_factors<'a>(&self, similarities: impl Iterator<Item = &'a [T]>, out: &mut [T]) {
         out.fill(self.bias);
@@ -95,7 +94,9 @@ impl<T: Scalar> JointKernel<T> {
                 *slot += *rate * *s;
             }
         }
-        T::exp2_each(out);
+        for slot in out {
+            *slot = slot.exp2();
+        }
     }
 
     /// The factor of the payloads: (a₀ + a₁ m m′)·2^(−W_m (m − m′)²).

@@ -7,7 +7,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
 use crate::assembly::Blocks;
 use crate::gp::inducing_sets::{InducingSet, SetProcess, add_mean};
 use crate::gp::joint_kernel::JointKernel;
-use crate::gp::loops::KernelLoops;
+use crate::gp::loops::{KernelLoops, arrange_set};
 use crate::kinematics::coupling::PerJoint;
 use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
@@ -24,7 +24,7 @@ pub struct JointProcesses<T> {
     /// Whether the unrolled loops may be taken, see [`JointProcesses::choose_loops`]; `false` is always right.
     unrolled: bool,
     /// The sliding joints, when the unrolled loops are taken; their words in the rows are then those of
-    /// [`JointProcesses::centre_sliding_joints`].
+    /// [`JointProcesses::arrange`].
     sliding: Vec<SlidingJoint<T>, MAX_JOINTS>,
 }
 
@@ -104,7 +104,7 @@ impl<T: Scalar> JointProcesses<T> {
 
     /// Looks whether the unrolled loops are for these joints of usual length scales. Once, when everything else is known.
     /// `ranges`: the trained ranges, rad or m; without them the loops are those of any joints when one slides.
-    /// [`JointProcesses::centre_sliding_joints`] has to follow.
+    /// [`JointProcesses::arrange`] has to follow.
     pub fn choose_loops(&mut self, kinds: &[JointKind], ranges: &[(T, T)]) {
         self.sliding.clear();
         let mut fast = true;
@@ -140,12 +140,10 @@ impl<T: Scalar> JointProcesses<T> {
         }
     }
 
-    /// Replaces the words (q′, 0) of each sliding joint in the rows by (x′, 1 − x′²/2), if the loops take them so.
+    /// Puts the rows so that the loops can read them: the words (q′, 0) of each sliding joint become (x′, 1 − x′²/2), and rows
+    /// are put beside each other where several are computed at once. Nothing where the loops are those of any joints.
     #[inline(never)]
-    pub fn centre_sliding_joints(&self, rows: &mut [T]) {
-        if self.sliding.is_empty() {
-            return;
-        }
+    pub fn arrange(&self, rows: &mut [T]) {
         let mut rest = rows;
         for set in &self.sets {
             let (here, after) = rest.split_at_mut_checked(set.words()).unwrap_or_default();
@@ -158,7 +156,16 @@ impl<T: Scalar> JointProcesses<T> {
                     }
                 }
             }
+            if self.is_unrolled_for(set) {
+                arrange_set(here, set.row_words());
+            }
         }
+    }
+
+    /// Whether the unrolled loops are taken for this set.
+    #[inline(always)]
+    fn is_unrolled_for(&self, set: &InducingSet) -> bool {
+        self.unrolled && (1..=7).contains(&set.count)
     }
 }
 
@@ -207,7 +214,7 @@ impl<T: KernelLoops> JointProcesses<T> {
                 motions,
                 payload_kg,
             };
-            if !self.unrolled || !(1..=7).contains(&set.count) {
+            if !self.is_unrolled_for(set) {
                 (*slot, rest) = at.any(kinds, rest);
                 continue;
             }

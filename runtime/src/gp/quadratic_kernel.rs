@@ -28,15 +28,16 @@ impl<T: Scalar> QuadraticKernel<T> {
         (-(self.inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E) * squared_distance)).exp2()
     }
 
-    /// The same for many squared distances at once, into `out`; in `f64` other last bits
-    /// ([`Scalar::exp2_each`]). As many as the shorter slice has.
+    /// The same for many squared distances at once, into `out`: as many as the shorter slice has.
     #[inline(always)]
     pub fn correlations(&self, squared_distances: &[T], out: &mut [T]) {
         let rate = -(self.inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E));
         for (slot, squared_distance) in out.iter_mut().zip(squared_distances) {
             *slot = rate * *squared_distance;
         }
-        T::exp2_each(out);
+        for slot in out {
+            *slot = slot.exp2();
+        }
     }
 
     /// k(x, x′) from |x − x′|² and xᵀx′.

@@ -2,8 +2,8 @@
 //!
 //! Everything that is not +, −, ×, ÷ or a comparison goes through [`Scalar`], so that no code of this crate can reach
 //! the platform's mathematics, whose last bits differ between machines. Semantics is multiply, then add: nothing here
-//! is fused. `f32` has its own `exp2` and `sin_cos` made of `f32` operations only (`libm`'s compute in software `f64` on
-//! a Cortex-M4F: 2 252 instructions where these take 56); `f64` calls `libm`, which is bit-identical everywhere.
+//! is fused. `exp2` is our own, and `sin_cos` of `f32`, made of `f32` operations only (`libm`'s compute in software `f64` on a
+//! Cortex-M4F: 2 252 instructions where these take 56); the rest calls `libm`, which is bit-identical everywhere.
 
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -58,14 +58,11 @@ pub trait Scalar:
     fn sqrt(self) -> Self;
     /// Sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 1e-7.
     fn sin_cos(self) -> (Self, Self);
-    /// 2^self for −2²² < self ≤ 0; in `f32` within 1.8e-7 relative, not below 2⁻¹²⁵.
+    /// 2^self for −2²² < self ≤ 0; within 1.8e-7 relative and not below 2⁻¹²⁵ in `f32`, within 2⁻⁵² and not below 2⁻¹⁰²⁰ in
+    /// `f64`. Without a branch or a call, so that a compiler does several at once.
     fn exp2(self) -> Self;
     /// 2^self for |self| ≤ 125; the same number as [`Scalar::exp2`] without its clamp, three instructions less.
     fn exp2_unclamped(self) -> Self;
-    /// Replaces each x ≤ 0 by 2^x, without a branch or a call in between, so that a compiler does several at once: for
-    /// whole matrices on the workstation. `f32` has the bits of [`Scalar::exp2`]; `f64` is within 2⁻⁵² relative and not
-    /// below 2⁻¹⁰²⁰, the same bits on every machine but not those of [`Scalar::exp2`].
-    fn exp2_each(values: &mut [Self]);
     /// [`Scalar::exp2_scaled`] of 0 times this is 1.
     const EXP2_FACTOR: Self;
     /// 2^self / [`Scalar::EXP2_FACTOR`] for |self| ≤ 125, in `f32` within 1.9e-7 relative: without its leading coefficient
@@ -123,19 +120,14 @@ impl Scalar for f64 {
     }
     #[inline(always)]
     fn exp2(self) -> Self {
-        libm::exp2(self)
+        const LOWEST: f64 = -1020.0;
+        (if self > LOWEST { self } else { LOWEST }).exp2_unclamped()
     }
+    /// As of `f32` below: magic-number rounding, a polynomial of degree 11 on the fraction (Chebyshev interpolation in 60-digit
+    /// arithmetic, within 1.3e-17), integer addition to the exponent. `libm`'s is a call, and a table that no vector reads.
     #[inline(always)]
     fn exp2_unclamped(self) -> Self {
-        libm::exp2(self)
-    }
-
-    /// As `exp2` of `f32` below: magic-number rounding, a polynomial of degree 11 on the fraction (Chebyshev
-    /// interpolation in 60-digit arithmetic, within 1.3e-17), integer addition to the exponent.
-    #[inline(always)]
-    fn exp2_each(values: &mut [Self]) {
         const ROUND: f64 = 6_755_399_441_055_744.0;
-        const LOWEST: f64 = -1020.0;
         const C: [f64; 11] = [
             core::f64::consts::LN_2,
             0.240_226_506_959_100_97,
@@ -149,21 +141,18 @@ impl Scalar for f64 {
             7.072_585_949_269_223e-9,
             4.454_960_598_186_518_6e-10,
         ];
-        for value in values {
-            let held = if *value > LOWEST { *value } else { LOWEST };
-            let shifted = held + ROUND;
-            let fraction = held - (shifted - ROUND);
-            let mut sum = C[10];
-            for coefficient in C[..10].iter().rev() {
-                sum = sum * fraction + *coefficient;
-            }
-            let polynomial = 1.0 + fraction * sum;
-            *value = f64::from_bits(polynomial.to_bits().wrapping_add(shifted.to_bits() << 52));
+        let shifted = self + ROUND;
+        let fraction = self - (shifted - ROUND);
+        let mut sum = C[10];
+        for coefficient in C[..10].iter().rev() {
+            sum = sum * fraction + *coefficient;
         }
+        let polynomial = 1.0 + fraction * sum;
+        Self::from_bits(polynomial.to_bits().wrapping_add(shifted.to_bits() << 52))
     }
     #[inline(always)]
     fn exp2_scaled(self) -> Self {
-        libm::exp2(self)
+        self.exp2_unclamped()
     }
     #[inline(always)]
     fn atan2(self, x: Self) -> Self {
@@ -267,12 +256,6 @@ impl Scalar for f32 {
         f32::from_bits(polynomial.wrapping_add(shifted << 23))
     }
 
-    #[inline(always)]
-    fn exp2_each(values: &mut [Self]) {
-        for value in values {
-            *value = Scalar::exp2(*value);
-        }
-    }
     #[inline(always)]
     fn exp2_scaled(self) -> Self {
         let [round, d4, d3, d2, d1, d0] = EXP2_SCALED;

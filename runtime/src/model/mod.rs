@@ -140,7 +140,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             && let ArmCorrection::Elastic(elastic) = &arm.correction
         {
             let processes = &elastic.deflection.processes;
-            processes.centre_sliding_joints(&mut self.rows);
+            processes.arrange(&mut self.rows);
         }
         self.arm = slot;
         Ok(())

@@ -137,7 +137,7 @@ fn mean<T: KernelLoops>(
     let in_numbers = |(lower, upper): &(f64, f64)| (T::from_f64(*lower), T::from_f64(*upper));
     let ranges: Vec<(T, T)> = ranges.iter().map(in_numbers).collect();
     processes.choose_loops(kinds, &ranges);
-    processes.centre_sliding_joints(&mut rows);
+    processes.arrange(&mut rows);
     let found = processes.mean(kinds, &rows, &places(kinds, q), T::from_f64(m));
     (found, expected)
 }

@@ -36,8 +36,10 @@ pub struct ElasticModel {
     pub deflection: Deflection<f64>,
     /// The coefficients that gravity in `deflection` was made of.
     pub gravity: GravityTerms<f64>,
-    /// Rows of inducing points, by payload; behind them the own-joint curves.
-    pub rows: Vec<f64>,
+    /// Rows of inducing points, by payload; behind them the own-joint curves: as a blob has them.
+    rows: Vec<f64>,
+    /// The same as the runtime reads them.
+    arranged_rows: Vec<f64>,
     /// Joints of the arm.
     pub joints: usize,
     /// C.
@@ -125,6 +127,8 @@ impl ElasticModel {
         };
         processes.choose_loops(fit.state.kinds(), &[]);
         rows.extend(&fit.state.curves);
+        let mut arranged_rows = rows.clone();
+        processes.arrange(&mut arranged_rows);
         let gravity = without_upright_axis(&fit.state, samples);
         let deflection = Deflection {
             gravity: arranged(&gravity, &fit.state.chain(0)),
@@ -137,6 +141,7 @@ impl ElasticModel {
             deflection,
             gravity,
             rows,
+            arranged_rows,
             joints: n,
             coupling: coupling.map(|rows| matrix(rows)),
             report,
@@ -169,6 +174,7 @@ impl ElasticModel {
             deflection,
             gravity,
             rows: Vec::new(),
+            arranged_rows: Vec::new(),
             joints: state.kinds().len(),
             coupling: coupling.map(|rows| matrix(rows)),
             report: ElasticReport {
@@ -221,7 +227,7 @@ impl ElasticModel {
         };
         let result = self
             .deflection
-            .compensate(&at, &self.rows, None, &mut Unobserved);
+            .compensate(&at, &self.arranged_rows, None, &mut Unobserved);
         (result.pose, result.twist)
     }
 }

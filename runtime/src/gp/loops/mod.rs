@@ -5,13 +5,14 @@
 //! `assembly` has the same loops for `f32` on a Cortex-M4F and on a Cortex-M55, without a bit of difference; [`KernelLoops`]
 //! chooses. What is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
 
-use poegp_protocol::limits::{MAX_GROUPS, OUTPUTS};
+use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, OUTPUTS};
 
 use crate::assembly::Blocks;
 use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
 
-/// Rows that are computed side by side where registers hold several numbers; one by one elsewhere. The bits are the same.
+/// Most rows that are computed side by side: where registers hold several numbers, [`arrange_set`] puts the rows of a set so
+/// that those of a tile can be. The bits are the same.
 const TILE: usize = if cfg!(any(target_arch = "x86_64", target_arch = "aarch64")) {
     16
 } else {
@@ -113,6 +114,87 @@ pub(crate) fn portable_folded_sums<T: Scalar, const D: usize, const ROW: usize>(
     *sums = totals;
 }
 
+/// How many of the next `rows` rows are one tile.
+#[inline(always)]
+const fn tile_rows(rows: usize) -> usize {
+    match rows {
+        _ if TILE == 1 => 1,
+        16.. => 16,
+        8..16 => 8,
+        4..8 => 4,
+        2..4 => 2,
+        _ => 1,
+    }
+}
+
+/// Puts the rows of one set in the order in which [`KernelLoops::set_mean`] reads them: in tiles, of which the first words of
+/// all rows come first, then the second words, …. A tile of one row is that row.
+pub(crate) fn arrange_set<T: Scalar>(rows: &mut [T], row_words: usize) {
+    const MAX_WORDS: usize = 2 * MAX_JOINTS + 1;
+    let mut rest = rows;
+    while TILE > 1 && !rest.is_empty() && (1..=MAX_WORDS).contains(&row_words) {
+        let width = tile_rows(rest.len() / row_words);
+        let (tile, after) = rest
+            .split_at_mut_checked(width * row_words)
+            .unwrap_or_default();
+        rest = after;
+        let mut copy = [T::ZERO; TILE * MAX_WORDS];
+        for (slot, word) in copy.iter_mut().zip(&*tile) {
+            *slot = *word;
+        }
+        for (column, slots) in tile.chunks_exact_mut(width).enumerate() {
+            for (slot, row) in slots.iter_mut().zip(copy.chunks_exact(row_words)) {
+                *slot = row.get(column).copied().unwrap_or(T::ZERO);
+            }
+        }
+    }
+}
+
+/// What each of the W rows of the tile at the beginning of `words` gives, and the words behind it.
+#[inline(always)]
+fn tile_values<'a, T: Scalar, const D: usize, const W: usize>(
+    words: &'a [T],
+    query: &[[T; 2]; D],
+    values: &mut [T; TILE],
+) -> &'a [T] {
+    let (tile, rest) = words
+        .split_at_checked((2 * D + 1) * W)
+        .unwrap_or((&[], &[]));
+    let (pairs, weights) = tile
+        .as_chunks::<W>()
+        .0
+        .split_at_checked(2 * D)
+        .unwrap_or((&[], &[]));
+    let mut exponents = [T::ZERO; W];
+    for (d, [sines, cosines]) in pairs.as_chunks::<2>().0.iter().enumerate() {
+        let [sine, cosine] = query[d % D];
+        for i in 0..W {
+            if d == 0 {
+                exponents[i] = sine * sines[i] + cosine * cosines[i];
+            } else {
+                exponents[i] += sine * sines[i];
+                exponents[i] += cosine * cosines[i];
+            }
+        }
+    }
+    for weights in weights {
+        for (value, (exponent, weight)) in values.iter_mut().zip(exponents.iter().zip(weights)) {
+            *value = exponent.exp2_scaled() * *weight;
+        }
+    }
+    rest
+}
+
+/// [`tile_values`], compiled for itself: what is stored in memory is what compilers do side by side.
+#[inline(never)]
+fn several_values<'a, T: Scalar, const D: usize, const W: usize>(
+    words: &'a [T],
+    query: &[[T; 2]; D],
+    values: &mut [T; TILE],
+) -> &'a [T] {
+    tile_values::<T, D, W>(words, query, values)
+}
+
 #[inline(always)]
 pub(crate) fn portable_set_mean<T: Scalar, const D: usize, const ROW: usize>(
     rows: &[[T; ROW]],
@@ -124,33 +206,36 @@ pub(crate) fn portable_set_mean<T: Scalar, const D: usize, const ROW: usize>(
         return;
     }
     // What a row gives does not depend on its block: a tile of rows is computed side by side, and summed in their order.
-    let mut rest = rows.chunks(TILE);
+    let mut left = blocks.rows();
+    let mut words = rows.as_flattened();
     let mut tile = [T::ZERO; TILE];
-    let mut next = [].iter();
+    let mut values: &[T] = &[];
     for block in blocks.list() {
         let mut sum = T::ZERO;
-        for _ in 0..block.rows {
-            if next.as_slice().is_empty() {
-                let mut weights = [T::ZERO; TILE];
-                let slots = tile.iter_mut().zip(&mut weights);
-                for ((slot, weight), row) in slots.zip(rest.next().unwrap_or(&[])) {
-                    let mut exponent = query[0][0] * row[0] + query[0][1] * row[1];
-                    let mut d = 1;
-                    while d < D {
-                        exponent += query[d][0] * row[2 * d];
-                        exponent += query[d][1] * row[2 * d + 1];
-                        d += 1;
-                    }
-                    (*slot, *weight) = (exponent, row[2 * D]);
-                }
-                for (slot, weight) in tile.iter_mut().zip(&weights) {
-                    *slot = slot.exp2_scaled() * *weight;
-                }
-                next = tile.iter();
+        let mut missing = block.rows as usize;
+        while missing > 0 {
+            if values.is_empty() {
+                let width = tile_rows(left);
+                words = match width {
+                    16 if TILE > 1 => several_values::<T, D, 16>(words, query, &mut tile),
+                    8 if TILE > 1 => several_values::<T, D, 8>(words, query, &mut tile),
+                    4 if TILE > 1 => several_values::<T, D, 4>(words, query, &mut tile),
+                    2 if TILE > 1 => several_values::<T, D, 2>(words, query, &mut tile),
+                    _ => tile_values::<T, D, 1>(words, query, &mut tile),
+                };
+                left -= width;
+                values = tile.get(..width).unwrap_or(&[]);
             }
-            if let Some(value) = next.next() {
+            let (here, after) = values.split_at(missing.min(values.len()));
+            let (fours, others) = here.as_chunks::<4>();
+            for [a, b, c, d] in fours {
+                sum = sum + *a + *b + *c + *d;
+            }
+            for value in others {
                 sum += *value;
             }
+            missing -= here.len();
+            values = after;
         }
         *total += block.factor * sum;
     }
