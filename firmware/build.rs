@@ -18,8 +18,9 @@ fn main() {
     if env::var_os("CARGO_FEATURE_STM32F405").is_some() {
         println!("cargo:rustc-link-arg-bins=--defsym=__board_stm32f405=1");
     }
-    // No page alignment: load addresses are exactly those of memory.x.
-    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+    // No page alignment: load addresses are exactly those of memory.x. Relocations stay in the ELF file, not in the image:
+    // the bound of the stack tells addresses from numbers by them.
+    for argument in ["--nmagic", "--emit-relocs", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bins={argument}");
     }
 }

@@ -23,7 +23,7 @@ mod instruction;
 
 const PROGRAM: &str = "arm-none-eabi-objdump";
 
-/// The section of the vectors.
+/// The section of the vectors, by the beginning of its name.
 const VECTORS: &str = ".vector";
 
 /// The largest frame that an exception of an ARMv7-M processor with a floating-point unit stores, in bytes: 26 words, and
@@ -84,6 +84,9 @@ pub enum StackError {
     /// A function's address in constants: calls through it would not be seen.
     #[error("the address of {0} lies in constants")]
     AddressInConstants(String),
+    /// The linker kept no relocations: nothing tells an address from a number.
+    #[error("the file has no relocations (the linker's --emit-relocs)")]
+    NoRelocations,
     /// A function that calls itself, directly or not.
     #[error("recursion: {0}")]
     Recursion(String),
@@ -316,6 +319,7 @@ fn words(bytes: &[u8]) -> impl Iterator<Item = u64> {
         .map(|word| u64::from(u32::from_le_bytes([word[0], word[1], word[2], word[3]])))
 }
 
+/// Words that the linker filled with an address; a number may look like one.
 fn refuse_addresses_in_constants(
     elf: &Path,
     functions: &BTreeMap<u64, Node>,
@@ -323,17 +327,30 @@ fn refuse_addresses_in_constants(
     let bytes = fs::read(elf)?;
     let file = object::File::parse(&*bytes)?;
     let constants = [SectionKind::ReadOnlyData, SectionKind::Data];
+    let mut vectors_are_relocated = false;
     for section in file.sections() {
+        let relocated = section.relocations().map(|(address, _)| address);
         // The vectors are what hardware calls: the roots.
-        let vectors = section.name()?.starts_with(VECTORS);
-        if vectors || !constants.contains(&section.kind()) {
+        if section.name()?.starts_with(VECTORS) {
+            vectors_are_relocated |= relocated.count() > 0;
             continue;
         }
-        for word in words(section.data()?) {
+        if !constants.contains(&section.kind()) {
+            continue;
+        }
+        let data = section.data()?;
+        for address in relocated {
+            let start = address.checked_sub(section.address());
+            let tail = start.and_then(|start| data.get(usize::try_from(start).ok()?..));
+            let word = tail.and_then(|tail| words(tail).next());
+            let word = word.ok_or(StackError::Unknown(address))?;
             if let Some(node) = functions.get(&(word & !1)).filter(|_| word & 1 == 1) {
                 return Err(StackError::AddressInConstants(node.name.clone()));
             }
         }
+    }
+    if !vectors_are_relocated {
+        return Err(StackError::NoRelocations);
     }
     Ok(())
 }

@@ -150,8 +150,29 @@ pub(crate) fn arrange_set<T: Scalar>(rows: &mut [T], row_words: usize) {
     }
 }
 
-/// What each of the W rows of the tile at the beginning of `words` gives, and the words behind it.
+/// What the row at the beginning of `words` gives, and the words behind it.
 #[inline(always)]
+fn row_value<'a, T: Scalar, const D: usize, const ROW: usize>(
+    words: &'a [T],
+    query: &[[T; 2]; D],
+) -> (T, &'a [T]) {
+    let Some((row, rest)) = words.split_first_chunk::<ROW>() else {
+        return (T::ZERO, &[]);
+    };
+    let mut exponent = query[0][0] * row[0] + query[0][1] * row[1];
+    let mut d = 1;
+    while d < D {
+        exponent += query[d][0] * row[2 * d];
+        exponent += query[d][1] * row[2 * d + 1];
+        d += 1;
+    }
+    (exponent.exp2_scaled() * row[2 * D], rest)
+}
+
+/// What each of the W rows of the tile at the beginning of `words` gives, and the words behind it.
+///
+/// Compiled for itself: what is stored in memory is what compilers do side by side.
+#[inline(never)]
 fn tile_values<'a, T: Scalar, const D: usize, const W: usize>(
     words: &'a [T],
     query: &[[T; 2]; D],
@@ -185,16 +206,6 @@ fn tile_values<'a, T: Scalar, const D: usize, const W: usize>(
     rest
 }
 
-/// [`tile_values`], compiled for itself: what is stored in memory is what compilers do side by side.
-#[inline(never)]
-fn several_values<'a, T: Scalar, const D: usize, const W: usize>(
-    words: &'a [T],
-    query: &[[T; 2]; D],
-    values: &mut [T; TILE],
-) -> &'a [T] {
-    tile_values::<T, D, W>(words, query, values)
-}
-
 #[inline(always)]
 pub(crate) fn portable_set_mean<T: Scalar, const D: usize, const ROW: usize>(
     rows: &[[T; ROW]],
@@ -213,15 +224,25 @@ pub(crate) fn portable_set_mean<T: Scalar, const D: usize, const ROW: usize>(
     for block in blocks.list() {
         let mut sum = T::ZERO;
         let mut missing = block.rows as usize;
+        while TILE == 1 && missing > 0 {
+            let value;
+            (value, words) = row_value::<T, D, ROW>(words, query);
+            sum += value;
+            missing -= 1;
+        }
         while missing > 0 {
             if values.is_empty() {
                 let width = tile_rows(left);
                 words = match width {
-                    16 if TILE > 1 => several_values::<T, D, 16>(words, query, &mut tile),
-                    8 if TILE > 1 => several_values::<T, D, 8>(words, query, &mut tile),
-                    4 if TILE > 1 => several_values::<T, D, 4>(words, query, &mut tile),
-                    2 if TILE > 1 => several_values::<T, D, 2>(words, query, &mut tile),
-                    _ => tile_values::<T, D, 1>(words, query, &mut tile),
+                    16 => tile_values::<T, D, 16>(words, query, &mut tile),
+                    8 => tile_values::<T, D, 8>(words, query, &mut tile),
+                    4 => tile_values::<T, D, 4>(words, query, &mut tile),
+                    2 => tile_values::<T, D, 2>(words, query, &mut tile),
+                    _ => {
+                        let (value, rest) = row_value::<T, D, ROW>(words, query);
+                        tile[0] = value;
+                        rest
+                    }
                 };
                 left -= width;
                 values = tile.get(..width).unwrap_or(&[]);
