@@ -8,7 +8,7 @@
 //!
 //! ```text
 //! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
-//! d₀ = rough step for e − J φ(q)      φ: gravity
+//! d₀ = damped step for e − J φ(q)     φ: gravity
 //! g  = processes at q + d₀
 //! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: gears, which change quickest
 //! d  = limited step for e − J D
@@ -25,6 +25,7 @@
 //! allows.
 
 mod acceptance;
+mod blocks;
 pub mod inverse;
 pub mod step_limit;
 pub mod tool;
@@ -363,10 +364,10 @@ impl<T: KernelLoops> Search<'_, T> {
         let plain = pose_error(self.target, &pose);
         let mut equations = NormalEquations::new();
         self.form(&mut equations, &pose);
-        let rough = gravity(self.frames, &pose);
-        let rough = subtract_scaled(&plain, T::ONE, &equations.moved(&rough));
+        let sagging = equations.moved(&gravity(self.frames, &pose));
+        let rigid = subtract_scaled(&plain, T::ONE, &sagging);
         let limit = StepLimit::new(equations.gram(), self.scale());
-        let mut start = equations.joints_of(&limit.rough(&rough));
+        let mut start = equations.joints_of(&limit.damped(&rigid));
         self.hold(&mut start);
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         let mean = {

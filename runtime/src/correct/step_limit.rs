@@ -31,6 +31,10 @@
 //! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
 //! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. How the limits were chosen: docs/evidence/singularities.md.
 
+use crate::correct::blocks::{
+    Factors, Matrix, Vector, difference, larger, product, scaled, schur, squared,
+    transposed_product,
+};
 use crate::kinematics::newton::{Damping, Gram, PoseError6};
 use crate::math::scalar::Scalar;
 
@@ -47,14 +51,15 @@ pub const FLOOR: Damping<f64> = Damping {
 };
 /// The most λ of later steps: what is left for them is the second derivative's, some tens of micrometres.
 const MOST_LATER: f64 = 1e-3;
-/// λ of A in S, and the least one of the shift that the turn has to follow while λ_r is sought, in lever²: a position that
-/// the arm can hardly move need not be held, and a shift that it can hardly make need not be followed.
+/// λ of A in S, in lever²: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 1e-4;
-const FOLLOW: f64 = 2e-3;
-/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen, and for where a command will
-/// be one does.
+/// The least λ of the shift that the turn has to follow while λ_r is sought, in lever²: a shift that the arm can hardly make
+/// need not be followed.
+pub const FOLLOW: f64 = 1e-3;
+/// The least λ_r of [`StepLimit::damped`], whose least λ_p is that of the shift that the turn has to follow.
+pub const DAMPED: f64 = 1e-3;
+/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 3;
-const ROUGH_ROUNDS: usize = 1;
 /// The size of the turn: of s_p σ, and of √(s_p b), with σ of T, b for the position that the shift may bring and s_p in 1/m.
 const TURN_SIZE: (f64, f64) = (0.5, 0.7);
 /// The size of the shift: of s_r σ², and of √(s_r b), with σ of S and b for the rotation that may be left.
@@ -65,9 +70,6 @@ const TAKEN: f64 = 0.9;
 const LEAST_ROOM: f64 = 1e-4;
 /// The position in metres by which the turn may push the target in any case.
 const LEAST_PUSH: f64 = 0.5e-6;
-
-type Vector<T> = [T; 3];
-type Matrix<T> = [[T; 3]; 3];
 
 /// A limited step.
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +105,9 @@ pub struct Scale<T> {
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
     scale: Scale<T>,
+    /// λ of the shift that the turn has to follow, at least, and factors of A with it.
+    follow: T,
+    following: Factors<T>,
     /// S.
     turning: Matrix<T>,
     /// Of S with the least λ_r.
@@ -113,13 +118,14 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// From J Jᵀ.
     #[inline(never)]
     pub fn new(gram: &'a Gram<T>, scale: Scale<T>) -> Self {
-        let hold = T::from_f64(HOLD) * scale.lever * scale.lever;
-        let factors = Factors::of(&block(gram, 0, 0), hold);
-        let follow = factors.solve_columns(&block(gram, 0, 3));
-        let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
+        let relative = scale.lever * scale.lever;
+        let (_, _, turning) = held(gram, T::from_f64(HOLD) * relative);
+        let follow = T::from_f64(FOLLOW) * relative;
         Self {
             gram,
             scale,
+            follow,
+            following: Factors::of(&block(gram, 0, 0), follow),
             turning,
             turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
         }
@@ -128,28 +134,46 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// The rotation that the turn has to follow when the shift, within its limit, is held against.
     #[inline(never)]
     fn follows(&self, p: &Vector<T>, unit: T) -> Vector<T> {
-        let shifting = block(self.gram, 0, 0);
-        let lever = self.scale.lever;
-        let follow = T::from_f64(FOLLOW) * lever * lever;
-        let lacks = Factors::of(&shifting, follow).missing(p, unit, None);
-        let shift = Factors::of(&shifting, follow + lacks).solve(p);
+        let position = self.follow + self.following.missing(p, unit, None);
+        let shift = Factors::of(&block(self.gram, 0, 0), position).solve(p);
         transposed_product(&block(self.gram, 0, 3), &shift)
+    }
+
+    /// x of a damped step, which tells where a command will be: nearly exact away from singularities, and beside them of the
+    /// order of the limits.
+    ///
+    /// Each λ is one Newton step from its least. What both leave of the error is asked for once more,
+    /// K x = e + Λ K⁻¹ e with K = J Jᵀ + Λ, so K⁻¹ e has half of the limits.
+    #[inline(never)]
+    pub fn damped(&self, error: &PoseError6<T>) -> PoseError6<T> {
+        let (p, r) = halves(error);
+        let shift_unit = T::from_f64(2.0 / SHIFT_LIMIT) * self.scale.lever;
+        let turn_unit = T::from_f64(2.0 / TURN_LIMIT);
+        let position = self.follow + self.following.missing(&p, shift_unit, None);
+        let (holding, follow, turning) = held(self.gram, position);
+        let rest = difference(&r, &transposed_product(&follow, &p));
+        let rotation = T::from_f64(DAMPED);
+        let lacks = Factors::of(&turning, rotation).missing(&rest, turn_unit, None);
+        let rotation = rotation + lacks;
+        let turning = Factors::of(&turning, rotation);
+        let (mut shift, mut turn) = ([T::ZERO; 3], [T::ZERO; 3]);
+        for _ in 0..2 {
+            let (mut shifts, mut turns) = (p, r);
+            for i in 0..3 {
+                shifts[i] += position * shift[i];
+                turns[i] += rotation * turn[i];
+            }
+            let against = transposed_product(&follow, &shifts);
+            turn = turning.solve(&difference(&turns, &against));
+            let back = product(&follow, &turn);
+            shift = difference(&holding.solve(&shifts), &back);
+        }
+        joined(&shift, &turn)
     }
 
     /// The limited step.
     #[inline(never)]
     pub fn step(&self, error: &PoseError6<T>) -> LimitedStep<T> {
-        self.limited(error, SHIFT_ROUNDS)
-    }
-
-    /// x of nearly the limited step: for where a command will be.
-    #[inline(never)]
-    pub fn rough(&self, error: &PoseError6<T>) -> PoseError6<T> {
-        self.limited(error, ROUGH_ROUNDS).x
-    }
-
-    #[inline(never)]
-    fn limited(&self, error: &PoseError6<T>, shift_rounds: usize) -> LimitedStep<T> {
         let Scale {
             lever,
             usual_rotation,
@@ -177,7 +201,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             None => T::ZERO,
         };
         let mut position = floor.position;
-        for _ in 0..shift_rounds {
+        for _ in 0..SHIFT_ROUNDS {
             let factors = Factors::of(&shifting, position);
             let a = factors.missing(&p, shift_unit, Some((&along, side_unit)));
             let b = factors.missing(&back, shift_unit, None);
@@ -229,6 +253,15 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             },
         }
     }
+}
+
+/// Factors of A with this λ, (A + λ)⁻¹ B, and S with it.
+#[inline(never)]
+fn held<T: Scalar>(gram: &Gram<T>, position: T) -> (Factors<T>, Matrix<T>, Matrix<T>) {
+    let factors = Factors::of(&block(gram, 0, 0), position);
+    let follow = factors.solve_columns(&block(gram, 0, 3));
+    let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
+    (factors, follow, turning)
 }
 
 #[inline(always)]
@@ -305,103 +338,6 @@ fn size<T: Scalar>(error: &Vector<T>, x: &Vector<T>) -> T {
     larger(error[0] * x[0] + error[1] * x[1] + error[2] * x[2], T::ZERO).sqrt()
 }
 
-/// L D Lᵀ of a symmetric matrix and its damping.
-#[derive(Clone, Copy, Debug)]
-struct Factors<T> {
-    /// Reciprocals of D.
-    d: Vector<T>,
-    l10: T,
-    l20: T,
-    l21: T,
-}
-
-impl<T: Scalar> Factors<T> {
-    /// No pivot is below `damping`, also when it is NaN.
-    #[inline(never)]
-    fn of(m: &Matrix<T>, damping: T) -> Self {
-        let reciprocal = |pivot: T| T::ONE / if pivot > damping { pivot } else { damping };
-        let d0 = reciprocal(m[0][0] + damping);
-        let (l10, l20) = (m[1][0] * d0, m[2][0] * d0);
-        let d1 = reciprocal(m[1][1] + damping - l10 * m[1][0]);
-        let rest = m[2][1] - l20 * m[1][0];
-        let l21 = rest * d1;
-        let d2 = reciprocal(m[2][2] + damping - l20 * m[2][0] - l21 * rest);
-        Self {
-            d: [d0, d1, d2],
-            l10,
-            l20,
-            l21,
-        }
-    }
-
-    /// L⁻¹ b.
-    #[inline(always)]
-    fn forward(&self, b: &Vector<T>) -> Vector<T> {
-        let y1 = b[1] - self.l10 * b[0];
-        [b[0], y1, b[2] - self.l20 * b[0] - self.l21 * y1]
-    }
-
-    #[inline(never)]
-    fn solve(&self, b: &Vector<T>) -> Vector<T> {
-        self.solved(b)
-    }
-
-    #[inline(always)]
-    fn solved(&self, b: &Vector<T>) -> Vector<T> {
-        let y = self.forward(b);
-        let x2 = y[2] * self.d[2];
-        let x1 = y[1] * self.d[1] - self.l21 * x2;
-        [y[0] * self.d[0] - self.l10 * x1 - self.l20 * x2, x1, x2]
-    }
-
-    /// bᵀ K⁻¹ b.
-    #[inline(always)]
-    fn inverse_form(&self, b: &Vector<T>) -> T {
-        let y = self.forward(b);
-        y[0] * y[0] * self.d[0] + y[1] * y[1] * self.d[1] + y[2] * y[2] * self.d[2]
-    }
-
-    /// 1/tr K⁻¹: at most the smallest eigenvalue, at least a third of it.
-    #[inline(never)]
-    fn least(&self) -> T {
-        // Columns of L⁻¹.
-        let a = self.l21 * self.l10 - self.l20;
-        let [d0, d1, d2] = self.d;
-        let first = d0 + self.l10 * self.l10 * d1 + a * a * d2;
-        T::ONE / (first + d1 + self.l21 * self.l21 * d2 + d2)
-    }
-
-    /// What λ lacks for |x| unit ≤ 1, x = K⁻¹ b, and for |side x| side_unit ≤ 1: Newton's step on 1/|x|.
-    #[inline(never)]
-    fn missing(&self, b: &Vector<T>, unit: T, side: Option<(&Matrix<T>, T)>) -> T {
-        let x = self.solved(b);
-        let length = squared(&x);
-        let mut size = length * (unit * unit);
-        if let Some((side, side_unit)) = side {
-            let there = squared(&multiplied(side, &x)) * (side_unit * side_unit);
-            size = larger(there, size);
-        }
-        let excess = size.sqrt() - T::ONE;
-        // λ and the eigenvalue in the direction of x.
-        let eigenvalue = length / self.inverse_form(&x);
-        // Not for NaN: x may be zero.
-        larger(eigenvalue * excess, T::ZERO)
-    }
-
-    /// K⁻¹ M.
-    #[inline(never)]
-    fn solve_columns(&self, m: &Matrix<T>) -> Matrix<T> {
-        let mut out = [[T::ZERO; 3]; 3];
-        for k in 0..3 {
-            let column = self.solved(&[m[0][k], m[1][k], m[2][k]]);
-            out[0][k] = column[0];
-            out[1][k] = column[1];
-            out[2][k] = column[2];
-        }
-        out
-    }
-}
-
 /// Rows and columns of J Jᵀ from these on: 0 for displacements, 3 for rotations.
 #[inline(always)]
 fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
@@ -421,47 +357,6 @@ fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
     }
 }
 
-/// K − M N.
-#[inline(never)]
-fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> Matrix<T> {
-    let mut out = *k;
-    for (slots, row) in out.iter_mut().zip(m) {
-        for c in 0..3 {
-            slots[c] -= row[0] * n[0][c] + row[1] * n[1][c] + row[2] * n[2][c];
-        }
-    }
-    out
-}
-
-/// M x.
-#[inline(never)]
-fn product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
-    multiplied(m, x)
-}
-
-#[inline(always)]
-fn multiplied<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
-    let row = |r: &Vector<T>| r[0] * x[0] + r[1] * x[1] + r[2] * x[2];
-    [row(&m[0]), row(&m[1]), row(&m[2])]
-}
-
-/// Mᵀ x.
-#[inline(never)]
-fn transposed_product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
-    let column = |c: usize| m[0][c] * x[0] + m[1][c] * x[1] + m[2][c] * x[2];
-    [column(0), column(1), column(2)]
-}
-
-#[inline(always)]
-fn squared<T: Scalar>(v: &Vector<T>) -> T {
-    v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-}
-
-#[inline(always)]
-fn scaled<T: Scalar>(factor: T, v: &Vector<T>) -> Vector<T> {
-    [factor * v[0], factor * v[1], factor * v[2]]
-}
-
 #[inline(always)]
 fn halves<T: Scalar>(e: &PoseError6<T>) -> (Vector<T>, Vector<T>) {
     ([e[0], e[1], e[2]], [e[3], e[4], e[5]])
@@ -470,12 +365,6 @@ fn halves<T: Scalar>(e: &PoseError6<T>) -> (Vector<T>, Vector<T>) {
 #[inline(always)]
 fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> PoseError6<T> {
     [p[0], p[1], p[2], r[0], r[1], r[2]]
-}
-
-/// The larger one; `b` when `a` is NaN.
-#[inline(always)]
-fn larger<T: Scalar>(a: T, b: T) -> T {
-    if a > b { a } else { b }
 }
 
 /// The smaller one; `b` when `a` is NaN.

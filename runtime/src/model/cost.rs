@@ -106,7 +106,7 @@ impl ElasticSize {
 pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_ELASTIC;
 const OF_ARM: usize = 6;
 const OF_TASK_SPACE: usize = 4;
-const OF_ELASTIC: usize = 29;
+const OF_ELASTIC: usize = 30;
 
 impl ModelSize {
     /// How often each term counts.
@@ -189,6 +189,7 @@ impl ElasticSize {
             slow * self.points,
             slow * self.words,
             self.ripple,
+            usize::from(self.curve_orders > 0),
             curves,
             curves * self.curve_orders,
             varies,
@@ -207,20 +208,20 @@ impl ElasticSize {
 /// 256ths of an instruction for each term of one evaluation.
 #[rustfmt::skip] // arm; folded, differences, per output; elastic
 const POSE: [i32; TERMS] = [
-    114349, 44585, -8498, -10908, 19398, 2069,
-    39911, 26104, 8154, 422,
-    94455, 25246, 9389, 1311,
-    161544, 13447, 39834, 2316,
-    184969, 49296, -2615, 20684, 8321, 4680, 18290, 4707, 13854, 30584, 4877, 1019, 13630, 3879, 537, 2049, 87687, 30538, 11253, 9127, 3165, 18742, 17919, 2507, 100782, 30791, 24508, 4462, 814,
+    115405, 44800, -11062, -10654, 14756, 2912,
+    130542, 13679, 6805, 603,
+    144666, 15551, 10845, 1035,
+    152369, 18775, 40059, 2315,
+    170532, 50396, -5975, 24906, 13197, 4209, 21395, 5390, 18261, 33145, 3769, 1750, 12641, 3906, 551, 1582, 86921, 31148, 11731, 10251, 2956, 18880, 28753, 9024, 2493, 88895, 33407, 23680, 4413, 1032,
 ];
 /// 256ths of an instruction for each term of one command, filter included, without its frame.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
-    1593925, 185420, 73617, -31446, 109572, 46460,
-    730769, 75111, 19747, 1939,
-    612364, 122605, 32492, 3038,
-    723895, 106509, 119544, 6927,
-    824654, 85869, 1630, 39282, 718, 10148, 25891, 9270, -12030, 34184, 4850, 1069, 13202, 4140, 502, 783, 106946, 26165, 12180, 9509, 3021, 20341, 38368, 4607, -13297, 3162, 4605, -400, -226,
+    1583361, 191567, 85434, -30255, 94201, 48943,
+    738216, 74843, 20491, 1803,
+    662259, 100956, 32870, 3065,
+    766919, 90253, 120060, 6996,
+    650231, 38588, 22231, 49482, 43795, 11491, 54540, 13662, -41775, 43153, 4302, 415, 13796, 3921, 530, 2230, 65766, 30080, 13688, 9788, 2955, 20377, 55611, 21660, 4533, -13727, -6815, 15386, -54, -750,
 ];
 
 /// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the

@@ -3,7 +3,7 @@
 
 use nalgebra::{SMatrix, SVector};
 use poegp_runtime::correct::step_limit::{
-    FLOOR, LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT,
+    DAMPED, FLOOR, FOLLOW, LimitedStep, SHIFT_LIMIT, Scale, StepLimit, TURN_LIMIT,
 };
 use poegp_runtime::kinematics::newton::{Gram, PoseError6};
 use proptest::prelude::*;
@@ -46,6 +46,12 @@ fn step(jacobian: &Matrix, error: &Vector) -> (LimitedStep<f64>, Vector, Vector)
     (step, joints, error - jacobian * joints)
 }
 
+fn damped(jacobian: &Matrix, error: &Vector) -> Vector {
+    let gram = gram(jacobian);
+    let limit = StepLimit::new(&gram, scale(Some(USUAL)));
+    Vector::from(limit.damped(&core::array::from_fn(|i| error[i])))
+}
+
 fn position(v: &Vector) -> f64 {
     v.fixed_rows::<3>(0).norm()
 }
@@ -83,6 +89,28 @@ proptest! {
         prop_assert!((left - floor).norm() <= 1e-9, "{:e}", (left - floor).norm());
         let most = FLOOR.position.max(FLOOR.rotation) / (0.15 * 0.15);
         prop_assert!(floor.norm() <= most * error.norm());
+    }
+
+    /// The damped step of an error that is too small for any limit is that of the whole equations, which `nalgebra` solves.
+    #[test]
+    fn the_damped_step_is_damped_twice(values in values(), seed in seeds(), error in errors()) {
+        let (jacobian, error) = (jacobian(&values, &seed), 1e-4 * error);
+        let found = damped(&jacobian, &error);
+        let position = FOLLOW * LEVER * LEVER;
+        let damping = Vector::from([position, position, position, DAMPED, DAMPED, DAMPED]);
+        let damping = Matrix::from_diagonal(&damping);
+        let whole = (jacobian * jacobian.transpose() + damping).cholesky().unwrap();
+        let expected = whole.solve(&(error + damping * whole.solve(&error)));
+        prop_assert!((found - expected).norm() <= 1e-9 * expected.norm(), "{found} {expected}");
+    }
+
+    /// The order of magnitude only: a single Newton step does not meet a limit, and the turn may need the joints that the
+    /// shift has used.
+    #[test]
+    fn no_damped_step_is_much_steeper(values in values(), seed in seeds(), error in errors()) {
+        let x = damped(&jacobian(&values, &seed), &error);
+        let (shift, turn) = (position(&x) * LEVER / SHIFT_LIMIT, rotation(&x) / TURN_LIMIT);
+        prop_assert!(shift <= 40.0 && turn <= 8.0, "{shift} {turn}");
     }
 
     /// Each of the two parts is within the limits, nearly; so the whole is within twice as much.
