@@ -5,7 +5,7 @@
 //! arrives intact has to be, to the bit, that of the model that it names. After every 5 000 answers the power is cut at a
 //! random moment of all that, one bit of the stored models flips, and the device starts again with that flash.
 //!
-//! In the usual tests 20 000 answers. More, with a record of every round from which the next call goes on (its flash beside
+//! In the usual tests 10 000 answers. More, with a record of every round from which the next call goes on (its flash beside
 //! it):
 //!
 //! ```sh
@@ -39,7 +39,7 @@ use steps::{Step, steps};
 use workstation::Waiting;
 
 /// Answered corrections unless the environment says otherwise.
-const USUAL: usize = 20_000;
+const USUAL: usize = 10_000;
 /// Answers of one round, from a start of the device to the cut of its power.
 const ROUND: usize = 5_000;
 /// Answers after which the stack is looked at for the first time.
