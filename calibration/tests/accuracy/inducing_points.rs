@@ -29,7 +29,7 @@ const WORSE: f64 = 1.02;
 struct Sums {
     /// Position errors in mm, for each number of points.
     errors: [Vec<f64>; POINTS.len()],
-    /// Instructions of an evaluation, and bytes of the blob.
+    /// Bound on the instructions of a pose, and bytes of the blob.
     sizes: [[f64; 2]; POINTS.len()],
     count: f64,
 }
@@ -48,7 +48,7 @@ impl Sums {
             let size = found.blob.model().size().unwrap();
             let errors = found.blob.errors(test);
             self.errors[i].extend(errors.iter().map(|e| e.position_mm));
-            self.sizes[i][0] += f64::from(size.command_bound());
+            self.sizes[i][0] += f64::from(size.pose_bound());
             self.sizes[i][1] += found.blob.bytes().len() as f64;
         }
         self.count += 1.0;

@@ -56,7 +56,7 @@ const HOLD: f64 = 1e-4;
 /// The least λ of the shift that the turn has to follow while λ_r is sought, in lever²: a shift that the arm can hardly make
 /// need not be followed.
 pub const FOLLOW: f64 = 1e-3;
-/// The least λ_r of [`StepLimit::damped`], whose least λ_p is that of the shift that the turn has to follow.
+/// The least λ_r of [`StepLimit::damped`]; its least λ_p is [`FOLLOW`].
 pub const DAMPED: f64 = 1e-3;
 /// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
 const SHIFT_ROUNDS: usize = 3;
@@ -142,8 +142,8 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     /// x of a damped step, which tells where a command will be: nearly exact away from singularities, and beside them of the
     /// order of the limits.
     ///
-    /// Each λ is one Newton step from its least. What both leave of the error is asked for once more,
-    /// K x = e + Λ K⁻¹ e with K = J Jᵀ + Λ, so K⁻¹ e has half of the limits.
+    /// With K = J Jᵀ + Λ it solves K x = e + Λ K⁻¹ e: what the damping has left of the error is asked for once more. Each λ is
+    /// one Newton step from its least, towards half of the limit for K⁻¹ e, because x is up to twice as long.
     #[inline(never)]
     pub fn damped(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let (p, r) = halves(error);
