@@ -107,16 +107,19 @@ class Fleet:
             self.wait_until(self.training, "a trainer runs")
             name, job = next(iter(self.training().items()))
             cluster.ask("scancel", job)
-            self.wait_until(lambda: job not in cluster.ask("squeue", "-h", "-o", "%i").split(), f"job {job} is gone")
-            # It may have been faster than the signal.
-            if self.runs.going_on().get(name) == job:
-                self.hit.add(job)
+            # The signal may come when the trainer has ended and its job has not.
+            self.hit.add(job)
+            self.wait_until(lambda: job in cluster.states(), f"job {job} has ended")
+            # The job may have been faster than the signal.
+            if cluster.states()[job] != "COMPLETED":
                 return name
 
     def kill_daemons(self, cluster: Cluster, seconds: float) -> int:
         """For so long there is no Slurm; how many jobs ran at its end."""
         jobs = set(cluster.jobs("running"))
         cluster.kill_slurm()
+        # A waiting job may have started in between.
+        jobs |= set(self.runs.going_on().values())
         time.sleep(seconds)
         cluster.start_slurm()
         self.hit |= jobs
@@ -130,7 +133,8 @@ class Fleet:
         if self.arguments.let_jobs_end:
             self.wait_until(cluster.is_idle, "all jobs have ended", ends=True)
             return f"Snakemake killed when it knew {known} robots as done; its {len(running) + len(waiting)} jobs went on"
-        self.hit |= set(running)
+        # A waiting job may start before the signal comes.
+        self.hit |= {*running, *waiting}
         cluster.ask("scancel", "--me")
         cluster.wait_for(cluster.is_idle, "jobs are left after scancel", 120)
         return f"Snakemake killed when it knew {known} robots as done, its {len(running)} running and {len(waiting)} waiting jobs cancelled"
