@@ -44,7 +44,6 @@ pub(super) struct Candidate<T> {
 
 impl<T: Scalar> Candidate<T> {
     /// The answer to `joints`.
-    #[inline(never)]
     pub(super) fn answer(
         &self,
         joints: &PerJoint<T>,
@@ -103,7 +102,6 @@ impl<T: Scalar> Candidate<T> {
 }
 
 /// The larger of `least` and the absolute values.
-#[inline(never)]
 pub(super) fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
     let mut largest = least;
     for value in values {

@@ -17,7 +17,6 @@ pub(super) struct Factors<T> {
 
 impl<T: Scalar> Factors<T> {
     /// No pivot is below `damping`, also when it is NaN.
-    #[inline(never)]
     pub(super) fn of(m: &Matrix<T>, damping: T) -> Self {
         let reciprocal = |pivot: T| T::ONE / if pivot > damping { pivot } else { damping };
         let d0 = reciprocal(m[0][0] + damping);
@@ -41,7 +40,6 @@ impl<T: Scalar> Factors<T> {
         [b[0], y1, b[2] - self.l20 * b[0] - self.l21 * y1]
     }
 
-    #[inline(never)]
     pub(super) fn solve(&self, b: &Vector<T>) -> Vector<T> {
         self.solved(b)
     }
@@ -62,7 +60,6 @@ impl<T: Scalar> Factors<T> {
     }
 
     /// 1/tr K⁻¹: at most the smallest eigenvalue, at least a third of it.
-    #[inline(never)]
     pub(super) fn least(&self) -> T {
         // Columns of L⁻¹.
         let a = self.l21 * self.l10 - self.l20;
@@ -72,7 +69,6 @@ impl<T: Scalar> Factors<T> {
     }
 
     /// What λ lacks for |x| unit ≤ 1, x = K⁻¹ b, and for |side x| side_unit ≤ 1: Newton's step on 1/|x|.
-    #[inline(never)]
     pub(super) fn missing(&self, b: &Vector<T>, unit: T, side: Option<(&Matrix<T>, T)>) -> T {
         let x = self.solved(b);
         let length = squared(&x);
@@ -89,7 +85,6 @@ impl<T: Scalar> Factors<T> {
     }
 
     /// K⁻¹ M.
-    #[inline(never)]
     pub(super) fn solve_columns(&self, m: &Matrix<T>) -> Matrix<T> {
         let mut out = [[T::ZERO; 3]; 3];
         for k in 0..3 {
@@ -103,7 +98,6 @@ impl<T: Scalar> Factors<T> {
 }
 
 /// K − M N.
-#[inline(never)]
 pub(super) fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> Matrix<T> {
     let mut out = *k;
     for (slots, row) in out.iter_mut().zip(m) {
@@ -115,7 +109,6 @@ pub(super) fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> M
 }
 
 /// M x.
-#[inline(never)]
 pub(super) fn product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
     multiplied(m, x)
 }
@@ -127,7 +120,6 @@ pub(super) fn multiplied<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
 }
 
 /// Mᵀ x.
-#[inline(never)]
 pub(super) fn transposed_product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
     let column = |c: usize| m[0][c] * x[0] + m[1][c] * x[1] + m[2][c] * x[2];
     [column(0), column(1), column(2)]

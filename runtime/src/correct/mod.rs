@@ -292,7 +292,6 @@ impl<T: KernelLoops> Search<'_, T> {
     }
 
     /// Without correction, or with the one in task space at every step.
-    #[inline(never)]
     fn solve_by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Candidate<T> {
         let mut later = if task.is_some() {
             LATER_TASK_SPACE_STEPS
@@ -323,7 +322,6 @@ impl<T: KernelLoops> Search<'_, T> {
     }
 
     /// The pose after a change of the joints, and whether its correction was limited.
-    #[inline(never)]
     fn evaluated(
         &mut self,
         change: &PerJoint<T>,
@@ -341,7 +339,6 @@ impl<T: KernelLoops> Search<'_, T> {
     }
 
     /// With the deflection D of an elastic model.
-    #[inline(never)]
     fn solve_elastic(&mut self, elastic: &ElasticCorrection<T>) -> Candidate<T> {
         let arm = self.arm;
         let kinds = arm.calibrated.kinds();
@@ -417,7 +414,6 @@ impl<T: KernelLoops> Search<'_, T> {
 }
 
 /// a + b.
-#[inline(never)]
 fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {
@@ -427,7 +423,6 @@ fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
 }
 
 /// a − b.
-#[inline(never)]
 fn difference<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {

@@ -116,7 +116,6 @@ pub struct StepLimit<'a, T> {
 
 impl<'a, T: Scalar> StepLimit<'a, T> {
     /// From J Jᵀ.
-    #[inline(never)]
     pub fn new(gram: &'a Gram<T>, scale: Scale<T>) -> Self {
         let relative = scale.lever * scale.lever;
         let (_, _, turning) = held(gram, T::from_f64(HOLD) * relative);
@@ -132,7 +131,6 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     }
 
     /// The rotation that the turn has to follow when the shift, within its limit, is held against.
-    #[inline(never)]
     fn follows(&self, p: &Vector<T>, unit: T) -> Vector<T> {
         let position = self.follow + self.following.missing(p, unit, None);
         let shift = Factors::of(&block(self.gram, 0, 0), position).solve(p);
@@ -144,7 +142,6 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     ///
     /// With K = J Jᵀ + Λ it solves K x = e + Λ K⁻¹ e: what the damping has left of the error is asked for once more. Each λ is
     /// one Newton step from its least, towards half of the limit for K⁻¹ e, because x is up to twice as long.
-    #[inline(never)]
     pub fn damped(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let (p, r) = halves(error);
         let shift_unit = T::from_f64(2.0 / SHIFT_LIMIT) * self.scale.lever;
@@ -172,7 +169,6 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     }
 
     /// The limited step.
-    #[inline(never)]
     pub fn step(&self, error: &PoseError6<T>) -> LimitedStep<T> {
         let Scale {
             lever,
@@ -256,7 +252,6 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
 }
 
 /// Factors of A with this λ, (A + λ)⁻¹ B, and S with it.
-#[inline(never)]
 fn held<T: Scalar>(gram: &Gram<T>, position: T) -> (Factors<T>, Matrix<T>, Matrix<T>) {
     let factors = Factors::of(&block(gram, 0, 0), position);
     let follow = factors.solve_columns(&block(gram, 0, 3));
@@ -291,7 +286,6 @@ struct Shares<T> {
 
 impl<T: Scalar> Shares<T> {
     /// How much of the shift and of the turn is taken, each from 0 to 1.
-    #[inline(never)]
     fn fair(&self) -> (T, T) {
         // The shift has the room that a turn beside the whole shift would leave it.
         let shift = match self.largest {
@@ -306,7 +300,6 @@ impl<T: Scalar> Shares<T> {
     }
 
     /// The turn's share beside this share of the shift.
-    #[inline(never)]
     fn turn_beside(&self, shift: T) -> T {
         let left = left_after(shift, &self.position, &self.shift_leaves);
         let brought = squared(&self.position).sqrt() - squared(&left).sqrt();
@@ -317,7 +310,6 @@ impl<T: Scalar> Shares<T> {
 }
 
 /// What is left of an error when this share of a step is taken of which the whole leaves `leaves`.
-#[inline(never)]
 fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> Vector<T> {
     let mut left = *error;
     for (value, leaves) in left.iter_mut().zip(leaves) {

@@ -103,7 +103,6 @@ pub fn add_curves<T: Scalar>(
 }
 
 /// Adds h_c of every joint and its derivative by the joint to `line`.
-#[inline(never)]
 pub fn add_curve_lines<T: Scalar>(
     kinds: &[JointKind],
     coefficients: &[T],

@@ -55,7 +55,6 @@ pub fn ripple<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> PerJo
 }
 
 /// Gear ripple of every joint to first order about `joints`.
-#[inline(never)]
 pub fn ripple_line<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> RippleLine<T> {
     let mut out = RippleLine {
         value: [T::ZERO; MAX_JOINTS],

@@ -27,7 +27,6 @@ impl<T: Scalar> Limit<T> {
     }
 
     /// The same for the squares of displacement and angle.
-    #[inline(never)]
     pub fn factor_of(&self, squared_distance: T, squared_angle: T) -> (T, bool) {
         let (distance, angle) = (squared_distance.sqrt(), squared_angle.sqrt());
         // Both quotients always, for the time must not depend on the data.

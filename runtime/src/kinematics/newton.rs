@@ -233,7 +233,6 @@ impl<T: Scalar> NormalEquations<T> {
     }
 
     /// Jᵀ x: the joint changes that x stands for; zero beyond the last joint.
-    #[inline(never)]
     pub fn joints_of(&self, x: &PoseError6<T>) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         for (slot, column) in out.iter_mut().zip(&self.columns).take(self.joints) {
@@ -243,7 +242,6 @@ impl<T: Scalar> NormalEquations<T> {
     }
 
     /// J d: what the joint changes d do to first order.
-    #[inline(never)]
     pub fn moved(&self, d: &PerJoint<T>) -> PoseError6<T> {
         let mut moved = [T::ZERO; 6];
         for (column, delta) in self.columns.iter().zip(d).take(self.joints) {
