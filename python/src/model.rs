@@ -7,10 +7,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use poegp_calibration::blob::evaluator::{Evaluator, Frame, Precision, Predicted};
+use poegp_calibration::blob::evaluator::{Evaluator, Frame, Precision};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::numeric::parallel::map_all;
+use poegp_calibration::numeric::parallel::for_numbers;
 use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
@@ -109,16 +109,23 @@ impl NativeModel {
     ) -> PyResult<(Numbers<'py>, Bits<'py>, Column<'py>, Column<'py>)> {
         let (n, joints, payloads) = self.configurations(q, payload_kg)?;
         let frame = frame_of(frame)?;
-        let found =
-            py.detach(|| self.each_row(&joints, &payloads, |q, kg| self.arm.predict(q, kg, frame)));
         let mut matrices = Vec::with_capacity(MATRIX * n);
-        found.iter().for_each(|f| push(&mut matrices, &f.pose));
-        let of = |value: fn(&Predicted) -> f64| column(py, found.iter().map(value).collect());
+        let mut statuses = Vec::with_capacity(n);
+        let (mut trusts, mut sigmas) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        let answer = |q: &[f64], kg| self.arm.predict(q, kg, frame);
+        py.detach(|| {
+            self.each_row(&joints, &payloads, answer, |found| {
+                push(&mut matrices, &found.pose);
+                statuses.push(found.status.bits());
+                trusts.push(found.trust);
+                sigmas.push(found.position_sigma.unwrap_or(f64::NAN));
+            });
+        });
         Ok((
             shaped(py, matrices, &[n, 4, 4])?,
-            column(py, found.iter().map(|f| f.status.bits()).collect()),
-            of(|f| f.trust),
-            of(|f| f.position_sigma.unwrap_or(f64::NAN)),
+            column(py, statuses),
+            column(py, trusts),
+            column(py, sigmas),
         ))
     }
 
@@ -131,15 +138,14 @@ impl NativeModel {
         let (n, joints) = rows(q, "q", &[self.joints()])?;
         let frame = frame_of(frame)?;
         let payloads = vec![0.0; n];
-        let found =
-            py.detach(|| self.each_row(&joints, &payloads, |q, _| self.arm.nominal(q, frame)));
         let mut matrices = Vec::with_capacity(MATRIX * n);
-        for pose in found {
-            match pose {
+        let answer = |q: &[f64], _| self.arm.nominal(q, frame);
+        py.detach(|| {
+            self.each_row(&joints, &payloads, answer, |pose| match pose {
                 Some(pose) => push(&mut matrices, &pose),
                 None => matrices.extend([f64::NAN; MATRIX]),
-            }
-        }
+            });
+        });
         shaped(py, matrices, &[n, 4, 4])
     }
 
@@ -158,19 +164,28 @@ impl NativeModel {
         Column<'py>,
     )> {
         let (n, joints, payloads) = self.configurations(q, payload_kg)?;
-        let found =
-            py.detach(|| self.each_row(&joints, &payloads, |q, kg| self.arm.correct(q, kg)));
         let dof = self.joints();
-        let commands = found
-            .iter()
-            .flat_map(|f| f.joints.into_iter().take(dof))
-            .collect();
+        let (mut commands, mut statuses) = (Vec::with_capacity(dof * n), Vec::with_capacity(n));
+        let mut numbers = [(); 3].map(|()| Vec::with_capacity(n));
+        let answer = |q: &[f64], kg| self.arm.correct(q, kg);
+        py.detach(|| {
+            self.each_row(&joints, &payloads, answer, |found| {
+                commands.extend(found.joints.iter().take(dof));
+                statuses.push(found.status.bits());
+                let of_row = [found.applied, found.position_error, found.rotation_error];
+                numbers
+                    .iter_mut()
+                    .zip(of_row)
+                    .for_each(|(column, number)| column.push(number));
+            });
+        });
+        let [applied, position_error, rotation_error] = numbers.map(|numbers| column(py, numbers));
         Ok((
             shaped(py, commands, &[n, dof])?,
-            column(py, found.iter().map(|f| f.status.bits()).collect()),
-            column(py, found.iter().map(|f| f.applied).collect()),
-            column(py, found.iter().map(|f| f.position_error).collect()),
-            column(py, found.iter().map(|f| f.rotation_error).collect()),
+            column(py, statuses),
+            applied,
+            position_error,
+            rotation_error,
         ))
     }
 
@@ -207,24 +222,31 @@ impl NativeModel {
         let frame = frame_of(frame)?;
         let wanted: Vec<Pose<f64>> = matrices.chunks(MATRIX).map(pose_of).collect();
         let dof = self.joints();
-        let found = py.detach(|| {
-            let indices: Vec<usize> = (0..n).collect();
-            map_all(threads(), &indices, |i| {
-                let seed = &joints[i * dof..(i + 1) * dof];
-                let wanted = (&wanted[*i], frame);
-                self.arm
-                    .inverse(wanted, &target_from_tool, seed, payloads[*i])
-            })
+        let (mut answers, mut statuses) = (Vec::with_capacity(dof * n), Vec::with_capacity(n));
+        let mut numbers = [(); 2].map(|()| Vec::with_capacity(n));
+        let answer = |i: usize| {
+            let seed = &joints[i * dof..(i + 1) * dof];
+            let wanted = (&wanted[i], frame);
+            self.arm
+                .inverse(wanted, &target_from_tool, seed, payloads[i])
+        };
+        py.detach(|| {
+            for_numbers(threads(), n, answer, |found| {
+                answers.extend(found.joints.iter().take(dof));
+                statuses.push(found.status.bits());
+                let of_row = [found.position_error, found.rotation_error];
+                numbers
+                    .iter_mut()
+                    .zip(of_row)
+                    .for_each(|(column, number)| column.push(number));
+            });
         });
-        let answers = found
-            .iter()
-            .flat_map(|f| f.joints.into_iter().take(dof))
-            .collect();
+        let [position_error, rotation_error] = numbers.map(|numbers| column(py, numbers));
         Ok((
             shaped(py, answers, &[n, dof])?,
-            column(py, found.iter().map(|f| f.status.bits()).collect()),
-            column(py, found.iter().map(|f| f.position_error).collect()),
-            column(py, found.iter().map(|f| f.rotation_error).collect()),
+            column(py, statuses),
+            position_error,
+            rotation_error,
         ))
     }
 
@@ -236,15 +258,16 @@ impl NativeModel {
         payload_kg: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Numbers<'py>> {
         let (n, joints, payloads) = self.configurations(q, payload_kg)?;
-        let found =
-            py.detach(|| self.each_row(&joints, &payloads, |q, kg| self.arm.jacobian(q, kg)));
         let dof = self.joints();
         let mut numbers = Vec::with_capacity(6 * dof * n);
-        for columns in found {
-            for row in 0..6 {
-                numbers.extend(columns.iter().take(dof).map(|column| column[row]));
-            }
-        }
+        let answer = |q: &[f64], kg| self.arm.jacobian(q, kg);
+        py.detach(|| {
+            self.each_row(&joints, &payloads, answer, |columns| {
+                for row in 0..6 {
+                    numbers.extend(columns.iter().take(dof).map(|column| column[row]));
+                }
+            });
+        });
         shaped(py, numbers, &[n, 6, dof])
     }
 
@@ -312,18 +335,17 @@ impl NativeModel {
         Ok((n, joints, payloads))
     }
 
-    /// The answers to all rows, in order, computed on all cores.
+    /// Gives the answers to all rows to `take`, in order, computed on all cores.
     fn each_row<O: Send>(
         &self,
         joints: &[f64],
         payloads: &[f64],
         answer: impl Fn(&[f64], f64) -> O + Sync,
-    ) -> Vec<O> {
-        let rows: Vec<(&[f64], f64)> = joints
-            .chunks(self.joints().max(1))
-            .zip(payloads.iter().copied())
-            .collect();
-        map_all(threads(), &rows, |(q, kg)| answer(q, *kg))
+        take: impl FnMut(O) + Send,
+    ) {
+        let dof = self.joints();
+        let of_row = |i: usize| answer(&joints[i * dof..(i + 1) * dof], payloads[i]);
+        for_numbers(threads(), payloads.len(), of_row, take);
     }
 }
 

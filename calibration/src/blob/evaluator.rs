@@ -99,7 +99,11 @@ impl Evaluator {
     pub fn nominal(&self, joints: &[f64], frame: Frame) -> Option<Pose<f64>> {
         let pose = match &self.wide {
             Some(model) => model.nominal(joints)?,
-            None => self.blob.model().nominal(&cast(joints))?.cast(),
+            None => self
+                .blob
+                .model()
+                .nominal(rounded(joints, &mut [0.0; MAX_JOINTS]))?
+                .cast(),
         };
         Some(self.seen(pose, frame))
     }
@@ -109,7 +113,10 @@ impl Evaluator {
         match &self.wide {
             Some(model) => model.correct(joints, payload_kg),
             None => {
-                let found = self.blob.model().correct(&cast(joints), payload_kg as f32);
+                let found = self
+                    .blob
+                    .model()
+                    .correct(rounded(joints, &mut [0.0; MAX_JOINTS]), payload_kg as f32);
                 Corrected {
                     joints: found.joints.map(f64::from),
                     applied: found.applied.into(),
@@ -138,7 +145,9 @@ impl Evaluator {
             None => {
                 let model = self.blob.model();
                 let (wanted, tool) = (wanted.cast(), target_from_tool.cast());
-                let found = model.tool_inverse(&wanted, &tool, &cast(seed), payload_kg as f32);
+                let mut room = [0.0; MAX_JOINTS];
+                let seed = rounded(seed, &mut room);
+                let found = model.tool_inverse(&wanted, &tool, seed, payload_kg as f32);
                 Inverse {
                     joints: found.joints.map(f64::from),
                     position_error: found.position_error.into(),
@@ -160,7 +169,11 @@ impl Evaluator {
             None => {
                 let model = self.blob.model();
                 let kg = payload_kg as f32;
-                let found = model.tool_jacobian(&Pose::identity(), &cast(joints), kg);
+                let found = model.tool_jacobian(
+                    &Pose::identity(),
+                    rounded(joints, &mut [0.0; MAX_JOINTS]),
+                    kg,
+                );
                 found.columns.map(|column| column.map(f64::from))
             }
         }
@@ -173,12 +186,8 @@ impl Evaluator {
         payload_kg: f64,
         frame: Frame,
     ) -> Predicted {
-        let mut own = [T::ZERO; MAX_JOINTS];
-        for (slot, joint) in own.iter_mut().zip(joints) {
-            *slot = T::from_f64(*joint);
-        }
-        let own = own.get(..joints.len()).unwrap_or(&[]);
-        let found = model.evaluate(own, T::from_f64(payload_kg));
+        let mut room = [T::ZERO; MAX_JOINTS];
+        let found = model.evaluate(rounded(joints, &mut room), T::from_f64(payload_kg));
         Predicted {
             pose: self.seen(found.pose.cast(), frame),
             status: found.status,
@@ -198,8 +207,12 @@ impl Evaluator {
     }
 }
 
-fn cast(joints: &[f64]) -> Vec<f32> {
-    joints.iter().map(|q| *q as f32).collect()
+/// Joints in the number type of the model; none when there are too many, which is bad input, too.
+fn rounded<'a, T: Scalar>(joints: &[f64], room: &'a mut [T; MAX_JOINTS]) -> &'a [T] {
+    for (slot, joint) in room.iter_mut().zip(joints) {
+        *slot = T::from_f64(*joint);
+    }
+    room.get(..joints.len()).unwrap_or(&[])
 }
 
 #[cfg(test)]

@@ -106,19 +106,36 @@ pub fn map_all<I: Sync, O: Send>(
     items: &[I],
     work: impl Fn(&I) -> O + Sync,
 ) -> Vec<O> {
-    let mut chunks = items.chunks(TOGETHER);
     let mut out = Vec::with_capacity(items.len());
+    for_numbers(threads, items.len(), |i| work(&items[i]), |o| out.push(o));
+    out
+}
+
+/// As [`map_all`] for the numbers below `count`: gives the results to `take`, on the calling thread, as they come.
+///
+/// # Panics
+/// When `work` does.
+pub fn for_numbers<O: Send>(
+    threads: usize,
+    count: usize,
+    work: impl Fn(usize) -> O + Sync,
+    mut take: impl FnMut(O),
+) {
+    let mut chunks = (0..count).step_by(TOGETHER);
     let done: Result<(), std::convert::Infallible> = in_order(
         threads.min(chunks.len()),
         || Ok(chunks.next()),
-        |chunk| chunk.iter().map(&work).collect::<Vec<O>>(),
+        |first| {
+            let numbers = first..count.min(first + TOGETHER);
+            numbers.map(&work).collect::<Vec<O>>()
+        },
         |results| {
-            out.extend(results);
+            results.into_iter().for_each(&mut take);
             Ok(())
         },
     );
     match done {
-        Ok(()) => out,
+        Ok(()) => (),
     }
 }
 
