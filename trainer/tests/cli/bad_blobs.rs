@@ -6,10 +6,12 @@ use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
 fn folder() -> (Folder, Vec<u8>) {
-    let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 20));
-    let line = format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
-    folder.run(&line).ok();
+    let folder = Folder::prepared("bad_blobs", |folder| {
+        folder.write("train.csv", simulated("train", 20));
+        let line =
+            format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
+        folder.run(&line).ok();
+    });
     let blob = folder.read("arm.blob");
     (folder, blob)
 }

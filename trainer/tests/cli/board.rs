@@ -49,17 +49,18 @@ const PORT: &str = "--port unix:link --timeout-ms 20000";
 
 /// Two models and a test set.
 fn folder() -> Folder {
-    let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 40));
-    folder.write("test.csv", simulated("test1", 20));
-    for (model, file) in [
-        ("poe-gp-load", "paper.blob"),
-        ("elastic --inducing-points 20", "arm.blob"),
-    ] {
-        let line = format!("calibrate --robot {SERIAL} train.csv --method {model} --out {file}");
-        folder.run(&line).ok();
-    }
-    folder
+    Folder::prepared("board", |folder| {
+        folder.write("train.csv", simulated("train", 40));
+        folder.write("test.csv", simulated("test1", 20));
+        for (model, file) in [
+            ("poe-gp-load", "paper.blob"),
+            ("elastic --inducing-points 20", "arm.blob"),
+        ] {
+            let line =
+                format!("calibrate --robot {SERIAL} train.csv --method {model} --out {file}");
+            folder.run(&line).ok();
+        }
+    })
 }
 
 #[test]

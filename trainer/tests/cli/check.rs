@@ -5,15 +5,15 @@ use crate::texts::texts;
 
 /// A folder with an elastic model of 150 poses and 20 fresh ones.
 fn folder() -> Folder {
-    let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 150));
-    folder.write("fresh.csv", simulated("test2", 20));
-    folder
-        .run(&format!(
-            "calibrate --robot {SERIAL} train.csv --out arm.blob"
-        ))
-        .ok();
-    folder
+    Folder::prepared("check", |folder| {
+        folder.write("train.csv", simulated("train", 150));
+        folder.write("fresh.csv", simulated("test2", 20));
+        folder
+            .run(&format!(
+                "calibrate --robot {SERIAL} train.csv --out arm.blob"
+            ))
+            .ok();
+    })
 }
 
 const ORIENTATION: [&str; 4] = ["qw", "qx", "qy", "qz"];

@@ -14,15 +14,15 @@ const TARGETS: &str = "# welding program 7\nname,q1_deg,q2_deg,q3_deg,q4_deg,q5_
 
 /// A folder with an elastic model of 60 poses.
 fn folder() -> Folder {
-    let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 60));
-    folder.write("targets.csv", TARGETS);
-    folder
-        .run(&format!(
-            "calibrate --robot {SERIAL} train.csv --inducing-points 60 --out arm.blob"
-        ))
-        .ok();
-    folder
+    Folder::prepared("correct", |folder| {
+        folder.write("train.csv", simulated("train", 60));
+        folder.write("targets.csv", TARGETS);
+        folder
+            .run(&format!(
+                "calibrate --robot {SERIAL} train.csv --inducing-points 60 --out arm.blob"
+            ))
+            .ok();
+    })
 }
 
 struct Stopped;

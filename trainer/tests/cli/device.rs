@@ -14,11 +14,13 @@ use crate::texts::texts;
 
 /// A folder with arm.blob and test1.csv.
 fn folder() -> (Folder, Vec<u8>) {
-    let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 20));
-    folder.write("test1.csv", simulated("test1", 5));
-    let line = format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
-    folder.run(&line).ok();
+    let folder = Folder::prepared("device", |folder| {
+        folder.write("train.csv", simulated("train", 20));
+        folder.write("test1.csv", simulated("test1", 5));
+        let line =
+            format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
+        folder.run(&line).ok();
+    });
     let blob = folder.read("arm.blob");
     (folder, blob)
 }

@@ -13,24 +13,24 @@ use crate::texts::texts;
 
 /// A folder with `arm.blob`, calibrated from few poses; `robot` is a name or a file of `tests/data/urdf`.
 pub fn calibrated(robot: &str, model: &str) -> Folder {
-    let folder = Folder::new();
-    if robot.ends_with(".urdf") {
-        folder.write(
-            robot,
-            std::fs::read(data(&format!("urdf/{robot}"))).unwrap(),
-        );
-    }
-    folder
-        .run(&format!(
-            "simulate --robot {robot} --poses 30 --test-sets 0 --seed 5 --out cell"
-        ))
-        .ok();
-    folder
-        .run(&format!(
-            "calibrate --robot {robot} cell/train.csv --method {model} --out arm.blob"
-        ))
-        .ok();
-    folder
+    Folder::prepared(format!("export {robot} {model}"), |folder| {
+        if robot.ends_with(".urdf") {
+            folder.write(
+                robot,
+                std::fs::read(data(&format!("urdf/{robot}"))).unwrap(),
+            );
+        }
+        folder
+            .run(&format!(
+                "simulate --robot {robot} --poses 30 --test-sets 0 --seed 5 --out cell"
+            ))
+            .ok();
+        folder
+            .run(&format!(
+                "calibrate --robot {robot} cell/train.csv --method {model} --out arm.blob"
+            ))
+            .ok();
+    })
 }
 
 pub fn chain(folder: &Folder) -> CalibratedChain {

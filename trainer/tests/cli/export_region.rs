@@ -13,13 +13,13 @@ use crate::texts::texts;
 
 /// The model of a simulated arm with all that the trainer has no formula for.
 fn wild() -> Folder {
-    let folder = Folder::new();
-    let rows = std::fs::read(data("simulated/irb4400_wild_s0_train.csv")).unwrap();
-    folder.write("train.csv", rows);
-    folder
-        .run("calibrate --robot abb-irb4400-serial train.csv --method elastic --out arm.blob")
-        .ok();
-    folder
+    Folder::prepared("wild", |folder| {
+        let rows = std::fs::read(data("simulated/irb4400_wild_s0_train.csv")).unwrap();
+        folder.write("train.csv", rows);
+        folder
+            .run("calibrate --robot abb-irb4400-serial train.csv --method elastic --out arm.blob")
+            .ok();
+    })
 }
 
 fn mean_mm(document: &Value, of: &str) -> f64 {

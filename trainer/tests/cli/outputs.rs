@@ -8,12 +8,12 @@ use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
 fn folder() -> Folder {
-    let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 30));
-    folder.write("fresh.csv", simulated("test2", 20));
-    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
-    folder.run(&line).ok();
-    folder
+    Folder::prepared("outputs", |folder| {
+        folder.write("train.csv", simulated("train", 30));
+        folder.write("fresh.csv", simulated("test2", 20));
+        let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
+        folder.run(&line).ok();
+    })
 }
 
 /// Every command with an output, told to write to `place`.

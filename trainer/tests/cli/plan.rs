@@ -126,7 +126,7 @@ fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
 fn the_same_seed_makes_the_same_plan() {
     let folder = Folder::new();
     let plan = |out: &str, seed: u64| {
-        let line = format!("plan --robot ur10 --count 30 --seed {seed} --out {out} --no-forecast");
+        let line = format!("plan --robot ur10 --count 16 --seed {seed} --out {out} --no-forecast");
         folder.run(&line).ok();
         folder.text(out)
     };
@@ -225,7 +225,7 @@ fn a_plan_says_which_links_it_kept_apart() {
     let _texts = texts();
     let folder = Folder::new();
     folder.write("cell.toml", "link_radius_mm = 45\nfloor = false\n");
-    let line = "plan --count 30 --payloads 0,2 --out plan.csv --no-forecast --json plan.json";
+    let line = "plan --count 16 --payloads 0,2 --out plan.csv --no-forecast --json plan.json";
     for (arguments, radii, from, floor) in [
         ("--robot abb-irb120", [57.12; 2], "reach", Some(0.0)),
         ("--robot ur10", [80.0, 50.0], "description", Some(0.0)),
@@ -274,7 +274,7 @@ fn a_plan_takes_its_prior_from_a_sister_robot() {
             ))
             .ok();
     }
-    let line = format!("plan --robot {SERIAL} --count 30 --payloads 0,5 --no-forecast");
+    let line = format!("plan --robot {SERIAL} --count 16 --payloads 0,5 --no-forecast");
     folder.run(&format!("{line} --out usual.csv")).ok();
     folder
         .run(&format!(
@@ -457,13 +457,13 @@ fn a_forecast_says_what_more_poses_are_worth() {
     let _texts = texts();
     let folder = Folder::new();
     let line = format!(
-        "plan --robot {SERIAL} --count 30 --payloads 0,5 --out plan.csv --forecast 60 --json plan.json"
+        "plan --robot {SERIAL} --count 16 --payloads 0,5 --out plan.csv --forecast 30 --json plan.json"
     );
     folder.run(&line).ok().said();
     let json = folder.json("plan.json");
     let rows = json["forecast"]["rows"].as_array().unwrap();
     let poses: Vec<u64> = rows.iter().map(|r| r["poses"].as_u64().unwrap()).collect();
-    assert_eq!(poses, [30, 60]);
+    assert_eq!(poses, [16, 30]);
     for row in rows {
         for error in ["paper_mm", "wild_mm"] {
             // The noise alone makes 0.048.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::{Arc, Mutex, OnceLock};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -81,6 +82,32 @@ pub struct Folder(TempDir);
 impl Folder {
     pub fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
+    }
+
+    /// With the files that `make` puts into a folder: once in a test program for each `name`, so that no model is calibrated
+    /// for every test that needs it.
+    pub fn prepared(name: impl Into<String>, make: impl FnOnce(&Folder)) -> Self {
+        type Files = BTreeMap<PathBuf, Vec<u8>>;
+        static PREPARED: Mutex<BTreeMap<String, Arc<OnceLock<Files>>>> =
+            Mutex::new(BTreeMap::new());
+        let files = Arc::clone(PREPARED.lock().unwrap().entry(name.into()).or_default());
+        let files = files.get_or_init(|| {
+            let made = Self::new();
+            make(&made);
+            let files = made
+                .contents()
+                .into_iter()
+                .filter(|(path, _)| path.is_file());
+            let inside = |path: PathBuf| path.strip_prefix(made.0.path()).unwrap().to_owned();
+            files.map(|(path, bytes)| (inside(path), bytes)).collect()
+        });
+        let folder = Self::new();
+        for (file, bytes) in files {
+            let path = folder.0.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, bytes).unwrap();
+        }
+        folder
     }
 
     pub fn path(&self, name: &str) -> PathBuf {

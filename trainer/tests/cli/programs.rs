@@ -36,20 +36,20 @@ pub fn file(name: &str) -> Vec<u8> {
 
 /// A folder with an elastic model and one that corrects nothing.
 pub fn folder() -> Folder {
-    let folder = Folder::new();
-    for name in PROGRAMS.iter().chain(&OTHERS) {
-        folder.write(name, file(name));
-    }
-    folder.write("train.csv", simulated("train", 80));
-    for method in ["elastic --inducing-points 60", "base-tool"] {
-        let name = &method[..4];
-        folder
-            .run(&format!(
-                "calibrate --robot {SERIAL} train.csv --method {method} --out {name}.blob"
-            ))
-            .ok();
-    }
-    folder
+    Folder::prepared("programs", |folder| {
+        for name in PROGRAMS.iter().chain(&OTHERS) {
+            folder.write(name, file(name));
+        }
+        folder.write("train.csv", simulated("train", 80));
+        for method in ["elastic --inducing-points 60", "base-tool"] {
+            let name = &method[..4];
+            folder
+                .run(&format!(
+                    "calibrate --robot {SERIAL} train.csv --method {method} --out {name}.blob"
+                ))
+                .ok();
+        }
+    })
 }
 
 /// The numbers of a text that are not part of a name, and the text with a mark in their stead.
