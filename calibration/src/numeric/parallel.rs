@@ -194,4 +194,18 @@ mod tests {
             ((0..5).map(|i| i * i).collect(), Err(5))
         );
     }
+
+    #[test]
+    fn every_number_comes_once_and_in_order() {
+        for count in [0, 1, TOGETHER - 1, TOGETHER, TOGETHER + 1, 5 * TOGETHER + 7] {
+            for threads in [1, 2, 3] {
+                let mut out = Vec::new();
+                for_numbers(threads, count, |i| 3 * i, |result| out.push(result));
+                let expected: Vec<usize> = (0..count).map(|i| 3 * i).collect();
+                assert_eq!(out, expected, "{threads} {count}");
+                let items: Vec<usize> = (0..count).collect();
+                assert_eq!(map_all(threads, &items, |i| 3 * i), expected);
+            }
+        }
+    }
 }
