@@ -172,11 +172,10 @@ impl NativeModel {
             self.each_row(&joints, &payloads, answer, |found| {
                 commands.extend(found.joints.iter().take(dof));
                 statuses.push(found.status.bits());
-                let of_row = [found.applied, found.position_error, found.rotation_error];
-                numbers
-                    .iter_mut()
-                    .zip(of_row)
-                    .for_each(|(column, number)| column.push(number));
+                push_each(
+                    &mut numbers,
+                    [found.applied, found.position_error, found.rotation_error],
+                );
             });
         });
         let [applied, position_error, rotation_error] = numbers.map(|numbers| column(py, numbers));
@@ -234,11 +233,7 @@ impl NativeModel {
             for_numbers(threads(), n, answer, |found| {
                 answers.extend(found.joints.iter().take(dof));
                 statuses.push(found.status.bits());
-                let of_row = [found.position_error, found.rotation_error];
-                numbers
-                    .iter_mut()
-                    .zip(of_row)
-                    .for_each(|(column, number)| column.push(number));
+                push_each(&mut numbers, [found.position_error, found.rotation_error]);
             });
         });
         let [position_error, rotation_error] = numbers.map(|numbers| column(py, numbers));
@@ -373,6 +368,13 @@ fn frame_of(name: &str) -> PyResult<Frame> {
 fn push(out: &mut Vec<f64>, pose: &Pose<f64>) {
     out.extend(pose.to_rows());
     out.extend([0.0, 0.0, 0.0, 1.0]);
+}
+
+/// One number more for each column.
+fn push_each<const N: usize>(columns: &mut [Vec<f64>; N], numbers: [f64; N]) {
+    for (column, number) in columns.iter_mut().zip(numbers) {
+        column.push(number);
+    }
 }
 
 /// The pose of a homogeneous matrix, whose last row is not looked at.

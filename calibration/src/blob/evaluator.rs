@@ -207,7 +207,7 @@ impl Evaluator {
     }
 }
 
-/// Joints in the number type of the model; none when there are too many, which is bad input, too.
+/// Joints in the number type of the model. Too many become none at all: the model refuses both as bad input.
 fn rounded<'a, T: Scalar>(joints: &[f64], room: &'a mut [T; MAX_JOINTS]) -> &'a [T] {
     for (slot, joint) in room.iter_mut().zip(joints) {
         *slot = T::from_f64(*joint);

@@ -111,7 +111,8 @@ pub fn map_all<I: Sync, O: Send>(
     out
 }
 
-/// As [`map_all`] for the numbers below `count`: gives the results to `take`, on the calling thread, as they come.
+/// Does `work` on every number below `count`, on one of `threads` threads each, and gives the results to `take` in the order
+/// of the numbers, on the calling thread. A few numbers start no thread.
 ///
 /// # Panics
 /// When `work` does.
@@ -122,7 +123,7 @@ pub fn for_numbers<O: Send>(
     mut take: impl FnMut(O),
 ) {
     let mut chunks = (0..count).step_by(TOGETHER);
-    let done: Result<(), std::convert::Infallible> = in_order(
+    let Ok(()): Result<(), std::convert::Infallible> = in_order(
         threads.min(chunks.len()),
         || Ok(chunks.next()),
         |first| {
@@ -134,9 +135,6 @@ pub fn for_numbers<O: Send>(
             Ok(())
         },
     );
-    match done {
-        Ok(()) => (),
-    }
 }
 
 #[cfg(test)]

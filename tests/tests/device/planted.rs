@@ -45,7 +45,7 @@ fn prepared() -> Device {
     prepared_with(Clock::Real)
 }
 
-/// The same. [`Clock::Counting`] is several times as fast where the device hangs.
+/// [`prepared`] with this clock. On [`Clock::Counting`] the time of a hang passes several times as fast.
 fn prepared_with(clock: Clock) -> Device {
     let machine = Machine {
         board: Board::default(),
