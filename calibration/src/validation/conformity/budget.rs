@@ -119,7 +119,10 @@ pub fn sources(
     let mut out = vec![
         instrument(found, noise, knowledge.instrument[component]),
         repeatability(found, noise, poses_repeat),
-        model.of(found.of_few_poses),
+        Contribution {
+            degrees_of_freedom: Some(found.freedom),
+            ..model.of(found.of_few_poses)
+        },
         drift(knowledge.drift, component),
         base_and_tool.of(0.0),
     ];

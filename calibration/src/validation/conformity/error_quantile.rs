@@ -1,36 +1,33 @@
 //! The error that 95 of 100 poses do not exceed, from few poses, without the noise of the instrument.
 //!
-//! Poses differ in how far the model is off. The residual of pose i, of position or of rotation, is taken as
+//! The distribution F of the measured errors e_i = |r_i| has a Dirichlet process as its prior (Ferguson, Annals of Statistics
+//! 1973), whose guess F₀ is the fitted [family](super::error_family) and counts as much as α poses. So the tail beyond the
+//! largest error is that of the family, and everything below is that of the poses, whatever their distribution:
 //!
 //! ```text
-//! r_i ~ N(0, (s_i² + v_i) I₃)        ln s_i ~ N(μ, τ²)
+//! F(x) ~ Beta(α F₀(x) + N(x), α (1 − F₀(x)) + n − N(x))        N(x) = #{e_i ≤ x}
+//! P(Q ≤ x) = P(F(x) ≥ 0.95)
 //! ```
 //!
-//! with the known variance v_i of its noise. A grid over (μ, τ), flat in both, carries the posterior distribution of the
-//! quantile of s χ₃; its mean is the estimate E and its standard deviation the standard uncertainty (JCGM 101:2008, 6.4).
-//! So few poses state a large uncertainty, and the noise is taken out of the distribution, not out of a number.
+//! Without noise the quantile Q of the measured errors is that of the arm; else the family says which quantile of the arm gives
+//! Q with the noise. The mean over x and τ is the estimate E and its standard deviation the standard uncertainty
+//! (JCGM 101:2008, 6.4). So few poses state a large uncertainty, and the noise is taken out of the distribution, not out of
+//! a number.
 
 use std::collections::BTreeMap;
-use std::f64::consts::{PI, SQRT_2};
 
+use statrs::function::beta::beta_reg;
+
+use crate::validation::conformity::error_family::{ErrorFamily, SHARE};
 use crate::validation::held_out::HeldOutPose;
 
-/// Share of the poses whose error does not exceed the quantile.
-const SHARE: f64 = 0.95;
-/// Values of μ, at first from [`BELOW`] under to [`ABOVE`] over what all poses have in the mean.
-const LOCATIONS: usize = 25;
-const BELOW: f64 = 2.2;
-const ABOVE: f64 = 1.0;
-/// Values of τ, at first up to the largest: with it, one pose of twenty is fourteen times as far off as the median.
-const SPREADS: usize = 13;
-const MOST_SPREAD: f64 = 1.6;
-/// The grid is laid again, so many standard deviations of the first about its mean.
-const REACH: f64 = 4.5;
-/// Values of s for each pair, half a standard deviation of ln s apart (trapezoidal rule).
-const NODES: usize = 15;
-const NODE_STEP: f64 = 0.5;
-/// The least share of the mean square of the residuals that noise is taken to leave, where the grid is centred.
-const LEAST_LEFT: f64 = 0.02;
+/// α: the poses that the guess counts as much as.
+const GUESS: f64 = 10.0;
+/// Values of x, from the median of the errors to [`REACH`] times the largest, in equal ratios.
+const VALUES: usize = 400;
+const REACH: f64 = 4.0;
+/// Poses for each degree of freedom of the uncertainty: with n poses it is known to √(2/n) of itself (GUM G.3).
+const POSES_PER_FREEDOM: f64 = 4.0;
 
 /// The errors of the poses that differ: of each the mean of its measurements, which ISO 9283 calls its barycentre.
 #[derive(Clone, Debug)]
@@ -150,6 +147,8 @@ pub struct Quantile {
     pub error: f64,
     /// Its standard uncertainty: so few poses were seen.
     pub of_few_poses: f64,
+    /// The degrees of freedom of that.
+    pub freedom: f64,
     /// What the uncertainty of the noise adds to it.
     pub of_noise: f64,
 }
@@ -166,145 +165,41 @@ pub fn estimate(distinct: &Distinct, noise: &Noise) -> Quantile {
     Quantile {
         error,
         of_few_poses,
+        freedom: distinct.poses() as f64 / POSES_PER_FREEDOM,
         of_noise: of_noise.abs(),
     }
 }
 
-/// A distribution of s for μ = 0.
-struct Shape {
-    /// Squares of the values, and their weights.
-    squares: [(f64, f64); NODES],
-    /// The quantile of s χ₃.
-    quantile: f64,
-}
-
-impl Shape {
-    /// Of τ.
-    fn new(spread: f64) -> Self {
-        let squares: [(f64, f64); NODES] = core::array::from_fn(|k| {
-            let z = NODE_STEP * (k as f64 - (NODES / 2) as f64);
-            let weight = NODE_STEP / (2.0 * PI).sqrt() * libm::exp(-0.5 * z * z);
-            (libm::exp(2.0 * spread * z), weight)
-        });
-        let below = |x: f64| -> f64 {
-            let of = |(square, weight): &(f64, f64)| weight * chi_3(x / square.sqrt());
-            squares.iter().map(of).sum()
-        };
-        // Bisection: the function rises from 0 to 1.
-        let (mut lower, mut upper) = (0.0, 1e3);
-        for _ in 0..60 {
-            let middle = 0.5 * (lower + upper);
-            match below(middle) < SHARE {
-                true => lower = middle,
-                false => upper = middle,
-            }
-        }
-        Self {
-            squares,
-            quantile: 0.5 * (lower + upper),
-        }
-    }
-}
-
-/// Probability that the length of three standard normal components is at most `x`.
-fn chi_3(x: f64) -> f64 {
-    libm::erf(x / SQRT_2) - (2.0 / PI).sqrt() * x * libm::exp(-0.5 * x * x)
-}
-
 /// Mean and standard deviation of the quantile, where one component of one measurement has noise of `sigma`.
 fn posterior(distinct: &Distinct, sigma: f64) -> (f64, f64) {
-    let poses = distinct.poses() as f64;
-    let of =
-        |(square, count): &(f64, f64)| (square / 3.0, (square - 3.0 * sigma * sigma / count) / 3.0);
-    let (all, left) = distinct
-        .squares
-        .iter()
-        .map(of)
-        .fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
-    let centre = 0.5 * libm::log(left.max(LEAST_LEFT * all) / poses);
-    if !centre.is_finite() {
+    let Some(family) = ErrorFamily::fitted(&distinct.squares, sigma) else {
         return (0.0, 0.0);
-    }
-    let whole = Grid::new(
-        distinct,
-        sigma,
-        (centre - BELOW, centre + ABOVE),
-        (0.0, MOST_SPREAD),
-    );
-    let about = |mean: f64, deviation: f64, least: f64, most: f64| {
-        let reach = REACH * deviation;
-        ((mean - reach).max(least), (mean + reach).min(most))
     };
-    let (location, spread) = (whole.moments(|p| p.location), whole.moments(|p| p.spread));
-    // No narrower than between two values of the first: it may have missed the top.
-    let locations = location.1.max((BELOW + ABOVE) / (LOCATIONS - 1) as f64);
-    let spreads = spread.1.max(MOST_SPREAD / (SPREADS - 1) as f64);
-    let near = Grid::new(
-        distinct,
-        sigma,
-        about(location.0, locations, centre - BELOW, centre + ABOVE),
-        about(spread.0, spreads, 0.0, MOST_SPREAD),
-    );
-    near.moments(|p| p.quantile)
-}
-
-/// A pair of μ and τ, with the logarithm of its likelihood.
-struct Pair {
-    location: f64,
-    spread: f64,
-    quantile: f64,
-    log: f64,
-}
-
-/// Evenly spaced pairs.
-struct Grid(Vec<Pair>);
-
-impl Grid {
-    fn new(distinct: &Distinct, sigma: f64, locations: (f64, f64), spreads: (f64, f64)) -> Self {
-        let at = |(from, to): (f64, f64), i: usize, count: usize| {
-            from + (to - from) * i as f64 / (count - 1) as f64
+    let mut errors: Vec<f64> = distinct.squares.iter().map(|(e, _)| e.sqrt()).collect();
+    errors.sort_by(f64::total_cmp);
+    let count = errors.len();
+    let largest = errors[count - 1];
+    let first = errors[count / 2].max(1e-3 * largest);
+    let ratio = (REACH * largest / first).powf(1.0 / (VALUES - 1) as f64);
+    let tables = family.without_noise();
+    let (mut sum, mut sum_of_squares, mut before) = (0.0, 0.0, 0.0);
+    for i in 0..VALUES {
+        let x = first * ratio.powi(i as i32);
+        let guess = GUESS * family.below(x);
+        let below = errors.partition_point(|e| *e <= x) as f64;
+        let above = (GUESS - guess + count as f64 - below).max(1e-9);
+        // What is beyond the last value counts as that.
+        let until = match i + 1 < VALUES {
+            true => 1.0 - beta_reg(guess + below, above, SHARE),
+            false => 1.0,
         };
-        let mut pairs = Vec::with_capacity(LOCATIONS * SPREADS);
-        for j in 0..SPREADS {
-            let spread = at(spreads, j, SPREADS);
-            let shape = Shape::new(spread);
-            for i in 0..LOCATIONS {
-                let location = at(locations, i, LOCATIONS);
-                let scale = libm::exp(location);
-                let squares = shape.squares.map(|(square, w)| (scale * scale * square, w));
-                let likelihood = |(square, count): &(f64, f64)| {
-                    let density = |(s, weight): &(f64, f64)| {
-                        let v = s + sigma * sigma / count;
-                        weight * libm::exp(-0.5 * square / v) / (v * v.sqrt())
-                    };
-                    // A pose beyond all reach of a pair rules it out.
-                    libm::log(squares.iter().map(density).sum::<f64>())
-                };
-                pairs.push(Pair {
-                    location,
-                    spread,
-                    quantile: scale * shape.quantile,
-                    log: distinct.squares.iter().map(likelihood).sum(),
-                });
-            }
+        for table in &tables {
+            let weight = table.probability * (until - before).max(0.0);
+            let quantile = table.quantile(x);
+            sum += weight * quantile;
+            sum_of_squares += weight * quantile * quantile;
         }
-        Self(pairs)
+        before = until.max(before);
     }
-
-    /// Mean and standard deviation of a function of the pair.
-    fn moments(&self, of: impl Fn(&Pair) -> f64) -> (f64, f64) {
-        let most = self
-            .0
-            .iter()
-            .map(|p| p.log)
-            .fold(f64::NEG_INFINITY, f64::max);
-        let expected = |of: &dyn Fn(&Pair) -> f64| -> f64 {
-            let weighted = |p: &Pair| libm::exp(p.log - most) * of(p);
-            self.0.iter().map(weighted).sum()
-        };
-        let whole = expected(&|_| 1.0);
-        let mean = expected(&|p| of(p)) / whole;
-        let variance = expected(&|p| (of(p) - mean).powi(2)) / whole;
-        (mean, variance.sqrt())
-    }
+    (sum, (sum_of_squares - sum * sum).max(0.0).sqrt())
 }

@@ -12,6 +12,7 @@
 //! E + U is within the tolerance, does not where E − U is beyond it, and cannot be judged between.
 
 pub mod budget;
+mod error_family;
 pub mod error_quantile;
 #[cfg(test)]
 mod tests;

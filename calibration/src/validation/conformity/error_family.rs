@@ -1,0 +1,294 @@
+//! A family of distributions of errors: how far the model is off differs from pose to pose.
+//!
+//! The residual of pose i, of position or of rotation, is taken as
+//!
+//! ```text
+//! r_i ~ N(0, (s_i² + v_i) I₃)        ln s_i ~ N(μ, τ²)
+//! ```
+//!
+//! with the known variance v_i of its noise. A grid over (μ, τ), flat in both, carries the posterior distribution.
+
+use std::f64::consts::{PI, SQRT_2};
+
+/// Share of the poses whose error does not exceed the quantile.
+pub(super) const SHARE: f64 = 0.95;
+/// Values of μ, at first from [`BELOW`] under to [`ABOVE`] over what all poses have in the mean.
+const LOCATIONS: usize = 25;
+const BELOW: f64 = 2.2;
+const ABOVE: f64 = 1.0;
+/// Values of τ, at first up to the largest: with it, one pose of twenty is fourteen times as far off as the median.
+const SPREADS: usize = 13;
+const MOST_SPREAD: f64 = 1.6;
+/// The grid is laid again, so many standard deviations of the first about its mean.
+const REACH: f64 = 4.5;
+/// Values of s for each pair, half a standard deviation of ln s apart (trapezoidal rule).
+const NODES: usize = 15;
+const NODE_STEP: f64 = 0.5;
+/// Values of s over all pairs.
+const VALUES: usize = 150;
+/// Ratios of s to the noise in a table of quantiles, in equal steps of their logarithm: far below and far above it.
+const RATIOS: usize = 40;
+const LEAST_RATIO: f64 = -3.0;
+const LARGEST_RATIO: f64 = 6.0;
+/// Pairs below this share of the most probable one are left out.
+const NEGLIGIBLE: f64 = 1e-6;
+/// The least share of the mean square of the residuals that noise is taken to leave, where the grid is centred.
+const LEAST_LEFT: f64 = 0.02;
+
+/// A distribution of s for μ = 0.
+struct Shape {
+    /// Squares of the values, and their weights.
+    squares: [(f64, f64); NODES],
+}
+
+impl Shape {
+    /// Of τ.
+    fn new(spread: f64) -> Self {
+        let squares = core::array::from_fn(|k| {
+            let z = NODE_STEP * (k as f64 - (NODES / 2) as f64);
+            let weight = NODE_STEP / (2.0 * PI).sqrt() * libm::exp(-0.5 * z * z);
+            (libm::exp(2.0 * spread * z), weight)
+        });
+        Self { squares }
+    }
+
+    /// Probability that the error is at most `x`, for s scaled by `scale` and this variance of the noise.
+    fn below(&self, x: f64, scale: f64, noise: f64) -> f64 {
+        let of = |(square, weight): &(f64, f64)| {
+            weight * chi_3(x / (scale * scale * square + noise).sqrt())
+        };
+        self.squares.iter().map(of).sum()
+    }
+
+    /// The quantile of the error.
+    fn quantile(&self, scale: f64, noise: f64) -> f64 {
+        // Bisection: the function rises from 0 to 1.
+        let (mut lower, mut upper) = (0.0, 1e3 * (scale + noise.sqrt()));
+        for _ in 0..44 {
+            let middle = 0.5 * (lower + upper);
+            match self.below(middle, scale, noise) < SHARE {
+                true => lower = middle,
+                false => upper = middle,
+            }
+        }
+        0.5 * (lower + upper)
+    }
+}
+
+/// Probability that the length of three standard normal components is at most `x`.
+fn chi_3(x: f64) -> f64 {
+    libm::erf(x / SQRT_2) - (2.0 / PI).sqrt() * x * libm::exp(-0.5 * x * x)
+}
+
+/// The posterior distribution of the family.
+pub(super) struct ErrorFamily {
+    /// For each τ its distribution of s, and of each μ the factor of s and the probability of the pair.
+    spreads: Vec<(Shape, Vec<(f64, f64)>)>,
+    /// Squares of s over all pairs, and their probabilities.
+    mixture: Vec<(f64, f64)>,
+    /// Variance of the noise of one component, mean over the poses.
+    noise: f64,
+}
+
+impl ErrorFamily {
+    /// To the squares of errors and the measurements behind each, where one component of one measurement has noise of `sigma`;
+    /// `None` of errors that are all zero.
+    pub(super) fn fitted(squares: &[(f64, f64)], sigma: f64) -> Option<Self> {
+        let poses = squares.len() as f64;
+        let variance = sigma * sigma;
+        let of =
+            |(square, count): &(f64, f64)| (square / 3.0, (square - 3.0 * variance / count) / 3.0);
+        let (all, left) = squares
+            .iter()
+            .map(of)
+            .fold((0.0, 0.0), |sum, x| (sum.0 + x.0, sum.1 + x.1));
+        let centre = 0.5 * libm::log(left.max(LEAST_LEFT * all) / poses);
+        if !centre.is_finite() {
+            return None;
+        }
+        let whole = Grid::new(
+            squares,
+            sigma,
+            (centre - BELOW, centre + ABOVE),
+            (0.0, MOST_SPREAD),
+        );
+        let about = |mean: f64, deviation: f64, least: f64, most: f64| {
+            let reach = REACH * deviation;
+            ((mean - reach).max(least), (mean + reach).min(most))
+        };
+        let (location, spread) = (whole.moments(|p| p.location), whole.moments(|p| p.spread));
+        // No narrower than between two values of the first: it may have missed the top.
+        let locations = location.1.max((BELOW + ABOVE) / (LOCATIONS - 1) as f64);
+        let spreads = spread.1.max(MOST_SPREAD / (SPREADS - 1) as f64);
+        let near = Grid::new(
+            squares,
+            sigma,
+            about(location.0, locations, centre - BELOW, centre + ABOVE),
+            about(spread.0, spreads, 0.0, MOST_SPREAD),
+        );
+        let mean_of_inverse = squares.iter().map(|(_, count)| 1.0 / count).sum::<f64>() / poses;
+        let spreads = near.by_spread();
+        Some(Self {
+            mixture: mixture(&spreads),
+            spreads,
+            noise: variance * mean_of_inverse,
+        })
+    }
+
+    /// The probability that an error with its noise is at most `x`.
+    pub(super) fn below(&self, x: f64) -> f64 {
+        let of = |(square, weight): &(f64, f64)| weight * chi_3(x / (square + self.noise).sqrt());
+        self.mixture.iter().map(of).sum()
+    }
+
+    /// For each τ how a quantile with noise becomes one without.
+    pub(super) fn without_noise(&self) -> Vec<Denoised> {
+        let of = |(shape, locations): &(Shape, Vec<(f64, f64)>)| {
+            let sigma = self.noise.sqrt();
+            let mut quantiles = Vec::new();
+            if sigma > 0.0 {
+                quantiles.push((shape.quantile(0.0, self.noise), 0.0));
+                let own = shape.quantile(1.0, 0.0);
+                let step = (LARGEST_RATIO - LEAST_RATIO) / (RATIOS - 1) as f64;
+                quantiles.extend((0..RATIOS).map(|i| {
+                    let scale = sigma * libm::exp(LEAST_RATIO + step * i as f64);
+                    (shape.quantile(scale, self.noise), scale * own)
+                }));
+            }
+            Denoised {
+                probability: locations.iter().map(|(_, p)| p).sum(),
+                quantiles,
+            }
+        };
+        self.spreads.iter().map(of).collect()
+    }
+}
+
+/// The values of s of all pairs, each shared by the two next of [`VALUES`] even steps of its logarithm.
+fn mixture(spreads: &[(Shape, Vec<(f64, f64)>)]) -> Vec<(f64, f64)> {
+    let mut all: Vec<(f64, f64)> = Vec::new();
+    for (shape, locations) in spreads {
+        for (scale, probability) in locations {
+            let of = |(square, weight): &(f64, f64)| {
+                (libm::log(scale * scale * square), weight * probability)
+            };
+            all.extend(shape.squares.iter().map(of));
+        }
+    }
+    let logs = all.iter().map(|(log, _)| *log);
+    let first = logs.clone().fold(f64::INFINITY, f64::min);
+    let last = logs.fold(f64::NEG_INFINITY, f64::max);
+    let step = ((last - first) / (VALUES - 1) as f64).max(f64::MIN_POSITIVE);
+    let mut weights = vec![0.0; VALUES + 1];
+    for (log, weight) in all {
+        let at = (log - first) / step;
+        let before = (at as usize).min(VALUES - 1);
+        let part = at - before as f64;
+        weights[before] += weight * (1.0 - part);
+        weights[before + 1] += weight * part;
+    }
+    let value = |(i, weight): (usize, f64)| (libm::exp(first + step * i as f64), weight);
+    weights.into_iter().enumerate().map(value).collect()
+}
+
+/// Quantiles with noise and without, for one τ.
+pub(super) struct Denoised {
+    /// Probability of τ.
+    pub(super) probability: f64,
+    /// Both, rising; empty where there is no noise.
+    quantiles: Vec<(f64, f64)>,
+}
+
+impl Denoised {
+    /// The quantile without noise of which noise makes `x`; 0 where the noise alone has a larger one.
+    pub(super) fn quantile(&self, x: f64) -> f64 {
+        let table = &self.quantiles;
+        let Some((last, of_last)) = table.last() else {
+            return x;
+        };
+        let after = table.partition_point(|(with, _)| *with <= x);
+        if after == 0 {
+            return 0.0;
+        }
+        if after == table.len() {
+            return x * of_last / last;
+        }
+        let ((x0, y0), (x1, y1)) = (table[after - 1], table[after]);
+        y0 + (y1 - y0) * (x - x0) / (x1 - x0)
+    }
+}
+
+/// A pair of μ and τ, with the logarithm of its likelihood.
+struct Pair {
+    location: f64,
+    spread: f64,
+    log: f64,
+}
+
+/// Evenly spaced pairs.
+struct Grid(Vec<Pair>);
+
+impl Grid {
+    fn new(squares: &[(f64, f64)], sigma: f64, locations: (f64, f64), spreads: (f64, f64)) -> Self {
+        let at = |(from, to): (f64, f64), i: usize, count: usize| {
+            from + (to - from) * i as f64 / (count - 1) as f64
+        };
+        let mut pairs = Vec::with_capacity(LOCATIONS * SPREADS);
+        for j in 0..SPREADS {
+            let spread = at(spreads, j, SPREADS);
+            let shape = Shape::new(spread);
+            for i in 0..LOCATIONS {
+                let location = at(locations, i, LOCATIONS);
+                let scale = libm::exp(location);
+                let values = shape.squares.map(|(square, w)| (scale * scale * square, w));
+                let likelihood = |(square, count): &(f64, f64)| {
+                    let density = |(s, weight): &(f64, f64)| {
+                        let v = s + sigma * sigma / count;
+                        weight * libm::exp(-0.5 * square / v) / (v * v.sqrt())
+                    };
+                    // A pose beyond all reach of a pair rules it out.
+                    libm::log(values.iter().map(density).sum::<f64>())
+                };
+                pairs.push(Pair {
+                    location,
+                    spread,
+                    log: squares.iter().map(likelihood).sum(),
+                });
+            }
+        }
+        Self(pairs)
+    }
+
+    fn most_probable(&self) -> f64 {
+        let logs = self.0.iter().map(|p| p.log);
+        logs.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Mean and standard deviation of a function of the pair.
+    fn moments(&self, of: impl Fn(&Pair) -> f64) -> (f64, f64) {
+        let most = self.most_probable();
+        let expected = |of: &dyn Fn(&Pair) -> f64| -> f64 {
+            let weighted = |p: &Pair| libm::exp(p.log - most) * of(p);
+            self.0.iter().map(weighted).sum()
+        };
+        let whole = expected(&|_| 1.0);
+        let mean = expected(&|p| of(p)) / whole;
+        let variance = expected(&|p| (of(p) - mean).powi(2)) / whole;
+        (mean, variance.sqrt())
+    }
+
+    /// The distribution of s of each τ, with the factors and probabilities of its pairs.
+    fn by_spread(&self) -> Vec<(Shape, Vec<(f64, f64)>)> {
+        let most = self.most_probable();
+        let share = |p: &Pair| Some(libm::exp(p.log - most)).filter(|share| *share > NEGLIGIBLE);
+        let whole: f64 = self.0.iter().filter_map(share).sum();
+        let pairs = self.0.chunk_by(|a, b| a.spread == b.spread);
+        let of = |pairs: &[Pair]| {
+            let pair = |p: &Pair| Some((libm::exp(p.location), share(p)? / whole));
+            let found: Vec<(f64, f64)> = pairs.iter().filter_map(pair).collect();
+            let shape = Shape::new(pairs[0].spread);
+            (!found.is_empty()).then_some((shape, found))
+        };
+        pairs.filter_map(of).collect()
+    }
+}
