@@ -180,7 +180,7 @@ fn posterior(distinct: &Distinct, sigma: f64) -> (f64, f64) {
     let count = errors.len();
     let largest = errors[count - 1];
     let first = errors[count / 2].max(1e-3 * largest);
-    let ratio = (REACH * largest / first).powf(1.0 / (VALUES - 1) as f64);
+    let ratio = libm::pow(REACH * largest / first, 1.0 / (VALUES - 1) as f64);
     let tables = family.without_noise();
     let (mut sum, mut sum_of_squares, mut before) = (0.0, 0.0, 0.0);
     for i in 0..VALUES {
