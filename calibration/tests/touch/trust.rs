@@ -6,8 +6,10 @@
 
 use std::collections::BTreeMap;
 
+use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
+use poegp_calibration::validation::conformity::{Conformity, Tolerances};
 
 use crate::sets::{mean_mm, share_within};
 use crate::trial::{Trial, simulated, trial};
@@ -49,6 +51,9 @@ const COVERED: f64 = 0.85;
 const CELLS: f64 = 0.85;
 const CELLS_WITHIN_CLASS: f64 = 0.9;
 
+/// Of the verdicts at a tolerance that the arm just misses at most this share says "conforms".
+const WRONG: f64 = 0.05;
+
 /// The stated mean error over the true one.
 const STATED: std::ops::Range<f64> = 0.8..1.5;
 
@@ -62,6 +67,8 @@ struct Count {
     stated: f64,
     found: f64,
     refused: usize,
+    /// Verdicts: E ± U that cover the true error of 95 of 100 poses, and E + U below it.
+    judged: [usize; 2],
     /// Of the refused: those with less than 0.8 and less than 0.5 of the drawing's error, and those with more than it.
     lost: [usize; 3],
 }
@@ -117,6 +124,10 @@ fn score(of: &Trial, count: &mut Count, covered: &mut Covered) {
     count.worst = count.worst.max(ratio);
     count.stated += of.known.after.mean_mm;
     count.found += mean_mm(&of.calibrated);
+    let truth = Summary::of(of.calibrated.iter().map(|e| 1e3 * e.norm()).collect()).p95;
+    let verdict = Conformity::of_touches(&of.known.exceeded, &Tolerances::default()).position;
+    count.judged[0] += usize::from((truth - verdict.error).abs() <= verdict.expanded);
+    count.judged[1] += usize::from(verdict.met < truth);
     covered.all.push([
         share_within(&of.calibrated, of.known.after.p95_mm),
         of.components_within(),
@@ -187,6 +198,11 @@ fn law(variants: &[Variant], counts: &[usize], arms: u64) {
         all.stated += count.stated;
         all.found += count.found;
         (0..3).for_each(|i| all.lost[i] += count.lost[i]);
+        let [covered, wrong] = count
+            .judged
+            .map(|n| 100.0 * n as f64 / count.accepted as f64);
+        println!("\nverdicts: {covered:.1} % covered, {wrong:.1} % wrongly conform");
+        (0..2).for_each(|i| all.judged[i] += count.judged[i]);
     }
     rows.push(all.row("all | "));
     println!("\n{}", rows.join("\n"));
@@ -215,6 +231,13 @@ fn law(variants: &[Variant], counts: &[usize], arms: u64) {
             share(true)
         );
     }
+    let [covered, wrong] = all.judged.map(|n| n as f64 / all.accepted as f64);
+    println!(
+        "verdicts: E ± U covers {:.1} %, {:.1} % wrongly conform",
+        100.0 * covered,
+        100.0 * wrong
+    );
+    assert!(wrong <= WRONG, "{wrong:.3}");
     let stated = all.stated / all.found;
     println!("the stated mean error is {stated:.2} times the true one");
     assert!(STATED.contains(&stated), "{stated:.2}");

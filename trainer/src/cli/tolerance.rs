@@ -1,12 +1,12 @@
 //! What an arm is to meet, on the command line and in a project file.
 
 use clap::Args;
-use poegp_calibration::validation::conformity::{COVERAGE, Tolerances, Verdict};
+use poegp_calibration::validation::conformity::{COVERAGE, Evidence, Tolerances, Verdict};
 use serde::{Deserialize, Serialize};
 
 use crate::cli::args::positive;
 use crate::cli::failure::Failure;
-use crate::cli::terminal::print::note;
+use crate::cli::terminal::print::{Printer, note};
 use crate::report::certificate::{Certificate, Statement};
 use crate::report::sections;
 
@@ -132,18 +132,30 @@ pub fn note_missing(certificate: &Certificate, statement: &Statement) {
     }
 }
 
+/// The verdict, and what the certificate leaves open.
+pub fn print(report: Printer, certificate: &Certificate, statement: &Statement) {
+    note_missing(certificate, statement);
+    let conformity = certificate.conformity.as_ref();
+    if let Some(line) = conformity.and_then(sections::verdict_line) {
+        report.line(format_args!("  verdict: {line}"));
+    }
+}
+
 /// What ends the command where a tolerance was asked for and is not shown to be met.
 pub fn outcome(certificate: Option<&Certificate>, statement: &Statement) -> Result<(), Failure> {
     if !statement.tolerances.is_stated() {
         return Ok(());
     }
     let found = certificate.and_then(|c| c.conformity.as_ref());
+    let narrower = match found.map(|c| c.evidence) {
+        Some(Evidence::Touches) => "touches",
+        _ => "poses that are not trained on (--test)",
+    };
     match found.map(|c| (c.verdict, sections::verdict_line(c))) {
         Some((Some(Verdict::Conforms), _)) => Ok(()),
         Some((_, Some(line))) => Err(Failure::Quality(format!(
-            "the tolerance is not shown to be met: {}\nhelp: everything was written; with more poses that are not trained on \
-             (--test) the range behind ± is narrower",
-            line
+            "the tolerance is not shown to be met: {line}\nhelp: everything was written; with more {narrower} the range behind ± \
+             is narrower"
         ))),
         _ => Err(Failure::Quality(
             "the tolerance is not shown to be met: too few poses were held out\nhelp: everything was written; give at least 10 \

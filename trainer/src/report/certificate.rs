@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use poegp_calibration::identification::touch::volume::Exceeded;
 use poegp_calibration::measurement::folds::same_configurations;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::noise::InstrumentNoise;
@@ -160,22 +161,6 @@ impl Certificate {
                 found,
             }
         };
-        let missing = [
-            ("the instrument", instrument.name.is_none()),
-            (
-                "the instrument's certificate",
-                instrument.certificate.is_none(),
-            ),
-            (
-                "the instrument's uncertainty",
-                instrument.expanded_uncertainty_mm.is_none(),
-            ),
-            ("the operator", record.operator.is_none()),
-            ("the site", record.site.is_none()),
-            ("the temperature", record.temperature_c.is_none()),
-            ("the robot's serial number", serial_number.is_empty()),
-        ];
-        let missing = missing.iter().filter(|(_, is_missing)| *is_missing);
         Self {
             conformity: Conformity::new(&poses, &knowledge, tolerances),
             repeated_poses: repeated_poses(&poses, &repeats)
@@ -184,10 +169,47 @@ impl Certificate {
                 .collect(),
             instrument: instrument.clone(),
             record: record.clone(),
-            missing: missing.map(|(what, _)| *what).collect(),
+            missing: missing(statement, serial_number),
             program_sha256: tolerances.is_stated().then(program_sha256).flatten(),
         }
     }
+
+    /// Of a calibration by touches.
+    pub fn of_touches(known: &Exceeded, statement: &Statement, serial_number: &str) -> Self {
+        let tolerances = &statement.tolerances;
+        Self {
+            conformity: Some(Conformity::of_touches(known, tolerances)),
+            repeated_poses: Vec::new(),
+            instrument: statement.instrument.clone(),
+            record: statement.record.clone(),
+            missing: missing(statement, serial_number),
+            program_sha256: tolerances.is_stated().then(program_sha256).flatten(),
+        }
+    }
+}
+
+/// What nobody stated.
+fn missing(statement: &Statement, serial_number: &str) -> Vec<&'static str> {
+    let Statement {
+        instrument, record, ..
+    } = statement;
+    let missing = [
+        ("the instrument", instrument.name.is_none()),
+        (
+            "the instrument's certificate",
+            instrument.certificate.is_none(),
+        ),
+        (
+            "the instrument's uncertainty",
+            instrument.expanded_uncertainty_mm.is_none(),
+        ),
+        ("the operator", record.operator.is_none()),
+        ("the site", record.site.is_none()),
+        ("the temperature", record.temperature_c.is_none()),
+        ("the robot's serial number", serial_number.is_empty()),
+    ];
+    let missing = missing.iter().filter(|(_, is_missing)| *is_missing);
+    missing.map(|(what, _)| *what).collect()
 }
 
 /// The number of the pose that each row measures: rows of the same file with the same joints, payload and tool measure one.

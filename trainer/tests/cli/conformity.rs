@@ -72,8 +72,53 @@ fn coverage_widens_the_range() {
         position(&folder.json("arm.json"))[1]
     };
     let (narrow, wide) = (expanded("0.68"), expanded("0.99"));
-    // Quantiles of the normal distribution: 0.9945 and 2.5758.
-    assert!((wide / narrow - 2.590).abs() < 0.01, "{wide} {narrow}");
+    // Student's quantiles: 0.9945 and 2.5758 of many degrees of freedom, 1.0464 and 3.1693 of ten.
+    assert!(
+        (2.590..=3.030).contains(&(wide / narrow)),
+        "{wide} {narrow}"
+    );
+}
+
+/// Touches have a verdict on positions, by what they leave open of the arm.
+#[test]
+fn touches_have_a_verdict() {
+    let folder = Folder::new();
+    folder
+        .run("simulate --robot abb-irb120 --touch socket4 --touches 60 --seed 3 --out touched")
+        .ok();
+    let calibrate = |flags: &str| {
+        folder.run(&format!(
+            "calibrate --robot abb-irb120 touched/touches.csv --out arm.blob --json arm.json {flags}"
+        ))
+    };
+    calibrate("").ok();
+    assert_eq!(folder.json("arm.json").get("certificate"), None);
+    calibrate("--report report.html").ok();
+    let document = folder.json("arm.json");
+    let [error, expanded] = position(&document);
+    assert_eq!(document["certificate"]["conformity"]["evidence"], "touches");
+    // The error of 95 of 100 poses of one arm, in the mean, is near what 95 of 100 errors of all arms do not exceed.
+    let stated = document["touches"]["after"]["p95_mm"].as_f64().unwrap();
+    assert!((error / stated - 1.0).abs() < 0.2, "{error} {stated}");
+    assert!(expanded > 0.0 && expanded < error, "{expanded}");
+    for (tolerance, code, verdict) in [
+        (error + 1.001 * expanded, 0, "conforms"),
+        (error + 0.999 * expanded, 1, "undecided"),
+        (error - 1.001 * expanded, 1, "does-not-conform"),
+    ] {
+        let outcome = calibrate(&format!("--tolerance-mm {tolerance} --report report.html"));
+        assert_eq!(outcome.code, Some(code), "{outcome:#?}");
+        let document = folder.json("arm.json");
+        assert_eq!(document["certificate"]["conformity"]["verdict"], verdict);
+        assert!(
+            folder
+                .text("report.html")
+                .contains("No position was measured.")
+        );
+    }
+    let refused = calibrate("--tolerance-mrad 1");
+    assert_eq!(refused.code, Some(2), "{refused:#?}");
+    assert!(refused.stderr.contains("--tolerance-mrad"), "{refused:#?}");
 }
 
 /// The noise that is stated is taken out of the error, and its own uncertainty goes to the instrument's row.

@@ -100,6 +100,17 @@ pub struct Expected {
     pub p95_mm: f64,
 }
 
+/// The error of a position that 95 of 100 poses of the volume do not exceed, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exceeded {
+    /// Its mean over what is known of the arm.
+    pub error_mm: f64,
+    /// Its standard deviation.
+    pub standard_uncertainty_mm: f64,
+    /// Poses of the volume.
+    pub poses: usize,
+}
+
 /// What is known over a work volume.
 pub struct Knowledge {
     /// Displacements at the poses of the volume by the arm's parameters in units of their priors, without what base and tip take up:
@@ -117,6 +128,8 @@ pub struct Knowledge {
     pub before: Expected,
     /// As calibrated.
     pub after: Expected,
+    /// What 95 of 100 poses do not exceed as calibrated.
+    pub exceeded: Exceeded,
     /// How probable it is that the mean error over the volume is larger as calibrated than as drawn.
     pub worse: f64,
 }
@@ -127,8 +140,10 @@ impl Knowledge {
         let stated = fit.as_stated(problem, 0.0)?;
         let tau = stated_tau(problem, fit);
         let field = field(fit, &volume.states, &stated.priors);
-        let (before, after, worse) = pairs(fit, &stated, &field, tau)?;
-        let mut probability = NODES[0].1 * worse;
+        let found = pairs(fit, &stated, &field, tau)?;
+        let (before, after) = (found.before, found.after);
+        let mut probability = NODES[0].1 * found.worse;
+        let mut moments = found.moments.map(|x| NODES[0].1 * x);
         for (deviations, weight) in &NODES[1..] {
             let other = fit.as_stated(problem, *deviations)?;
             let ratio = |j: usize| match stated.priors[j] {
@@ -137,11 +152,21 @@ impl Knowledge {
             };
             let (rows, columns) = field.shape();
             let scaled = Mat::from_fn(rows, columns, |i, j| field[(i, j)] * ratio(j));
-            probability += weight * pairs(fit, &other, &scaled, tau)?.2;
+            let found = pairs(fit, &other, &scaled, tau)?;
+            probability += weight * found.worse;
+            for (sum, x) in moments.iter_mut().zip(found.moments) {
+                *sum += weight * x;
+            }
         }
+        let [mean, square] = moments;
         Some(Self {
             before,
             after,
+            exceeded: Exceeded {
+                error_mm: mean,
+                standard_uncertainty_mm: (square - mean * mean).max(0.0).sqrt(),
+                poses: volume.states.len(),
+            },
             worse: probability,
             tau,
             beyond_class: stated.beyond_class,
@@ -167,13 +192,18 @@ impl Knowledge {
     }
 }
 
-/// Expected errors as drawn and as calibrated, and how probable it is that the mean of the latter is larger.
-fn pairs(
-    fit: &TouchFit,
-    stated: &Stated,
-    field: &Mat<f64>,
-    tau: f64,
-) -> Option<(Expected, Expected, f64)> {
+/// What is expected for one scale of the class.
+struct Pairs {
+    before: Expected,
+    after: Expected,
+    /// How probable it is that the mean of the latter is larger.
+    worse: f64,
+    /// Mean of what 95 of 100 poses do not exceed as calibrated, and of its square.
+    moments: [f64; 2],
+}
+
+/// Expected errors as drawn and as calibrated.
+fn pairs(fit: &TouchFit, stated: &Stated, field: &Mat<f64>, tau: f64) -> Option<Pairs> {
     let off = fit.arm.theta.iter().zip(&stated.priors).zip(&stated.mean);
     let drawn: Vec<f64> = off
         .map(|((x, sd), mean)| if *sd > 0.0 { x / sd + mean } else { 0.0 })
@@ -186,8 +216,17 @@ fn pairs(
     let (before, as_drawn) = expected(field, &drawn, &lower, tau);
     let (after, as_calibrated) = expected(field, &stated.mean, &lower, tau);
     let both = as_calibrated.iter().zip(&as_drawn);
-    let worse = both.filter(|(a, b)| a > b).count() as f64 / DRAWS as f64;
-    Some((before, after, worse))
+    let worse = both.filter(|((a, _), (b, _))| a > b).count() as f64 / DRAWS as f64;
+    let mean = |of: fn(f64) -> f64| {
+        let all = as_calibrated.iter().map(|(_, p95)| of(*p95));
+        all.sum::<f64>() / DRAWS as f64
+    };
+    Some(Pairs {
+        before,
+        after,
+        worse,
+        moments: [mean(|x| x), mean(|x| x * x)],
+    })
 }
 
 /// Displacements over the volume by the parameters, with base and tip registered.
@@ -246,8 +285,14 @@ fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
     }
 }
 
-/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume, and the mean of each draw, mm.
-fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> (Expected, Vec<f64>) {
+/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume, and of each draw the mean and what 95 of 100 poses do not
+/// exceed, mm.
+fn expected(
+    field: &Mat<f64>,
+    mean: &[f64],
+    lower: &Mat<f64>,
+    tau: f64,
+) -> (Expected, Vec<(f64, f64)>) {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
     let drawn = Mat::from_fn(field.ncols(), DRAWS, |_, _| normal());
@@ -259,20 +304,20 @@ fn expected(field: &Mat<f64>, mean: &[f64], lower: &Mat<f64>, tau: f64) -> (Expe
     }
     let errors = product(field, &parameters);
     let mut norms = Vec::with_capacity(errors.len() / 3);
-    let mut means = Vec::with_capacity(DRAWS);
+    let mut each = Vec::with_capacity(DRAWS);
     for draw in 0..DRAWS {
         let first = norms.len();
         for k in 0..errors.nrows() / 3 {
             let error = Vector3::from_fn(|i, _| errors[(3 * k + i, draw)] + tau * normal());
             norms.push(1e3 * error.norm());
         }
-        let own = &norms[first..];
-        means.push(own.iter().sum::<f64>() / own.len() as f64);
+        let own = Summary::new(&norms[first..]);
+        each.push((own.mean, own.p95));
     }
     let summary = Summary::new(&norms);
     let expected = Expected {
         mean_mm: summary.mean,
         p95_mm: summary.p95,
     };
-    (expected, means)
+    (expected, each)
 }

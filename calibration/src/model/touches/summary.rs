@@ -9,7 +9,7 @@ use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::judge::Verdict;
 use crate::identification::touch::scene::Figure;
 use crate::identification::touch::unseen::Unseen;
-use crate::identification::touch::volume::{Expected, Knowledge};
+use crate::identification::touch::volume::{Exceeded, Expected, Knowledge};
 use crate::measurement::touch::KnownDistance;
 
 /// What was found.
@@ -25,6 +25,9 @@ pub struct TouchSummary {
     pub before: Expected,
     /// The same as calibrated.
     pub after: Expected,
+    /// What 95 of 100 poses of the work volume do not exceed, for a verdict.
+    #[serde(skip)]
+    pub exceeded: Exceeded,
     /// How probable it is that the mean error over the work volume is larger as calibrated than as drawn.
     pub worse_probability: f64,
     /// Mean error of a touch left out: calibrated over drawn.
@@ -171,6 +174,7 @@ impl TouchSummary {
             states: problem.states.len(),
             before: known.before,
             after: known.after,
+            exceeded: known.exceeded,
             worse_probability: verdict.worse,
             left_out_ratio: verdict.left_out,
             left_out: [factor * verdict.errors.0, factor * verdict.errors.1],

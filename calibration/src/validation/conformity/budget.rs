@@ -39,7 +39,7 @@ impl Source {
         match self {
             Self::Instrument => "instrument",
             Self::Repeatability => "repeatability",
-            Self::Model => "model, at few poses",
+            Self::Model => "model",
             Self::Drift => "drift",
             Self::BaseAndTool => "base and tool",
         }
@@ -126,16 +126,52 @@ pub fn sources(
         drift(knowledge.drift, component),
         base_and_tool.of(0.0),
     ];
+    share(&mut out);
+    out
+}
+
+/// The sources of the uncertainty of an error that touches state: mm.
+pub fn of_touches(standard_uncertainty: f64) -> Vec<Contribution> {
+    let row = |source, evaluation, basis| Contribution::normal(source, evaluation, basis);
+    let mut out = vec![
+        row(
+            Source::Instrument,
+            Evaluation::B,
+            "what the touches miss by is part of the model's row",
+        )
+        .of(0.0),
+        row(
+            Source::Repeatability,
+            Evaluation::A,
+            "not measured: touches differ in their poses",
+        ),
+        row(
+            Source::Model,
+            Evaluation::B,
+            "what the touches leave open of the arm, by its class",
+        )
+        .of(standard_uncertainty),
+        row(
+            Source::BaseAndTool,
+            Evaluation::B,
+            "no touch sees them: the errors are those after their best registration",
+        ),
+    ];
+    share(&mut out);
+    out
+}
+
+/// Shares of the sum of squares.
+fn share(out: &mut [Contribution]) {
     let square = |c: &Contribution| c.standard_uncertainty.map_or(0.0, |u| u * u);
     let all: f64 = out.iter().map(square).sum();
-    for contribution in &mut out {
+    for contribution in out {
         contribution.share = if all > 0.0 {
             square(contribution) / all
         } else {
             0.0
         };
     }
-    out
 }
 
 fn instrument(found: &Quantile, noise: &Noise, certificate: Option<f64>) -> Contribution {

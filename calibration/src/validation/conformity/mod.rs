@@ -20,8 +20,9 @@ mod tests;
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
+use crate::identification::touch::volume::Exceeded;
 pub use crate::validation::conformity::budget::Knowledge;
-use crate::validation::conformity::budget::{Contribution, sources};
+use crate::validation::conformity::budget::{Contribution, of_touches, sources};
 use crate::validation::conformity::error_quantile::{Distinct, Noise, estimate};
 use crate::validation::held_out::HeldOutPose;
 
@@ -44,6 +45,16 @@ pub enum Verdict {
     Undecided,
     /// E − U is beyond the tolerance.
     DoesNotConform,
+}
+
+/// What the error is known from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Evidence {
+    /// Measured poses that the model was not trained on.
+    HeldOutPoses,
+    /// Touches and the class of the arm: no position was measured.
+    Touches,
 }
 
 /// What is asked for.
@@ -107,6 +118,8 @@ pub struct Characteristic {
 /// Both characteristics.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Conformity {
+    /// What the errors are known from.
+    pub evidence: Evidence,
     /// Coverage probability of the expanded uncertainties.
     pub coverage: f64,
     /// Of position, mm.
@@ -120,6 +133,26 @@ pub struct Conformity {
 }
 
 impl Conformity {
+    /// Of a calibration by touches: no position was measured, so the error is that of the poses of the work volume, by what is
+    /// known of the arm. Touches say nothing of rotations.
+    pub fn of_touches(known: &Exceeded, tolerances: &Tolerances) -> Self {
+        let position = Characteristic::judged(
+            "mm",
+            known.poses,
+            known.error_mm,
+            of_touches(known.standard_uncertainty_mm),
+            tolerances.position_mm,
+            tolerances.coverage,
+        );
+        Self {
+            evidence: Evidence::Touches,
+            coverage: tolerances.coverage,
+            verdict: position.verdict,
+            position,
+            orientation: None,
+        }
+    }
+
     /// Of held-out poses; `None` of fewer than [`LEAST_POSES`] that differ.
     pub fn new(
         poses: &[HeldOutPose],
@@ -134,6 +167,7 @@ impl Conformity {
         let verdicts = [Some(&position), orientation.as_ref()];
         let verdict = verdicts.into_iter().flatten().filter_map(|c| c.verdict);
         Some(Self {
+            evidence: Evidence::HeldOutPoses,
             coverage: tolerances.coverage,
             verdict: verdict.max(),
             position,
@@ -156,7 +190,6 @@ impl Characteristic {
         }
         let noise = Noise::of(&distinct);
         let found = estimate(&distinct, &noise);
-        let error = found.error;
         let budget = sources(
             &found,
             &noise,
@@ -164,6 +197,25 @@ impl Characteristic {
             knowledge,
             usize::from(rotation),
         );
+        Some(Self::judged(
+            if rotation { "mrad" } else { "mm" },
+            distinct.poses(),
+            found.error,
+            budget,
+            tolerance,
+            coverage,
+        ))
+    }
+
+    /// An error with the budget of its uncertainty.
+    fn judged(
+        unit: &'static str,
+        poses: usize,
+        error: f64,
+        budget: Vec<Contribution>,
+        tolerance: Option<f64>,
+        coverage: f64,
+    ) -> Self {
         let variance = budget
             .iter()
             .filter_map(|c| c.standard_uncertainty)
@@ -187,9 +239,9 @@ impl Characteristic {
                 Verdict::Undecided
             }
         };
-        Some(Self {
-            unit: if rotation { "mrad" } else { "mm" },
-            poses: distinct.poses(),
+        Self {
+            unit,
+            poses,
             error,
             budget,
             combined,
@@ -199,7 +251,7 @@ impl Characteristic {
             met: error + expanded,
             tolerance,
             verdict: tolerance.map(verdict),
-        })
+        }
     }
 }
 

@@ -151,6 +151,9 @@ pub struct TouchJson {
     pub warnings: Vec<Finding>,
     /// Numbers of the arm beside those of the drawing.
     pub controller: ControllerSummary,
+    /// Present with `--report` or a tolerance.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub certificate: Option<Certificate>,
     pub correction_limit_mm: f64,
     pub correction_limit_mrad: f64,
     pub single_precision_loss_um: LossJson,

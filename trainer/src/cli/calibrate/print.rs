@@ -6,7 +6,6 @@ use crate::cli::calibrate::made::Made;
 use crate::cli::instrument_drift;
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::tolerance;
-use crate::report::sections;
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::CalibratedBlob;
@@ -116,11 +115,7 @@ fn print(
         }
     }
     if let Some(certificate) = &document.certificate {
-        tolerance::note_missing(certificate, &a.statement);
-        let conformity = certificate.conformity.as_ref();
-        if let Some(line) = conformity.and_then(sections::verdict_line) {
-            report.line(format_args!("  verdict: {line}"));
-        }
+        tolerance::print(report, certificate, &a.statement);
     }
     if let Some(expected) = &document.expected_error {
         report.line(format_args!(

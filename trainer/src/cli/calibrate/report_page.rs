@@ -297,9 +297,20 @@ pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
         (document.correction_limit_mm, document.correction_limit_mrad),
         &document.single_precision_loss_um,
     );
-    page("Calibration of", &document.provenance)
-        .with(sections::touch_headline(found, &document.warnings))
-        .with(sections::touched(found, residuals))
+    let mut page = page("Calibration of", &document.provenance);
+    if let Some(certificate) = &document.certificate {
+        page = page.with(sections::verdict(certificate, &document.warnings, None));
+    }
+    page = page.with(sections::touch_headline(found));
+    if let Some(certificate) = &document.certificate {
+        page = page
+            .with(sections::uncertainty_budget(certificate))
+            .with(sections::record(
+                certificate,
+                &document.provenance.serial_number,
+            ));
+    }
+    page.with(sections::touched(found, residuals))
         .with(sections::distances(found))
         .with(sections::unseen(found))
         .with(sections::touch_outliers(found))

@@ -16,8 +16,10 @@ use crate::cli::inputs::{Arm, origin};
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::cli::terminal::progress;
+use crate::cli::tolerance;
 use crate::cli::touches::{self, print_distances, print_noise, read, table};
 use crate::report::FileSummary;
+use crate::report::certificate::Certificate;
 use crate::report::controller::ControllerSummary;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance};
@@ -79,9 +81,10 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     files.extend(wanted.map(|(path, text)| (path, text.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
-    print(report, &made.document);
+    let certificate = made.document.certificate.as_ref();
+    print(report, a, &made.document);
     print_outputs(report, a, made.document.repeats);
-    Ok(())
+    tolerance::outcome(certificate, &a.statement)
 }
 
 /// The file that says what the rows mean.
@@ -127,12 +130,16 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let mut provenance = report_page::provenance_of_touches(&a.robot, &arm, &origin, &set);
     let sum = written.sha256.clone();
     provenance.files.push(written);
+    let is_judged = a.report.is_some() || a.statement.tolerances.is_stated();
+    let certificate = is_judged
+        .then(|| Certificate::of_touches(&summary.exceeded, &a.statement, &a.serial_number));
     let document = TouchJson {
         version: env!("CARGO_PKG_VERSION"),
         robot: a.robot.clone(),
         touches: summary,
         arm: record,
         warnings,
+        certificate,
         controller: ControllerSummary::new(&blob, &arm.robot, None, None),
         correction_limit_mm: 1e3 * calibration.correction_limit.0,
         correction_limit_mrad: 1e3 * calibration.correction_limit.1,
@@ -253,8 +260,8 @@ fn no_other_options(a: &Job) -> Result<(), Failure> {
             "--method other than elastic",
         ),
         (
-            a.statement.tolerances.is_stated(),
-            "--tolerance-mm and --tolerance-mrad",
+            a.statement.tolerances.orientation_mrad.is_some(),
+            "--tolerance-mrad",
         ),
     ];
     touches::refuse_options(&a.train, &given)
@@ -283,7 +290,7 @@ fn provenance(a: &Job, set: &TouchSet, warnings: &[Finding]) -> Provenance {
     out
 }
 
-fn print(report: Printer, document: &TouchJson) {
+fn print(report: Printer, a: &Job, document: &TouchJson) {
     let found = &document.touches;
     report.line(format_args!(
         "Calibrated {} with {} touches ({} equations, {} states of the arm).",
@@ -293,6 +300,9 @@ fn print(report: Printer, document: &TouchJson) {
         "  expected error over the work volume: {:.3} mm mean before, {:.3} mm after (95 % within {:.3} and {:.3} mm)",
         found.before.mean_mm, found.after.mean_mm, found.before.p95_mm, found.after.p95_mm
     ));
+    if let Some(certificate) = &document.certificate {
+        tolerance::print(report, certificate, &a.statement);
+    }
     let [drawn, calibrated] = found.left_out;
     let unit = found.left_out_unit;
     report.line(format_args!(

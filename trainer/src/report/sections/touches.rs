@@ -6,21 +6,16 @@ use crate::report::chart::{BoxOf, Series, boxes};
 use crate::report::sections::headline::tile;
 use crate::report::{Number, Section};
 use poegp_calibration::model::touches::summary::{FeatureSummary, TouchSummary};
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::touches::TouchResidual;
 
 /// Features of one unit beyond which the drawing's boxes are left out.
 const MOST_PAIRS: usize = 8;
 
 /// Warnings, the expected error before and after, and how it was found.
-pub fn touch_headline(summary: &TouchSummary, warnings: &[Finding]) -> Section {
+pub fn touch_headline(summary: &TouchSummary) -> Section {
     let at = |name: &str| format!("/touches/{name}");
     let (before, after) = (&summary.before, &summary.after);
-    let mut section = Section::new("result", "");
-    for warning in warnings {
-        section =
-            section.text(html! { b { "Warning (" (warning.cause) "): " } (warning.text) "." });
-    }
+    let section = Section::new("result", "");
     let lead = html! {
         p class="lead" {
             "After " (Number::count(summary.rows, at("rows"))) " touches, the tool is expected to be where the model says to within "

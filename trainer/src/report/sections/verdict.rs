@@ -3,7 +3,9 @@
 use maud::{Markup, html};
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::conformity::budget::Contribution;
-use poegp_calibration::validation::conformity::{Characteristic, Conformity, LEAST_POSES, Verdict};
+use poegp_calibration::validation::conformity::{
+    Characteristic, Conformity, Evidence, LEAST_POSES, Verdict,
+};
 use poegp_calibration::validation::next_steps::NextSteps;
 use poegp_calibration::validation::repeated_poses::STANDARD_CYCLES;
 
@@ -49,12 +51,18 @@ pub fn verdict(
     let both = [Some(&conformity.position), conformity.orientation.as_ref()];
     let tolerances = both.into_iter().flatten().filter_map(|c| c.tolerance);
     let are_two = tolerances.count() == 2;
+    let coverage = Number::percent(conformity.coverage, "/certificate/conformity/coverage");
     let sure = html! {
-        "How sure: the range behind ± holds the true value in "
-        (Number::percent(conformity.coverage, "/certificate/conformity/coverage"))
-        " of 100 such calibrations. "
+        "How sure: "
+        @match conformity.evidence {
+            Evidence::HeldOutPoses => { "the range behind ± holds the true value in " (coverage) " of 100 such calibrations. " }
+            Evidence::Touches => { "in " (coverage) " of 100 such calibrations the true value is within the range behind ± or below it. " }
+        }
         @match conformity.verdict {
-            Some(Verdict::Undecided) => { "The tolerance" @if are_two { " of one of them" } " lies within the range. More poses that are not trained on narrow it." }
+            Some(Verdict::Undecided) => {
+                "The tolerance" @if are_two { " of one of them" } " lies within the range. More "
+                (evidence(conformity)) " narrow it."
+            }
             Some(Verdict::Conforms) => { "The whole range is within the tolerance." }
             Some(Verdict::DoesNotConform) => { "Even the lower end of the range is beyond the tolerance" @if are_two { " of one of them" } "." }
             None => { "State a tolerance (--tolerance-mm, --tolerance-mrad) and a verdict stands here." }
@@ -87,11 +95,19 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
     let Some(conformity) = &certificate.conformity else {
         return section.missing("Too few poses were held out for an uncertainty.");
     };
+    let poses = Number::count(conformity.position.poses, format!("{OF_POSITION}/poses"));
     section = section.text(html! {
-        "The error that 95 of 100 poses do not exceed is known from "
-        (Number::count(conformity.position.poses, format!("{OF_POSITION}/poses")))
-        " different poses only, measured by an instrument that has errors of its own. The budget adds these sources (GUM, \
-         JCGM 100:2008). An arm conforms if its error and the expanded uncertainty together are within the tolerance, and does \
+        @match conformity.evidence {
+            Evidence::HeldOutPoses => {
+                "The error that 95 of 100 poses do not exceed is known from " (poses) " different poses only, measured by an \
+                 instrument that has errors of its own. "
+            }
+            Evidence::Touches => {
+                "No position was measured. The error that 95 of 100 poses do not exceed is computed for " (poses) " poses over \
+                 the work volume, after the best registration of base and tool, from what the touches leave open of the arm. "
+            }
+        }
+        "The budget adds these sources (GUM, JCGM 100:2008). An arm conforms if its error and the expanded uncertainty together are within the tolerance, and does \
          not if the error without it is beyond (ISO 14253-1)."
     });
     section = budget(section, "Position", &conformity.position, OF_POSITION);
@@ -99,6 +115,14 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
         section = budget(section, "Rotation", rotation, OF_ROTATION);
     }
     repeated(section, &certificate.repeated_poses)
+}
+
+/// What narrows the range.
+fn evidence(conformity: &Conformity) -> &'static str {
+    match conformity.evidence {
+        Evidence::HeldOutPoses => "poses that are not trained on",
+        Evidence::Touches => "touches",
+    }
 }
 
 fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Section {
