@@ -297,3 +297,30 @@ fn the_expanded_uncertainty_covers() {
         }
     }
 }
+
+/// Of many poses E is their percentile, and U falls with the root of their number.
+#[test]
+fn many_poses_speak_for_themselves() {
+    let mut random = ChaCha8Rng::seed_from_u64(12);
+    let (_, draw) = DISTRIBUTIONS[2];
+    let all: Vec<[f64; 3]> = (0..4_000).map(|_| draw(&mut random)).collect();
+    let mut before = None;
+    for count in [1_000, 4_000] {
+        let poses = &all[..count];
+        let norm = |r: &[f64; 3]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let mut norms: Vec<f64> = poses.iter().map(norm).collect();
+        norms.sort_by(f64::total_cmp);
+        let percentile = norms[count * 95 / 100];
+        let position = found(poses, None, None).position;
+        println!(
+            "{count} poses: {percentile:.4} mm, found {:.4} ± {:.4} mm",
+            position.error, position.expanded
+        );
+        assert!((position.error / percentile - 1.0).abs() < 0.01);
+        if let Some(before) = before {
+            let ratio: f64 = before / position.expanded;
+            assert!((1.6..2.6).contains(&ratio), "{ratio}");
+        }
+        before = Some(position.expanded);
+    }
+}
