@@ -110,12 +110,12 @@ impl Session {
     }
 }
 
-/// An arm answers until the tolerance is reached; the file is one that `calibrate` takes, and its expected error is that.
+/// An arm answers until its error is small enough; the file is one that `calibrate` takes, and its expected error is that.
 #[test]
 fn rows_are_asked_for_until_the_error_is_small_enough() {
     let folder = Folder::new();
     let mut arm = Answers::new(&folder);
-    let mut session = Session::begin(&folder, &format!("{MEASURE} --tolerance-mm 0.2"));
+    let mut session = Session::begin(&folder, &format!("{MEASURE} --until-mm 0.2"));
     let (mut expected, mut end, mut said) = (Vec::new(), None, Vec::new());
     while let Some(document) = session.next() {
         match document["event"].as_str().unwrap() {
@@ -131,7 +131,7 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
     }
     assert_eq!(session.code(), Some(0));
     let end = end.unwrap();
-    assert_eq!(end["reason"], "tolerance");
+    assert_eq!(end["reason"], "reached");
     assert!(expected.len() > 10 && expected[0] > 0.2, "{expected:?}");
     let last = *expected.last().unwrap();
     assert!(last <= 0.2, "{expected:?}");
@@ -167,7 +167,7 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
         arm.lines[0].replace("socket/0", "hole"),
         far.join(",")
     );
-    let line = MEASURE.replace("--json -", "--json rows.json --tolerance-mm 0.01");
+    let line = MEASURE.replace("--json -", "--json rows.json --until-mm 0.01");
     let outcome = folder.run_with_input(&line, &input);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
     assert!(
@@ -370,7 +370,7 @@ fn poses_of_a_tracker_are_measured_too() {
     let lines: Vec<&str> = text.lines().collect();
     let mut session = Session::begin(
         &folder,
-        "measure --robot abb-irb120 plan.csv --out m.csv --json - --tolerance-mm 0.12",
+        "measure --robot abb-irb120 plan.csv --out m.csv --json - --until-mm 0.12",
     );
     let mut last = None;
     while let Some(document) = session.next() {
@@ -384,7 +384,7 @@ fn poses_of_a_tracker_are_measured_too() {
     let last = last.unwrap();
     assert_eq!(
         (session.code(), &last["reason"]),
-        (Some(0), &Value::from("tolerance")),
+        (Some(0), &Value::from("reached")),
         "{last}"
     );
     assert!(last["rows"].as_u64().unwrap() < 40, "{last}");

@@ -137,7 +137,7 @@ impl Show {
         row: usize,
         found: Option<&Outlook>,
         before: Option<f64>,
-        tolerance: Option<f64>,
+        until: Option<f64>,
         seconds: f64,
     ) -> Result<(), Failure> {
         match found {
@@ -149,11 +149,11 @@ impl Show {
                 let change = before.map_or_else(String::new, |before| {
                     format!(", {:+.3} mm by this row", expected.mean_mm - before)
                 });
-                let go_on = match tolerance {
-                    Some(tolerance) if expected.mean_mm > tolerance => {
-                        format!("; go on: more than {tolerance} mm")
+                let go_on = match until {
+                    Some(until) if expected.mean_mm > until => {
+                        format!("; go on: more than {until} mm")
                     }
-                    Some(tolerance) => format!("; {tolerance} mm is reached"),
+                    Some(until) => format!("; {until} mm is reached"),
                     None => String::new(),
                 };
                 self.report.line(format_args!(
@@ -193,11 +193,11 @@ impl Show {
         end: End,
         rows: usize,
         found: Option<&Outlook>,
-        tolerance: Option<f64>,
+        until: Option<f64>,
         calibrate: &str,
     ) -> Result<(), Failure> {
         let why = match end {
-            End::Within => "The expected error is within the tolerance".to_owned(),
+            End::Within => "The expected error is small enough".to_owned(),
             End::UsedUp => "The plan is used up".to_owned(),
             End::NoMore => "No more rows come".to_owned(),
         };
@@ -214,12 +214,12 @@ impl Show {
                 .line(format_args!("Then: {calibrate} --out model.blob"));
         }
         let reason = match end {
-            End::Within => "tolerance",
+            End::Within => "reached",
             End::UsedUp => "used-up",
             End::NoMore => "no-more-rows",
         };
         self.document(json!({
-            "event": "end", "reason": reason, "rows": rows, "tolerance_mm": tolerance,
+            "event": "end", "reason": reason, "rows": rows, "until_mm": until,
             "expected_mm": found.map(|f| f.expected.mean_mm), "version": env!("CARGO_PKG_VERSION")
         }))
     }
