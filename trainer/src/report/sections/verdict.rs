@@ -107,8 +107,9 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
                  the work volume, after the best registration of base and tool, from what the touches leave open of the arm. "
             }
         }
-        "The budget adds these sources (GUM, JCGM 100:2008). An arm conforms if its error and the expanded uncertainty together are within the tolerance, and does \
-         not if the error without it is beyond (ISO 14253-1)."
+        "The budget adds these sources (GUM, JCGM 100:2008). The arm conforms if the error plus \
+         the expanded uncertainty is within the tolerance. It does not conform if the error minus the expanded uncertainty is \
+         beyond it. Between the two, nothing can be decided (ISO 14253-1)."
     });
     section = budget(section, "Position", &conformity.position, OF_POSITION);
     if let Some(rotation) = &conformity.orientation {
