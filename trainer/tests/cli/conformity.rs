@@ -113,7 +113,7 @@ fn touches_have_a_verdict() {
         assert!(
             folder
                 .text("report.html")
-                .contains("No position was measured.")
+                .contains("No poses were held out.")
         );
     }
     let refused = calibrate("--tolerance-mrad 1");

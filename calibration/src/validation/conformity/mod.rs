@@ -53,7 +53,7 @@ pub enum Verdict {
 pub enum Evidence {
     /// Measured poses that the model was not trained on.
     HeldOutPoses,
-    /// Touches and the class of the arm: no position was measured.
+    /// Touches and the class of the arm: no poses were held out.
     Touches,
 }
 
@@ -133,8 +133,8 @@ pub struct Conformity {
 }
 
 impl Conformity {
-    /// Of a calibration by touches: no position was measured, so the error is that of the poses of the work volume, by what is
-    /// known of the arm. Touches say nothing of rotations.
+    /// Of a calibration by touches: no poses were held out, so the error is that of poses of the work volume, by what is known of
+    /// the arm. Touches are not judged by rotations.
     pub fn of_touches(known: &Exceeded, tolerances: &Tolerances) -> Self {
         let position = Characteristic::judged(
             "mm",

@@ -11,7 +11,7 @@ use poegp_calibration::validation::touches::TouchResidual;
 /// Features of one unit beyond which the drawing's boxes are left out.
 const MOST_PAIRS: usize = 8;
 
-/// Warnings, the expected error before and after, and how it was found.
+/// The expected error before and after, and how it was found.
 pub fn touch_headline(summary: &TouchSummary) -> Section {
     let at = |name: &str| format!("/touches/{name}");
     let (before, after) = (&summary.before, &summary.after);

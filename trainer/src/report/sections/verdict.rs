@@ -65,7 +65,7 @@ pub fn verdict(
             }
             Some(Verdict::Conforms) => { "The whole range is within the tolerance." }
             Some(Verdict::DoesNotConform) => { "Even the lower end of the range is beyond the tolerance" @if are_two { " of one of them" } "." }
-            None => { "State a tolerance (--tolerance-mm, --tolerance-mrad) and a verdict stands here." }
+            None => { "State a tolerance (" (flags(conformity)) ") and a verdict stands here." }
         }
     };
     section = section.block(lead).text(sure);
@@ -103,7 +103,7 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
                  instrument that has errors of its own. "
             }
             Evidence::Touches => {
-                "No position was measured. The error that 95 of 100 poses do not exceed is computed for " (poses) " poses over \
+                "No poses were held out. The error that 95 of 100 poses do not exceed is computed for " (poses) " poses over \
                  the work volume, after the best registration of base and tool, from what the touches leave open of the arm. "
             }
         }
@@ -116,6 +116,14 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
         section = budget(section, "Rotation", rotation, OF_ROTATION);
     }
     repeated(section, &certificate.repeated_poses)
+}
+
+/// What states a tolerance.
+fn flags(conformity: &Conformity) -> &'static str {
+    match conformity.evidence {
+        Evidence::HeldOutPoses => "--tolerance-mm, --tolerance-mrad",
+        Evidence::Touches => "--tolerance-mm",
+    }
 }
 
 /// What narrows the range.
