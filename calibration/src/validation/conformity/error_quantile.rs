@@ -1,7 +1,7 @@
 //! The error that 95 of 100 poses do not exceed, from few poses, without the noise of the instrument.
 //!
 //! The distribution F of the measured errors e_i = |r_i| has a Dirichlet process as its prior (Ferguson, Annals of Statistics
-//! 1973), whose guess F₀ is the fitted [family](super::error_family) and counts as much as α poses. So the tail beyond the
+//! 1973), whose guess F₀ is a fitted family (`error_family`) and counts as much as α poses. So the tail beyond the
 //! largest error is that of the family, and everything below is that of the poses, whatever their distribution:
 //!
 //! ```text
