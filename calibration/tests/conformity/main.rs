@@ -1,7 +1,7 @@
 //! Whether verdicts and expanded uncertainties are true: calibrations of simulated arms whose true errors are known.
 //!
-//! Each is judged by held-out poses with the tracker's noise, from a test set and by cross-validation; the truth is the
-//! error that 95 of 100 of 2 000 fresh poses without noise do not exceed. "Wrongly conforms" asks for the worst tolerance:
+//! Each is judged by held-out poses with the tracker's noise, from a test set and by cross-validation. The rows of each arm
+//! declare a noise that is wrong by the standard uncertainty which the budget states of it. The truth is the error that 95 of 100 of 2 000 fresh poses without noise do not exceed. "Wrongly conforms" asks for the worst tolerance:
 //! the one that the arm just misses. The suite looks at a few arms; the study behind `docs/evidence/conformity.md` at 1 000:
 //!
 //! ```sh
@@ -9,6 +9,10 @@
 //! ```
 
 use std::path::Path;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
@@ -22,6 +26,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{
     ORIENTATION_NOISE_RAD, POSITION_NOISE_M, Scenario, SimulatedPose, Simulator, to_csv,
 };
+use poegp_calibration::validation::conformity::error_quantile::DECLARED_NOISE_UNCERTAINTY;
 use poegp_calibration::validation::conformity::{
     Characteristic, Conformity, Knowledge, Tolerances,
 };
@@ -35,16 +40,27 @@ const TRAINING: [usize; 4] = [40, 60, 100, 200];
 const TEST: usize = 100;
 const FRESH: usize = 2000;
 
-/// Rows as the program reads them, with the noise that the tracker has.
-fn rows(robot: &Robot, poses: &[SimulatedPose]) -> Vec<InstrumentSample> {
+/// What the rows of an arm declare: the tracker's noise, as far as it is known.
+fn declared_noise(seed: u64) -> InstrumentNoise {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    random.set_stream(1);
+    let mut wrong_by = || {
+        let normal: f64 = StandardNormal.sample(&mut random);
+        (1.0 + DECLARED_NOISE_UNCERTAINTY * normal).max(0.25)
+    };
+    InstrumentNoise {
+        position: Some(POSITION_NOISE_M / wrong_by()),
+        orientation: Some(ORIENTATION_NOISE_RAD / wrong_by()),
+    }
+}
+
+/// Rows as the program reads them, with what they declare.
+fn rows(robot: &Robot, poses: &[SimulatedPose], noise: InstrumentNoise) -> Vec<InstrumentSample> {
     let csv = to_csv(robot, poses, false, "simulated");
     let set = measurements::parse(Path::new("simulated.csv"), csv.as_bytes()).unwrap();
     let mut rows = samples(&set, robot, &mut Vec::new()).unwrap();
     for row in &mut rows {
-        row.declared_noise = InstrumentNoise {
-            position: Some(POSITION_NOISE_M),
-            orientation: Some(ORIENTATION_NOISE_RAD),
-        };
+        row.declared_noise = noise;
     }
     rows
 }
@@ -81,8 +97,9 @@ fn run(number: usize, method: Method) -> Run {
     let poses = TRAINING[number / 15 % 4];
     let seed = 22_000 + number as u64;
     let mut simulator = Simulator::new(&robot, scenario, &[1.0, 2.5, 5.0], seed);
-    let train = rows(&robot, &simulator.measure(poses));
-    let test = rows(&robot, &simulator.measure(poses.min(TEST)));
+    let noise = declared_noise(seed);
+    let train = rows(&robot, &simulator.measure(poses), noise);
+    let test = rows(&robot, &simulator.measure(poses.min(TEST)), noise);
     let mut fresh = simulator.measure(FRESH);
     for pose in &mut fresh {
         pose.measured = pose.truth;
@@ -105,7 +122,7 @@ fn run(number: usize, method: Method) -> Run {
         threads: 1,
     };
     let folds = task.held_out_poses(&config, false, &mut || {}).unwrap();
-    let truth = true_errors(&found, &rows(&robot, &fresh));
+    let truth = true_errors(&found, &rows(&robot, &fresh, noise));
     let judged = |held_out: &[HeldOutPose]| {
         let found =
             Conformity::new(held_out, &Knowledge::default(), &Tolerances::default()).unwrap();
@@ -202,7 +219,7 @@ fn a_thousand_arms() {
     for (_, wrong) in test.into_iter().chain(folds) {
         assert!(wrong <= 0.05, "{wrong}");
     }
-    let (position, rotation) = (test[0].0, test[1].0);
-    assert!((0.93..=0.97).contains(&position), "{position}");
-    assert!(rotation >= 0.93, "{rotation}");
+    for (covered, _) in test {
+        assert!((0.93..=0.97).contains(&covered), "{covered}");
+    }
 }

@@ -3,12 +3,12 @@
 use poegp_protocol::limits::MAX_JOINTS;
 
 use crate::guard::status::Status;
-use crate::kinematics::coupling::PerJoint;
+use crate::kinematics::coupling::{Coupling, PerJoint, coupled};
 use crate::kinematics::newton::{PoseError6, squared_norms};
 use crate::math::scalar::Scalar;
 
 /// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
-/// milliradians; up to here the sines of the change are exact to single precision. A larger change is scaled back.
+/// milliradians; up to here the sines of the change are exact to single precision. A larger change is scaled back in the end.
 pub const MAX_JOINT_CHANGE: f64 = 0.1;
 /// Remaining error, in metres and radians, up to which a command is called fully corrected.
 pub const CORRECTED_WITHIN: f64 = 5e-6;
@@ -43,16 +43,29 @@ pub(super) struct Candidate<T> {
 }
 
 impl<T: Scalar> Candidate<T> {
+    /// What the change must be multiplied with so that no joint changes by more than [`MAX_JOINT_CHANGE`].
+    fn factor(&self, coupling: Option<&Coupling<T>>) -> T {
+        let whole = T::from_f64(MAX_JOINT_CHANGE);
+        let mut largest = raised(whole, &self.change);
+        if let Some(coupling) = coupling {
+            // Serial joints without a term change as the controller's do.
+            let serial = coupled(Some(coupling), &self.change);
+            for (joint, _, _) in coupling.terms() {
+                largest = raised_to(largest, serial.get(joint).copied().unwrap_or(T::ZERO));
+            }
+        }
+        whole / largest
+    }
+
     /// The answer to `joints`.
     pub(super) fn answer(
         &self,
         joints: &PerJoint<T>,
+        coupling: Option<&Coupling<T>>,
         can_turn: bool,
         status: Status,
     ) -> Corrected<T> {
-        let whole = T::from_f64(MAX_JOINT_CHANGE);
-        // The first step was held; with the later ones it may be too large.
-        let factor = whole / raised(whole, &self.change);
+        let factor = self.factor(coupling);
         let mut stays = self.stays;
         for (value, before) in stays.iter_mut().zip(&self.before) {
             *value = factor * *value + (T::ONE - factor) * *before;
@@ -112,7 +125,7 @@ pub(super) fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
 
 /// The larger of `least` and the absolute value.
 #[inline(always)]
-pub(super) fn raised_to<T: Scalar>(least: T, value: T) -> T {
+fn raised_to<T: Scalar>(least: T, value: T) -> T {
     let magnitude = value.abs();
     if magnitude > least { magnitude } else { least }
 }

@@ -2,7 +2,7 @@
 //!
 //! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a continuous function
 //! of q and m with a bounded slope: beside singularities part of the error stays ([`crate::correct::step_limit`]). The first step is
-//! limited so; later ones take away what its linearisation left, damped where it was limited, and leave what it gave up.
+//! limited so; later ones, with its J and its damping, take away what its linearisation left, and leave what it gave up.
 //!
 //! With an elastic model the deflection is a part of the arm's error, and small and smooth:
 //!
@@ -32,10 +32,10 @@ pub mod tool;
 
 use poegp_protocol::limits::MAX_JOINTS;
 
+use acceptance::Candidate;
 pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
-use acceptance::{Candidate, raised, raised_to};
 
-use crate::correct::step_limit::{Scale, StepLimit};
+use crate::correct::step_limit::{LimitedStep, Scale, StepLimit};
 use crate::elastic::curve::add_curve_lines;
 use crate::elastic::deflection::deflected_into;
 use crate::elastic::ripple::ripple_line;
@@ -46,8 +46,7 @@ use crate::guard::trust::outside;
 use crate::kinematics::coupling::{PerJoint, coupled};
 use crate::kinematics::minimal_chain::JointFrames;
 use crate::kinematics::newton::{
-    Damping, LinearizationPoint, NormalEquations, PoseError6, pose_error, squared_norms,
-    subtract_scaled,
+    LinearizationPoint, NormalEquations, PoseError6, pose_error, squared_norms, subtract_scaled,
 };
 use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::Scalar;
@@ -145,7 +144,7 @@ fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) ->
         payload_kg,
         arm.payload_range,
     );
-    candidate.answer(&x, joints.len() >= 6, status)
+    candidate.answer(&x, arm.coupling.as_ref(), joints.len() >= 6, status)
 }
 
 /// One search for corrected joints.
@@ -166,12 +165,10 @@ struct Search<'a, T> {
     frames: &'a mut JointFrames<T>,
 }
 
-/// A step, and what it left on purpose.
-struct First<T> {
+/// The joint changes so far, and the limited step that they began with.
+struct Steps<T> {
     change: PerJoint<T>,
-    /// What was given up.
-    given_up: PoseError6<T>,
-    damping: Damping<T>,
+    limited: LimitedStep<T>,
 }
 
 impl<T: KernelLoops> Search<'_, T> {
@@ -179,8 +176,7 @@ impl<T: KernelLoops> Search<'_, T> {
     #[inline(always)]
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
         self.turn(change);
-        let chain = &self.arm.calibrated;
-        chain.moved_frames_at(self.turned, self.frames)
+        self.arm.calibrated.forward_at(self.turned)
     }
 
     /// The motions of the serial joints after a change of the joints.
@@ -221,74 +217,42 @@ impl<T: KernelLoops> Search<'_, T> {
 
     /// The limited step against an error.
     #[inline(never)]
-    fn first_step(
+    fn limited_step(
         &self,
         equations: &NormalEquations<T>,
         limit: &StepLimit<'_, T>,
         error: &PoseError6<T>,
-    ) -> First<T> {
-        let step = limit.step(error);
-        let mut change = equations.joints_of(&step.x);
-        self.hold(&mut change);
-        // What the floor has left is not given up, but left to later steps.
-        let moved = subtract_scaled(error, T::ONE, &equations.moved(&change));
-        First {
-            change,
-            given_up: subtract_scaled(&moved, T::ONE, &step.left_by_floor()),
-            damping: step.damping,
+    ) -> Steps<T> {
+        let limited = limit.step(error);
+        Steps {
+            change: equations.joints_of(&limited.x),
+            limited,
         }
     }
 
-    /// One step more from `change`, where the chain was evaluated last with this error. Returns the error that stays.
+    /// One step more, where this error is left. Returns the error that stays.
+    ///
+    /// It has the J of the first step: what that leaves of the error is of third order in the change.
     #[inline(never)]
     fn later_step(
         &self,
-        equations: &mut NormalEquations<T>,
-        pose: &Pose<T>,
+        equations: &NormalEquations<T>,
         error: &PoseError6<T>,
-        first: &mut First<T>,
+        steps: &mut Steps<T>,
     ) -> PoseError6<T> {
-        self.form(equations, pose);
-        equations.factor(&first.damping);
-        let x = equations.solve(&subtract_scaled(error, T::ONE, &first.given_up));
-        for (value, delta) in first.change.iter_mut().zip(&equations.joints_of(&x)) {
-            *value += *delta;
-        }
+        let LimitedStep {
+            given_up, damped, ..
+        } = &steps.limited;
+        let x = damped.solve(&subtract_scaled(error, T::ONE, given_up));
         // (J Jᵀ + Λ) x is what was to be taken away.
-        let mut stays = first.given_up;
-        let Damping { position, rotation } = first.damping;
-        let [x0, x1, x2, x3, x4, x5] = x;
-        let left = [
-            position * x0,
-            position * x1,
-            position * x2,
-            rotation * x3,
-            rotation * x4,
-            rotation * x5,
-        ];
-        for (value, left) in stays.iter_mut().zip(&left) {
+        let mut stays = *given_up;
+        for (value, left) in stays.iter_mut().zip(&damped.left(&x)) {
             *value += *left;
         }
+        for (value, delta) in steps.change.iter_mut().zip(&equations.joints_of(&x)) {
+            *value += *delta;
+        }
         stays
-    }
-
-    /// Scales a change back to [`MAX_JOINT_CHANGE`].
-    #[inline(never)]
-    fn hold(&self, change: &mut PerJoint<T>) {
-        let limit = T::from_f64(MAX_JOINT_CHANGE);
-        let mut largest = raised(limit, change);
-        if let Some(coupling) = &self.arm.coupling {
-            // Serial joints without a term change as the controller's do.
-            let serial = coupled(Some(coupling), change);
-            for (joint, _, _) in coupling.terms() {
-                largest = raised_to(largest, serial.get(joint).copied().unwrap_or(T::ZERO));
-            }
-        }
-        // At most one; zero, if that should be, for an infinite step.
-        let factor = limit / largest;
-        for value in change {
-            *value = *value * factor;
-        }
     }
 
     /// Without correction, or with the one in task space at every step.
@@ -298,36 +262,38 @@ impl<T: KernelLoops> Search<'_, T> {
         } else {
             LATER_STEPS
         };
-        let (pose, limited) = self.evaluated(&[T::ZERO; MAX_JOINTS], task);
+        let chain = &self.arm.calibrated;
+        let pose = chain.moved_frames_at(self.motions, self.frames);
+        let (pose, limited) = self.compensated(pose, &[T::ZERO; MAX_JOINTS], task);
         let before = pose_error(self.target, &pose);
         let mut equations = NormalEquations::new();
         self.form(&mut equations, &pose);
         let limit = StepLimit::new(equations.gram(), self.scale());
-        let mut first = self.first_step(&equations, &limit, &before);
+        let mut steps = self.limited_step(&equations, &limit, &before);
         let mut stays = before;
         while later > 0 {
-            let change = first.change;
-            let (pose, _) = self.evaluated(&change, task);
+            let pose = self.chain(&steps.change);
+            let (pose, _) = self.compensated(pose, &steps.change, task);
             let error = pose_error(self.target, &pose);
-            stays = self.later_step(&mut equations, &pose, &error, &mut first);
+            stays = self.later_step(&equations, &error, &mut steps);
             later -= 1;
         }
         Candidate {
-            change: first.change,
+            change: steps.change,
             before,
-            given_up: first.given_up,
+            given_up: steps.limited.given_up,
             stays,
             limited,
         }
     }
 
-    /// The pose after a change of the joints, and whether its correction was limited.
-    fn evaluated(
-        &mut self,
+    /// The calibrated chain's pose after a change of the joints with its correction, and whether that was limited.
+    fn compensated(
+        &self,
+        pose: Pose<T>,
         change: &PerJoint<T>,
         task: Option<&TaskSpaceCorrection<T>>,
     ) -> (Pose<T>, bool) {
-        let pose = self.chain(change);
         let Some(task) = task else {
             return (pose, false);
         };
@@ -364,52 +330,48 @@ impl<T: KernelLoops> Search<'_, T> {
         let sagging = equations.moved(&gravity(self.frames, &pose));
         let rigid = subtract_scaled(&plain, T::ONE, &sagging);
         let limit = StepLimit::new(equations.gram(), self.scale());
-        let mut start = equations.joints_of(&limit.damped(&rigid));
-        self.hold(&mut start);
+        let start = equations.joints_of(&limit.damped(&rigid));
         // The deflection there: processes where gravity alone would have the command, the others where both would.
-        let mean = {
-            deflected_into(features, kinds, &start, self.turned);
-            terms.processes.mean(kinds, self.rows, self.turned, payload)
-        };
+        deflected_into(features, kinds, &start, self.turned);
+        let mean = terms.processes.mean(kinds, self.rows, self.turned, payload);
         let near = difference(&start, &mean);
-        let pose = self.chain(&near);
+        self.turn(&near);
+        let pose = arm.calibrated.moved_frames_at(self.turned, self.frames);
         let smooth = sum(&gravity(self.frames, &pose), &mean);
-        let there = sum(self.joints, &near);
-        let mut line = ripple_line(&terms.ripple, &there);
+        let mut line = ripple_line(&terms.ripple, &sum(self.joints, &near));
         if terms.curve_orders > 0 {
             deflected_into(features, kinds, &near, self.turned);
             let coefficients = terms.curves(kinds.len(), self.rows);
             add_curve_lines(kinds, coefficients, self.turned, &mut line);
         }
         let mut deflection = sum(&smooth, &line.value);
-        let effect = equations.moved(&deflection);
+        let mut effect = equations.moved(&deflection);
         let (position, rotation) = squared_norms(&effect);
         let (factor, limited) = elastic.limit.factor_of(position, rotation);
-        for value in &mut deflection {
-            // It may be infinite.
-            *value = if factor == T::ZERO {
-                T::ZERO
-            } else {
-                *value * factor
-            };
-        }
-        self.hold(&mut deflection);
-        let before = subtract_scaled(&plain, T::ONE, &equations.moved(&deflection));
-        let mut first = self.first_step(&equations, &limit, &before);
+        scale_finite(&mut deflection, factor);
+        scale_finite(&mut effect, factor);
+        let before = subtract_scaled(&plain, T::ONE, &effect);
+        let mut steps = self.limited_step(&equations, &limit, &before);
         // What is left of it.
-        let mut all = sum(&first.change, &deflection);
-        self.hold(&mut all);
-        let pose = self.chain(&all);
+        let pose = self.chain(&sum(&steps.change, &deflection));
         let error = pose_error(self.target, &pose);
-        let stays = self.later_step(&mut equations, &pose, &error, &mut first);
-        line.follow(factor, &near, &mut first.change);
+        let stays = self.later_step(&equations, &error, &mut steps);
+        line.follow(factor, &near, &mut steps.change);
         Candidate {
-            change: first.change,
+            change: steps.change,
             before,
-            given_up: first.given_up,
+            given_up: steps.limited.given_up,
             stays,
             limited,
         }
+    }
+}
+
+/// s a, and zero where s is zero: a may be infinite.
+#[inline(always)]
+fn scale_finite<T: Scalar, const N: usize>(a: &mut [T; N], s: T) {
+    for value in a {
+        *value = if s == T::ZERO { T::ZERO } else { *value * s };
     }
 }
 

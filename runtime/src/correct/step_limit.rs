@@ -49,8 +49,6 @@ pub const FLOOR: Damping<f64> = Damping {
     position: 1.6e-4,
     rotation: 2e-5,
 };
-/// The most λ of later steps: what is left for them is the second derivative's, some tens of micrometres.
-const MOST_LATER: f64 = 1e-3;
 /// λ of A in S, in lever²: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 1e-4;
 /// The least λ of the shift that the turn has to follow while λ_r is sought, in lever²: a shift that the arm can hardly make
@@ -76,17 +74,40 @@ const LEAST_PUSH: f64 = 0.5e-6;
 pub struct LimitedStep<T> {
     /// x; the joint changes are Jᵀ x.
     pub x: PoseError6<T>,
-    /// The damping that later steps must have, so that they do not bring back what was given up.
-    pub damping: Damping<T>,
+    /// What it leaves of the error on purpose, which is all but what the least λ leaves.
+    pub given_up: PoseError6<T>,
+    /// What later steps must be solved with, so that they do not bring back what was given up.
+    pub damped: DampedGram<T>,
 }
 
-impl<T: Scalar> LimitedStep<T> {
-    /// What the least λ has left of the error, which is not given up.
+/// J Jᵀ + Λ with the λ of a limited step, factored.
+#[derive(Clone, Copy, Debug)]
+pub struct DampedGram<T> {
+    /// Λ.
+    pub damping: Damping<T>,
+    /// Of C + λ_r.
+    turning: Factors<T>,
+    /// (C + λ_r)⁻¹ Bᵀ.
+    along: Matrix<T>,
+    /// Of T with λ_p.
+    shifting: Factors<T>,
+}
+
+impl<T: Scalar> DampedGram<T> {
+    /// (J Jᵀ + Λ)⁻¹ e.
     #[inline(always)]
-    pub fn left_by_floor(&self) -> PoseError6<T> {
-        let (p, r) = halves(&self.x);
-        let floor = floor();
-        joined(&scaled(floor.position, &p), &scaled(floor.rotation, &r))
+    pub fn solve(&self, error: &PoseError6<T>) -> PoseError6<T> {
+        let (p, r) = halves(error);
+        let rest = difference(&p, &transposed_product(&self.along, &r));
+        let shift = self.shifting.solve(&rest);
+        let turned = product(&self.along, &shift);
+        joined(&shift, &difference(&self.turning.solve(&r), &turned))
+    }
+
+    /// Λ x.
+    #[inline(always)]
+    pub fn left(&self, x: &PoseError6<T>) -> PoseError6<T> {
+        left_by(&self.damping, x)
     }
 }
 
@@ -241,11 +262,26 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         for (value, part) in x.iter_mut().zip(&shift) {
             *value += shift_share * *part;
         }
+        // (J Jᵀ + Λ) x is the shares of the error.
+        let mut given_up = joined(
+            &scaled(T::ONE - shift_share, &p),
+            &scaled(T::ONE - turn_share, &r),
+        );
+        let beyond_floor = Damping {
+            position: position - floor.position,
+            rotation: rotation - floor.rotation,
+        };
+        for (value, left) in given_up.iter_mut().zip(&left_by(&beyond_floor, &x)) {
+            *value += *left;
+        }
         LimitedStep {
             x,
-            damping: Damping {
-                position: smaller(position, T::from_f64(MOST_LATER)),
-                rotation: smaller(rotation, T::from_f64(MOST_LATER)),
+            given_up,
+            damped: DampedGram {
+                damping: Damping { position, rotation },
+                turning,
+                along,
+                shifting,
             },
         }
     }
@@ -257,6 +293,13 @@ fn held<T: Scalar>(gram: &Gram<T>, position: T) -> (Factors<T>, Matrix<T>, Matri
     let follow = factors.solve_columns(&block(gram, 0, 3));
     let turning = schur(&block(gram, 3, 3), &block(gram, 3, 0), &follow);
     (factors, follow, turning)
+}
+
+/// Λ x.
+#[inline(always)]
+fn left_by<T: Scalar>(damping: &Damping<T>, x: &PoseError6<T>) -> PoseError6<T> {
+    let (p, r) = halves(x);
+    joined(&scaled(damping.position, &p), &scaled(damping.rotation, &r))
 }
 
 #[inline(always)]
@@ -357,12 +400,6 @@ fn halves<T: Scalar>(e: &PoseError6<T>) -> (Vector<T>, Vector<T>) {
 #[inline(always)]
 fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> PoseError6<T> {
     [p[0], p[1], p[2], r[0], r[1], r[2]]
-}
-
-/// The smaller one; `b` when `a` is NaN.
-#[inline(always)]
-fn smaller<T: Scalar>(a: T, b: T) -> T {
-    if a < b { a } else { b }
 }
 
 /// How much of `all` there may be when it must not exceed `limit`: limit/all, at most 1.

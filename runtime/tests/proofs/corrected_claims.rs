@@ -100,8 +100,8 @@ fn what_is_applied_is_what_has_gone() {
 /// No joint is changed by more than the limit, whichever joint it is that would be: the arms are off by decimetres.
 #[test]
 fn no_joint_is_changed_by_more_than_the_limit() {
+    let mut at_the_limit = [0; 8];
     for elastic in [false, true] {
-        let mut at_the_limit = [0; 8];
         for joints in 5..=8 {
             for size in [0.1, 0.3, 1.0] {
                 let model = arm(joints, elastic, size).model::<f64>();
@@ -115,9 +115,10 @@ fn no_joint_is_changed_by_more_than_the_limit() {
                 }
             }
         }
-        let reached = at_the_limit.iter().filter(|count| **count > 0).count();
-        assert!(reached >= 5, "elastic {elastic}: {at_the_limit:?}");
     }
+    // The limited step keeps most joints well below it.
+    let reached = at_the_limit.iter().filter(|count| **count > 20).count();
+    assert!(reached >= 4, "{at_the_limit:?}");
 }
 
 /// Where the correction is limited, the answer is that of the limited model. An evaluation bounds the twist of the target, the

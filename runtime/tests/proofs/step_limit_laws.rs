@@ -52,6 +52,12 @@ fn damped(jacobian: &Matrix, error: &Vector) -> Vector {
     Vector::from(limit.damped(&core::array::from_fn(|i| error[i])))
 }
 
+/// λ of displacements and of rotations.
+fn diagonal(position: f64, rotation: f64) -> Matrix {
+    let damping = [position, position, position, rotation, rotation, rotation];
+    Matrix::from_diagonal(&Vector::from(damping))
+}
+
 fn position(v: &Vector) -> f64 {
     v.fixed_rows::<3>(0).norm()
 }
@@ -85,10 +91,34 @@ proptest! {
     ) {
         let (jacobian, error) = (jacobian(&values, &seed), Vector::from(error));
         let (found, _, left) = step(&jacobian, &error);
-        let floor = Vector::from(found.left_by_floor());
+        let floor = diagonal(FLOOR.position, FLOOR.rotation) * Vector::from(found.x);
         prop_assert!((left - floor).norm() <= 1e-9, "{:e}", (left - floor).norm());
         let most = FLOOR.position.max(FLOOR.rotation) / (0.15 * 0.15);
         prop_assert!(floor.norm() <= most * error.norm());
+    }
+
+    /// What a step gives up is all that it leaves, but for what the least damping does.
+    #[test]
+    fn what_is_given_up_is_left(values in values(), seed in seeds(), error in errors()) {
+        let (found, _, left) = step(&jacobian(&values, &seed), &error);
+        let floor = diagonal(FLOOR.position, FLOOR.rotation) * Vector::from(found.x);
+        let apart = (left - floor - Vector::from(found.given_up)).norm();
+        prop_assert!(apart <= 1e-9 * error.norm(), "{apart:e}");
+    }
+
+    /// Later steps solve the whole equations with the damping of the limited one.
+    #[test]
+    fn later_steps_are_damped_as_the_first(values in values(), seed in seeds(), error in errors(), later in errors()) {
+        let jacobian = jacobian(&values, &seed);
+        let (found, _, _) = step(&jacobian, &error);
+        let damping = found.damped.damping;
+        let damping = diagonal(damping.position, damping.rotation);
+        let whole = jacobian * jacobian.transpose() + damping;
+        let later: PoseError6<f64> = core::array::from_fn(|i| later[i]);
+        let x = found.damped.solve(&later);
+        let expected = whole.cholesky().unwrap().solve(&Vector::from(later));
+        prop_assert!((Vector::from(x) - expected).norm() <= 1e-9 * expected.norm());
+        prop_assert!((Vector::from(found.damped.left(&x)) - damping * Vector::from(x)).norm() <= 1e-12);
     }
 
     /// The damped step of an error that is too small for any limit is that of the whole equations, which `nalgebra` solves.
@@ -96,9 +126,7 @@ proptest! {
     fn the_damped_step_is_damped_twice(values in values(), seed in seeds(), error in errors()) {
         let (jacobian, error) = (jacobian(&values, &seed), 1e-4 * error);
         let found = damped(&jacobian, &error);
-        let position = FOLLOW * LEVER * LEVER;
-        let damping = Vector::from([position, position, position, DAMPED, DAMPED, DAMPED]);
-        let damping = Matrix::from_diagonal(&damping);
+        let damping = diagonal(FOLLOW * LEVER * LEVER, DAMPED);
         let whole = (jacobian * jacobian.transpose() + damping).cholesky().unwrap();
         let expected = whole.solve(&(error + damping * whole.solve(&error)));
         prop_assert!((found - expected).norm() <= 1e-9 * expected.norm(), "{found} {expected}");

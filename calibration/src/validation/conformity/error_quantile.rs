@@ -101,7 +101,7 @@ pub struct Noise {
 /// Degrees of freedom from which on repeated measurements are believed rather than the file.
 const ENOUGH: f64 = 10.0;
 /// Relative standard uncertainty of a noise that a file declares.
-const DECLARED: f64 = 0.2;
+pub const DECLARED_NOISE_UNCERTAINTY: f64 = 0.2;
 /// Standard deviations of a mean square from which on it is certainly smaller.
 const CONTRADICTION: f64 = 3.0;
 
@@ -135,8 +135,9 @@ impl Noise {
 
     /// Relative standard uncertainty of the standard deviation.
     pub fn relative_uncertainty(&self) -> f64 {
-        self.repeated
-            .map_or(DECLARED, |freedom| 1.0 / (2.0 * freedom).sqrt())
+        self.repeated.map_or(DECLARED_NOISE_UNCERTAINTY, |freedom| {
+            1.0 / (2.0 * freedom).sqrt()
+        })
     }
 }
 
