@@ -21,8 +21,8 @@ pub struct Corrected<T> {
     /// How much of the arm's error is corrected, from 0 to 1: 1 but beside singularities and where a bound acts. A metre
     /// counts as much as a radian.
     pub applied: T,
-    /// Distance in metres of the target from where it should be, by the model and at these joints, to the accuracy of T.
-    /// Zero where nothing is known (no model, bad input).
+    /// Distance in metres of the target from where it should be, by the model and at these joints, with what the search does not
+    /// know of it: rather too large than too small. Zero where nothing is known (no model, bad input).
     pub position_error: T,
     /// The rotation error that stays, in radians.
     pub rotation_error: T,
@@ -37,9 +37,26 @@ pub(super) struct Candidate<T> {
     /// Error of the command as it came.
     pub(super) before: PoseError6<T>,
     pub(super) given_up: PoseError6<T>,
-    /// Error that stays at q*.
-    pub(super) stays: PoseError6<T>,
+    pub(super) remainder: Remainder<T>,
     pub(super) limited: bool,
+}
+
+/// What is left at q*.
+#[derive(Clone, Copy)]
+pub(super) struct Remainder<T> {
+    /// The error that stays.
+    pub(super) stays: PoseError6<T>,
+    /// About how much of position and of rotation may be left besides: what the last step did not know.
+    pub(super) unknown: [T; 2],
+}
+
+impl<T: Scalar> Remainder<T> {
+    pub(super) fn none() -> Self {
+        Self {
+            stays: [T::ZERO; 6],
+            unknown: [T::ZERO; 2],
+        }
+    }
 }
 
 impl<T: Scalar> Candidate<T> {
@@ -66,12 +83,12 @@ impl<T: Scalar> Candidate<T> {
         status: Status,
     ) -> Corrected<T> {
         let factor = self.factor(coupling);
-        let mut stays = self.stays;
+        let Remainder { mut stays, unknown } = self.remainder;
         for (value, before) in stays.iter_mut().zip(&self.before) {
             *value = factor * *value + (T::ONE - factor) * *before;
         }
         let (position, rotation) = squared_norms(&stays);
-        let (position, rotation) = (position.sqrt(), rotation.sqrt());
+        let (position, rotation) = (position.sqrt() + unknown[0], rotation.sqrt() + unknown[1]);
         let mut command = *joints;
         let mut checksum = position + rotation;
         for (slot, change) in command.iter_mut().zip(&self.change) {

@@ -32,8 +32,8 @@ pub mod tool;
 
 use poegp_protocol::limits::MAX_JOINTS;
 
-use acceptance::Candidate;
 pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
+use acceptance::{Candidate, Remainder};
 
 use crate::correct::step_limit::{LimitedStep, Scale, StepLimit};
 use crate::elastic::curve::add_curve_lines;
@@ -61,6 +61,8 @@ use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
 /// Steps after the first one. With a correction in task space one of them leaves more than 1 µm at 1 % of the poses.
 const LATER_STEPS: usize = 1;
 const LATER_TASK_SPACE_STEPS: usize = 2;
+/// A change of the joints that is none, squared: rounding.
+const LEAST_SQUARE: f64 = 1e-12;
 
 /// A number type for which the correction is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
 pub trait CompiledCorrection: CompiledEvaluation {
@@ -230,29 +232,39 @@ impl<T: KernelLoops> Search<'_, T> {
         }
     }
 
-    /// One step more, where this error is left. Returns the error that stays.
+    /// One step more, where this error is left.
     ///
-    /// It has the J of the first step: what that leaves of the error is of third order in the change.
+    /// It has the J of the first step. That leaves (J(q + d) − J) δ of the change δ, an error of third order: as to the error e
+    /// that is taken away, which the curvature along d has left, about 2 |e| |δ|/|d|.
     #[inline(never)]
     fn later_step(
         &self,
         equations: &NormalEquations<T>,
         error: &PoseError6<T>,
         steps: &mut Steps<T>,
-    ) -> PoseError6<T> {
+    ) -> Remainder<T> {
         let LimitedStep {
             given_up, damped, ..
         } = &steps.limited;
-        let x = damped.solve(&subtract_scaled(error, T::ONE, given_up));
+        let taken = subtract_scaled(error, T::ONE, given_up);
+        let x = damped.solve(&taken);
         // (J Jᵀ + Λ) x is what was to be taken away.
         let mut stays = *given_up;
         for (value, left) in stays.iter_mut().zip(&damped.left(&x)) {
             *value += *left;
         }
+        let (mut before, mut added) = (T::from_f64(LEAST_SQUARE), T::ZERO);
         for (value, delta) in steps.change.iter_mut().zip(&equations.joints_of(&x)) {
+            before += *value * *value;
+            added += *delta * *delta;
             *value += *delta;
         }
-        stays
+        let share = T::from_f64(4.0) * added / before;
+        let (position, rotation) = squared_norms(&taken);
+        Remainder {
+            stays,
+            unknown: [(share * position).sqrt(), (share * rotation).sqrt()],
+        }
     }
 
     /// Without correction, or with the one in task space at every step.
@@ -270,19 +282,19 @@ impl<T: KernelLoops> Search<'_, T> {
         self.form(&mut equations, &pose);
         let limit = StepLimit::new(equations.gram(), self.scale());
         let mut steps = self.limited_step(&equations, &limit, &before);
-        let mut stays = before;
+        let mut remainder = Remainder::none();
         while later > 0 {
             let pose = self.chain(&steps.change);
             let (pose, _) = self.compensated(pose, &steps.change, task);
             let error = pose_error(self.target, &pose);
-            stays = self.later_step(&equations, &error, &mut steps);
+            remainder = self.later_step(&equations, &error, &mut steps);
             later -= 1;
         }
         Candidate {
             change: steps.change,
             before,
             given_up: steps.limited.given_up,
-            stays,
+            remainder,
             limited,
         }
     }
@@ -355,13 +367,13 @@ impl<T: KernelLoops> Search<'_, T> {
         // What is left of it.
         let pose = self.chain(&sum(&steps.change, &deflection));
         let error = pose_error(self.target, &pose);
-        let stays = self.later_step(&equations, &error, &mut steps);
+        let remainder = self.later_step(&equations, &error, &mut steps);
         line.follow(factor, &near, &mut steps.change);
         Candidate {
             change: steps.change,
             before,
             given_up: steps.limited.given_up,
-            stays,
+            remainder,
             limited,
         }
     }

@@ -217,17 +217,17 @@ const POSE: [i32; TERMS] = [
 /// 256ths of an instruction for each term of one command, filter included, without its frame.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
-    1344469, 186786, 92191, -29304, 105553, 46752,
-    722996, 75330, 20537, 1796,
-    1022364, 52489, 31711, 3217,
-    691837, 107397, 125241, 6375,
-    467563, 55770, 11970, 48242, 33443, 10134, 42900, 13860, -3814, 30517, 4245, 779, 13256, 3979, 535, 2236, 76802, 35906, 10917, 10403, 2920, 22346, 65863, 21488, 4590, 24014, -2061, 1423, 660, -258,
+    1158951, 163137, 30272, -23814, 46255, 33583,
+    528374, 66686, 20413, 1806,
+    843405, 39180, 31911, 3182,
+    572950, 84001, 124611, 6443,
+    422253, 55541, 8332, 20642, 35828, 10207, 46863, 12572, 231, 33150, 4371, 1424, 12910, 3995, 528, 2654, 66801, 30963, 12177, 9580, 3022, 21129, 64730, 16187, 4562, -9268, 229, 3909, -77, -166,
 ];
 
 /// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the
 /// timer comes in between: without a joint, and for each joint. What came before the last byte is read already.
-const FRAME: u32 = 3_380;
-const FRAME_JOINT: u32 = 545;
+const FRAME: u32 = 3_400;
+const FRAME_JOINT: u32 = 560;
 
 impl ModelSize {
     /// Bound on the instructions of one evaluation on a Cortex-M4F.

@@ -80,6 +80,9 @@ fn blob_of(sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
     blob::encode(&decoded, &mut buffer).unwrap().to_vec()
 }
 
+/// Commands of each model.
+const FRAMES: usize = 200;
+
 /// Most instructions of an evaluation, of a command, of a command with its frame, and of that or an evaluation or a correction with its frame.
 fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -91,7 +94,9 @@ fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     });
     let queries: Vec<Query> = sample.queries(40).into_iter().chain(special).collect();
     let most = |ticks: Vec<u32>| instructions(ticks.into_iter().max().unwrap(), tick_hz);
-    let commands = queries.iter().map(|q| device.command(q).unwrap().ticks);
+    // Often enough that all bytes of a frame come at once now and then.
+    let often = queries.iter().cycle().take(FRAMES);
+    let commands = often.map(|q| device.command(q).unwrap().ticks);
     let command = most(commands.collect());
     let with_frame = most(vec![device.statistics().unwrap().max_latency_ticks]);
     let poses = queries.iter().map(|q| device.evaluate(q).unwrap().ticks);
