@@ -6,7 +6,9 @@
 //! r_i ~ N(0, (s_i² + v_i) I₃)        ln s_i ~ N(μ, τ²)
 //! ```
 //!
-//! with the known variance v_i of its noise. A grid over (μ, τ), flat in both, carries the posterior distribution.
+//! with the known variance v_i of its noise. A grid over (μ, τ) carries the posterior distribution. Beforehand exp μ and τ are
+//! uniform: with μ uniform, an arm that is better than its noise would be taken for one that has hardly any error (Gelman,
+//! Bayesian Analysis 2006, on standard deviations of groups).
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -30,6 +32,8 @@ const VALUES: usize = 150;
 const RATIOS: usize = 40;
 const LEAST_RATIO: f64 = -3.0;
 const LARGEST_RATIO: f64 = 6.0;
+/// Relative precision of a quantile.
+const PRECISION: f64 = 1e-9;
 /// Pairs below this share of the most probable one are left out.
 const NEGLIGIBLE: f64 = 1e-6;
 /// The least share of the mean square of the residuals that noise is taken to leave, where the grid is centred.
@@ -60,11 +64,10 @@ impl Shape {
         self.squares.iter().map(of).sum()
     }
 
-    /// The quantile of the error.
-    fn quantile(&self, scale: f64, noise: f64) -> f64 {
+    /// The quantile of the error, which is between these two.
+    fn quantile(&self, scale: f64, noise: f64, (mut lower, mut upper): (f64, f64)) -> f64 {
         // Bisection: the function rises from 0 to 1.
-        let (mut lower, mut upper) = (0.0, 1e3 * (scale + noise.sqrt()));
-        for _ in 0..44 {
+        while upper - lower > PRECISION * upper {
             let middle = 0.5 * (lower + upper);
             match self.below(middle, scale, noise) < SHARE {
                 true => lower = middle,
@@ -88,6 +91,8 @@ pub(super) struct ErrorFamily {
     mixture: Vec<(f64, f64)>,
     /// Variance of the noise of one component, mean over the poses.
     noise: f64,
+    /// Logarithm of the probability of the errors, all pairs of the grid being as probable beforehand.
+    pub(super) evidence: f64,
 }
 
 impl ErrorFamily {
@@ -132,6 +137,7 @@ impl ErrorFamily {
             mixture: mixture(&spreads),
             spreads,
             noise: variance * mean_of_inverse,
+            evidence: near.evidence(),
         })
     }
 
@@ -147,13 +153,21 @@ impl ErrorFamily {
             let sigma = self.noise.sqrt();
             let mut quantiles = Vec::new();
             if sigma > 0.0 {
-                quantiles.push((shape.quantile(0.0, self.noise), 0.0));
-                let own = shape.quantile(1.0, 0.0);
+                let of_noise = shape.quantile(0.0, self.noise, (0.0, 10.0 * sigma));
+                let own = shape.quantile(1.0, 0.0, (0.0, 1e3));
+                quantiles.push((of_noise, 0.0));
                 let step = (LARGEST_RATIO - LEAST_RATIO) / (RATIOS - 1) as f64;
-                quantiles.extend((0..RATIOS).map(|i| {
+                let mut before = of_noise;
+                for i in 0..RATIOS {
                     let scale = sigma * libm::exp(LEAST_RATIO + step * i as f64);
-                    (shape.quantile(scale, self.noise), scale * own)
-                }));
+                    // Of all scaled alike it would grow by exp(step).
+                    let most = match i {
+                        0 => 1.1 * (of_noise + scale * own),
+                        _ => before * libm::exp(step),
+                    };
+                    before = shape.quantile(scale, self.noise, (before, most));
+                    quantiles.push((before, scale * own));
+                }
             }
             Denoised {
                 probability: locations.iter().map(|(_, p)| p).sum(),
@@ -218,7 +232,7 @@ impl Denoised {
     }
 }
 
-/// A pair of μ and τ, with the logarithm of its likelihood.
+/// A pair of μ and τ, with the logarithm of its likelihood and probability beforehand.
 struct Pair {
     location: f64,
     spread: f64,
@@ -252,7 +266,7 @@ impl Grid {
                 pairs.push(Pair {
                     location,
                     spread,
-                    log: squares.iter().map(likelihood).sum(),
+                    log: location + squares.iter().map(likelihood).sum::<f64>(),
                 });
             }
         }
@@ -262,6 +276,19 @@ impl Grid {
     fn most_probable(&self) -> f64 {
         let logs = self.0.iter().map(|p| p.log);
         logs.fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Logarithm of the sum of the likelihoods, times the area of a cell.
+    fn evidence(&self) -> f64 {
+        let most = self.most_probable();
+        let sum: f64 = self.0.iter().map(|p| libm::exp(p.log - most)).sum();
+        let side = |of: fn(&Pair) -> f64, count: usize| {
+            let values = self.0.iter().map(of);
+            let first = values.clone().fold(f64::INFINITY, f64::min);
+            (values.fold(f64::NEG_INFINITY, f64::max) - first) / (count - 1) as f64
+        };
+        let area = side(|p| p.location, LOCATIONS) * side(|p| p.spread, SPREADS);
+        most + libm::log(sum * area)
     }
 
     /// Mean and standard deviation of a function of the pair.

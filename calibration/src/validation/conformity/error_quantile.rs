@@ -10,8 +10,8 @@
 //! ```
 //!
 //! Without noise the quantile Q of the measured errors is that of the arm; else the family says which quantile of the arm gives
-//! Q with the noise. The mean over x and τ is the estimate E and its standard deviation the standard uncertainty
-//! (JCGM 101:2008, 6.4). So few poses state a large uncertainty, and the noise is taken out of the distribution, not out of
+//! Q with the noise. The mean over x, τ and the values that the noise may have is the estimate E and its standard deviation the
+//! standard uncertainty (JCGM 101:2008, 6.4). So few poses state a large uncertainty, and the noise is taken out of the distribution, not out of
 //! a number.
 
 use std::collections::BTreeMap;
@@ -102,6 +102,11 @@ pub struct Noise {
 const ENOUGH: f64 = 10.0;
 /// Relative standard uncertainty of a noise that a file declares.
 pub const DECLARED_NOISE_UNCERTAINTY: f64 = 0.2;
+/// Relative standard uncertainty of the noise that is known least: it may not reach 0.
+const LEAST_KNOWN: f64 = 0.3;
+/// Values of a noise, evenly spaced, so many standard uncertainties to both sides of the one that is said.
+const NOISES: usize = 9;
+const MOST_UNCERTAIN: f64 = 3.0;
 /// Standard deviations of a mean square from which on it is certainly smaller.
 const CONTRADICTION: f64 = 3.0;
 
@@ -117,28 +122,35 @@ impl Noise {
             (None, Some(variance)) => variance,
             (None, None) => 0.0,
         };
-        // Errors that are certainly smaller than the noise in them contradict it.
+        let repeated = repeated.map(|(_, freedom)| freedom);
+        // Errors that are certainly smaller than the least noise that may be in them contradict it.
+        let least = variance * (1.0 - MOST_UNCERTAIN * relative_uncertainty(repeated)).powi(2);
         let freedom = 3.0 * distinct.poses() as f64;
         let of = |(square, count): &(f64, f64)| square * count;
         let found = distinct.squares.iter().map(of).sum::<f64>() / freedom;
-        let is_contradicted = found < variance * (1.0 - CONTRADICTION * (2.0 / freedom).sqrt());
+        let is_contradicted = found < least * (1.0 - CONTRADICTION * (2.0 / freedom).sqrt());
         Self {
             sigma: if is_contradicted {
                 0.0
             } else {
                 variance.sqrt()
             },
-            repeated: repeated.map(|(_, freedom)| freedom),
+            repeated,
             is_contradicted,
         }
     }
 
     /// Relative standard uncertainty of the standard deviation.
     pub fn relative_uncertainty(&self) -> f64 {
-        self.repeated.map_or(DECLARED_NOISE_UNCERTAINTY, |freedom| {
-            1.0 / (2.0 * freedom).sqrt()
-        })
+        relative_uncertainty(self.repeated)
     }
+}
+
+/// Of a standard deviation with these degrees of freedom, or of one that is declared.
+fn relative_uncertainty(repeated: Option<f64>) -> f64 {
+    repeated.map_or(DECLARED_NOISE_UNCERTAINTY, |freedom| {
+        (1.0 / (2.0 * freedom).sqrt()).min(LEAST_KNOWN)
+    })
 }
 
 /// The estimate of the quantile, mm or mrad.
@@ -155,27 +167,48 @@ pub struct Quantile {
 }
 
 /// The quantile of the errors of these poses, `noise` taken out.
+///
+/// The standard deviation of the noise is not known exactly: its values count as much as they are probable beforehand and by the
+/// errors themselves. The variance of E is then the mean of those at each value, which is that of few poses, and the
+/// variance of the means, which is that of the noise.
 pub fn estimate(distinct: &Distinct, noise: &Noise) -> Quantile {
-    let (error, of_few_poses) = posterior(distinct, noise.sigma);
     let change = noise.relative_uncertainty();
-    // Outwards, for the estimate stops at 0 inwards.
-    let of_noise = match noise.sigma > 0.0 {
-        true => error - posterior(distinct, noise.sigma * (1.0 + change)).0,
-        false => 0.0,
+    let count = if noise.sigma > 0.0 { NOISES } else { 1 };
+    let found: Vec<(f64, Posterior)> = (0..count)
+        .filter_map(|i| {
+            let z = MOST_UNCERTAIN * (2.0 * i as f64 / (NOISES - 1) as f64 - 1.0);
+            let sigma = noise.sigma * (1.0 + change * z);
+            Some((libm::exp(-0.5 * z * z), posterior(distinct, sigma)?))
+        })
+        .collect();
+    let most = found.iter().map(|(_, p)| p.evidence);
+    let most = most.fold(f64::NEG_INFINITY, f64::max);
+    let weight = |(p, found): &(f64, Posterior)| p * libm::exp(found.evidence - most);
+    let whole: f64 = found.iter().map(weight).sum();
+    let mean = |of: &dyn Fn(&Posterior) -> f64| match found.is_empty() {
+        true => 0.0,
+        false => found.iter().map(|x| weight(x) * of(&x.1)).sum::<f64>() / whole,
     };
+    let error = mean(&|p| p.mean);
     Quantile {
         error,
-        of_few_poses,
+        of_few_poses: mean(&|p| p.variance).sqrt(),
         freedom: distinct.poses() as f64 / POSES_PER_FREEDOM,
-        of_noise: of_noise.abs(),
+        of_noise: mean(&|p| (p.mean - error).powi(2)).sqrt(),
     }
 }
 
-/// Mean and standard deviation of the quantile, where one component of one measurement has noise of `sigma`.
-fn posterior(distinct: &Distinct, sigma: f64) -> (f64, f64) {
-    let Some(family) = ErrorFamily::fitted(&distinct.squares, sigma) else {
-        return (0.0, 0.0);
-    };
+/// The distribution of the quantile with a noise that is known.
+struct Posterior {
+    mean: f64,
+    variance: f64,
+    /// Logarithm of the probability of the errors.
+    evidence: f64,
+}
+
+/// Where one component of one measurement has noise of `sigma`; `None` of errors that are all zero.
+fn posterior(distinct: &Distinct, sigma: f64) -> Option<Posterior> {
+    let family = ErrorFamily::fitted(&distinct.squares, sigma)?;
     let mut errors: Vec<f64> = distinct.squares.iter().map(|(e, _)| e.sqrt()).collect();
     errors.sort_by(f64::total_cmp);
     let count = errors.len();
@@ -202,5 +235,9 @@ fn posterior(distinct: &Distinct, sigma: f64) -> (f64, f64) {
         }
         before = until.max(before);
     }
-    (sum, (sum_of_squares - sum * sum).max(0.0).sqrt())
+    Some(Posterior {
+        mean: sum,
+        variance: (sum_of_squares - sum * sum).max(0.0),
+        evidence: family.evidence,
+    })
 }
