@@ -1,8 +1,9 @@
 //! Whether verdicts and expanded uncertainties are true: calibrations of simulated arms whose true errors are known.
 //!
 //! Each is judged by held-out poses with the tracker's noise, from a test set and by cross-validation. The rows of each arm
-//! declare a noise that is wrong by the standard uncertainty which the budget states of it. The truth is the error that 95 of 100 of 2 000 fresh poses without noise do not exceed. "Wrongly conforms" asks for the worst tolerance:
-//! the one that the arm just misses. The suite looks at a few arms; the study behind `docs/evidence/conformity.md` at 1 000:
+//! declare a noise that is wrong by as much as the budget states of it. The truth is the error that 95 of 100 of 2 000 fresh
+//! poses without noise do not exceed. "Wrongly conforms" asks for the worst tolerance: the one that the arm just misses. The
+//! suite looks at a few arms; the study behind `docs/evidence/conformity.md` at 1 000:
 //!
 //! ```sh
 //! cargo test --release -p poegp-calibration --test conformity -- --ignored --nocapture

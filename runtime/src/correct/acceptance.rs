@@ -21,8 +21,9 @@ pub struct Corrected<T> {
     /// How much of the arm's error is corrected, from 0 to 1: 1 but beside singularities and where a bound acts. A metre
     /// counts as much as a radian.
     pub applied: T,
-    /// Distance in metres of the target from where it should be, by the model and at these joints, with what the search does not
-    /// know of it: rather too large than too small. Zero where nothing is known (no model, bad input).
+    /// Distance in metres of the target from where it should be, by the model and at these joints. It includes an estimate of what
+    /// the last step's linearisation leaves, and is rather too large than too small. Zero where nothing is known (no model,
+    /// bad input).
     pub position_error: T,
     /// The rotation error that stays, in radians.
     pub rotation_error: T,
@@ -46,15 +47,15 @@ pub(super) struct Candidate<T> {
 pub(super) struct Remainder<T> {
     /// The error that stays.
     pub(super) stays: PoseError6<T>,
-    /// About how much of position and of rotation may be left besides: what the last step did not know.
-    pub(super) unknown: [T; 2],
+    /// Estimates of how much of position and of rotation the last step's linearisation leaves besides.
+    pub(super) nonlinear: [T; 2],
 }
 
 impl<T: Scalar> Remainder<T> {
     pub(super) fn none() -> Self {
         Self {
             stays: [T::ZERO; 6],
-            unknown: [T::ZERO; 2],
+            nonlinear: [T::ZERO; 2],
         }
     }
 }
@@ -83,12 +84,18 @@ impl<T: Scalar> Candidate<T> {
         status: Status,
     ) -> Corrected<T> {
         let factor = self.factor(coupling);
-        let Remainder { mut stays, unknown } = self.remainder;
+        let Remainder {
+            mut stays,
+            nonlinear,
+        } = self.remainder;
         for (value, before) in stays.iter_mut().zip(&self.before) {
             *value = factor * *value + (T::ONE - factor) * *before;
         }
         let (position, rotation) = squared_norms(&stays);
-        let (position, rotation) = (position.sqrt() + unknown[0], rotation.sqrt() + unknown[1]);
+        let (position, rotation) = (
+            position.sqrt() + nonlinear[0],
+            rotation.sqrt() + nonlinear[1],
+        );
         let mut command = *joints;
         let mut checksum = position + rotation;
         for (slot, change) in command.iter_mut().zip(&self.change) {

@@ -2,7 +2,7 @@
 //!
 //! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a continuous function
 //! of q and m with a bounded slope: beside singularities part of the error stays ([`crate::correct::step_limit`]). The first step is
-//! limited so; later ones, with its J and its damping, take away what its linearisation left, and leave what it gave up.
+//! limited so. Later steps use its J and its damping: they take away what its linearisation left, and leave what it gave up.
 //!
 //! With an elastic model the deflection is a part of the arm's error, and small and smooth:
 //!
@@ -61,7 +61,7 @@ use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
 /// Steps after the first one. With a correction in task space one of them leaves more than 1 µm at 1 % of the poses.
 const LATER_STEPS: usize = 1;
 const LATER_TASK_SPACE_STEPS: usize = 2;
-/// A change of the joints that is none, squared: rounding.
+/// Square of a joint change that is rounding alone, rad² or m².
 const LEAST_SQUARE: f64 = 1e-12;
 
 /// A number type for which the correction is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
@@ -232,10 +232,10 @@ impl<T: KernelLoops> Search<'_, T> {
         }
     }
 
-    /// One step more, where this error is left.
+    /// One step δ more against the error that is left, with the J of the first step.
     ///
-    /// It has the J of the first step. That leaves (J(q + d) − J) δ of the change δ, an error of third order: as to the error e
-    /// that is taken away, which the curvature along d has left, about 2 |e| |δ|/|d|.
+    /// After the change d the target really moves by J(q + d) δ. The difference to J δ is an error of third order. Its estimate is
+    /// 2 |e| |δ|/|d|, because the curvature along d has left the error e that this step takes away.
     #[inline(never)]
     fn later_step(
         &self,
@@ -263,7 +263,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let (position, rotation) = squared_norms(&taken);
         Remainder {
             stays,
-            unknown: [(share * position).sqrt(), (share * rotation).sqrt()],
+            nonlinear: [(share * position).sqrt(), (share * rotation).sqrt()],
         }
     }
 

@@ -74,7 +74,7 @@ const LEAST_PUSH: f64 = 0.5e-6;
 pub struct LimitedStep<T> {
     /// x; the joint changes are Jᵀ x.
     pub x: PoseError6<T>,
-    /// What it leaves of the error on purpose, which is all but what the least λ leaves.
+    /// What it leaves of the error on purpose: everything but what the least λ leaves.
     pub given_up: PoseError6<T>,
     /// What later steps must be solved with, so that they do not bring back what was given up.
     pub damped: DampedGram<T>,
@@ -262,7 +262,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         for (value, part) in x.iter_mut().zip(&shift) {
             *value += shift_share * *part;
         }
-        // (J Jᵀ + Λ) x is the shares of the error.
+        // (J Jᵀ + Λ) x is the error times the shares.
         let mut given_up = joined(
             &scaled(T::ONE - shift_share, &p),
             &scaled(T::ONE - turn_share, &r),

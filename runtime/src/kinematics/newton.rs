@@ -1,10 +1,10 @@
-//! Damped Newton steps towards a pose: what the solver of corrected joints is made of.
+//! Damped Newton steps towards a pose, for corrected joints and for the inverse.
 //!
 //! Errors e and Jacobians J have the displacement of the target's origin in metres first, then its rotation in radians,
 //! both along the axes of the base. A step is d = Jᵀ (J Jᵀ + Λ)⁻¹ e with Λ = diag(λ_p, λ_p, λ_p, λ_r, λ_r, λ_r), which
 //! minimises |d|² + |e_p − J_p d|²/λ_p + |e_r − J_r d|²/λ_r: the form for arms of any number of joints, and the one in which
-//! position and rotation can be given up separately ([`crate::correct::step_limit`]). The 6×6 matrix is factored as L D Lᵀ. No pivot
-//! is taken below its damping, so that the steps of singular arms are finite.
+//! position and rotation can be given up separately ([`crate::correct::step_limit`]). The inverse
+//! factors the 6×6 matrix as L D Lᵀ. No pivot is taken below its damping, so that the steps of singular arms are finite.
 
 use core::hint::black_box;
 

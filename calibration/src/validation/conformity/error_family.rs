@@ -6,9 +6,9 @@
 //! r_i ~ N(0, (s_i² + v_i) I₃)        ln s_i ~ N(μ, τ²)
 //! ```
 //!
-//! with the known variance v_i of its noise. A grid over (μ, τ) carries the posterior distribution. Beforehand exp μ and τ are
-//! uniform: with μ uniform, an arm that is better than its noise would be taken for one that has hardly any error (Gelman,
-//! Bayesian Analysis 2006, on standard deviations of groups).
+//! with the known variance v_i of its noise. A grid over (μ, τ) carries the posterior distribution. The prior is uniform in exp μ
+//! and τ (Gelman, Bayesian Analysis 2006, on the standard deviation of groups). Were it uniform in μ, an arm that is better than
+//! its noise would be taken for one that has hardly any error.
 
 use std::f64::consts::{PI, SQRT_2};
 
@@ -32,8 +32,9 @@ const VALUES: usize = 150;
 const RATIOS: usize = 40;
 const LEAST_RATIO: f64 = -3.0;
 const LARGEST_RATIO: f64 = 6.0;
-/// Relative precision of a quantile.
+/// Relative precision of a quantile, and how often its range is halved at most.
 const PRECISION: f64 = 1e-9;
+const MOST_HALVINGS: usize = 60;
 /// Pairs below this share of the most probable one are left out.
 const NEGLIGIBLE: f64 = 1e-6;
 /// The least share of the mean square of the residuals that noise is taken to leave, where the grid is centred.
@@ -67,7 +68,10 @@ impl Shape {
     /// The quantile of the error, which is between these two.
     fn quantile(&self, scale: f64, noise: f64, (mut lower, mut upper): (f64, f64)) -> f64 {
         // Bisection: the function rises from 0 to 1.
-        while upper - lower > PRECISION * upper {
+        for _ in 0..MOST_HALVINGS {
+            if upper - lower <= PRECISION * upper {
+                break;
+            }
             let middle = 0.5 * (lower + upper);
             match self.below(middle, scale, noise) < SHARE {
                 true => lower = middle,
@@ -91,7 +95,7 @@ pub(super) struct ErrorFamily {
     mixture: Vec<(f64, f64)>,
     /// Variance of the noise of one component, mean over the poses.
     noise: f64,
-    /// Logarithm of the probability of the errors, all pairs of the grid being as probable beforehand.
+    /// Logarithm of the probability of the errors with this noise, but for a constant.
     pub(super) evidence: f64,
 }
 
@@ -232,7 +236,7 @@ impl Denoised {
     }
 }
 
-/// A pair of μ and τ, with the logarithm of its likelihood and probability beforehand.
+/// A pair of μ and τ, with the logarithm of its likelihood times its prior.
 struct Pair {
     location: f64,
     spread: f64,
@@ -278,17 +282,16 @@ impl Grid {
         logs.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Logarithm of the sum of the likelihoods, times the area of a cell.
+    /// Logarithm of the probability of the errors: the integral over the grid.
     fn evidence(&self) -> f64 {
+        let (Some(first), Some(last)) = (self.0.first(), self.0.last()) else {
+            return f64::NEG_INFINITY;
+        };
         let most = self.most_probable();
         let sum: f64 = self.0.iter().map(|p| libm::exp(p.log - most)).sum();
-        let side = |of: fn(&Pair) -> f64, count: usize| {
-            let values = self.0.iter().map(of);
-            let first = values.clone().fold(f64::INFINITY, f64::min);
-            (values.fold(f64::NEG_INFINITY, f64::max) - first) / (count - 1) as f64
-        };
-        let area = side(|p| p.location, LOCATIONS) * side(|p| p.spread, SPREADS);
-        most + libm::log(sum * area)
+        let cell = (last.location - first.location) / (LOCATIONS - 1) as f64
+            * ((last.spread - first.spread) / (SPREADS - 1) as f64);
+        most + libm::log(sum * cell)
     }
 
     /// Mean and standard deviation of a function of the pair.

@@ -10,9 +10,9 @@
 //! ```
 //!
 //! Without noise the quantile Q of the measured errors is that of the arm; else the family says which quantile of the arm gives
-//! Q with the noise. The mean over x, τ and the values that the noise may have is the estimate E and its standard deviation the
-//! standard uncertainty (JCGM 101:2008, 6.4). So few poses state a large uncertainty, and the noise is taken out of the distribution, not out of
-//! a number.
+//! Q with the noise, for each of the values that the noise may have. The mean over x, τ and these values is the estimate E,
+//! and its standard deviation the standard uncertainty (JCGM 101:2008, 6.4). So few poses state a large uncertainty, and
+//! the noise is taken out of the distribution, not out of a number.
 
 use std::collections::BTreeMap;
 
@@ -102,11 +102,12 @@ pub struct Noise {
 const ENOUGH: f64 = 10.0;
 /// Relative standard uncertainty of a noise that a file declares.
 pub const DECLARED_NOISE_UNCERTAINTY: f64 = 0.2;
-/// Relative standard uncertainty of the noise that is known least: it may not reach 0.
-const LEAST_KNOWN: f64 = 0.3;
-/// Values of a noise, evenly spaced, so many standard uncertainties to both sides of the one that is said.
+/// The standard deviation of the noise is tried at so many values, evenly spaced, and up to so many standard uncertainties to both
+/// sides of the one that is known.
 const NOISES: usize = 9;
-const MOST_UNCERTAIN: f64 = 3.0;
+const REACH_OF_NOISES: f64 = 3.0;
+/// The largest relative standard uncertainty of it: the least value must stay above 0.
+const LARGEST_UNCERTAINTY: f64 = 0.3;
 /// Standard deviations of a mean square from which on it is certainly smaller.
 const CONTRADICTION: f64 = 3.0;
 
@@ -123,8 +124,8 @@ impl Noise {
             (None, None) => 0.0,
         };
         let repeated = repeated.map(|(_, freedom)| freedom);
-        // Errors that are certainly smaller than the least noise that may be in them contradict it.
-        let least = variance * (1.0 - MOST_UNCERTAIN * relative_uncertainty(repeated)).powi(2);
+        // Errors contradict a noise when they are certainly smaller than the least value that it may have.
+        let least = variance * (1.0 - REACH_OF_NOISES * relative_uncertainty(repeated)).powi(2);
         let freedom = 3.0 * distinct.poses() as f64;
         let of = |(square, count): &(f64, f64)| square * count;
         let found = distinct.squares.iter().map(of).sum::<f64>() / freedom;
@@ -149,7 +150,7 @@ impl Noise {
 /// Of a standard deviation with these degrees of freedom, or of one that is declared.
 fn relative_uncertainty(repeated: Option<f64>) -> f64 {
     repeated.map_or(DECLARED_NOISE_UNCERTAINTY, |freedom| {
-        (1.0 / (2.0 * freedom).sqrt()).min(LEAST_KNOWN)
+        (1.0 / (2.0 * freedom).sqrt()).min(LARGEST_UNCERTAINTY)
     })
 }
 
@@ -168,15 +169,15 @@ pub struct Quantile {
 
 /// The quantile of the errors of these poses, `noise` taken out.
 ///
-/// The standard deviation of the noise is not known exactly: its values count as much as they are probable beforehand and by the
-/// errors themselves. The variance of E is then the mean of those at each value, which is that of few poses, and the
-/// variance of the means, which is that of the noise.
+/// The standard deviation of the noise is itself uncertain. Each of its values is weighted by its prior and by the probability
+/// of the errors with it. By the law of total variance the uncertainty of E has two parts: the mean of the variances at these
+/// values is what few poses add, and the variance of the means is what the noise adds.
 pub fn estimate(distinct: &Distinct, noise: &Noise) -> Quantile {
     let change = noise.relative_uncertainty();
     let count = if noise.sigma > 0.0 { NOISES } else { 1 };
     let found: Vec<(f64, Posterior)> = (0..count)
         .filter_map(|i| {
-            let z = MOST_UNCERTAIN * (2.0 * i as f64 / (NOISES - 1) as f64 - 1.0);
+            let z = REACH_OF_NOISES * (2.0 * i as f64 / (NOISES - 1) as f64 - 1.0);
             let sigma = noise.sigma * (1.0 + change * z);
             Some((libm::exp(-0.5 * z * z), posterior(distinct, sigma)?))
         })
