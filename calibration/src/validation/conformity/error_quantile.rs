@@ -108,6 +108,8 @@ const NOISES: usize = 9;
 const REACH_OF_NOISES: f64 = 3.0;
 /// The largest relative standard uncertainty of it: the least value must stay above 0.
 const LARGEST_UNCERTAINTY: f64 = 0.3;
+/// Standard uncertainties by which the noise is credibly smaller than what is known of it.
+const CREDIBLE: f64 = 2.0;
 /// Standard deviations of a mean square from which on it is certainly smaller.
 const CONTRADICTION: f64 = 3.0;
 
@@ -124,8 +126,8 @@ impl Noise {
             (None, None) => 0.0,
         };
         let repeated = repeated.map(|(_, freedom)| freedom);
-        // Errors contradict a noise when they are certainly smaller than the least value that it may have.
-        let least = variance * (1.0 - REACH_OF_NOISES * relative_uncertainty(repeated)).powi(2);
+        // Errors contradict a noise when they are certainly smaller than the least value that it credibly has.
+        let least = variance * (1.0 - CREDIBLE * relative_uncertainty(repeated)).powi(2);
         let freedom = 3.0 * distinct.poses() as f64;
         let of = |(square, count): &(f64, f64)| square * count;
         let found = distinct.squares.iter().map(of).sum::<f64>() / freedom;

@@ -93,6 +93,11 @@ fn a_noise_that_the_errors_contradict_is_not_removed() {
     let plain = found(&residuals, None, None).position;
     let contradicted = found(&residuals, Some(0.5), None).position;
     assert_eq!(contradicted.error, plain.error);
+    // Also of errors that have a third of it.
+    let residuals = drawn(100, 0.2, &mut ChaCha8Rng::seed_from_u64(14));
+    let plain = found(&residuals, None, None).position;
+    let contradicted = found(&residuals, Some(0.6), None).position;
+    assert_eq!(contradicted.error, plain.error);
     // A true one is.
     let residuals = drawn(400, 0.1, &mut ChaCha8Rng::seed_from_u64(10));
     let plain = found(&residuals, None, None).position;
