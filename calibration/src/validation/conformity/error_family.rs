@@ -289,9 +289,9 @@ impl Grid {
         };
         let most = self.most_probable();
         let sum: f64 = self.0.iter().map(|p| libm::exp(p.log - most)).sum();
-        let cell = (last.location - first.location) / (LOCATIONS - 1) as f64
+        let area = (last.location - first.location) / (LOCATIONS - 1) as f64
             * ((last.spread - first.spread) / (SPREADS - 1) as f64);
-        most + libm::log(sum * cell)
+        most + libm::log(sum * area)
     }
 
     /// Mean and standard deviation of a function of the pair.
