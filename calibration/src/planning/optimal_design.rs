@@ -180,27 +180,6 @@ impl Design {
         Some(Factor::new(information, 1).ok()?.inverse())
     }
 
-    /// Adds the information of a pose to M⁻¹ (`sign` 1), or takes it away (−1), by Woodbury's identity.
-    fn update(&self, covariance: &mut Mat<f64>, i: usize, sign: f64) {
-        let b = self.block(i);
-        let cb = product(&*covariance, Transposed(&b));
-        let bcb = product(&b, &cb);
-        let s = Block::from_fn(|a, k| sign * bcb[(a, k)] + if a == k { 1.0 } else { 0.0 });
-        let Some(inverse) = s.try_inverse() else {
-            return;
-        };
-        let left = product(
-            &cb,
-            &Mat::from_fn(ROWS, ROWS, |a, k| -sign * inverse[(a, k)]),
-        );
-        multiply(
-            &mut columns_mut(covariance),
-            Become::Sum,
-            &Operand::from(&left),
-            &Operand::from(Transposed(&cb)),
-        );
-    }
-
     /// Σ BₚᵀBₚ of all candidates over their number.
     fn mean_position(&self) -> Mat<f64> {
         let count = self.rows.nrows() / ROWS;
@@ -222,43 +201,167 @@ impl Design {
         let wanted = self.mean_position();
         for _ in 0..ROUNDS {
             // Computed again in every round: updates accumulate rounding errors.
-            let Some(mut covariance) = self.covariance(&chosen) else {
+            let Some(covariance) = self.covariance(&chosen) else {
                 return chosen;
             };
+            let mut gains = Gains::new(self, covariance, &wanted);
             let before = chosen.clone();
             for slot in 0..chosen.len() {
                 let old = chosen[slot];
-                self.update(&mut covariance, old, -1.0);
-                let first = n * (old / n);
-                let b = self.rows.rows(ROWS * first, ROWS * n).into_owned();
-                let u = product(&b, &covariance);
-                let v = product(&product(&u, &wanted), &covariance);
-                let between = |left: &Mat<f64>, row: usize| {
-                    Block::from_fn(|a, k| {
-                        let dot = (0..b.ncols()).map(|j| left[(row + a, j)] * b[(row + k, j)]);
-                        dot.sum::<f64>()
-                    })
+                let Some(removal) = gains.change(old, -1.0) else {
+                    continue;
                 };
-                // tr((I + B C Bᵀ)⁻¹ B C W C Bᵀ), by which the candidate lowers tr(C W).
-                let gain = |i: usize| {
-                    let row = ROWS * (i - first);
-                    let s = Block::identity() + between(&u, row);
-                    s.try_inverse()
-                        .map_or(0.0, |s| (s * between(&v, row)).trace())
-                };
-                let free = |i: &usize| *i == old || !chosen.iter().any(|c| c % n == i % n);
-                let best = (first..first + n)
-                    .filter(free)
-                    .map(|i| (i, gain(i)))
+                let payload = old / n;
+                let others = gains.payloads[payload].after(&removal);
+                let is_free = |i: &usize| *i == old % n || !chosen.iter().any(|c| c % n == *i);
+                let best = (0..n)
+                    .filter(is_free)
+                    .map(|i| (n * payload + i, others[i].gain()))
                     .max_by(|a, b| a.1.total_cmp(&b.1));
-                chosen[slot] = best.map_or(old, |(i, _)| i);
-                self.update(&mut covariance, chosen[slot], 1.0);
+                let Some((new, _)) = best.filter(|(i, _)| *i != old) else {
+                    continue;
+                };
+                chosen[slot] = new;
+                gains.apply(&removal);
+                if let Some(addition) = gains.change(new, 1.0) {
+                    gains.apply(&addition);
+                }
             }
             if chosen == before {
                 break;
             }
         }
         chosen
+    }
+}
+
+/// What each candidate would gain, kept while poses are exchanged.
+struct Gains<'a> {
+    design: &'a Design,
+    /// W, the variance that is to fall.
+    wanted: &'a Mat<f64>,
+    /// C = M⁻¹.
+    covariance: Mat<f64>,
+    payloads: Vec<OfPayload>,
+}
+
+/// The candidates of one payload.
+struct OfPayload {
+    /// B of all of them.
+    rows: Mat<f64>,
+    gains: Vec<Gain>,
+}
+
+struct Gain {
+    /// B C Bᵀ.
+    own: Block,
+    /// B C W C Bᵀ.
+    lowered: Block,
+}
+
+/// C − R K Rᵀ in place of C, by Woodbury's identity.
+struct Change {
+    /// R and C W R.
+    columns: Mat<f64>,
+    /// K, symmetric.
+    kernel: Block,
+    /// K Rᵀ W R K.
+    both: Block,
+}
+
+impl Gain {
+    /// tr((I + B C Bᵀ)⁻¹ B C W C Bᵀ), by which the candidate lowers tr(C W).
+    fn gain(&self) -> f64 {
+        (Block::identity() + self.own)
+            .try_inverse()
+            .map_or(0.0, |s| (s * self.lowered).trace())
+    }
+}
+
+impl OfPayload {
+    /// What the candidates would gain after a change.
+    fn after(&self, change: &Change) -> Vec<Gain> {
+        let Change { kernel, both, .. } = change;
+        let moved = product(&self.rows, &change.columns);
+        let after = |(i, gain): (usize, &Gain)| {
+            let block = |first: usize| Block::from_fn(|a, k| moved[(ROWS * i + a, first + k)]);
+            let (t, z) = (block(0), block(ROWS));
+            let (tk, crossed) = (t * kernel, t * kernel * z.transpose());
+            Gain {
+                own: gain.own - tk * t.transpose(),
+                lowered: gain.lowered + t * both * t.transpose() - crossed - crossed.transpose(),
+            }
+        };
+        self.gains.iter().enumerate().map(after).collect()
+    }
+}
+
+impl<'a> Gains<'a> {
+    fn new(design: &'a Design, covariance: Mat<f64>, wanted: &'a Mat<f64>) -> Self {
+        let n = design.of_a_payload;
+        let of_payload = |first: usize| {
+            let rows = design.rows.rows(first, ROWS * n).into_owned();
+            let u = product(&rows, &covariance);
+            let v = product(&product(&u, wanted), &covariance);
+            let between = |left: &Mat<f64>, row: usize| {
+                Block::from_fn(|a, k| {
+                    let dot = (0..rows.ncols()).map(|j| left[(row + a, j)] * rows[(row + k, j)]);
+                    dot.sum::<f64>()
+                })
+            };
+            let gain = |i: usize| Gain {
+                own: between(&u, ROWS * i),
+                lowered: between(&v, ROWS * i),
+            };
+            let gains = (0..n).map(gain).collect();
+            OfPayload { rows, gains }
+        };
+        let payloads = (0..design.rows.nrows())
+            .step_by(ROWS * n)
+            .map(of_payload)
+            .collect();
+        Self {
+            design,
+            wanted,
+            covariance,
+            payloads,
+        }
+    }
+
+    /// The information of a pose, added (`sign` 1) or taken away (−1); `None` only when a number is not finite.
+    fn change(&self, i: usize, sign: f64) -> Option<Change> {
+        let n = self.design.of_a_payload;
+        let own = self.payloads[i / n].gains[i % n].own;
+        let kernel = (Block::identity() + own * sign).try_inverse()? * sign;
+        let moved = product(&self.covariance, Transposed(&self.design.block(i)));
+        let wanted = product(self.wanted, &moved);
+        let both = product(Transposed(&moved), &wanted);
+        let lowered = product(&self.covariance, &wanted);
+        Some(Change {
+            columns: Mat::from_fn(moved.nrows(), 2 * ROWS, |j, k| match k.checked_sub(ROWS) {
+                None => moved[(j, k)],
+                Some(k) => lowered[(j, k)],
+            }),
+            both: kernel * Block::from_fn(|a, k| both[(a, k)]) * kernel,
+            kernel,
+        })
+    }
+
+    fn apply(&mut self, change: &Change) {
+        for of_payload in &mut self.payloads {
+            of_payload.gains = of_payload.after(change);
+        }
+        let moved = change.columns.columns(0, ROWS).into_owned();
+        let left = product(
+            &moved,
+            &Mat::from_fn(ROWS, ROWS, |a, k| -change.kernel[(a, k)]),
+        );
+        multiply(
+            &mut columns_mut(&mut self.covariance),
+            Become::Sum,
+            &Operand::from(&left),
+            &Operand::from(Transposed(&moved)),
+        );
     }
 }
 
@@ -323,6 +426,30 @@ mod tests {
                 changed[slot] = other;
                 assert!(variance(&changed) >= (1.0 - 1e-6) * best, "{slot}");
             }
+        }
+    }
+
+    /// A candidate's gain, kept through many exchanges, is the fall of the variance that is computed again.
+    #[test]
+    fn a_gain_is_the_fall_of_the_variance() {
+        let design = design();
+        let variance = |chosen: &[usize]| design.mean_variance(chosen).unwrap();
+        let mut chosen: Vec<usize> = (0..12).map(|k| JOINTS * (k % 2) + k).collect();
+        let wanted = design.mean_position();
+        let covariance = design.covariance(&chosen).unwrap();
+        let mut gains = Gains::new(&design, covariance, &wanted);
+        for (slot, new) in (0..12).map(|slot| (slot, 40 + slot)) {
+            for (i, sign) in [(chosen[slot], -1.0), (new, 1.0)] {
+                let change = gains.change(i, sign).unwrap();
+                gains.apply(&change);
+            }
+            chosen[slot] = new;
+        }
+        let before = variance(&chosen);
+        for i in [0, 17, JOINTS + 40, 2 * JOINTS - 1] {
+            let fall = before - variance(&[&chosen[..], &[i]].concat());
+            let kept = gains.payloads[i / JOINTS].gains[i % JOINTS].gain();
+            assert!((kept / fall - 1.0).abs() < 1e-6, "{i}: {kept} {fall}");
         }
     }
 }
