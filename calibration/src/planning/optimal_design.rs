@@ -249,10 +249,10 @@ struct Gains<'a> {
 struct OfPayload {
     /// B of all of them.
     rows: Mat<f64>,
-    gains: Vec<Gain>,
+    candidates: Vec<Candidate>,
 }
 
-struct Gain {
+struct Candidate {
     /// B C Bᵀ.
     own: Block,
     /// B C W C Bᵀ.
@@ -269,7 +269,7 @@ struct Change {
     both: Block,
 }
 
-impl Gain {
+impl Candidate {
     /// tr((I + B C Bᵀ)⁻¹ B C W C Bᵀ), by which the candidate lowers tr(C W).
     fn gain(&self) -> f64 {
         (Block::identity() + self.own)
@@ -280,19 +280,19 @@ impl Gain {
 
 impl OfPayload {
     /// What the candidates would gain after a change.
-    fn after(&self, change: &Change) -> Vec<Gain> {
+    fn after(&self, change: &Change) -> Vec<Candidate> {
         let Change { kernel, both, .. } = change;
         let moved = product(&self.rows, &change.columns);
-        let after = |(i, gain): (usize, &Gain)| {
+        let after = |(i, before): (usize, &Candidate)| {
             let block = |first: usize| Block::from_fn(|a, k| moved[(ROWS * i + a, first + k)]);
             let (t, z) = (block(0), block(ROWS));
             let (tk, crossed) = (t * kernel, t * kernel * z.transpose());
-            Gain {
-                own: gain.own - tk * t.transpose(),
-                lowered: gain.lowered + t * both * t.transpose() - crossed - crossed.transpose(),
+            Candidate {
+                own: before.own - tk * t.transpose(),
+                lowered: before.lowered + t * both * t.transpose() - crossed - crossed.transpose(),
             }
         };
-        self.gains.iter().enumerate().map(after).collect()
+        self.candidates.iter().enumerate().map(after).collect()
     }
 }
 
@@ -309,12 +309,12 @@ impl<'a> Gains<'a> {
                     dot.sum::<f64>()
                 })
             };
-            let gain = |i: usize| Gain {
+            let candidate = |i: usize| Candidate {
                 own: between(&u, ROWS * i),
                 lowered: between(&v, ROWS * i),
             };
-            let gains = (0..n).map(gain).collect();
-            OfPayload { rows, gains }
+            let candidates = (0..n).map(candidate).collect();
+            OfPayload { rows, candidates }
         };
         let payloads = (0..design.rows.nrows())
             .step_by(ROWS * n)
@@ -331,7 +331,7 @@ impl<'a> Gains<'a> {
     /// The information of a pose, added (`sign` 1) or taken away (−1); `None` only when a number is not finite.
     fn change(&self, i: usize, sign: f64) -> Option<Change> {
         let n = self.design.of_a_payload;
-        let own = self.payloads[i / n].gains[i % n].own;
+        let own = self.payloads[i / n].candidates[i % n].own;
         let kernel = (Block::identity() + own * sign).try_inverse()? * sign;
         let moved = product(&self.covariance, Transposed(&self.design.block(i)));
         let wanted = product(self.wanted, &moved);
@@ -349,7 +349,7 @@ impl<'a> Gains<'a> {
 
     fn apply(&mut self, change: &Change) {
         for of_payload in &mut self.payloads {
-            of_payload.gains = of_payload.after(change);
+            of_payload.candidates = of_payload.after(change);
         }
         let moved = change.columns.columns(0, ROWS).into_owned();
         let left = product(
@@ -448,7 +448,7 @@ mod tests {
         let before = variance(&chosen);
         for i in [0, 17, JOINTS + 40, 2 * JOINTS - 1] {
             let fall = before - variance(&[&chosen[..], &[i]].concat());
-            let kept = gains.payloads[i / JOINTS].gains[i % JOINTS].gain();
+            let kept = gains.payloads[i / JOINTS].candidates[i % JOINTS].gain();
             assert!((kept / fall - 1.0).abs() < 1e-6, "{i}: {kept} {fall}");
         }
     }

@@ -251,6 +251,12 @@ impl Grid {
         let at = |(from, to): (f64, f64), i: usize, count: usize| {
             from + (to - from) * i as f64 / (count - 1) as f64
         };
+        // Most poses are measured equally often: what depends on that is computed once for each pair.
+        let mut counts: Vec<f64> = squares.iter().map(|(_, count)| *count).collect();
+        counts.sort_by(f64::total_cmp);
+        counts.dedup();
+        let index = |count: &f64| counts.partition_point(|other| other < count);
+        let poses: Vec<(f64, usize)> = squares.iter().map(|(s, c)| (*s, index(c))).collect();
         let mut pairs = Vec::with_capacity(LOCATIONS * SPREADS);
         for j in 0..SPREADS {
             let spread = at(spreads, j, SPREADS);
@@ -258,19 +264,23 @@ impl Grid {
             for i in 0..LOCATIONS {
                 let location = at(locations, i, LOCATIONS);
                 let scale = libm::exp(location);
-                let values = shape.squares.map(|(square, w)| (scale * scale * square, w));
-                let likelihood = |(square, count): &(f64, f64)| {
-                    let density = |(s, weight): &(f64, f64)| {
-                        let v = s + sigma * sigma / count;
-                        weight * libm::exp(-0.5 * square / v) / (v * v.sqrt())
-                    };
+                // Rate and factor of the density at every node.
+                let density = |count: &f64| {
+                    shape.squares.map(|(square, weight)| {
+                        let v = scale * scale * square + sigma * sigma / count;
+                        (-0.5 / v, weight / (v * v.sqrt()))
+                    })
+                };
+                let densities: Vec<[(f64, f64); NODES]> = counts.iter().map(density).collect();
+                let likelihood = |(square, count): &(f64, usize)| {
+                    let at_node = |(rate, weight): &(f64, f64)| weight * libm::exp(rate * square);
                     // A pose beyond all reach of a pair rules it out.
-                    libm::log(values.iter().map(density).sum::<f64>())
+                    libm::log(densities[*count].iter().map(at_node).sum::<f64>())
                 };
                 pairs.push(Pair {
                     location,
                     spread,
-                    log: location + squares.iter().map(likelihood).sum::<f64>(),
+                    log: location + poses.iter().map(likelihood).sum::<f64>(),
                 });
             }
         }

@@ -15,9 +15,12 @@
 //! the noise is taken out of the distribution, not out of a number.
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 
 use statrs::function::beta::beta_reg;
 
+use crate::numeric::parallel::in_order;
+use crate::progress::threads;
 use crate::validation::conformity::error_family::{ErrorFamily, SHARE};
 use crate::validation::held_out::HeldOutPose;
 
@@ -177,13 +180,22 @@ pub struct Quantile {
 pub fn estimate(distinct: &Distinct, noise: &Noise) -> Quantile {
     let change = noise.relative_uncertainty();
     let count = if noise.sigma > 0.0 { NOISES } else { 1 };
-    let found: Vec<(f64, Posterior)> = (0..count)
-        .filter_map(|i| {
-            let z = REACH_OF_NOISES * (2.0 * i as f64 / (NOISES - 1) as f64 - 1.0);
-            let sigma = noise.sigma * (1.0 + change * z);
-            Some((libm::exp(-0.5 * z * z), posterior(distinct, sigma)?))
-        })
-        .collect();
+    let with = |i: usize| {
+        let z = REACH_OF_NOISES * (2.0 * i as f64 / (NOISES - 1) as f64 - 1.0);
+        let sigma = noise.sigma * (1.0 + change * z);
+        Some((libm::exp(-0.5 * z * z), posterior(distinct, sigma)?))
+    };
+    let mut found: Vec<(f64, Posterior)> = Vec::new();
+    let mut noises = 0..count;
+    let Ok(()) = in_order(
+        threads(),
+        || Ok::<_, Infallible>(noises.next()),
+        with,
+        |result| {
+            found.extend(result);
+            Ok(())
+        },
+    );
     let most = found.iter().map(|(_, p)| p.evidence);
     let most = most.fold(f64::NEG_INFINITY, f64::max);
     let weight = |(p, found): &(f64, Posterior)| p * libm::exp(found.evidence - most);
