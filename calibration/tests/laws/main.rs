@@ -65,3 +65,11 @@ fn task<'a>(
         threads: all_threads(),
     }
 }
+
+/// A law must not pass on a sum that has wrapped round: the profiles of the tests check integer overflow (`Cargo.toml`).
+#[test]
+#[should_panic(expected = "overflow")]
+fn integer_overflow_is_a_panic() {
+    let largest = std::hint::black_box(usize::MAX);
+    std::hint::black_box(largest + 1);
+}
