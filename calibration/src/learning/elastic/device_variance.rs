@@ -5,30 +5,36 @@
 //! - one kernel for all joints: the mean of the joints' rates, weighted by what each process moves the tool, times the
 //!   factor that fits best;
 //! - landmarks among the training poses, each the one that explains most of what the ones before leave;
-//! - ν, the noise of one pose as information about a process, and the floor, so that the variance of every training pose when it is left out
-//!   is that of the exact posterior (`outliers::leave_one_out`), inflation included, in least relative squares.
+//! - ν, the noise of one pose as information about a process, the floor and the gain, in least relative squares. They are
+//!   fitted to the exact posterior, inflation included: at every training pose when it is left out
+//!   (`outliers::leave_one_out`), and at poses of twice the trained ranges. With the first alone, the device said half of
+//!   what the trainer did far from all data.
 //!
-//! The gain is not fitted: far from all data the variance must be the prior's. With the gain free (and u instead of u²) poses
-//! left out were met no better, and the device said half of what the trainer did far away.
-//!
-//! The share that the other poses leave unexplained at pose k: with K = C Cᵀ, V = C⁻¹ K_LN and V Vᵀ = Q Λ Qᵀ it is
-//! 1 − |v_k|² + s/(1 − s/ν), s = Σ_i (Qᵀv_k)_i² / (1 + λ_i/ν).
+//! The share that measurements leave unexplained at a pose: with K = C Cᵀ, V = C⁻¹ K_LN, V Vᵀ = Q Λ Qᵀ and v = C⁻¹ k it is
+//! 1 − |v|² + s, s = Σ_i (Qᵀv)_i² / (1 + λ_i/ν). Where the pose is one of those measured and is left out, s/(1 − s/ν) is in
+//! the place of s.
 
-use poegp_protocol::limits::MAX_LANDMARKS;
+use std::ops::RangeInclusive;
+
+use nalgebra::Vector3;
+use poegp_protocol::limits::{MAX_JOINTS, MAX_LANDMARKS};
 use poegp_runtime::elastic::configuration::Configuration;
 use poegp_runtime::elastic::position_variance::{PositionVariance, landmark_feature, prior};
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use poegp_runtime::kinematics::coupling::Coupling;
+use poegp_runtime::kinematics::coupling::{Coupling, coupled};
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
 
 use crate::identification::parametric::state::ROWS;
-use crate::learning::elastic::fit::RobustFit;
-use crate::learning::elastic::inputs::kernel;
+use crate::learning::elastic::inputs::{Inputs, kernel};
+use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
+use crate::measurement::observation::Observation;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::cholesky::Factor;
+use crate::numeric::halton::halton;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
+use crate::numeric::statistics::extremes;
 
 /// Landmarks of a blob. Ratio to the trainer's standard deviation on held-out poses of the wild arm, 90 % of them:
 /// 0.948 to 1.071 with 8, 0.955 to 1.034 with 12, 0.957 to 1.031 with 16, 0.950 to 1.029 with 32.
@@ -48,34 +54,46 @@ pub struct DeviceVariance {
     pub rows: Vec<f64>,
 }
 
-/// Of a fit to `samples`. `None` when a matrix cannot be factored.
+/// Of a fit. `None` when a matrix cannot be factored.
+///
+/// `left_out` is the variance of each of its samples as the others predict it (m²), and `inflation` what standard deviations
+/// of positions are multiplied with.
 pub fn device_variance(
-    robust: &RobustFit,
-    samples: &[BaseSample],
+    posterior: &PosteriorCovariance,
+    left_out: &[Option<f64>],
+    inflation: f64,
     coupling: Option<&Coupling<f64>>,
 ) -> Option<DeviceVariance> {
-    let fit = &robust.fit;
-    let inflation = robust.inflation[0].powi(2);
+    let (fit, samples) = (posterior.fit(), posterior.samples());
+    let inflation = inflation.powi(2);
     let noise = inflation * fit.scales.position.powi(2) * libm::exp(fit.hyperparameters[0]);
     let kernels = fit.layout.kernels(&fit.hyperparameters);
-    let priors = priors(fit, samples, coupling, &kernels);
-    let left_out: Vec<Known> = robust
-        .left_out
-        .iter()
-        .zip(&priors)
-        .enumerate()
-        .filter_map(|(pose, (variance, prior))| {
-            Some(Known {
-                pose,
-                prior: inflation / 3.0 * prior,
-                variance: inflation * (*variance)?,
-            })
-        })
-        .collect();
+    let known = |pose, prior: &f64, variance: f64| Known {
+        pose,
+        prior: inflation / 3.0 * prior,
+        variance: inflation * variance,
+    };
+    let inside = priors(fit, samples, coupling, &kernels);
+    let inside = inside.iter().zip(left_out).enumerate();
+    let inside = inside.filter_map(|(i, (prior, variance))| {
+        Some(known(KnownPose::LeftOut(i), prior, (*variance)?))
+    });
+    let around = around(samples, coupling);
+    let beyond = priors(fit, &around, coupling, &kernels);
+    let exact = posterior
+        .of_predictions(&around)?
+        .deviations(0..around.len());
+    let beyond = beyond.iter().zip(&exact).enumerate();
+    let beyond = beyond.map(|(i, (prior, deviations))| {
+        let variance = deviations.iter().map(|d| d * d).sum::<f64>() / 3.0;
+        known(KnownPose::Around(i), prior, variance)
+    });
+    let known: Vec<Known> = inside.chain(beyond).collect();
+    let around = Inputs::new(&fit.state, &around);
     let common = common_kernel(fit, samples, &kernels)?;
     let trial = |factor: &f64| {
         let kernel = scaled(&common, *factor);
-        Landmarks::new(fit, kernel)?.fitted(&left_out, noise)
+        Landmarks::new(&fit.inputs, &around, kernel)?.fitted(&known, noise)
     };
     let best = SHORTER.iter().filter_map(trial);
     let best = best.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
@@ -92,7 +110,7 @@ pub fn device_variance(
     Some(DeviceVariance {
         header: PositionVariance {
             floor: best.floor,
-            gain: inflation / 3.0,
+            gain: inflation / 3.0 * best.gain,
             rates: *best.landmarks.kernel.rates(),
             payload_rate: best.landmarks.kernel.payload_rate,
             landmarks: best.landmarks.poses.len(),
@@ -105,12 +123,51 @@ pub fn device_variance(
 /// Factors of the common kernel's rates that are tried.
 const SHORTER: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
-/// A training pose and its variance when it is left out, m².
+/// Poses beyond the trained ranges, and the share of them all together in the fit: a training pose counts one.
+const AROUND: u32 = 40;
+const SHARE_AROUND: f64 = 0.25;
+
+/// The gain in units of what the processes have before any measurement. It is no less: with shorter length scales the poses of
+/// twice the ranges asked for less, and farther away the device said two thirds of what the trainer did. It is more where the
+/// parameters are uncertain, too, up to a limit: where processes have all but vanished, no factor is right.
+const GAIN: RangeInclusive<f64> = 1.0..=4.0;
+
+/// A pose whose exact variance is known.
+#[derive(Clone, Copy)]
+enum KnownPose {
+    /// A training pose that is left out.
+    LeftOut(usize),
+    /// One of [`around`].
+    Around(usize),
+}
+
+/// Its variances, m².
 struct Known {
-    pose: usize,
-    /// The variance that the processes have there before any measurement.
+    pose: KnownPose,
+    /// What the processes have there before any measurement.
     prior: f64,
+    /// What measurements leave.
     variance: f64,
+}
+
+/// Poses of twice the ranges of `samples`, each with the payload and the tool of one of them. Only positions are looked at.
+fn around(samples: &[BaseSample], coupling: Option<&Coupling<f64>>) -> Vec<BaseSample> {
+    let joints = samples.first().map_or(0, |sample| sample.joints.len());
+    let range = |joint| extremes(samples.iter().map(|s: &BaseSample| s.joints[joint]));
+    let ranges: Vec<(f64, f64)> = (0..joints).map(range).collect();
+    let pose = |(index, like): (u32, &BaseSample)| {
+        let mut own = [0.0; MAX_JOINTS];
+        for (joint, (lower, upper)) in ranges.iter().enumerate() {
+            own[joint] = lower + (upper - lower) * (2.0 * halton(index, joint) - 0.5);
+        }
+        BaseSample {
+            joints: own[..joints].to_vec(),
+            serial_joints: coupled(coupling, &own)[..joints].to_vec(),
+            observation: Observation::Position(Vector3::zeros()),
+            ..like.clone()
+        }
+    };
+    (1..=AROUND).zip(samples.iter().cycle()).map(pose).collect()
 }
 
 /// One kernel for all joints: rates weighted by what each joint's process moves the tool, with amplitude 1.
@@ -161,71 +218,101 @@ struct Landmarks {
     q: Mat<f64>,
     lambda: Vec<f64>,
     w: Mat<f64>,
+    /// C⁻¹ k and Qᵀ C⁻¹ k of the poses around.
+    v_around: Mat<f64>,
+    w_around: Mat<f64>,
 }
 
-/// The best ν and floor for some landmarks.
+/// The best ν, floor and gain for some landmarks; the gain in units of the prior.
 struct Fitted {
     landmarks: Landmarks,
     nu: f64,
     floor: f64,
+    gain: f64,
     cost: f64,
 }
 
 impl Landmarks {
-    fn new(fit: &ElasticFit, common: JointKernel<f64>) -> Option<Self> {
-        let inputs = &fit.inputs;
+    fn new(inputs: &Inputs, around: &Inputs, common: JointKernel<f64>) -> Option<Self> {
+        let between = |(one, i): (&Inputs, usize), (other, j): (&Inputs, usize)| {
+            let a = (&one.features[i], one.payloads[i]);
+            let b = (&other.features[j], other.payloads[j]);
+            kernel(&common, &inputs.kinds, a, b)
+        };
         let n = inputs.payloads.len();
-        let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
-        let gram = Mat::from_fn(n, n, |i, j| {
-            kernel(&common, &inputs.kinds, input(i), input(j))
-        });
+        let gram = Mat::from_fn(n, n, |i, j| between((inputs, i), (inputs, j)));
         let poses = landmarks(&gram);
         let count = poses.len();
-        let between = Mat::from_fn(count, count, |i, j| gram[(poses[i], poses[j])]);
-        let lower = Factor::new(between, 1).ok()?.lower();
+        let own = Mat::from_fn(count, count, |i, j| gram[(poses[i], poses[j])]);
+        let lower = Factor::new(own, 1).ok()?.lower();
         let v = solve_lower(&lower, &Mat::from_fn(count, n, |i, k| gram[(poses[i], k)]));
+        let to_around = Mat::from_fn(count, around.payloads.len(), |i, k| {
+            between((inputs, poses[i]), (around, k))
+        });
+        let v_around = solve_lower(&lower, &to_around);
         let eigen = product(&v, Transposed(&v)).symmetric_eigen();
         let q = eigen.eigenvectors;
         Some(Self {
             w: product(Transposed(&q), &v),
+            w_around: product(Transposed(&q), &v_around),
             lambda: (0..count).map(|i| eigen.eigenvalues[i].max(0.0)).collect(),
             q,
             v,
+            v_around,
             lower,
             poses,
             kernel: common,
         })
     }
 
-    /// The share of the prior that the other poses leave unexplained at pose `k` with noise ν.
-    fn unexplained(&self, k: usize, nu: f64) -> f64 {
+    /// The share of the prior that measurements leave unexplained at a pose with noise ν.
+    fn unexplained(&self, pose: KnownPose, nu: f64) -> f64 {
+        let (v, w, k) = match pose {
+            KnownPose::LeftOut(k) => (&self.v, &self.w, k),
+            KnownPose::Around(k) => (&self.v_around, &self.w_around, k),
+        };
         let count = self.poses.len();
-        let v2: f64 = (0..count).map(|i| self.v[(i, k)].powi(2)).sum();
+        let v2: f64 = (0..count).map(|i| v[(i, k)].powi(2)).sum();
         let s: f64 = (0..count)
-            .map(|i| self.w[(i, k)].powi(2) / (1.0 + self.lambda[i] / nu))
+            .map(|i| w[(i, k)].powi(2) / (1.0 + self.lambda[i] / nu))
             .sum();
-        (1.0 - v2 + s / (1.0 - s / nu).max(1e-9)).clamp(0.0, 1.0)
+        let left = match pose {
+            KnownPose::LeftOut(_) => s / (1.0 - s / nu).max(1e-9),
+            KnownPose::Around(_) => s,
+        };
+        (1.0 - v2 + left).clamp(0.0, 1.0)
     }
 
-    /// ν and floor of least relative squares.
-    fn fitted(self, left_out: &[Known], noise: f64) -> Option<Fitted> {
+    /// ν, floor and gain of least relative squares.
+    fn fitted(self, known: &[Known], noise: f64) -> Option<Fitted> {
+        let inside = |known: &&Known| matches!(known.pose, KnownPose::LeftOut(_));
+        let inside = known.iter().filter(inside).count();
+        let of_one_around = SHARE_AROUND * inside as f64 / f64::from(AROUND);
         let trial = |nu: f64| {
-            let pair = |known: &Known| {
-                let beside = known.prior * self.unexplained(known.pose, nu).powi(2);
-                (beside, known.variance)
+            let of = |known: &Known| {
+                let weight = match known.pose {
+                    KnownPose::LeftOut(_) => 1.0,
+                    KnownPose::Around(_) => of_one_around,
+                };
+                Relative {
+                    weight,
+                    floor: 1.0 / known.variance,
+                    gain: known.prior * self.unexplained(known.pose, nu).powi(2) / known.variance,
+                }
             };
-            let pairs: Vec<(f64, f64)> = left_out.iter().map(pair).collect();
-            let (floor, cost) = floor_of(&pairs, noise)?;
-            Some((nu, floor, cost))
+            let equations: Vec<Relative> = known.iter().map(of).collect();
+            let (floor, gain, cost) = floor_and_gain(&equations, noise)?;
+            Some((nu, floor, gain, cost))
         };
-        let (nu, floor, cost) = (0..=80)
+        let (nu, floor, gain, cost) = (0..=80)
             .map(|step| libm::pow(10_f64, -4.0 + 0.1 * f64::from(step)))
             .filter_map(trial)
-            .min_by(|a, b| a.2.total_cmp(&b.2))?;
+            .min_by(|a, b| a.3.total_cmp(&b.3))?;
         Some(Fitted {
             landmarks: self,
             nu,
             floor,
+            gain,
             cost,
         })
     }
@@ -303,17 +390,35 @@ fn priors(
     samples.iter().map(of).collect()
 }
 
-/// The floor ≥ noise of least relative squares for pairs of (variance beside the floor, variance), with what it leaves.
-fn floor_of(pairs: &[(f64, f64)], noise: f64) -> Option<(f64, f64)> {
-    let (mut weights, mut sum) = (0.0, 0.0);
-    for (beside, variance) in pairs {
-        weights += 1.0 / (variance * variance);
-        sum += (variance - beside) / (variance * variance);
-    }
-    let floor = (sum / weights).max(noise);
-    let left = |(beside, variance): &(f64, f64)| ((floor + beside) / variance - 1.0).powi(2);
-    let cost = pairs.iter().map(left).sum::<f64>();
-    cost.is_finite().then_some((floor, cost))
+/// Of one pose: floor and gain times these are to be 1.
+struct Relative {
+    weight: f64,
+    floor: f64,
+    gain: f64,
+}
+
+/// The floor ≥ noise and the gain within [`GAIN`] of least squares, with what they leave.
+fn floor_and_gain(equations: &[Relative], noise: f64) -> Option<(f64, f64, f64)> {
+    let sum =
+        |of: &dyn Fn(&Relative) -> f64| -> f64 { equations.iter().map(|e| e.weight * of(e)).sum() };
+    let (ff, fg, gg) = (
+        sum(&|e| e.floor * e.floor),
+        sum(&|e| e.floor * e.gain),
+        sum(&|e| e.gain * e.gain),
+    );
+    let (f, g) = (sum(&|e| e.floor), sum(&|e| e.gain));
+    let gain_with = |floor: f64| ((g - fg * floor) / gg).clamp(*GAIN.start(), *GAIN.end());
+    let free = (f * gg - g * fg) / (ff * gg - fg * fg);
+    let free = if free.is_finite() { free } else { f / ff };
+    let gain = if gg > 0.0 {
+        gain_with(free.max(noise))
+    } else {
+        *GAIN.start()
+    };
+    // The best floor with that gain: another one than `free` where the gain is held.
+    let floor = ((f - fg * gain) / ff).max(noise);
+    let cost = sum(&|e| (e.floor * floor + e.gain * gain - 1.0).powi(2));
+    cost.is_finite().then_some((floor, gain, cost))
 }
 
 /// C⁻¹ b.
@@ -360,4 +465,53 @@ fn reversed_factor(a: &Mat<f64>) -> Option<Mat<f64>> {
             0.0
         }
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Equations of poses with such variances; an argument is what measurements leave of the processes.
+    fn equations(of: impl Fn(f64) -> f64) -> Vec<Relative> {
+        let equation = |left: f64| Relative {
+            weight: 1.0 + left,
+            floor: 1.0 / of(left),
+            gain: left / of(left),
+        };
+        (0..9).map(f64::from).map(equation).collect()
+    }
+
+    #[test]
+    fn floor_and_gain_are_those_of_the_variances() {
+        let (floor, gain, cost) = floor_and_gain(&equations(|left| 4.0 + 1.5 * left), 1.0).unwrap();
+        assert!((floor - 4.0).abs() < 1e-12 && (gain - 1.5).abs() < 1e-12);
+        assert!(cost < 1e-24, "{cost}");
+    }
+
+    /// Each time the best that is left.
+    #[test]
+    fn floor_and_gain_have_bounds() {
+        for (of, noise) in [(4.0, 5.0), (4.0, 1.0)] {
+            for slope in [1.5, 0.5, -0.3, 6.0] {
+                let equations = equations(|left| of + slope * left);
+                let (floor, gain, cost) = floor_and_gain(&equations, noise).unwrap();
+                let allowed = |floor, gain| floor >= noise && GAIN.contains(&gain);
+                assert!(allowed(floor, gain));
+                let left = |floor: f64, gain: f64| -> f64 {
+                    let left = |e: &Relative| (e.floor * floor + e.gain * gain - 1.0).powi(2);
+                    equations.iter().map(|e| e.weight * left(e)).sum()
+                };
+                assert!((left(floor, gain) - cost).abs() < 1e-12);
+                for (more, steeper) in [(0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01)] {
+                    let (floor, gain) = (floor + more, gain + steeper);
+                    if allowed(floor, gain) {
+                        assert!(
+                            left(floor, gain) > cost,
+                            "{noise} {slope}: {more} {steeper}"
+                        );
+                    }
+                }
+            }
+        }
+    }
 }

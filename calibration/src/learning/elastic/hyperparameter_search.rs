@@ -15,7 +15,9 @@ use crate::learning::elastic::likelihood::MarginalLikelihood;
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
-use crate::numeric::lbfgs::{Minimum, Objective, SearchEnd, StopCriteria, minimize};
+use crate::numeric::lbfgs::{
+    Minimum, Objective, SearchEnd, StopCriteria, minimize, minimize_in_units,
+};
 use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 
@@ -154,7 +156,7 @@ impl<'a> HyperparameterSearch<'a> {
         if all <= FEW_POSES {
             return Ok(self.learned(state, layout, &[&few], rise));
         }
-        let found = self.minimum(&state, all, (layout, true), &few.x, &bounds, &STOP)?;
+        let found = self.go_on(&state, all, (layout, true), &few, &bounds, &STOP)?;
         Ok(self.learned(state, layout, &[&few, &found], rise))
     }
 
@@ -272,6 +274,21 @@ impl<'a> HyperparameterSearch<'a> {
     ) -> Result<Minimum, Cancelled> {
         self.with_likelihood(state, poses, model, |objective| {
             minimize(objective, start, bounds, stop, self.context)
+        })
+    }
+
+    /// A search in the first `poses` of the part from where another one ended.
+    fn go_on(
+        &self,
+        state: &ParametricModel,
+        poses: usize,
+        model: (HyperLayout, bool),
+        from: &Minimum,
+        bounds: &[(f64, f64)],
+        stop: &StopCriteria,
+    ) -> Result<Minimum, Cancelled> {
+        self.with_likelihood(state, poses, model, |objective| {
+            minimize_in_units(objective, &from.x, &from.units, bounds, stop, self.context)
         })
     }
 

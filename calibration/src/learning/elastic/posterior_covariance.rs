@@ -67,6 +67,11 @@ impl PosteriorCovariance {
         })
     }
 
+    /// The fit.
+    pub fn fit(&self) -> &ElasticFit {
+        &self.fit
+    }
+
     /// The samples of the fit.
     pub fn samples(&self) -> &[BaseSample] {
         &self.samples

@@ -46,6 +46,11 @@ impl Uncertainty {
         }
     }
 
+    /// The covariance that it is of.
+    pub fn posterior(&self) -> &PosteriorCovariance {
+        &self.posterior
+    }
+
     /// What the standard deviations of position and of rotation are multiplied with. From few poses it costs five fits the
     /// first time it is asked for: a calibration that is only exported does not pay for it.
     pub fn inflation(&self) -> [f64; 2] {

@@ -65,14 +65,22 @@ pub(super) fn fit_elastic(
         ElasticModel::new(&mut robust.fit, &dense, &kept, coupling, options)
     })?;
     let mut model = model.ok_or(FitError::Unsolvable)?;
-    if options.device_variance && options.processes {
-        model.sigma = device_variance(&robust, &dense, model.coupling.as_ref());
-    }
     let (chain, tools) = (
         robust.fit.state.chain(0),
         seen_from_first(&robust.fit.state.tools),
     );
-    let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation).map(|u| {
+    let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation);
+    if options.device_variance
+        && let Some(uncertainty) = &uncertainty
+    {
+        model.sigma = device_variance(
+            uncertainty.posterior(),
+            &robust.left_out,
+            robust.inflation[0],
+            model.coupling.as_ref(),
+        );
+    }
+    let uncertainty = uncertainty.map(|u| {
         Box::new(u.with_refit(RefitSpec {
             arm,
             options: *options,
