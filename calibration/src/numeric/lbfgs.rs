@@ -159,8 +159,10 @@ pub struct StopCriteria {
     pub known: f64,
     /// In units of the value.
     pub distance: f64,
-    /// Five iterations that together lower the value by less than this, in its units, are the last.
+    /// Five iterations that together lower the value by less than this, in its units, are the last,
     pub least_fall: f64,
+    /// unless the value is at most this.
+    pub worth: f64,
 }
 
 /// Steps that a search remembers.
@@ -177,12 +179,18 @@ impl StopCriteria {
             known: f64::NEG_INFINITY,
             distance: 0.0,
             least_fall: 0.0,
+            worth: f64::NEG_INFINITY,
         }
     }
 
     /// The same, but the value may stop falling before.
     pub const fn falling_by(self, least_fall: f64) -> Self {
         Self { least_fall, ..self }
+    }
+
+    /// The same, but a value of at most `worth` may fall as slowly as it likes.
+    pub const fn unless_below(self, worth: f64) -> Self {
+        Self { worth, ..self }
     }
 }
 
@@ -258,6 +266,7 @@ fn search<O: Objective>(
         known,
         distance,
         least_fall,
+        worth,
         ..
     } = *ending;
     let mut before = [f64::INFINITY; WINDOW];
@@ -268,7 +277,8 @@ fn search<O: Objective>(
         let repeats = within(value - known) && within(last - value);
         before.rotate_left(1);
         before[WINDOW - 1] = value;
-        (repeats || first - value < least_fall).then(|| ApplicationStop::new("enough"))
+        (repeats || value > worth && first - value < least_fall)
+            .then(|| ApplicationStop::new("enough"))
     };
     let run = Executor::new(problem, solver, FirstOrderState::new(first))
         .max_iter(ending.iterations)
