@@ -44,7 +44,7 @@ pub struct Minimum {
     pub units: Vec<f64>,
 }
 
-/// What a search has seen.
+/// Where a search has been.
 #[derive(Default)]
 struct Path {
     /// The last point, with its gradient.
@@ -59,7 +59,7 @@ impl Path {
     /// The largest unit, for a coordinate of which little is known.
     const LARGEST: f64 = 3.0;
 
-    fn go_on_to(&mut self, x: &[f64], gradient: &[f64]) {
+    fn add(&mut self, x: &[f64], gradient: &[f64]) {
         self.changes.resize(x.len(), (0.0, 0.0));
         if let Some((x0, gradient0)) = &self.last {
             for (i, (product, square)) in self.changes.iter_mut().enumerate() {
@@ -103,7 +103,7 @@ impl<O: Objective> BoundedProblem<'_, O> {
             .collect();
         let (value, mut gradient) = self.objective.value_and_gradient(&x);
         if value.is_finite() {
-            self.path.borrow_mut().go_on_to(&x, &gradient);
+            self.path.borrow_mut().add(&x, &gradient);
         }
         for (slope, unit) in gradient.iter_mut().zip(self.units) {
             *slope *= unit;
@@ -159,10 +159,10 @@ pub struct StopCriteria {
     pub known: f64,
     /// In units of the value.
     pub distance: f64,
-    /// Five iterations that together lower the value by less than this, in its units, are the last,
+    /// Five iterations that together lower a value above `unless_below` by less than this, in its units, are the last.
     pub least_fall: f64,
-    /// unless the value is at most this.
-    pub worth: f64,
+    /// In units of the value.
+    pub unless_below: f64,
 }
 
 /// Steps that a search remembers.
@@ -179,7 +179,7 @@ impl StopCriteria {
             known: f64::NEG_INFINITY,
             distance: 0.0,
             least_fall: 0.0,
-            worth: f64::NEG_INFINITY,
+            unless_below: f64::NEG_INFINITY,
         }
     }
 
@@ -188,9 +188,12 @@ impl StopCriteria {
         Self { least_fall, ..self }
     }
 
-    /// The same, but a value of at most `worth` may fall as slowly as it likes.
-    pub const fn unless_below(self, worth: f64) -> Self {
-        Self { worth, ..self }
+    /// The same, but a search that has come down to `value` goes on, however slowly it falls.
+    pub const fn unless_below(self, value: f64) -> Self {
+        Self {
+            unless_below: value,
+            ..self
+        }
     }
 }
 
@@ -242,10 +245,14 @@ fn search<O: Objective>(
         .zip(bounds)
         .map(|(x, (lower, upper))| x.clamp(*lower, *upper))
         .collect();
-    let in_units = |x: &mut dyn Iterator<Item = f64>| -> Vec<f64> {
-        x.zip(units).map(|(x, unit)| x / unit).collect()
+    let in_units = |x: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        units
+            .iter()
+            .enumerate()
+            .map(|(i, unit)| x(i) / unit)
+            .collect()
     };
-    let first = in_units(&mut clamped.iter().copied());
+    let first = in_units(&|i| clamped[i]);
     let best = RefCell::new((f64::INFINITY, clamped));
     let path = RefCell::new(Path::default());
     let problem = BoundedProblem {
@@ -255,8 +262,8 @@ fn search<O: Objective>(
         bounds,
         best: &best,
         path: &path,
-        lower: in_units(&mut bounds.iter().map(|b| b.0)),
-        upper: in_units(&mut bounds.iter().map(|b| b.1)),
+        lower: in_units(&|i| bounds[i].0),
+        upper: in_units(&|i| bounds[i].1),
     };
     let solver = Lbfgs::new()
         .with_m_capacity(memory)
@@ -266,7 +273,7 @@ fn search<O: Objective>(
         known,
         distance,
         least_fall,
-        worth,
+        unless_below,
         ..
     } = *ending;
     let mut before = [f64::INFINITY; WINDOW];
@@ -277,7 +284,7 @@ fn search<O: Objective>(
         let repeats = within(value - known) && within(last - value);
         before.rotate_left(1);
         before[WINDOW - 1] = value;
-        (repeats || value > worth && first - value < least_fall)
+        (repeats || value > unless_below && first - value < least_fall)
             .then(|| ApplicationStop::new("enough"))
     };
     let run = Executor::new(problem, solver, FirstOrderState::new(first))
@@ -390,6 +397,35 @@ mod tests {
         for (x, unit) in going_on.x.iter().zip(&first.units) {
             assert!((x - 0.3).abs() < 1e-4 * unit.max(1.0), "{x} {unit}");
         }
+    }
+
+    /// A search that falls too slowly ends, unless it has come down to what was stated.
+    #[test]
+    fn goes_on_where_it_has_come_down_far_enough() {
+        let curvature: Vec<f64> = (0..20).map(|i| libm::exp(0.5 * f64::from(i))).collect();
+        let (bowl, context) = (
+            Bowl {
+                curvature: &curvature,
+                middle: 0.0,
+            },
+            FitContext::default(),
+        );
+        let impatient = STOP.falling_by(f64::MAX);
+        let end = |stop: &StopCriteria| {
+            minimize(&bowl, &[1.0; 20], &[(-9.0, 9.0); 20], stop, &context).unwrap()
+        };
+        let (short, whole) = (end(&impatient), end(&STOP));
+        assert!(short.value > whole.value + 1e-3 && short.iterations < whole.iterations);
+        let above = end(&impatient.unless_below(0.5 * (short.value + whole.value)));
+        assert_eq!(
+            (above.value, above.iterations),
+            (short.value, short.iterations)
+        );
+        let below = end(&impatient.unless_below(2.0 * short.value));
+        assert_eq!(
+            (below.value, below.iterations),
+            (whole.value, whole.iterations)
+        );
     }
 
     /// ½ Σ c (x − middle)², with a little of the fourth order.

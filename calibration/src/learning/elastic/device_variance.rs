@@ -68,37 +68,35 @@ pub fn device_variance(
     let inflation = inflation.powi(2);
     let noise = inflation * fit.scales.position.powi(2) * libm::exp(fit.hyperparameters[0]);
     let kernels = fit.layout.kernels(&fit.hyperparameters);
-    let known = |pose, prior: &f64, variance: f64| Known {
-        pose,
-        prior: inflation / 3.0 * prior,
-        variance: inflation * variance,
-    };
-    let inside = priors(fit, samples, coupling, &kernels);
-    let inside = inside.iter().zip(left_out).enumerate();
-    let inside = inside.filter_map(|(i, (prior, variance))| {
-        Some(known(KnownPose::LeftOut(i), prior, (*variance)?))
-    });
     let around = around(samples, coupling);
-    let beyond = priors(fit, &around, coupling, &kernels);
-    let exact = posterior
-        .of_predictions(&around)?
-        .deviations(0..around.len());
-    let beyond = beyond.iter().zip(&exact).enumerate();
-    let beyond = beyond.map(|(i, (prior, deviations))| {
-        let variance = deviations.iter().map(|d| d * d).sum::<f64>() / 3.0;
-        known(KnownPose::Around(i), prior, variance)
-    });
-    let known: Vec<Known> = inside.chain(beyond).collect();
-    let around = Inputs::new(&fit.state, &around);
+    let all = [samples, &around].concat();
+    let exact = posterior.of_predictions(&around)?.deviations(0..AROUND);
+    let exact = exact
+        .iter()
+        .map(|d| d.iter().map(|d| d * d).sum::<f64>() / 3.0);
+    let variances = left_out.iter().copied().chain(exact.map(Some));
+    let priors = priors(fit, &all, coupling, &kernels)
+        .into_iter()
+        .enumerate();
+    let known = priors
+        .zip(variances)
+        .filter_map(|((pose, prior), variance)| {
+            Some(Known {
+                pose,
+                prior: inflation / 3.0 * prior,
+                variance: inflation * variance?,
+            })
+        });
+    let known: Vec<Known> = known.collect();
+    let (inputs, trained) = (Inputs::new(&fit.state, &all), samples.len());
     let common = common_kernel(fit, samples, &kernels)?;
     let trial = |factor: &f64| {
         let kernel = scaled(&common, *factor);
-        Landmarks::new(&fit.inputs, &around, kernel)?.fitted(&known, noise)
+        Landmarks::new(&inputs, trained, kernel)?.fitted(&known, noise)
     };
     let best = SHORTER.iter().filter_map(trial);
     let best = best.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
     let h = reversed_factor(&best.landmarks.information(best.nu))?;
-    let inputs = &fit.inputs;
     let mut rows = Vec::new();
     for (row, i) in best.landmarks.poses.iter().enumerate() {
         for (kind, feature) in inputs.kinds.iter().zip(&inputs.features[*i]) {
@@ -124,7 +122,7 @@ pub fn device_variance(
 const SHORTER: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
 /// Poses beyond the trained ranges, and the share of them all together in the fit: a training pose counts one.
-const AROUND: u32 = 40;
+const AROUND: usize = 40;
 const SHARE_AROUND: f64 = 0.25;
 
 /// The gain in units of what the processes have before any measurement. It is no less: with shorter length scales the poses of
@@ -132,19 +130,11 @@ const SHARE_AROUND: f64 = 0.25;
 /// parameters are uncertain, too, up to a limit: where processes have all but vanished, no factor is right.
 const GAIN: RangeInclusive<f64> = 1.0..=4.0;
 
-/// A pose whose exact variance is known.
-#[derive(Clone, Copy)]
-enum KnownPose {
-    /// A training pose that is left out.
-    LeftOut(usize),
-    /// One of [`around`].
-    Around(usize),
-}
-
-/// Its variances, m².
+/// A pose whose exact variance is known, a training pose when it is left out; m².
 struct Known {
-    pose: KnownPose,
-    /// What the processes have there before any measurement.
+    /// Its index; training poses come first, then those of [`around`].
+    pose: usize,
+    /// The variance that the processes have there before any measurement.
     prior: f64,
     /// What measurements leave.
     variance: f64,
@@ -167,7 +157,8 @@ fn around(samples: &[BaseSample], coupling: Option<&Coupling<f64>>) -> Vec<BaseS
             ..like.clone()
         }
     };
-    (1..=AROUND).zip(samples.iter().cycle()).map(pose).collect()
+    let poses = (1..).zip(samples.iter().cycle()).take(AROUND);
+    poses.map(pose).collect()
 }
 
 /// One kernel for all joints: rates weighted by what each joint's process moves the tool, with amplitude 1.
@@ -210,17 +201,16 @@ struct Landmarks {
     kernel: JointKernel<f64>,
     /// Poses that they stand at.
     poses: Vec<usize>,
+    /// Poses that are measured, the first ones.
+    trained: usize,
     /// C of K = C Cᵀ.
-    lower: Mat<f64>,
-    /// V = C⁻¹ K_LN.
+    factor: Factor,
+    /// v = C⁻¹ k of all poses; the columns of those that are measured are V.
     v: Mat<f64>,
-    /// Q and Λ of V Vᵀ, and Qᵀ V.
+    /// Q and Λ of V Vᵀ, and Qᵀ v.
     q: Mat<f64>,
     lambda: Vec<f64>,
     w: Mat<f64>,
-    /// C⁻¹ k and Qᵀ C⁻¹ k of the poses around.
-    v_around: Mat<f64>,
-    w_around: Mat<f64>,
 }
 
 /// The best ν, floor and gain for some landmarks; the gain in units of the prior.
@@ -233,66 +223,56 @@ struct Fitted {
 }
 
 impl Landmarks {
-    fn new(inputs: &Inputs, around: &Inputs, common: JointKernel<f64>) -> Option<Self> {
-        let between = |(one, i): (&Inputs, usize), (other, j): (&Inputs, usize)| {
-            let a = (&one.features[i], one.payloads[i]);
-            let b = (&other.features[j], other.payloads[j]);
-            kernel(&common, &inputs.kinds, a, b)
-        };
-        let n = inputs.payloads.len();
-        let gram = Mat::from_fn(n, n, |i, j| between((inputs, i), (inputs, j)));
-        let poses = landmarks(&gram);
+    fn new(inputs: &Inputs, trained: usize, common: JointKernel<f64>) -> Option<Self> {
+        let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
+        let between = |i: usize, j: usize| kernel(&common, &inputs.kinds, input(i), input(j));
+        let poses = landmarks(&Mat::from_fn(trained, trained, between));
         let count = poses.len();
-        let own = Mat::from_fn(count, count, |i, j| gram[(poses[i], poses[j])]);
-        let lower = Factor::new(own, 1).ok()?.lower();
-        let v = solve_lower(&lower, &Mat::from_fn(count, n, |i, k| gram[(poses[i], k)]));
-        let to_around = Mat::from_fn(count, around.payloads.len(), |i, k| {
-            between((inputs, poses[i]), (around, k))
-        });
-        let v_around = solve_lower(&lower, &to_around);
-        let eigen = product(&v, Transposed(&v)).symmetric_eigen();
+        let own = Mat::from_fn(count, count, |i, j| between(poses[i], poses[j]));
+        let factor = Factor::new(own, 1).ok()?;
+        let to_all = Mat::from_fn(count, inputs.payloads.len(), |i, k| between(poses[i], k));
+        let v = factor.half_solve(&to_all);
+        let measured = v.columns(0, trained).into_owned();
+        let eigen = product(&measured, Transposed(&measured)).symmetric_eigen();
         let q = eigen.eigenvectors;
         Some(Self {
             w: product(Transposed(&q), &v),
-            w_around: product(Transposed(&q), &v_around),
             lambda: (0..count).map(|i| eigen.eigenvalues[i].max(0.0)).collect(),
             q,
             v,
-            v_around,
-            lower,
+            factor,
             poses,
+            trained,
             kernel: common,
         })
     }
 
-    /// The share of the prior that measurements leave unexplained at a pose with noise ν.
-    fn unexplained(&self, pose: KnownPose, nu: f64) -> f64 {
-        let (v, w, k) = match pose {
-            KnownPose::LeftOut(k) => (&self.v, &self.w, k),
-            KnownPose::Around(k) => (&self.v_around, &self.w_around, k),
-        };
+    /// The share of the prior that measurements with noise ν leave unexplained at a pose; at one of theirs the others.
+    fn unexplained(&self, pose: usize, nu: f64) -> f64 {
         let count = self.poses.len();
-        let v2: f64 = (0..count).map(|i| v[(i, k)].powi(2)).sum();
+        let v2: f64 = (0..count).map(|i| self.v[(i, pose)].powi(2)).sum();
         let s: f64 = (0..count)
-            .map(|i| w[(i, k)].powi(2) / (1.0 + self.lambda[i] / nu))
+            .map(|i| self.w[(i, pose)].powi(2) / (1.0 + self.lambda[i] / nu))
             .sum();
-        let left = match pose {
-            KnownPose::LeftOut(_) => s / (1.0 - s / nu).max(1e-9),
-            KnownPose::Around(_) => s,
+        let left = if pose < self.trained {
+            s / (1.0 - s / nu).max(1e-9)
+        } else {
+            s
         };
         (1.0 - v2 + left).clamp(0.0, 1.0)
     }
 
     /// ν, floor and gain of least relative squares.
     fn fitted(self, known: &[Known], noise: f64) -> Option<Fitted> {
-        let inside = |known: &&Known| matches!(known.pose, KnownPose::LeftOut(_));
-        let inside = known.iter().filter(inside).count();
-        let of_one_around = SHARE_AROUND * inside as f64 / f64::from(AROUND);
+        let is_trained = |known: &Known| known.pose < self.trained;
+        let trained = known.iter().filter(|known| is_trained(known)).count();
+        let of_one_around = SHARE_AROUND * trained as f64 / AROUND as f64;
         let trial = |nu: f64| {
             let of = |known: &Known| {
-                let weight = match known.pose {
-                    KnownPose::LeftOut(_) => 1.0,
-                    KnownPose::Around(_) => of_one_around,
+                let weight = if is_trained(known) {
+                    1.0
+                } else {
+                    of_one_around
                 };
                 Relative {
                     weight,
@@ -328,9 +308,9 @@ impl Landmarks {
                 })
                 .sum::<f64>()
         });
-        // C⁻ᵀ I C⁻¹, with the information I, symmetric.
-        let half = solve_upper(&self.lower, &shares);
-        solve_upper(&self.lower, &half.transpose())
+        // C⁻ᵀ I C⁻¹, with the information I.
+        let inverse = self.factor.half_solve(&Mat::identity(count, count));
+        product(Transposed(&inverse), &product(&shares, &inverse))
     }
 }
 
@@ -419,32 +399,6 @@ fn floor_and_gain(equations: &[Relative], noise: f64) -> Option<(f64, f64, f64)>
     let floor = ((f - fg * gain) / ff).max(noise);
     let cost = sum(&|e| (e.floor * floor + e.gain * gain - 1.0).powi(2));
     cost.is_finite().then_some((floor, gain, cost))
-}
-
-/// C⁻¹ b.
-fn solve_lower(c: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
-    let mut out = b.clone();
-    for column in 0..b.ncols() {
-        for i in 0..c.nrows() {
-            let done: f64 = (0..i).map(|j| c[(i, j)] * out[(j, column)]).sum();
-            out[(i, column)] = (out[(i, column)] - done) / c[(i, i)];
-        }
-    }
-    out
-}
-
-/// C⁻ᵀ b.
-fn solve_upper(c: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
-    let mut out = b.clone();
-    for column in 0..b.ncols() {
-        for i in (0..c.nrows()).rev() {
-            let done: f64 = (i + 1..c.nrows())
-                .map(|j| c[(j, i)] * out[(j, column)])
-                .sum();
-            out[(i, column)] = (out[(i, column)] - done) / c[(i, i)];
-        }
-    }
-    out
 }
 
 /// The lower triangular H with HᵀH = `a`: the factor of the matrix turned around, turned back.
