@@ -7,8 +7,8 @@
 //! - landmarks among the training poses, each the one that explains most of what the ones before leave;
 //! - ν, the noise of one pose as information about a process, the floor and the gain, in least relative squares. They are
 //!   fitted to the exact posterior, inflation included: at every training pose when it is left out
-//!   (`outliers::leave_one_out`), and at poses of twice the trained ranges. With the first alone, the device said half of
-//!   what the trainer did far from all data.
+//!   (`outliers::leave_one_out`), and at poses drawn from twice the trained ranges. Without the latter, the device stated
+//!   half of the trainer's standard deviation far from all data.
 //!
 //! The share that measurements leave unexplained at a pose: with K = C Cᵀ, V = C⁻¹ K_LN, V Vᵀ = Q Λ Qᵀ and v = C⁻¹ k it is
 //! 1 − |v|² + s, s = Σ_i (Qᵀv)_i² / (1 + λ_i/ν). Where the pose is one of those measured and is left out, s/(1 − s/ν) is in
@@ -121,13 +121,14 @@ pub fn device_variance(
 /// Factors of the common kernel's rates that are tried.
 const SHORTER: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
-/// Poses beyond the trained ranges, and the share of them all together in the fit: a training pose counts one.
+/// Poses that are drawn from twice the trained ranges.
 const AROUND: usize = 40;
+/// Their weight in the fit, all together, as a share of that of the training poses.
 const SHARE_AROUND: f64 = 0.25;
 
-/// The gain in units of what the processes have before any measurement. It is no less: with shorter length scales the poses of
-/// twice the ranges asked for less, and farther away the device said two thirds of what the trainer did. It is more where the
-/// parameters are uncertain, too, up to a limit: where processes have all but vanished, no factor is right.
+/// Limits of the gain, as a factor of the prior variance of the processes. Below 1, shorter length scales fitted as well, but
+/// farther away the device stated two thirds of the trainer's standard deviation. Above 1, the gain also covers parameters that
+/// are uncertain there; but where the processes have all but vanished, no factor of their prior is right.
 const GAIN: RangeInclusive<f64> = 1.0..=4.0;
 
 /// A pose whose exact variance is known, a training pose when it is left out; m².
@@ -140,7 +141,8 @@ struct Known {
     variance: f64,
 }
 
-/// Poses of twice the ranges of `samples`, each with the payload and the tool of one of them. Only positions are looked at.
+/// Poses drawn from twice the ranges of `samples`, each with the payload and the tool of one of them. Their observations have no
+/// value: only how well a position would be known there is asked.
 fn around(samples: &[BaseSample], coupling: Option<&Coupling<f64>>) -> Vec<BaseSample> {
     let joints = samples.first().map_or(0, |sample| sample.joints.len());
     let range = |joint| extremes(samples.iter().map(|s: &BaseSample| s.joints[joint]));
