@@ -20,3 +20,5 @@ pub const MAX_LINK_TERMS: usize = MAX_JOINTS * (MAX_JOINTS + 1) / 2;
 pub const MAX_TOOLS: usize = 16;
 /// Most landmarks of the variance of an elastic correction.
 pub const MAX_LANDMARKS: usize = 16;
+/// Most landmarks of the variance of a correction in task space.
+pub const MAX_TASK_SPACE_LANDMARKS: usize = 48;

@@ -17,6 +17,7 @@ use poegp_protocol::link::Query;
 use poegp_runtime::elastic::position_variance::landmark_words;
 use poegp_runtime::gp::quadratic_posterior as posterior;
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
+use poegp_runtime::gp::quadratic_variance::{self, variance_words};
 use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::model::cost::ModelSize;
 use poegp_runtime::model::{Model, words_for};
@@ -55,6 +56,8 @@ pub struct Sample {
     pub coupled: bool,
     /// How many joints slide instead of turning: joints 3, 1 and 2 first, then 4, 5, ….
     pub sliding: usize,
+    /// Landmarks of the variance of a correction in task space; 0 for none.
+    pub landmarks: usize,
 }
 
 /// Inducing points of the correction.
@@ -81,6 +84,7 @@ impl Sample {
             joints: JOINTS,
             coupled: false,
             sliding: 0,
+            landmarks: 0,
         }
     }
 
@@ -141,7 +145,7 @@ impl Sample {
             SampleCorrection::Elastic(elastic) => (0..elastic.landmarks)
                 .map(|index| 4 * landmark_words(self.joints, index))
                 .sum(),
-            _ => 0,
+            _ => 4 * variance_words(self.joints + 1, self.landmarks),
         }
     }
 
@@ -156,7 +160,7 @@ impl Sample {
             .iter()
             .map(|frame| *frame * Pose::exp(&error(&mut generator)))
             .collect();
-        let mut rows = Vec::new();
+        let (mut rows, mut landmarks) = (Vec::new(), Vec::new());
         let curves = match self.correction {
             SampleCorrection::Elastic(elastic) => elastic.curves(self, &mut self.generator(3)),
             _ => Vec::new(),
@@ -164,16 +168,17 @@ impl Sample {
         let correction = match self.correction {
             SampleCorrection::None => Correction::None,
             SampleCorrection::Shared(count) | SampleCorrection::Folded(count) => {
-                self.task_space(&mut generator, count, true, &mut rows)
+                let process = self.task_space(&mut generator, count, true, &mut rows);
+                Correction::TaskSpace(self.with_variance(process, &mut landmarks))
             }
             SampleCorrection::PerOutput(count) => {
-                self.task_space(&mut generator, count, false, &mut rows)
+                Correction::TaskSpace(self.task_space(&mut generator, count, false, &mut rows))
             }
             SampleCorrection::Elastic(elastic) => {
                 elastic.correction(self, &mut generator, &mut rows, &curves)
             }
         };
-        let mut landmarks = Vec::new();
+        let mut elastic_landmarks = Vec::new();
         let mut host_bytes = [0; 512];
         let host = Host {
             provenance: Provenance {
@@ -233,7 +238,7 @@ impl Sample {
             host: host.encode(&mut host_bytes).expect("room"),
             variance: match self.correction {
                 SampleCorrection::Elastic(elastic) => {
-                    elastic.variance(self, &mut self.generator(2), &mut landmarks)
+                    elastic.variance(self, &mut self.generator(2), &mut elastic_landmarks)
                 }
                 _ => None,
             },
@@ -261,7 +266,7 @@ impl Sample {
         count: usize,
         shared: bool,
         rows: &'a mut Vec<u8>,
-    ) -> Correction<'a> {
+    ) -> TaskSpace<'a> {
         let inputs = self.joints + 1;
         let input_scale: heapless::Vec<f32, _> = (0..inputs)
             .map(|d| {
@@ -293,7 +298,7 @@ impl Sample {
         } else {
             heapless::Vec::new()
         };
-        Correction::TaskSpace(TaskSpace {
+        TaskSpace {
             limit: CorrectionLimit {
                 position_m: 5e-3,
                 angle_rad: 5e-3,
@@ -312,7 +317,31 @@ impl Sample {
             }),
             rows,
             centre,
-        })
+            landmarks: 0,
+            landmark_rows: &[],
+        }
+    }
+
+    /// With its landmarks, whose bytes go to `rows`.
+    fn with_variance<'a>(&self, process: TaskSpace<'a>, rows: &'a mut Vec<u8>) -> TaskSpace<'a> {
+        let mut generator = self.generator(2);
+        let inputs = self.joints + 1;
+        for _ in 0..self.landmarks {
+            let mut words = vec![0.0_f32; quadratic_variance::landmark_words(inputs)];
+            words[..inputs].fill_with(|| generator.random_range(-1.0..1.0));
+            words[inputs] = -words.iter().map(|z| z * z).sum::<f32>();
+            rows.extend(words.into_iter().flat_map(f32::to_le_bytes));
+        }
+        while rows.len() < 4 * variance_words(inputs, self.landmarks) {
+            // Kernels of poses that are drawn like these are small.
+            rows.extend(generator.random_range(-6.0_f32..4.0).to_le_bytes());
+        }
+        TaskSpace {
+            output_scale: std::array::from_fn(|_| generator.random_range(1e-4..1e-3)),
+            landmarks: self.landmarks as u8,
+            landmark_rows: rows,
+            ..process
+        }
     }
 
     /// So many queries: three of four within the trained ranges, the rest beyond them.

@@ -60,6 +60,8 @@ pub fn task_space(
             Some(centre) => fixed(centre.iter().take(inputs).map(|x| *x as f32), "centre")?,
             None => FixedVec::new(),
         },
+        landmarks: 0,
+        landmark_rows: &[],
     };
     Ok((task_space, little_endian(&rows)))
 }

@@ -13,6 +13,7 @@ use poegp_protocol::cause::Causes;
 use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::minimal_chain::MinimalForm;
 use poegp_runtime::kinematics::poe::Poe;
+use poegp_runtime::model::words_for;
 
 use crate::blob::precision_loss::{
     MAX_F32_ERROR_M, MEAN_F32_ERROR_M, SinglePrecisionLoss, precision_loss,
@@ -224,6 +225,9 @@ fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, 
     )
 }
 
+/// Words of rows that a device has room for.
+const DEVICE_ROOM: usize = words_for(400);
+
 /// Most bytes of the section for the host.
 const MAX_HOST_LENGTH: usize = 1 << 20;
 
@@ -259,7 +263,20 @@ fn to_bytes(
             )
         }
     };
-    let landmarks = sigma.map_or(Vec::new(), |s| little_endian(&s.rows));
+    // What no device has room for is for workstations.
+    let room = DEVICE_ROOM
+        .checked_sub(rows.len() / 4)
+        .unwrap_or(usize::MAX);
+    let task_space_variance = calibration
+        .correction
+        .task_space()
+        .filter(|_| calibration.config.device_variance)
+        .and_then(|t| t.gp.device_variance(room));
+    let landmarks = match (&task_space_variance, sigma) {
+        (Some(variance), _) => little_endian(&variance.rows),
+        (None, Some(sigma)) => little_endian(&sigma.rows),
+        (None, None) => Vec::new(),
+    };
     let joints = robot.joints.iter().map(|joint| Joint {
         kind: joint.kind,
         limits: joint
@@ -312,6 +329,8 @@ fn to_bytes(
             Correction::None => Correction::None,
             Correction::TaskSpace(header) => Correction::TaskSpace(TaskSpace {
                 rows: &rows,
+                landmarks: task_space_variance.map_or(0, |v| v.landmarks as u8),
+                landmark_rows: &landmarks,
                 ..header
             }),
             Correction::Elastic(header) => Correction::Elastic(Elastic {

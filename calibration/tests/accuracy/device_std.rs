@@ -106,3 +106,74 @@ fn of_simulated_sets() {
     }
     held_out("wild", 100);
 }
+
+/// The lowest, three quantiles and the highest.
+fn spread(mut values: Vec<f64>) -> [f64; 5] {
+    values.sort_by(f64::total_cmp);
+    let last = values.len() - 1;
+    [0, last / 20, last / 2, last - last / 20, last].map(|i| values[i])
+}
+
+/// Eq. 7 on the device, on held-out poses, on these far away, and close to training poses.
+fn papers_process(scenario: &str, poses: usize) {
+    let (robot, _) = arm("abb-irb4400-serial");
+    let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
+    let train: Vec<InstrumentSample> = read("train").into_iter().take(poses).collect();
+    let options = Config::new(Method::PoeGpLoad);
+    let CalibratedBlob {
+        calibration, blob, ..
+    } = calibrate_to_blob(&robot, &train, &options, &origin(1), &FitContext::default()).unwrap();
+    let gp = &calibration.correction.task_space().unwrap().gp;
+    let noise = gp.output(0).noise_variance;
+    let tests: Vec<InstrumentSample> = ["test1", "test2", "test3"]
+        .into_iter()
+        .flat_map(read)
+        .collect();
+    let turned = |sample: &InstrumentSample, by: f64| {
+        let mut turned = sample.clone();
+        for joint in [1, 2] {
+            turned.joints[joint] += by;
+            turned.serial_joints[joint] += by;
+        }
+        turned
+    };
+    let far: Vec<InstrumentSample> = tests.iter().map(|s| turned(s, 1.5)).collect();
+    let close: Vec<InstrumentSample> = train.iter().map(|s| turned(s, 0.05)).collect();
+    let ratios = |samples: &[InstrumentSample]| -> (Vec<f64>, Vec<f64>) {
+        let ratio = |sample: &InstrumentSample| {
+            let of_trainer = calibration.standard_deviation(sample).unwrap();
+            let squares: f64 = of_trainer[..3].iter().map(|s| s * s).sum();
+            let answer = blob.predict(&sample.joints, sample.payload_kg);
+            let ratio = f64::from(answer.position_sigma.unwrap()) / (squares / 3.0).sqrt();
+            // The outputs share u, so what is not noise follows from one of them.
+            let x = [sample.joints.clone(), vec![sample.payload_kg.unwrap()]].concat();
+            let latent = gp.variance(&x)[0] / gp.output_scale[0].powi(2);
+            let without = (ratio * ratio * (latent + noise) - noise).max(0.0) / latent;
+            (ratio, without.sqrt())
+        };
+        samples.iter().map(ratio).unzip()
+    };
+    for (name, samples, least, most) in [
+        ("held out", &tests, 0.93, 1.07),
+        ("far away", &far, 0.87, 1.07),
+        ("close by", &close, 0.96, 1.16),
+    ] {
+        let (with, without) = ratios(samples);
+        let (with, without) = (spread(with), spread(without));
+        say(format_args!(
+            "{scenario:>5}, {poses} poses, {name}: device/eq. 7 {with:.3?}, without noise {without:.3?}; {} bytes",
+            blob.bytes().len()
+        ));
+        let [_, low, middle, high, _] = with;
+        assert!((0.95..1.05).contains(&middle), "{scenario}: {middle}");
+        assert!(low > least && high < most, "{scenario}: {with:?}");
+    }
+}
+
+#[test]
+fn of_the_papers_process() {
+    for scenario in ["paper", "rich", "wild", "full"] {
+        papers_process(scenario, 100);
+        papers_process(scenario, 300);
+    }
+}

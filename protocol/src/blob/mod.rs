@@ -161,9 +161,10 @@ pub enum Correction<'a> {
 pub struct TaskSpace<'a> {
     /// The correction is scaled back to these.
     pub limit: CorrectionLimit,
-    /// θ₀, θ₁, θ₂, θ₃, noise variance as fitted: one entry when shared, else one for each output. For the reader only.
+    /// θ₀, θ₁, θ₂, θ₃, noise variance as fitted: one entry when shared, else one for each output. Beside landmarks θ₀ and the
+    /// noise are part of the predictive variance; the rest is for the reader only.
     pub hyperparameters: Vec<[f32; 5], OUTPUTS>,
-    /// RMS of each output before scaling, m and rad. For the reader only: it is in the weights.
+    /// RMS of each output before scaling, m and rad. It is in the weights, and beside landmarks a part of the predictive variance.
     pub output_scale: [f32; OUTPUTS],
     /// Reciprocal length scale of each input, √(θ₁ log₂e / 2) when shared; its length is the number of inputs D:
     /// the joints, then the payload if the model knows it.
@@ -179,6 +180,13 @@ pub struct TaskSpace<'a> {
     ///
     /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j in the rows.
     pub centre: Vec<f32, MAX_INPUTS>,
+    /// Number of landmarks L of the predictive variance (eq. 7), of shared hyperparameters; 0 for none. The runtime's module
+    /// `gp::quadratic_variance` has its formula.
+    pub landmarks: u8,
+    /// Their rows, `f32` little endian. Of each landmark its D scaled inputs z_j, −|z_j|² and zeros up to 8 words (16 from 8
+    /// inputs on). Then of each four landmarks the coefficients of their four kernels, and 16 for each four up to themselves:
+    /// those of the products of the first kernel with the four, of the second with the four, …; zeros above the diagonal.
+    pub landmark_rows: &'a [u8],
 }
 
 /// The elastic correction; the runtime's room `elastic` has its formulas.

@@ -56,7 +56,13 @@ const FOREIGN: [&str; 9] = [
 ];
 
 /// Numbers of words of four bytes.
-const STORAGE: [&str; 4] = ["words_for", "row_words", "landmark_words", "capacity_words"];
+const STORAGE: [&str; 5] = [
+    "words_for",
+    "row_words",
+    "landmark_words",
+    "variance_words",
+    "capacity_words",
+];
 
 /// The parts of an identifier, in lower case.
 fn parts(word: &str) -> Vec<String> {

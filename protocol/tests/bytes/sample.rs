@@ -66,6 +66,8 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
             affine: affine.map(|values| values.into_iter().collect()),
             rows,
             centre: heapless::Vec::new(),
+            landmarks: 0,
+            landmark_rows: &[],
         }),
         variance: None,
         warnings: Causes::NONE,
@@ -101,11 +103,23 @@ pub fn host() -> Host<'static> {
     }
 }
 
-/// The example with its rows taken for folded ones.
-pub fn folded_blob(rows: &[u8]) -> Blob<'_> {
+/// One landmark of the folded example: z = (1/2, 1/4, 1/2), ½ k − 1¼ k².
+pub fn task_space_landmark() -> Vec<u8> {
+    let landmark = [0.5, 0.25, 0.5, -0.5625, 0.0, 0.0, 0.0, 0.0];
+    let single = [0.5, 0.0, 0.0, 0.0];
+    let mut pairs = [0.0; 16];
+    pairs[0] = -1.25;
+    let words = landmark.into_iter().chain(single).chain(pairs);
+    words.flat_map(|word: f32| word.to_le_bytes()).collect()
+}
+
+/// The example with its rows taken for folded ones, and a landmark.
+pub fn folded_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     let mut out = blob(rows);
     if let Correction::TaskSpace(task) = &mut out.correction {
         task.centre = [0.5, 0.25, 8.0].into_iter().collect();
+        task.landmarks = 1;
+        task.landmark_rows = landmark;
     }
     out
 }

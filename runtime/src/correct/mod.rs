@@ -310,7 +310,7 @@ impl<T: KernelLoops> Search<'_, T> {
             return (pose, false);
         };
         let x = self.arm.inputs(&sum(self.joints, change), self.payload_kg);
-        let mean = task.header.mean(self.rows, &x);
+        let mean = task.mean(self.rows, &x);
         let (twist, limited) =
             limit::limited(&task.limit, &Twist::from_array(&mean), &pose.translation);
         (pose.corrected(&twist), limited)

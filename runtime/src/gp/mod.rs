@@ -7,5 +7,6 @@ pub mod joint_processes;
 pub(crate) mod loops;
 pub mod quadratic_kernel;
 pub mod quadratic_posterior;
+pub mod quadratic_variance;
 
 pub use loops::KernelLoops;

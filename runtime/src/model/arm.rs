@@ -130,12 +130,12 @@ impl<T: Scalar> Arm<T> {
         Ok(())
     }
 
-    /// Its sizes, with so many words of rows.
-    pub(super) fn size(&self, rows: usize) -> ModelSize {
+    /// Its sizes.
+    pub(super) fn size(&self) -> ModelSize {
         let (kinds, coupling) = (self.calibrated.kinds(), self.coupling.as_ref());
         let correction = match &self.correction {
             ArmCorrection::None => CorrectionSize::None,
-            ArmCorrection::TaskSpace(task) => task.size(rows),
+            ArmCorrection::TaskSpace(task) => task.size(),
             ArmCorrection::Elastic(elastic) => CorrectionSize::Elastic(elastic.size(kinds)),
         };
         ModelSize {

@@ -4,6 +4,7 @@
 //! many for each joint, each inducing point, each word of one. `POSE` and `COMMAND` are what each takes.
 
 use crate::gp::joint_processes::JointProcesses;
+use crate::gp::quadratic_variance::BLOCK;
 use crate::math::scalar::Scalar;
 
 /// The sizes of a model.
@@ -34,6 +35,8 @@ pub enum CorrectionSize {
         points: usize,
         /// Their form.
         form: TaskSpaceForm,
+        /// Landmarks of the standard deviation; 0 for none.
+        landmarks: usize,
     },
     /// In joint space.
     Elastic(ElasticSize),
@@ -102,10 +105,12 @@ impl ElasticSize {
     }
 }
 
-/// Terms of the sum: of every arm, of the three forms of a correction in task space, and of an elastic one.
-pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_ELASTIC;
+/// Terms of the sum: of every arm, of the three forms of a correction in task space and its standard deviation, and of an
+/// elastic one.
+pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_VARIANCE + OF_ELASTIC;
 const OF_ARM: usize = 6;
 const OF_TASK_SPACE: usize = 4;
+const OF_VARIANCE: usize = 5;
 const OF_ELASTIC: usize = 30;
 
 impl ModelSize {
@@ -126,14 +131,20 @@ impl ModelSize {
                 self.coupling_terms,
             ],
         );
-        let (task_space, elastic_terms) = corrections.split_at_mut(3 * OF_TASK_SPACE);
+        let (task_space, corrections) = corrections.split_at_mut(3 * OF_TASK_SPACE);
+        let (variance, elastic_terms) = corrections.split_at_mut(OF_VARIANCE);
         match self.correction {
             CorrectionSize::None => {}
             CorrectionSize::TaskSpace {
                 inputs,
                 points,
                 form,
+                landmarks: l,
             } => {
+                let (varies, blocks) = (usize::from(l > 0), l.div_ceil(BLOCK));
+                let is_long = usize::from(inputs > 7);
+                let pairs = blocks * (blocks + 1) / 2;
+                copy(variance, &[varies, l, l * is_long, blocks, pairs]);
                 let mut forms = task_space.chunks_mut(OF_TASK_SPACE);
                 if let Some(terms) = forms.nth(form as usize) {
                     copy(terms, &[1, inputs, points, points * inputs]);
@@ -206,22 +217,24 @@ impl ElasticSize {
 // every run.
 
 /// 256ths of an instruction for each term of one evaluation.
-#[rustfmt::skip] // arm; folded, differences, per output; elastic
+#[rustfmt::skip] // arm; folded, differences, per output; variance; elastic
 const POSE: [i32; TERMS] = [
-    115386, 44819, -11293, -10642, 14531, 2997,
-    129833, 13812, 6807, 602,
-    144488, 15606, 10843, 1035,
-    152432, 18823, 40060, 2314,
-    164882, 49950, -5590, 24657, 13554, 4229, 21518, 5489, 18527, 33109, 3775, 1753, 12626, 3910, 550, 1591, 86717, 31157, 11733, 10251, 2956, 18866, 28639, 9085, 2493, 89171, 33315, 23530, 4455, 1021,
+    116404, 44124, -3590, -11016, 17988, 2847,
+    95681, 17517, 7935, 458,
+    84928, 27246, 11433, 948,
+    178799, 16421, 40024, 2320,
+    116778, 29975, 13636, -43273, 15876,
+    169716, 42040, 2499, 23435, 21315, 3155, 25490, 5680, 11880, 40360, 2826, 1426, 12605, 3716, 580, 1461, 79437, 29413, 11777, 9465, 3155, 19642, 25559, 10159, 2535, 55979, 36930, 27407, 4241, 829,
 ];
 /// 256ths of an instruction for each term of one command, filter included, without its frame.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
-    1158951, 163137, 30272, -23814, 46255, 33583,
-    528374, 66686, 20413, 1806,
-    843405, 39180, 31911, 3182,
-    572950, 84001, 124611, 6443,
-    422253, 55541, 8332, 20642, 35828, 10207, 46863, 12572, 231, 33150, 4371, 1424, 12910, 3995, 528, 2654, 66801, 30963, 12177, 9580, 3022, 21129, 64730, 16187, 4562, -9268, 229, 3909, -77, -166,
+    1159069, 163019, 20700, -22576, 54949, 24442,
+    419073, 78382, 21294, 1700,
+    766469, 48970, 31928, 3198,
+    647098, 68992, 124306, 6514,
+    -748, 15097, 1250, -50014, -1101,
+    428119, 50386, 12959, 30305, 36445, 11644, 47867, 13916, -2350, 39914, 3308, 643, 13351, 3813, 553, 2815, 57947, 31459, 12380, 9420, 3098, 21049, 53126, 19226, 4629, -22974, 5107, 3192, -636, 23,
 ];
 
 /// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the

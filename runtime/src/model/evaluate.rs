@@ -28,8 +28,8 @@ pub struct Evaluation<T> {
     /// see [`crate::guard::trust`]. 0 for input that is not finite.
     pub trust: T,
     /// Standard deviation of one position component of a new measurement about this pose, metres, root mean square over
-    /// the three axes: of an elastic model with a variance (see [`crate::elastic::position_variance::PositionVariance`]), for input
-    /// that is one.
+    /// the three axes: of a model with a variance (see [`crate::elastic::position_variance`] and
+    /// [`crate::gp::quadratic_variance`]), for input that is one.
     pub position_sigma: Option<T>,
 }
 
@@ -108,8 +108,11 @@ impl<T: KernelLoops> View<'_, T> {
                 let chain = arm.calibrated.forward_at(&motions);
                 observer.chain(&chain);
                 let x = arm.inputs(&x, payload_kg);
-                let mean = task.header.mean(self.rows, &x);
+                let mean = task.mean(self.rows, &x);
                 observer.mean(&mean);
+                if !observer.wants_pose_alone() {
+                    position_sigma = task.position_sigma(self.rows, &x, &chain);
+                }
                 let (twist, limited) =
                     limited(&task.limit, &Twist::from_array(&mean), &chain.translation);
                 (chain.corrected(&twist), twist, limited)

@@ -127,7 +127,12 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             _ => &[],
         };
         let room = WORDS - (bytes.len() + curves.len()) / 4;
-        let landmarks = position_variance::checked(blob, room)?;
+        let landmarks = match &blob.correction {
+            Correction::TaskSpace(task) if blob.variance.is_none() => {
+                task_space::checked_landmarks(task, room)?
+            }
+            _ => position_variance::checked(blob, room)?,
+        };
         self.rows.clear();
         for word in [bytes, curves, landmarks]
             .iter()
@@ -156,9 +161,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     /// Number of inducing points.
     pub fn inducing_points(&self) -> usize {
         match self.arm.as_ref().map(|arm| &arm.correction) {
-            Some(ArmCorrection::TaskSpace(task)) => {
-                self.rows.len() / quadratic_posterior::row_words(task.header.inputs)
-            }
+            Some(ArmCorrection::TaskSpace(task)) => task.points(),
             Some(ArmCorrection::Elastic(elastic)) => elastic.deflection.processes.points(),
             _ => 0,
         }
@@ -166,7 +169,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
 
     /// Its sizes; `None` when there is no model.
     pub fn size(&self) -> Option<ModelSize> {
-        self.arm.as_ref().map(|arm| arm.size(self.rows.len()))
+        self.arm.as_ref().map(Arm::size)
     }
 
     /// Forgets the model.

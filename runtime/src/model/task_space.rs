@@ -1,13 +1,16 @@
 //! The paper's correction: a twist from a Gaussian process, limited, applied to the chain (eq. 9).
 
 use poegp_protocol::blob::TaskSpace;
-use poegp_protocol::limits::MAX_INPUTS;
+use poegp_protocol::limits::{MAX_INPUTS, MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
 
+use crate::gp::loops::KernelLoops;
 use crate::gp::quadratic_posterior::{
     FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words,
 };
+use crate::gp::quadratic_variance::{QuadraticVariance, landmark_words, variance_words};
 use crate::guard::limit::Limit;
 use crate::math::scalar::Scalar;
+use crate::math::se3::Pose;
 use crate::model::MAX_PAYLOAD_KG;
 use crate::model::cost::{CorrectionSize, TaskSpaceForm};
 use crate::model::load_error::LoadError;
@@ -16,8 +19,11 @@ use crate::model::validate::{MAX_COEFFICIENT, checked_limit, checked_rows, is_wi
 /// The task-space correction and its bound.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct TaskSpaceCorrection<T> {
-    pub(crate) header: MeanHeader<T>,
+    header: MeanHeader<T>,
     pub(crate) limit: Limit<T>,
+    /// Words of the inducing points; the landmarks of the variance are behind them.
+    words: usize,
+    variance: Option<QuadraticVariance<T>>,
 }
 
 impl<T: Scalar> TaskSpaceCorrection<T> {
@@ -74,13 +80,49 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
         Ok(Self {
             header,
             limit: checked_limit(&task.limit)?,
+            words: task.rows.len() / 4,
+            variance: variance(task),
         })
     }
 }
 
+impl<T: KernelLoops> TaskSpaceCorrection<T> {
+    /// The posterior mean at `x` from the rows of the model.
+    #[inline(always)]
+    pub(crate) fn mean(&self, rows: &[T], x: &[T; MAX_INPUTS]) -> [T; OUTPUTS] {
+        let rows = rows.get(..self.words).unwrap_or(&[]);
+        self.header.mean(rows, x)
+    }
+}
+
 impl<T: Scalar> TaskSpaceCorrection<T> {
-    /// Its sizes with so many words of rows.
-    pub(super) fn size(&self, words: usize) -> CorrectionSize {
+    /// Standard deviation of one position component of a new measurement of a target at `target`, m; if the model knows it.
+    #[inline(always)]
+    pub(super) fn position_sigma(
+        &self,
+        rows: &[T],
+        x: &[T; MAX_INPUTS],
+        target: &Pose<T>,
+    ) -> Option<T> {
+        let variance = self.variance.as_ref()?;
+        let landmarks = rows.get(self.words..).unwrap_or(&[]);
+        let MeanHeader {
+            inputs,
+            input_scale,
+            ..
+        } = &self.header;
+        let (scale, x) = (input_scale.get(..*inputs)?, x.get(..*inputs)?);
+        let unexplained = variance.unexplained(landmarks, scale, x);
+        Some(variance.standard_deviation(&target.translation, unexplained))
+    }
+
+    /// Number of inducing points.
+    pub(super) fn points(&self) -> usize {
+        self.words / row_words(self.header.inputs)
+    }
+
+    /// Its sizes.
+    pub(super) fn size(&self) -> CorrectionSize {
         let inputs = self.header.inputs;
         let form = if self.header.centre.is_some() {
             TaskSpaceForm::Folded
@@ -91,8 +133,9 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
         };
         CorrectionSize::TaskSpace {
             inputs,
-            points: words / row_words(inputs),
+            points: self.points(),
             form,
+            landmarks: self.variance.as_ref().map_or(0, |v| v.landmarks),
         }
     }
 }
@@ -122,6 +165,62 @@ pub(super) fn checked_inducing_points<'a>(
                 return Err(LoadError::Row);
             }
         }
+    }
+    Ok(rows)
+}
+
+/// The predictive variance, which [`checked_landmarks`] looks at.
+fn variance<T: Scalar>(task: &TaskSpace<'_>) -> Option<QuadraticVariance<T>> {
+    match (task.landmarks, task.hyperparameters.as_slice()) {
+        (1.., [[signal, _, _, _, noise]]) => Some(QuadraticVariance {
+            signal: T::from_f32(*signal),
+            noise: T::from_f32(*noise),
+            output_scale: task.output_scale.map(T::from_f32),
+            landmarks: usize::from(task.landmarks),
+        }),
+        _ => None,
+    }
+}
+
+/// Largest number of the predictive variance: sums of all products stay finite.
+const MAX_FACTOR: f32 = 1e6;
+
+/// The bytes of the landmarks, after every number of the variance was looked at.
+pub(super) fn checked_landmarks<'a>(
+    task: &TaskSpace<'a>,
+    capacity: usize,
+) -> Result<&'a [u8], LoadError> {
+    let (landmarks, inputs) = (usize::from(task.landmarks), task.input_scale.len());
+    let words = variance_words(inputs, landmarks);
+    let rows = task.landmark_rows;
+    if landmarks > MAX_TASK_SPACE_LANDMARKS || rows.len() != 4 * words {
+        return Err(LoadError::Variance);
+    }
+    if landmarks > 0 {
+        let header = task.hyperparameters.iter().flatten();
+        let mut header = header.chain(&task.output_scale);
+        let is_sound = header.all(|value| is_within(*value, 0.0, MAX_FACTOR));
+        if !is_sound || task.hyperparameters.len() != 1 {
+            return Err(LoadError::Variance);
+        }
+    }
+    let row = landmark_words(inputs);
+    for (index, word) in rows.as_chunks::<4>().0.iter().enumerate() {
+        let is_input = index < landmarks * row && index % row < inputs;
+        let limit = if is_input {
+            MAX_SCALED_INPUT as f32
+        } else {
+            MAX_FACTOR
+        };
+        if !is_within(f32::from_le_bytes(*word), -limit, limit) {
+            return Err(LoadError::Variance);
+        }
+    }
+    if words > capacity {
+        return Err(LoadError::InducingPointsTooLarge {
+            needed: words as u32,
+            capacity: capacity as u32,
+        });
     }
     Ok(rows)
 }

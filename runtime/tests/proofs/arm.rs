@@ -288,6 +288,8 @@ impl Arm {
                         centre: task.centre.iter().copied().collect(),
                         affine: core::array::from_fn(|c| task.affine[c].iter().copied().collect()),
                         rows,
+                        landmarks: 0,
+                        landmark_rows: &[],
                     })
                 })
             },

@@ -25,6 +25,7 @@ mod newton_laws;
 mod poe_laws;
 mod poe_reference;
 mod posterior_reference;
+mod quadratic_variance;
 mod ripple_laws;
 mod scalar;
 mod se3_laws;

@@ -65,7 +65,11 @@ pub fn blobs() -> Vec<Vec<u8>> {
         joints: 4,
         ..Sample::plain(8, SampleCorrection::Elastic(SMALL))
     };
-    blobs.push(coupled.blob());
+    let variance = Sample {
+        landmarks: 5,
+        ..Sample::plain(9, SampleCorrection::Folded(3))
+    };
+    blobs.extend([coupled.blob(), variance.blob()]);
     blobs.push(signed(&blobs[0], 7, &SigningKey::from_bytes(&[1; 32])));
     blobs
 }

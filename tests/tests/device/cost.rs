@@ -186,3 +186,25 @@ fn coupled_and_sliding_joints_cost_little() {
     }
     assert!(beyond.is_empty(), "{beyond:?}");
 }
+
+/// What eq. 7 costs beside a command of the paper's model.
+#[test]
+fn the_papers_standard_deviation_costs_two_fifths_of_a_command() {
+    let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
+    println!("instructions of the standard deviation beside those of a command, Cortex-M4F:");
+    for (points, landmarks) in [(100, 48), (100, 24), (300, 48)] {
+        let sample = Sample::plain(31, SampleCorrection::Folded(points));
+        let [pose, command] = pose_and_command(&mut device, sample);
+        let with = Sample {
+            landmarks,
+            ..sample
+        };
+        let more = cost(&mut device, with) - pose;
+        let share = more / command;
+        println!("  {points} points, {landmarks} landmarks: {more:.0} of {command:.0}, {share:.3}");
+        assert!(share <= 0.40, "{share}");
+        if (points, landmarks) == (100, 48) {
+            assert_recorded("standard deviation, paper, 100 points, in addition", more);
+        }
+    }
+}

@@ -51,7 +51,14 @@ fn shape(generator: &mut ChaCha8Rng) -> Sample {
         }
         other => other,
     };
+    let landmarks = match correction {
+        SampleCorrection::Folded(_) | SampleCorrection::Shared(_) if generator.random_bool(0.6) => {
+            generator.random_range(1..=48)
+        }
+        _ => 0,
+    };
     Sample {
+        landmarks,
         joints,
         coupled: joints >= 3 && generator.random_bool(0.3),
         sliding: if joints >= 3 && generator.random_bool(0.4) {

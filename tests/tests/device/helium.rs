@@ -24,8 +24,7 @@ const NO_POINTS: Elastic = Elastic {
 const CONTINUOUS: f64 = 4_232.0;
 
 /// Most instructions of a pose and of a corrected command.
-fn pose_and_command(device: &mut Device, correction: SampleCorrection) -> [f64; 2] {
-    let sample = Sample::plain(31, correction);
+fn pose_and_command(device: &mut Device, sample: &Sample) -> [f64; 2] {
     let tick_hz = device.load(&sample.blob()).unwrap().tick_hz;
     let mut most = [0, 0];
     for query in sample.queries(20) {
@@ -53,28 +52,30 @@ fn instructions_on_a_cortex_m55() {
     println!("| what | Cortex-M55 | Cortex-M4F |");
     println!("|---|---|---|");
     let mut figures = Vec::new();
-    for (name, correction) in [
-        ("chain alone", SampleCorrection::None),
-        ("paper, 300 points", SampleCorrection::Folded(300)),
+    let plain = |correction| Sample::plain(31, correction);
+    let elastic = |elastic| plain(SampleCorrection::Elastic(elastic));
+    let paper = plain(SampleCorrection::Folded(100));
+    for (name, sample) in [
+        ("chain alone", plain(SampleCorrection::None)),
+        ("paper, 100 points", paper),
         (
-            "elastic without points",
-            SampleCorrection::Elastic(NO_POINTS),
+            "paper, 100 points, standard deviation",
+            Sample {
+                landmarks: 48,
+                ..paper
+            },
         ),
-        (
-            "elastic, 100 points, no ripple",
-            SampleCorrection::Elastic(BARE),
-        ),
-        (
-            "elastic, 200 points",
-            SampleCorrection::Elastic(Elastic::PLAIN),
-        ),
+        ("paper, 300 points", plain(SampleCorrection::Folded(300))),
+        ("elastic without points", elastic(NO_POINTS)),
+        ("elastic, 100 points, no ripple", elastic(BARE)),
+        ("elastic, 200 points", elastic(Elastic::PLAIN)),
     ] {
         let [helium, scalar] = devices.each_mut();
-        let [pose, command] = pose_and_command(helium, correction);
-        let [scalar_pose, scalar_command] = pose_and_command(scalar, correction);
+        let [pose, command] = pose_and_command(helium, &sample);
+        let [scalar_pose, scalar_command] = pose_and_command(scalar, &sample);
         println!("| pose, {name} | {pose:.0} | {scalar_pose:.0} |");
         println!("| command, {name} | {command:.0} | {scalar_command:.0} |");
-        if correction == SampleCorrection::Elastic(BARE) {
+        if sample == elastic(BARE) {
             assert!(pose <= 7_000.0, "{pose}");
             assert!(command <= 12_500.0 + CONTINUOUS, "{command}");
         }

@@ -1,5 +1,7 @@
 //! Host and device compute the same bits, stage by stage, for every kind of model and every input.
 
+use std::collections::HashSet;
+
 use poegp_protocol::blob;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::{Model, words_for};
@@ -36,6 +38,31 @@ fn compare(sample: Sample, count: usize) -> usize {
 fn shared_hyperparameters() {
     let trusted = compare(Sample::plain(10, SampleCorrection::Shared(300)), 1_000);
     assert!(trusted > 100, "only {trusted} queries were ordinary");
+}
+
+/// Eq. 7, with every number of landmarks that ends a round of the coefficients differently, and none.
+#[test]
+fn standard_deviation_in_task_space() {
+    for (landmarks, correction) in [
+        (1, SampleCorrection::Shared(30)),
+        (2, SampleCorrection::Folded(1)),
+        (3, SampleCorrection::Folded(40)),
+        (4, SampleCorrection::Folded(40)),
+        (48, SampleCorrection::Folded(300)),
+    ] {
+        let sample = Sample {
+            landmarks,
+            ..Sample::plain(16, correction)
+        };
+        compare(sample, 200);
+        let host = Host::load(&sample.blob()).unwrap();
+        let sigmas: HashSet<String> = sample
+            .queries(200)
+            .iter()
+            .map(|query| host.trust_line(query))
+            .collect();
+        assert!(sigmas.len() > 100, "{} different", sigmas.len());
+    }
 }
 
 #[test]

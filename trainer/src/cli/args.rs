@@ -67,7 +67,7 @@ pub struct FitArgs {
     /// on the device.
     #[arg(long, help_heading = heading::MODEL)]
     pub per_output: bool,
-    /// Leave the predictive standard deviation of the position out of an elastic model.
+    /// Leave the predictive standard deviation of the position out of the blob.
     #[arg(long, help_heading = heading::MODEL)]
     pub no_variance: bool,
     /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).

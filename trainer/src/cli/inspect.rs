@@ -86,6 +86,10 @@ fn document(loaded: &BlobModel) -> Value {
                 "theta": h[..4], "noise_variance": h[4]
             })).collect::<Vec<_>>(),
             "output_rms": task.output_scale,
+            "predictive_std": (task.landmarks > 0).then(|| json!({
+                "landmarks": task.landmarks,
+                "bytes": task.landmark_rows.len(),
+            })),
             "correction_limit_mm": 1e3 * task.limit.position_m,
             "correction_limit_mrad": 1e3 * task.limit.angle_rad,
         }),
@@ -203,6 +207,10 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
                 h[0], h[1], h[2], h[3], h[4]
             ));
         }
+        report.line(match task.landmarks {
+            0 => "    no standard deviation".to_owned(),
+            landmarks => format!("    standard deviation from {landmarks} landmarks"),
+        });
     }
     if let Correction::Elastic(elastic) = &blob.correction {
         report.line(format_args!(

@@ -28,6 +28,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::inputs::{Inputs, kernel};
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
+use crate::learning::landmarks::landmarks;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::cholesky::Factor;
@@ -40,8 +41,6 @@ use crate::numeric::statistics::extremes;
 /// 0.948 to 1.071 with 8, 0.955 to 1.034 with 12, 0.957 to 1.031 with 16, 0.950 to 1.029 with 32.
 pub const LANDMARKS: usize = 12;
 const _: () = assert!(LANDMARKS <= MAX_LANDMARKS);
-/// A further landmark must have this share of its own variance left, or single precision would cancel.
-const LEAST_LEFT: f64 = 1e-3;
 
 /// What the device needs, in f64.
 #[derive(Clone, Debug)]
@@ -228,7 +227,7 @@ impl Landmarks {
     fn new(inputs: &Inputs, trained: usize, common: JointKernel<f64>) -> Option<Self> {
         let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
         let between = |i: usize, j: usize| kernel(&common, &inputs.kinds, input(i), input(j));
-        let poses = landmarks(&Mat::from_fn(trained, trained, between));
+        let poses = landmarks(&Mat::from_fn(trained, trained, between), LANDMARKS);
         let count = poses.len();
         let own = Mat::from_fn(count, count, |i, j| between(poses[i], poses[j]));
         let factor = Factor::new(own, 1).ok()?;
@@ -314,33 +313,6 @@ impl Landmarks {
         let inverse = self.factor.half_solve(&Mat::identity(count, count));
         product(Transposed(&inverse), &product(&shares, &inverse))
     }
-}
-
-/// Greedily the pose that explains most of what all poses have left.
-fn landmarks(gram: &Mat<f64>) -> Vec<usize> {
-    let n = gram.nrows();
-    let mut left = gram.clone();
-    let mut chosen = Vec::new();
-    while chosen.len() < LANDMARKS.min(n) {
-        let gain = |j: usize| (0..n).map(|i| left[(i, j)].powi(2)).sum::<f64>() / left[(j, j)];
-        let Some(next) = (0..n)
-            .filter(|j| left[(*j, *j)] > LEAST_LEFT)
-            .map(|j| (j, gain(j)))
-            .max_by(|a, b| a.1.total_cmp(&b.1))
-            .map(|(j, _)| j)
-        else {
-            break;
-        };
-        let pivot = left[(next, next)];
-        let column: Vec<f64> = (0..n).map(|i| left[(i, next)]).collect();
-        for j in 0..n {
-            for i in 0..n {
-                left[(i, j)] -= column[i] * column[j] / pivot;
-            }
-        }
-        chosen.push(next);
-    }
-    chosen
 }
 
 /// Σ_c |J_c|² a_c of every pose, m².

@@ -5,6 +5,7 @@
 //! analytic gradient, [`fit`] finds the hyperparameters, and [`TaskSpaceGp`] is the posterior with its cached weights:
 //! what is exported is evaluated by the very formula that was fitted.
 
+pub mod device_variance;
 pub mod fit;
 pub mod likelihood;
 
@@ -244,22 +245,38 @@ impl TaskSpaceGp {
 
     /// Predictive variance of the latent function at `x`, K₂ − K₁ᵀ K⁻¹ K₁ (eq. 7), in m² and rad².
     pub fn variance(&self, x: &[f64]) -> [f64; OUTPUTS] {
-        let mut unit = Vec::with_capacity(self.factors.len());
-        for (h, factor) in self.hyperparameters.iter().zip(&self.factors) {
-            let value = |other: &[f64]| {
-                h.kernel
-                    .value(squared_distance(x, other), inner_product(x, other))
-            };
-            let cross = Mat::from_fn(self.inputs.len(), 1, |j, _| value(&self.inputs[j]));
-            let solved = factor.solve(&cross);
-            let explained: f64 = (0..self.inputs.len())
-                .map(|j| cross[(j, 0)] * solved[(j, 0)])
-                .sum();
-            unit.push(value(x) - explained);
-        }
+        let poses = [x.to_vec()];
+        let factors = self.hyperparameters.iter().zip(&self.factors);
+        let unit: Vec<f64> = factors
+            .map(|(h, factor)| unit_variances(h, factor, &self.inputs, &poses)[0])
+            .collect();
         let of = |c: usize| unit[if unit.len() == 1 { 0 } else { c }];
         std::array::from_fn(|c| of(c) * self.output_scale[c] * self.output_scale[c])
     }
+
+    /// The same at many poses, of the first output in units of its mean square.
+    fn unit_variances(&self, poses: &[Vec<f64>]) -> Vec<f64> {
+        unit_variances(self.output(0), &self.factors[0], &self.inputs, poses)
+    }
+}
+
+/// K₂ − K₁ᵀ K⁻¹ K₁ at each of `poses`.
+fn unit_variances(
+    hyperparameters: &Hyperparameters,
+    factor: &Factor,
+    inputs: &[Vec<f64>],
+    poses: &[Vec<f64>],
+) -> Vec<f64> {
+    let value = |a: &[f64], b: &[f64]| {
+        let kernel = &hyperparameters.kernel;
+        kernel.value(squared_distance(a, b), inner_product(a, b))
+    };
+    let cross = Mat::from_fn(inputs.len(), poses.len(), |j, i| {
+        value(&inputs[j], &poses[i])
+    });
+    let half = factor.half_solve(&cross);
+    let left = |(i, x): (usize, &Vec<f64>)| value(x, x) - half.column(i).norm_squared();
+    poses.iter().enumerate().map(left).collect()
 }
 
 /// RMS of each output (1 where it is zero), and the outputs divided by it, n×6.

@@ -13,6 +13,7 @@ use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::correction::Correction;
 use poegp_calibration::validation::device_budget::BudgetTrial;
+use poegp_protocol::blob::Correction as BlobCorrection;
 
 /// Everything, once it is written.
 pub fn all(report: Printer, a: &Job, made: &Made) {
@@ -178,6 +179,18 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
         a.out.display(),
         blob.bytes().len()
     ));
+    if let BlobCorrection::TaskSpace(process) = &blob.blob().correction
+        && process.landmarks == 0
+        && a.config.device_variance
+    {
+        let cause = match process.rates.is_some() {
+            true => "each output has its own hyperparameters",
+            false => "a device has no room for it beside these inducing points",
+        };
+        report.line(format_args!(
+            "  note: the blob has no standard deviation: {cause}"
+        ));
+    }
     print_outputs(report, a, document.repeats);
 }
 

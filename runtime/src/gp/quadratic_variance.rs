@@ -1,0 +1,165 @@
+//! The predictive variance of the paper's Gaussian process (eq. 7), K₂ − K₁ᵀ K⁻¹ K₁, in a form that fits on a device.
+//!
+//! The exact form takes N(N + 1)/2 words and as many products for N training poses. As a function of the input x it is much
+//! simpler: a quadratic form in the kernels of L landmarks, which are training poses, follows it within 5 %.
+//!
+//! ```text
+//! k_j  = 2^(−|z − z_j|²) = 2^(2z·z_j − |z_j|² − |z|²)            z = scale ∘ x, as in the mean
+//! u(x) = 1 + Σ_i k_i (b_i + Σ_{j ≤ i} B_ij k_j)                 held in [0, 1]
+//! σ²   = (θ₀ u + σ_n²) · ⅓ (Σ_i s_i² + Σ_i s_{3+i}² (|p|² − p_i²))   p: position of the target, s: scales of the outputs
+//!
+//! words of a landmark, 8 or 16:     | z_j1 … z_jD | −|z_j|² | zeros |
+//! words of four landmarks 4c, …:    | b_4c … b_4c+3 | B of the four with landmarks 0 … 3 | with 4 … 7 | … |
+//! ```
+//!
+//! u is the share of the prior that the measurements leave; v + ω × p carries the twist to the target. The trainer finds b and
+//! B in least relative squares from eq. 7 itself. Far from all landmarks u is 1 and σ that of the prior. σ is the standard
+//! deviation of one position component of a *new measurement* about the prediction, root mean square over the three axes. It
+//! takes the six outputs for independent, as eq. 11 does, which overstates what a rotation moves at the target.
+
+use core::hint::black_box;
+
+use nalgebra::Vector3;
+use poegp_protocol::limits::{MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
+
+use crate::gp::quadratic_posterior::{MAX_SCALED_INPUT, held};
+use crate::math::scalar::Scalar;
+
+/// Landmarks whose coefficients stand together.
+pub const BLOCK: usize = 4;
+/// Words of the coefficients of one block with another.
+const PAIR: usize = BLOCK * BLOCK;
+
+/// Words of a landmark of up to seven inputs, and of more.
+const SHORTEST: usize = 8;
+const LONGEST: usize = 2 * SHORTEST;
+
+/// Words of one landmark of a process with so many inputs.
+pub const fn landmark_words(inputs: usize) -> usize {
+    if inputs < SHORTEST { SHORTEST } else { LONGEST }
+}
+
+/// Words of the coefficients of block `index`: its own, and those with it and the ones before.
+pub const fn block_words(index: usize) -> usize {
+    BLOCK + PAIR * (index + 1)
+}
+
+/// Words of so many landmarks and all their coefficients.
+pub const fn variance_words(inputs: usize, landmarks: usize) -> usize {
+    let mut words = landmarks * landmark_words(inputs);
+    let mut index = 0;
+    while index < landmarks.div_ceil(BLOCK) {
+        words += block_words(index);
+        index += 1;
+    }
+    words
+}
+
+/// The variance of the position but its landmarks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct QuadraticVariance<T> {
+    /// θ₀, variance of the scaled outputs before any measurement.
+    pub signal: T,
+    /// σ_n², variance of the noise in the same units.
+    pub noise: T,
+    /// s, RMS of each output, m and rad.
+    pub output_scale: [T; OUTPUTS],
+    /// L.
+    pub landmarks: usize,
+}
+
+impl<T: Scalar> QuadraticVariance<T> {
+    /// σ in metres, at most 1, of a target at `position` (m, base frame), from [`QuadraticVariance::unexplained`].
+    #[inline(never)]
+    pub fn standard_deviation(&self, position: &Vector3<T>, unexplained: T) -> T {
+        let [a, b, c, angular @ ..] = self.output_scale;
+        let mut square = a * a + b * b + c * c;
+        let squares = [0, 1, 2].map(|i| position[i] * position[i]);
+        let norm = squares[0] + squares[1] + squares[2];
+        for (scale, own) in angular.iter().zip(&squares) {
+            square += *scale * *scale * (norm - *own);
+        }
+        let scaled = self.signal * unexplained + self.noise;
+        let variance = scaled * (T::from_f64(1.0 / 3.0) * square);
+        // Also for infinity and NaN.
+        (if variance < T::ONE { variance } else { T::ONE }).sqrt()
+    }
+
+    /// u at the D inputs `x` (rad, m, kg) from the landmarks' `rows`.
+    // Out of line, and slices whose length the compiler does not know, as in `elastic::position_variance`.
+    #[inline(never)]
+    pub fn unexplained(&self, rows: &[T], scale: &[T], x: &[T]) -> T {
+        let limit = T::from_f64(MAX_SCALED_INPUT);
+        let mut z = [T::ZERO; LONGEST];
+        let mut square = T::ZERO;
+        let mut slots = z.iter_mut();
+        for ((value, scale), slot) in black_box(x).iter().zip(black_box(scale)).zip(&mut slots) {
+            let value = held(*value * *scale, limit);
+            square += value * value;
+            *slot = value + value;
+        }
+        if let Some(slot) = slots.next() {
+            *slot = T::ONE;
+        }
+        let words = landmark_words(x.len());
+        let (landmarks, coefficients) = rows
+            .split_at_checked(self.landmarks * words)
+            .unwrap_or((&[], &[]));
+        let mut kernels = [T::ZERO; MAX_TASK_SPACE_LANDMARKS];
+        let terms = z.get(..words).unwrap_or(&[]);
+        for (kernel, landmark) in kernels.iter_mut().zip(landmarks.chunks_exact(words)) {
+            let mut exponent = -square;
+            for (a, b) in landmark
+                .as_chunks::<SHORTEST>()
+                .0
+                .iter()
+                .zip(terms.as_chunks::<SHORTEST>().0)
+            {
+                let mut i = 0;
+                while i < SHORTEST {
+                    exponent += a[i] * b[i];
+                    i += 1;
+                }
+            }
+            *kernel = exponent.exp2();
+        }
+        let left = T::ONE + quadratic_form(coefficients, &kernels);
+        let left = if left < T::ONE { left } else { T::ONE };
+        if left > T::ZERO { left } else { T::ZERO }
+    }
+}
+
+/// Σ_i k_i (b_i + Σ_{j ≤ i} B_ij k_j).
+#[inline(never)]
+fn quadratic_form<T: Scalar>(coefficients: &[T], kernels: &[T; MAX_TASK_SPACE_LANDMARKS]) -> T {
+    let blocks = kernels.as_chunks::<BLOCK>().0;
+    let mut sum = T::ZERO;
+    let mut rest = coefficients;
+    let mut words = PAIR;
+    for own in blocks {
+        let Some((single, after)) = rest.split_first_chunk::<BLOCK>() else {
+            break;
+        };
+        let Some((pairs, after)) = after.split_at_checked(words) else {
+            break;
+        };
+        rest = after;
+        words += PAIR;
+        let mut factors = *single;
+        for (pair, other) in pairs.as_chunks::<PAIR>().0.iter().zip(blocks) {
+            let mut i = 0;
+            while i < BLOCK {
+                let row = BLOCK * i;
+                factors[i] += (pair[row] * other[0] + pair[row + 1] * other[1])
+                    + (pair[row + 2] * other[2] + pair[row + 3] * other[3]);
+                i += 1;
+            }
+        }
+        let mut i = 0;
+        while i < BLOCK {
+            sum += factors[i] * own[i];
+            i += 1;
+        }
+    }
+    sum
+}
