@@ -87,7 +87,8 @@ pub enum Refusal {
     KeyIsFixed,
     /// The bytes are no public key that could verify anything.
     NotAKey,
-    /// Writing the flash of this board would delay cycles: stop them and say so with `StopCyclic` first.
+    /// This would delay cycles, as writing the flash does on some boards and a trace does on all: stop them and say so with
+    /// `StopCyclic` first.
     CyclesRunning,
     /// The model may take more instructions than there are in a cycle.
     TooSlow {

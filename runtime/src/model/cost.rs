@@ -241,6 +241,9 @@ const COMMAND: [i32; TERMS] = [
 /// timer comes in between: without a joint, and for each joint. What came before the last byte is read already.
 const FRAME: u32 = 3_400;
 const FRAME_JOINT: u32 = 560;
+/// The same of an evaluation, whose answer is longer and has no joints.
+const EVALUATION_FRAME: u32 = 4_900;
+const EVALUATION_FRAME_JOINT: u32 = 320;
 
 impl ModelSize {
     /// Bound on the instructions of one evaluation on a Cortex-M4F.
@@ -249,9 +252,13 @@ impl ModelSize {
     }
 
     /// Bound on the instructions of one command on a Cortex-M4F, from the last byte of its frame to the first of the answer's:
-    /// frame, correction and filter. Those of an evaluation with its frame, and of a correction, are less.
+    /// frame, correction and filter. It is also one of an evaluation and of a correction with their frames: with few inducing
+    /// points the standard deviation may take more than a correction.
     pub fn command_bound(&self) -> u32 {
-        self.computation_bound() + FRAME + FRAME_JOINT * self.joints as u32
+        let joints = self.joints as u32;
+        let command = self.computation_bound() + FRAME + FRAME_JOINT * joints;
+        let evaluation = self.pose_bound() + EVALUATION_FRAME + EVALUATION_FRAME_JOINT * joints;
+        command.max(evaluation)
     }
 
     /// The same without the frames: correction and filter.

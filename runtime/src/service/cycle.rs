@@ -119,6 +119,12 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                 Ok(query) => match request {
                     Cyclic::Evaluate => self.evaluate(&query, clock).write(sequence, scratch, out),
                     Cyclic::Correct => self.correct(&query, clock).write(sequence, scratch, out),
+                    // It takes longer than the bound of the model allows for.
+                    Cyclic::Trace if self.commanded => {
+                        count(&mut self.statistics.refused);
+                        let refusal = Refusal::CyclesRunning;
+                        return FrameOutcome::Answered(refusal.write(sequence, scratch, out));
+                    }
                     Cyclic::Trace => self.trace(&query, clock).write(sequence, scratch, out),
                     Cyclic::Command => {
                         self.commanded = true;

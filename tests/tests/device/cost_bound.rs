@@ -175,6 +175,23 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
     }
 }
 
+/// Where the standard deviation takes more than a correction, an evaluation takes the longest.
+#[test]
+fn no_evaluation_takes_more_than_the_bound_of_a_command() {
+    for (joints, points) in [(1, 1), (1, 20), (2, 1), (3, 1), (6, 1), (8, 1)] {
+        let sample = Sample {
+            joints,
+            landmarks: 48,
+            ..Sample::plain(193, SampleCorrection::Shared(points))
+        };
+        let blob = sample.blob();
+        let (size, [pose, command, _, any]) = (size_of(&blob), measured(&sample, &blob));
+        let bound = size.command_bound();
+        println!("{joints} joints, {points} points: {pose:.0}, {command:.0}, {any:.0} of {bound}");
+        assert!(any <= f64::from(bound), "{any} of {bound}");
+    }
+}
+
 /// One instruction too many is refused with both numbers, and what ran before runs on.
 #[test]
 fn a_model_without_time_in_the_cycle_is_refused() {

@@ -49,8 +49,7 @@ pub fn refusal(refusal: &Refusal) -> String {
         }
         Refusal::NotAKey => "these bytes are no Ed25519 public key".to_owned(),
         Refusal::CyclesRunning => {
-            "on this board cycles would wait for the flash; stop the controller, say so \
-                                   with `trainer device stop`, and try again"
+            "its cycles would have to wait; stop the controller, say so with `trainer device stop`, and try again"
                 .to_owned()
         }
         Refusal::TooSlow {

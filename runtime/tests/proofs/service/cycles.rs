@@ -1,6 +1,6 @@
 //! What the cycle answers: the model to the bit, and the command as it came when there is nothing to correct it with.
 
-use poegp_protocol::link::{Query, Request, Response, Trace};
+use poegp_protocol::link::{Query, Refusal, Request, Response, Trace};
 use poegp_runtime::guard::status::Status;
 
 use super::desk::{DEADLINE_TICKS, Desk, wire};
@@ -69,6 +69,25 @@ fn a_trace_shows_the_stages() {
     assert_eq!(bits(&trace.mean), bits(&narrow(&seen.mean)));
     assert_eq!(bits(&trace.chain), bits(&narrow(&seen.chain)));
     assert_eq!(bits(&trace.sin_cos), bits(&narrow(&seen.motions)));
+}
+
+/// A trace takes longer than a command: from the first one to the end of the cycles there is none.
+#[test]
+fn no_trace_delays_a_command() {
+    let known = Known::new(Arm::sound(3, 7));
+    let mut desk = Desk::default();
+    known.install(&mut desk);
+    let query = query(&[0.1, 0.2, 0.3], 4.0);
+    let before = trace(&mut desk, &query).evaluation;
+    let refused = desk.statistics().refused;
+    let answer = desk.ask(&Request::Command(query.clone()));
+    assert!(matches!(answer, Response::Commanded(_)));
+    let answer = desk.ask(&Request::Trace(query.clone()));
+    assert_eq!(answer, Response::Refused(Refusal::CyclesRunning));
+    assert_eq!(desk.statistics().refused, refused + 1);
+    assert_eq!(evaluate(&mut desk, &query), before);
+    assert_eq!(desk.ask(&Request::StopCyclic), Response::CyclicStopped);
+    assert_eq!(trace(&mut desk, &query).evaluation, before);
 }
 
 #[test]

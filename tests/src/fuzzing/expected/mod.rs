@@ -176,6 +176,7 @@ impl Expected {
     fn carry_out(&mut self, sequence: u16, request: &Request<'_>) -> Result<Response, Refusal> {
         match request {
             Request::Evaluate(query) => Ok(Response::Evaluation(self.evaluate(query).0)),
+            Request::Trace(_) if self.commanded => Err(Refusal::CyclesRunning),
             Request::Trace(query) => Ok(Response::Trace(self.trace(query))),
             Request::Correct(query) => Ok(Response::Corrected(self.correct(query))),
             Request::Command(query) => Ok(Response::Commanded(self.command(sequence, query))),
