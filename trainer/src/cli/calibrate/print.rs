@@ -120,7 +120,7 @@ fn print(
     }
     if let Some(expected) = &document.expected_error {
         report.line(format_args!(
-            "  expected error over the measured joint ranges: {:.3} mm mean, 95 % within {:.3} mm",
+            "  expected error all over the measured joint ranges, also where nothing was measured: {:.3} mm mean, 95 % within {:.3} mm",
             expected.mean_mm, expected.p95_mm
         ));
     }
