@@ -189,6 +189,40 @@ fn assert_same(judged: &Judged, document: &Value) {
     assert_eq!(document["applied_deg"], 0.0);
 }
 
+/// CPU time in µs, in the median, of a thread that waits for a packet, sends it back, and asks for its time: what the kernel of
+/// this machine takes for a cycle.
+#[cfg(all(target_os = "linux", not(debug_assertions)))]
+fn bare_cycle() -> f64 {
+    use rustix::time::{ClockId, clock_gettime};
+    const PACKETS: usize = 2_000;
+    let [here, there] = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    let address = there.local_addr().unwrap();
+    let echo = std::thread::spawn(move || {
+        let mut times = Vec::new();
+        let mut buffer = [0; 2_048];
+        let now = || {
+            let time = clock_gettime(ClockId::ThreadCPUTime);
+            1e6 * time.tv_sec as f64 + 1e-3 * time.tv_nsec as f64
+        };
+        let mut before = now();
+        for _ in 0..PACKETS {
+            let (length, from) = there.recv_from(&mut buffer).unwrap();
+            there.send_to(&buffer[..length], from).unwrap();
+            let after = now();
+            times.push(after - before);
+            before = after;
+        }
+        times.sort_by(f64::total_cmp);
+        times[PACKETS / 2]
+    });
+    let mut answer = [0; 2_048];
+    for _ in 0..PACKETS {
+        here.send_to(&[b'x'; 512], address).unwrap();
+        here.recv_from(&mut answer).unwrap();
+    }
+    echo.join().unwrap()
+}
+
 /// The evidence of the interface: 10 000 cycles of 4 ms, each with its answer, none with a step, the real tool on its path.
 #[test]
 fn ten_thousand_cycles_take_little_time() {
@@ -239,9 +273,12 @@ fn ten_thousand_cycles_take_little_time() {
     assert!(before > 0.5, "{before}");
     assert!(after <= 0.05, "{after}");
     assert!(said.contains("cycles answered"), "{said}");
-    if cfg!(all(target_os = "linux", not(debug_assertions))) {
-        let of = |key: &str| cpu[key].as_f64().unwrap();
-        assert!(of("mean") <= 20.0 && of("p50") <= 20.0, "{cpu}");
+    #[cfg(all(target_os = "linux", not(debug_assertions)))]
+    {
+        let bare = bare_cycle();
+        let own = ["mean", "p50"].map(|key| cpu[key].as_f64().unwrap() - bare);
+        println!("rsi: {bare:.1} us of a cycle are the kernel's, {own:.1?} its own (mean, median)");
+        assert!(own.iter().all(|own| *own <= 20.0), "{cpu}, bare {bare}");
     }
 }
 
