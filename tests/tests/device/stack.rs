@@ -9,7 +9,7 @@
 
 use std::collections::BTreeSet;
 
-use poegp_tests::firmware_build::{Board, firmware_of};
+use poegp_tests::firmware_build::{Board, Variant, firmware_with};
 use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stack::{CallGraph, EXCEPTION_FRAME};
@@ -32,10 +32,18 @@ const LEVELS: [Level; 4] = [
     ("a fault", |number| number == 3),
 ];
 
-fn bound(board: Board) -> u64 {
-    let firmware = firmware_of(board).unwrap_or_else(|error| panic!("{error}"));
+/// Every image that a robot may have: each board's, and that of the STM32F405 with its link over SPI.
+fn products() -> impl Iterator<Item = (Board, Variant)> {
+    let images = Board::ALL.map(|board| (board, Variant::Product));
+    images
+        .into_iter()
+        .chain([(Board::Stm32F405, Variant::SpiLink)])
+}
+
+fn bound(board: Board, variant: Variant) -> u64 {
+    let firmware = firmware_with(board, variant).unwrap_or_else(|error| panic!("{error}"));
     let graph = CallGraph::read(&firmware.elf).unwrap_or_else(|error| panic!("{error}"));
-    println!("{}, {}:", board.name(), firmware.toolchain);
+    println!("{}, {variant:?}, {}:", board.name(), firmware.toolchain);
     let mut sum = EXCEPTION_FRAME * (LEVELS.len() as u64 - 1);
     for (level, belongs) in LEVELS {
         let roots = graph.vectors.iter().enumerate();
@@ -54,9 +62,9 @@ fn bound(board: Board) -> u64 {
 
 #[test]
 fn the_deepest_call_fits_the_stack() {
-    for board in Board::ALL {
-        let bound = bound(board);
-        assert!(bound <= BUDGET, "{}: {bound}", board.name());
+    for (board, variant) in products() {
+        let bound = bound(board, variant);
+        assert!(bound <= BUDGET, "{}, {variant:?}: {bound}", board.name());
         assert_recorded(
             "deepest stack, bound by the call graph (bytes)",
             bound as f64,
@@ -67,8 +75,8 @@ fn the_deepest_call_fits_the_stack() {
 /// Neither the cycle nor the link's interrupt. The background does: the signature's curve indexes tables.
 #[test]
 fn no_panic_is_reached_but_by_the_background() {
-    for board in Board::ALL {
-        let firmware = firmware_of(board).unwrap_or_else(|error| panic!("{error}"));
+    for (board, variant) in products() {
+        let firmware = firmware_with(board, variant).unwrap_or_else(|error| panic!("{error}"));
         let graph = CallGraph::read(&firmware.elf).unwrap_or_else(|error| panic!("{error}"));
         let (mut cycle, mut background) = (BTreeSet::new(), 0);
         for (number, &address) in graph.vectors.iter().enumerate() {
@@ -84,13 +92,13 @@ fn no_panic_is_reached_but_by_the_background() {
             }
             assert!(
                 panics.is_empty(),
-                "{}: exception {number}: {panics:?}",
+                "{}, {variant:?}: exception {number}: {panics:?}",
                 board.name()
             );
             cycle.extend(reached);
         }
         println!(
-            "{}: {} functions below the exceptions, none of a panic; {background} of a panic below the start",
+            "{}, {variant:?}: {} functions below the exceptions, none of a panic; {background} of a panic below the start",
             board.name(),
             cycle.len()
         );
@@ -102,7 +110,7 @@ fn no_panic_is_reached_but_by_the_background() {
 /// A bound that is not one would be found out by the emulator, whose stack is painted.
 #[test]
 fn no_stack_was_ever_deeper() {
-    let bound = bound(Board::Mps2An386);
+    let bound = bound(Board::Mps2An386, Variant::Product);
     let mut device = device();
     for kind in [Elastic::PLAIN, Elastic::WITH_STD] {
         let sample = Sample {
