@@ -6,7 +6,7 @@
 //!
 //! The controller changes 32 bits at a time if the supply is above 2.7 V, else 8 (RM0090, 3.6.2), and nothing says how
 //! high the supply is. The option bytes can promise it: at brown-out level 3 the processor is held in reset below 2.7 V.
-//! So the driver takes 32 bits at that level, and 8 at all others: an erase takes 4 s instead of 2 at most.
+//! So the driver takes 32 bits at that level, and 8 at all others: an erase takes up to 4 s instead of 2 (DS8626, table 40).
 //!
 //! While the controller is busy, the processor waits for its next instruction from the same flash.
 
