@@ -241,7 +241,7 @@ const COMMAND: [i32; TERMS] = [
 /// timer comes in between: without a joint, and for each joint. What came before the last byte is read already.
 const FRAME: u32 = 3_400;
 const FRAME_JOINT: u32 = 560;
-/// The same of an evaluation, whose answer is longer and has no joints.
+/// Those of an evaluation, whose answer is longer and has no joints.
 const EVALUATION_FRAME: u32 = 4_900;
 const EVALUATION_FRAME_JOINT: u32 = 320;
 
