@@ -272,11 +272,9 @@ fn to_bytes(
         .task_space()
         .filter(|_| calibration.config.device_variance)
         .and_then(|t| t.gp.device_variance(room));
-    let landmarks = match (&task_space_variance, sigma) {
-        (Some(variance), _) => little_endian(&variance.rows),
-        (None, Some(sigma)) => little_endian(&sigma.rows),
-        (None, None) => Vec::new(),
-    };
+    let of_task_space = task_space_variance.as_ref().map(|v| &v.rows);
+    let landmarks = of_task_space.or(sigma.map(|s| &s.rows));
+    let landmarks = landmarks.map_or(Vec::new(), |rows| little_endian(rows));
     let joints = robot.joints.iter().map(|joint| Joint {
         kind: joint.kind,
         limits: joint

@@ -186,7 +186,7 @@ impl<T: KernelLoops> MeanHeader<T> {
             squared += v[d] * v[d];
             d += 1;
         }
-        // Not for infinity and NaN either.
+        // False for infinity and NaN, too.
         let factor = if squared <= T::from_f64(FOLDED_REACH * FOLDED_REACH) {
             for value in &mut v {
                 *value += *value;

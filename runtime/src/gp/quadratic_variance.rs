@@ -1,7 +1,7 @@
 //! The predictive variance of the paper's Gaussian process (eq. 7), K₂ − K₁ᵀ K⁻¹ K₁, in a form that fits on a device.
 //!
 //! The exact form takes N(N + 1)/2 words and as many products for N training poses. As a function of the input x it is much
-//! simpler: a quadratic form in the kernels of L landmarks, which are training poses, follows it within 5 %.
+//! simpler: a quadratic form in the kernels of L landmarks, which are training poses, follows it closely (docs/evidence/paper.md).
 //!
 //! ```text
 //! k_j  = 2^(−|z − z_j|²) = 2^(2z·z_j − |z_j|² − |z|²)            z = scale ∘ x, as in the mean

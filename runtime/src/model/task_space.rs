@@ -184,6 +184,8 @@ fn variance<T: Scalar>(task: &TaskSpace<'_>) -> Option<QuadraticVariance<T>> {
 
 /// Largest number of the predictive variance: sums of all products stay finite.
 const MAX_FACTOR: f32 = 1e6;
+/// How far a landmark's square may be from that of its inputs, both rounded, as a share of it.
+const ROUNDED: f32 = 2e-6;
 
 /// The bytes of the landmarks, after every number of the variance was looked at.
 pub(super) fn checked_landmarks<'a>(
@@ -204,15 +206,28 @@ pub(super) fn checked_landmarks<'a>(
             return Err(LoadError::Variance);
         }
     }
-    let row = landmark_words(inputs);
-    for (index, word) in rows.as_chunks::<4>().0.iter().enumerate() {
-        let is_input = index < landmarks * row && index % row < inputs;
-        let limit = if is_input {
-            MAX_SCALED_INPUT as f32
-        } else {
-            MAX_FACTOR
-        };
-        if !is_within(f32::from_le_bytes(*word), -limit, limit) {
+    let row_words = landmark_words(inputs);
+    let (features, coefficients) = rows
+        .split_at_checked(4 * landmarks * row_words)
+        .ok_or(LoadError::Variance)?;
+    for row in features.chunks_exact(4 * row_words) {
+        let mut square = 0.0;
+        for (index, word) in row.as_chunks::<4>().0.iter().enumerate() {
+            let value = f32::from_le_bytes(*word);
+            // With another square an exponent could be far above 0.
+            let is_good = match index {
+                _ if index < inputs => is_within(value.abs(), 0.0, MAX_SCALED_INPUT as f32),
+                _ if index == inputs => is_within((value + square).abs(), 0.0, ROUNDED * square),
+                _ => value == 0.0,
+            };
+            if !is_good {
+                return Err(LoadError::Variance);
+            }
+            square += value * value;
+        }
+    }
+    for word in coefficients.as_chunks::<4>().0 {
+        if !is_within(f32::from_le_bytes(*word), -MAX_FACTOR, MAX_FACTOR) {
             return Err(LoadError::Variance);
         }
     }

@@ -269,9 +269,10 @@ fn what_is_no_variance_is_refused() {
         );
     }
     for (word, value, is_good) in [
-        (0, 199.0, true),
+        (0, 0.3, false),
         (0, 201.0, false),
-        (7, -300.0, true),
+        (7, 0.5, false),
+        (7, -300.0, false),
         (60, 9e5, true),
         (60, -1.1e6, false),
         (60, f32::NAN, false),

@@ -185,7 +185,7 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
     {
         let cause = match process.rates.is_some() {
             true => "each output has its own hyperparameters",
-            false => "a device has no room for it beside these inducing points",
+            false => "a device has no room for it, or single precision would not hold it",
         };
         report.line(format_args!(
             "  note: the blob has no standard deviation: {cause}"
