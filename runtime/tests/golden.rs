@@ -3,8 +3,11 @@
 //! The files are written and described by the `tests` package, which compares the device with them too.
 
 use poegp_protocol::blob;
-use poegp_runtime::model::{Model, words_for};
+use poegp_runtime::model::Model;
 use poegp_runtime::trace::Stages;
+
+/// Room of the smallest machine that has to compute these bits (`tests/bits`, 16 kB of RAM).
+const WORDS: usize = 512;
 
 /// The groups of one line: hexadecimal words.
 fn groups(line: &str) -> Vec<Vec<u32>> {
@@ -28,7 +31,7 @@ fn assert_bits(name: &'static str, bytes: &[u8], text: &str) {
     };
     let mut trust = of_this(include_str!("../../tests/data/golden_trust.txt"));
     let mut commands = of_this(include_str!("../../tests/data/golden_commands.txt"));
-    let mut model = Box::new(Model::<f32, { words_for(64) }>::new());
+    let mut model = Box::new(Model::<f32, WORDS>::new());
     model.load_decoded(&blob::decode(bytes).unwrap()).unwrap();
     let mut compared = 0;
     for line in text.lines().filter(|line| !line.starts_with('#')) {

@@ -18,9 +18,9 @@ fn blobs_of_0_1_are_kept_and_read() {
         "tests/data/golden_elastic.blob", 0x799b_4a8c;
         "tests/data/golden_elastic_curve.blob", 0x10d7_a777;
         "tests/data/golden_elastic_std.blob", 0x2311_4c88;
-        "tests/data/golden_folded.blob", 0x3023_73a6;
+        "tests/data/golden_folded.blob", 0x2dd5_0248;
         "tests/data/golden_full_elastic.blob", 0xe856_d97f;
-        "tests/data/golden_full_shared.blob", 0x4b95_0cf0;
+        "tests/data/golden_full_shared.blob", 0x549b_efd3;
         "tests/data/golden_per_output.blob", 0xec87_5954;
         "tests/data/golden_shared.blob", 0x0de7_e944;
         "runtime/capi/examples/arm.blob", 0x21c4_c2b7;
