@@ -267,11 +267,16 @@ fn to_bytes(
     let room = DEVICE_ROOM
         .checked_sub(rows.len() / 4)
         .unwrap_or(usize::MAX);
+    let squared_levers = |inputs: &[f64]| {
+        let joints = robot.serial_joints(&inputs[..robot.joints.len()]);
+        let p = calibration.calibrated.forward(&joints).translation;
+        std::array::from_fn(|i| p.norm_squared() - p[i] * p[i])
+    };
     let task_space_variance = calibration
         .correction
         .task_space()
         .filter(|_| calibration.config.device_variance)
-        .and_then(|t| t.gp.device_variance(room));
+        .and_then(|t| t.gp.device_variance(room, &squared_levers));
     let of_task_space = task_space_variance.as_ref().map(|v| &v.rows);
     let landmarks = of_task_space.or(sigma.map(|s| &s.rows));
     let landmarks = landmarks.map_or(Vec::new(), |rows| little_endian(rows));
@@ -339,18 +344,21 @@ fn to_bytes(
         },
         warnings: provenance.warnings,
         host,
-        variance: sigma.map(|s| Variance {
-            rates: s.header.rates[..robot.joints.len()]
-                .iter()
-                .map(|rate| *rate as f32)
-                .collect(),
-            payload_rate: s.header.payload_rate as f32,
-            floor_m2: s.header.floor as f32,
-            noise_m2: s.noise as f32,
-            gain: s.header.gain as f32,
-            landmarks: s.header.landmarks as u8,
-            rows: &landmarks,
-        }),
+        variance: match sigma {
+            Some(s) => Some(Variance {
+                rates: s.header.rates[..robot.joints.len()]
+                    .iter()
+                    .map(|rate| *rate as f32)
+                    .collect(),
+                payload_rate: s.header.payload_rate as f32,
+                floor_m2: s.header.floor as f32,
+                noise_m2: s.noise as f32,
+                gain: s.header.gain as f32,
+                landmarks: s.header.landmarks as u8,
+                rows: &landmarks,
+            }),
+            None => constant_variance(calibration),
+        },
     };
     let room = blob::HEADER_LENGTH
         + blob::MAX_LENGTH_WITHOUT_ROWS
@@ -366,6 +374,26 @@ fn to_bytes(
         .len();
     buffer.truncate(length);
     Ok(buffer)
+}
+
+/// That of a model without processes.
+fn constant_variance<'a>(calibration: &Calibration) -> Option<Variance<'a>> {
+    let has_processes = match &calibration.correction {
+        model::Correction::None => false,
+        model::Correction::TaskSpace(_) => true,
+        model::Correction::Elastic(elastic) => elastic.deflection.processes.words() > 0,
+    };
+    let (position, _) = calibration.constant_deviation;
+    let is_wanted = calibration.config.device_variance && !has_processes;
+    is_wanted.then(|| Variance {
+        floor_m2: (position * position) as f32,
+        noise_m2: 0.0,
+        gain: 0.0,
+        rates: FixedVec::new(),
+        payload_rate: 0.0,
+        landmarks: 0,
+        rows: &[],
+    })
 }
 
 fn wire_gauge(calibration: &Calibration) -> Result<Gauge, ExportError> {

@@ -38,8 +38,9 @@ pub struct Calibration {
     pub outliers: Vec<Outlier>,
     /// The warm-up that the evidence shows, removed from the training samples where its report says so.
     pub warm_up: Option<WarmUp>,
-    /// RMS of one position and one rotation component of the training residual, m and rad.
-    pub residual_rms: (f64, f64),
+    /// Standard deviation of one position and one rotation component of a new measurement, m and rad, where that is the same
+    /// for all poses: what the residuals of the chain alone lead to, see [`Calibration::constant_deviation_of`].
+    pub constant_deviation: (f64, f64),
     /// The limit of the correction: metres and radians.
     pub correction_limit: (f64, f64),
 }
@@ -97,7 +98,7 @@ impl Calibration {
 
     /// Predictive standard deviation of a new measurement: position along the axes of the base frame in metres, rotation
     /// about them in radians. Of the elastic model from parameters, processes and noise; of the task-space process by eq. 7
-    /// and its noise; of the chain alone the RMS of its training residual.
+    /// and its noise; of the chain alone the same for all poses.
     pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> Option<[f64; OUTPUTS]> {
         if let FrameEstimate::Parametric {
             uncertainty: Some(uncertainty),
@@ -111,7 +112,7 @@ impl Calibration {
             let tool = self.with_tool(first, sample.tool);
             return Some(task_space.standard_deviation(sample, &tool));
         }
-        let (p, r) = self.residual_rms;
+        let (p, r) = self.constant_deviation;
         Some([p, p, p, r, r, r])
     }
 
@@ -123,8 +124,22 @@ impl Calibration {
         }
     }
 
+    /// The deviation of new poses, from the residuals of the training `samples` by generalised cross-validation (Golub, Heath
+    /// and Wahba 1979): their RMS times m/(m − p) of p parameters fitted to m components.
+    pub(super) fn constant_deviation_of(&self, samples: &[BaseSample]) -> (f64, f64) {
+        let whole = samples.iter().filter(|s| s.observation.has_orientation());
+        let components = 3 * (samples.len() + whole.count());
+        let method = self.config.method.implementation();
+        let joints = self.nominal.kinds().len();
+        let parameters = method.parameters(joints) + 6 * self.tools.len().saturating_sub(1);
+        let left = components.saturating_sub(parameters).max(1);
+        let factor = components as f64 / left as f64;
+        let (position, rotation) = self.rms(samples);
+        (factor * position, factor * rotation)
+    }
+
     /// The RMS of one position and one rotation component of the residual of `samples`, m and rad.
-    pub(super) fn rms(&self, samples: &[BaseSample]) -> (f64, f64) {
+    fn rms(&self, samples: &[BaseSample]) -> (f64, f64) {
         let of = |s: &BaseSample| {
             residual_components(
                 ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,

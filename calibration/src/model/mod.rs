@@ -108,7 +108,7 @@ pub(crate) fn calibrate_within(
         estimate: fit.estimate,
         outliers,
         warm_up: fit.warm_up,
-        residual_rms: (0.0, 0.0),
+        constant_deviation: (0.0, 0.0),
         correction_limit: (0.0, 0.0),
     };
     let samples = match out.removed_warm_up() {
@@ -116,7 +116,7 @@ pub(crate) fn calibrate_within(
         None => problem.samples,
     };
     out.correction_limit = out.limit(&samples);
-    out.residual_rms = out.rms(&samples);
+    out.constant_deviation = out.constant_deviation_of(&samples);
     Ok(out)
 }
 

@@ -1,6 +1,7 @@
 //! The standard deviation of blobs against the trainer's and against errors that were held out.
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
+use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -115,16 +116,18 @@ fn spread(mut values: Vec<f64>) -> [f64; 5] {
 }
 
 /// Eq. 7 on the device, on held-out poses, on these far away, and close to training poses.
-fn papers_process(scenario: &str, poses: usize) {
+fn papers_process(scenario: &str, poses: usize, sharing: HyperparameterSharing) {
     let (robot, _) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
     let train: Vec<InstrumentSample> = read("train").into_iter().take(poses).collect();
-    let options = Config::new(Method::PoeGpLoad);
+    let mut options = Config::new(Method::PoeGpLoad);
+    options.hyperparameters = sharing;
     let CalibratedBlob {
         calibration, blob, ..
     } = calibrate_to_blob(&robot, &train, &options, &origin(1), &FitContext::default()).unwrap();
     let gp = &calibration.correction.task_space().unwrap().gp;
     let noise = gp.output(0).noise_variance;
+    let shared = sharing == HyperparameterSharing::Shared;
     let tests: Vec<InstrumentSample> = ["test1", "test2", "test3"]
         .into_iter()
         .flat_map(read)
@@ -145,7 +148,7 @@ fn papers_process(scenario: &str, poses: usize) {
             let squares: f64 = of_trainer[..3].iter().map(|s| s * s).sum();
             let answer = blob.predict(&sample.joints, sample.payload_kg);
             let ratio = f64::from(answer.position_sigma.unwrap()) / (squares / 3.0).sqrt();
-            // The outputs share u, so what is not noise follows from one of them.
+            // Where the outputs share u, what is not noise follows from one of them.
             let x = [sample.joints.clone(), vec![sample.payload_kg.unwrap()]].concat();
             let latent = gp.variance(&x)[0] / gp.output_scale[0].powi(2);
             let without = (ratio * ratio * (latent + noise) - noise).max(0.0) / latent;
@@ -153,19 +156,31 @@ fn papers_process(scenario: &str, poses: usize) {
         };
         samples.iter().map(ratio).unzip()
     };
-    for (name, samples, least, most) in [
-        ("held out", &tests, 0.93, 1.07),
-        ("far away", &far, 0.87, 1.07),
-        ("close by", &close, 0.96, 1.16),
-    ] {
+    // With a kernel of each output one quadratic form follows six variances.
+    let limits = match shared {
+        true => [(0.93, 1.07), (0.87, 1.07), (0.96, 1.16)],
+        false => [(0.85, 1.15), (0.7, 1.45), (0.9, 1.25)],
+    };
+    let sets = [
+        ("held out", &tests),
+        ("far away", &far),
+        ("close by", &close),
+    ];
+    for ((name, samples), (least, most)) in sets.into_iter().zip(limits) {
         let (with, without) = ratios(samples);
         let (with, without) = (spread(with), spread(without));
+        let without = if shared {
+            format!(", without noise {without:.3?}")
+        } else {
+            String::new()
+        };
         say(format_args!(
-            "{scenario:>5}, {poses} poses, {name}: device/eq. 7 {with:.3?}, without noise {without:.3?}; {} bytes",
+            "{scenario:>5}, {poses} poses, {sharing:?}, {name}: device/eq. 7 {with:.3?}{without}; {} bytes",
             blob.bytes().len()
         ));
         let [_, low, middle, high, _] = with;
-        assert!((0.95..1.05).contains(&middle), "{scenario}: {middle}");
+        let off = if shared { 0.05 } else { 0.07 };
+        assert!((middle - 1.0).abs() < off, "{scenario}: {middle}");
         assert!(low > least && high < most, "{scenario}: {with:?}");
     }
 }
@@ -173,7 +188,24 @@ fn papers_process(scenario: &str, poses: usize) {
 #[test]
 fn of_the_papers_process() {
     for scenario in ["paper", "rich", "wild", "full"] {
-        papers_process(scenario, 100);
-        papers_process(scenario, 300);
+        papers_process(scenario, 100, HyperparameterSharing::Shared);
+        papers_process(scenario, 300, HyperparameterSharing::Shared);
+    }
+    papers_process("wild", 100, HyperparameterSharing::PerOutput);
+}
+
+/// The others with hyperparameters of each output; `full` with 300 poses has none, for its prior is too large for its noise.
+#[test]
+#[ignore = "takes half a minute"]
+fn of_the_papers_process_with_own_hyperparameters() {
+    for (scenario, poses) in [
+        ("paper", 100),
+        ("paper", 300),
+        ("rich", 100),
+        ("rich", 300),
+        ("wild", 300),
+        ("full", 100),
+    ] {
+        papers_process(scenario, poses, HyperparameterSharing::PerOutput);
     }
 }

@@ -68,7 +68,7 @@ fn a_model_says_the_same_in_every_gauge() {
     ] {
         let model = fitted(&robot, &samples, method);
         let before = seen(&model, &samples);
-        let rms = model.residual_rms;
+        let rms = model.constant_deviation;
         let own = &model.base_and_tools;
         let choice = GaugeChoice {
             base: Some(beside(&own.instrument_from_base, 1.0)),
@@ -81,7 +81,7 @@ fn a_model_says_the_same_in_every_gauge() {
             m < tolerance && rad < tolerance,
             "{method:?}: {m:e} m, {rad:e} rad"
         );
-        assert_eq!(moved.residual_rms, rms);
+        assert_eq!(moved.constant_deviation, rms);
         // It is in the frames that were stated, and one pose of the drawing shows that.
         let own = &moved.base_and_tools;
         assert_eq!(own.instrument_from_base, choice.base.unwrap().pose);

@@ -1,8 +1,10 @@
 //! Held-out errors: of the bytes of a blob, with everything that a row says, in the units of their names.
 
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::Config;
+use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::model::frame_changes::changes;
 use poegp_calibration::numeric::statistics::{PoseError, Summary};
 use poegp_calibration::validation::held_out::{HeldOutPose, SigmaShares, coverage, held_out};
@@ -138,6 +140,52 @@ fn predicted_standard_deviations_are_of_the_size_of_the_errors() {
             "{} mm for {rms_mm} mm",
             sigma_mm
         );
+    }
+}
+
+/// Of an arm as drawn, measured with normal noise, the device's standard deviation is that of poses which were not trained on,
+/// from eight poses (12 parameters) and from twenty (30). The training residuals are a quarter smaller.
+#[test]
+fn a_constant_standard_deviation_is_that_of_new_poses() {
+    const NOISE: f64 = 1e-4;
+    const DRAWS: usize = 25;
+    let (robot, _) = sets::arm();
+    let chain = robot.chain().unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    for (method, poses) in [(Method::BaseTool, 8), (Method::Poe, 20)] {
+        let config = Config {
+            weighting: Weighting::Noise,
+            outliers: OutlierPolicy::Keep,
+            ..Config::new(method)
+        };
+        let (mut stated, mut found) = (0.0, 0.0);
+        for draw in 0..DRAWS {
+            let mut samples = sets::simulated(&robot, "train");
+            samples.rotate_left(11 * draw);
+            for sample in &mut samples {
+                let noise = std::array::from_fn(|_| {
+                    let normal: f64 = StandardNormal.sample(&mut random);
+                    NOISE * normal
+                });
+                let twist = Twist::from_array(&noise);
+                let mut pose = chain.forward(&sample.joints);
+                pose.translation += twist.linear;
+                pose.rotation = Pose::exp(&Twist::from_array(&[
+                    0.0, 0.0, 0.0, noise[3], noise[4], noise[5],
+                ]))
+                .rotation
+                    * pose.rotation;
+                sample.observation = Observation::Pose(pose);
+            }
+            let model = calibrated(&robot, &samples[..poses], &config);
+            for pose in model.held_out(&samples[poses..poses + 60]) {
+                found += pose.residual[..3].iter().map(|x| x * x).sum::<f64>() / 3.0;
+            }
+            let device = model.blob.model().evaluate(&[0.1; 6], 0.0);
+            stated += 60.0 * f64::from(device.position_sigma.unwrap()).powi(2);
+        }
+        let ratio = (stated / found).sqrt();
+        assert!((0.85..1.15).contains(&ratio), "{}: {ratio}", method.name());
     }
 }
 

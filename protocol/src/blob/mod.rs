@@ -180,8 +180,8 @@ pub struct TaskSpace<'a> {
     ///
     /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j in the rows.
     pub centre: Vec<f32, MAX_INPUTS>,
-    /// Number of landmarks L of the predictive variance (eq. 7), of shared hyperparameters; 0 for none. The runtime's module
-    /// `gp::quadratic_variance` has its formula.
+    /// Number of landmarks L of the predictive variance (eq. 7); 0 for none. The runtime's module `gp::quadratic_variance` has
+    /// its formula.
     pub landmarks: u8,
     /// Their rows, `f32` little endian. Of each landmark its D scaled inputs z_j, −|z_j|² and zeros up to 8 words (16 from 8
     /// inputs on). Then of each four landmarks the coefficients of their four kernels, and 16 for each four up to themselves:
@@ -247,6 +247,8 @@ pub struct JointKernel {
 pub type SetPoints = Vec<u16, MAX_GROUPS>;
 
 /// How well the position of the target is known; the runtime's module `elastic::position_variance` has its formula.
+///
+/// A model without processes has no rates, and the variance is `floor_m2` for all poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Variance<'a> {
     /// Variance of one position component where the processes are known, m²: parameters and noise.

@@ -4,16 +4,17 @@
 //! simpler: a quadratic form in the kernels of L landmarks, which are training poses, follows it closely (docs/evidence/paper.md).
 //!
 //! ```text
-//! k_j  = 2^(−|z − z_j|²) = 2^(2z·z_j − |z_j|² − |z|²)            z = scale ∘ x, as in the mean
+//! k_j  = 2^(−|z − z_j|²) = 2^(2z·z_j − |z_j|² − |z|²)            z = √rate · scale ∘ x, scale as in the mean
 //! u(x) = 1 + Σ_i k_i (b_i + Σ_{j ≤ i} B_ij k_j)                 held in [0, 1]
-//! σ²   = (θ₀ u + σ_n²) · ⅓ (Σ_i s_i² + Σ_i s_{3+i}² (|p|² − p_i²))   p: position of the target, s: scales of the outputs
+//! V_c  = s_c² (θ₀_c u + σ_n²_c)                                 of output c, s: its scale
+//! σ²   = ⅓ (Σ_i V_i + Σ_i V_{3+i} (|p|² − p_i²))                p: position of the target
 //!
 //! words of a landmark, 8 or 16:     | z_j1 … z_jD | −|z_j|² | zeros |
 //! words of four landmarks 4c, …:    | b_4c … b_4c+3 | B of the four with landmarks 0 … 3 | with 4 … 7 | … |
 //! ```
 //!
 //! u is the share of the prior that the measurements leave; v + ω × p carries the twist to the target. The trainer finds b and
-//! B in least relative squares from eq. 7 itself. Far from all landmarks u is 1 and σ that of the prior. σ is the standard
+//! B in least relative squares from eq. 7 itself; where each output has a kernel of its own, from their weighted mean. Far from all landmarks u is 1 and σ that of the prior. σ is the standard
 //! deviation of one position component of a *new measurement* about the prediction, root mean square over the three axes. It
 //! takes the six outputs for independent, as eq. 11 does, which overstates what a rotation moves at the target.
 
@@ -55,15 +56,30 @@ pub const fn variance_words(inputs: usize, landmarks: usize) -> usize {
     words
 }
 
+/// The rate of the landmarks' kernels where each output has its own: the mean of `rates`, weighted by the outputs' variances
+/// (m² and rad², as if the target were a metre from every axis). 1 where all are zero.
+pub fn mean_rate<T: Scalar>(signal: &[T; OUTPUTS], rates: &[T; OUTPUTS]) -> T {
+    let (mut sum, mut weighted) = (T::ZERO, T::ZERO);
+    for (signal, rate) in signal.iter().zip(rates) {
+        sum += *signal;
+        weighted += *signal * *rate;
+    }
+    if sum > T::ZERO {
+        weighted / sum
+    } else {
+        T::ONE
+    }
+}
+
 /// The variance of the position but its landmarks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuadraticVariance<T> {
-    /// θ₀, variance of the scaled outputs before any measurement.
-    pub signal: T,
-    /// σ_n², variance of the noise in the same units.
-    pub noise: T,
-    /// s, RMS of each output, m and rad.
-    pub output_scale: [T; OUTPUTS],
+    /// √rate, of the landmarks' kernels to those of the fastest output; 1 where all outputs share one kernel.
+    pub root_rate: T,
+    /// s²θ₀, variance of each output before any measurement, m² and rad².
+    pub signal: [T; OUTPUTS],
+    /// s²σ_n², variance of its noise.
+    pub noise: [T; OUTPUTS],
     /// L.
     pub landmarks: usize,
 }
@@ -72,15 +88,18 @@ impl<T: Scalar> QuadraticVariance<T> {
     /// σ in metres, at most 1, of a target at `position` (m, base frame), from [`QuadraticVariance::unexplained`].
     #[inline(never)]
     pub fn standard_deviation(&self, position: &Vector3<T>, unexplained: T) -> T {
-        let [a, b, c, angular @ ..] = self.output_scale;
-        let mut square = a * a + b * b + c * c;
         let squares = [0, 1, 2].map(|i| position[i] * position[i]);
         let norm = squares[0] + squares[1] + squares[2];
-        for (scale, own) in angular.iter().zip(&squares) {
-            square += *scale * *scale * (norm - *own);
+        let (linear, angular) = self.signal.split_at(3);
+        let (linear_noise, angular_noise) = self.noise.split_at(3);
+        let mut sum = T::ZERO;
+        for (signal, noise) in linear.iter().zip(linear_noise) {
+            sum += *signal * unexplained + *noise;
         }
-        let scaled = self.signal * unexplained + self.noise;
-        let variance = scaled * (T::from_f64(1.0 / 3.0) * square);
+        for ((signal, noise), own) in angular.iter().zip(angular_noise).zip(&squares) {
+            sum += (*signal * unexplained + *noise) * (norm - *own);
+        }
+        let variance = T::from_f64(1.0 / 3.0) * sum;
         // Also for infinity and NaN.
         (if variance < T::ONE { variance } else { T::ONE }).sqrt()
     }
@@ -94,7 +113,7 @@ impl<T: Scalar> QuadraticVariance<T> {
         let mut square = T::ZERO;
         let mut slots = z.iter_mut();
         for ((value, scale), slot) in black_box(x).iter().zip(black_box(scale)).zip(&mut slots) {
-            let value = held(*value * *scale, limit);
+            let value = held(*value * (*scale * self.root_rate), limit);
             square += value * value;
             *slot = value + value;
         }

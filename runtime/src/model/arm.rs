@@ -40,6 +40,8 @@ pub(crate) struct Arm<T> {
     /// Root mean square of the length of J_p (m) within the trained ranges: Scale::lever.
     pub(crate) lever: T,
     trust: Trust<T>,
+    /// Standard deviation of a position component in metres, where it is the same everywhere.
+    pub(super) constant_sigma: Option<T>,
     pub(crate) correction: ArmCorrection<T>,
 }
 
@@ -75,6 +77,7 @@ impl<T: Scalar> Arm<T> {
             usual_rotation: T::ZERO,
             lever: T::ONE,
             trust: Trust::none(),
+            constant_sigma: None,
             correction: ArmCorrection::None,
         }
     }
@@ -108,6 +111,7 @@ impl<T: Scalar> Arm<T> {
             .map(|range| checked_range(range, MAX_PAYLOAD_KG))
             .transpose()?;
         self.trust = Trust::of(blob);
+        self.constant_sigma = super::position_variance::constant(blob.variance.as_ref());
         let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
         self.calibrated = MinimalChain::new(&calibrated);
         (self.usual_rotation, self.lever) = self.measured_scale();

@@ -219,11 +219,11 @@ impl ElasticSize {
 /// 256ths of an instruction for each term of one evaluation.
 #[rustfmt::skip] // arm; folded, differences, per output; variance; elastic
 const POSE: [i32; TERMS] = [
-    116404, 44124, -3590, -11016, 17988, 2847,
+    118964, 44124, -3590, -11016, 17988, 2847,
     95681, 17517, 7935, 458,
     84928, 27246, 11433, 948,
     178799, 16421, 40024, 2320,
-    116778, 29975, 13636, -43273, 15876,
+    121898, 29975, 13636, -43273, 15876,
     169716, 42040, 2499, 23435, 21315, 3155, 25490, 5680, 11880, 40360, 2826, 1426, 12605, 3716, 580, 1461, 79437, 29413, 11777, 9465, 3155, 19642, 25559, 10159, 2535, 55979, 36930, 27407, 4241, 829,
 ];
 /// 256ths of an instruction for each term of one command, filter included, without its frame.

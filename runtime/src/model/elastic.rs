@@ -78,7 +78,8 @@ impl<T: Scalar> ElasticCorrection<T> {
         gravity(wire, calibrated, &mut out.gravity)?;
         out.ripple = ripple(wire, joints)?;
         out.curve_orders = wire.curves.len() / (8 * joints.max(1));
-        out.variance = variance.map(super::position_variance::header);
+        let varying = variance.filter(|wire| !wire.rates.is_empty());
+        out.variance = varying.map(super::position_variance::header);
         self.limit = checked_limit(&wire.limit)?;
         self.heaviest = T::from_f32(heaviest);
         Ok(())

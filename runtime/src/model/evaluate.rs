@@ -102,7 +102,7 @@ impl<T: KernelLoops> View<'_, T> {
         } else {
             arm.range(&x, payload_kg)
         };
-        let mut position_sigma = None;
+        let mut position_sigma = arm.constant_sigma.filter(|_| believable);
         let (pose, correction, limited) = match &arm.correction {
             ArmCorrection::TaskSpace(task) if believable => {
                 let chain = arm.calibrated.forward_at(&motions);
@@ -130,7 +130,7 @@ impl<T: KernelLoops> View<'_, T> {
                     elastic
                         .deflection
                         .compensate(&at, self.rows, Some(&elastic.limit), observer);
-                position_sigma = result.position_sigma;
+                position_sigma = result.position_sigma.or(position_sigma);
                 (result.pose, result.twist, result.limited)
             }
             _ => {

@@ -15,7 +15,13 @@ const MAX_VARIANCE: f32 = 1.0;
 /// Largest gain and word of the triangular factor: squares of 16 of them stay finite.
 const MAX_FACTOR: f32 = 1e6;
 
-/// The header, which [`checked`] looks at.
+/// The standard deviation in metres of a model for which it is the same everywhere; [`checked`] looks at it.
+pub(super) fn constant<T: Scalar>(wire: Option<&Variance<'_>>) -> Option<T> {
+    let wire = wire.filter(|wire| wire.rates.is_empty())?;
+    Some(T::from_f32(wire.floor_m2).sqrt())
+}
+
+/// The header of one that varies, which [`checked`] looks at.
 pub(super) fn header<T: Scalar>(wire: &Variance<'_>) -> PositionVariance<T> {
     let mut rates = [T::ZERO; MAX_JOINTS];
     for (slot, rate) in rates.iter_mut().zip(&wire.rates) {
@@ -35,7 +41,13 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
     let Some(wire) = &blob.variance else {
         return Ok(&[]);
     };
-    let is_elastic = matches!(&blob.correction, Correction::Elastic(e) if !e.sets.is_empty());
+    let has_processes = match &blob.correction {
+        Correction::None => false,
+        Correction::Elastic(elastic) => !elastic.sets.is_empty(),
+        // It has a variance of its own.
+        Correction::TaskSpace(_) => return Err(LoadError::Variance),
+    };
+    let varies = !wire.rates.is_empty();
     let mut rate_sum = 0.0;
     for rate in &wire.rates {
         rate_sum += if is_within(*rate, 0.0, MAX_RATE_SUM) {
@@ -44,8 +56,9 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
             f32::INFINITY
         };
     }
-    if !is_elastic
-        || wire.rates.len() != blob.robot.joints.len()
+    if varies != has_processes
+        || (varies && wire.rates.len() != blob.robot.joints.len())
+        || (!varies && (wire.landmarks > 0 || wire.gain != 0.0 || wire.payload_rate != 0.0))
         || !is_within(rate_sum, 0.0, MAX_RATE_SUM)
         || !is_within(wire.payload_rate, 0.0, MAX_COEFFICIENT)
         || usize::from(wire.landmarks) > MAX_LANDMARKS

@@ -7,7 +7,7 @@ use crate::gp::loops::KernelLoops;
 use crate::gp::quadratic_posterior::{
     FOLDED_RADIUS, MAX_FOLDED_WEIGHT, MAX_SCALED_INPUT, MeanHeader, row_words,
 };
-use crate::gp::quadratic_variance::{QuadraticVariance, landmark_words, variance_words};
+use crate::gp::quadratic_variance::{QuadraticVariance, landmark_words, mean_rate, variance_words};
 use crate::guard::limit::Limit;
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
@@ -171,15 +171,31 @@ pub(super) fn checked_inducing_points<'a>(
 
 /// The predictive variance, which [`checked_landmarks`] looks at.
 fn variance<T: Scalar>(task: &TaskSpace<'_>) -> Option<QuadraticVariance<T>> {
-    match (task.landmarks, task.hyperparameters.as_slice()) {
-        (1.., [[signal, _, _, _, noise]]) => Some(QuadraticVariance {
-            signal: T::from_f32(*signal),
-            noise: T::from_f32(*noise),
-            output_scale: task.output_scale.map(T::from_f32),
-            landmarks: usize::from(task.landmarks),
-        }),
-        _ => None,
+    let first = task
+        .hyperparameters
+        .first()
+        .filter(|_| task.landmarks > 0)?;
+    let mut out = QuadraticVariance {
+        root_rate: T::ONE,
+        signal: [T::ZERO; OUTPUTS],
+        noise: [T::ZERO; OUTPUTS],
+        landmarks: usize::from(task.landmarks),
+    };
+    let outputs = out
+        .signal
+        .iter_mut()
+        .zip(&mut out.noise)
+        .zip(&task.output_scale);
+    for (c, ((signal, noise), scale)) in outputs.enumerate() {
+        let [variance, _, _, _, noise_variance] = task.hyperparameters.get(c).unwrap_or(first);
+        let square = T::from_f32(*scale) * T::from_f32(*scale);
+        *signal = square * T::from_f32(*variance);
+        *noise = square * T::from_f32(*noise_variance);
     }
+    if let Some(rates) = &task.rates {
+        out.root_rate = mean_rate(&out.signal, &rates.map(T::from_f32)).sqrt();
+    }
+    Some(out)
 }
 
 /// Largest number of the predictive variance: sums of all products stay finite.
@@ -202,7 +218,8 @@ pub(super) fn checked_landmarks<'a>(
         let header = task.hyperparameters.iter().flatten();
         let mut header = header.chain(&task.output_scale);
         let is_sound = header.all(|value| is_within(*value, 0.0, MAX_FACTOR));
-        if !is_sound || task.hyperparameters.len() != 1 {
+        let kernels = if task.rates.is_some() { OUTPUTS } else { 1 };
+        if !is_sound || task.hyperparameters.len() != kernels {
             return Err(LoadError::Variance);
         }
     }

@@ -20,6 +20,22 @@ const WORDS: usize = 4_096;
 const HYPERPARAMETERS: [f32; 5] = [1.5, 0.3, 0.0, 0.0, 0.2];
 const SCALES: [f32; OUTPUTS] = [1e-3, 2e-3, 1.5e-3, 4e-4, 2e-4, 3e-4];
 
+/// The exponent rate of each output that has a kernel of its own.
+const RATES: [f32; OUTPUTS] = [1.0, 0.5, 0.25, 0.8, 0.1, 0.6];
+
+/// The hyperparameters of each output, with a kernel of its own or all with one.
+fn hyperparameters(own: bool) -> Vec<[f32; 5]> {
+    let of = |c: usize| {
+        let [signal, rest @ .., noise] = HYPERPARAMETERS;
+        let [a, b, d] = rest;
+        [signal * (1.0 + c as f32), a, b, d, noise * (7.0 - c as f32)]
+    };
+    match own {
+        true => (0..OUTPUTS).map(of).collect(),
+        false => vec![HYPERPARAMETERS],
+    }
+}
+
 /// A variance: the landmarks' inputs, b, and B without what is above its diagonal.
 struct Sample {
     inputs: Vec<Vec<f32>>,
@@ -122,34 +138,46 @@ fn counts() -> impl Strategy<Value = usize> {
 proptest! {
     #![proptest_config(config(92, 1_000))]
 
-    /// (θ₀ u + σ_n²) ⅓ (Σ s_v² + Σ |e_i × p|² s_ω²), the twist carried to the target.
+    /// ⅓ (Σ V_v + Σ |e_i × p|² V_ω) with V = s² (θ₀ u + σ_n²) of each output, the twist carried to the target; with kernels of
+    /// their own the landmarks' has the mean rate, weighted by s² θ₀.
     #[test]
     fn sigma_is_the_formula(
         joints in 1_usize..=8,
         landmarks in counts(),
+        own: bool,
         q in prop::array::uniform8(-2.0..2.0_f64),
         m in 0.0..10.0_f64,
     ) {
         let mut arm = Arm::sound(joints, 3);
+        arm.task().rates = own.then_some(RATES);
         let sample = Sample::new(joints + 1, landmarks);
         let rows = sample.rows();
         let scale = f64::from(arm.task().input_scale[0]);
         let kinds: Vec<JointKind> = arm.joints.iter().map(|j| j.kind).collect();
         let frames: Vec<Pose<f64>> = arm.calibrated.iter().map(|f| Pose::<f32>::from_rows(f).cast()).collect();
         let poe = poegp_runtime::kinematics::poe::Poe::new(&kinds, &frames).unwrap();
-        let blob = with_landmarks(&mut arm, landmarks, &rows);
+        let mut blob = with_landmarks(&mut arm, landmarks, &rows);
+        process(&mut blob).hyperparameters = hyperparameters(own).into_iter().collect();
         let found = loaded::<f64>(&blob).unwrap().evaluate(&q[..joints], m).position_sigma.unwrap();
-        let z: Vec<f64> = q[..joints].iter().chain(&[m]).map(|x| scale * x).collect();
         let p = poe.forward(&q[..joints]).translation;
-        let mut square = 0.0;
-        for c in 0..3 {
-            square += f64::from(SCALES[c]) * f64::from(SCALES[c]);
-            let mut axis = nalgebra::Vector3::zeros();
-            axis[c] = f64::from(SCALES[3 + c]);
-            square += axis.cross(&p).norm_squared();
+        let outputs = hyperparameters(own).into_iter().cycle().zip(SCALES).zip(RATES);
+        let (mut prior, mut weighted) = (0.0, 0.0);
+        for (([signal, ..], s), rate) in outputs.clone().take(OUTPUTS) {
+            let own = f64::from(s) * f64::from(s) * f64::from(signal);
+            prior += own;
+            weighted += own * f64::from(rate);
         }
-        let [signal, .., noise] = HYPERPARAMETERS.map(f64::from);
-        let expected = libm::sqrt((signal * sample.unexplained(&z) + noise) * square / 3.0).min(1.0);
+        let scale = scale * if own { libm::sqrt(weighted / prior) } else { 1.0 };
+        let z: Vec<f64> = q[..joints].iter().chain(&[m]).map(|x| scale * x).collect();
+        let unexplained = sample.unexplained(&z);
+        let mut square = 0.0;
+        for (c, (([signal, .., noise], s), _)) in outputs.take(OUTPUTS).enumerate() {
+            let mut moved = nalgebra::Vector3::zeros();
+            moved[c % 3] = f64::from(s);
+            let moved = if c < 3 { moved } else { moved.cross(&p) };
+            square += moved.norm_squared() * (f64::from(signal) * unexplained + f64::from(noise));
+        }
+        let expected = libm::sqrt(square / 3.0).min(1.0);
         prop_assert!((found / expected - 1.0).abs() < 1e-6, "{found:e} {expected:e}");
         // In f32 the same to four digits.
         let narrow = q.map(|x| x as f32);
@@ -254,6 +282,8 @@ fn what_is_no_variance_is_refused() {
         process.hyperparameters = [HYPERPARAMETERS; OUTPUTS].into_iter().collect();
     };
     assert_eq!(refused(&per_output), variance);
+    // And six kernels with the hyperparameters of one.
+    assert_eq!(refused(&|process| process.rates = Some(RATES)), variance);
     assert_eq!(
         refused(&|process| process.hyperparameters.clear()),
         variance

@@ -58,6 +58,47 @@ fn variance(joints: usize, landmarks: u8, rows: &[u8]) -> Variance<'_> {
     }
 }
 
+/// The same everywhere.
+fn constant<'a>(floor_m2: f32) -> Variance<'a> {
+    Variance {
+        floor_m2,
+        noise_m2: 0.0,
+        gain: 0.0,
+        payload_rate: 0.0,
+        ..variance(0, 0, &[])
+    }
+}
+
+/// A model without processes has the root of the floor for every input that is one, and nothing else changes.
+#[test]
+fn without_processes_sigma_is_the_same_everywhere() {
+    let mut chain = Arm::sound(6, 3);
+    chain.task = None;
+    let mut gravity_alone = Arm::elastic(6, 8, false);
+    let elastic = gravity_alone.joint_space();
+    elastic.kernels.clear();
+    elastic.sets.clear();
+    gravity_alone.rows.clear();
+    for mut arm in [chain, gravity_alone] {
+        let without = arm.model::<f32>();
+        let with = loaded::<f32>(&mut arm, constant(9e-8)).unwrap();
+        for (joint, payload) in [(0.3, 2.0), (-1.9, 0.0), (60.0, 40.0)] {
+            let (a, b) = (
+                with.evaluate(&[joint; 6], payload),
+                without.evaluate(&[joint; 6], payload),
+            );
+            let sigma = a.position_sigma.unwrap();
+            assert!((sigma / 3e-4 - 1.0).abs() < 1e-6, "{sigma}");
+            assert_eq!(b.position_sigma, None);
+            assert_eq!((a.pose, a.status, a.trust), (b.pose, b.status, b.trust));
+        }
+        assert_eq!(with.evaluate(&[f32::NAN; 6], 1.0).position_sigma, None);
+        assert_eq!(with.evaluate(&[0.3; 6], -1.0).position_sigma, None);
+        let commands = [&with, &without].map(|model| model.correct(&[0.3; 6], 1.0));
+        assert_eq!(commands[0], commands[1]);
+    }
+}
+
 /// The model of `arm` with this variance.
 fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, LoadError> {
     let mut blob = arm.blob();
@@ -315,6 +356,40 @@ fn what_is_wrong_with_a_variance_is_named() {
     assert_eq!(refused(&|_, rows, _| word(rows, 7, 1e7)), wrong);
     let mut task = Arm::sound(3, 4);
     assert_eq!(loaded::<f32>(&mut task, variance(3, 0, &[])).err(), wrong);
+    assert_eq!(loaded::<f32>(&mut task, constant(1e-8)).err(), wrong);
+    assert_eq!(refused(&|_, _, v| v.rates.clear()), wrong);
+    let mut chain = Arm::sound(3, 4);
+    chain.task = None;
+    assert_eq!(loaded::<f32>(&mut chain, variance(3, 0, &[])).err(), wrong);
+    let sound = || constant(1e-8);
+    assert_eq!(loaded::<f32>(&mut chain, sound()).err(), None);
+    for changed in [
+        Variance {
+            gain: 1e-8,
+            ..sound()
+        },
+        Variance {
+            payload_rate: 0.1,
+            ..sound()
+        },
+        Variance {
+            landmarks: 1,
+            ..sound()
+        },
+        Variance {
+            noise_m2: 2e-8,
+            ..sound()
+        },
+        Variance {
+            rows: &[0; 4],
+            ..sound()
+        },
+        constant(-1e-9),
+        constant(f32::NAN),
+        constant(1.1),
+    ] {
+        assert_eq!(loaded::<f32>(&mut chain, changed).err(), wrong);
+    }
     // Landmarks of 27 words: too much beside 1 008, of which 30 were there.
     let mut full = Arm::elastic(3, 4, false);
     full.curves.clear();

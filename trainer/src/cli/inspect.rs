@@ -3,9 +3,7 @@
 use clap::Args;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::envelope::{self, Trailer};
-use poegp_protocol::blob::{
-    Blob, Correction, Elastic, FORMAT_VERSION, SetPoints, Variance, stored_crc,
-};
+use poegp_protocol::blob::{Blob, Correction, Elastic, FORMAT_VERSION, SetPoints, stored_crc};
 use poegp_runtime::guard::trust::Trust;
 use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
@@ -76,7 +74,6 @@ fn document(loaded: &BlobModel) -> Value {
             "payload_groups_kg": elastic.group_payloads_kg,
             "correction_limit_mm": 1e3 * elastic.limit.position_m,
             "correction_limit_mrad": 1e3 * elastic.limit.angle_rad,
-            "predictive_std": blob.variance.as_ref().map(sigma),
         }),
         Correction::TaskSpace(task) => json!({
             "kind": "task-space Gaussian process",
@@ -86,10 +83,6 @@ fn document(loaded: &BlobModel) -> Value {
                 "theta": h[..4], "noise_variance": h[4]
             })).collect::<Vec<_>>(),
             "output_rms": task.output_scale,
-            "predictive_std": (task.landmarks > 0).then(|| json!({
-                "landmarks": task.landmarks,
-                "bytes": task.landmark_rows.len(),
-            })),
             "correction_limit_mm": 1e3 * task.limit.position_m,
             "correction_limit_mrad": 1e3 * task.limit.angle_rad,
         }),
@@ -118,6 +111,7 @@ fn document(loaded: &BlobModel) -> Value {
         "warnings": blob.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
         "accepted": host.accepted.iter().map(|c| c.name()).collect::<Vec<_>>(),
         "correction": correction,
+        "predictive_std": predictive_std(blob),
         "instructions": {
             "evaluation": size.map_or(0, |size| size.pose_bound()),
             "command": size.map_or(0, |size| size.command_bound()),
@@ -130,13 +124,45 @@ fn trailer(loaded: &BlobModel) -> Option<Trailer> {
     envelope::open(loaded.bytes()).ok()?.trailer
 }
 
-fn sigma(v: &Variance<'_>) -> Value {
-    json!({
-        "landmarks": v.landmarks,
-        "bytes": v.rows.len(),
-        "floor_mm": 1e3 * v.floor_m2.sqrt(),
-        "noise_mm": 1e3 * v.noise_m2.sqrt(),
-    })
+/// What the device's standard deviation is made of; null when the blob has none.
+fn predictive_std(blob: &Blob<'_>) -> Value {
+    let mm = |variance: f32| 1e3 * variance.sqrt();
+    match (&blob.correction, &blob.variance) {
+        (Correction::TaskSpace(task), _) if task.landmarks > 0 => json!({
+            "kind": "quadratic form", "landmarks": task.landmarks, "bytes": task.landmark_rows.len()
+        }),
+        (_, Some(v)) if v.rates.is_empty() => {
+            json!({"kind": "constant", "floor_mm": mm(v.floor_m2)})
+        }
+        (_, Some(v)) => json!({
+            "kind": "joint processes", "landmarks": v.landmarks, "bytes": v.rows.len(), "floor_mm": mm(v.floor_m2),
+            "noise_mm": mm(v.noise_m2)
+        }),
+        _ => Value::Null,
+    }
+}
+
+/// The same in a sentence.
+fn predictive_std_line(blob: &Blob<'_>) -> String {
+    let mm = |variance: f32| 1e3 * variance.sqrt();
+    match (&blob.correction, &blob.variance) {
+        (Correction::TaskSpace(task), _) if task.landmarks > 0 => {
+            format!("standard deviation from {} landmarks", task.landmarks)
+        }
+        (_, Some(v)) if v.rates.is_empty() => {
+            format!(
+                "standard deviation {:.4} mm, the same for all poses",
+                mm(v.floor_m2)
+            )
+        }
+        (_, Some(v)) => format!(
+            "standard deviation from {} landmarks: {:.4} mm at least, of which the noise of a measurement is {:.4} mm",
+            v.landmarks,
+            mm(v.floor_m2),
+            mm(v.noise_m2)
+        ),
+        _ => "no standard deviation".to_owned(),
+    }
 }
 
 fn print(report: Printer, loaded: &BlobModel, document: &Value) {
@@ -207,10 +233,6 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
                 h[0], h[1], h[2], h[3], h[4]
             ));
         }
-        report.line(match task.landmarks {
-            0 => "    no standard deviation".to_owned(),
-            landmarks => format!("    standard deviation from {landmarks} landmarks"),
-        });
     }
     if let Correction::Elastic(elastic) = &blob.correction {
         report.line(format_args!(
@@ -226,15 +248,6 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
                 "    inducing points of each joint: {}",
                 points.join(", ")
             ));
-        }
-        match &blob.variance {
-            Some(v) => report.line(format_args!(
-                "    standard deviation from {} landmarks: {:.4} mm at least, of which the noise of a measurement is {:.4} mm",
-                v.landmarks,
-                1e3 * v.floor_m2.sqrt(),
-                1e3 * v.noise_m2.sqrt()
-            )),
-            None => report.line("    no standard deviation"),
         }
         if let Some((orders, rms)) = curves(elastic, blob.robot.joints.len()) {
             let rms: Vec<String> = rms.iter().map(|r| format!("{r:.0}")).collect();
@@ -252,6 +265,7 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
             ));
         }
     }
+    report.line(format_args!("  {}", predictive_std_line(blob)));
     report.line("");
     print_joints(report, blob);
     for (name, pose) in [

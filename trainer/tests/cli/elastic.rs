@@ -98,7 +98,7 @@ fn what_the_device_knows_of_its_own_error() {
     for (method, landmarks) in [("elastic", 12), ("poe-gp-load", 48)] {
         let (told, facts, set, csv) = calibrate(&format!("--method {method}"));
         assert_eq!(facts["format_version"], 1);
-        let sigma = &facts["correction"]["predictive_std"];
+        let sigma = &facts["predictive_std"];
         assert_eq!(sigma["landmarks"], landmarks);
         if method == "elastic" {
             let number = |value: &Value| value.as_f64().unwrap();
@@ -136,7 +136,7 @@ fn what_the_device_knows_of_its_own_error() {
     ] {
         let (told, facts, set, csv) = calibrate(flags);
         assert_eq!(facts["format_version"], 1);
-        assert!(told.is_null() && facts["correction"]["predictive_std"].is_null());
+        assert!(told.is_null() && facts["predictive_std"].is_null());
         assert!(set["predictive_std"].is_null());
         assert!(csv.lines().skip(1).all(|line| line.ends_with(',')));
         assert!(set["trust"]["mean"].as_f64().unwrap() > 0.5);

@@ -5,9 +5,11 @@
 //! coefficients of the few in least relative squares. Poses are drawn from the trained ranges, from twice these, and from
 //! close to the training poses, where the variance has its valleys.
 
-use poegp_protocol::limits::{MAX_INPUTS, MAX_TASK_SPACE_LANDMARKS};
+use poegp_protocol::limits::{MAX_INPUTS, MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
 use poegp_runtime::gp::quadratic_posterior::{MAX_SCALED_INPUT, input_scale};
-use poegp_runtime::gp::quadratic_variance::{BLOCK, landmark_words, variance_words};
+use poegp_runtime::gp::quadratic_variance::{
+    BLOCK, QuadraticVariance, landmark_words, mean_rate, variance_words,
+};
 use poegp_runtime::math::vector::squared_distance;
 
 use crate::learning::landmarks::landmarks;
@@ -30,8 +32,15 @@ const RIDGE: f64 = 3e-8;
 const AIM: f64 = 0.03;
 /// Poses whose equations are in memory together.
 const TOGETHER: usize = 500;
+/// Other poses of the trained ranges that the result is compared at, in single precision.
+const COMPARED: usize = 400;
+/// Of nine in ten of them σ is to be within this of eq. 7, as a share.
+const FOLLOWED: f64 = 0.2;
 /// Fewer landmarks are not worth their time.
 const LEAST_LANDMARKS: usize = 12;
+
+/// At inputs (rad, m, kg) the squared distances of the target from the axes of the base, m².
+pub type Levers<'a> = dyn Fn(&[f64]) -> [f64; 3] + 'a;
 
 /// What the device needs, in f64.
 #[derive(Clone, Debug)]
@@ -43,22 +52,19 @@ pub struct DeviceVariance {
 }
 
 impl TaskSpaceGp {
-    /// With as many landmarks as `room` numbers hold. `None` with hyperparameters for each output, without that room, when
-    /// the equations cannot be solved, or when a number of the rows is larger than single precision can add up.
-    pub fn device_variance(&self, room: usize) -> Option<DeviceVariance> {
-        if self.hyperparameters.len() != 1 {
-            return None;
-        }
+    /// With as many landmarks as `room` numbers hold. `None` without that room, when the equations cannot be solved, or when
+    /// what they give in single precision is not near eq. 7.
+    pub fn device_variance(&self, room: usize, levers: &Levers<'_>) -> Option<DeviceVariance> {
         let inputs = self.inputs.first()?.len();
         let fits = |count: &usize| variance_words(inputs, *count) <= room;
         let most = (LEAST_LANDMARKS..=MAX_TASK_SPACE_LANDMARKS.min(self.inputs.len()))
             .rev()
             .find(fits)?;
-        let fit = Fit::new(self, most);
+        let fit = Fit::new(self, most, levers);
         let coefficients = fit.coefficients()?;
         let rows = fit.rows(&coefficients);
         let is_usable = rows.iter().all(|x| x.abs() <= MAX_SCALED_INPUT);
-        is_usable.then_some(DeviceVariance {
+        (is_usable && fit.is_followed_by(&rows)).then_some(DeviceVariance {
             landmarks: fit.chosen.len(),
             rows,
         })
@@ -70,18 +76,20 @@ struct Fit<'a> {
     gp: &'a TaskSpaceGp,
     /// √(θ₁ log₂e/2).
     scale: f64,
-    noise: f64,
+    levers: &'a Levers<'a>,
     /// The landmarks' inputs.
     chosen: Vec<&'a Vec<f64>>,
 }
 
 impl<'a> Fit<'a> {
-    fn new(gp: &'a TaskSpaceGp, most: usize) -> Self {
-        let shared = gp.output(0);
+    fn new(gp: &'a TaskSpaceGp, most: usize, levers: &'a Levers<'a>) -> Self {
+        let rate = |c: usize| gp.output(c).kernel.inverse_squared_lengthscale;
+        let variance = |c: usize| gp.output_scale[c].powi(2) * gp.output(c).kernel.signal_variance;
+        let rate = mean_rate(&std::array::from_fn(variance), &std::array::from_fn(rate));
         let mut fit = Self {
             gp,
-            scale: input_scale(shared.kernel.inverse_squared_lengthscale),
-            noise: shared.noise_variance / shared.kernel.signal_variance,
+            scale: input_scale(rate),
+            levers,
             chosen: Vec::new(),
         };
         let n = gp.inputs.len();
@@ -95,12 +103,55 @@ impl<'a> Fit<'a> {
         libm::exp2(-self.scale * self.scale * squared_distance(a, b))
     }
 
+    /// Least and largest value of each training input.
+    fn ranges(&self) -> Vec<(f64, f64)> {
+        let trained = &self.gp.inputs;
+        let range = |d: usize| extremes(trained.iter().map(|x: &Vec<f64>| x[d]));
+        (0..trained.first().map_or(0, Vec::len))
+            .map(range)
+            .collect()
+    }
+
+    /// Whether the device's σ is near that of eq. 7. With a kernel of each output one quadratic form may have too much to
+    /// follow, and where the noise is a very small share of the prior, single precision does not hold what is left.
+    fn is_followed_by(&self, rows: &[f64]) -> bool {
+        let ranges = self.ranges();
+        let value = |(d, (lower, upper)): (usize, &(f64, f64)), index: u32| {
+            lower + (upper - lower) * halton(index, d)
+        };
+        let pose = |i: usize| -> Vec<f64> {
+            let index = (WITHIN + 1 + i) as u32;
+            ranges
+                .iter()
+                .enumerate()
+                .map(|range| value(range, index))
+                .collect()
+        };
+        let poses: Vec<Vec<f64>> = (0..COMPARED).map(pose).collect();
+        let rows: Vec<f32> = rows.iter().map(|x| *x as f32).collect();
+        let scale = vec![self.scale as f32; ranges.len()];
+        let device = QuadraticVariance::<f32> {
+            root_rate: 1.0,
+            signal: [1.0; OUTPUTS],
+            noise: [0.0; OUTPUTS],
+            landmarks: self.chosen.len(),
+        };
+        let exact = self.exact(&poses).into_iter().zip(&poses);
+        let is_near = |((u, noise), pose): ((f64, f64), &Vec<f64>)| {
+            let x: Vec<f32> = pose.iter().map(|x| *x as f32).collect();
+            let found = f64::from(device.unexplained(&rows, &scale, &x));
+            let ratio = ((found + noise) / (u + noise)).sqrt();
+            (ratio - 1.0).abs() < FOLLOWED
+        };
+        let near = exact.map(is_near).filter(|is_near| *is_near).count();
+        10 * near >= 9 * COMPARED
+    }
+
     /// The poses that the coefficients are found from.
     fn poses(&self) -> Vec<Vec<f64>> {
         let trained = &self.gp.inputs;
-        let range = |d: usize| extremes(trained.iter().map(|x: &Vec<f64>| x[d]));
-        let dimensions = trained.first().map_or(0, Vec::len);
-        let ranges: Vec<(f64, f64)> = (0..dimensions).map(range).collect();
+        let ranges = self.ranges();
+        let dimensions = ranges.len();
         let drawn = |index: u32, share: &dyn Fn(usize) -> f64, centre: Option<&Vec<f64>>| {
             let coordinate = |(d, (lower, upper)): (usize, &(f64, f64))| {
                 let centre = centre.map_or(0.5 * (lower + upper), |x| x[d]);
@@ -122,11 +173,35 @@ impl<'a> Fit<'a> {
         within.chain(around).chain(close).collect()
     }
 
-    /// u of eq. 7 at `poses`.
-    fn exact(&self, poses: &[Vec<f64>]) -> Vec<f64> {
-        let signal = self.gp.output(0).kernel.signal_variance;
-        let variances = self.gp.unit_variances(poses);
-        variances.iter().map(|v| (v / signal).max(0.0)).collect()
+    /// Of `pose` the variances of the target's position before any measurement, one for each kernel, and that of the noise.
+    fn prior(&self, pose: &[f64]) -> (Vec<f64>, f64) {
+        let levers = (self.levers)(pose);
+        let mut signal = vec![0.0; self.gp.hyperparameters.len()];
+        let mut noise = 0.0;
+        for c in 0..OUTPUTS {
+            let lever = if c < 3 { 1.0 } else { levers[c - 3] };
+            let weight = self.gp.output_scale[c].powi(2) * lever;
+            let own = self.gp.output(c);
+            signal[c.min(self.gp.hyperparameters.len() - 1)] += weight * own.kernel.signal_variance;
+            noise += weight * own.noise_variance;
+        }
+        (signal, noise)
+    }
+
+    /// u of eq. 7 at `poses`, and the noise in the same units.
+    fn exact(&self, poses: &[Vec<f64>]) -> Vec<(f64, f64)> {
+        let kernels = 0..self.gp.hyperparameters.len();
+        let variances: Vec<Vec<f64>> = kernels.map(|k| self.gp.unit_variances(k, poses)).collect();
+        let of = |(i, pose): (usize, &Vec<f64>)| {
+            let (prior, noise) = self.prior(pose);
+            let whole: f64 = prior.iter().sum();
+            let left = |(k, prior): (usize, &f64)| {
+                prior * (variances[k][i] / self.gp.output(k).kernel.signal_variance).max(0.0)
+            };
+            let left: f64 = prior.iter().enumerate().map(left).sum();
+            (left / whole, noise / whole)
+        };
+        poses.iter().enumerate().map(of).collect()
     }
 
     /// Products of the kernels at `pose`, in the order of the coefficients: k_i, then k_i k_0, …, k_i k_i.
@@ -148,7 +223,7 @@ impl<'a> Fit<'a> {
         let mut normal = Mat::identity(count, count) * (RIDGE * poses.len() as f64);
         let mut right = Mat::zeros(count, 1);
         for (poses, exact) in poses.chunks(TOGETHER).zip(exact.chunks(TOGETHER)) {
-            let weights: Vec<f64> = exact.iter().map(|u| 1.0 / (u + self.noise)).collect();
+            let weights: Vec<f64> = exact.iter().map(|(u, noise)| 1.0 / (u + noise)).collect();
             let weighted = |(pose, weight): (&Vec<f64>, &f64)| -> Vec<f64> {
                 let products = self.products(pose);
                 products.iter().map(|product| weight * product).collect()
@@ -156,7 +231,10 @@ impl<'a> Fit<'a> {
             let left: Vec<Vec<f64>> = poses.iter().zip(&weights).map(weighted).collect();
             let left = Operand::new(left.iter().map(Vec::as_slice).collect());
             let across = left.clone().transposed();
-            let values = weights.iter().zip(exact).map(|(w, u)| AIM + w * (u - 1.0));
+            let values = weights
+                .iter()
+                .zip(exact)
+                .map(|(w, (u, _))| AIM + w * (u - 1.0));
             let values = Mat::from_iterator(weights.len(), 1, values);
             multiply_lower(&mut columns_mut(&mut normal), Become::Sum, &left, &across);
             right += product(left, &values);

@@ -254,9 +254,10 @@ impl TaskSpaceGp {
         std::array::from_fn(|c| of(c) * self.output_scale[c] * self.output_scale[c])
     }
 
-    /// The same at many poses, of the first output in units of its mean square.
-    fn unit_variances(&self, poses: &[Vec<f64>]) -> Vec<f64> {
-        unit_variances(self.output(0), &self.factors[0], &self.inputs, poses)
+    /// The same at many poses, of one kernel in units of its output's mean square.
+    fn unit_variances(&self, kernel: usize, poses: &[Vec<f64>]) -> Vec<f64> {
+        let (own, factor) = (&self.hyperparameters[kernel], &self.factors[kernel]);
+        unit_variances(own, factor, &self.inputs, poses)
     }
 }
 

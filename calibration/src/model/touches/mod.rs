@@ -173,7 +173,6 @@ fn stated(
             processes: false,
             ripple: false,
             curve: false,
-            device_variance: false,
             ..*config
         },
         gauge: Gauge {
@@ -198,7 +197,7 @@ fn stated(
         estimate: FrameEstimate::Parametric { uncertainty: None },
         outliers: Vec::new(),
         warm_up: None,
-        residual_rms: (1e-3 * known.after.mean_mm / MEAN_LENGTH, 0.0),
+        constant_deviation: (1e-3 * known.after.mean_mm / MEAN_LENGTH, 0.0),
         correction_limit: (0.0, 0.0),
     };
     for sample in &mut samples {

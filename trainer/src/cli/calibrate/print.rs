@@ -183,12 +183,8 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
         && process.landmarks == 0
         && a.config.device_variance
     {
-        let cause = match process.rates.is_some() {
-            true => "each output has its own hyperparameters",
-            false => "a device has no room for it, or single precision would not hold it",
-        };
         report.line(format_args!(
-            "  note: the blob has no standard deviation: {cause}"
+            "  note: the blob has no standard deviation: a device has no room for it, or no form that is short enough is near eq. 7"
         ));
     }
     print_outputs(report, a, document.repeats);
