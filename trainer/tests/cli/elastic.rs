@@ -129,8 +129,18 @@ fn what_the_device_knows_of_its_own_error() {
         assert!((least - set["trust"]["least"].as_f64().unwrap()).abs() < 1e-6);
     }
 
+    // The chain alone has one for all poses.
+    let (_, facts, set, csv) = calibrate("--method poe");
+    assert_eq!(facts["predictive_std"]["kind"], "constant");
+    let stated = facts["predictive_std"]["floor_mm"].as_f64().unwrap();
+    let mean = set["predictive_std"]["mean_mm"].as_f64().unwrap();
+    assert!((stated / mean - 1.0).abs() < 1e-4, "{stated} {mean}");
+    let mut sigmas = csv.lines().skip(1).map(|line| line.rsplit(',').next());
+    let first = sigmas.next();
+    assert!(sigmas.all(|sigma| Some(sigma) == first));
+
     for flags in [
-        "--method poe",
+        "--method poe --no-variance",
         "--method poe-gp-load --no-variance",
         "--method elastic --no-variance",
     ] {
