@@ -381,7 +381,7 @@ fn constant_variance<'a>(calibration: &Calibration) -> Option<Variance<'a>> {
     let has_processes = match &calibration.correction {
         model::Correction::None => false,
         model::Correction::TaskSpace(_) => true,
-        model::Correction::Elastic(elastic) => elastic.deflection.processes.words() > 0,
+        model::Correction::Elastic(elastic) => !elastic.deflection.processes.sets.is_empty(),
     };
     let (position, _) = calibration.constant_deviation;
     let is_wanted = calibration.config.device_variance && !has_processes;
