@@ -39,7 +39,7 @@ pub struct Calibration {
     /// The warm-up that the evidence shows, removed from the training samples where its report says so.
     pub warm_up: Option<WarmUp>,
     /// Standard deviation of one position and one rotation component of a new measurement, m and rad, where that is the same
-    /// for all poses: what the residuals of the chain alone lead to, see [`Calibration::constant_deviation_of`].
+    /// for all poses: of the chain alone the RMS of its residuals times m/(m − p), of p parameters and m components.
     pub constant_deviation: (f64, f64),
     /// The limit of the correction: metres and radians.
     pub correction_limit: (f64, f64),
