@@ -6,7 +6,7 @@ use std::time::Duration;
 use crate::firmware_build::{Board, FirmwareError, firmware_of};
 use poegp_protocol::link::{
     Commanded, Corrected, CycleSettings, Evaluation, Identity, Query, Refusal, Request, Response,
-    Statistics, StoredModel, Trace,
+    Statistics, Trace,
 };
 use poegp_runtime::model::Model400;
 use poegp_trainer::device::client::{Client, Options};
@@ -21,7 +21,8 @@ const OPTIONS: Options = Options {
     attempts: 3,
     busy_limit: Duration::from_secs(60),
     chunk_size: poegp_protocol::link::MAX_CHUNK,
-    uploads: 1,
+    // On a machine that is busy with other things its watchdog may restart it.
+    uploads: 3,
     replaces_robot: true,
 };
 
@@ -169,7 +170,9 @@ impl Device {
     /// # Errors
     /// [`DeviceError`]; after [`DeviceError::Refused`] the active model is what it was.
     pub fn load(&mut self, blob: &[u8]) -> Result<Identity, DeviceError> {
-        let loaded = self.allow(blob).and_then(|()| load(&mut self.client, blob));
+        let loaded = self
+            .allow(blob)
+            .and_then(|()| self.client.install(blob, &mut |_| ()));
         loaded
             .map(|(_, identity)| identity)
             .map_err(|error| self.failed(error))
@@ -243,10 +246,4 @@ impl Device {
         let statistics = self.client.statistics();
         statistics.map_err(|error| self.failed(error))
     }
-}
-
-fn load(client: &mut Client, blob: &[u8]) -> Result<(StoredModel, Identity), ClientError> {
-    let model = client.upload(blob, &mut |_| ())?;
-    let stored = client.commit_upload()?;
-    Ok((stored, client.activate(model.blob_crc)?))
 }

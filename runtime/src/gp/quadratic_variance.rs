@@ -10,7 +10,7 @@
 //! σ²   = ⅓ (Σ_i V_i + Σ_i V_{3+i} (|p|² − p_i²))                p: position of the target
 //!
 //! words of a landmark, 8 or 16:     | z_j1 … z_jD | −|z_j|² | zeros |
-//! words of four landmarks 4c, …:    | b_4c … b_4c+3 | B of the four with landmarks 0 … 3 | with 4 … 7 | … |
+//! words of four landmarks 4c, …:    | b_4c … b_4c+3 | B of the four with landmark 0 | with landmark 1 | … |
 //! ```
 //!
 //! u is the share of the prior that the measurements leave; v + ω × p carries the twist to the target. The trainer finds b and
@@ -23,16 +23,15 @@ use core::hint::black_box;
 use nalgebra::Vector3;
 use poegp_protocol::limits::{MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
 
+use crate::gp::loops::{KernelLoops, landmarks};
 use crate::gp::quadratic_posterior::{MAX_SCALED_INPUT, held};
 use crate::math::scalar::Scalar;
 
 /// Landmarks whose coefficients stand together.
-pub const BLOCK: usize = 4;
-/// Words of the coefficients of one block with another.
-const PAIR: usize = BLOCK * BLOCK;
+pub const BLOCK: usize = landmarks::BLOCK;
 
 /// Words of a landmark of up to seven inputs, and of more.
-const SHORTEST: usize = 8;
+const SHORTEST: usize = landmarks::LANDMARK;
 const LONGEST: usize = 2 * SHORTEST;
 
 /// Words of one landmark of a process with so many inputs.
@@ -42,7 +41,7 @@ pub const fn landmark_words(inputs: usize) -> usize {
 
 /// Words of the coefficients of block `index`: its own, and those with it and the ones before.
 pub const fn block_words(index: usize) -> usize {
-    BLOCK + PAIR * (index + 1)
+    BLOCK + landmarks::PAIR * (index + 1)
 }
 
 /// Words of so many landmarks and all their coefficients.
@@ -103,7 +102,9 @@ impl<T: Scalar> QuadraticVariance<T> {
         // Also for infinity and NaN.
         (if variance < T::ONE { variance } else { T::ONE }).sqrt()
     }
+}
 
+impl<T: KernelLoops> QuadraticVariance<T> {
     /// u at the D inputs `x` (rad, m, kg) from the landmarks' `rows`.
     // Out of line, and slices whose length the compiler does not know, as in `elastic::position_variance`.
     #[inline(never)]
@@ -125,60 +126,18 @@ impl<T: Scalar> QuadraticVariance<T> {
             .split_at_checked(self.landmarks * words)
             .unwrap_or((&[], &[]));
         let mut kernels = [T::ZERO; MAX_TASK_SPACE_LANDMARKS];
-        let terms = z.get(..words).unwrap_or(&[]);
-        for (kernel, landmark) in kernels.iter_mut().zip(landmarks.chunks_exact(words)) {
-            let mut exponent = -square;
-            for (a, b) in landmark
-                .as_chunks::<SHORTEST>()
-                .0
-                .iter()
-                .zip(terms.as_chunks::<SHORTEST>().0)
-            {
-                let mut i = 0;
-                while i < SHORTEST {
-                    exponent += a[i] * b[i];
-                    i += 1;
-                }
-            }
-            *kernel = exponent.exp2();
-        }
-        let left = T::ONE + quadratic_form(coefficients, &kernels);
+        let query = z.get(..words).unwrap_or(&[]);
+        T::landmark_kernels(landmarks, query, square, &mut kernels);
+        let left = T::ONE + quadratic_form(coefficients, kernels.as_chunks().0);
         let left = if left < T::ONE { left } else { T::ONE };
         if left > T::ZERO { left } else { T::ZERO }
     }
 }
 
-/// Σ_i k_i (b_i + Σ_{j ≤ i} B_ij k_j).
+/// [`KernelLoops::quadratic_form`], out of line.
 #[inline(never)]
-fn quadratic_form<T: Scalar>(coefficients: &[T], kernels: &[T; MAX_TASK_SPACE_LANDMARKS]) -> T {
-    let blocks = kernels.as_chunks::<BLOCK>().0;
-    let mut sum = T::ZERO;
-    let mut rest = coefficients;
-    let mut words = PAIR;
-    for own in blocks {
-        let Some((single, after)) = rest.split_first_chunk::<BLOCK>() else {
-            break;
-        };
-        let Some((pairs, after)) = after.split_at_checked(words) else {
-            break;
-        };
-        rest = after;
-        words += PAIR;
-        let mut factors = *single;
-        for (pair, other) in pairs.as_chunks::<PAIR>().0.iter().zip(blocks) {
-            let mut i = 0;
-            while i < BLOCK {
-                let row = BLOCK * i;
-                factors[i] += (pair[row] * other[0] + pair[row + 1] * other[1])
-                    + (pair[row + 2] * other[2] + pair[row + 3] * other[3]);
-                i += 1;
-            }
-        }
-        let mut i = 0;
-        while i < BLOCK {
-            sum += factors[i] * own[i];
-            i += 1;
-        }
-    }
-    sum
+fn quadratic_form<T: KernelLoops>(coefficients: &[T], kernels: &[[T; BLOCK]]) -> T {
+    let mut total = T::ZERO;
+    T::quadratic_form(coefficients, kernels, &mut total);
+    total
 }

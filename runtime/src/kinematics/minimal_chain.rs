@@ -155,6 +155,8 @@ struct Link<T> {
 pub struct MinimalChain<T> {
     joints: usize,
     kinds: [JointKind; MAX_JOINTS],
+    /// Whether there is a prismatic one.
+    slides: bool,
     base: Pose<T>,
     /// Before each joint but the first.
     links: [Link<T>; MAX_JOINTS],
@@ -177,6 +179,7 @@ impl<T: Scalar> MinimalChain<T> {
         Self {
             joints: 0,
             kinds: [JointKind::Revolute; MAX_JOINTS],
+            slides: false,
             base: nothing,
             links: [none; MAX_JOINTS],
             target: nothing,
@@ -198,6 +201,7 @@ impl<T: Scalar> MinimalChain<T> {
         let mut out = Self {
             joints: kinds.len(),
             kinds: [JointKind::Revolute; MAX_JOINTS],
+            slides: kinds.contains(&JointKind::Prismatic),
             base: frames.first().copied().unwrap_or(identity),
             links: [none; MAX_JOINTS],
             target: frames.last().copied().unwrap_or(identity),
@@ -228,7 +232,12 @@ impl<T: Scalar> MinimalChain<T> {
     /// What the joints do at `q`, see [`Poe::joint_trig_into`].
     #[inline(always)]
     pub fn joint_trig_into(&self, q: &[T], out: &mut JointTrig<T>) {
-        joint_trig_into(self.kinds(), q, out);
+        if T::SINES_TOGETHER && !self.slides {
+            let joints = self.kinds().len();
+            T::sines_and_cosines(q.get(..joints).unwrap_or(q), out);
+        } else {
+            joint_trig_into(self.kinds(), q, out);
+        }
     }
 
     /// f(q), `base_from_target`.

@@ -58,6 +58,16 @@ pub trait Scalar:
     fn sqrt(self) -> Self;
     /// Sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 1e-7.
     fn sin_cos(self) -> (Self, Self);
+    /// Whether [`Scalar::sines_and_cosines`] of several angles is faster than one by one.
+    const SINES_TOGETHER: bool = false;
+    /// [`Scalar::sin_cos`] of each angle, as far as both go.
+    #[inline(always)]
+    fn sines_and_cosines(angles: &[Self], out: &mut [[Self; 2]]) {
+        for (slot, angle) in out.iter_mut().zip(angles) {
+            let (sin, cos) = angle.sin_cos();
+            *slot = [sin, cos];
+        }
+    }
     /// 2^self for −2²² < self ≤ 0; within 1.8e-7 relative and not below 2⁻¹²⁵ in `f32`, within 2⁻⁵² and not below 2⁻¹⁰²⁰ in
     /// `f64`. Without a branch or a call, so that a compiler does several at once.
     fn exp2(self) -> Self;
@@ -237,6 +247,25 @@ impl Scalar for f32 {
             f32::from_bits(s.to_bits() ^ sin_sign),
             f32::from_bits(c.to_bits() ^ cos_sign),
         )
+    }
+
+    #[cfg(all(
+        target_arch = "arm",
+        target_abi = "eabihf",
+        not(feature = "portable-kernels"),
+        feature = "cortex-m55"
+    ))]
+    const SINES_TOGETHER: bool = true;
+    #[cfg(all(
+        target_arch = "arm",
+        target_abi = "eabihf",
+        not(feature = "portable-kernels"),
+        feature = "cortex-m55"
+    ))]
+    // Out of line: assembly takes all registers.
+    #[inline(never)]
+    fn sines_and_cosines(angles: &[Self], out: &mut [[Self; 2]]) {
+        crate::assembly::cortex_m55::sines::sines_and_cosines(angles, out);
     }
 
     /// Magic-number rounding, degree-5 minimax polynomial on the fraction, integer addition to the exponent. Clamped at

@@ -93,9 +93,7 @@ impl<T: KernelLoops> TaskSpaceCorrection<T> {
         let rows = rows.get(..self.words).unwrap_or(&[]);
         self.header.mean(rows, x)
     }
-}
 
-impl<T: Scalar> TaskSpaceCorrection<T> {
     /// Standard deviation of one position component of a new measurement of a target at `target`, m; if the model knows it.
     #[inline(always)]
     pub(super) fn position_sigma(
@@ -115,7 +113,9 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
         let unexplained = variance.unexplained(landmarks, scale, x);
         Some(variance.standard_deviation(&target.translation, unexplained))
     }
+}
 
+impl<T: Scalar> TaskSpaceCorrection<T> {
     /// Number of inducing points.
     pub(super) fn points(&self) -> usize {
         self.words / row_words(self.header.inputs)

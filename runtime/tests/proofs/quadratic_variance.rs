@@ -77,8 +77,8 @@ impl Sample {
             let four = BLOCK * block..BLOCK * (block + 1);
             words.extend(four.clone().map(single));
             for other in (0..=block).map(|other| BLOCK * other) {
-                for i in four.clone() {
-                    words.extend((other..other + BLOCK).map(|j| pair(i, j)));
+                for j in other..other + BLOCK {
+                    words.extend(four.clone().map(|i| pair(i, j)));
                 }
             }
         }

@@ -52,6 +52,7 @@ fn instructions_on_a_cortex_m55() {
     println!("| what | Cortex-M55 | Cortex-M4F |");
     println!("|---|---|---|");
     let mut figures = Vec::new();
+    let (mut without, mut shares) = ([0.0; 2], Vec::new());
     let plain = |correction| Sample::plain(31, correction);
     let elastic = |elastic| plain(SampleCorrection::Elastic(elastic));
     let paper = plain(SampleCorrection::Folded(100));
@@ -69,6 +70,10 @@ fn instructions_on_a_cortex_m55() {
         ("elastic without points", elastic(NO_POINTS)),
         ("elastic, 100 points, no ripple", elastic(BARE)),
         ("elastic, 200 points", elastic(Elastic::PLAIN)),
+        (
+            "elastic, 200 points, standard deviation",
+            elastic(Elastic::WITH_STD),
+        ),
     ] {
         let [helium, scalar] = devices.each_mut();
         let [pose, command] = pose_and_command(helium, &sample);
@@ -79,9 +84,25 @@ fn instructions_on_a_cortex_m55() {
             assert!(pose <= 7_000.0, "{pose}");
             assert!(command <= 12_500.0 + CONTINUOUS, "{command}");
         }
+        if sample.correction == SampleCorrection::Folded(300) {
+            assert!(pose <= 6_000.0, "{pose}");
+        }
+        if sample.landmarks > 0 {
+            let share = [(pose, command), (scalar_pose, scalar_command)];
+            for ((with, command), without) in share.into_iter().zip(without) {
+                let share = (with - without) / command;
+                assert!(share <= 0.40, "{share}");
+                shares.push(format!("{share:.3}"));
+            }
+        }
+        without = [pose, scalar_pose];
         figures.push((format!("pose, {name}"), pose));
         figures.push((format!("command, {name}"), command));
     }
+    println!(
+        "standard deviation of the paper's process as a share of a command: {}",
+        shares.join(", ")
+    );
     for (what, instructions) in figures {
         assert_recorded(&what, instructions);
     }

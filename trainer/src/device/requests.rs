@@ -47,15 +47,41 @@ impl Client {
         blob: &[u8],
         progress: &mut dyn FnMut(usize),
     ) -> Result<ModelIdentity, ClientError> {
+        self.starting_again(|client| client.upload_once(blob, progress))
+    }
+
+    /// Sends a blob, has it verified and stored, and runs it: all of it again when the device has given the upload up, for
+    /// instance because it restarted before the model was stored.
+    ///
+    /// # Errors
+    /// [`ClientError`].
+    pub fn install(
+        &mut self,
+        blob: &[u8],
+        progress: &mut dyn FnMut(usize),
+    ) -> Result<(StoredModel, Identity), ClientError> {
+        self.starting_again(|client| {
+            let model = client.upload_once(blob, progress)?;
+            let stored = client.commit_upload()?;
+            Ok((stored, client.activate(model.blob_crc)?))
+        })
+    }
+
+    fn starting_again<A>(
+        &mut self,
+        mut attempt: impl FnMut(&mut Self) -> Result<A, ClientError>,
+    ) -> Result<A, ClientError> {
         let mut left = self.options.uploads;
         loop {
-            match self.upload_once(blob, progress) {
+            match attempt(self) {
                 Err(ClientError::Refused(
                     Refusal::NoUpload
                     | Refusal::UnexpectedOffset { .. }
                     | Refusal::ChunkTooLong { .. }
                     | Refusal::Incomplete { .. }
-                    | Refusal::TransferCrc { .. },
+                    | Refusal::TransferCrc { .. }
+                    | Refusal::NotVerified
+                    | Refusal::UnknownModel { .. },
                 )) if left > 1 => left -= 1,
                 other => return other,
             }

@@ -359,14 +359,15 @@ fn a_model_that_runs_already_is_not_sent_again() {
     assert_eq!(fake.heard(), ["Identify"]);
 }
 
-/// Loses, damages and delays, restarts in the middle of the upload, and gets the model all the same.
+/// Loses, damages and delays, restarts in the middle of the upload and before it has stored the model, and gets it all the same.
 #[test]
 fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
     let _texts = texts();
     let (folder, blob) = folder();
     let crc = stored_crc(&blob).unwrap();
     let sent = blob.clone();
-    let (mut asked, mut received, mut has_restarted) = (0, Vec::new(), false);
+    let (mut asked, mut received) = (0, Vec::new());
+    let (mut has_restarted, mut has_stored) = (false, false);
     let fake = FakeDevice::start(&folder, move |request| {
         asked += 1;
         match asked % 7 {
@@ -403,13 +404,17 @@ fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
                 assert_eq!(received, sent);
                 Response::Verified(model(crc)).into()
             }
+            Request::CommitUpload if !has_stored => {
+                has_stored = true;
+                Refusal::NotVerified.into()
+            }
             Request::CommitUpload => Response::Committed(stored(&sent)).into(),
             other => panic!("{other:?}"),
         }
     });
     let line = "device flash arm.blob --port unix:link --timeout-ms 50";
     folder.run(line).ok().said();
-    assert!(fake.count("BeginUpload") >= 2, "{:?}", fake.heard());
+    assert!(fake.count("BeginUpload") >= 3, "{:?}", fake.heard());
 }
 
 #[test]

@@ -265,8 +265,8 @@ impl<'a> Fit<'a> {
             let four = BLOCK * block..BLOCK * (block + 1);
             rows.extend(four.clone().map(|i| of(i, 0)));
             for other in 0..=block {
-                for i in four.clone() {
-                    rows.extend((0..BLOCK).map(|j| of(i, 1 + BLOCK * other + j)));
+                for j in 0..BLOCK {
+                    rows.extend(four.clone().map(|i| of(i, 1 + BLOCK * other + j)));
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! The loops of the paper's folded mean: four points in a step, the six outputs in the lanes of two registers.
+//! The loops of the paper's folded mean: eight points in a step, at the end four, the six outputs in the lanes of two registers.
 //!
 //! A row is loaded whole, which moves on to the next one: its places are not looked at again, its weights come to lie in q4 and
 //! half of q5. What is in the other half is added up and never read.
@@ -14,7 +14,7 @@ use core::arch::asm;
 use super::CONSTANTS;
 
 /// sums += exponential · weights of the next row.
-macro_rules! row {
+macro_rules! add_row {
     ($first:literal, $k:literal) => {
         concat!(
             "vldmia r5!, {{s",
@@ -32,9 +32,32 @@ macro_rules! row {
     };
 }
 
+/// sums += exponentials in the lanes of $k · weights of the next four rows.
+macro_rules! add_four {
+    ($first:literal, $k:literal) => {
+        concat!(
+            // The first register has the lower lane.
+            "vmov r0, r2, ",
+            $k,
+            "[2], ",
+            $k,
+            "[0]\n",
+            "vmov r1, r3, ",
+            $k,
+            "[3], ",
+            $k,
+            "[1]\n",
+            add_row!($first, "r0"),
+            add_row!($first, "r1"),
+            add_row!($first, "r2"),
+            add_row!($first, "r3")
+        )
+    };
+}
+
 /// The loop for D inputs; `first` is the register of a row's first place.
 macro_rules! over_fours {
-    ($name:ident, $row:literal, $query_words:literal, bytes $row_bytes:literal, four rows $four:literal,
+    ($name:ident, $row:literal, $query_words:literal, bytes $row_bytes:literal, four rows $four:literal, eight $eight:literal,
      first $first:literal, [$($words:tt)*]) => {
         /// Adds to the sums what the rows but the last one, two or three of no four contribute; returns those.
         #[inline(always)]
@@ -45,18 +68,18 @@ macro_rules! over_fours {
         ) -> &'a [[f32; $row]] {
             let (fours, rest) = rows.as_chunks::<4>();
             if !fours.is_empty() {
-                // SAFETY: reads the rows of `fours`, four in each of `fours.len()` > 0 steps, `query` and the seven
-                // constants, and reads and writes `sums`, all from the first to the last word. The stack is where it was.
+                // SAFETY: reads the rows of `fours`, two of them in each of `fours.len() / 2` steps and then one if that leaves
+                // one, `query` and the seven constants, and reads and writes `sums`, all from the first to the last word. The stack is where it was.
                 unsafe {
                     with_all_registers!(
-                        "push {{r3, r6, r7}}",
+                        "push {{r0, r3, r6, r7}}",
                         "mov r6, r2",
                         "vldmia r3, {{s24-s29}}",
                         concat!("movs r3, #", $row_bytes),
                         "vdup.32 q4, r3",
                         "movs r2, #0",
                         "vidup.u32 q0, r2, #1",
-                        concat!("sub r3, r5, #", $four),
+                        concat!("sub.w r3, r5, #2 * ", $four),
                         "vmlas.i32 q0, q4, r3",
                         "ldm r1, {{r1, r4, r8, r9, r10, r11, r12}}",
                         "mov r7, r1",
@@ -65,19 +88,25 @@ macro_rules! over_fours {
                         "vmov s30, s20",
                         "vmov s31, s20",
                         "adds r6, #16",
-                        "dls lr, r0",
+                        "lsrs r0, r0, #1",
+                        "wls lr, r0, 3f",
                         "2:",
                         "ldmdb r6, {{r0-r3}}",
-                        exponents!($four, "r0", $($words)*),
-                        exp2_lanes!("r7", ""),
-                        // The first register has the lower lane.
-                        "vmov r0, r2, q3[2], q3[0]",
-                        "vmov r1, r3, q3[3], q3[1]",
-                        row!($first, "r0"),
-                        row!($first, "r1"),
-                        row!($first, "r2"),
-                        row!($first, "r3"),
+                        exponents_of_eight!($eight, $four, "r0", $($words)*),
+                        exp2_lanes!("q1", "q2", "q3", "r7", ""),
+                        exp2_lanes!("q4", "q2", "q1", "r7", ""),
+                        add_four!($first, "q3"),
+                        add_four!($first, "q1"),
                         "le lr, 2b",
+                        "3:",
+                        "pop {{r0}}",
+                        "lsls r0, r0, #31",
+                        "beq 4f",
+                        "ldmdb r6, {{r0-r3}}",
+                        exponents!($eight, "r0", $($words)*),
+                        exp2_lanes!("q1", "q2", "q3", "r7", ""),
+                        add_four!($first, "q3"),
+                        "4:",
                         "pop {{r3, r6, r7}}",
                         "vstmia r3, {{s24-s29}}",
                         inout("r0") fours.len() => _,
@@ -96,14 +125,14 @@ macro_rules! over_fours {
     };
 }
 
-over_fours!(folded5, 11, 5, bytes 44, four rows 176, first 11,
+over_fours!(folded5, 11, 5, bytes 44, four rows 176, eight 352, first 11,
     [4 "r1" 8 "r2" 12 "r3" ["ldr r0, [r6]"] 16 "r0"]);
 
-over_fours!(folded6, 12, 6, bytes 48, four rows 192, first 10,
+over_fours!(folded6, 12, 6, bytes 48, four rows 192, eight 384, first 10,
     [4 "r1" 8 "r2" 12 "r3" ["ldrd r0, r1, [r6]"] 16 "r0" 20 "r1"]);
 
-over_fours!(folded7, 13, 7, bytes 52, four rows 208, first 9,
+over_fours!(folded7, 13, 7, bytes 52, four rows 208, eight 416, first 9,
     [4 "r1" 8 "r2" 12 "r3" ["ldm r6, {{r0-r2}}"] 16 "r0" 20 "r1" 24 "r2"]);
 
-over_fours!(folded8, 14, 8, bytes 56, four rows 224, first 8,
+over_fours!(folded8, 14, 8, bytes 56, four rows 224, eight 448, first 8,
     [4 "r1" 8 "r2" 12 "r3" ["ldm r6, {{r0-r3}}"] 16 "r0" 20 "r1" 24 "r2" 28 "r3"]);

@@ -58,7 +58,7 @@ macro_rules! over_blocks {
                         "3:",
                         $load,
                         exponents!($four, "r0", $($words)*),
-                        exp2_lanes!("q5", concat!("vldrw.u32 q1, [q0, #", $weight, "]\n")),
+                        exp2_lanes!("q1", "q2", "q3", "q5", concat!("vldrw.u32 q1, [q0, #", $weight, "]\n")),
                         "vmul.f32 q1, q3, q1",
                         "vadd.f32 s28, s28, s4",
                         "vadd.f32 s28, s28, s5",

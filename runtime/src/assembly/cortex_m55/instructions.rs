@@ -1,5 +1,12 @@
 //! Instructions as macros, from which the loops are written; no function.
 
+/// One instruction with three operands.
+macro_rules! step {
+    ($does:literal, $to:literal, $a:literal, $b:literal) => {
+        concat!($does, " ", $to, ", ", $a, ", ", $b, "\n")
+    };
+}
+
 /// q1 = Σ query word · word of four rows, in the order of the words; q2 and q3 are lost. `$first` moves q0 to the next four rows
 /// and loads their first word. A word's load comes between multiplication and addition of the one before it.
 macro_rules! exponents {
@@ -33,26 +40,77 @@ macro_rules! exponents {
     (@ $q:literal $other:literal,) => { "" };
 }
 
-/// q3 = exp2_scaled of q1 with the constants in their registers; q2 is lost. `$between` may load q1.
-macro_rules! exp2_lanes {
-    ($d0:literal, $between:expr) => {
+/// The same for eight rows at once: the first four in q1, the next in q4, `$four` bytes behind them.
+macro_rules! exponents_of_eight {
+    ($next:literal, $four:literal, $first:literal, $($rest:tt)*) => {
         concat!(
-            "vadd.f32 q2, q1, r8\n",
-            "vsub.f32 q3, q2, r8\n",
-            "vsub.f32 q1, q1, q3\n",
-            "vadd.f32 q3, q1, r9\n",
-            "vmul.f32 q3, q3, q1\n",
-            "vadd.f32 q3, q3, r10\n",
-            "vmul.f32 q3, q3, q1\n",
-            "vadd.f32 q3, q3, r11\n",
-            "vmul.f32 q3, q3, q1\n",
-            "vadd.f32 q3, q3, r4\n",
-            "vmul.f32 q3, q3, q1\n",
+            "vldrw.u32 q1, [q0, #", $next, "]!\n",
+            "vldrw.u32 q4, [q0, #", $four, "]\n",
+            "vmul.f32 q1, q1, ", $first, "\n",
+            "vmul.f32 q4, q4, ", $first, "\n",
+            exponents_of_eight!(@ $four, $($rest)*)
+        )
+    };
+    (@ $four:literal, $at:literal $word:literal $($rest:tt)*) => {
+        concat!(
+            "vldrw.u32 q2, [q0, #", $at, "]\n",
+            "vldrw.u32 q3, [q0, #", $four, " + ", $at, "]\n",
+            "vmul.f32 q2, q2, ", $word, "\n",
+            "vmul.f32 q3, q3, ", $word, "\n",
+            "vadd.f32 q1, q1, q2\n",
+            "vadd.f32 q4, q4, q3\n",
+            exponents_of_eight!(@ $four, $($rest)*)
+        )
+    };
+    // More words of the query.
+    (@ $four:literal, [$more:expr] $($rest:tt)*) => {
+        concat!($more, "\n", exponents_of_eight!(@ $four, $($rest)*))
+    };
+    (@ $four:literal,) => { "" };
+}
+
+/// $sum = exp2_scaled of $x with the constants in their registers; $x is lost, and $shifted. `$between` may load $x.
+macro_rules! exp2_lanes {
+    ($x:literal, $shifted:literal, $sum:literal, $d0:literal, $between:expr) => {
+        concat!(
+            step!("vadd.f32", $shifted, $x, "r8"),
+            step!("vsub.f32", $sum, $shifted, "r8"),
+            step!("vsub.f32", $x, $x, $sum),
+            step!("vadd.f32", $sum, $x, "r9"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vadd.f32", $sum, $sum, "r10"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vadd.f32", $sum, $sum, "r11"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vadd.f32", $sum, $sum, "r4"),
+            step!("vmul.f32", $sum, $sum, $x),
             $between,
-            "vadd.f32 q3, q3, ",
-            $d0,
-            "\n",
-            "vmla.i32 q3, q2, r12\n"
+            step!("vadd.f32", $sum, $sum, $d0),
+            step!("vmla.i32", $sum, $shifted, "r12")
+        )
+    };
+}
+
+/// $sum = exp2 of $x with the constants of `EXP2_CLAMPED` in their registers; $x is lost, and $shifted.
+macro_rules! exp2_clamped_lanes {
+    ($x:literal, $shifted:literal, $sum:literal) => {
+        concat!(
+            step!("vadd.f32", $shifted, $x, "r5"),
+            step!("vsub.f32", $sum, $shifted, "r5"),
+            step!("vsub.f32", $x, $x, $sum),
+            step!("vmul.f32", $sum, $x, "r8"),
+            step!("vadd.f32", $sum, $sum, "r9"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vadd.f32", $sum, $sum, "r10"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vadd.f32", $sum, $sum, "r11"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vadd.f32", $sum, $sum, "q6"),
+            step!("vmul.f32", $sum, $sum, $x),
+            step!("vmax.s32", $shifted, $shifted, "q4"),
+            step!("vadd.f32", $sum, $sum, "q5"),
+            step!("vshl.i32", $shifted, $shifted, "#23"),
+            step!("vadd.i32", $sum, $sum, $shifted)
         )
     };
 }

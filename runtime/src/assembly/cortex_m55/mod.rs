@@ -31,9 +31,11 @@
 mod instructions;
 pub(crate) mod folded;
 pub(crate) mod inducing_sets;
+pub(crate) mod landmarks;
 pub(crate) mod payload;
+pub(crate) mod sines;
 
-use crate::assembly::EXP2_SCALED;
+use crate::assembly::{EXP2, EXP2_ROUND, EXP2_SCALED};
 
 /// The constants of exp2 in the order in which one LDM takes them: d0, d1, what rounds, d4, d3, d2, and 2²³, which moves an
 /// integer to the exponent.
@@ -46,3 +48,23 @@ pub(crate) const CONSTANTS: [u32; 7] = [
     EXP2_SCALED[3].to_bits(),
     1 << 23,
 ];
+
+/// The constants of the exp2 that is held at 2⁻¹²⁵ in the order in which they are loaded: what rounds, C5, C4, C3 and C2 into r5
+/// and r8 to r11, then into each lane of q4 to q6 the lowest exponent, 1 and C1.
+pub(crate) const EXP2_CLAMPED: [u32; 17] = {
+    let mut out = [0; 17];
+    out[0] = EXP2_ROUND.to_bits();
+    let mut power = 5;
+    while power > 1 {
+        out[6 - power] = EXP2[power - 1].to_bits();
+        power -= 1;
+    }
+    let mut lane = 0;
+    while lane < 4 {
+        out[5 + lane] = EXP2_ROUND.to_bits() - 125;
+        out[9 + lane] = 1.0_f32.to_bits();
+        out[13 + lane] = EXP2[0].to_bits();
+        lane += 1;
+    }
+    out
+};

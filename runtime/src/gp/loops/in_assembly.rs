@@ -7,12 +7,14 @@ use core::mem::MaybeUninit;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_protocol::limits::OUTPUTS;
 
+#[cfg(feature = "cortex-m55")]
+use super::landmarks::BLOCK;
 use super::{KernelLoops, portable_set_mean};
 use crate::assembly::Blocks;
 #[cfg(not(feature = "cortex-m55"))]
 use crate::assembly::cortex_m4::{folded, inducing_sets};
 #[cfg(feature = "cortex-m55")]
-use crate::assembly::cortex_m55::{folded, inducing_sets, payload};
+use crate::assembly::cortex_m55::{folded, inducing_sets, landmarks, payload};
 #[cfg(feature = "cortex-m55")]
 use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
@@ -36,6 +38,22 @@ macro_rules! with_numbers {
 }
 
 impl KernelLoops for f32 {
+    #[cfg(feature = "cortex-m55")]
+    #[inline(always)]
+    fn landmark_kernels(landmarks: &[Self], query: &[Self], square: Self, kernels: &mut [Self]) {
+        if let Ok(query) = query.try_into() {
+            landmarks::kernels8(landmarks.as_chunks().0, query, square, kernels);
+        } else if let Ok(query) = query.try_into() {
+            landmarks::kernels16(landmarks.as_chunks().0, query, square, kernels);
+        }
+    }
+
+    #[cfg(feature = "cortex-m55")]
+    #[inline(always)]
+    fn quadratic_form(coefficients: &[Self], kernels: &[[Self; BLOCK]], total: &mut Self) {
+        *total = landmarks::quadratic_form(coefficients, kernels);
+    }
+
     #[cfg(feature = "cortex-m55")]
     #[inline(always)]
     fn refill(

@@ -10,6 +10,9 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, OUTPUTS};
 use crate::assembly::Blocks;
 use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
+use landmarks::{BLOCK, portable_landmark_kernels, portable_quadratic_form};
+
+pub(crate) mod landmarks;
 
 /// Most rows that are computed side by side: where registers hold several numbers, [`arrange_set`] puts the rows of a set so
 /// that those of a tile can be. The bits are the same.
@@ -34,6 +37,28 @@ macro_rules! inner_loops {
                     $portable($($argument),+);
                 }
             )+
+
+            /// kernels_j = 2^(landmark_j · query − square), not below 2⁻¹²⁵, of landmarks with as many words as the query: 8 or
+            /// 16.
+            #[inline(always)]
+            fn landmark_kernels(
+                landmarks: &[Self],
+                query: &[Self],
+                square: Self,
+                kernels: &mut [Self],
+            ) {
+                portable_landmark_kernels(landmarks, query, square, kernels);
+            }
+
+            /// total = Σ_i k_i (b_i + Σ_j B_ij k_j) over the blocks of four kernels, as long as there are coefficients.
+            #[inline(always)]
+            fn quadratic_form(
+                coefficients: &[Self],
+                kernels: &[[Self; BLOCK]],
+                total: &mut Self,
+            ) {
+                portable_quadratic_form(coefficients, kernels, total);
+            }
 
             /// The payload groups that have rows, each with the factor of its sum: its amplitude and what is left of the
             /// kernel.

@@ -1,6 +1,5 @@
 //! `trainer device flash`.
 
-use indicatif::ProgressBar;
 use poegp_protocol::blob::envelope;
 use poegp_protocol::blob::{CRC, Correction, stored_crc};
 use poegp_protocol::link::{Identity, Key, MAX_NAME, StoredModel};
@@ -70,25 +69,16 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
 /// Uploads a blob with a progress bar, has it verified and stored, and runs it.
 pub fn bring(client: &mut Client, bytes: &[u8]) -> Result<(StoredModel, Identity), ClientError> {
     let bar = progress::transfer(bytes.len(), "uploading");
-    let brought = bring_with(client, bytes, &bar);
+    let brought = client.install(bytes, &mut |sent| {
+        bar.set_message(if sent == bytes.len() {
+            "verifying and storing"
+        } else {
+            "uploading"
+        });
+        bar.set_position(sent as u64);
+    });
     bar.finish_and_clear();
     brought
-}
-
-fn bring_with(
-    client: &mut Client,
-    bytes: &[u8],
-    bar: &ProgressBar,
-) -> Result<(StoredModel, Identity), ClientError> {
-    let model = client.upload(bytes, &mut |sent| {
-        if sent == bytes.len() {
-            bar.set_message("verifying");
-        }
-        bar.set_position(sent as u64);
-    })?;
-    bar.set_message("storing");
-    let stored = client.commit_upload()?;
-    Ok((stored, client.activate(model.blob_crc)?))
 }
 
 /// The slot from which a device runs this very blob, now and after a start.
