@@ -4,6 +4,18 @@
 //! targets and with `portable-kernels` there are none. [`crate::gp::loops`] gives each shape of rows its loop; the
 //! portable loops serve the rest. All have the same bits. What is in here is the only unsafe code of the crate.
 
+/// One instruction with three operands.
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+macro_rules! step {
+    ($does:literal, $to:literal, $a:literal, $b:literal) => {
+        concat!($does, " ", $to, ", ", $a, ", ", $b, "\n")
+    };
+}
+
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",
@@ -18,6 +30,12 @@ pub(crate) mod cortex_m4;
     feature = "cortex-m55"
 ))]
 pub(crate) mod cortex_m55;
+#[cfg(all(
+    target_arch = "arm",
+    target_abi = "eabihf",
+    not(feature = "portable-kernels")
+))]
+pub(crate) mod fourier;
 #[cfg(all(
     target_arch = "arm",
     target_abi = "eabihf",

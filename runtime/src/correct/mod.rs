@@ -345,7 +345,8 @@ impl<T: KernelLoops> Search<'_, T> {
         let start = equations.joints_of(&limit.damped(&rigid));
         // The deflection there: processes where gravity alone would have the command, the others where both would.
         deflected_into(features, kinds, &start, self.turned);
-        let mean = terms.processes.mean(kinds, self.rows, self.turned, payload);
+        let processes = &terms.processes;
+        let (mean, behind) = processes.mean(kinds, self.rows, self.turned, payload);
         let near = difference(&start, &mean);
         self.turn(&near);
         let pose = arm.calibrated.moved_frames_at(self.turned, self.frames);
@@ -353,7 +354,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let mut line = ripple_line(&terms.ripple, &sum(self.joints, &near));
         if terms.curve_orders > 0 {
             deflected_into(features, kinds, &near, self.turned);
-            let coefficients = terms.curves(kinds.len(), self.rows);
+            let (coefficients, _) = terms.curves(kinds.len(), behind);
             add_curve_lines(kinds, coefficients, self.turned, &mut line);
         }
         let mut deflection = sum(&smooth, &line.value);

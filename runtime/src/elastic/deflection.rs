@@ -125,39 +125,41 @@ pub struct Compensated<T> {
 }
 
 impl<T: KernelLoops> Deflection<T> {
-    /// δ(q, m) of the controller's joints before bounding, from the moved frames of the chain at q.
+    /// δ(q, m) of the controller's joints before bounding, from the moved frames of the chain at q; and the words behind those
+    /// of the curves.
     #[inline(always)]
-    fn total(
+    fn total<'r>(
         &self,
         at: &Configuration<'_, T>,
         frames: &[Pose<T>],
         target: &Pose<T>,
         features: &JointTrig<T>,
-        rows: &[T],
-    ) -> PerJoint<T> {
+        rows: &'r [T],
+    ) -> (PerJoint<T>, &'r [T]) {
         let kinds = at.chain.kinds();
         let gravity = self
             .gravity
             .deflection(kinds, frames, target, at.payload_kg);
         let ripple = ripple(&self.ripple, at.joints);
-        let mean = self.processes.mean(kinds, rows, features, at.payload_kg);
+        let (mean, rest) = self.processes.mean(kinds, rows, features, at.payload_kg);
         let mut out = [T::ZERO; MAX_JOINTS];
         for (((sum, a), b), c) in out.iter_mut().zip(&gravity).zip(&ripple).zip(&mean) {
             *sum = *a + *b + *c;
         }
-        if self.curve_orders > 0 {
-            add_curves(kinds, self.curves(kinds.len(), rows), features, &mut out);
+        if self.curve_orders == 0 {
+            return (out, rest);
         }
-        out
+        let (curves, rest) = self.curves(kinds.len(), rest);
+        add_curves(kinds, curves, features, &mut out);
+        (out, rest)
     }
 
-    /// The coefficients of the own-joint curves of an arm with so many joints.
+    /// The coefficients of the own-joint curves of an arm with so many joints, from the words behind the inducing points; and what
+    /// is behind them.
     #[inline(always)]
-    pub(crate) fn curves<'a>(&self, joints: usize, rows: &'a [T]) -> &'a [T] {
-        let behind = rows.get(self.processes.words()..).unwrap_or(&[]);
-        behind
-            .get(..coefficient_count(joints, self.curve_orders))
-            .unwrap_or(&[])
+    pub(crate) fn curves<'r>(&self, joints: usize, rows: &'r [T]) -> (&'r [T], &'r [T]) {
+        rows.split_at_checked(coefficient_count(joints, self.curve_orders))
+            .unwrap_or((&[], &[]))
     }
 
     /// POE(C (q + δ)), with δ scaled back to `limit`.
@@ -181,14 +183,12 @@ impl<T: KernelLoops> Deflection<T> {
         } else {
             at.motions
         };
-        let deflection = self.total(at, &frames, &target, features, rows);
+        let (deflection, landmarks) = self.total(at, &frames, &target, features, rows);
         observer.deflection(&deflection);
         let mut out = deflect(at, &frames, &target, &deflection, limit);
         if let Some(variance) = &self.variance
             && !observer.wants_pose_alone()
         {
-            let before = self.processes.words() + coefficient_count(kinds.len(), self.curve_orders);
-            let landmarks = rows.get(before..).unwrap_or(&[]);
             let unexplained = variance.unexplained(kinds, landmarks, features, at.payload_kg);
             let kernels = self.processes.kernels.get(..kinds.len()).unwrap_or(&[]);
             let prior = prior(at, kernels, &frames, &target);

@@ -32,10 +32,8 @@ impl<T: Scalar> RippleTerm<T> {
 pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
     let limit = T::from_f32(MAX_ANGLE);
     let angle = cycles * q;
-    let held = if angle > limit {
-        limit
-    } else if angle < -limit {
-        -limit
+    let held = if angle.abs() > limit {
+        if angle > T::ZERO { limit } else { -limit }
     } else {
         angle
     };

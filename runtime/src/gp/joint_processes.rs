@@ -185,15 +185,16 @@ impl<T: KernelLoops> JointProcesses<T> {
         (out, kernels)
     }
 
-    /// The posterior mean of every joint in rad or m, from the `rows` of the inducing points, set by set.
+    /// The posterior mean of every joint in rad or m, from the `rows` of the inducing points, set by set; and what is behind
+    /// them.
     #[inline(never)]
-    pub fn mean(
+    pub fn mean<'r>(
         &self,
         kinds: &[JointKind],
-        rows: &[T],
+        rows: &'r [T],
         motions: &JointTrig<T>,
         payload_kg: T,
-    ) -> PerJoint<T> {
+    ) -> (PerJoint<T>, &'r [T]) {
         let mut out = [T::ZERO; MAX_JOINTS];
         let mut query = [[T::ZERO; 2]; MAX_JOINTS];
         let mut blocks = Blocks::new();
@@ -233,6 +234,6 @@ impl<T: KernelLoops> JointProcesses<T> {
             let used = set.row_words() * blocks.rows();
             rest = rest.get(used..).unwrap_or(&[]);
         }
-        out
+        (out, rest)
     }
 }

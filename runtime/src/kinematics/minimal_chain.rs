@@ -155,8 +155,6 @@ struct Link<T> {
 pub struct MinimalChain<T> {
     joints: usize,
     kinds: [JointKind; MAX_JOINTS],
-    /// Whether there is a prismatic one.
-    slides: bool,
     base: Pose<T>,
     /// Before each joint but the first.
     links: [Link<T>; MAX_JOINTS],
@@ -179,7 +177,6 @@ impl<T: Scalar> MinimalChain<T> {
         Self {
             joints: 0,
             kinds: [JointKind::Revolute; MAX_JOINTS],
-            slides: false,
             base: nothing,
             links: [none; MAX_JOINTS],
             target: nothing,
@@ -201,7 +198,6 @@ impl<T: Scalar> MinimalChain<T> {
         let mut out = Self {
             joints: kinds.len(),
             kinds: [JointKind::Revolute; MAX_JOINTS],
-            slides: kinds.contains(&JointKind::Prismatic),
             base: frames.first().copied().unwrap_or(identity),
             links: [none; MAX_JOINTS],
             target: frames.last().copied().unwrap_or(identity),
@@ -232,12 +228,20 @@ impl<T: Scalar> MinimalChain<T> {
     /// What the joints do at `q`, see [`Poe::joint_trig_into`].
     #[inline(always)]
     pub fn joint_trig_into(&self, q: &[T], out: &mut JointTrig<T>) {
-        if T::SINES_TOGETHER && !self.slides {
+        if T::SINES_TOGETHER && self.all_revolute() {
             let joints = self.kinds().len();
             T::sines_and_cosines(q.get(..joints).unwrap_or(q), out);
         } else {
             joint_trig_into(self.kinds(), q, out);
         }
+    }
+
+    /// Whether no joint is prismatic.
+    // As two words: a flag of its own would make the model larger, and joint by joint takes 22 instructions.
+    #[inline(always)]
+    fn all_revolute(&self) -> bool {
+        const ALL: [u8; MAX_JOINTS] = [JointKind::Revolute as u8; MAX_JOINTS];
+        u64::from_ne_bytes(self.kinds.map(|kind| kind as u8)) == u64::from_ne_bytes(ALL)
     }
 
     /// f(q), `base_from_target`.

@@ -1,5 +1,6 @@
 //! Numbers and rigid motions.
 
+pub mod fourier;
 pub mod scalar;
 pub mod se3;
 pub mod vector;

@@ -4,7 +4,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_CURVE_ORDER, MAX_JOINTS};
 use poegp_runtime::elastic::curve::{add_curve_lines, add_curves};
 use poegp_runtime::elastic::ripple::{RippleLine, ripple_line};
-use poegp_runtime::math::scalar::Scalar;
+use poegp_runtime::math::fourier::FourierSeries;
 use poegp_runtime::model::load_error::LoadError;
 use proptest::prelude::*;
 
@@ -23,7 +23,7 @@ fn naive(words: &[f64], q: f64) -> (f64, f64) {
     sums
 }
 
-fn line<T: Scalar>(kinds: &[JointKind], words: &[T], q: &[T; MAX_JOINTS]) -> RippleLine<T> {
+fn line<T: FourierSeries>(kinds: &[JointKind], words: &[T], q: &[T; MAX_JOINTS]) -> RippleLine<T> {
     let trig = q.map(|q| {
         let (sin, cos) = q.sin_cos();
         [sin, cos]

@@ -8,7 +8,7 @@ use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine, instructions};
 use poegp_tests::firmware_build::{Board, Variant, firmware_with};
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection, odd_queries};
-use poegp_tests::stages::{Host, Stages, trust_line};
+use poegp_tests::stages::{CommandBits, Host, Stages, trust_line};
 
 use crate::golden::compare_with_committed;
 
@@ -146,6 +146,37 @@ fn the_same_bits_for_every_angle() {
             })
             .collect();
         compare(&mut devices, sample, &queries);
+    }
+}
+
+/// Own-joint curves of as many orders as leave any number behind a step of the loops: poses, and commands, which look at
+/// their slopes.
+#[test]
+fn the_same_bits_for_every_number_of_orders() {
+    let mut devices = all(Clock::Real);
+    for curve_orders in (1..=17).chain([63, 64]) {
+        let correction = SampleCorrection::Elastic(Elastic {
+            points: 6,
+            groups: 1,
+            ripple: 1,
+            curve_orders,
+            ..Elastic::PLAIN
+        });
+        let sample = Sample::plain(80 + curve_orders as u64, correction);
+        let queries = sample.queries(3);
+        compare(&mut devices, sample, &queries);
+        let host = Host::load(&sample.blob()).unwrap();
+        for (device, kernels) in devices.iter_mut().zip(KERNELS) {
+            for query in &queries {
+                let found = CommandBits::from(&device.correct(query).unwrap());
+                assert_eq!(
+                    host.command(query),
+                    found,
+                    "{kernels:?}, {curve_orders} orders, {query:?}"
+                );
+            }
+            device.client().stand_down().unwrap();
+        }
     }
 }
 

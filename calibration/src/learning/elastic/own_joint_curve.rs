@@ -7,8 +7,8 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_CURVE_ORDER;
-use poegp_runtime::elastic::curve::cosine_series;
 use poegp_runtime::kinematics::poe::JointTrig;
+use poegp_runtime::math::fourier::cosine_series;
 
 use crate::numeric::matrix::{Mat, columns_mut};
 use crate::numeric::product::{Become, Operand, multiply_lower, product};

@@ -1,12 +1,5 @@
 //! Instructions as macros, from which the loops are written; no function.
 
-/// One instruction with three operands.
-macro_rules! step {
-    ($does:literal, $to:literal, $a:literal, $b:literal) => {
-        concat!($does, " ", $to, ", ", $a, ", ", $b, "\n")
-    };
-}
-
 /// q1 = Σ query word · word of four rows, in the order of the words; q2 and q3 are lost. `$first` moves q0 to the next four rows
 /// and loads their first word. A word's load comes between multiplication and addition of the one before it.
 macro_rules! exponents {

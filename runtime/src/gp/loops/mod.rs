@@ -9,6 +9,7 @@ use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, OUTPUTS};
 
 use crate::assembly::Blocks;
 use crate::gp::joint_kernel::JointKernel;
+use crate::math::fourier::FourierSeries;
 use crate::math::scalar::Scalar;
 use landmarks::{BLOCK, portable_landmark_kernels, portable_quadratic_form};
 
@@ -27,7 +28,7 @@ macro_rules! inner_loops {
     ($($(#[$doc:meta])* $portable:ident => fn $name:ident<const $n:ident, const ROW>($($argument:ident: $type:ty),+ $(,)?);)+) => {
         /// The loops, for rows of ROW words; no exponent is beyond the range of [`Scalar::exp2_scaled`]. Sealed together
         /// with [`Scalar`].
-        pub trait KernelLoops: Scalar {
+        pub trait KernelLoops: FourierSeries {
             $(
                 $(#[$doc])*
                 // Inlined into the function of the model's shape, where the sums stay in registers.
