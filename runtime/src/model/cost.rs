@@ -111,7 +111,7 @@ pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_VARIANCE + OF_ELASTIC;
 const OF_ARM: usize = 6;
 const OF_TASK_SPACE: usize = 4;
 const OF_VARIANCE: usize = 5;
-const OF_ELASTIC: usize = 30;
+const OF_ELASTIC: usize = 32;
 
 impl ModelSize {
     /// How often each term counts.
@@ -164,6 +164,10 @@ fn copy(to: &mut [usize], from: &[usize]) {
     }
 }
 
+/// Orders of a curve that a step of the loops in assembly takes; what is left of them goes one by one.
+const ORDERS_OF_A_STEP: usize = 8;
+const ORDERS_AND_SLOPES_OF_A_STEP: usize = 4;
+
 impl ElasticSize {
     fn counts(&self, arm: &ModelSize) -> [usize; OF_ELASTIC] {
         let (n, sliding) = (arm.joints, arm.sliding);
@@ -203,6 +207,8 @@ impl ElasticSize {
             usize::from(self.curve_orders > 0),
             curves,
             curves * self.curve_orders,
+            curves * (self.curve_orders % ORDERS_OF_A_STEP),
+            curves * (self.curve_orders % ORDERS_AND_SLOPES_OF_A_STEP),
             varies,
             varies * n,
             l,
@@ -224,7 +230,7 @@ const POSE: [i32; TERMS] = [
     84928, 27246, 11433, 948,
     178799, 16421, 40024, 2320,
     121898, 29975, 13636, -43273, 15876,
-    169716, 42040, 2499, 23435, 21315, 3155, 25490, 5680, 11880, 40360, 2826, 1426, 12605, 3716, 580, 1461, 79437, 29413, 11777, 9465, 3155, 19642, 25559, 10159, 2535, 55979, 36930, 27407, 4241, 829,
+    169716, 42040, 2499, 23435, 21315, 3155, 25490, 5680, 11880, 40360, 2826, 1426, 12605, 3716, 580, 1461, 79437, 29413, 11777, 9465, 3155, 19642, 25559, 10159, 2535, 0, 0, 55979, 36930, 27407, 4241, 829,
 ];
 /// 256ths of an instruction for each term of one command, filter included, without its frame.
 #[rustfmt::skip] // the same
@@ -234,7 +240,7 @@ const COMMAND: [i32; TERMS] = [
     766469, 48970, 31928, 3198,
     647098, 68992, 124306, 6514,
     -748, 15097, 1250, -50014, -1101,
-    428119, 50386, 12959, 30305, 36445, 11644, 47867, 13916, -2350, 39914, 3308, 643, 13351, 3813, 553, 2815, 57947, 31459, 12380, 9420, 3098, 21049, 53126, 19226, 4629, -22974, 5107, 3192, -636, 23,
+    428119, 50386, 12959, 30305, 36445, 11644, 47867, 13916, -2350, 39914, 3308, 643, 13351, 3813, 553, 2815, 57947, 31459, 12380, 9420, 3098, 21049, 53126, 19226, 4629, 0, 0, -22974, 5107, 3192, -636, 23,
 ];
 
 /// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the
