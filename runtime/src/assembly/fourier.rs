@@ -1,5 +1,6 @@
-//! Clenshaw's recurrence of [`crate::math::fourier`] for every processor with a floating-point unit: what is left of a number of
-//! orders one by one, then eight orders in a step, or four with the derivative.
+//! Clenshaw's recurrence of [`crate::math::fourier`], for every processor with a floating-point unit.
+//!
+//! A step takes eight orders, or four with the derivative. The highest orders, which fill no step, come first, one by one.
 //!
 //! | register | holds |
 //! |---|---|
@@ -24,6 +25,16 @@ macro_rules! order {
             step!("vadd.f32", "s11", $b, "s11"),
             step!("vsub.f32", $s_two, "s10", $s_two),
             step!("vsub.f32", $c_two, "s11", $c_two)
+        )
+    };
+}
+
+/// Behind a single order: what was one order above is two orders above now.
+macro_rules! swap {
+    ($one:literal, $two:literal, $free:literal) => {
+        concat!(
+            "vmov ", $free, ", ", $one, "\nvmov ", $one, ", ", $two, "\nvmov ", $two, ", ", $free,
+            "\n"
         )
     };
 }
@@ -55,6 +66,7 @@ macro_rules! slope {
     };
 }
 
+/// The same with the derivatives.
 #[cfg(not(feature = "cortex-m55"))]
 macro_rules! two_orders_and_slopes {
     ($a:literal, $b:literal, $a_below:literal, $b_below:literal) => {
@@ -86,12 +98,8 @@ pub(crate) fn series(coefficients: &[[f32; 2]], sin_cos: &[f32; 2]) -> f32 {
             "2:",
             "vldmdb {at}!, {{s16, s17}}",
             order!("s16", "s17", ["s1", "s3"], ["s2", "s4"]),
-            "vmov s10, s1",
-            "vmov s11, s3",
-            "vmov s1, s2",
-            "vmov s3, s4",
-            "vmov s2, s10",
-            "vmov s4, s11",
+            swap!("s1", "s2", "s10"),
+            swap!("s3", "s4", "s11"),
             "subs {left}, #1",
             "bne 2b",
             "3:",
@@ -126,8 +134,8 @@ pub(crate) fn series(coefficients: &[[f32; 2]], sin_cos: &[f32; 2]) -> f32 {
     f32::from_bits(sum)
 }
 
-/// Of the sines' recurrence order 1, of the cosines' orders 1 and 2, and of their derivatives the same; `twice` is 2 cos q, `turned`
-/// −2 sin q.
+/// Order 1 of the sines' recurrence, orders 1 and 2 of the cosines', then those of their derivatives. `twice` is 2 cos q,
+/// `turned` is −2 sin q.
 #[cfg(not(feature = "cortex-m55"))]
 #[inline(always)]
 pub(crate) fn recurrences(coefficients: &[[f32; 2]], twice: f32, turned: f32) -> [[f32; 3]; 2] {
@@ -142,18 +150,10 @@ pub(crate) fn recurrences(coefficients: &[[f32; 2]], twice: f32, turned: f32) ->
             "vldmdb {at}!, {{s16, s17}}",
             slope!(["s1", "s3"], ["s6", "s8"], ["s7", "s9"]),
             order!("s16", "s17", ["s1", "s3"], ["s2", "s4"]),
-            "vmov s10, s1",
-            "vmov s11, s3",
-            "vmov s1, s2",
-            "vmov s3, s4",
-            "vmov s2, s10",
-            "vmov s4, s11",
-            "vmov s10, s6",
-            "vmov s11, s8",
-            "vmov s6, s7",
-            "vmov s8, s9",
-            "vmov s7, s10",
-            "vmov s9, s11",
+            swap!("s1", "s2", "s10"),
+            swap!("s3", "s4", "s11"),
+            swap!("s6", "s7", "s10"),
+            swap!("s8", "s9", "s11"),
             "subs {left}, #1",
             "bne 2b",
             "3:",

@@ -70,6 +70,29 @@ pub(crate) const EXP2_SCALED: [f32; 6] = [
     f32::from_bits(0x443c_66c7),
 ];
 
+/// Constants of [`Scalar::sin_cos`](crate::math::scalar::Scalar::sin_cos) for `f32`: 2/π, the three parts of π/2, then the
+/// coefficients of the sine and those of the cosine, highest power first.
+pub(crate) const SINES: [f32; 10] = [
+    core::f32::consts::FRAC_2_PI,
+    1.570_312_5,
+    4.837_513e-4,
+    7.549_79e-8,
+    -1.951_529_6e-4,
+    8.332_161e-3,
+    -1.666_665_5e-1,
+    2.443_315_7e-5,
+    -1.388_731_6e-3,
+    4.166_664_6e-2,
+];
+
+/// Landmarks whose coefficients stand together.
+pub(crate) const BLOCK: usize = 4;
+
+/// Words of the coefficients of block `index`: its own, and those with it and the ones before.
+pub(crate) const fn block_words(index: usize) -> usize {
+    BLOCK + BLOCK * BLOCK * (index + 1)
+}
+
 /// The first rows of an inducing set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
 /// both.
 #[derive(Debug)]

@@ -23,12 +23,13 @@ use core::hint::black_box;
 use nalgebra::Vector3;
 use poegp_protocol::limits::{MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
 
+use crate::assembly;
 use crate::gp::loops::{KernelLoops, landmarks};
 use crate::gp::quadratic_posterior::{MAX_SCALED_INPUT, held};
 use crate::math::scalar::Scalar;
 
 /// Landmarks whose coefficients stand together.
-pub const BLOCK: usize = landmarks::BLOCK;
+pub const BLOCK: usize = assembly::BLOCK;
 
 /// Words of a landmark of up to seven inputs, and of more.
 const SHORTEST: usize = landmarks::LANDMARK;
@@ -39,17 +40,12 @@ pub const fn landmark_words(inputs: usize) -> usize {
     if inputs < SHORTEST { SHORTEST } else { LONGEST }
 }
 
-/// Words of the coefficients of block `index`: its own, and those with it and the ones before.
-pub const fn block_words(index: usize) -> usize {
-    BLOCK + landmarks::PAIR * (index + 1)
-}
-
 /// Words of so many landmarks and all their coefficients.
 pub const fn variance_words(inputs: usize, landmarks: usize) -> usize {
     let mut words = landmarks * landmark_words(inputs);
     let mut index = 0;
     while index < landmarks.div_ceil(BLOCK) {
-        words += block_words(index);
+        words += assembly::block_words(index);
         index += 1;
     }
     words

@@ -8,7 +8,7 @@
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
-use crate::assembly::{EXP2, EXP2_ROUND as ROUND, EXP2_SCALED};
+use crate::assembly::{EXP2, EXP2_ROUND as ROUND, EXP2_SCALED, SINES};
 
 mod sealed {
     pub trait Sealed {}
@@ -227,13 +227,13 @@ impl Scalar for f32 {
     /// |angle| ≤ 8192), then minimax polynomials on [−π/4, π/4].
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
-        let shifted = self * core::f32::consts::FRAC_2_PI + ROUND;
+        let [per_radian, a, b, c, s7, s5, s3, c8, c6, c4] = SINES;
+        let shifted = self * per_radian + ROUND;
         let turns = shifted - ROUND;
-        let r = ((self - turns * 1.570_312_5) - turns * 4.837_513e-4) - turns * 7.549_79e-8;
+        let r = ((self - turns * a) - turns * b) - turns * c;
         let z = r * r;
-        let sin = r + r * z * (-1.666_665_5e-1 + z * (8.332_161e-3 + z * -1.951_529_6e-4));
-        let cos =
-            1.0 - 0.5 * z + z * z * (4.166_664_6e-2 + z * (-1.388_731_6e-3 + z * 2.443_315_7e-5));
+        let sin = r + r * z * (s3 + z * (s5 + z * s7));
+        let cos = 1.0 - 0.5 * z + z * z * (c4 + z * (c6 + z * c8));
         let quadrant = shifted.to_bits();
         let (s, c) = if quadrant & 1 == 0 {
             (sin, cos)

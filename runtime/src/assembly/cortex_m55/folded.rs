@@ -1,4 +1,5 @@
-//! The loops of the paper's folded mean: eight points in a step, at the end four, the six outputs in the lanes of two registers.
+//! The loops of the paper's folded mean: eight points in a step, then four if they are left. The six outputs are in the lanes of
+//! two registers.
 //!
 //! A row is loaded whole, which moves on to the next one: its places are not looked at again, its weights come to lie in q4 and
 //! half of q5. What is in the other half is added up and never read.
@@ -68,8 +69,9 @@ macro_rules! over_fours {
         ) -> &'a [[f32; $row]] {
             let (fours, rest) = rows.as_chunks::<4>();
             if !fours.is_empty() {
-                // SAFETY: reads the rows of `fours`, two of them in each of `fours.len() / 2` steps and then one if that leaves
-                // one, `query` and the seven constants, and reads and writes `sums`, all from the first to the last word. The stack is where it was.
+                // SAFETY: reads the rows of `fours`, two fours in each of `fours.len() / 2` steps and then the last one of an
+                // odd number, `query` and the seven constants, and reads and writes `sums`, all from the first to the last
+                // word. The stack is where it was.
                 unsafe {
                     with_all_registers!(
                         "push {{r0, r3, r6, r7}}",

@@ -5,10 +5,19 @@
 //! | r5, r8 – r11, q4 – q6 | constants of exp2 |
 //! | r4 | square of the query |
 //! | r12 | address of the next four kernels |
+//!
+//! In the quadratic form:
+//!
+//! | register | holds |
+//! |---|---|
+//! | r0, r6 | addresses of the next coefficients and kernels |
+//! | r1, r2, r3 | address of the first kernel; blocks left; products of fours in this block |
+//! | q0, s28 | factors of the block's own kernels; the sum |
 
 use core::arch::asm;
 
 use super::EXP2_CLAMPED;
+use crate::assembly::{BLOCK, block_words};
 
 /// The loop for landmarks of so many words: those behind the first, with their places in bytes and the query's registers.
 macro_rules! over_landmarks {
@@ -68,24 +77,20 @@ over_landmarks!(kernels16, 16, bytes 64, four rows 256,
      ["ldrd r0, r1, [r6, #16]\nldrd r2, r3, [r6, #24]"] 32 "r0" 36 "r1" 40 "r2" 44 "r3"
      ["ldrd r0, r1, [r6, #32]\nldrd r2, r3, [r6, #40]"] 48 "r0" 52 "r1" 56 "r2" 60 "r3"]);
 
-/// Words of the coefficients of `blocks` blocks.
-const fn words(blocks: usize) -> usize {
-    4 * blocks + 8 * blocks * (blocks + 1)
-}
-
 /// Σ_i k_i (b_i + Σ_j B_ij k_j) over as many blocks of four as `coefficients` has.
 #[inline(always)]
-pub(crate) fn quadratic_form(coefficients: &[f32], kernels: &[[f32; 4]]) -> f32 {
-    let mut blocks = 0;
-    while blocks < kernels.len() && words(blocks + 1) <= coefficients.len() {
+pub(crate) fn quadratic_form(coefficients: &[f32], kernels: &[[f32; BLOCK]]) -> f32 {
+    let (mut blocks, mut words) = (0, block_words(0));
+    while blocks < kernels.len() && words <= coefficients.len() {
         blocks += 1;
+        words += block_words(blocks);
     }
     if blocks == 0 {
         return 0.0;
     }
-    let mut sum = 0;
-    // SAFETY: reads the first `words(blocks)` coefficients and `blocks` > 0 blocks of kernels. No stack beyond what it
-    // restores.
+    let sum: usize;
+    // SAFETY: reads the coefficients of `blocks` > 0 blocks, which are there, and as many blocks of kernels. The stack is
+    // where it was.
     unsafe {
         with_all_registers!(
             "push {{r6, r7}}",

@@ -2,28 +2,27 @@
 //!
 //! | register | holds |
 //! |---|---|
-//! | r0 – r2, r4, r5, r8 – r12 | constants |
+//! | r0 – r2, r4 – r12 | constants |
 //! | r3 | address of the next four angles |
-//! | q0 | addresses of what is made of them |
+//! | q0 | addresses of their sines, less four pairs |
 //! | q1 | quadrant, in the low bits |
 
 use core::arch::asm;
 
-/// 2/π, what rounds, the three parts of π/2; the coefficients of the sine, highest power first; of the cosine.
-const CONSTANTS: [f32; 12] = [
-    core::f32::consts::FRAC_2_PI,
-    crate::assembly::EXP2_ROUND,
-    1.570_312_5,
-    4.837_513e-4,
-    7.549_79e-8,
-    -1.951_529_6e-4,
-    8.332_161e-3,
-    -1.666_665_5e-1,
-    2.443_315_7e-5,
-    -1.388_731_6e-3,
-    4.166_664_6e-2,
-    -0.5,
-];
+use crate::assembly::{EXP2_ROUND, SINES};
+
+/// [`SINES`] with what rounds behind the first one and −½ at the end, in the order in which they are loaded.
+const CONSTANTS: [f32; 12] = {
+    let mut out = [-0.5; 12];
+    out[0] = SINES[0];
+    out[1] = EXP2_ROUND;
+    let mut i = 1;
+    while i < SINES.len() {
+        out[i + 1] = SINES[i];
+        i += 1;
+    }
+    out
+};
 
 /// Sine and cosine of each angle, as far as both go; [`Scalar::sin_cos`](crate::math::scalar::Scalar::sin_cos) has what is computed.
 #[inline(always)]

@@ -7,9 +7,9 @@ use core::mem::MaybeUninit;
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_protocol::limits::OUTPUTS;
 
-#[cfg(feature = "cortex-m55")]
-use super::landmarks::BLOCK;
 use super::{KernelLoops, portable_set_mean};
+#[cfg(feature = "cortex-m55")]
+use crate::assembly::BLOCK;
 use crate::assembly::Blocks;
 #[cfg(not(feature = "cortex-m55"))]
 use crate::assembly::cortex_m4::{folded, inducing_sets};

@@ -1,11 +1,10 @@
 //! The standard deviation of the paper's process: kernels of the landmarks, and the quadratic form in them.
 
+use crate::assembly::BLOCK;
 use crate::math::scalar::Scalar;
 
-/// Landmarks whose coefficients stand together.
-pub(crate) const BLOCK: usize = 4;
 /// Words of the coefficients of one block with another.
-pub(crate) const PAIR: usize = BLOCK * BLOCK;
+const PAIR: usize = BLOCK * BLOCK;
 /// A landmark has once or twice so many words.
 pub(crate) const LANDMARK: usize = 8;
 

@@ -7,11 +7,11 @@
 
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, OUTPUTS};
 
-use crate::assembly::Blocks;
+use crate::assembly::{BLOCK, Blocks};
 use crate::gp::joint_kernel::JointKernel;
 use crate::math::fourier::FourierSeries;
 use crate::math::scalar::Scalar;
-use landmarks::{BLOCK, portable_landmark_kernels, portable_quadratic_form};
+use landmarks::{portable_landmark_kernels, portable_quadratic_form};
 
 pub(crate) mod landmarks;
 
