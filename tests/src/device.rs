@@ -15,16 +15,22 @@ use poegp_trainer::device::error::ClientError;
 
 /// No machine of a test runs longer.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
-/// An answer takes milliseconds; a loaded machine may take long to get to it.
-const OPTIONS: Options = Options {
-    timeout: Duration::from_secs(10),
-    attempts: 3,
-    busy_limit: Duration::from_secs(60),
-    chunk_size: poegp_protocol::link::MAX_CHUNK,
-    // On a machine that is busy with other things its watchdog may restart it.
-    uploads: 3,
-    replaces_robot: true,
-};
+
+/// An answer takes milliseconds; a loaded machine may take long to get to it. There, a watchdog in real time may restart
+/// the device during an upload; where time counts instructions, it may not.
+fn options(clock: Clock) -> Options {
+    Options {
+        timeout: Duration::from_secs(10),
+        attempts: 3,
+        busy_limit: Duration::from_secs(60),
+        chunk_size: poegp_protocol::link::MAX_CHUNK,
+        uploads: match clock {
+            Clock::Real => 3,
+            Clock::Counting => 1,
+        },
+        replaces_robot: true,
+    }
+}
 
 /// Why there is no answer.
 #[derive(Debug, thiserror::Error)]
@@ -83,7 +89,7 @@ impl Device {
     /// # Errors
     /// [`DeviceError::Emulator`].
     pub fn on_for(machine: &Machine<'_>, time_limit: Duration) -> Result<Self, DeviceError> {
-        Self::over(Emulator::start(machine, time_limit)?)
+        Self::over(Emulator::start(machine, time_limit)?, machine.clock)
     }
 
     /// A machine with further arguments for QEMU.
@@ -91,11 +97,14 @@ impl Device {
     /// # Errors
     /// [`DeviceError::Emulator`].
     pub fn watched(machine: &Machine<'_>, arguments: &[String]) -> Result<Self, DeviceError> {
-        Self::over(Emulator::start_with(machine, TIME_LIMIT, arguments)?)
+        Self::over(
+            Emulator::start_with(machine, TIME_LIMIT, arguments)?,
+            machine.clock,
+        )
     }
 
-    fn over((emulator, link): (Emulator, UnixStream)) -> Result<Self, DeviceError> {
-        let client = Client::over(Box::new(link), "the emulator".to_owned(), OPTIONS);
+    fn over((emulator, link): (Emulator, UnixStream), clock: Clock) -> Result<Self, DeviceError> {
+        let client = Client::over(Box::new(link), "the emulator".to_owned(), options(clock));
         Ok(Self { emulator, client })
     }
 
