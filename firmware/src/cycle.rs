@@ -99,7 +99,8 @@ impl Front {
         }
         RUNNING.store(self.cycle.is_running(), Ordering::Relaxed);
         // On an empty line only: a correction never waits for more than one such answer.
-        if uart::is_sent()
+        if ANSWER.is_full()
+            && uart::is_sent()
             && let Some(answer) = ANSWER.take()
         {
             uart::send(answer.bytes.get(..answer.length).unwrap_or(&[]));

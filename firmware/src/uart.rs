@@ -32,8 +32,8 @@ pub struct Line<L> {
     lost: u32,
     /// The last byte that came. A zero behind a zero means nothing; a line like SPI is full of them.
     last: u8,
-    /// Whether something was not sent yet.
-    sending: bool,
+    /// Whether somebody waits for an empty line.
+    awaited: bool,
 }
 
 /// The only one. Empty until the board was started.
@@ -52,7 +52,7 @@ impl<L: Link> Line<L> {
             outgoing,
             lost: 0,
             last: 0,
-            sending: true,
+            awaited: false,
         }
     }
 
@@ -74,7 +74,6 @@ impl<L: Link> Line<L> {
         for byte in bytes {
             let _ = self.outgoing.push_back(*byte);
         }
-        self.sending = true;
         self.pump();
     }
 
@@ -93,9 +92,11 @@ impl<L: Link> Line<L> {
         self.link.notify_writable(!self.outgoing.is_empty());
     }
 
-    /// Whether everything is sent but the byte or two that the hardware holds.
+    /// Whether everything is sent but the byte or two that the hardware holds. If not, the interrupt in which it is has
+    /// something for the cycle to do.
     fn is_sent(&mut self) -> bool {
-        self.outgoing.is_empty() && self.link.is_sent()
+        self.awaited = !(self.outgoing.is_empty() && self.link.is_sent());
+        !self.awaited
     }
 
     /// Takes what came, in the interrupt that was raised at `now`: whether a frame ended.
@@ -127,10 +128,9 @@ impl<L: Link> Line<L> {
         self.link.acknowledge();
         let ended = self.receive(now);
         self.pump();
-        // An answer of the background may wait for an empty line.
-        let now_sending = !self.is_sent();
-        let sending = core::mem::replace(&mut self.sending, now_sending);
-        ended || (sending && !self.sending) || self.received.len() > RECEIVED / 2
+        // Not for the first bytes of a frame: that they are read early makes no command faster.
+        let is_empty = self.awaited && self.is_sent();
+        ended || is_empty || self.received.len() > RECEIVED / 2
     }
 }
 

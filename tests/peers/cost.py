@@ -47,11 +47,12 @@ def parts(counts, measured):
     return rounded
 
 
-def constant(name):
-    found = re.search(rf"^const {name}: u32 = ([0-9_]+);", SOURCE.read_text(), re.MULTILINE)
+def frames():
+    """Instructions of the frames of an arm with one joint, two, …"""
+    found = re.search(r"^const FRAME: \[u32; MAX_JOINTS\] = \[([0-9_, ]+)\];", SOURCE.read_text(), re.MULTILINE)
     if not found:
-        sys.exit(f"{SOURCE}: no {name}")
-    return int(found[1])
+        sys.exit(f"{SOURCE}: no FRAME")
+    return np.array([int(number) for number in found[1].split(",")])
 
 
 def main():
@@ -64,7 +65,7 @@ def main():
         print(f"{name}: measured is {share.min():.4f} to {share.max():.4f} of the bound")
         for begin, end in zip((0, *ENDS_OF_LINES), (*ENDS_OF_LINES, len(each))):
             print("    " + ", ".join(map(str, each[begin:end])) + ",")
-    share = framed / (bound + constant("FRAME") + constant("FRAME_JOINT") * counts[:, JOINTS])
+    share = framed / (bound + frames()[counts[:, JOINTS].astype(int) - 1])
     print(f"command with its frames: measured is {share.min():.4f} to {share.max():.4f} of the bound")
 
 

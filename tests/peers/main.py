@@ -4,6 +4,7 @@ import pathlib
 import sys
 
 import accuracy
+import bending
 import growth
 import speed
 import touches
@@ -21,6 +22,8 @@ def main():
         touches.check(programs)
     if what in ("accuracy", "all"):
         accuracy.tables(programs)
+    if what in ("bending", "all"):
+        bending.table(programs)
 
 
 main()

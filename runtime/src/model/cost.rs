@@ -3,6 +3,8 @@
 //! No loop of an evaluation ends early, so its instructions depend on the model and hardly on the query. They are a sum: so
 //! many for each joint, each inducing point, each word of one. `POSE` and `COMMAND` are what each takes.
 
+use poegp_protocol::limits::MAX_JOINTS;
+
 use crate::gp::joint_processes::JointProcesses;
 use crate::gp::quadratic_variance::BLOCK;
 use crate::math::scalar::Scalar;
@@ -243,10 +245,10 @@ const COMMAND: [i32; TERMS] = [
     436723, 65986, 859, 20382, 19788, 9791, 28812, 14311, 5014, 33649, 5000, 1173, 13132, 3993, 522, 794, 73606, 20497, 12788, 9811, 3005, 20472, 28082, 25468, 3726, 133, 3688, -41587, 3075, 3800, -98, -209,
 ];
 
-/// Instructions of reading a command's frame and writing the answer's, when all bytes come at once and an interrupt of the
-/// timer comes in between: without a joint, and for each joint. What came before the last byte is read already.
-const FRAME: u32 = 3_400;
-const FRAME_JOINT: u32 = 560;
+/// Instructions of reading a command's frame and writing the answer's, of an arm with one joint, two, …: counted with three
+/// zeros in each number, which takes the longest, and 200 for an interrupt of the timer in between. Bytes come in pieces, so it
+/// is no straight line.
+const FRAME: [u32; MAX_JOINTS] = [4_050, 4_640, 5_010, 5_700, 6_290, 6_930, 7_450, 8_100];
 /// Those of an evaluation, whose answer is longer and has no joints.
 const EVALUATION_FRAME: u32 = 4_900;
 const EVALUATION_FRAME_JOINT: u32 = 320;
@@ -262,7 +264,8 @@ impl ModelSize {
     /// points the standard deviation may take more than a correction.
     pub fn command_bound(&self) -> u32 {
         let joints = self.joints as u32;
-        let command = self.computation_bound() + FRAME + FRAME_JOINT * joints;
+        let frame = FRAME.get(self.joints.saturating_sub(1)).copied();
+        let command = self.computation_bound() + frame.unwrap_or(FRAME[MAX_JOINTS - 1]);
         let evaluation = self.pose_bound() + EVALUATION_FRAME + EVALUATION_FRAME_JOINT * joints;
         command.max(evaluation)
     }
