@@ -1,10 +1,10 @@
-//! What the way of a byte costs, in ticks: for tests, in the image with planted faults. The processor is the emulated one, the
-//! DMA controller a position in memory.
+//! What the way of a byte costs, in ticks, and which interrupts wake the cycle: for tests, in the image with planted faults. The
+//! processor is the emulated one, the DMA controller a position in memory.
 //!
 //! `Activate` of a model that cannot be there asks, as it does for a fault; `Uploading` has the answer.
 
 use core::convert::Infallible;
-use core::sync::atomic::{AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 use poegp_protocol::link::frame::{self, Received};
@@ -24,6 +24,8 @@ const ANSWER: usize = 46;
 const ROUNDS: usize = 32;
 
 static POSITION: AtomicUsize = AtomicUsize::new(0);
+/// Whether a byte can be written.
+static CAN_WRITE: AtomicBool = AtomicBool::new(true);
 
 /// Frames of 37 bytes, over and over.
 fn byte(at: usize) -> u8 {
@@ -97,7 +99,7 @@ impl WriteReady for Simulated {
     fn write_ready(&mut self) -> Result<bool, Infallible> {
         match self {
             Self::Dma(line) => line.write_ready(),
-            Self::Bytes { .. } => Ok(true),
+            Self::Bytes { .. } => Ok(CAN_WRITE.load(Ordering::Relaxed)),
         }
     }
 }
@@ -173,6 +175,26 @@ fn sent(mut line: Line<Simulated>, interrupts: usize) -> u32 {
     Chosen::ticks().wrapping_sub(start)
 }
 
+/// Interrupts that wake the cycle, a bit each: a line becomes empty, for which nobody waits; it does not become empty, for
+/// which somebody waits; it does; nothing happens.
+fn woken(mut line: Line<Simulated>) -> u32 {
+    let mut woken = 0;
+    let mut interrupt = |line: &mut Line<Simulated>, can_write: bool| {
+        CAN_WRITE.store(can_write, Ordering::Relaxed);
+        woken = 2 * woken + u32::from(line.serve(0));
+    };
+    interrupt(&mut line, true);
+    CAN_WRITE.store(false, Ordering::Relaxed);
+    line.put(&[1]);
+    if line.is_sent() {
+        return u32::MAX;
+    }
+    for can_write in [false, true, true] {
+        interrupt(&mut line, can_write);
+    }
+    woken
+}
+
 /// The answer to a question about the cost.
 #[inline(never)]
 pub fn answer(receiver: &frame::Receiver) -> Option<Response> {
@@ -184,6 +206,7 @@ pub fn answer(receiver: &frame::Receiver) -> Option<Response> {
         0xfa17_0102 => Some(received(by_bytes(), 1)),
         0xfa17_0103 => Some(sent(by_dma(), 1)),
         0xfa17_0104 => Some(sent(by_bytes(), ANSWER)),
+        0xfa17_0105 => Some(woken(by_bytes())),
         _ => None,
     })?;
     Some(Response::Uploading { received })

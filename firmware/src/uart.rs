@@ -94,7 +94,7 @@ impl<L: Link> Line<L> {
 
     /// Whether everything is sent but the byte or two that the hardware holds. If not, the interrupt in which it is has
     /// something for the cycle to do.
-    fn is_sent(&mut self) -> bool {
+    pub fn is_sent(&mut self) -> bool {
         self.awaited = !(self.outgoing.is_empty() && self.link.is_sent());
         !self.awaited
     }

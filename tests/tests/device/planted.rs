@@ -255,6 +255,26 @@ fn a_commit_that_takes_long_is_no_hang() {
     }
 }
 
+/// A line that becomes empty wakes the cycle when an answer waits for that, and once: else the first bytes of a frame would be
+/// read before the others come, and what a command costs would depend on when its bytes come.
+#[test]
+fn an_empty_line_wakes_the_cycle_only_when_an_answer_waits_for_it() {
+    let mut device = Device::on(&Machine {
+        board: Board::default(),
+        elf: &with_planted_faults().elf,
+        clock: Clock::Real,
+        flash_image: None,
+    })
+    .unwrap();
+    let request = Request::Activate {
+        blob_crc: 0xfa17_0105,
+    };
+    assert_eq!(
+        device.request(&request).unwrap(),
+        Response::Uploading { received: 0b0010 }
+    );
+}
+
 /// Command and answer of six joints, 32 times each: by DMA at most 0.6 of what an interrupt for each byte takes, whose entry
 /// and exit are not in it.
 #[test]
