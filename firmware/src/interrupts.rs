@@ -5,7 +5,7 @@ use poegp_protocol::link::StartReason;
 
 use crate::watchdog;
 
-/// Of whatever priority: it is over.
+/// Restarts the device after a fault at any priority: nothing can continue.
 // SAFETY of the declaration: it is called by the processor alone, and does what a safe handler may do.
 #[allow(unsafe_code)]
 #[exception]
@@ -15,7 +15,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     })
 }
 
-/// Of a board whose vector table is that of cortex-m-rt.
+/// Handles the link's interrupts on a board whose vector table is that of cortex-m-rt.
 // SAFETY of the declaration: it is called by the processor alone, and does what a safe handler may do.
 #[cfg(feature = "mps2")]
 #[allow(unsafe_code)]

@@ -8,7 +8,7 @@ use crate::math::se3::Pose;
 
 /// Intermediate results, shown as they arise. All methods do nothing unless overridden, and cost nothing then.
 pub trait Observer<T> {
-    /// Of the serial joints.
+    /// Motions of the serial joints: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in metres.
     fn motions(&mut self, _motions: &[[T; 2]]) {}
     /// f(q).
     fn chain(&mut self, _pose: &Pose<T>) {}
@@ -65,7 +65,7 @@ impl<T: Scalar> Stages<T> {
         }
     }
 
-    /// Of the serial joints.
+    /// Motions of the serial joints: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in metres.
     pub fn motions(&self) -> &[[T; 2]] {
         self.motions.get(..self.joints).unwrap_or(&[])
     }

@@ -102,8 +102,8 @@ impl Parts {
         }
     }
 
-    /// Of the last execution of the function whose mangled name contains all of `function`, everything that it calls
-    /// included.
+    /// Counts the instructions of the last execution of the function whose mangled name contains all of `function`,
+    /// everything that it calls included.
     ///
     /// # Errors
     /// [`PartsError`].

@@ -31,8 +31,9 @@ pub struct ChainDeviation {
 }
 
 impl ChainDeviation {
-    /// Of a `chain` from the base to the first target, from what `known` says of whole `poses`, its first ones; `coupling` is C of
-    /// q_serial = C q by rows. `None` when too few of the poses are of the first target, and when the equations cannot be solved.
+    /// Computes how well a `chain` from the base to the first target is known, from what `known` says of whole `poses`,
+    /// its first ones; `coupling` is C of q_serial = C q by rows. `None` when too few of the poses are of the first
+    /// target, and when the equations cannot be solved.
     pub fn new(
         known: &PredictionCovariance,
         poses: &[InstrumentSample],

@@ -56,7 +56,7 @@ pub struct Commander {
 }
 
 impl Commander {
-    /// Of the model in a blob.
+    /// Creates a commander for the model in a blob.
     ///
     /// # Errors
     /// [`LoadError`], which a blob that was read cannot cause.
@@ -169,7 +169,7 @@ impl Commander {
 
     /// All nominal joints at `base_from_flange` within the limits, whole turns counted; empty where the arm cannot reach.
     ///
-    /// Of an arm with more than six joints, which has infinitely many, some.
+    /// An arm with more than six joints has infinitely many; this finds some of them.
     pub fn branches(&self, base_from_flange: &Pose<f64>) -> Vec<Joints> {
         let mut found: Vec<Joints> = Vec::new();
         let mut seeds: Vec<Joints> = vec![self.middle];

@@ -57,7 +57,7 @@ pub struct Evaluator {
 }
 
 impl Evaluator {
-    /// Of a blob.
+    /// Creates an evaluator for a blob.
     ///
     /// # Errors
     /// [`LoadError`], which a blob that was read cannot cause.

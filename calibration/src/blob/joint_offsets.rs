@@ -28,8 +28,8 @@ const SIX: usize = 6;
 /// Joint zeros, base and tool.
 #[derive(Clone, Debug)]
 pub struct JointOffsets {
-    /// Of each controller's joint, rad or m: where the controller says q, the drawing stands at q + offset. Of the first and
-    /// the last 0.
+    /// Offset of each controller's joint, rad or m: where the controller says q, the drawing stands at q + offset. It
+    /// is 0 for the first and the last joint.
     pub offsets: Vec<f64>,
     /// The drawing's base, seen from the model's.
     pub base_from_drawing: Pose<f64>,
@@ -77,11 +77,11 @@ struct Zeros<'a> {
     drawing: &'a Poe<f64>,
     coupling: Option<&'a [Vec<f64>]>,
     free: Vec<usize>,
-    /// Before the first frame of the drawing.
+    /// Motion put before the first frame of the drawing.
     base: Pose<f64>,
-    /// Before its last frame.
+    /// Motion put before the last frame of the drawing.
     tool: Pose<f64>,
-    /// Of the controller's joints.
+    /// Offsets of the controller's joints, rad or m.
     offsets: Vec<f64>,
 }
 

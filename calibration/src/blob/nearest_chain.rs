@@ -29,7 +29,7 @@ pub struct NearestChain {
 }
 
 impl NearestChain {
-    /// Of a blob whose `own` chain leads from the base to the target of the first tool.
+    /// Finds the nearest chain of a blob whose `own` chain leads from the base to the target of the first tool.
     pub fn new(predicted: &PredictedPoses, own: &Poe<f64>) -> Self {
         let nearest = fit(own, &predicted.fitted);
         let (before, after) = (predicted.distances(own), predicted.distances(&nearest));

@@ -25,7 +25,7 @@ pub struct PredictedPoses {
 }
 
 impl PredictedPoses {
-    /// Of a blob, over a region.
+    /// Predicts the poses of a blob over a region.
     pub fn new(blob: &BlobModel, region: Region) -> Self {
         let fitted = predictions(blob, &region, 1, FITTED);
         let compared = predictions(blob, &region, 1 + FITTED, COMPARED);

@@ -28,7 +28,7 @@ pub struct Region {
 pub struct Near {
     /// The controller's joints, rad or m, base first.
     pub poses: Vec<Vec<f64>>,
-    /// Of each joint, degrees; along a prismatic joint millimetres.
+    /// Reach of each joint, degrees; along a prismatic joint, millimetres.
     pub reach: f64,
 }
 

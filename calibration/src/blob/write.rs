@@ -51,7 +51,7 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    /// Of a calibration with `data` on the day `date`; the serial number is left empty.
+    /// Creates the provenance of a calibration with `data` on the day `date`; the serial number is left empty.
     pub fn new(data: &Samples, date: &str) -> Self {
         Self {
             serial_number: String::new(),

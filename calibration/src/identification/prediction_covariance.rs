@@ -18,8 +18,8 @@ const ROWS: usize = 6;
 /// The covariance of the predictions of new poses.
 #[derive(Clone, Debug)]
 pub struct PredictionCovariance {
-    /// Of displacements along the axes of the base frame (m) and rotations about them (rad), pose by pose; the noise of a
-    /// measurement is not in it. Of a pose of which only the position is wanted there are three rows.
+    /// Covariance of displacements along the axes of the base frame (m) and rotations about them (rad), pose by pose;
+    /// the noise of a measurement is not in it. A pose of which only the position is wanted has three rows.
     pub covariance: Mat<f64>,
     /// Variance of the noise of a measurement of each row, m² and rad².
     pub noise: Vec<f64>,

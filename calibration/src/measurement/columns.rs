@@ -245,7 +245,7 @@ pub(super) struct Header<'a> {
 }
 
 impl<'a> Header<'a> {
-    /// Of a table; `file` is for messages.
+    /// Creates the header of a table; `file` is for messages.
     pub(super) fn new(file: &'a Path, table: &Table) -> Result<Self, InputError> {
         let (known, unknown) = named(file, table)?;
         Ok(Self {

@@ -149,7 +149,7 @@ impl LongFile {
             joint_columns: joint_columns.clone(),
             measurements,
             notes: Vec::new(),
-            // Of nothing: nobody compares a long file with another.
+            // No hash: nobody compares a long file with another.
             sha256: [0; 32],
         };
         notes.extend(set.note_odd(robot));

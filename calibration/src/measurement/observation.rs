@@ -66,9 +66,9 @@ impl Observation {
 /// What is known of the instrument, standard deviations of one component. Each may be unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InstrumentNoise {
-    /// Of position in metres.
+    /// Standard deviation of one position component in metres.
     pub position: Option<f64>,
-    /// Of rotation in radians.
+    /// Standard deviation of one rotation component in radians.
     pub orientation: Option<f64>,
 }
 

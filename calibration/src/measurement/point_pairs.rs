@@ -117,7 +117,7 @@ impl PointPairs {
             .zip(&second)
             .map(|(a, b)| (pose.transform_point(a) - b).norm())
             .collect();
-        // Of two measured points the difference has twice the variance, and three coordinates.
+        // The difference of two measured points has twice the variance, and three coordinates.
         let limit = MOST_SIGMAS * self.sigma * 6.0_f64.sqrt();
         let worst = (0..off.len()).max_by(|a, b| off[*a].total_cmp(&off[*b]));
         if let Some(worst) = worst.filter(|worst| off[*worst] > limit) {

@@ -38,7 +38,7 @@ pub struct JointLimits<'a> {
 /// What was noticed about the joint values of rows so far.
 #[derive(Clone, Debug, Default)]
 pub struct JointChecks {
-    /// Of each joint, the rows a little beyond its limits.
+    /// For each joint, the rows a little beyond its limits.
     beyond: Vec<Listed>,
     /// The largest angle under a name in degrees, rad.
     largest: f64,
@@ -63,7 +63,7 @@ impl JointChecks {
 }
 
 impl<'a> JointLimits<'a> {
-    /// Of `robot`'s joints, for these columns of a file.
+    /// Creates the limits of `robot`'s joints for these columns of a file.
     pub(super) fn new(
         path: &'a Path,
         header_line: usize,

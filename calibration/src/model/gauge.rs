@@ -30,9 +30,9 @@ const MOST_DEVIATIONS: f64 = 2.2;
 /// The poses over which the drawing is fitted to the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaugeGrid {
-    /// Of each joint, rad or m.
+    /// Range of each joint, rad or m.
     pub ranges: Vec<(f64, f64)>,
-    /// kg, where payloads are known.
+    /// Payload in kg, where payloads are known.
     pub payload_kg: Option<f64>,
 }
 

@@ -49,7 +49,7 @@ pub struct Minimum {
 struct Path {
     /// The last point, with its gradient.
     last: Option<(Vec<f64>, Vec<f64>)>,
-    /// Of each coordinate: its steps times the changes of its derivative, and the squares of its steps, both summed up.
+    /// For each coordinate, the sums of its steps times the changes of its derivative, and of the squares of its steps.
     changes: Vec<(f64, f64)>,
 }
 

@@ -20,7 +20,7 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Of `values`; all zero when there are none. Percentiles are interpolated linearly between the order statistics.
+    /// Summarises `values`; all zero without any. Percentiles are interpolated linearly between the order statistics.
     pub fn new(values: &[f64]) -> Self {
         Self::of(values.to_vec())
     }
@@ -147,7 +147,7 @@ pub struct ErrorSummary {
 }
 
 impl ErrorSummary {
-    /// Of the errors of single poses.
+    /// Summarises the errors of single poses.
     pub fn new(errors: &[PoseError]) -> Self {
         let mut all = PoseErrors::default();
         errors.iter().for_each(|error| all.push(error));

@@ -16,9 +16,9 @@ use crate::planning::rules::{Constraint, Rule};
 pub struct Constraints {
     /// The file, if there is one.
     pub file: Option<PathBuf>,
-    /// Of every joint of the controller, rad or m.
+    /// Range of every joint of the controller, rad or m.
     pub ranges: Vec<(f64, f64)>,
-    /// Of every joint of the controller when the file says nothing, rad or m; `None` for a slide without limits.
+    /// Range of every joint of the controller when the file says nothing, rad or m; `None` for a slide without limits.
     pub usual_ranges: Vec<Option<(f64, f64)>>,
     /// Where the target sits on the flange.
     pub flange_from_target: Pose<f64>,

@@ -54,8 +54,8 @@ const USUAL_TARGET: [f64; 3] = [0.05, 0.0, 0.1];
 const WIDEST: f64 = std::f64::consts::PI;
 
 impl Constraints {
-    /// Of a cell that allows what the arm itself can do: within the joint limits and at most half a turn either way, above
-    /// the plane that it is mounted on and out of its own links.
+    /// Creates the constraints of a robot cell that allows what the arm itself can do: within the joint limits and at
+    /// most half a turn either way, above the plane that it is mounted on and out of its own links.
     ///
     /// # Errors
     /// [`InputError`] for a slide without limits.

@@ -56,7 +56,7 @@ struct Pair {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Links {
     flange_from_target: Pose<f64>,
-    /// Of links 0 to n + 1, metres.
+    /// Radii of links 0 to n + 1, metres.
     radii: Vec<f64>,
     pairs: Vec<Pair>,
     source: RadiusSource,

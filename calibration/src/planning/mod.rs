@@ -51,7 +51,7 @@ use crate::robot::Robot;
 pub const FEW: usize = 60;
 /// Configurations to choose from.
 const POOL: usize = 4000;
-/// Of them for the exchange, whose time grows with them.
+/// Configurations of the pool that the exchange considers; its time grows with their number.
 const EXCHANGE_POOL: usize = 400;
 /// Poses of a plan that there must at least be for each of its own to call it a choice.
 pub const CHOICE: usize = 4;

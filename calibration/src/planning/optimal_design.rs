@@ -40,13 +40,14 @@ pub struct Wave {
 /// Standard deviations of the prior that a plan is made for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prior {
-    /// Of the arm's frames, m and rad.
+    /// Standard deviations of the arm's frames, m and rad.
     pub frames: (f64, f64),
-    /// Of the links' gravity terms, rad/(m/s²).
+    /// Standard deviation of the links' gravity terms, rad/(m/s²).
     pub links: f64,
-    /// Of the payload's, rad/(N m) and rad/N.
+    /// Standard deviations of the payload's gravity terms, rad/(N m) and rad/N.
     pub payload: f64,
-    /// Of a sine and a cosine in the deflection of a joint (row) of the angle of a joint (column), rad; empty leaves them out.
+    /// Standard deviation of a sine and a cosine of the angle of a joint (column) in the deflection of a joint (row),
+    /// rad; an empty matrix leaves them out.
     pub smooth: Vec<Vec<f64>>,
     /// Gear ripple and own-joint curves.
     pub waves: Vec<Wave>,
@@ -113,8 +114,8 @@ pub struct Design {
 }
 
 impl Design {
-    /// Of `candidates`, `of_a_payload` for each payload in turn, at the same joints in the same order; `chain` leads to the
-    /// target.
+    /// Creates the design of `candidates`: `of_a_payload` for each payload in turn, at the same joints in the same
+    /// order. `chain` leads to the target.
     pub fn new(
         chain: &Poe<f64>,
         coupling: Option<&Vec<Vec<f64>>>,

@@ -71,7 +71,7 @@ impl Segment {
         let s = (uv * va - vv * ua) / determinant;
         let t = (uu * va - uv * ua) / determinant;
         let inside = 0.0..=1.0;
-        // Of parallel segments the shares are not finite, and so not inside.
+        // For parallel segments, the shares are not finite, and so not inside.
         if inside.contains(&s) && inside.contains(&t) {
             least.min((self.at(s) - other.at(t)).norm())
         } else {

@@ -84,7 +84,7 @@ pub struct Sister {
 }
 
 impl Sister {
-    /// Of a model of the same type as `robot`.
+    /// Creates a sister from a model of the same type as `robot`.
     ///
     /// # Errors
     /// [`NotASister`] if joints, their kinds, their coupling or the drawing differ.

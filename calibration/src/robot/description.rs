@@ -27,11 +27,11 @@ pub struct Robot {
 /// How far an arm of its class is from its drawing: standard deviations of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassPrior {
-    /// Of a link's offset, m.
+    /// Standard deviation of one component of a link's offset, m.
     pub length: f64,
-    /// Of the direction of an axis, rad.
+    /// Standard deviation of one component of the direction of an axis, rad.
     pub tilt: f64,
-    /// Of the zero of a joint, rad (of a slide, m).
+    /// Standard deviation of the zero of a joint, rad (for a slide, m).
     pub joint_zero: f64,
 }
 

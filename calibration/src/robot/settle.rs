@@ -65,12 +65,13 @@ pub struct Settler<'a> {
     robot: &'a Robot,
     /// The chain to the tip.
     chain: Poe<f64>,
-    /// Of the controller's joints, rad or m.
+    /// Ranges of the controller's joints, rad or m.
     ranges: &'a [(f64, f64)],
 }
 
 impl<'a> Settler<'a> {
-    /// Of an arm as drawn, base to flange, with a tip in the flange frame (m), within ranges of the controller's joints.
+    /// Creates a settler for an arm as drawn, base to flange, with a tip in the flange frame (m), within ranges of the
+    /// controller's joints.
     pub fn new(
         robot: &'a Robot,
         nominal: &Poe<f64>,

@@ -15,13 +15,13 @@ pub type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
 /// The unit that was chosen, with its value.
 pub type Quantity<'a, T> = (&'static str, f64, &'a Spanned<T>);
 
-/// Factors to SI.
+/// Factor to SI for a key that ends with `_m`.
 pub const METRE: f64 = 1.0;
-/// Of a key that ends with `_mm`.
+/// Factor to SI for a key that ends with `_mm`.
 pub const MILLIMETRE: f64 = 1e-3;
-/// Of a key that ends with `_rad`.
+/// Factor to SI for a key that ends with `_rad`.
 pub const RADIAN: f64 = 1.0;
-/// Of a key that ends with `_deg`.
+/// Factor to SI for a key that ends with `_deg`.
 pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// Largest radius of a link, metres: a larger one is in another unit.

@@ -260,7 +260,7 @@ impl Scene<'_> {
             .relative;
         fits.retain(|(fit, _)| fit.relative <= AS_GOOD * best);
         let complexity = |c: &[usize]| c.iter().map(|i| all[*i].complexity).sum::<usize>();
-        // Of equals the simplest, and then the one that stands first.
+        // Among equal fits, the simplest comes first; among equally simple ones, the one that is listed first.
         let key =
             |(fit, c): &(Fit, Vec<usize>)| (fit.relative > EQUAL * best, complexity(c), c.clone());
         fits.sort_by_key(key);

@@ -35,10 +35,10 @@ pub struct ModelComparison {
 /// Cross-validation errors, all folds pooled, and of each fold.
 #[derive(Clone, Debug, Serialize)]
 pub struct CrossValidation {
-    /// Of all poses.
+    /// Errors of all poses, with all folds pooled.
     #[serde(flatten)]
     pub all: ErrorSummary,
-    /// Of each fold.
+    /// Errors of each fold.
     pub folds: Vec<ErrorSummary>,
     /// Whether the predicted standard deviations were true.
     #[serde(skip_serializing_if = "Option::is_none")]

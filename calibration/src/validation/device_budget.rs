@@ -212,7 +212,7 @@ fn size_of(task: &Task<'_>, config: &Config, arm: &ModelSize) -> Result<ModelSiz
         Some(found) => with_elastic(arm, |size| {
             let processes = &found.deflection.processes;
             *size = ElasticSize {
-                // Of sliding joints the ranges decide, when the model is loaded: usually for it.
+                // For sliding joints, the ranges decide when the model is loaded: usually in favour of unrolling.
                 unrolled: processes.is_unrolled() || arm.sliding > 0,
                 ..size.with_processes(processes)
             };

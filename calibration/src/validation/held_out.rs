@@ -31,7 +31,7 @@ pub struct HeldOutPose {
 }
 
 impl HeldOutPose {
-    /// Of a pose that was predicted in the instrument's frame.
+    /// Creates one for a pose that was predicted in the instrument's frame.
     pub fn new(
         sample: &InstrumentSample,
         base_from_instrument: &Pose<f64>,
@@ -106,7 +106,7 @@ pub struct SigmaShares {
 }
 
 impl SigmaShares {
-    /// Of pairs of an error and its standard deviation; `None` without any.
+    /// Computes the shares for pairs of an error and its standard deviation; `None` without any pair.
     pub fn new(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<Self> {
         let mut counts = SigmaCounts::default();
         pairs
@@ -152,7 +152,7 @@ impl SigmaCounts {
 /// Whether predicted standard deviations were true, component by component: three of position, three of rotation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Coverage {
-    /// Of all components.
+    /// Shares over all components.
     #[serde(flatten)]
     pub all: SigmaShares,
     /// Mean predicted standard deviation of a position component in mm.

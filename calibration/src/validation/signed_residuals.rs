@@ -21,7 +21,7 @@ pub struct Signed {
 }
 
 impl Signed {
-    /// Of values with their weights.
+    /// Computes the mean and the standard deviation of values with their weights.
     fn new(values: &[(f64, f64)]) -> Self {
         let sum: f64 = values.iter().map(|(_, w)| w).sum();
         if sum <= 0.0 {
@@ -43,12 +43,13 @@ impl Signed {
 /// Residuals of one model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SignedResiduals {
-    /// Along x, y and z of the base, mm.
+    /// Residuals along x, y and z of the base, mm.
     pub axes_mm: [Signed; 3],
-    /// About x, y and z of the base, mrad; absent where only positions were measured.
+    /// Residuals about x, y and z of the base, mrad; absent where only positions were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axes_mrad: Option<[Signed; 3]>,
-    /// Of each joint of the controller, mrad; mm of a prismatic joint. Poses count by how much the joint moves the target there.
+    /// Residuals of each joint of the controller, mrad; mm for a prismatic joint. Poses count by how much the joint
+    /// moves the target there.
     pub joints: Vec<Signed>,
 }
 
@@ -108,7 +109,7 @@ pub fn weights(rows: &[Row]) -> [f64; 6] {
 }
 
 impl SignedResiduals {
-    /// Of `rows`, with `weights` for positions and orientations and the motions of `chain`.
+    /// Computes the residuals of `rows`, with `weights` for positions and orientations and the motions of `chain`.
     pub fn new(robot: &Robot, chain: &Poe<f64>, rows: &[Row], weights: &[f64; 6]) -> Self {
         let axis = |axis: usize| {
             let measured = rows.iter().filter(|(_, pose)| axis < pose.components());

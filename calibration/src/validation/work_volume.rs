@@ -39,7 +39,7 @@ pub struct WorkVolume {
 }
 
 impl WorkVolume {
-    /// Of measured rows.
+    /// Creates the volume that measured rows span.
     pub fn new(robot: &Robot, samples: &[InstrumentSample]) -> Self {
         let range = |joint: usize| extremes(samples.iter().map(|s| s.joints[joint]));
         let ranges: Vec<(f64, f64)> = (0..robot.joints.len()).map(range).collect();
@@ -92,8 +92,9 @@ pub fn like(row: &InstrumentSample, robot: &Robot, joints: Vec<f64>) -> Instrume
 }
 
 impl ExpectedError {
-    /// Of `calibration`, which was made from `samples`: by its own standard deviation at random configurations. A model
-    /// whose standard deviation is the same everywhere has the held-out errors of the choice; `None` without either.
+    /// Estimates the error of `calibration`, which was made from `samples`, by its own standard deviation at random
+    /// configurations. A model whose standard deviation is the same everywhere has the held-out errors of the choice;
+    /// `None` without either.
     pub fn new(
         calibration: &Calibration,
         robot: &Robot,

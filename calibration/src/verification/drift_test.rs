@@ -157,7 +157,7 @@ impl DriftTest {
             projected(q, &self.seen) / self.variance()
                 - q.len() as f64 * libm::log(self.rows as f64)
         };
-        // Of those that explain as much the first, which has the fewest components.
+        // Among hypotheses that explain as much, the first is taken: it has the fewest components.
         let best = candidates
             .iter()
             .rev()

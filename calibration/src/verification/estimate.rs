@@ -11,7 +11,7 @@ use crate::verification::drift_test::{DriftTest, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
 
-/// Of a part's effect at least this share must be its own, or the two cannot be distinguished.
+/// Least share of a part's effect that must be its own, or the two parts cannot be distinguished.
 const OWN_SHARE: f64 = 0.05;
 
 /// Estimates of one hypothesis: values and their covariance.
@@ -64,7 +64,7 @@ impl Fit {
         })
     }
 
-    /// Of the hypothesis with this place among the chosen ones.
+    /// Returns the estimate of the hypothesis at this index among the chosen ones.
     pub fn of(&self, index: usize) -> ChangeEstimate<'_> {
         let (from, to) = (self.starts[index], self.starts[index + 1]);
         let covariance = self.covariance.view((from, from), (to - from, to - from));
@@ -104,7 +104,7 @@ pub fn change(
         let plus_minus = reach * covariance[(i, i)].max(0.0).sqrt();
         Estimate::within(unit * range, unit * values[i], unit * plus_minus)
     };
-    // Of the length of three components: its standard deviation is that along them.
+    // Length of three components; its standard deviation is the one along them.
     let length = |from: usize| {
         let part = &values[from..from + 3];
         let norm = part.iter().map(|x| x * x).sum::<f64>().sqrt();

@@ -78,13 +78,13 @@ pub fn hypotheses(
     out
 }
 
-/// Of a twist of the base frame in its own axes, at its own origin.
+/// Effect of a twist of the base frame in its own axes, at its own origin.
 pub fn base_effect(at: &Linearised) -> Mat<f64> {
     at.a.columns(0, 6).into_owned()
 }
 
-/// Of a motion of the tool against the flange: displacement of the target, and rotation about it, in the axes of the target.
-/// All targets move as one body, about the first.
+/// Effect of a motion of the tool against the flange: displacement of the target, and rotation about it, in the axes of
+/// the target. All targets move as one body, about the first.
 pub fn tool_effect(arm: &BlobArm, at: &Linearised, samples: &[InstrumentSample]) -> Mat<f64> {
     let state = &arm.state;
     let first = 6 * state.layout.joints;

@@ -23,9 +23,9 @@ const NOTHING: f64 = 1e-6;
 pub struct Parts<'a> {
     /// M, m × m.
     pub fixed: &'a Mat<f64>,
-    /// Of each row the share of its variance that stays what it is: what the row states beyond the quietest.
+    /// Share of each row's variance that stays as it is: what the row states beyond the quietest.
     pub stated: &'a [f64],
-    /// Of each row the number of its noise: 0 position, 1 rotation; absent where the row is not there.
+    /// Index of each row's noise: 0 position, 1 rotation; `None` where the row is not there.
     pub kind: &'a [Option<usize>],
     /// The smooth deflection, where its size is open.
     pub smooth: Option<&'a Mat<f64>>,

@@ -43,13 +43,13 @@ pub struct Change {
     /// Its components; `None` for those that the measurements do not determine.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub turn_xyz_mrad: Vec<Option<Estimate>>,
-    /// Of a revolute joint, degrees.
+    /// Change of the zero of a revolute joint, degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<Estimate>,
-    /// Of a prismatic joint, mm.
+    /// Change of the zero of a prismatic joint, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_mm: Option<Estimate>,
-    /// Of the payload, kg.
+    /// Mass of the payload against what the file says, kg.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<Estimate>,
     /// Parts that would explain these measurements as well in its place.

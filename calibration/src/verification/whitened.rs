@@ -31,7 +31,7 @@ pub(super) struct Whitened<'a> {
     pub(super) tool: Mat<f64>,
     /// Variances of the noise in units of the scales.
     pub(super) factors: Factors,
-    /// Of one position component, mm.
+    /// Root mean square of what the calibration is expected not to know of one position component, mm.
     pub(super) model_mm: f64,
     /// Rows that are not there: orientations of positions alone.
     pub(super) absent: usize,

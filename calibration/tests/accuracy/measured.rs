@@ -37,7 +37,7 @@ struct Bound {
     method: Method,
     weighted: bool,
     mean_mm: f64,
-    /// Of the worst fold.
+    /// Largest mean position error in mm that the worst fold may have.
     fold_mm: f64,
     /// 95th percentile in mm.
     p95_mm: f64,

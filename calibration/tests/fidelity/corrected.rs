@@ -43,7 +43,7 @@ pub struct Fitted {
     pub robot: Robot,
     pub single: Box<Arm<f32>>,
     pub double: Box<Arm<f64>>,
-    /// Of the training.
+    /// Ranges of the joints in the training.
     pub ranges: Vec<(f64, f64)>,
 }
 
@@ -165,7 +165,7 @@ fn regular_poses_are_corrected_within_a_micrometre() {
             let mut random = ChaCha8Rng::seed_from_u64(7);
             let (mut here, mut here_single) = (Vec::new(), Vec::new());
             let mut tries = 0;
-            // Of the ranges in which a small arm is measured some have hardly a regular pose.
+            // Some of the ranges in which a small arm is measured contain hardly any regular pose.
             while here.len() < POSES / SIX_AXES.len() && tries < 20_000 {
                 tries += 1;
                 let (joints, payload_kg) = fitted.random_pose(&mut random);

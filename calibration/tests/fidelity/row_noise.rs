@@ -127,7 +127,7 @@ fn the_same_noise_in_all_rows_changes_no_byte() {
     };
     let poe = weighted(Method::Poe);
     assert_eq!(bytes(&even, &poe), bytes(&silent(&even), &poe));
-    // Of the elastic model it is also the least noise that may be found, as when it is told for all rows together …
+    // For the elastic model, it is also the least noise that may be found, as when it is stated for all rows together …
     let elastic = Config::new(Method::Elastic);
     let told = Config {
         position_sigma_mm: Some(NOISE_MM_MRAD.0),

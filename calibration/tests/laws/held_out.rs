@@ -143,8 +143,8 @@ fn predicted_standard_deviations_are_of_the_size_of_the_errors() {
     }
 }
 
-/// Of an arm as drawn, measured with normal noise, the device's standard deviation is that of poses which were not trained on,
-/// from eight poses (12 parameters) and from twenty (30). The training residuals are a quarter smaller.
+/// For an arm as drawn, measured with normal noise, the device's standard deviation is that of poses which were not
+/// trained on, from eight poses (12 parameters) and from twenty (30). The training residuals are a quarter smaller.
 #[test]
 fn a_constant_standard_deviation_is_that_of_new_poses() {
     const NOISE: f64 = 1e-4;

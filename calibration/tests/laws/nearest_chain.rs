@@ -187,7 +187,8 @@ fn a_region_ends_where_the_training_does() {
     assert_eq!((error.pose, error.joint, error.trained.1), (1, 2, upper));
 }
 
-/// Of an arm whose only errors are zeros of its joints, base and tool, these are found; and the first and last zero stay.
+/// For an arm whose only errors are the zeros of its joints, base and tool, these are found; the first and the last
+/// zero stay.
 #[test]
 fn offsets_that_an_arm_has_are_found() {
     let (robot, drawing) = sets::arm();

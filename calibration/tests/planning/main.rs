@@ -62,7 +62,7 @@ type Errors = [f64; 2];
 struct Arm {
     robot: Robot,
     nominal: Poe<f64>,
-    /// Of the paper's scenario and of the wild one.
+    /// Sisters in the paper's scenario and in the wild one.
     sisters: [OnceLock<Sister>; 2],
 }
 

@@ -43,7 +43,8 @@ const ROWS: [&[(&str, usize)]; 12] = [
     &[("level", 1)],
 ];
 
-/// Of the calibrations that are accepted at most this share is worse than the drawing, and none by more than this factor.
+/// Largest share of the accepted calibrations that may be worse than the drawing, and the factor by which none may
+/// exceed it.
 const WORSE: f64 = 0.05;
 const WORST: f64 = 1.2;
 /// The stated 95 % cover at least this share of the errors, in at least this share of all cells; and of those of arms within their class.
@@ -51,7 +52,7 @@ const COVERED: f64 = 0.85;
 const CELLS: f64 = 0.85;
 const CELLS_WITHIN_CLASS: f64 = 0.9;
 
-/// Of the verdicts at a tolerance that the arm just misses at most this share says "conforms".
+/// Largest share of the verdicts that may say "conforms" at a tolerance that the arm just misses.
 const WRONG: f64 = 0.05;
 
 /// The stated mean error over the true one.
@@ -69,7 +70,7 @@ struct Count {
     refused: usize,
     /// Verdicts: E ± U that cover the true error of 95 of 100 poses, and E + U below it.
     judged: [usize; 2],
-    /// Of the refused: those with less than 0.8 and less than 0.5 of the drawing's error, and those with more than it.
+    /// Refused calibrations with less than 0.8 of the drawing's error, with less than 0.5 of it, and with more than it.
     lost: [usize; 3],
 }
 

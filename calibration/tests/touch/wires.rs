@@ -15,7 +15,7 @@ use crate::sets::{errors, folder, mean_mm, robot, touches};
 /// Draws that a mean is taken of.
 const DRAWS: u64 = 10;
 
-/// Of anchors as in this set, readings and their upper limit in mm.
+/// For anchors as in this set, numbers of readings, each with the upper limit of the mean error in mm.
 const ASKED: [(&str, [(usize, f64); 3]); 2] = [
     ("sim_irb120_s10_wire1", [(20, 0.35), (40, 0.28), (80, 0.15)]),
     (

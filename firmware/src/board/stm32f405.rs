@@ -160,7 +160,7 @@ impl Board for Stm32F405 {
     const CLOCK_HZ: u32 = CORE_MHZ * 1_000_000;
     const MAX_INSTRUCTIONS: u32 = CORE_MHZ * 1_000 * 4 / 7;
     const FLASH_BLOCKS: bool = true;
-    // Of the 10 000 erases of a sector that the data sheet promises, a hundredth part.
+    // One hundredth of the 10 000 erases per sector that the data sheet promises.
     const SLOT_WRITES: u32 = 100;
     #[cfg(not(feature = "spi-link"))]
     type Link = serial::Uart;

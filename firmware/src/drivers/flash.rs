@@ -66,7 +66,7 @@ const BROWN_OUT: u32 = 0b11 << 2;
 pub const SECTOR: u32 = 128 * 1_024;
 /// The first of these sectors that the driver has; it begins as far from the start of the flash. The image has those before.
 const FIRST_SECTOR: u32 = 6;
-/// Of the flash's first byte that the driver has.
+/// Offset of the first byte that the driver has, from the start of the flash.
 pub const START_OFFSET: u32 = 2 * SECTOR;
 /// Bytes that the driver has: sectors 6 to 11.
 pub const BYTES: u32 = 6 * SECTOR;

@@ -23,7 +23,7 @@ pub struct DmaLine<R, S> {
 }
 
 impl<R: ReceiveDma, S: Sender> DmaLine<R, S> {
-    /// Of two running directions.
+    /// Creates a line from its two directions, both already running.
     pub fn new(received: ReceiveRing<R>, sender: S) -> Self {
         Self { received, sender }
     }

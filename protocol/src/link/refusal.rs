@@ -11,9 +11,9 @@ pub enum Refusal {
     BadFrame,
     /// The peer speaks another version.
     ProtocolVersion {
-        /// Of the frame.
+        /// Protocol version of the frame.
         found: u8,
-        /// Of this device.
+        /// Protocol version of this device.
         expected: u8,
     },
     /// The message cannot be read: not one of this version.
@@ -31,7 +31,7 @@ pub enum Refusal {
     NoUpload,
     /// A piece that does not continue what is there.
     UnexpectedOffset {
-        /// Of the piece.
+        /// Offset of the piece.
         found: u32,
         /// Bytes that are there.
         expected: u32,
@@ -52,9 +52,9 @@ pub enum Refusal {
     },
     /// The bytes are not those that were announced.
     TransferCrc {
-        /// Announced.
+        /// Announced CRC.
         stored: u32,
-        /// Of the bytes.
+        /// CRC of the bytes.
         computed: u32,
     },
     /// The bytes are not a blob.
@@ -92,16 +92,16 @@ pub enum Refusal {
     CyclesRunning,
     /// The model may take more instructions than there are in a cycle.
     TooSlow {
-        /// Of one command with the model, at most.
+        /// Bound on the instructions of one command with the model.
         instructions: u32,
         /// `CycleSettings::max_instructions`.
         allowed: u32,
     },
     /// The device runs or has stored a model of a higher revision.
     OldRevision {
-        /// Of the uploaded model.
+        /// Revision of the uploaded model.
         revision: u32,
-        /// The lowest that is taken.
+        /// Lowest revision that the device takes.
         lowest: u32,
     },
     /// The uploaded model is of another robot than the active one, by name or serial number.

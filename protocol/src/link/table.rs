@@ -9,7 +9,7 @@ pub struct Message {
     pub fields: &'static str,
     /// Most bytes of the message, number included and frame excluded.
     pub max_bytes: usize,
-    /// Of a request: the response that is no refusal. Empty for a response.
+    /// For a request, the response that is not a refusal; empty for a response.
     pub answer: &'static str,
     /// Whether the cycle answers it.
     pub cyclic: bool,

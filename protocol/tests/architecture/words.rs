@@ -110,7 +110,7 @@ fn forbidden(path: &str, tokens: &[Token]) -> Vec<(&'static str, String)> {
                         .iter()
                         .any(|part| part == word || part.strip_suffix('s') == Some(word));
                     let is_storage = counts_storage || STORAGE.contains(&token.text.as_str());
-                    // Of a computation that needs no second matrix.
+                    // An in-place computation needs no second matrix.
                     let in_place = *word == "place" && token.text.contains("_in_place");
                     is_part && !(*word == "words" && is_storage) && !in_place
                 };

@@ -163,7 +163,7 @@ struct Search<'a, T> {
     turned: &'a mut JointTrig<T>,
     /// Where the nominal arm would stand.
     target: &'a Pose<T>,
-    /// Of the calibrated chain where it was evaluated last.
+    /// Joint frames of the calibrated chain at its last evaluation.
     frames: &'a mut JointFrames<T>,
 }
 
@@ -325,7 +325,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
             terms.gravity.deflection(kinds, frames, pose, payload)
         };
-        // Of the controller's joints, where these are not the serial ones.
+        // Sines and cosines of the controller's joints, where these are not the serial ones.
         let mut uncoupled;
         let features = if let Some(coupling) = &arm.coupling {
             uncoupled = *self.motions;

@@ -85,11 +85,11 @@ pub struct LimitedStep<T> {
 pub struct DampedGram<T> {
     /// Λ.
     pub damping: Damping<T>,
-    /// Of C + λ_r.
+    /// Factors of C + λ_r.
     turning: Factors<T>,
     /// (C + λ_r)⁻¹ Bᵀ.
     along: Matrix<T>,
-    /// Of T with λ_p.
+    /// Factors of T + λ_p.
     shifting: Factors<T>,
 }
 
@@ -131,7 +131,7 @@ pub struct StepLimit<'a, T> {
     following: Factors<T>,
     /// S.
     turning: Matrix<T>,
-    /// Of S with the least λ_r.
+    /// Factors of S plus the least λ_r.
     turning_factors: Factors<T>,
 }
 
@@ -347,7 +347,7 @@ impl<T: Scalar> Shares<T> {
         let left = left_after(shift, &self.position, &self.shift_leaves);
         let brought = squared(&self.position).sqrt() - squared(&left).sqrt();
         let brought = T::from_f64(TAKEN) * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
-        // Of brought/pushed up to 1 it would be a sudden change where the two are equal.
+        // A share of brought/pushed, at most 1, would change suddenly where the two are equal.
         brought / (brought + self.turn_pushes)
     }
 }

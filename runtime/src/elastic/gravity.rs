@@ -144,10 +144,11 @@ impl<T: Scalar> GravityTerms<T> {
 
 /// [`GravityTerms`] of one chain, arranged for a controller's cycle.
 ///
-/// Of a link only two components are left for each joint: along the axis of the link's own joint j, z_j, its vector stands
-/// still on the link before it, R_j a = M_j (α, β, 0) + M_{j−1} F_j (0, 0, γ), where M_j is the frame of joint j after it
-/// moved and F_j the fixed one before it. So γ joins the coefficients of link j − 1, and those of joint c's own axis nothing
-/// reads, z_c·(g × z_c) = 0. The last link keeps three components in the frame of the target, where the payload is.
+/// Each link keeps only two components for each joint. Along z_j, the axis of the link's own joint j, its vector stands
+/// still on the link before it: R_j a = M_j (α, β, 0) + M_{j−1} F_j (0, 0, γ), where M_j is the frame of joint j after
+/// it moved and F_j the fixed one before it. So γ joins the coefficients of link j − 1. Those of joint c's own axis are
+/// not needed: z_c·(g × z_c) = 0. The last link keeps three components in the frame of the target, where the payload
+/// is.
 #[derive(Clone, Debug)]
 pub struct Gravity<T> {
     gravity: Vector3<T>,
@@ -275,7 +276,7 @@ impl<T: Scalar> Gravity<T> {
     ) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         if self.is_upright() {
-            // Of an upright arm the pull has no moment about the vertical: two rows are enough.
+            // On an upright arm, gravity has no moment about the vertical: two rows are enough.
             self.add::<2>(kinds, frames, target, payload_kg, &mut out);
         } else {
             self.add::<3>(kinds, frames, target, payload_kg, &mut out);

@@ -89,7 +89,7 @@ impl<T: Scalar> RippleLine<T> {
         let least = T::from_f64(0.5);
         for ((value, feature), slope) in change.iter_mut().zip(feature).zip(&self.slope) {
             let slope = *slope * factor;
-            // Of gears this is between 0.9 and 1.1.
+            // For gears this is between 0.9 and 1.1.
             let whole = T::ONE + slope;
             *value -= slope * (*value - *feature) / if whole > least { whole } else { least };
         }

@@ -22,7 +22,7 @@ pub struct CorrectionBound<T> {
 /// A bounded correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounded<T> {
-    /// Of each joint, rad or m. Always finite.
+    /// Bounded correction of each joint, rad or m. Always finite.
     pub correction: [T; MAX_JOINTS],
     /// Whether a joint asked for more than the limit.
     pub limited: bool,

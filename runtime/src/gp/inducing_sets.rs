@@ -30,7 +30,8 @@ pub struct InducingSet {
 }
 
 impl InducingSet {
-    /// Of a joint with this kernel, with so many rows of each payload group. Groups beyond the largest number are left out.
+    /// Creates the set of a joint from its kernel and the number of rows of each payload group. Groups beyond
+    /// [`MAX_GROUPS`] are left out.
     pub fn new<T: Scalar>(kernel: &JointKernel<T>, points: &[u16]) -> Self {
         let mut out = Self {
             joints: [0; MAX_JOINTS],

@@ -11,12 +11,12 @@
 //! task space   ρ = 2^(−rate Σ_d (scale_d e_d)²)                                           rates 2 rate scale_d²
 //! ```
 //!
-//! Of processes with length scales of their own the rates are the mean, weighted by their prior variance: by Jensen's
-//! inequality that is below what they explain together. So the number is 1 where data were, falls with every radian beyond
-//! them and goes to 0; it is a lower bound of what the *ranges* explain, and does not see holes between the poses within
-//! them: `deflection::variance` does, where it fits. A joint without effect on any process falls slowest, to a half
-//! within half a turn. Where there is no process nothing says how fast to fall: a radian, a metre or the heaviest payload
-//! beyond the range is a half.
+//! For processes with length scales of their own, the rates are their mean, weighted by prior variance: by Jensen's
+//! inequality the trust is then below what they explain together. So the number is 1 where data were, falls with every
+//! radian beyond them and goes to 0; it is a lower bound of what the *ranges* explain, and does not see holes between
+//! the poses within them: `deflection::variance` does, where it fits. A joint without effect on any process falls
+//! slowest, to a half within half a turn. Where there is no process nothing says how fast to fall: a radian, a metre or
+//! the heaviest payload beyond the range is a half.
 //!
 //! The cost is the same for every model and query: no inducing point is looked at.
 
@@ -43,7 +43,7 @@ pub struct Trust<T> {
 }
 
 impl<T: Scalar> Trust<T> {
-    /// Of nothing.
+    /// Creates one for no model: all rates are zero.
     #[inline(always)]
     pub(crate) fn none() -> Self {
         Self {
@@ -52,7 +52,7 @@ impl<T: Scalar> Trust<T> {
         }
     }
 
-    /// Of a model.
+    /// Creates one for a model.
     pub fn of(blob: &Blob<'_>) -> Self {
         let payload = blob.ranges.payload_kg;
         match &blob.correction {
@@ -69,7 +69,7 @@ impl<T: Scalar> Trust<T> {
         self.joints.get(joint).map(|rate| (T::ONE / *rate).sqrt())
     }
 
-    /// Of a model without a process; `payload` is the trained range in kg, if there is one.
+    /// Creates one for a model without a process; `payload` is the trained range in kg, if there is one.
     fn without_process(payload: Option<(f32, f32)>) -> Self {
         Self {
             joints: [T::ONE; MAX_JOINTS],
@@ -77,7 +77,7 @@ impl<T: Scalar> Trust<T> {
         }
     }
 
-    /// Of the paper's process: the joints are its first inputs, then comes the payload.
+    /// Creates one for the paper's process, whose first inputs are the joints, followed by the payload.
     fn of_task_space(task: &TaskSpace<'_>, joints: usize, payload: Option<(f32, f32)>) -> Self {
         let mut mean = T::ONE;
         if let Some(rates) = &task.rates {
@@ -99,7 +99,7 @@ impl<T: Scalar> Trust<T> {
         out
     }
 
-    /// Of the processes of the joints.
+    /// Creates one for an elastic model, from the processes of its joints.
     fn of_elastic(elastic: &Elastic<'_>, payload: Option<(f32, f32)>) -> Self {
         let mut out = Self::without_process(payload);
         if elastic.kernels.is_empty() {
@@ -157,8 +157,8 @@ pub fn outside<T: Scalar>(
 ) -> Status {
     let mut beyond = false;
     for (q, (lower, upper)) in joints.iter().zip(ranges) {
-        // Of numbers that are not infinite a difference is below zero when the one is less; both always, for the time must
-        // not depend on the data.
+        // For finite numbers, the difference is negative exactly when the first is less. Both are always computed: the
+        // time must not depend on the data.
         beyond |= (*q - *lower).is_sign_negative() | (*upper - *q).is_sign_negative();
     }
     let (light, heavy) = payload_range.unwrap_or((payload_kg, payload_kg));
@@ -180,7 +180,7 @@ fn distance<T: Scalar>(joints: &[T], ranges: &[(T, T)], rates: &[T]) -> (T, bool
     for ((q, range), rate) in inputs.zip(black_box(rates)) {
         let beyond = excess(*q, range);
         sum += *rate * (beyond * beyond);
-        // Of different numbers the difference is not zero: their squares may be.
+        // The difference of two different numbers is not zero, but its square may be.
         most += beyond;
     }
     (sum, most > T::ZERO)

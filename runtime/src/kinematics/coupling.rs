@@ -19,9 +19,9 @@ const MAX_TERMS: usize = MAX_JOINTS * MAX_JOINTS;
 /// C as C − I, without its zeros.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coupling<T> {
-    /// So much of a controller's joint is added to a serial joint.
+    /// Elements of C − I that are not zero: how much of a controller's joint is added to a serial joint.
     weights: Vec<T, MAX_TERMS>,
-    /// Of which, to which: [`MAX_JOINTS`] times the serial joint and the controller's.
+    /// Pair of joints of each weight, as one number: [`MAX_JOINTS`] times the serial joint plus the controller's joint.
     pairs: Vec<u8, MAX_TERMS>,
 }
 

@@ -39,7 +39,7 @@ pub struct MinimalForm<T> {
 }
 
 impl<T: Scalar> MinimalForm<T> {
-    /// Of any chain. Frames that have the form stay as they are, to the bit.
+    /// Builds the minimal form of any chain. Frames that already have the form stay bit-identical.
     pub fn new(poe: &Poe<T>) -> Self {
         let mut out = Self {
             poe: *poe,
@@ -86,7 +86,7 @@ fn minimal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
         return ([T::ZERO, T::ONE], *frame);
     }
     let tilt = (r[(0, 2)] * r[(0, 2)] + r[(1, 2)] * r[(1, 2)]).sqrt();
-    // Of parallel axes any angle will do.
+    // For parallel axes any angle will do.
     let a = if tilt > T::ZERO {
         [r[(0, 2)] / tilt, -r[(1, 2)] / tilt]
     } else {

@@ -84,9 +84,9 @@ pub struct LinearizationPoint<'a, T> {
 /// λ_p and λ_r.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Damping<T> {
-    /// Of displacements.
+    /// λ_p, the damping of displacements.
     pub position: T,
-    /// Of rotations.
+    /// λ_r, the damping of rotations.
     pub rotation: T,
 }
 

@@ -46,7 +46,7 @@ impl core::error::Error for WrongChain {}
 /// metres, (0, 0) beyond the last.
 pub type JointTrig<T> = [[T; 2]; MAX_JOINTS];
 
-/// Of no joint.
+/// Returns the [`JointTrig`] of no joints: (0, 0) throughout.
 #[inline(always)]
 pub fn zero_joint_trig<T: Scalar>() -> JointTrig<T> {
     [[T::ZERO; 2]; MAX_JOINTS]

@@ -9,9 +9,9 @@ use crate::store::Slot;
 /// What most services want of a report of the cycle, which is large.
 #[derive(Clone, Copy)]
 pub(super) struct Brief {
-    /// Of the active model, or of the one that waits.
+    /// CRC of the blob of the active model, or of the one that waits.
     pub(super) blob_crc: Option<u32>,
-    /// Bound of its command; 0 without one.
+    /// Bound on the instructions of one command with that model; 0 without a model.
     pub(super) instructions: u32,
     pub(super) slot: Option<Slot>,
     pub(super) cycle: CycleSettings,
@@ -47,7 +47,7 @@ pub(super) fn in_time(instructions: u32, allowed: u32) -> Result<(), Refusal> {
 pub(super) struct Predecessors {
     /// The active model, or the one that waits.
     pub(super) active: Option<ModelIdentity>,
-    /// Of the model that runs after a restart; 0 without a signature.
+    /// Revision of the model that runs after a restart; 0 without a signature.
     pub(super) stored_revision: u32,
     /// Whether the upload said that the robot may be another one.
     pub(super) any_robot: bool,

@@ -280,7 +280,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
-    /// Of the spare model; 0 when its signature was not verified.
+    /// Revision of the spare model; 0 when its signature was not verified.
     fn spare_revision(&self) -> u32 {
         let revision = self.spare_identity().and_then(|model| model.revision);
         revision.unwrap_or(0)

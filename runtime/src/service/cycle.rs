@@ -36,7 +36,7 @@ pub struct Cycle<'m, const WORDS: usize> {
     bypass: bool,
     running: bool,
     commanded: bool,
-    /// Of the last evaluation: here, because clearing them each time would cost more than filling them.
+    /// Stages of the last evaluation, kept here because clearing them each time would cost more than filling them.
     stages: Stages<f32>,
 }
 
@@ -272,7 +272,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     fn count_uncorrected(&mut self, joints: &[f32], query: &Query, status: Status) {
         let bits = |value: &f32| value.to_bits();
         let same = joints.iter().map(bits).eq(query.joints.iter().map(bits));
-        // Of bad input what is not finite does not come back.
+        // With bad input, joints that are not finite are not returned as they came.
         if same || status.contains(Status::BAD_INPUT) {
             count(&mut self.statistics.uncorrected);
         }

@@ -11,7 +11,7 @@ pub(super) struct Upload<'m, const BYTES: usize> {
     announced: Option<Announced>,
     /// CRC in the header of the verified blob.
     pub(super) verified: Option<u32>,
-    /// Of the verified blob; 0 when no signature was.
+    /// Revision of the verified blob; 0 when no signature was verified.
     pub(super) revision: u32,
     pub(super) committed: Option<StoredModel>,
 }

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 const LIMIT: f64 = 0.02;
 const STEP: f64 = 1e-3;
-/// Of `f64`, for numbers of this size.
+/// Rounding error of `f64` for numbers of this size.
 const ROUNDING: f64 = 1e-17;
 
 fn anything() -> impl Strategy<Value = f64> {

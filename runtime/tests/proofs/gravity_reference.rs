@@ -50,7 +50,7 @@ fn every_named_feature_is_a_regressor() {
         let at = GravityRegressors::new(&kinds, &joints, &target, &gravity);
         for (c, row) in list(phi).iter().enumerate() {
             let row = numbers(row);
-            // Of link j (from 1) in the frame of its joint.
+            // Regressor vector of link j (from 1) in the frame of its joint.
             let link = |j: usize| rotate(&frames[j].rotation, &at.link(c, j - 1));
             for (name, expected) in names.iter().zip(&row) {
                 let (head, place) = name.split_once(':').unwrap_or((name, ""));

@@ -86,7 +86,7 @@ proptest! {
         prop_assert!(!found.status.contains(Status::PARTLY_CORRECTED));
     }
 
-    /// Of a chain alone the columns are the derivative.
+    /// For a chain alone, the columns of the Jacobian are the derivative.
     #[test]
     fn a_chain_moves_as_its_jacobian_says(
         joints in 1..=8_usize,

@@ -16,11 +16,11 @@ pub enum Cut {
     Before,
     /// Its first bytes were done, about half.
     Prefix,
-    /// Of the bits that it changes, some were changed.
+    /// Some of the bits that it changes were changed.
     SomeBits,
     /// The unit has random bytes.
     Garbage,
-    /// An erase that reads as done and is not: such units have to be erased again. Of a write, nothing.
+    /// An erase that reads as done and is not: such units have to be erased again. Nothing of a write was done.
     AlmostErased,
     /// All of it was done, but nobody was told.
     After,
@@ -41,11 +41,11 @@ impl Cut {
 #[derive(Clone, Debug)]
 pub struct Nor<const WRITE: usize, const ERASE: usize> {
     bytes: Vec<u8>,
-    /// Of each write unit, whether it was written since it was erased.
+    /// Whether each write unit was written since it was last erased.
     written: Vec<bool>,
-    /// Of each write unit, whether it has error correction that does not add up.
+    /// Whether the error correction of each write unit does not match its data.
     unreadable: Vec<bool>,
-    /// Of each write unit, whether it has been in an erase that was interrupted, and in none since.
+    /// Whether each write unit was part of an interrupted erase, and of no erase since.
     unsound: Vec<bool>,
     /// Whether to panic when something is written to where an erase was interrupted, however erased it looks.
     pub needs_whole_erases: bool,

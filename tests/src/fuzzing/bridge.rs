@@ -8,7 +8,7 @@ use poegp_trainer::bridge::rsi::Rsi;
 
 use crate::workspace;
 
-/// Of an axis, in millionths of a degree.
+/// Limit on the correction of an axis, in millionths of a degree.
 const LIMIT: i64 = 200_000;
 const RAMP: i64 = 20_000;
 

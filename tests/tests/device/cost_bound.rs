@@ -119,7 +119,7 @@ fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
 fn no_model_takes_more_than_its_bound_and_none_much_less() {
     let mut generator = ChaCha8Rng::seed_from_u64(1_911);
     let mut shares: Vec<[f64; 3]> = Vec::new();
-    // Of another compiler's code the bound is only about right.
+    // For another compiler's code the bound is only approximate.
     let (least, tolerance) = match firmware().unwrap().toolchain {
         Toolchain::Prebuilt { .. } => (0.95, 1.0),
         Toolchain::BuildStd { .. } => (0.85, 1.1),

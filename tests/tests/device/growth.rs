@@ -52,7 +52,7 @@ fn instructions_grow_with_the_inducing_points_and_no_faster() {
                 counts.push(found);
                 continue;
             }
-            // Of several groups a few points fill some only.
+            // With several groups, a few points would fill only some of them.
             let elastic = Elastic {
                 points,
                 groups: 1,

@@ -27,7 +27,7 @@ pub struct Settings {
 /// The correction of one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
-    /// Of each axis.
+    /// Correction of each axis in millionths of a degree.
     pub axes: MicroDegrees,
     /// What the model says of it.
     pub status: Status,

@@ -94,7 +94,7 @@ struct Contents {
     has_root: bool,
     in_ipoc: bool,
     ipoc: Option<u64>,
-    /// Of the element with the setpoints: what it says, if that is whole.
+    /// Axis values of the element with the setpoints: `None` until it is read, `Some(None)` where they cannot be used.
     axes: Option<Option<Axes>>,
 }
 
@@ -118,7 +118,7 @@ impl Contents {
             }
             _ => {}
         }
-        // Of the others nothing is used, but they have to be XML.
+        // The other elements are not used, but they have to be XML.
         tag.attributes().all(|a| a.is_ok()).then_some(())
     }
 

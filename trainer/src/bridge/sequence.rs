@@ -36,7 +36,7 @@ pub enum Order {
     RepeatedLate,
     /// Later than its successor.
     Late,
-    /// Of no known session.
+    /// Belongs to no known session.
     Stray,
 }
 

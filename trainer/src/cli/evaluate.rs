@@ -307,7 +307,7 @@ const FLAGS: [Status; 4] = [
 ];
 
 impl<'a> Judge<'a> {
-    /// Of rows whose predictions are not written.
+    /// Creates a judge of rows whose predictions are not written.
     fn new(loaded: &'a BlobModel, rows: &[Measurement], frames: &'a FittedFrames) -> Self {
         let left_out = frames.left_out.iter().map(|i| rows[*i].line);
         Self {

@@ -53,7 +53,7 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// Of a file or pipe that could not be written.
+    /// Creates the failure for a file or pipe that could not be written.
     pub fn lost(path: &Path, error: std::io::Error) -> Self {
         let output = path.display().to_string();
         Self::LostOutput { output, error }

@@ -88,7 +88,7 @@ fn distance(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Of folders: a touch file and its features.
+/// Makes a touch file and its features from folders of socket touches.
 fn run_sockets(a: &Import) -> Result<(), Failure> {
     let [folder] = a.files.as_slice() else {
         return Err(Failure::Usage(format!(

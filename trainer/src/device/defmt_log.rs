@@ -51,7 +51,7 @@ pub struct Decoder {
 }
 
 impl Decoder {
-    /// Of what the image `elf` writes.
+    /// Creates a decoder for the log that the image `elf` writes.
     ///
     /// # Errors
     /// [`LogError::File`], [`LogError::Image`].

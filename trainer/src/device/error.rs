@@ -56,7 +56,7 @@ pub enum ClientError {
     Version {
         /// Its name.
         port: String,
-        /// Of the device.
+        /// Protocol version of the device.
         found: u8,
     },
     /// What is sent arrives damaged, every time.

@@ -27,9 +27,9 @@ const HAS_JOINTS: &str = "a blob that loads has 1 to 8 joints and a frame more";
 pub struct Distance {
     /// Where the poses are.
     pub region: Region,
-    /// Of the chain.
+    /// Distance of the chain from the predictions.
     pub chain: ErrorSummary,
-    /// Of the drawing with the model's base and tool.
+    /// Distance of the drawing, with the model's base and tool, from the predictions.
     pub drawing: ErrorSummary,
 }
 

@@ -8,8 +8,9 @@ use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::robot::normal_form::{rotation_about, translation};
 
-/// Of all frames whose z axis is that of `base_from_joint` (both as points and direction), the one nearest to `wanted`:
-/// its origin is the point of the axis closest to that of `wanted`, and its x and y axes are turned towards those.
+/// The frame nearest to `wanted` among all whose z axis is that of `base_from_joint` (both as points and direction).
+/// Its origin is the point of the axis closest to the origin of `wanted`, and its x and y axes are turned towards those
+/// of `wanted`.
 pub fn nearest_on_axis(base_from_joint: &Pose<f64>, wanted: &Pose<f64>) -> Pose<f64> {
     let apart = base_from_joint.inverse() * *wanted;
     let along = apart.translation[2];

@@ -13,7 +13,7 @@ use poegp_calibration::input_error::InputError;
 
 /// The rows of joints of all poses.
 pub struct Joined<'a> {
-    /// Of each row of poses; `None` where it is left out.
+    /// For each row of poses, its row of joints; `None` where the pose is left out.
     pub lines: Vec<Option<&'a Line>>,
     /// The column of the poses that they were joined by.
     pub pose_column: Option<usize>,

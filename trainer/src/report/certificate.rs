@@ -123,7 +123,8 @@ impl ReportData {
 }
 
 impl Certificate {
-    /// Of poses that were judged. `drift` is that of the instrument, with whether it was removed.
+    /// Creates the certificate for poses that were judged. `drift` is the drift of the instrument, and whether it was
+    /// removed.
     pub fn new(
         judged: Judged<'_>,
         statement: &Statement,
@@ -174,7 +175,7 @@ impl Certificate {
         }
     }
 
-    /// Of a calibration by touches.
+    /// Creates the certificate of a calibration by touches.
     pub fn of_touches(known: &Exceeded, statement: &Statement, serial_number: &str) -> Self {
         let tolerances = &statement.tolerances;
         Self {
@@ -227,7 +228,7 @@ fn repeats(judged: Judged<'_>) -> Vec<usize> {
     out
 }
 
-/// Of the file of this process.
+/// SHA-256 of the executable file of this process; `None` where it cannot be read.
 fn program_sha256() -> Option<String> {
     let bytes = std::fs::read(std::env::current_exe().ok()?).ok()?;
     Some(FileSummary::of_bytes("", "", &bytes).sha256)

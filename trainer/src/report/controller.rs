@@ -21,9 +21,9 @@ use poegp_calibration::validation::signed_residuals::{Row, Signed, SignedResidua
 /// A number of the drawing and what it is of the calibrated arm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Changed {
-    /// Of the drawing.
+    /// Value in the drawing.
     pub drawing: f64,
-    /// Of the calibrated arm.
+    /// Value of the calibrated arm.
     pub calibrated: f64,
     /// Calibrated less drawing; an angle within ±180°.
     pub difference: f64,
@@ -58,10 +58,10 @@ pub struct DhChange {
 pub struct JointZero {
     /// Name of the joint.
     pub joint: String,
-    /// Of a revolute joint.
+    /// Offset of the zero in degrees, for a revolute joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<f64>,
-    /// Of a prismatic joint.
+    /// Offset of the zero in mm, for a prismatic joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_mm: Option<f64>,
     /// Standard deviation in the same unit; absent where the model does not say it, and of the first and the last joint.
@@ -72,20 +72,20 @@ pub struct JointZero {
 /// Mean distances from the whole model over the trained joint ranges, mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Distances {
-    /// Of the drawing with the model's base and tool.
+    /// Mean distance of the drawing with the model's base and tool, mm.
     pub drawing_mm: f64,
-    /// Of the drawing with the joint zeros, and base and tool that belong to them.
+    /// Mean distance of the drawing with the joint zeros and the base and tool that belong to them, mm.
     pub joint_zeros_mm: f64,
-    /// Of the Denavit-Hartenberg table.
+    /// Mean distance of the Denavit-Hartenberg table, mm.
     pub dh_mm: f64,
 }
 
 /// Signed errors of the poses that were held out.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BeforeAndAfter {
-    /// Of the drawing with base and tool fitted.
+    /// Signed errors of the drawing with base and tool fitted.
     pub before: SignedResiduals,
-    /// Of the calibrated model.
+    /// Signed errors of the calibrated model.
     pub after: SignedResiduals,
 }
 
@@ -104,8 +104,8 @@ pub struct ControllerSummary {
 }
 
 impl ControllerSummary {
-    /// Of a blob of `robot`. `known` is the covariance of the model's predictions, and whole poses that are its first ones; `held_out` are
-    /// the poses that were held out.
+    /// Creates the summary of a blob of `robot`. `known` is the covariance of the model's predictions, with the whole
+    /// poses that are its first ones; `held_out` are the poses that were held out.
     pub fn new(
         blob: &BlobModel,
         robot: &Robot,

@@ -21,7 +21,7 @@ pub struct FileSummary {
 }
 
 impl FileSummary {
-    /// Of a measurement file.
+    /// Describes a measurement file.
     pub fn of_set(role: &'static str, set: &MeasurementSet) -> Self {
         Self {
             role,
@@ -31,7 +31,7 @@ impl FileSummary {
         }
     }
 
-    /// Of the rows of a touch file, and of its features.
+    /// Describes a touch file: the file of its rows, and the file of its features.
     pub fn of_touches(set: &TouchSet) -> [Self; 2] {
         let [rows, features] =
             [&set.path, &set.features_path].map(|path| path.display().to_string());
@@ -51,7 +51,7 @@ impl FileSummary {
         ]
     }
 
-    /// Of bytes.
+    /// Describes `file`, which consists of `bytes`.
     pub fn of_bytes(role: &'static str, file: impl Into<String>, bytes: &[u8]) -> Self {
         Self {
             role,

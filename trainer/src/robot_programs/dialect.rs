@@ -179,14 +179,14 @@ pub const MILLIMETRES: Dialect = Dialect {
     most_decimals: None,
 };
 
-/// Of Yaskawa INFORM, whose angles have two decimals, and whose joints are whole pulses.
+/// Dialect of Yaskawa INFORM, whose angles have two decimals, and whose joints are whole pulses.
 pub const INFORM: Dialect = Dialect {
     joint_decimals: 0,
     most_decimals: Some((3, 2)),
     ..MILLIMETRES
 };
 
-/// Of Stäubli VAL3.
+/// Dialect of Stäubli VAL3.
 pub const VAL3: Dialect = Dialect {
     orientation: Orientation::TurnedXyz,
     ..MILLIMETRES

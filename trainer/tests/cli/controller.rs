@@ -309,7 +309,8 @@ fn document_and_file_have_the_same_numbers() {
         let theta = exported("theta_offset_rad").to_degrees();
         near(&row["theta_deg"]["calibrated"], theta);
     }
-    // Of this arm joint zeros are no nearer than the drawing: the export refuses them, and neither page nor file has any.
+    // For this arm, joint zeros are no nearer than the drawing: the export refuses them, and neither page nor file has
+    // any.
     let refused = folder.run("export arm.blob --joint-offsets zeros.json");
     assert_eq!(refused.code, Some(1));
     assert_eq!(controller["joint_zeros"].as_array().unwrap().len(), 0);
@@ -326,7 +327,7 @@ fn document_and_file_have_the_same_numbers() {
     }
 }
 
-/// Of touches there are the rows, without standard deviations and signed errors.
+/// A calibration by touches has the rows for the controller, without standard deviations and signed errors.
 #[test]
 fn touches_have_rows() {
     let folder = Folder::new();

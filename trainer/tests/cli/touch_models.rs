@@ -236,7 +236,7 @@ fn touches_show_whether_a_calibration_holds() {
     }
     folder.refuses(format!("{line} --fit-tool"));
     folder.refuses("check many.blob many/touches.csv --max-mm 0.3");
-    // Of a socket without a known distance nobody sees the size; four touches see nothing.
+    // A socket without a known distance does not show the arm's size; three touches show nothing.
     let toml = folder.text("few/touches.toml");
     let alone = &toml[..toml.find("[[distance]]").unwrap()];
     folder.write("alone.toml", alone);

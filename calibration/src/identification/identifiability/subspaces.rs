@@ -20,7 +20,7 @@ pub struct Space {
 }
 
 impl Space {
-    /// Of a Jacobian with any number of rows; `identifies` takes a singular value and the largest one.
+    /// Creates the space of a Jacobian with any number of rows; `identifies` takes a singular value and the largest.
     pub fn new(jacobian: &Mat<f64>, identifies: impl Fn(f64, f64) -> bool) -> Option<Self> {
         let (rows, columns) = (jacobian.nrows(), jacobian.ncols());
         // Rows of zeros where there are fewer equations than unknowns: the null space is wanted whole.

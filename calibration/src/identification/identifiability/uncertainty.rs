@@ -39,12 +39,12 @@ impl Covariance {
         )))
     }
 
-    /// Of what these rows multiply the parameters by.
+    /// Covariance of the products of these rows and the parameters.
     pub fn of(&self, rows: &Mat<f64>) -> Mat<f64> {
         product(&product(rows, &self.0), Transposed(rows))
     }
 
-    /// Of every frame, redundant directions taken out.
+    /// Standard deviations of every frame, with redundant directions taken out.
     pub fn deviations(&self, frames: &[Frame], possible: &Space) -> Vec<FrameDeviation> {
         let identified = possible.identified();
         let inner = identified.transpose() * &self.0 * &identified;

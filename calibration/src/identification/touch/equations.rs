@@ -52,7 +52,7 @@ pub struct VisitSums {
 }
 
 impl VisitSums {
-    /// Of a group of so many unknowns.
+    /// Creates the sums, all zero, for a group of so many unknowns.
     pub fn new(unknowns: usize) -> Self {
         Self {
             tip: Mat::zeros(6, 6),
@@ -131,7 +131,7 @@ impl Equations {
         let with_prior = |matrix: &Mat<f64>| {
             let mut out = matrix.clone();
             for i in 0..out.nrows() {
-                // Of the whole diagonal, as Marquardt does: unknowns of the surroundings have wide priors.
+                // Damps the whole diagonal, as Marquardt does: unknowns of the surroundings have wide priors.
                 out[(i, i)] = (1.0 + out[(i, i)]) * (1.0 + damping);
             }
             out
@@ -180,7 +180,7 @@ pub struct Solved {
 
 #[derive(Clone, Debug)]
 struct SolvedGroup {
-    /// Of D_g.
+    /// Cholesky factor of D_g.
     factor: Factor,
     /// K_g.
     gain: Mat<f64>,

@@ -86,7 +86,7 @@ impl Form {
                 .map(|direction| SHARPNESS * (direction.dot(at) - 1.0))
                 .collect(),
         };
-        // Of the nearest one there is always something left, far outside too.
+        // The nearest bump always keeps some weight, even far outside.
         let nearest = exponents.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut out: Vec<f64> = exponents.iter().map(|e| libm::exp(e - nearest)).collect();
         let norm = out.iter().map(|w| w * w).sum::<f64>().sqrt();

@@ -32,7 +32,7 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Of a fit; `None` where its equations cannot be solved.
+    /// Judges a fit; `None` where its equations cannot be solved.
     pub fn new(
         problem: &TouchProblem,
         drawing: &TouchFit,

@@ -6,26 +6,26 @@ use crate::measurement::touch::{ClassPrior, Reading};
 /// Kinds of noise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Noise {
-    /// Of a touched point, m.
+    /// Noise of a touched point, m.
     Point,
-    /// Of a touched plane, m.
+    /// Noise of a touched plane, m.
     Plane,
-    /// Of a sphere, m.
+    /// Noise of a sphere, m.
     Sphere,
-    /// Of a wire, m.
+    /// Noise of a wire, m.
     Anchor,
-    /// Of a level, rad.
+    /// Noise of a level, rad.
     Level,
-    /// Of a corner in an image, pixels.
+    /// Noise of a corner in an image, pixels.
     Board,
-    /// Of a tracker's position, m.
+    /// Noise of a tracker's position, m.
     Position,
-    /// Of a tracker's rotation, rad.
+    /// Noise of a tracker's rotation, rad.
     Rotation,
 }
 
 impl Noise {
-    /// All of them.
+    /// All kinds of noise.
     pub const ALL: [Self; 8] = [
         Self::Point,
         Self::Plane,
@@ -37,7 +37,7 @@ impl Noise {
         Self::Rotation,
     ];
 
-    /// Of a component of a reading.
+    /// Returns the kind of noise of a component of a reading.
     pub fn of(reading: &Reading, component: usize) -> Self {
         match reading {
             Reading::Tracker(_) if component >= 3 => Self::Rotation,
@@ -74,17 +74,17 @@ pub(super) const TRACKER_NOISE: (f64, f64) = (20e-6, 50e-6);
 /// Standard deviations of the arm's priors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scales {
-    /// Of a link's offset, m.
+    /// Standard deviation of a link's offset, m.
     pub length: f64,
-    /// Of the direction of an axis, rad.
+    /// Standard deviation of the direction of an axis, rad.
     pub tilt: f64,
-    /// Of the zero of a joint, rad.
+    /// Standard deviation of the zero of a joint, rad.
     pub zero: f64,
-    /// Of a gravity coefficient of a link, rad/(m/s²).
+    /// Standard deviation of a gravity coefficient of a link, rad/(m/s²).
     pub links: f64,
-    /// Of a gravity coefficient of the payload.
+    /// Standard deviation of a gravity coefficient of the payload.
     pub payload: f64,
-    /// Of an amplitude of an own-joint error, rad.
+    /// Standard deviation of an amplitude of an own-joint error, rad.
     pub curve: f64,
 }
 
@@ -110,7 +110,7 @@ impl Scales {
         }
     }
 
-    /// Of a group of parameters.
+    /// Returns the standard deviation for a group of parameters; `None` for those of the tip.
     pub fn of(&self, group: Group) -> Option<f64> {
         match group {
             Group::Length => Some(self.length),

@@ -27,7 +27,7 @@ pub enum Figure {
         origin: Vector3<f64>,
         /// Two directions in the plane and its normal, as columns.
         axes: Matrix3<f64>,
-        /// Of the plane from the origin along the normal.
+        /// Distance of the plane from the origin along the normal.
         offset: f64,
         /// Form of the plane with amplitudes, m.
         flatness: Option<(Form, Vec<f64>)>,

@@ -135,7 +135,7 @@ pub struct Knowledge {
 }
 
 impl Knowledge {
-    /// Of a fit; `None` where its equations cannot be solved.
+    /// Computes what a fit says over the volume; `None` where its equations cannot be solved.
     pub fn new(problem: &TouchProblem, fit: &TouchFit, volume: &WorkVolume) -> Option<Self> {
         let stated = fit.as_stated(problem, 0.0)?;
         let tau = stated_tau(problem, fit);

@@ -53,7 +53,7 @@ pub struct DeviceVariance {
     pub rows: Vec<f64>,
 }
 
-/// Of a fit. `None` when a matrix cannot be factored.
+/// Computes the device variance of a fit. `None` when a matrix cannot be factored.
 ///
 /// `left_out` is the variance of each of its samples as the others predict it (m²), and `inflation` what standard deviations
 /// of positions are multiplied with.
@@ -344,7 +344,7 @@ fn priors(
     samples.iter().map(of).collect()
 }
 
-/// Of one pose: floor and gain times these are to be 1.
+/// Equation of one pose: floor and gain, each times its coefficient here, are to add up to 1.
 struct Relative {
     weight: f64,
     floor: f64,

@@ -22,7 +22,7 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Of these samples.
+    /// Collects the inputs of these samples.
     pub fn new<F>(state: &ParametricModel, samples: &[Sample<F>]) -> Self {
         Self {
             features: samples.iter().map(|s| state.features(s)).collect(),
@@ -63,12 +63,12 @@ impl Inputs {
 /// The payloads that occur: poses are many, payloads few, and their factor of the kernel has an exponential.
 pub(super) struct DistinctPayloads {
     kilograms: Vec<f64>,
-    /// Of each pose.
+    /// Index of each pose's payload in `kilograms`.
     pub index: Vec<usize>,
 }
 
 impl DistinctPayloads {
-    /// Of all poses.
+    /// Finds the distinct payloads of all poses.
     pub fn new(payloads: &[f64]) -> Self {
         let mut kilograms = payloads.to_vec();
         kilograms.sort_by(f64::total_cmp);

@@ -33,7 +33,7 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Of length scale `l` in rad.
+    /// Computes the spectrum for length scale `l` in rad.
     pub fn new(l: f64) -> Self {
         let z = 1.0 / (l * l);
         let bessel = scaled_bessel(z, MAX_CURVE_ORDER + 1);

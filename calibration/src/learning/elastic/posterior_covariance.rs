@@ -47,7 +47,7 @@ pub struct PosteriorCovariance {
 }
 
 impl PosteriorCovariance {
-    /// Of a fit to `samples`; `None` when it has no processes.
+    /// Creates the posterior covariance of a fit to `samples`; `None` when the fit has no processes.
     pub fn new(fit: ElasticFit, samples: &[BaseSample]) -> Option<Self> {
         fit.solved.as_ref()?;
         let linear = fit.origin.linearise(samples, fit.scales);

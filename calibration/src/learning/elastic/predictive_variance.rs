@@ -26,8 +26,8 @@ impl std::fmt::Debug for Uncertainty {
 }
 
 impl Uncertainty {
-    /// Of a fit to `samples`, scaled by `left_out`, what leaving single poses out asked for; `None` when it has no
-    /// processes.
+    /// Creates the uncertainty of a fit to `samples`, scaled by `left_out`, what leaving single poses out asked for;
+    /// `None` when the fit has no processes.
     pub fn new(fit: ElasticFit, samples: &[BaseSample], left_out: [f64; 2]) -> Option<Self> {
         Some(Self {
             posterior: PosteriorCovariance::new(fit, samples)?,

@@ -34,7 +34,7 @@ const AIM: f64 = 0.03;
 const TOGETHER: usize = 500;
 /// Other poses of the trained ranges that the result is compared at, in single precision.
 const COMPARED: usize = 400;
-/// Of nine in ten of them σ is to be within this of eq. 7, as a share.
+/// At nine in ten of the compared poses, σ must be within this share of eq. 7.
 const FOLLOWED: f64 = 0.2;
 /// Fewer landmarks are not worth their time.
 const LEAST_LANDMARKS: usize = 12;
@@ -173,7 +173,7 @@ impl<'a> Fit<'a> {
         within.chain(around).chain(close).collect()
     }
 
-    /// Of `pose` the variances of the target's position before any measurement, one for each kernel, and that of the noise.
+    /// Variances of the target's position at `pose` before any measurement, one for each kernel, and that of the noise.
     fn prior(&self, pose: &[f64]) -> (Vec<f64>, f64) {
         let levers = (self.levers)(pose);
         let mut signal = vec![0.0; self.gp.hyperparameters.len()];

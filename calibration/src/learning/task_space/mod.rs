@@ -79,7 +79,7 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// Of n inputs with D components each.
+    /// Computes the squared distances and inner products of n inputs with D components each.
     pub fn new(inputs: &[Vec<f64>]) -> Self {
         let n = inputs.len();
         Self {

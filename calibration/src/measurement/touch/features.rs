@@ -27,19 +27,19 @@ const KINDS: &str = "\"point\", \"plane\", \"sphere\", \"anchor\", \"level\" or 
 
 /// Noise of one component of a touch where the file says nothing, m.
 const TOUCH_SIGMA: f64 = 0.05e-3;
-/// Of a level, rad.
+/// Noise of a level where the file says nothing, rad.
 const LEVEL_SIGMA: f64 = 0.05e-3;
-/// Of a corner, pixels.
+/// Noise of a corner in an image where the file says nothing, pixels.
 const PIXEL_SIGMA: f64 = 0.2;
-/// Of a tip about its drawing, m.
+/// Standard deviation of a tip about its drawing where the file says nothing, m.
 const TIP_SIGMA: f64 = 5e-3;
-/// Of an anchor or a camera about where somebody held a tape, m.
+/// Standard deviation of an anchor or a camera about its position as measured with a tape, m.
 const TAPE_SIGMA: f64 = 20e-3;
-/// Of the rotation of a level or a camera about its drawing, rad.
+/// Standard deviation of the rotation of a level or a camera about its drawing, rad.
 const MOUNTING_SIGMA: f64 = 50e-3;
-/// Of the zero of a wire, m.
+/// Standard deviation of the zero of a wire where the file says nothing, m.
 const ZERO_SIGMA: f64 = 1e-3;
-/// Of a radius or a distance whose σ nobody stated, m.
+/// Standard deviation of a radius or a distance whose σ nobody stated, m.
 const LENGTH_SIGMA: f64 = 0.02e-3;
 /// No radius and no distance that calibrates an arm is shorter, m: such numbers are metres in a key of millimetres.
 const SHORTEST: f64 = 1e-3;

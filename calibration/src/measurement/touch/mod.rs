@@ -47,7 +47,7 @@ use crate::measurement::touch::rows::Rows;
 use crate::measurement::validate::{JointChecks, JointLimits, still_joints};
 use crate::robot::Robot;
 
-/// Of a file as much is read as a header can be.
+/// Number of bytes that are read from a file: as many as a header can have.
 const HEADER_BYTES: u64 = 1 << 16;
 
 /// Whether the header of a measurement file has the column `feature`: then it is a touch file. A file that is no table is

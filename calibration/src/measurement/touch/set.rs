@@ -225,7 +225,7 @@ pub struct Camera {
     pub intrinsics_sigma: f64,
     /// What it is mounted on.
     pub mount: Mount,
-    /// Of a camera at the flange camera_from_flange, of a fixed one camera_from_base, as drawn.
+    /// Pose of the camera as drawn: camera_from_flange for a camera at the flange, camera_from_base for a fixed one.
     pub camera_from_mount: Pose<f64>,
     /// Standard deviation of one component of its true position about that, m.
     pub position_sigma: f64,

@@ -58,7 +58,7 @@ fn drawing(problem: &TouchProblem) -> Vec<[f64; 12]> {
 }
 
 impl ArmRecord {
-    /// Of a fit; `None` where its equations cannot be solved.
+    /// Creates the record of a fit; `None` where its equations cannot be solved.
     pub fn new(problem: &TouchProblem, fit: &TouchFit) -> Option<Self> {
         let covariance = fit.solved(problem)?.covariance();
         let priors = fit.priors(problem);
@@ -112,7 +112,7 @@ impl ArmRecord {
             .map_err(|_| NotASisterArm::Broken)?
             .inverse();
         let class = Scales::new(&problem.class);
-        // Of units of its own prior in units of the class.
+        // Class scale over the parameter's own prior: takes information from units of that prior to units of the class.
         let ratio = |a: usize| {
             let parameter = &self.parameters[own[a]];
             class.of(parameter.group).unwrap_or(1.0) / parameter.prior

@@ -68,9 +68,9 @@ pub struct FeatureSummary {
     pub name: String,
     /// Its kind.
     pub kind: &'static str,
-    /// Rows of it.
+    /// Number of its rows.
     pub rows: usize,
-    /// Of them such as do not belong.
+    /// Number of its rows that do not belong.
     pub rejected: usize,
     /// RMS of one component of its residuals as drawn and as calibrated, without those that do not belong.
     pub rms: [f64; 2],
@@ -155,7 +155,7 @@ fn mm(v: &Vector3<f64>) -> [f64; 3] {
 }
 
 impl TouchSummary {
-    /// Of the fits on the drawing and of the arm.
+    /// Summarises the fit on the drawing and the fit of the arm.
     pub fn new(
         problem: &TouchProblem,
         (drawing, fit): (&TouchFit, &TouchFit),
@@ -262,7 +262,7 @@ impl<'a> Spread<'a> {
         self.fit.weights[row] * components.map(of).sum::<f64>()
     }
 
-    /// Of the components of kind `noise` in the rows `own`.
+    /// Summarises the components of kind `noise` in the rows `own`.
     fn of(&self, name: &str, kind: &'static str, own: &[usize], noise: Noise) -> FeatureSummary {
         let rows = &self.problem.set.rows;
         let is_of_kind = |row: usize, i: usize| Noise::of(&rows[row].reading, i) == noise;

@@ -7,7 +7,7 @@ pub(super) type Row = [Vec<f64>; 3];
 
 /// What is known after some rows.
 pub(super) struct State {
-    /// Of the unknowns, in units of their standard deviations.
+    /// Covariance of the unknowns, in units of their standard deviations.
     pub covariance: Vec<Vec<f64>>,
 }
 

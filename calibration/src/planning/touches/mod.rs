@@ -39,13 +39,13 @@ const RANDOM_CHOICES: usize = 5;
 const PLATE: f64 = 0.25;
 /// What a row misses by, m: the noise of a touch, and gears that no parameter describes.
 const ROW_SIGMA: f64 = 0.1e-3;
-/// Of the tip about its drawing, m, and of a feature about where it is said to be, m and rad.
+/// Standard deviations of the tip about its drawing, m, and of a feature about where it is said to be, m and rad.
 const TIP_SIGMA: f64 = 5e-3;
 const FEATURE_SIGMA: f64 = 20e-3;
 const PLATE_TILT: f64 = 0.05;
-/// Of the zero of a wire, m.
+/// Standard deviation of the zero of a wire, m.
 const ZERO_SIGMA: f64 = 1e-3;
-/// Unknowns of a feature at most.
+/// Largest number of unknowns of a feature.
 const FEATURE_UNKNOWNS: usize = 4;
 /// How far an arm is from its drawing where nobody says it.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {

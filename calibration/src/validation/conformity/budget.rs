@@ -238,7 +238,7 @@ fn drift(known: Option<(&DriftReport, bool)>, component: usize) -> Contribution 
         ),
         Some((drift, true)) => (
             "what the reference points leave after the motion was removed",
-            // Of rotation nothing is known beyond that.
+            // For rotation, nothing is known beyond that.
             Some([1e-3 * drift.left_out_um[1] * 3.0_f64.sqrt(), 0.0][component]),
         ),
     };

@@ -47,7 +47,7 @@ struct Shape {
 }
 
 impl Shape {
-    /// Of τ.
+    /// Creates the distribution for τ = `spread`.
     fn new(spread: f64) -> Self {
         let squares = core::array::from_fn(|k| {
             let z = NODE_STEP * (k as f64 - (NODES / 2) as f64);
@@ -164,7 +164,7 @@ impl ErrorFamily {
                 let mut before = of_noise;
                 for i in 0..RATIOS {
                     let scale = sigma * libm::exp(LEAST_RATIO + step * i as f64);
-                    // Of all scaled alike it would grow by exp(step).
+                    // If the noise were scaled with s, the quantile would grow by exp(step).
                     let most = match i {
                         0 => 1.1 * (of_noise + scale * own),
                         _ => before * libm::exp(step),

@@ -44,8 +44,8 @@ pub struct Distinct {
 }
 
 impl Distinct {
-    /// Of position or rotation; `repeats` has the number of the distinct pose of each, or is empty where none repeats. `None`
-    /// without rotations.
+    /// Collects the errors of position or rotation. `repeats` holds, for each pose, the number of its distinct pose, or
+    /// is empty where none repeats. `None` where rotations are asked for and a pose has none.
     pub fn of(poses: &[HeldOutPose], repeats: &[usize], rotation: bool) -> Option<Self> {
         let first = if rotation { 3 } else { 0 };
         let mut groups: BTreeMap<usize, Vec<[f64; 3]>> = BTreeMap::new();
@@ -117,7 +117,7 @@ const CREDIBLE: f64 = 2.0;
 const CONTRADICTION: f64 = 3.0;
 
 impl Noise {
-    /// Of repeated measurements where there are enough, else what the rows declare.
+    /// Takes the noise from repeated measurements where there are enough, else from what the rows declare.
     pub fn of(distinct: &Distinct) -> Self {
         let repeated = distinct
             .repeated
@@ -152,7 +152,7 @@ impl Noise {
     }
 }
 
-/// Of a standard deviation with these degrees of freedom, or of one that is declared.
+/// Relative standard uncertainty of a standard deviation with these degrees of freedom, or of one that is declared.
 fn relative_uncertainty(repeated: Option<f64>) -> f64 {
     repeated.map_or(DECLARED_NOISE_UNCERTAINTY, |freedom| {
         (1.0 / (2.0 * freedom).sqrt()).min(LARGEST_UNCERTAINTY)

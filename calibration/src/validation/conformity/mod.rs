@@ -122,9 +122,9 @@ pub struct Conformity {
     pub evidence: Evidence,
     /// Coverage probability of the expanded uncertainties.
     pub coverage: f64,
-    /// Of position, mm.
+    /// Characteristic of position, mm.
     pub position: Characteristic,
-    /// Of rotation, mrad; absent where only positions were measured.
+    /// Characteristic of rotation, mrad; absent where only positions were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Characteristic>,
     /// The worst of the verdicts; absent without a tolerance.
@@ -133,8 +133,8 @@ pub struct Conformity {
 }
 
 impl Conformity {
-    /// Of a calibration by touches: no poses were held out, so the error is that of poses of the work volume, by what is known of
-    /// the arm. Touches are not judged by rotations.
+    /// Judges a calibration by touches: no poses were held out, so the error is that of poses of the work volume, by
+    /// what is known of the arm. Touches are not judged by rotations.
     pub fn of_touches(known: &Exceeded, tolerances: &Tolerances) -> Self {
         let position = Characteristic::judged(
             "mm",
@@ -153,7 +153,7 @@ impl Conformity {
         }
     }
 
-    /// Of held-out poses; `None` of fewer than [`LEAST_POSES`] that differ.
+    /// Judges held-out poses; `None` for fewer than [`LEAST_POSES`] that differ.
     pub fn new(
         poses: &[HeldOutPose],
         knowledge: &Knowledge,

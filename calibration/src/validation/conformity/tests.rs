@@ -328,7 +328,7 @@ fn the_uncertainty_of_a_declared_noise_covers() {
     }
 }
 
-/// Of many poses E is their percentile, and U falls with the root of their number.
+/// With many poses, E is their percentile, and U falls with the root of their number.
 #[test]
 fn many_poses_speak_for_themselves() {
     let mut random = ChaCha8Rng::seed_from_u64(12);

@@ -47,7 +47,7 @@ pub struct NextSteps {
 }
 
 impl NextSteps {
-    /// Of a calibration.
+    /// Finds the next steps for a calibration.
     pub fn new(task: &Task) -> Self {
         let mut steps = rows::steps(task);
         let pool = &task.knowledge.pool;

@@ -34,7 +34,7 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// Of `count` poses for each proposal, within `ranges`, otherwise like measured rows.
+    /// Draws a pool for `count` poses in each proposal, within `ranges`, otherwise like measured rows.
     pub fn new(
         ranges: &[(f64, f64)],
         robot: &Robot,

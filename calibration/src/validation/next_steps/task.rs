@@ -19,7 +19,7 @@ pub struct Knowledge {
 }
 
 impl Knowledge {
-    /// Of `calibration`, which was made from `samples`.
+    /// Collects what `calibration`, which was made from `samples`, knows.
     pub fn new(calibration: &Calibration, robot: &Robot, samples: &[InstrumentSample]) -> Self {
         let volume = WorkVolume::new(robot, samples);
         let pool = Pool::new(

@@ -210,7 +210,7 @@ fn misses(problem: &TouchProblem, left_out: &[LeftOut]) -> Vec<Option<f64>> {
     out
 }
 
-/// Of the rows that belong.
+/// Summarises the misses of the rows that belong.
 fn summary(misses: &[Option<f64>], weights: &[f64]) -> Summary {
     let pairs = misses.iter().zip(weights);
     let belonging = pairs.filter(|(_, weight)| **weight > 0.0);

@@ -47,7 +47,7 @@ impl Rows {
         let jets = fit.arm.linearise(&problem.states);
         let priors = fit.priors(problem);
         let (unknowns, tips) = (fit.scene.prior.len(), priors.len());
-        // Of the unknowns those of the tips come first.
+        // The unknowns of the tips come first.
         let mut all: Vec<Equation> = Vec::new();
         let (mut kind, mut fixed, mut sigma) = (Vec::new(), Vec::new(), Vec::new());
         for (row, touch) in set.rows.iter().enumerate() {
@@ -196,7 +196,7 @@ impl ArmAtTouches {
     }
 }
 
-/// Of angles, rad.
+/// Unit of angles in the rows of poses, rad.
 const LEVEL: f64 = 50e-6;
 
 /// What a kilogram more does, in units of `scales`.

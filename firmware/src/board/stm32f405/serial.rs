@@ -162,7 +162,7 @@ mod link {
         const IN_BULK: bool = true;
 
         fn acknowledge(&mut self) {
-            // Of single bytes, reading and writing the data register clear everything.
+            // Without DMA, reading and writing the data register byte by byte clear everything.
             if let Self::Dma(_) = self
                 && STATUS.read() & IDLE_OR_ERROR != 0
             {

@@ -73,7 +73,7 @@ fn text(letters: &[c_char]) -> String {
     String::from_utf8(bytes.take_while(|byte| *byte != 0).collect()).unwrap()
 }
 
-/// Of the runtime itself, with another capacity.
+/// Loads the blob into the runtime's own arm, with another capacity.
 fn arm() -> Box<Arm<f32, { words_for(64) }>> {
     let mut arm = Box::new(Arm::new());
     arm.load_decoded(&blob::decode(BLOB).unwrap()).unwrap();

@@ -17,7 +17,7 @@ use poegp_runtime::model::{Model as Arm, words_for};
 const BLOB: &[u8] = include_bytes!("../../examples/arm.blob");
 const COMMAND: [f32; 6] = [0.3, -0.2, 0.4, 0.1, 0.7, -0.5];
 const PERIOD: f32 = 0.01;
-/// Of the usual settings, rad per cycle.
+/// Rate limit of the usual settings, in rad per cycle.
 const RATE: f32 = 0.02 * PERIOD;
 /// Enough to switch the correction on or off.
 const LONG: usize = 400;

@@ -186,7 +186,7 @@ fn what_is_signed_otherwise_is_not_carried_out() {
         changed[bit / 8] ^= 1 << (bit % 8);
         assert_eq!(send(&mut desk, &(changed, off.clone())), WRONG, "bit {bit}");
     }
-    // Of another length.
+    // A signature of another length.
     let (signature_of, _) = recorded(&mut desk, &BYPASS_OFF, &key(1));
     for length in [0, 32, 63] {
         let signature = &signature_of[..length];

@@ -158,7 +158,7 @@ fn everything_is_counted() {
         max_ticks: 100,
         max_latency_ticks: 300,
         activations: 1,
-        // Of the models; the proofs of the cycle have them.
+        // These counts depend on the models; the proofs of the cycle check them.
         flagged: statistics.flagged,
         limited: statistics.limited,
         uncorrected: statistics.uncorrected,

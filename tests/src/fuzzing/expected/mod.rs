@@ -40,7 +40,7 @@ pub(super) struct Expected {
     pub bypass: bool,
     running: bool,
     commanded: bool,
-    /// Of the announced blob.
+    /// Whether the announced blob may be the model of another robot.
     replaces_robot: bool,
     verified_revision: u32,
     lowest_revision: u32,
@@ -56,7 +56,7 @@ pub(super) struct Expected {
 }
 
 impl Expected {
-    /// Of an empty device, on a board whose processor may wait for its flash.
+    /// Creates the state of an empty device; `flash_blocks` says whether its processor waits for the flash.
     pub fn new(flash_blocks: bool) -> Self {
         Self {
             flash_blocks,

@@ -121,7 +121,7 @@ struct Talk<'m, 'e> {
     expected: &'e mut Expected,
     /// The blob that was announced last.
     uploading: Vec<u8>,
-    /// Of the last request.
+    /// Sequence number of the last request.
     sequence: u16,
     /// The last command.
     commanded: Option<(u16, Query)>,

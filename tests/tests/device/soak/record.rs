@@ -14,7 +14,7 @@ use rand_chacha::ChaCha8Rng;
 /// Bytes of a slot in the flash of the MPS2 boards (`firmware/src/board/mps2.rs`), and of its head.
 const SLOT: u64 = 16 * 4_096;
 const HEAD: u64 = 4_096;
-/// Of head and blob, where there is something.
+/// Bytes of a slot's head, and of its blob, that hold something.
 const WRITTEN_HEAD: u64 = 256;
 const WRITTEN_BLOB: u64 = 2_048;
 

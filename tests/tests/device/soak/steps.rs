@@ -8,23 +8,23 @@ pub const PIECE: usize = 48;
 /// One thing that the workstation does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// Of an upload.
+    /// Begins an upload.
     Begin,
-    /// From this byte.
+    /// Sends the piece that starts at this byte.
     Piece(usize),
-    /// The upload.
+    /// Verifies the upload.
     Verify,
-    /// The upload.
+    /// Commits the upload.
     Commit,
-    /// The uploaded model.
+    /// Activates the uploaded model.
     Activate,
-    /// To the model before it.
+    /// Rolls back to the model before it.
     RollBack,
-    /// What runs.
+    /// Asks what runs.
     Identify,
-    /// The same at a start, when nobody knows what runs.
+    /// Asks what runs at a start, when nobody knows it.
     Find,
-    /// What was counted.
+    /// Asks what was counted.
     Statistics,
 }
 

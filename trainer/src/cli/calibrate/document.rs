@@ -114,7 +114,7 @@ pub struct BlobSummary {
     pub file: String,
     pub bytes: usize,
     pub inducing_points: usize,
-    /// Of one command on a Cortex-M4F, at most.
+    /// Upper bound on the instructions of one command on a Cortex-M4F.
     pub instructions: u32,
 }
 
@@ -128,7 +128,7 @@ impl LossJson {
 }
 
 impl BlobSummary {
-    /// Of a blob that is written to `path`.
+    /// Summarizes a blob that is written to `path`.
     pub fn new(path: &Path, blob: &BlobModel) -> Self {
         Self {
             file: path.display().to_string(),

@@ -28,10 +28,10 @@ pub struct ElasticSummary {
     /// By how much the weights that single precision holds move the target, RMS; left out where it holds all.
     #[serde(skip_serializing_if = "Option::is_none")]
     single_precision_cost_um: Option<f64>,
-    /// Of a blob that says how well it knows the position.
+    /// Predictive standard deviation of a blob that says how well it knows the position.
     #[serde(skip_serializing_if = "Option::is_none")]
     predictive_std: Option<StdSummary>,
-    /// Whether one was wanted.
+    /// Whether a predictive standard deviation was wanted.
     #[serde(skip)]
     predictive_std_wanted: bool,
 }
@@ -74,7 +74,7 @@ struct RippleSummary {
 }
 
 impl ElasticSummary {
-    /// Of a calibration with these samples.
+    /// Summarizes a calibration with these samples; `None` unless the correction is elastic.
     pub fn new(calibration: &Calibration, samples: &[InstrumentSample]) -> Option<Self> {
         let elastic = calibration.correction.elastic()?;
         let report = &elastic.report;

@@ -155,7 +155,7 @@ pub struct Known {
     pub choice: GaugeChoice,
     /// The blob whose commands the new ones are compared with.
     pub previous: Option<(PathBuf, BlobModel)>,
-    /// Of points that state the base or carry it to another station.
+    /// Registration of the points that state the base or carry it to another station.
     registration: Option<Registration>,
 }
 

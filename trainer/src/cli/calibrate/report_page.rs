@@ -181,7 +181,7 @@ pub fn provenance(
     provenance_of_files(robot, arm, origin, seed, files)
 }
 
-/// Of files that were read.
+/// Where a result comes from: `files` that were read, and the robot's file where it has one.
 fn provenance_of_files(
     robot: &str,
     arm: &Arm,

@@ -46,7 +46,7 @@ impl Statistic {
         }
     }
 
-    /// Of a summary in the JSON document.
+    /// Key of the statistic in a summary of the JSON document.
     pub fn key(self) -> &'static str {
         match self {
             Self::Mean => "mean",
@@ -112,7 +112,8 @@ pub struct CheckTouchesJson<'a> {
     pub provenance: Provenance,
 }
 
-/// Of the check of a model, from `files` that were measured; the first has this hash.
+/// Where the check of a model comes from: `files` that were measured, of which the first has the hash `sha256`, and the
+/// model itself.
 pub fn provenance(
     loaded: &BlobModel,
     blob: &Path,

@@ -56,7 +56,7 @@ pub struct SplitJson {
 #[derive(Serialize)]
 pub struct BetweenJson {
     pub moves: usize,
-    /// Of each move.
+    /// Points of each move that were looked at.
     pub points: usize,
     pub largest_mm: f64,
     pub file: String,

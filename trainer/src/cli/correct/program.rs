@@ -48,7 +48,7 @@ pub fn corrected(
     format: Format,
 ) -> Result<(Vec<Option<PathBuf>>, Files, ProgramJson), Failure> {
     let is_folder = a.programs.len() > 1 || a.out.is_dir();
-    // Of each file, what is read and what is written.
+    // For each file, the path that is read and the path that is written.
     let mut files: Files = Vec::new();
     for path in &a.programs {
         let out = if is_folder {

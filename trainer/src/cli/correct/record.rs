@@ -65,7 +65,7 @@ pub struct Corrector<'a> {
 }
 
 impl Record {
-    /// Of file `index` of a program.
+    /// Creates the record of file `index` of a program.
     pub fn new(
         path: &Path,
         corrector: &Corrector<'_>,

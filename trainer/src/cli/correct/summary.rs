@@ -29,7 +29,7 @@ pub struct CorrectJson<'a> {
     partly_corrected: usize,
     /// Exactly as they came.
     left_alone: usize,
-    /// Of each note, the lines of the rows that have it.
+    /// For each note, the lines of the rows that have it.
     flagged: Vec<Flagged>,
     /// The largest change of a revolute joint.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -89,7 +89,8 @@ pub struct Summed {
     remaining: Vec<f32>,
     trust_sum: f64,
     least_trust: Option<f32>,
-    /// Of revolute and of prismatic joints in degrees and mm, with joint and line.
+    /// Largest change of a revolute joint in degrees and of a prismatic joint in mm, each with the joint's index
+    /// and the line.
     largest: [Option<(f64, usize, u32)>; 2],
 }
 

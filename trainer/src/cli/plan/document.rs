@@ -43,7 +43,7 @@ pub struct PriorJson {
 /// The capsules that stand for the arm's links.
 #[derive(Serialize)]
 pub struct Links {
-    /// Of the links from the base to the target.
+    /// Radii of the links from the base to the target, mm.
     pub radii_mm: Vec<f64>,
     pub radius_from: &'static str,
 }

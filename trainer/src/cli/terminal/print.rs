@@ -77,7 +77,7 @@ pub fn to_stdout_all(bytes: &mut dyn Read) -> Result<(), Failure> {
     written.map_err(lost_stdout)
 }
 
-/// Of standard output that could not be written.
+/// Creates the failure for standard output that could not be written.
 pub fn lost_stdout(error: io::Error) -> Failure {
     let output = "standard output".to_owned();
     Failure::LostOutput { output, error }

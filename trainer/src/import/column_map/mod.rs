@@ -27,9 +27,9 @@ pub struct Map {
     /// The file, for messages.
     pub path: PathBuf,
     text: String,
-    /// Of the first file.
+    /// Layout of the first file.
     pub file: Layout,
-    /// Of the file of joints; as `file` when it is absent.
+    /// Layout of the file of joints; when it is absent, `file` applies to it, too.
     pub joints_file: Option<Layout>,
     /// What is done with rows that are not whole.
     pub incomplete: Incomplete,

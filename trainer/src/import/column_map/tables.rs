@@ -183,7 +183,7 @@ pub struct Joints {
     pub source: JointSource,
     /// Their units; without them the header or the driver has them.
     pub unit: Option<Spanned<JointUnits>>,
-    /// Of a file of joints beside a list of points: the column with the pose's name.
+    /// The column with the pose's name, in a file of joints beside a list of points.
     pub name: Option<Spanned<ColumnName>>,
 }
 

@@ -55,7 +55,7 @@ pub struct BoxOf {
 }
 
 impl BoxOf {
-    /// Of values; `None` when there are none.
+    /// Computes the box of `values`; `None` when there are none.
     pub fn new(name: impl Into<String>, series: Series, values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);

@@ -49,8 +49,8 @@ pub struct Cubes {
 }
 
 impl Cubes {
-    /// Of the positions of the poses; `widest` is the longest side of the workspace in mm. The side is the smallest round
-    /// one with which most poses have neighbours in their cube.
+    /// Divides the positions of the poses into cubes; `widest` is the longest side of the workspace in mm. The side is
+    /// the smallest round one with which most poses have neighbours in their cube.
     pub fn new(poses: &[HeldOutPose], widest: f64) -> Self {
         Self::along(&[0, 1, 2], MOST_CUBES, poses, widest)
     }

@@ -26,7 +26,7 @@ pub struct Stretch<'a> {
     pub step: usize,
     /// The target that it begins at.
     pub start: &'a Solved,
-    /// Of an arc, the target between its ends.
+    /// The target between the ends of an arc; `None` for a line.
     pub via: Option<&'a Solved>,
     /// The target that it ends at.
     pub end: &'a Solved,

@@ -76,7 +76,7 @@ impl FrameFile {
         Self::parse(path, &text)
     }
 
-    /// Of the text of a file.
+    /// Parses the text of a file.
     ///
     /// # Errors
     /// As [`FrameFile::read`].

@@ -49,7 +49,7 @@ pub struct Configuration {
 }
 
 impl Configuration {
-    /// Of a controller that stops where no solution has it.
+    /// Creates one for a controller that stops where no solution is within `bounds`.
     pub fn monitored(bounds: Vec<Bound>) -> Self {
         Self {
             bounds,

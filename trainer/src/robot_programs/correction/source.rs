@@ -22,7 +22,7 @@ pub struct Source {
 }
 
 impl Source {
-    /// Of these bytes.
+    /// Creates one for a file that consists of these bytes.
     pub fn new(path: &Path, bytes: Vec<u8>, is_corrected: bool) -> Self {
         let mut lines = vec![0];
         for (at, byte) in bytes.iter().enumerate() {

@@ -114,7 +114,7 @@ struct State {
     /// Assignments under a condition, which hold there alone.
     conditional: Vec<(Vec<usize>, Assignment)>,
     is_displaced: bool,
-    /// Of joint and of straight moves.
+    /// Whether configurations are monitored: in joint moves, and in straight moves.
     is_monitored: [bool; 2],
     /// Index of the move before, and the conditions that it stands under, while nothing else may have moved the arm.
     before: Option<(usize, Vec<usize>)>,

@@ -83,7 +83,7 @@ pub fn list_starts(text: &Text<'_>, from: usize, end: usize, depth: usize) -> Ve
         return vec![(from, end)];
     }
     let elements = text.arguments(from + 1, end - 1);
-    // Of several dimensions: what is no target has elements that are.
+    // The list has more dimensions if its first element is no target, but a list that begins with one.
     let is_deeper = elements.first().is_some_and(|(a, b)| {
         let value = text.value(*a, *b);
         matches!(target(&value, Location { file: 0, at: 0 }), Read::Nothing)
