@@ -144,8 +144,9 @@ fn inverse_columns(lower: &[&[f64]], first: usize, to: &mut [&mut [f64]]) {
     solve_lower(&own, to);
 }
 
-/// Writes L⁻¹ to `half`, where zeros above the diagonal are written within the tiles on it only.
-fn invert_lower(lower: &[&[f64]], half: &mut Mat<f64>, threads: usize) {
+/// Writes L⁻¹ to `half`, where zeros above the diagonal are written within the tiles on it only, and the inverse of the
+/// matrix to `whole`: its lower triangle, and both triangles of every tile on the diagonal. What is above them means nothing.
+fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: usize) {
     let size = tile(lower.len());
     for_each(threads, parts(half, TILES.0), |(j, columns)| {
         let (mut above, mut own) = split_rows(columns, j);
@@ -154,22 +155,9 @@ fn invert_lower(lower: &[&[f64]], half: &mut Mat<f64>, threads: usize) {
         }
         inverse_columns(lower, j, &mut own);
     });
-}
-
-/// Writes L⁻¹ to `half`, and the inverse of the matrix to `whole`, as [`gram`] does.
-fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: usize) {
-    invert_lower(lower, half, threads);
-    gram(&columns(half), 1, whole, threads);
-}
-
-/// Writes halfᵀ half to `whole`: its lower triangle, and both triangles of every tile on the diagonal; what is above them means
-/// nothing. Column j of `half` is zero above row `step` j: within a tile it must say so, farther up it means nothing.
-pub fn gram(half: &[&[f64]], step: usize, whole: &mut Mat<f64>, threads: usize) {
-    let size = tile(half.len());
-    let part = |i: usize, j: usize| {
-        let columns = &half[j..half.len().min(j + size)];
-        Operand::new(rows(columns, step * i..columns[0].len()))
-    };
+    let half = columns(half);
+    let n = half.len();
+    let part = |i: usize, j: usize| Operand::new(rows(&half[j..n.min(j + size)], i..n));
     let tiles = lower_tiles(columns_mut(whole), size);
     for_each(threads, tiles, |(i, j, mut tile)| {
         let left = part(i, i).transposed();
@@ -339,13 +327,6 @@ impl CholeskyWorkspace {
         let (half, whole) = (&mut self.lower_inverse, &mut self.inverse);
         invert(&columns(&self.matrix), half, whole, self.threads);
         &self.inverse
-    }
-
-    /// L⁻¹, lower triangle; what is above means nothing.
-    pub fn inverse_of_factor(&mut self) -> &Mat<f64> {
-        let half = &mut self.lower_inverse;
-        invert_lower(&columns(&self.matrix), half, self.threads);
-        half
     }
 }
 

@@ -16,12 +16,6 @@ pub fn column(matrix: &Mat<f64>, j: usize) -> &[f64] {
     &matrix.as_slice()[j * rows..(j + 1) * rows]
 }
 
-/// One column, to be written.
-pub fn column_mut(matrix: &mut Mat<f64>, j: usize) -> &mut [f64] {
-    let rows = matrix.nrows();
-    &mut matrix.as_mut_slice()[j * rows..(j + 1) * rows]
-}
-
 /// All columns.
 pub fn columns(matrix: &Mat<f64>) -> Columns<'_> {
     (0..matrix.ncols()).map(|j| column(matrix, j)).collect()

@@ -7,7 +7,7 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use crate::identification::parametric::state::{ParametricModel, PriorGroup};
+use crate::identification::parametric::state::ParametricModel;
 use crate::learning::elastic::hyperparameter_objective::HyperparameterObjective;
 use crate::learning::elastic::hyperparameters::{DEFLECTION_UNIT, HyperLayout};
 use crate::learning::elastic::inputs::Inputs;
@@ -86,17 +86,6 @@ struct Posterior<'a> {
     likelihood: HyperparameterObjective<'a>,
     layout: HyperLayout,
     processes: bool,
-}
-
-impl Posterior<'_> {
-    /// The value alone, in less than half of the time.
-    fn value(&self, h: &[f64]) -> f64 {
-        let value = self.likelihood.value(h);
-        if !self.processes {
-            return value;
-        }
-        value + self.layout.add_scale_prior(h, &mut vec![0.0; h.len()])
-    }
 }
 
 impl Objective for Posterior<'_> {
@@ -286,35 +275,9 @@ impl<'a> HyperparameterSearch<'a> {
         bounds: &[(f64, f64)],
         stop: &StopCriteria,
     ) -> Result<Minimum, Cancelled> {
-        let (_, processes) = model;
         self.with_likelihood(state, poses, model, |objective| {
-            if processes {
-                return minimize(objective, start, bounds, stop, self.context);
-            }
-            let units = self.units_without_processes(state, poses, start.len());
-            minimize_in_units(objective, start, &units, bounds, stop, self.context)
+            minimize(objective, start, bounds, stop, self.context)
         })
-    }
-
-    /// Units in which the likelihood of `n` hyperparameters curves alike, without processes: the standard deviation of the
-    /// logarithm of a variance that so many numbers determine. A search takes two thirds of the evaluations with them.
-    fn units_without_processes(&self, state: &ParametricModel, poses: usize, n: usize) -> Vec<f64> {
-        let groups = state.layout.groups();
-        let of = |group: PriorGroup| groups.iter().filter(|g| **g == group).count();
-        let components = 3 * poses.min(self.part.len());
-        let numbers = [
-            components,
-            components,
-            of(PriorGroup::Frames),
-            of(PriorGroup::Links),
-            of(PriorGroup::Payload),
-        ];
-        let unit = |i: usize| {
-            numbers
-                .get(i)
-                .map_or(1.0, |n| (2.0 / (*n).max(2) as f64).sqrt())
-        };
-        (0..n).map(unit).collect()
     }
 
     /// A search in the first `poses` of the part from where another one ended.
@@ -401,7 +364,7 @@ impl<'a> HyperparameterSearch<'a> {
             for (amplitude, scale) in CURVE_STARTS {
                 start[curved.curve_amplitude()] = 2.0 * libm::log(amplitude / DEFLECTION_UNIT);
                 start[curved.curve_scale()] = libm::log(scale);
-                let value = objective.value(&start);
+                let (value, _) = objective.value_and_gradient(&start);
                 if value < best.as_ref().map_or(without.value, |b| b.0) {
                     best = Some((value, start.clone()));
                 }
@@ -409,10 +372,7 @@ impl<'a> HyperparameterSearch<'a> {
             let Some((_, start)) = best else {
                 return Ok(None);
             };
-            let units = self.units_without_processes(state, FEW_POSES, start.len());
-            let context = self.context;
-            let found =
-                minimize_in_units(objective, &start, &units, &bounds, &ROUGH_STOP, context)?;
+            let found = minimize(objective, &start, &bounds, &ROUGH_STOP, self.context)?;
             Ok((without.value - found.value > WORTH_A_SEARCH).then_some(found.x))
         })
     }

@@ -38,7 +38,7 @@ pub struct MarginalLikelihood<'a> {
 }
 
 /// Poses whose columns of a matrix one thread works on at a time.
-const POSES_TOGETHER: usize = 16;
+pub(super) const POSES_TOGETHER: usize = 16;
 
 /// Covariances of the joints' deflections, lower triangles, one matrix for each output.
 #[derive(Debug)]
@@ -191,7 +191,7 @@ impl MarginalLikelihood<'_> {
     }
 
     /// Joints that deflect.
-    pub(super) fn outputs(&self) -> usize {
+    fn outputs(&self) -> usize {
         if self.processes || self.layout.curve {
             self.layout.joints
         } else {
