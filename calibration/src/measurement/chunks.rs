@@ -1,4 +1,4 @@
-//! A CSV file in chunks of whole records, for files of any length.
+//! Reads a CSV file of any length in chunks of whole records.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -11,23 +11,23 @@ use crate::measurement::table::{
     MEASURED_POSE, Part, Quoting, Table, check_header, each_line, is_remark, no_header, text,
 };
 
-/// Lines of a chunk; more where a record goes on behind them.
+/// Number of lines in a chunk; a chunk is longer if its last record continues on further lines.
 pub const CHUNK_LINES: usize = 1024;
 
-/// Whole records of a file.
+/// A chunk of a file: consecutive lines that form whole records.
 pub struct Chunk {
-    /// Number of the first line, from 1.
+    /// Number of the chunk's first line in the file, from 1.
     first: usize,
     bytes: Vec<u8>,
 }
 
 impl Chunk {
-    /// Bytes of its lines.
+    /// Returns the length of the chunk's lines in bytes.
     pub fn size(&self) -> usize {
         self.bytes.len()
     }
 
-    /// Shows all parts in order; `file` is for messages.
+    /// Passes each part of the chunk to `show`, in order; `file` is for messages.
     pub(super) fn each_line(
         &self,
         file: &Path,
@@ -38,18 +38,18 @@ impl Chunk {
     }
 }
 
-/// The chunks of a file, and before them its header.
+/// Reader of a file's header and then of its chunks.
 pub(super) struct Chunks<R> {
     path: PathBuf,
-    /// What is read, for messages.
+    /// What the file should be, for messages.
     what: &'static str,
     lines: R,
-    /// Lines that were read.
+    /// Number of lines read so far.
     count: usize,
 }
 
 impl Chunks<BufReader<File>> {
-    /// Opens a file; `what` says in messages what it should be.
+    /// Opens a file; `what` is the kind of file expected, for messages.
     pub(super) fn open(path: &Path, what: &'static str) -> Result<Self, InputError> {
         let file = File::open(path).map_err(|error| InputError::unreadable(path, &error, what))?;
         Ok(Self::new(
@@ -61,7 +61,7 @@ impl Chunks<BufReader<File>> {
 }
 
 impl<R: BufRead> Chunks<R> {
-    /// Reads from `lines`; `path` is for messages.
+    /// Creates a reader of `lines`; `path` and `what` are for messages.
     pub(super) fn new(path: &Path, what: &'static str, lines: R) -> Self {
         Self {
             path: path.to_path_buf(),
@@ -71,7 +71,8 @@ impl<R: BufRead> Chunks<R> {
         }
     }
 
-    /// The beginning of the file up to its header, and a table of the header alone.
+    /// Reads the beginning of the file up to and including its header. Returns it with a table that has the header but no
+    /// rows.
     pub(super) fn header(&mut self) -> Result<(Chunk, Table), InputError> {
         let mut bytes = Vec::new();
         let is_header = |line: &[u8]| {
@@ -110,7 +111,7 @@ impl<R: BufRead> Chunks<R> {
         Ok((start, table))
     }
 
-    /// The next chunk; `None` at the end of the file.
+    /// Reads the next chunk; `None` at the end of the file.
     pub(super) fn next(&mut self) -> Result<Option<Chunk>, InputError> {
         let mut chunk = Chunk {
             first: self.count + 1,
@@ -127,7 +128,7 @@ impl<R: BufRead> Chunks<R> {
         self.completed(chunk).map(Some)
     }
 
-    /// With the lines that belong to the last record.
+    /// Completes a chunk with the further lines of its last record.
     fn completed(&mut self, mut chunk: Chunk) -> Result<Chunk, InputError> {
         if !chunk.bytes.contains(&b'"') {
             return Ok(chunk);
@@ -150,7 +151,7 @@ impl<R: BufRead> Chunks<R> {
         Ok(chunk)
     }
 
-    /// Appends a line and returns where it begins; `None` at the end of the file.
+    /// Appends the next line to `bytes` and returns where in `bytes` it starts; `None` at the end of the file.
     fn line(&mut self, bytes: &mut Vec<u8>) -> Result<Option<usize>, InputError> {
         let start = bytes.len();
         let read = self.lines.read_until(b'\n', bytes);

@@ -1,4 +1,4 @@
-//! What the columns are, from their names.
+//! Identifies the columns of a file by their names.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,31 +7,31 @@ use crate::input_error::InputError;
 use crate::measurement::set::{JointColumn, JointUnit};
 use crate::measurement::table::{Table, quoted};
 
-/// What a column holds; the order is the one in which they are spoken of.
+/// The quantity that a column holds. The order is that in which messages mention them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Quantity {
-    /// Number of the joint, as written: from 1.
+    /// Joint number as written in the column name, from 1.
     Joint(usize),
     Payload,
     Time,
     Session,
     Target,
-    /// Axis, 0 to 2.
+    /// Coordinate axis, 0 to 2.
     Position(usize),
-    /// w, x, y, z as 0 to 3.
+    /// Component of the quaternion: w, x, y, z as 0 to 3.
     Orientation(usize),
     SigmaPosition,
     SigmaOrientation,
-    /// Number of the point, from 1, and axis.
+    /// Number of the reference point, from 1, and coordinate axis, 0 to 2.
     Reference(usize, usize),
     TruePosition(usize),
     TrueOrientation(usize),
-    /// What a row touched: a file with it is a touch file, and only in one the next four mean something.
+    /// What a row touched. A file with this column is a touch file; the four quantities below have a meaning only in one.
     Feature,
     Value,
     Gravity(usize),
     Corner,
-    /// u, v as 0 and 1.
+    /// Image coordinate: u, v as 0 and 1.
     Pixel(usize),
 }
 
@@ -51,7 +51,7 @@ pub(super) enum Unit {
 }
 
 impl Unit {
-    /// "a number in degrees".
+    /// Returns what a message expects of a field in this unit, for example "a number in degrees".
     pub(super) fn expected(self) -> &'static str {
         match self {
             Self::Degree => "a number in degrees",
@@ -70,13 +70,13 @@ impl Unit {
 /// One column of the file.
 #[derive(Clone, Debug)]
 pub(super) struct Column {
-    /// Place in a row, from 0.
+    /// Index of the column in a row, from 0.
     pub index: usize,
     pub name: String,
     pub unit: Unit,
 }
 
-/// The columns of a file, complete.
+/// All columns of a measurement file.
 pub(super) struct Columns {
     pub joints: Vec<Column>,
     pub payload: Option<Column>,
@@ -89,7 +89,7 @@ pub(super) struct Columns {
     pub sigma_orientation: Option<Column>,
     pub references: Vec<[Column; 3]>,
     pub truth: Option<([Column; 3], [Column; 4])>,
-    /// Names that mean nothing here.
+    /// Names of unknown columns.
     unknown: Vec<String>,
 }
 
@@ -97,7 +97,7 @@ pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 pub(super) const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 
 impl Columns {
-    /// The columns of a table; `file` is for messages.
+    /// Identifies the columns of a table; `file` is for messages.
     pub(super) fn parse(file: &Path, table: &Table) -> Result<Self, InputError> {
         let mut header = Header::new(file, table)?;
         if let Some(column) = header.known.get(&Quantity::Feature) {
@@ -141,7 +141,7 @@ impl Columns {
         })
     }
 
-    /// The columns of a file of joint targets: the joints and, where there is one, the payload.
+    /// Identifies the columns of a file of joint targets: the joints and, if present, the payload.
     pub(super) fn of_targets(
         file: &Path,
         table: &Table,
@@ -156,18 +156,18 @@ impl Columns {
         Ok((header.joints()?, header.known.remove(&Quantity::Payload)))
     }
 
-    /// The note about ignored columns.
+    /// Returns the note about ignored columns, if there are any.
     pub(super) fn notes(&self) -> Vec<String> {
         ignored(&self.unknown)
     }
 
-    /// The joints' columns, as the set keeps them.
+    /// Returns the columns of the joints as the set keeps them.
     pub(super) fn joint_columns(&self) -> Vec<JointColumn> {
         joint_columns(&self.joints)
     }
 }
 
-/// The note about columns that are ignored, if there are any.
+/// Returns the note about ignored columns, if there are any.
 pub(super) fn ignored(unknown: &[String]) -> Vec<String> {
     match unknown.len() {
         0 => Vec::new(),
@@ -182,7 +182,7 @@ pub(super) fn ignored(unknown: &[String]) -> Vec<String> {
     }
 }
 
-/// Columns of joints, as a set keeps them.
+/// Converts joint columns to the form that a set keeps.
 pub(super) fn joint_columns(joints: &[Column]) -> Vec<JointColumn> {
     let joint = |column: &Column| JointColumn {
         column: column.index + 1,
@@ -197,7 +197,7 @@ pub(super) fn joint_columns(joints: &[Column]) -> Vec<JointColumn> {
     joints.iter().map(joint).collect()
 }
 
-/// What the names of a table's columns mean, and the names that mean nothing here.
+/// Returns the known columns of a table by quantity, and the names of the unknown ones.
 fn named(
     file: &Path,
     table: &Table,
@@ -235,12 +235,12 @@ fn named(
     Ok((known, unknown))
 }
 
-/// The columns that are known but not yet taken.
+/// The known columns that have not been taken yet.
 pub(super) struct Header<'a> {
     pub file: &'a Path,
     pub line: usize,
     pub known: BTreeMap<Quantity, Column>,
-    /// Names that mean nothing here.
+    /// Names of unknown columns.
     pub unknown: Vec<String>,
 }
 
@@ -345,7 +345,7 @@ impl Header<'_> {
         }
     }
 
-    /// N columns that belong together: all, or none of them.
+    /// Takes N columns that belong together: either all of them or none must be present.
     pub(super) fn group<const N: usize, S: AsRef<str>>(
         &mut self,
         all: &str,
@@ -387,10 +387,10 @@ fn list(names: &[String]) -> String {
         .join(", ")
 }
 
-/// Name of the column that makes a file one of touches.
+/// Name of the column that makes a file a touch file.
 pub(super) const FEATURE: &str = "feature";
 
-/// What the name of a column says in a touch file alone.
+/// Returns the quantity and unit of a column name that has a meaning only in a touch file.
 fn meaning_of_touch(name: &str) -> Option<(Quantity, Unit)> {
     Some(match name {
         FEATURE => (Quantity::Feature, Unit::None),
@@ -406,7 +406,7 @@ fn meaning_of_touch(name: &str) -> Option<(Quantity, Unit)> {
     })
 }
 
-/// What the name of a column says.
+/// Returns the quantity and unit of a column name.
 fn meaning(name: &str) -> Option<(Quantity, Unit)> {
     let whole = match name {
         "payload_kg" => Some((Quantity::Payload, Unit::Kilogram)),
@@ -457,7 +457,7 @@ fn meaning(name: &str) -> Option<(Quantity, Unit)> {
     Some((Quantity::Reference(point, axis), unit))
 }
 
-/// A number from 0 to 99 as people write it: digits, no leading zero.
+/// Parses a number from 0 to 99 in its usual form: digits without a leading zero.
 fn number(text: &str) -> Option<usize> {
     let plain = text.len() <= 2 && text.bytes().all(|byte| byte.is_ascii_digit());
     if !plain || (text.len() > 1 && text.starts_with('0')) {

@@ -1,24 +1,24 @@
-//! How long after the beginning of its session each row was measured.
+//! How long after the start of its session each row was measured.
 
 use serde::Serialize;
 
 use crate::measurement::set::MeasurementSet;
 
-/// Fewer rows may be sorted by chance.
+/// Number of rows below which a sorted column is attributed to chance.
 pub const LEAST_SORTED: usize = 8;
 
 /// The unit of a time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeUnit {
-    /// The file states the moment of each row.
+    /// Seconds: the file states the time of each row.
     Seconds,
-    /// It does not, and its rows stand in the order of time.
+    /// Rows: the file states no times, and its rows are in chronological order.
     Rows,
 }
 
 impl TimeUnit {
-    /// Behind a number.
+    /// Returns the unit as it is written after a number.
     pub fn name(self) -> &'static str {
         match self {
             Self::Seconds => "s",
@@ -27,18 +27,18 @@ impl TimeUnit {
     }
 }
 
-/// Time since the beginning of a session.
+/// Time since the start of a session.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Elapsed {
-    /// ≥ 0.
+    /// Time elapsed, in `unit`, ≥ 0.
     pub value: f64,
-    /// What it counts.
+    /// Unit of `value`.
     pub unit: TimeUnit,
 }
 
 impl MeasurementSet {
-    /// The column by which the rows are sorted, so that their order is not that of time; `None` where the file states the
-    /// moment of each row, or has too few rows.
+    /// Returns the name of a column by which the rows are sorted, so that their order is not chronological. `None` if no
+    /// column is sorted, if the file states the time of each row, or if it has too few rows.
     pub fn sorted_by(&self) -> Option<String> {
         let all = &self.measurements;
         if all.len() < LEAST_SORTED || all[0].time_s.is_some() {
@@ -61,7 +61,7 @@ impl MeasurementSet {
         sorted.map(|(name, _)| name)
     }
 
-    /// The number of the session of each row, in order of appearance.
+    /// Returns the session index of each row; sessions are numbered in order of appearance.
     pub fn session_of_rows(&self) -> Vec<usize> {
         let mut names: Vec<Option<&str>> = Vec::new();
         let mut out = Vec::with_capacity(self.measurements.len());
@@ -76,7 +76,8 @@ impl MeasurementSet {
         out
     }
 
-    /// The time of each row since the first of its session; `None` where the rows are not in the order of time.
+    /// Returns the time of each row since the first row of its session; `None` for every row if the rows are not in
+    /// chronological order.
     pub fn elapsed(&self) -> Vec<Option<Elapsed>> {
         if self.sorted_by().is_some() {
             return vec![None; self.measurements.len()];

@@ -1,8 +1,8 @@
 //! Cross-validation folds that do not leak.
 //!
-//! Two measurements of the same joint configuration differ by noise only; if one is trained on and the other tested,
-//! the test reports the noise. Configurations whose joints are all equal within 0.1° (0.1 mm for a prismatic joint) are
-//! therefore kept together, also through a chain of neighbours.
+//! Two measurements of the same joint configuration differ only by noise. If one is in the training set and the other in the
+//! test set, the test reports only the noise. Configurations whose joints are all equal within 0.1° (0.1 mm for a prismatic
+//! joint) are therefore kept in one fold, including those connected by a chain of neighbours.
 
 use poegp_protocol::JointKind;
 use rand::SeedableRng;
@@ -11,11 +11,11 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::sample::Sample;
 
-/// Joint values closer than this are the same configuration: rad and m.
+/// Largest difference of joint values that counts as the same configuration, in rad and m.
 const SAME_ANGLE: f64 = 0.1 * std::f64::consts::PI / 180.0;
 const SAME_LENGTH: f64 = 1e-4;
 
-/// Index of the group of each row of joints (rad or m): groups hold all rows of the same configuration.
+/// Returns the group index of each row of joints (rad or m). A group holds all rows of the same configuration.
 pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize> {
     let same = |a: &[f64], b: &[f64]| {
         a.iter().zip(b).zip(kinds).all(|((x, y), kind)| {
@@ -42,16 +42,16 @@ pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize>
     group
 }
 
-/// A division of samples into folds.
+/// A partition of samples into folds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Folds {
-    /// The fold of each sample.
+    /// Fold index of each sample.
     fold: Vec<usize>,
 }
 
 impl Folds {
-    /// Divides `samples` into `count` folds, drawn with `seed`. Sizes differ by no more than the largest group of equal
-    /// configurations.
+    /// Divides `samples` at random, with `seed`, into `count` folds. Fold sizes differ by at most the size of the largest
+    /// group of equal configurations.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
         let joints: Vec<&[f64]> = samples.iter().map(|s| s.joints.as_slice()).collect();
         let group = same_configurations(&joints, kinds);
@@ -61,7 +61,8 @@ impl Folds {
         }
         members.retain(|m| !m.is_empty());
         members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-        // Large groups first, each to the fold that is smallest so far; the sort is stable, so the draw decides the rest.
+        // Large groups come first, each into the currently smallest fold. The sort is stable, so the random order decides
+        // among equals.
         members.sort_by_key(|m| std::cmp::Reverse(m.len()));
         let (mut fold, mut sizes) = (vec![0; samples.len()], vec![0_usize; count]);
         for group in members {
@@ -74,12 +75,12 @@ impl Folds {
         Self { fold }
     }
 
-    /// The samples of fold `k`, by index.
+    /// Returns the indices of the samples in fold `k`.
     pub fn members(&self, k: usize) -> impl Iterator<Item = usize> {
         (0..self.fold.len()).filter(move |i| self.fold[*i] == k)
     }
 
-    /// What fold `k` trains on and what it is tested on, each in the order of `items`: one for each sample.
+    /// Splits `items`, one per sample, into the training set and the test set of fold `k`. Both keep the order of `items`.
     pub fn split<T: Clone>(&self, items: &[T], k: usize) -> (Vec<T>, Vec<T>) {
         let part = |tested: bool| {
             let own = items.iter().zip(&self.fold);

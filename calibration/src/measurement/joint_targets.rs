@@ -1,11 +1,12 @@
-//! The file of joint targets: what a controller is to be sent, in the columns of a measurement file but without poses.
+//! The file of joint targets: the joints that a controller is to be sent, in the columns of a measurement file without
+//! poses.
 //!
-//! Only the joints (`q1_deg` …) and, where there is one, the payload (`payload_kg`) are read, by the rules of
-//! [`crate::measurement`]. All else is carried along: [`TargetColumns::rewrite`] gives the same lines in the same order,
-//! comments and columns that mean nothing here included, with other joints.
+//! Only the joints (`q1_deg` …) and, if present, the payload (`payload_kg`) are read, by the rules of
+//! [`crate::measurement`]. Everything else is carried along: [`TargetColumns::rewrite`] writes the same lines in the same
+//! order with other joints, and keeps comments and unknown columns.
 //!
-//! The file is read in chunks ([`TargetReader`]), and each chunk is rewritten on its own: a file of any length takes constant
-//! memory, and chunks may be rewritten at the same time.
+//! The file is read in chunks ([`TargetReader`]) and each chunk is rewritten on its own, so that a file of any length takes
+//! constant memory and chunks can be rewritten concurrently.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -22,10 +23,10 @@ use crate::measurement::table::{MEASURED_POSE, Part, Table, check_width, no_rows
 use crate::measurement::validate::{JointChecks, JointLimits};
 use crate::robot::Robot;
 
-/// What a file of joint targets is called in messages.
+/// Name of a file of joint targets in messages.
 const WHAT: &str = "a file of joint targets (CSV)";
 
-/// A file of joint targets that is being read.
+/// A reader of a file of joint targets.
 pub struct TargetReader<R> {
     chunks: Chunks<R>,
     start: Chunk,
@@ -39,11 +40,11 @@ pub struct TargetColumns {
     joints: Vec<Column>,
     payload: Option<Column>,
     joint_columns: Vec<JointColumn>,
-    /// The joint of each column, from 0.
+    /// Joint index of each column, from 0; `None` for a column that is not a joint.
     joint_of: Vec<Option<usize>>,
 }
 
-/// One row.
+/// One row of a file of joint targets.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
     /// Line in the file, from 1.
@@ -54,12 +55,12 @@ pub struct Target<'a> {
     pub payload_kg: Option<f64>,
 }
 
-/// A row by itself: its line in the file, from 1, its joints (rad or m) and its payload in kg.
+/// A row in owned form: its line in the file, from 1, its joints (rad or m) and its payload in kg.
 pub type OwnTarget = (usize, Vec<f64>, Option<f64>);
 
-/// What is to stand in a rewritten row. Both append a text that needs no quotation marks.
+/// The new fields of a rewritten row. Both methods append text that needs no quotation marks.
 pub trait NewFields {
-    /// Appends the field of a joint (from 0); `false` leaves the field as it was.
+    /// Appends the field of a joint (from 0). Returns `false` to leave the field as it was.
     fn joint(&self, joint: usize, out: &mut String) -> bool;
     /// Appends the fields of the new columns, with commas between them.
     fn added(&self, out: &mut String);
@@ -69,17 +70,17 @@ impl TargetReader<BufReader<File>> {
     /// Opens a file of joint targets and reads its header.
     ///
     /// # Errors
-    /// An [`InputError`] that names file, line and column of the first thing that is not as it should be.
+    /// Returns an [`InputError`] that names the file, line and column of the first thing that is invalid.
     pub fn open(path: &Path) -> Result<Self, InputError> {
         Self::begin(path, Chunks::open(path, WHAT)?)
     }
 }
 
 impl<R: BufRead> TargetReader<R> {
-    /// The same from any source; `path` is for messages.
+    /// Reads the header from any source; `path` is for messages.
     ///
     /// # Errors
-    /// As [`TargetReader::open`].
+    /// Those of [`TargetReader::open`].
     pub fn new(path: &Path, source: R) -> Result<Self, InputError> {
         Self::begin(path, Chunks::new(path, WHAT, source))
     }
@@ -106,26 +107,26 @@ impl<R: BufRead> TargetReader<R> {
         })
     }
 
-    /// The columns.
+    /// Returns the columns.
     pub fn columns(&self) -> &TargetColumns {
         &self.columns
     }
 
-    /// The columns, the beginning of the file up to its header, and what reads the chunks behind it one after the other.
+    /// Returns the columns, the beginning of the file up to its header, and a reader of the chunks after the header.
     pub fn into_parts(self) -> (TargetColumns, Chunk, TargetChunks<R>) {
         (self.columns, self.start, TargetChunks(self.chunks))
     }
 }
 
-/// The chunks of a file behind its header.
+/// Reader of the chunks after the header.
 pub struct TargetChunks<R>(Chunks<R>);
 
 impl<R: BufRead> TargetChunks<R> {
-    /// The next chunk; `None` at the end of the file.
+    /// Reads the next chunk; `None` at the end of the file.
     ///
     /// # Errors
-    /// An [`InputError`] for a file that cannot be read.
-    // It is no iterator: it ends with an error.
+    /// Returns an [`InputError`] if the file cannot be read.
+    // This is not an iterator, because reading can fail.
     #[allow(clippy::should_implement_trait)]
     pub fn next(&mut self) -> Result<Option<Chunk>, InputError> {
         self.0.next()
@@ -133,25 +134,25 @@ impl<R: BufRead> TargetChunks<R> {
 }
 
 impl TargetColumns {
-    /// The file, as it was given.
+    /// Returns the path of the file, as given by the caller.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether the file has the payload of each row.
+    /// Returns whether the file states the payload of each row.
     pub fn has_payload(&self) -> bool {
         self.payload.is_some()
     }
 
-    /// The joints' columns, base first.
+    /// Returns the columns of the joints, base first.
     pub fn joint_columns(&self) -> &[JointColumn] {
         &self.joint_columns
     }
 
-    /// What the values of the joints are checked against.
+    /// Returns the limits against which the joint values are checked.
     ///
     /// # Errors
-    /// An [`InputError`] where the columns cannot be the joints of `robot`.
+    /// Returns an [`InputError`] if the columns cannot be the joints of `robot`.
     pub fn limits<'a>(&'a self, robot: &'a Robot) -> Result<JointLimits<'a>, InputError> {
         JointLimits::new(
             &self.path,
@@ -161,10 +162,10 @@ impl TargetColumns {
         )
     }
 
-    /// Refuses a file that has one of these columns already.
+    /// Refuses a file that already has one of the columns `names`.
     ///
     /// # Errors
-    /// The [`InputError`] with `help`.
+    /// Returns an [`InputError`] with `help`.
     pub fn refuse_columns(&self, names: &[&str], help: &str) -> Result<(), InputError> {
         let clash = self.table.header.iter().position(|h| names.contains(&h));
         clash.map_or(Ok(()), |index| {
@@ -180,15 +181,15 @@ impl TargetColumns {
         })
     }
 
-    /// The error for a file that ends behind its header.
+    /// Creates the error for a file that ends after its header.
     pub fn no_rows(&self) -> InputError {
         no_rows(&self.path, self.table.header_line, MEASURED_POSE)
     }
 
-    /// Appends the beginning of the file, with new columns behind its own.
+    /// Appends the beginning of the file, with the names of the new columns after its own.
     ///
     /// # Errors
-    /// None; every line was read before.
+    /// None: every line was read before.
     pub fn rewrite_start(
         &self,
         start: &Chunk,
@@ -210,11 +211,11 @@ impl TargetColumns {
         })
     }
 
-    /// Appends the rows of a chunk with other joints and the fields of new columns behind their own, in order. Comments and
-    /// blank lines stay where they were. Every row is checked against `limits`; what was noticed is added to `checks`.
+    /// Appends the rows of a chunk with other joints, and with the fields of the new columns after their own. Comments and
+    /// blank lines keep their positions. Every row is checked against `limits`; what was noticed is added to `checks`.
     ///
     /// # Errors
-    /// An [`InputError`] that names file, line and column of the first thing that is not as it should be.
+    /// Returns an [`InputError`] that names the file, line and column of the first thing that is invalid.
     pub fn rewrite<F: NewFields>(
         &self,
         chunk: &Chunk,
@@ -260,7 +261,7 @@ impl TargetColumns {
 }
 
 impl TargetColumns {
-    /// The joints and the payload of one row.
+    /// Reads the joints of one row into `joints` and returns its payload.
     fn row(
         &self,
         line: usize,
@@ -277,10 +278,10 @@ impl TargetColumns {
     }
 }
 
-/// All rows of a file, in order, and what a user should see of them. Every row is checked against the limits of `robot`.
+/// Reads all rows of a file, in order, with notes for the user. Every row is checked against the limits of `robot`.
 ///
 /// # Errors
-/// An [`InputError`] that names file, line and column of the first thing that is not as it should be.
+/// Returns an [`InputError`] that names the file, line and column of the first thing that is invalid.
 pub fn read_targets(
     path: &Path,
     robot: &Robot,
@@ -309,7 +310,7 @@ fn push_line(out: &mut String, line: &str) {
     out.push('\n');
 }
 
-/// One field of a CSV file, behind a comma or not, with quotation marks where it needs them.
+/// Appends one field of a CSV file, after a comma if `has_comma`, with quotation marks if it needs them.
 fn push_field(out: &mut String, has_comma: bool, field: &str) {
     if has_comma {
         out.push(',');

@@ -1,7 +1,7 @@
-//! A measurement file that is too long to be held: read twice, in chunks.
+//! A measurement file that is too long to be kept in memory: it is read twice, in chunks.
 //!
-//! The first time every row is checked by the rules of [`crate::measurement`], and evenly spread rows are kept, as many as an
-//! examination or a fit of frames needs. The second time every row is a sample that somebody looks at and forgets.
+//! The first pass checks every row by the rules of [`crate::measurement`] and keeps evenly spread rows, as many as an
+//! examination or a fit of frames needs. The second pass turns every row into a sample that is used once and then dropped.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -20,31 +20,31 @@ use crate::numeric::parallel::in_order;
 use crate::progress::threads;
 use crate::robot::Robot;
 
-/// Bytes from which on a file is long: some 18 000 rows with orientations.
+/// File size in bytes from which a file is long: about 18 000 rows with orientations.
 pub const LONG: u64 = 4 << 20;
-/// Most rows that are kept of a long file; half as many are kept at least.
+/// Largest number of rows that are kept of a long file; at least half as many are kept.
 const MOST_KEPT: usize = 8192;
-/// What a measurement file is called in messages.
+/// Name of a measurement file in messages.
 const WHAT: &str = "a measurement file (CSV)";
 
-/// A long measurement file after its first reading.
+/// A long measurement file after its first pass.
 pub struct LongFile {
     path: PathBuf,
     columns: Columns,
     width: usize,
-    /// Rows of the whole file.
+    /// Number of rows in the whole file.
     rows: usize,
 }
 
-/// What a chunk was found to have in the first reading.
+/// Result of the first pass over a chunk.
 struct Checked {
     rows: Vec<Measurement>,
     joints: JointChecks,
-    /// How far the norm of a quaternion is off 1 at most, and in which line.
+    /// Largest deviation of a quaternion's norm from 1, and its line.
     norm: (f64, usize),
 }
 
-/// Rows that are kept of one tool: every `stride`th.
+/// The rows kept for one tool: every `stride`th.
 #[derive(Default)]
 struct Kept {
     stride: usize,
@@ -61,7 +61,7 @@ impl Kept {
         self.seen += 1;
     }
 
-    /// Forgets every second row.
+    /// Drops every second row and doubles the stride.
     fn thin(&mut self) {
         self.stride *= 2;
         let mut is_kept = false;
@@ -72,17 +72,17 @@ impl Kept {
     }
 }
 
-/// Whether a file is long. What can be read only once, a pipe, is not.
+/// Returns whether a file is long. A pipe is not, because it can be read only once.
 pub fn is_long(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() >= LONG)
 }
 
 impl LongFile {
-    /// Reads and checks all rows of a measurement file of `robot`. Tools that are not in `tools` yet are added to it. With the
-    /// rows that were kept, evenly spread over the file and over the rows of each tool.
+    /// Reads and checks all rows of a measurement file of `robot`. Returns the file and the kept rows, which are evenly
+    /// spread over the file and over the rows of each tool. Tools that are not yet in `tools` are added to it.
     ///
     /// # Errors
-    /// As [`SampleFile::read`], for the first row that is wrong.
+    /// Those of [`SampleFile::read`], for the first row that is wrong.
     pub fn read(
         path: &Path,
         robot: &Robot,
@@ -149,7 +149,7 @@ impl LongFile {
             joint_columns: joint_columns.clone(),
             measurements,
             notes: Vec::new(),
-            // No hash: nobody compares a long file with another.
+            // A long file is never compared with another one, so it needs no hash.
             sha256: [0; 32],
         };
         notes.extend(set.note_odd(robot));
@@ -172,11 +172,11 @@ impl LongFile {
         Ok((file, kept))
     }
 
-    /// Shows all rows, in chunks, to `work` on all cores, and what it made of them to `take` in the order of the file. The
-    /// samples are those of the measurements beside them, with their tools by the index in `tools`.
+    /// Passes all rows, in chunks, to `work` on all cores, and passes the results to `take` in file order. Each sample
+    /// belongs to the measurement with the same index; its tool is an index into `tools`.
     ///
     /// # Errors
-    /// Those of `take`, and an [`InputError`] for a file that is not the one that was read first.
+    /// Those of `take`, and an [`InputError`] if the file is not the one that was read in the first pass.
     pub fn each_chunk<O: Send, E: From<InputError>>(
         &self,
         robot: &Robot,
@@ -223,7 +223,7 @@ impl LongFile {
         }
     }
 
-    /// Shows every row, and how far the norm of its quaternion was off 1.
+    /// Passes every row to `show`, with the deviation of its quaternion's norm from 1.
     fn each_row(
         &self,
         chunk: &Chunk,
@@ -241,7 +241,7 @@ impl LongFile {
     }
 }
 
-/// What reads the chunks of a file behind its header.
+/// Opens a file and reads its header; returns the reader of the chunks after it.
 fn begin(path: &Path) -> Result<(Chunks<BufReader<File>>, Table, Columns), InputError> {
     let mut chunks = Chunks::open(path, WHAT)?;
     let (_, table) = chunks.header()?;

@@ -1,6 +1,6 @@
-//! The measurement file: what the instrument saw, with the joints that were commanded.
+//! The measurement file: the joints that were commanded and what the instrument saw at them.
 //!
-//! A CSV file with a header row, then one measured pose a row. The name of a column carries its unit, and past this
+//! It is a CSV file with a header row and then one measured pose per row. The name of a column carries its unit. Beyond this
 //! module there are only metres, radians and kilograms:
 //!
 //! ```text
@@ -15,12 +15,12 @@
 //! true_x_mm … true_qz    optional: the noiseless pose of a simulation, for scoring only
 //! ```
 //!
-//! Lines that start with `#` and blank lines are skipped; line ends may be CRLF, the file may begin with a UTF-8 byte
-//! order mark, and spaces around a field do not count. A column of another name is ignored, with a note. A quaternion
-//! whose norm is within 1e-3 of 1 is normalised, one beyond is refused. A row that repeats another is kept, with a note.
+//! Lines that start with `#` and blank lines are skipped. Lines may end with CRLF, the file may begin with a UTF-8 byte
+//! order mark, and spaces around a field are ignored. A column with any other name is ignored, with a note. A quaternion
+//! whose norm is within 1e-3 of 1 is normalised; any other is refused. A row that repeats another is kept, with a note.
 //!
-//! A reference point that is `0 0 0` or empty is a miss and becomes `None`. A *position* of `0 0 0` is a tracker miss
-//! too, and refused: a row without its measurement has no place in the file. Nothing else is repaired or dropped.
+//! A reference point that is `0 0 0` or empty is a miss and becomes `None`. A *position* of `0 0 0` is a tracker miss, too,
+//! but it is refused: a row without its measurement does not belong in the file. Nothing else is repaired or dropped.
 
 pub mod chunks;
 mod columns;
@@ -57,7 +57,8 @@ use crate::input_error::InputError;
 ///
 /// # Errors
 ///
-/// An [`InputError`] that names file, line and column of the first thing that is not as [`crate::measurement`] says.
+/// Returns an [`InputError`] that names the file, line and column of the first thing that violates the format described in
+/// [`crate::measurement`].
 pub fn read(path: impl AsRef<Path>) -> Result<MeasurementSet, InputError> {
     let path = path.as_ref();
     let bytes = std::fs::read(path)
@@ -69,7 +70,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<MeasurementSet, InputError> {
 ///
 /// # Errors
 ///
-/// As [`read`].
+/// Those of [`read`].
 pub fn parse(path: impl AsRef<Path>, bytes: &[u8]) -> Result<MeasurementSet, InputError> {
     let path = path.as_ref();
     let table = table::Table::parse(path, bytes, table::MEASURED_POSE)?;

@@ -1,28 +1,29 @@
-//! The noise of measurements: what all rows have in common, and what single rows have beyond it.
+//! The noise of measurements: the part common to all rows and the excess of single rows over it.
 //!
-//! An instrument may state a standard uncertainty σ_k for every row. What else moves a measurement (the arm's own
-//! repeatability, what no model explains) is stated nowhere and is the same in all rows, so that
+//! An instrument may state a standard uncertainty σ_k for every row. All other effects on a measurement (the arm's own
+//! repeatability, what no model explains) are stated nowhere and are the same in all rows. The variance of row k is
+//! therefore
 //!
 //! ```text
 //! v_k = v + (σ_k² − σ_q²),   v ≥ σ_q²        σ_q: the quietest row,  v: fitted
 //! ```
 //!
-//! Dividing by σ_k alone would believe a row of 3 µm 36 times as much as one of 18 µm, on an arm that repeats to 30.
-//! Without statements, or with the same one in all rows, v_k = v to the last bit.
+//! Weighting by σ_k alone would trust a row of 3 µm 36 times as much as one of 18 µm, on an arm that repeats only to 30 µm.
+//! Without stated uncertainties, or with the same one in all rows, v_k = v to the last bit.
 
 use crate::measurement::sample::Sample;
 
 pub use crate::measurement::observation::InstrumentNoise;
 
 impl InstrumentNoise {
-    /// The smallest that the samples state; unknown where one of them states nothing.
+    /// Returns the smallest noise that the samples state; unknown if any sample states none.
     pub fn min_over<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {
             values.iter().copied().fold(f64::INFINITY, f64::min)
         })
     }
 
-    /// The root mean square of what the samples state; unknown where one of them states nothing.
+    /// Returns the root mean square of the noise that the samples state; unknown if any sample states none.
     pub fn rms_over<F>(samples: &[Sample<F>]) -> Self {
         Self::pooled(samples, |values| {
             let sum: f64 = values.iter().map(|s| s * s).sum();
@@ -42,25 +43,25 @@ impl InstrumentNoise {
     }
 }
 
-/// NoiseScales of the rows: metres and radians that count as one, in the quietest row.
+/// Noise scales of the quietest row: the lengths in m and angles in rad that weigh as one unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NoiseScales {
-    /// √v of one position component in metres.
+    /// √v of one position component, in m.
     pub position: f64,
-    /// √v of one rotation component in radians.
+    /// √v of one rotation component, in rad.
     pub orientation: f64,
-    /// σ_q; where it is unknown all rows count alike.
+    /// σ_q, the noise stated for the quietest row; if unknown, all rows have the same weight.
     pub quietest: InstrumentNoise,
 }
 
-/// No instrument is quieter: standard deviation of one component, m and rad.
+/// Lower bound on the noise of any instrument: standard deviation of one component, in m and rad.
 pub const QUIETEST: (f64, f64) = (1e-6, 1e-6);
 
 impl NoiseScales {
-    /// Metres and radians count alike.
+    /// Unit scales: metres and radians have the same weight.
     pub const ONE: Self = Self::uniform(1.0, 1.0);
 
-    /// The same for all rows: metres and radians.
+    /// Creates scales that are the same for all rows, in m and rad.
     pub const fn uniform(position: f64, orientation: f64) -> Self {
         Self {
             position,
@@ -69,7 +70,7 @@ impl NoiseScales {
         }
     }
 
-    /// σ_k² − σ_q² of a row, m² and rad².
+    /// Returns the excess variance σ_k² − σ_q² of a row, in m² and rad².
     fn excess<F>(&self, sample: &Sample<F>) -> [f64; 2] {
         let of = |own: Option<f64>, quietest: Option<f64>| match (own, quietest) {
             (Some(own), Some(quietest)) => (own * own - quietest * quietest).max(0.0),
@@ -82,7 +83,7 @@ impl NoiseScales {
         ]
     }
 
-    /// The scales of one row: √v_k.
+    /// Returns the scales √v_k of one row.
     #[must_use]
     pub fn of<F>(&self, sample: &Sample<F>) -> Self {
         let own = |scale: f64, excess: f64| {
@@ -99,7 +100,7 @@ impl NoiseScales {
         )
     }
 
-    /// v / v_k of position and rotation: 1 in the quietest row.
+    /// Returns v / v_k for position and rotation: 1 in the quietest row.
     pub fn common_share<F>(&self, sample: &Sample<F>) -> [f64; 2] {
         let [position, orientation] = self.excess(sample);
         let share = |scale: f64, excess: f64| scale * scale / (scale * scale + excess);
@@ -109,9 +110,9 @@ impl NoiseScales {
         ]
     }
 
-    /// The scales that residuals in metres and radians ask for: v such that the mean of r²/v_k is one (the estimate of
-    /// Mandel and Paule), the mean square where all rows count alike. Position residuals are the first three of six; those
-    /// of rotation count where there are any.
+    /// Estimates the scales from residuals in metres and radians: v such that the mean of r²/v_k is one (the estimate of
+    /// Mandel and Paule), or the mean square if all rows have the same weight. The first three of the six residuals are
+    /// those of position; those of rotation are used only in samples with an orientation.
     pub fn estimated<F>(residuals: &[[f64; 6]], samples: &[Sample<F>]) -> Self {
         Self::pooled(residuals, samples, |rows| {
             let components = (3 * rows.len()).max(1) as f64;
@@ -127,7 +128,7 @@ impl NoiseScales {
         })
     }
 
-    /// As [`NoiseScales::estimated`], from the median: half of the rows may be anything.
+    /// Same as [`NoiseScales::estimated`], but from the median, so that up to half of the rows may have arbitrary errors.
     pub fn robust<F>(residuals: &[[f64; 6]], samples: &[Sample<F>]) -> Self {
         Self::pooled(residuals, samples, |rows| {
             let middle = |v: f64| {
@@ -142,7 +143,7 @@ impl NoiseScales {
         })
     }
 
-    /// `variance` of residual and excess of all rows, for position and rotation.
+    /// Applies `variance` to the residuals and excesses of all rows, once for position and once for rotation.
     fn pooled<F>(
         residuals: &[[f64; 6]],
         samples: &[Sample<F>],
@@ -170,7 +171,7 @@ impl NoiseScales {
         out
     }
 
-    /// Neither scale below `least`; a rotation scale of zero, that of positions alone, becomes one.
+    /// Raises both scales to at least `least`. A rotation scale of zero, which position-only samples give, becomes one.
     #[must_use]
     pub fn at_least(self, least: f64) -> Self {
         Self {
@@ -197,11 +198,11 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Where a decreasing function becomes negative between 0 and `upper`, where it is not positive; 0 where it is never
-/// positive.
+/// Finds by bisection where the decreasing function `f` changes sign between 0 and `upper`, at which it must not be
+/// positive. Returns 0 if `f` is never positive.
 fn root(upper: f64, f: impl Fn(f64) -> f64) -> f64 {
     let (mut below, mut above) = (0.0, upper);
-    // Halving a hundred times ends at the resolution of f64 for any root above 10⁻³⁰ of `upper`.
+    // A hundred bisections reach the resolution of f64 for any root above 10⁻³⁰ of `upper`.
     for _ in 0..100 {
         let middle = 0.5 * (below + above);
         if f(middle) > 0.0 {

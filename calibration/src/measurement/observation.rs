@@ -1,4 +1,4 @@
-//! What the instrument saw of a target, and how well.
+//! What the instrument observed of a target, and how accurately.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -8,14 +8,14 @@ use crate::numeric::statistics::PoseError;
 /// One observation of a target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Observation {
-    /// Position and orientation: the frame of observation from the target, metres.
+    /// Position and orientation: pose of the target in the frame of the observation, in m.
     Pose(Pose<f64>),
-    /// The position alone, metres.
+    /// Position only, in m.
     Position(Vector3<f64>),
 }
 
 impl Observation {
-    /// The position of the target in metres.
+    /// Returns the position of the target, in m.
     pub fn position(&self) -> Vector3<f64> {
         match self {
             Self::Pose(pose) => pose.translation,
@@ -23,7 +23,7 @@ impl Observation {
         }
     }
 
-    /// The whole pose; `None` where only the position was measured.
+    /// Returns the pose; `None` if only the position was measured.
     pub fn pose(&self) -> Option<Pose<f64>> {
         match self {
             Self::Pose(pose) => Some(*pose),
@@ -31,13 +31,13 @@ impl Observation {
         }
     }
 
-    /// Whether the orientation was measured.
+    /// Returns whether the orientation was measured.
     pub fn has_orientation(&self) -> bool {
         self.pose().is_some()
     }
 
-    /// The number of scalar equations that the observation gives: the first three of a residual are of position, the
-    /// others of orientation.
+    /// Returns the number of scalar equations that the observation gives. The first three components of a residual are
+    /// position, the others orientation.
     pub fn equations(&self) -> usize {
         match self {
             Self::Pose(_) => 6,
@@ -45,7 +45,7 @@ impl Observation {
         }
     }
 
-    /// The same observation in another frame.
+    /// Returns the observation in another frame.
     #[must_use]
     pub fn transformed(&self, new_from_old: &Pose<f64>) -> Self {
         match self {
@@ -54,7 +54,7 @@ impl Observation {
         }
     }
 
-    /// The error of a predicted pose in the same frame.
+    /// Returns the error of a predicted pose that is given in the same frame.
     pub fn error(&self, predicted: &Pose<f64>) -> PoseError {
         match self {
             Self::Pose(pose) => PoseError::between(pose, predicted),
@@ -63,23 +63,23 @@ impl Observation {
     }
 }
 
-/// What is known of the instrument, standard deviations of one component. Each may be unknown.
+/// Known noise of the instrument: standard deviations of one component. Each may be unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct InstrumentNoise {
-    /// Standard deviation of one position component in metres.
+    /// Standard deviation of one position component, in m.
     pub position: Option<f64>,
-    /// Standard deviation of one rotation component in radians.
+    /// Standard deviation of one rotation component, in rad.
     pub orientation: Option<f64>,
 }
 
 impl InstrumentNoise {
-    /// Nothing is known.
+    /// Noise of which nothing is known.
     pub const UNKNOWN: Self = Self {
         position: None,
         orientation: None,
     };
 
-    /// This where it is known, else `other`.
+    /// Returns this noise, with unknown components taken from `other`.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         Self {

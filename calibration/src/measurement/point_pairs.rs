@@ -1,4 +1,4 @@
-//! The same points in two frames: what carries a base from one station of the instrument to the next, or states where it is.
+//! Points measured in two frames: they carry a base from one station of the instrument to the next, or state where it is.
 
 use std::path::Path;
 
@@ -11,50 +11,50 @@ use crate::measurement::rows::Row;
 use crate::measurement::table::{MEASURED_POSE, Table};
 use crate::numeric::rotation::aligned;
 
-/// What one coordinate of a point is measured to where the file does not say, m: a laser tracker's.
+/// Standard uncertainty of one coordinate if the file states none, in m: that of a laser tracker.
 const USUAL_SIGMA: f64 = 30e-6;
-/// Standard deviations beyond which a point was moved.
+/// Number of standard deviations beyond which a point counts as moved.
 const MOST_SIGMAS: f64 = 3.0;
-/// Fewest points: three fix a frame, a fourth shows one that moved.
+/// Smallest number of points: three determine a frame, a fourth reveals one that moved.
 const FEWEST: usize = 3;
-/// Shares of the longest extent below which points lie on a line.
+/// Ratio of the second-longest to the longest extent below which points count as lying on a line.
 const SPREAD: f64 = 1e-2;
 
-/// The same points in two frames.
+/// Points measured in two frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointPairs {
-    /// Line and coordinates of each, m.
+    /// Line of each point in the file and its coordinates in both frames, in m.
     points: Vec<(usize, Vector3<f64>, Vector3<f64>)>,
-    /// Standard uncertainty of a coordinate, m.
+    /// Standard uncertainty of a coordinate, in m.
     sigma: f64,
 }
 
-/// The transform between the frames.
+/// The transform between the two frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Registration {
-    /// `second_from_first`.
+    /// The transform `second_from_first`.
     pub pose: Pose<f64>,
     /// Number of points.
     pub points: usize,
-    /// RMS distance that stays between a point and itself, m.
+    /// RMS distance between the two positions of a point after the transform, in m.
     pub rms: f64,
 }
 
 impl PointPairs {
-    /// Reads a file with columns `{first}_x_mm` … and `{second}_x_mm` … (also `_m`), and `sigma_mm` where it is known.
+    /// Reads a file with columns `{first}_x_mm` … and `{second}_x_mm` … (also `_m`), and the optional column `sigma_mm`.
     ///
     /// # Errors
-    /// [`InputError`] with file, line and column.
+    /// Returns an [`InputError`] with file, line and column.
     pub fn read(path: &Path, first: &str, second: &str) -> Result<Self, InputError> {
         let bytes = std::fs::read(path)
             .map_err(|error| InputError::unreadable(path, &error, "a file of points (CSV)"))?;
         Self::parse(path, &bytes, first, second)
     }
 
-    /// [`PointPairs::read`] of bytes; `path` is for messages.
+    /// Same as [`PointPairs::read`], for the bytes of a file; `path` is for messages.
     ///
     /// # Errors
-    /// As [`PointPairs::read`].
+    /// Those of [`PointPairs::read`].
     pub fn parse(path: &Path, bytes: &[u8], first: &str, second: &str) -> Result<Self, InputError> {
         let table = Table::parse(path, bytes, MEASURED_POSE)?;
         let of = |prefix: &str| -> Result<Vec<Column>, InputError> {
@@ -104,10 +104,10 @@ impl PointPairs {
         Ok(Self { points, sigma })
     }
 
-    /// The transform that takes the points of the first frame to those of the second, by least squares.
+    /// Returns the transform that takes the points of the first frame to those of the second, by least squares.
     ///
     /// # Errors
-    /// [`InputError`] that names the point that was moved.
+    /// Returns an [`InputError`] that names the point that was moved.
     pub fn registration(&self, path: &Path) -> Result<Registration, InputError> {
         let first: Vec<Vector3<f64>> = self.points.iter().map(|(_, first, _)| *first).collect();
         let second: Vec<Vector3<f64>> = self.points.iter().map(|(.., second)| *second).collect();
@@ -117,7 +117,7 @@ impl PointPairs {
             .zip(&second)
             .map(|(a, b)| (pose.transform_point(a) - b).norm())
             .collect();
-        // The difference of two measured points has twice the variance, and three coordinates.
+        // The difference of two measured points has twice the variance of one, in each of three coordinates.
         let limit = MOST_SIGMAS * self.sigma * 6.0_f64.sqrt();
         let worst = (0..off.len()).max_by(|a, b| off[*a].total_cmp(&off[*b]));
         if let Some(worst) = worst.filter(|worst| off[*worst] > limit) {
@@ -146,7 +146,7 @@ impl PointPairs {
     }
 }
 
-/// The column of a length by its name without the unit.
+/// Finds the column of a length by its name without the unit.
 fn column(path: &Path, table: &Table, name: &str) -> Result<Column, InputError> {
     for (unit, ending) in [(Unit::Millimetre, "mm"), (Unit::Metre, "m")] {
         let name = format!("{name}_{ending}");
@@ -163,7 +163,7 @@ fn column(path: &Path, table: &Table, name: &str) -> Result<Column, InputError> 
     .at_line(table.header_line))
 }
 
-/// Whether points lie on a line, or all on one spot.
+/// Returns whether the points lie on a line or coincide.
 fn are_on_a_line(points: &[Vector3<f64>]) -> bool {
     let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
     let spread = points

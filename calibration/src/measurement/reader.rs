@@ -1,4 +1,4 @@
-//! From a measurement file to samples of a robot: read, checked, and with the motion of the instrument taken out.
+//! Reads a measurement file into samples of a robot: checks it and removes the motion of the instrument.
 
 use std::path::Path;
 
@@ -8,27 +8,27 @@ use crate::measurement::sample::{InstrumentSample, ToolName, samples};
 use crate::measurement::set::MeasurementSet;
 use crate::robot::Robot;
 
-/// What is done about the motion of the instrument through a file.
+/// How the motion of the instrument in the course of a file is corrected.
 #[derive(Clone, Copy, Debug)]
 pub enum DriftCorrection<'a> {
-    /// Nothing.
+    /// No correction.
     None,
-    /// It is estimated from the reference points of the file and taken out.
+    /// The motion is estimated from the reference points of the file and removed.
     Estimated,
-    /// It is taken out relative to where another file of the same set-up saw the reference points.
+    /// The motion is removed relative to where another file of the same set-up saw the reference points.
     RelativeTo(&'a Drift),
 }
 
-/// A measurement file as samples of a robot.
+/// A measurement file and its samples of a robot.
 #[derive(Clone, Debug)]
 pub struct SampleFile {
-    /// The file, as it was measured.
+    /// The file as it was measured.
     pub set: MeasurementSet,
-    /// What the reader noticed and its user should see.
+    /// Notes of the reader for its user.
     pub notes: Vec<String>,
-    /// Its rows in order, without the motion of the instrument where that was taken out.
+    /// The rows as samples, in order, without the motion of the instrument if it was corrected.
     pub samples: Vec<InstrumentSample>,
-    /// The motion that was taken out.
+    /// The motion that was removed, if any.
     pub drift: Option<Drift>,
 }
 
@@ -36,8 +36,8 @@ impl SampleFile {
     /// Reads a measurement file of `robot`. Tools that are not in `tools` yet are added to it.
     ///
     /// # Errors
-    /// [`InputError`] for a file that is not as [`crate::measurement`] says, that cannot be of this robot, that has more
-    /// tools than a blob holds, or whose reference points do not show how the instrument moved.
+    /// Returns an [`InputError`] for a file that violates the format described in [`crate::measurement`], that cannot belong
+    /// to this robot, that has more tools than a blob holds, or whose reference points do not show how the instrument moved.
     pub fn read(
         path: &Path,
         robot: &Robot,
@@ -47,10 +47,10 @@ impl SampleFile {
         Self::of(super::read(path)?, robot, tools, correction)
     }
 
-    /// As [`SampleFile::read`], for the bytes of a file; `name` is for messages.
+    /// Same as [`SampleFile::read`], for the bytes of a file; `name` is for messages.
     ///
     /// # Errors
-    /// As [`SampleFile::read`].
+    /// Those of [`SampleFile::read`].
     pub fn parse(
         name: &Path,
         bytes: &[u8],

@@ -1,4 +1,4 @@
-//! From fields to measurements in SI units, and what is worth a note about them.
+//! Converts fields to measurements in SI units, with notes about them.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -12,17 +12,17 @@ use crate::measurement::columns::{Column, Columns, Unit};
 use crate::measurement::set::Measurement;
 use crate::measurement::table::{Table, quoted};
 
-/// Farthest that a target is from an instrument, metres: trackers reach 80 m.
+/// Largest distance of a target from an instrument, in m: trackers reach 80 m.
 const FARTHEST: f64 = 100.0;
-/// How far the norm of a quaternion may be off 1. Three decimals are within it; other numbers taken for a quaternion are
-/// hardly ever.
+/// Largest deviation of a quaternion's norm from 1. Quaternions with three decimals are within it; other numbers mistaken
+/// for a quaternion hardly ever are.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
-/// A norm that is off 1 by more than this is noted when the quaternion is normalised.
+/// Deviation of the norm from 1 above which normalising a quaternion is noted.
 const QUATERNION_NOTE: f64 = 1e-6;
-/// Entries that a note lists at most.
+/// Largest number of entries that a note lists.
 const LISTED: usize = 5;
 
-/// All rows and the notes about them; `file` is for messages.
+/// Converts all rows and returns them with notes about them; `file` is for messages.
 pub(super) fn measurements(
     file: &Path,
     table: &Table,
@@ -59,7 +59,7 @@ pub(super) fn measurements(
     Ok((measurements, notes))
 }
 
-/// The note about quaternions whose norm is off 1 by so much at most, in this line.
+/// Returns the note about quaternions whose norm deviates from 1, given the largest deviation and its line.
 pub(super) fn norm_note((off_unit, line): (f64, usize)) -> Option<String> {
     (off_unit > QUATERNION_NOTE).then(|| {
         format!(
@@ -85,7 +85,7 @@ pub(super) fn repeated_rows(table: &Table) -> Vec<String> {
     repeats.text().map(text).into_iter().collect()
 }
 
-/// How many rows and which: "1 row (line 4)", "9 rows (lines 83, 104, …)", the first few only.
+/// A count of rows and the first few of them: "1 row (line 4)", "9 rows (lines 83, 104, …)".
 #[derive(Clone, Debug, Default)]
 pub(super) struct Listed {
     count: usize,
@@ -100,14 +100,14 @@ impl Listed {
         }
     }
 
-    /// With rows that come later.
+    /// Adds rows that come later in the file.
     pub(super) fn extend(&mut self, later: Self) {
         self.count += later.count;
         self.first.extend(later.first);
         self.first.truncate(LISTED);
     }
 
-    /// `None` where there are no such rows.
+    /// Returns the count and the lines as text; `None` if there are no such rows.
     pub(super) fn text(&self) -> Option<String> {
         let list = self.first.join(", ");
         match self.count {
@@ -127,7 +127,7 @@ pub(super) struct Row<'a> {
 }
 
 impl Row<'_> {
-    /// The measurement, and how far its quaternion's norm is off 1.
+    /// Returns the measurement, and the deviation of its quaternion's norm from 1.
     pub(super) fn measurement(&self, columns: &Columns) -> Result<(Measurement, f64), InputError> {
         let joints = columns
             .joints
@@ -177,7 +177,7 @@ impl Row<'_> {
         Ok((measurement, off_unit))
     }
 
-    /// The payload of a row that has no pose; its joints are in `joints` then.
+    /// Reads the joints of a row without a pose into `joints` and returns its payload.
     pub(super) fn target(
         &self,
         columns: &[Column],
@@ -214,7 +214,7 @@ impl Row<'_> {
         column.as_ref().map(read).transpose()
     }
 
-    /// A finite number in SI units.
+    /// Reads a finite number and converts it to SI units.
     pub(super) fn number(&self, column: &Column) -> Result<f64, InputError> {
         let text = self.field(column);
         let error = || self.error(column, quoted(text), column.unit.expected());
@@ -284,7 +284,7 @@ impl Row<'_> {
         }
     }
 
-    /// A point in metres, at a distance that an instrument can see.
+    /// Reads a point in m whose coordinates are within the range of an instrument.
     pub(super) fn position(&self, columns: &[Column; 3]) -> Result<Vector3<f64>, InputError> {
         let mut position = Vector3::zeros();
         for (axis, column) in columns.iter().enumerate() {
@@ -314,7 +314,7 @@ impl Row<'_> {
         Ok((point != Vector3::zeros()).then_some(point))
     }
 
-    /// (w, (x, y, z)), normalised, and how far its norm was off 1.
+    /// Returns (w, (x, y, z)), normalised, and the deviation of its norm from 1.
     pub(super) fn quaternion(
         &self,
         columns: &[Column; 4],
@@ -336,7 +336,7 @@ impl Row<'_> {
         );
         let norm = (w * w + dot(&v, &v)).sqrt();
         let off_unit = (norm - 1.0).abs();
-        // Written so that a norm that is not a number is refused, too.
+        // The comparison also refuses a norm that is not a number.
         if off_unit <= QUATERNION_TOLERANCE {
             return Ok((w / norm, v / norm, off_unit));
         }
@@ -353,8 +353,8 @@ impl Row<'_> {
     }
 }
 
-/// A thousandth of a decimal number, rounded once: the point is moved in the text, so that `1234.567` millimetres are the
-/// bits of `1.234567` metres.
+/// Returns a thousandth of a decimal number, rounded only once: the decimal point is moved in the text, so that `1234.567`
+/// millimetres and `1.234567` metres give the same bits.
 fn thousandth(text: &str) -> Option<f64> {
     let (digits, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
     let exponent = exponent.parse::<i64>().ok()?.checked_sub(3)?;

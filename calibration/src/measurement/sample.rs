@@ -1,4 +1,4 @@
-//! From a measurement file to what a fit needs: joints through the coupling, and the tool of every row.
+//! Converts a measurement file to what a fit needs: the joints of the serial chain, and the tool of every row.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -12,42 +12,42 @@ use crate::measurement::observation::{InstrumentNoise, Observation};
 use crate::measurement::set::{Measurement, MeasurementSet};
 use crate::robot::Robot;
 
-/// Observed from the instrument: `instrument_from_target`.
+/// Frame of an observation from the instrument: `instrument_from_target`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Instrument;
 
-/// Observed from the base of the robot: `base_from_target`.
+/// Frame of an observation from the base of the robot: `base_from_target`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Base;
 
-/// One measurement with everything that a fit needs to know about it; `F` is the frame of its observation.
+/// One measurement with everything that a fit needs; `F` is the frame of its observation.
 #[derive(Clone, Debug)]
 pub struct Sample<F> {
-    /// The controller's joints, rad or m: the inputs of the correction.
+    /// The controller's joints, in rad or m: the inputs of the correction.
     pub joints: Vec<f64>,
     /// The joints of the serial chain, C q.
     pub serial_joints: Vec<f64>,
     /// Payload in kg, where it is known.
     pub payload_kg: Option<f64>,
-    /// What was seen of the target.
+    /// Observation of the target.
     pub observation: Observation,
-    /// The frame of `observation`.
+    /// Frame of `observation`.
     pub frame: F,
-    /// Which tool it was measured with, from 0: one for each session and target.
+    /// Index of the tool, from 0; each session and target has its own tool.
     pub tool: usize,
-    /// The noise that the file declares for this row.
+    /// Noise that the file declares for this row.
     pub declared_noise: InstrumentNoise,
-    /// When it was measured, where that is known.
+    /// Time of the measurement since the start of its session, if known.
     pub elapsed: Option<Elapsed>,
 }
 
-/// A sample as the file has it.
+/// A sample in the instrument's frame, as the file has it.
 pub type InstrumentSample = Sample<Instrument>;
-/// A sample as the fits behind the base-tool calibration see it.
+/// A sample in the base frame, as used by the fits that follow the base-tool calibration.
 pub type BaseSample = Sample<Base>;
 
-/// Number of samples that differ in joints, payload or tool from all before: measuring a pose again shows its noise and
-/// nothing of the robot.
+/// Returns the number of samples that differ in joints, payload or tool from all earlier ones: measuring a pose again shows
+/// its noise but nothing about the robot.
 pub fn different_poses<F>(samples: &[Sample<F>]) -> usize {
     let key = |s: &Sample<F>| -> (Vec<u64>, Option<u64>, usize) {
         // 0.0 and −0.0 are the same joint value.
@@ -59,7 +59,7 @@ pub fn different_poses<F>(samples: &[Sample<F>]) -> usize {
 }
 
 impl<F> Sample<F> {
-    /// A sample of the first tool, without payload or declared noise.
+    /// Creates a sample of the first tool, without payload, declared noise or time.
     pub fn new(
         joints: Vec<f64>,
         serial_joints: Vec<f64>,
@@ -78,7 +78,7 @@ impl<F> Sample<F> {
         }
     }
 
-    /// The same sample with `known` in place of what its row declares, where it is known.
+    /// Replaces the noise that the row declares by `known`, component by component where it is known.
     #[must_use]
     pub fn with_noise(self, known: InstrumentNoise) -> Self {
         Self {
@@ -88,17 +88,17 @@ impl<F> Sample<F> {
     }
 }
 
-/// A tool by what a measurement file calls it: the session in which it was mounted and the name of its target.
+/// Identity of a tool in a measurement file: the session in which it was mounted and the name of its target.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ToolName {
-    /// Empty when the file has no sessions.
+    /// Name of the session; empty if the file has no sessions.
     pub session: String,
-    /// Empty when the file names no targets.
+    /// Name of the target; empty if the file names no targets.
     pub target: String,
 }
 
 impl ToolName {
-    /// Whether a row was measured with this tool.
+    /// Returns whether a row was measured with this tool.
     fn is_of(&self, m: &Measurement) -> bool {
         m.session.as_deref().unwrap_or_default() == self.session
             && m.target.as_deref().unwrap_or_default() == self.target
@@ -116,10 +116,10 @@ impl std::fmt::Display for ToolName {
     }
 }
 
-/// The rows of `set` as samples of `robot`, in order. Tools that are not in `tools` yet are added to it.
+/// Converts the rows of `set` to samples of `robot`, in order. Tools that are not yet in `tools` are added to it.
 ///
 /// # Errors
-/// [`InputError`] when there are more tools than a blob holds.
+/// Returns an [`InputError`] if there are more tools than a blob holds.
 pub fn samples(
     set: &MeasurementSet,
     robot: &Robot,
@@ -136,7 +136,7 @@ pub fn samples(
     Ok(out)
 }
 
-/// The tool of a row by its index; one that is not in `tools` yet is added.
+/// Returns the index of the tool of a row; a tool that is not yet in `tools` is added.
 pub(super) fn tool_of(
     path: &Path,
     m: &Measurement,
@@ -162,7 +162,7 @@ pub(super) fn tool_of(
     Ok(tool)
 }
 
-/// One row as a sample of `robot`, of an unknown moment.
+/// Converts one row to a sample of `robot`, without its time.
 pub(super) fn sample(m: &Measurement, robot: &Robot, tool: usize) -> InstrumentSample {
     let pose = m.instrument_from_target().map(Observation::Pose);
     Sample {
@@ -180,7 +180,7 @@ pub(super) fn sample(m: &Measurement, robot: &Robot, tool: usize) -> InstrumentS
     }
 }
 
-/// The samples as the base of the robot sees them.
+/// Transforms the samples to the base frame of the robot.
 pub fn in_base_frame(
     samples: &[InstrumentSample],
     instrument_from_base: &Pose<f64>,

@@ -1,4 +1,4 @@
-//! The samples of one measurement file with all that belongs to them.
+//! The samples of one measurement file, with their tools, lines and notes.
 
 use std::ops::Deref;
 use std::path::Path;
@@ -8,17 +8,17 @@ use crate::measurement::reader::{DriftCorrection, SampleFile};
 use crate::measurement::sample::{InstrumentSample, ToolName};
 use crate::robot::Robot;
 
-/// The samples of a measurement file, in its order.
+/// The samples of a measurement file, in file order.
 #[derive(Clone, Debug)]
 pub struct Samples {
     samples: Vec<InstrumentSample>,
-    /// The tools that the samples name by index.
+    /// Tools of the samples, which refer to them by index.
     pub tools: Vec<ToolName>,
-    /// The line of each sample in the file, from 1.
+    /// Line of each sample in the file, from 1.
     pub lines: Vec<usize>,
     /// SHA-256 of the file.
     pub sha256: [u8; 32],
-    /// What the reader noticed and its user should see.
+    /// Notes of the reader for its user.
     pub notes: Vec<String>,
 }
 
@@ -26,15 +26,16 @@ impl Samples {
     /// Reads a measurement file of `robot` and checks its rows.
     ///
     /// # Errors
-    /// [`InputError`] names file, line and column of the first thing that is wrong.
+    /// Returns an [`InputError`] that names the file, line and column of the first thing that is wrong.
     pub fn read(path: impl AsRef<Path>, robot: &Robot) -> Result<Self, InputError> {
         Self::read_after(path, robot, Vec::new())
     }
 
-    /// As [`Samples::read`], of a file whose tools may have been measured before: `known` keep their indices.
+    /// Same as [`Samples::read`], for a file whose tools may have been measured before: the tools in `known` keep their
+    /// indices.
     ///
     /// # Errors
-    /// As [`Samples::read`].
+    /// Those of [`Samples::read`].
     pub fn read_after(
         path: impl AsRef<Path>,
         robot: &Robot,

@@ -1,4 +1,4 @@
-//! A measurement file that was read, in SI units.
+//! A measurement file after reading, in SI units.
 
 use std::path::PathBuf;
 
@@ -12,30 +12,30 @@ pub struct Measurement {
     pub line: usize,
     /// Joint values as commanded to the controller, rad or m, base first.
     pub joints: Vec<f64>,
-    /// Mass at the flange in kg, ≥ 0.
+    /// Payload: mass at the flange in kg, ≥ 0.
     pub payload_kg: Option<f64>,
-    /// When the row was measured, s from any moment.
+    /// Time of the measurement in s, from an arbitrary origin.
     pub time_s: Option<f64>,
-    /// Between sessions the target was re-mounted: one tool frame per session.
+    /// Session of the row. The target was re-mounted between sessions, so each session has its own tool frame.
     pub session: Option<String>,
     /// Which of several targets was measured.
     pub target: Option<String>,
-    /// instrument_from_target, position in metres.
+    /// Position of instrument_from_target, in m.
     pub position: Vector3<f64>,
-    /// instrument_from_target, unit quaternion (w, (x, y, z)) with the sign of the file.
+    /// Orientation of instrument_from_target as a unit quaternion (w, (x, y, z)), with the sign that the file has.
     pub orientation: Option<(f64, Vector3<f64>)>,
-    /// Standard uncertainty of the position per axis in metres, > 0.
+    /// Standard uncertainty of the position per axis, in m, > 0.
     pub sigma_position: Option<f64>,
-    /// Standard uncertainty of the orientation per axis in radians, > 0.
+    /// Standard uncertainty of the orientation per axis, in rad, > 0.
     pub sigma_orientation: Option<f64>,
-    /// The reference points in the instrument's frame, metres; `None` where one was missed.
+    /// Positions of the reference points in the instrument's frame, in m; `None` for a point that was missed.
     pub references: Vec<Option<Vector3<f64>>>,
-    /// The noiseless instrument_from_target of a simulation.
+    /// Noiseless instrument_from_target, known in a simulation.
     pub truth: Option<Pose<f64>>,
 }
 
 impl Measurement {
-    /// instrument_from_target, metres; `None` where only the position was measured.
+    /// Returns instrument_from_target, in m; `None` if only the position was measured.
     pub fn instrument_from_target(&self) -> Option<Pose<f64>> {
         self.orientation
             .map(|(w, v)| Pose::from_quaternion(w, &v, self.position))
@@ -45,18 +45,18 @@ impl Measurement {
 /// The unit of a joint column in the file. The values of [`Measurement::joints`] are in SI units already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointUnit {
-    /// `_deg`.
+    /// Column name ends in `_deg`.
     Degree,
-    /// `_rad`.
+    /// Column name ends in `_rad`.
     Radian,
-    /// `_mm`.
+    /// Column name ends in `_mm`.
     Millimetre,
-    /// `_m`.
+    /// Column name ends in `_m`.
     Metre,
 }
 
 impl JointUnit {
-    /// A value in rad or m in this unit.
+    /// Converts a value in rad or m to this unit.
     pub fn from_si(self, value: f64) -> f64 {
         match self {
             Self::Degree => value.to_degrees(),
@@ -66,62 +66,62 @@ impl JointUnit {
     }
 }
 
-/// Where the values of a joint stand in the file.
+/// The column of a joint in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct JointColumn {
     /// Number of the column, from 1.
     pub column: usize,
-    /// Its name, for example `q1_deg`.
+    /// Column name, for example `q1_deg`.
     pub name: String,
-    /// The unit of its name.
+    /// Unit that the column name carries.
     pub unit: JointUnit,
 }
 
-/// A measurement file that was read; it has at least one measurement, and every optional column is in all of them or in
-/// none.
+/// A measurement file after reading. It has at least one measurement, and each optional column is present in all of them or
+/// in none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeasurementSet {
-    /// The file, as it was given.
+    /// Path of the file, as given by the caller.
     pub path: PathBuf,
     /// Line of the header row, from 1.
     pub header_line: usize,
-    /// The joints' columns, base first.
+    /// Columns of the joints, base first.
     pub joint_columns: Vec<JointColumn>,
-    /// The rows in the order of the file.
+    /// Rows in file order.
     pub measurements: Vec<Measurement>,
-    /// What the reader noticed and its user should see: ignored columns, repeated rows, missed reference points.
+    /// Notes of the reader for its user: ignored columns, repeated rows, missed reference points.
     pub notes: Vec<String>,
     /// SHA-256 of the file's bytes.
     pub sha256: [u8; 32],
 }
 
 impl MeasurementSet {
-    /// Number of joints of a row.
+    /// Returns the number of joints in each row.
     pub fn joint_count(&self) -> usize {
         self.joint_columns.len()
     }
 
-    /// Whether the payload is known.
+    /// Returns whether the payload is known.
     pub fn has_payload(&self) -> bool {
         self.any(|m| m.payload_kg.is_some())
     }
 
-    /// Whether the orientation was measured; else the set is position-only.
+    /// Returns whether the orientation was measured; otherwise the set is position-only.
     pub fn has_orientation(&self) -> bool {
         self.any(|m| m.orientation.is_some())
     }
 
-    /// Whether the rows are divided into sessions.
+    /// Returns whether the rows are divided into sessions.
     pub fn has_sessions(&self) -> bool {
         self.any(|m| m.session.is_some())
     }
 
-    /// Whether the rows name their target.
+    /// Returns whether the rows name their target.
     pub fn has_targets(&self) -> bool {
         self.any(|m| m.target.is_some())
     }
 
-    /// Whether the set comes from a simulation that knows the noiseless pose.
+    /// Returns whether the set comes from a simulation and has the noiseless poses.
     pub fn has_truth(&self) -> bool {
         self.any(|m| m.truth.is_some())
     }

@@ -1,4 +1,4 @@
-//! From bytes to fields: text, comments, blank lines, a header row and rows of its width.
+//! Splits bytes into fields: a header row and rows of its width; comments and blank lines are skipped.
 
 use std::path::Path;
 
@@ -10,14 +10,14 @@ use crate::input_error::{InputError, counted};
 pub(super) struct Table {
     /// Line of the header, from 1.
     pub header_line: usize,
-    /// The names of the columns.
+    /// Names of the columns.
     pub header: StringRecord,
-    /// Line and fields of every row, as many fields as the header has.
+    /// Line and fields of every row; each row has as many fields as the header.
     pub rows: Vec<(usize, StringRecord)>,
 }
 
 impl Table {
-    /// Takes a file apart; `file` is for messages, and `row` is what one is.
+    /// Parses a file; `file` and `row`, which says what a row is, are for messages.
     pub(super) fn parse(file: &Path, bytes: &[u8], row: &str) -> Result<Self, InputError> {
         let text = text(file, bytes, 1)?;
         let mut rows = Vec::new();
@@ -47,9 +47,9 @@ impl Table {
     }
 }
 
-/// What a row of a measurement file is.
+/// Description of a row of a measurement file.
 pub(super) const MEASURED_POSE: &str = "one measured pose a row";
-/// What a row of a touch file is.
+/// Description of a row of a touch file.
 pub(super) const TOUCH: &str = "one touch a row";
 
 pub(super) fn no_header(file: &Path, row: &str) -> InputError {
@@ -61,7 +61,7 @@ pub(super) fn no_rows(file: &Path, header_line: usize, row: &str) -> InputError 
     InputError::new(file, "a header without rows", expected).at_line(header_line)
 }
 
-/// The header of a file, as far as there is one; of a file that is no text `None`.
+/// Returns the header of a file; `None` if there is none or if the file is not text.
 pub(super) fn header(bytes: &[u8]) -> Option<StringRecord> {
     let text = String::from_utf8_lossy(bytes);
     let mut lines = text.trim_start_matches('\u{feff}').lines();
@@ -81,16 +81,17 @@ pub(super) fn header(bytes: &[u8]) -> Option<StringRecord> {
 pub(super) enum Part<'a> {
     /// A comment or a blank line.
     Remark(&'a str),
-    /// A record with trimmed fields, and the line in which it begins. Further lines of it are within its fields.
+    /// A record with trimmed fields, and the line in which it begins. Its further lines are part of its fields.
     Record(usize, &'a StringRecord),
 }
 
-/// Whether a line is no part of a record; `line` is trimmed.
+/// Returns whether a line is a comment or blank; `line` is trimmed.
 pub(super) fn is_remark(line: &str) -> bool {
     line.is_empty() || line.starts_with('#')
 }
 
-/// Shows all parts of `text`, whole records whose first line is number `first` of the file, in order.
+/// Passes all parts of `text` to `show`, in order. `text` consists of whole records; its first line is number `first` of the
+/// file.
 pub(super) fn each_line(
     file: &Path,
     text: &str,
@@ -114,7 +115,7 @@ pub(super) fn each_line(
         }
         return Ok(());
     }
-    // Comments and blank lines are taken out before the CSV reader counts lines; `numbers` has what they were.
+    // Comments and blank lines are removed before the CSV reader counts lines; `numbers` keeps the original line numbers.
     let mut kept = String::with_capacity(text.len());
     let mut numbers = Vec::new();
     for (number, line) in (first..).zip(text.lines()) {
@@ -154,22 +155,22 @@ pub(super) fn each_line(
     Ok(())
 }
 
-/// Where the CSV reader is in a record, as far as quotation marks go.
+/// State of the CSV reader within a record, with regard to quotation marks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Quoting {
     /// At the beginning of a field.
     #[default]
     Start,
-    /// In a field without quotation marks, or behind them.
+    /// In a field without quotation marks, or after its quotation marks.
     Plain,
-    /// Within quotation marks: the record goes on in the next line.
+    /// Within quotation marks: the record continues on the next line.
     Open,
-    /// Behind a quotation mark that closes, or is the first of two.
+    /// After a quotation mark that either closes the field or is the first of a doubled pair.
     Closing,
 }
 
 impl Quoting {
-    /// After another line, which is trimmed and no remark.
+    /// Returns the state after another line, which is trimmed and not a comment.
     pub(super) fn after(self, line: &[u8]) -> Self {
         let begin = match self {
             Self::Open => Self::Open,
@@ -185,7 +186,7 @@ impl Quoting {
     }
 }
 
-/// The bytes as text, without a byte order mark; their first line is number `first` of the file.
+/// Decodes the bytes as UTF-8 text without a byte order mark; their first line is number `first` of the file.
 pub(super) fn text<'a>(file: &Path, bytes: &'a [u8], first: usize) -> Result<&'a str, InputError> {
     let line_of = |at: usize| first + bytes[..at].iter().filter(|byte| **byte == b'\n').count();
     let binary = |at: usize, found: &str| {
@@ -263,7 +264,7 @@ pub(super) fn check_width(
     Err(error.with_help(help))
 }
 
-/// Text of a file in double quotes, shortened.
+/// Returns text of a file in double quotes, shortened.
 pub(super) fn quoted(text: &str) -> String {
     if text.is_empty() {
         return "an empty field".to_owned();

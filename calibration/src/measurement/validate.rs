@@ -1,8 +1,8 @@
-//! A measurement set against the robot that it is said to be of, and against what a calibration needs.
+//! Checks a measurement set against its robot and against what a calibration needs.
 //!
-//! A file whose joints cannot be this robot's is refused: too many, in the wrong kind of unit, or far beyond the limits.
-//! What is merely odd (values that look like the other unit, a joint that does not move, one orientation throughout) is
-//! noted: there are honest files that are so.
+//! A file whose joints cannot belong to this robot is refused: too many joints, the wrong kind of unit, or values far beyond
+//! the limits. What is merely odd (values that look like another unit, a joint that does not move, a single orientation
+//! throughout) is only noted, because valid files can look like that.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -16,18 +16,18 @@ use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSe
 use crate::numeric::statistics::extremes;
 use crate::robot::Robot;
 
-/// How far beyond its limits a joint value may be: this part of the range …
+/// Fraction of a joint's range by which a value may exceed the limits …
 const MARGIN: f64 = 0.1;
-/// … and one degree, or a millimetre: controllers overshoot, and descriptions round.
+/// … plus one degree or one millimetre: controllers overshoot, and descriptions round.
 const MARGIN_REVOLUTE: f64 = std::f64::consts::PI / 180.0;
 const MARGIN_PRISMATIC: f64 = 1e-3;
-/// A joint whose values span less does not move: half a degree in radians, or a millimetre.
+/// Span of values below which a joint counts as not moving: half a degree in rad, or a millimetre in m.
 const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const STILL_PRISMATIC: f64 = 1e-3;
-/// No robot cell is so small: positions within it are metres under a name in millimetres.
+/// No robot cell is this small, m: positions that are all nearer to the instrument are metres in a column of millimetres.
 const SMALLEST_WORKSPACE: f64 = 0.01;
 
-/// What the joint values of a file are checked against, row by row.
+/// The limits against which the joint values of a file are checked, row by row.
 #[derive(Clone, Copy, Debug)]
 pub struct JointLimits<'a> {
     path: &'a Path,
@@ -35,17 +35,17 @@ pub struct JointLimits<'a> {
     robot: &'a Robot,
 }
 
-/// What was noticed about the joint values of rows so far.
+/// What was noticed about the joint values of the rows checked so far.
 #[derive(Clone, Debug, Default)]
 pub struct JointChecks {
-    /// For each joint, the rows a little beyond its limits.
+    /// For each joint, the rows that are slightly beyond its limits.
     beyond: Vec<Listed>,
-    /// The largest angle under a name in degrees, rad.
+    /// Largest absolute angle in columns named in degrees, in rad.
     largest: f64,
 }
 
 impl JointChecks {
-    /// Together with what was noticed about later rows.
+    /// Adds what was noticed about later rows.
     pub fn extend(&mut self, later: Self) {
         for (joint, rows) in later.beyond.into_iter().enumerate() {
             self.beyond_of(joint).extend(rows);
@@ -53,7 +53,7 @@ impl JointChecks {
         self.largest = self.largest.max(later.largest);
     }
 
-    /// Rows a little beyond the limits of a joint.
+    /// Returns the rows that are slightly beyond the limits of `joint`.
     fn beyond_of(&mut self, joint: usize) -> &mut Listed {
         if self.beyond.len() <= joint {
             self.beyond.resize_with(joint + 1, Listed::default);
@@ -63,7 +63,7 @@ impl JointChecks {
 }
 
 impl<'a> JointLimits<'a> {
-    /// Creates the limits of `robot`'s joints for these columns of a file.
+    /// Creates the limits of `robot`'s joints for the joint columns of a file.
     pub(super) fn new(
         path: &'a Path,
         header_line: usize,
@@ -104,7 +104,7 @@ impl<'a> JointLimits<'a> {
         })
     }
 
-    /// Refuses a row with a value far beyond the limits; what is just beyond is added to `checks`.
+    /// Refuses a row with a value far beyond the limits. A value slightly beyond is added to `checks`.
     pub(super) fn check(
         &self,
         line: usize,
@@ -114,7 +114,7 @@ impl<'a> JointLimits<'a> {
         (0..self.columns.len()).try_for_each(|joint| self.check_joint(joint, line, joints, checks))
     }
 
-    /// Checks one joint alone.
+    /// Checks the value of one joint.
     fn check_joint(
         &self,
         i: usize,
@@ -135,13 +135,13 @@ impl<'a> JointLimits<'a> {
                 JointKind::Prismatic => MARGIN_PRISMATIC,
             };
         let within = |value: f64| lower - margin <= value && value <= upper + margin;
-        // Makers state the limits of a coupled joint now for the controller's value, now for the chain's.
+        // Some makers state the limits of a coupled joint for the controller's value, others for the chain's.
         let in_chain = |joints: &[f64]| {
             let row = self.robot.coupling.as_ref().and_then(|rows| rows.get(i))?;
             Some(row.iter().zip(joints).map(|(c, q)| c * q).sum::<f64>())
         };
         if within(value) || in_chain(joints).is_some_and(within) {
-            // Rounding of a description in degrees is no news.
+            // Ignores an excess that comes from rounding in a description in degrees.
             if value < lower - 1e-4 || value > upper + 1e-4 {
                 checks.beyond_of(i).push(line);
             }
@@ -174,7 +174,7 @@ impl<'a> JointLimits<'a> {
         })
     }
 
-    /// What a user should see of `checks`.
+    /// Returns the notes about `checks` for the user.
     pub fn notes(&self, checks: &JointChecks) -> Vec<String> {
         let beyond = self.robot.joints.iter().zip(&checks.beyond);
         let beyond = beyond.filter_map(|(joint, rows)| {
@@ -186,7 +186,7 @@ impl<'a> JointLimits<'a> {
         beyond.chain(self.tiny_joints(checks)).collect()
     }
 
-    /// Degrees that never leave ± 2π, small against the limits: radians under a name in degrees.
+    /// Notes degrees that stay within ± 2π although the limits are much wider: probably radians in a column of degrees.
     fn tiny_joints(&self, checks: &JointChecks) -> Option<String> {
         let joints = self.robot.joints.iter().zip(self.columns);
         let of_degrees = joints.filter(|(joint, column)| {
@@ -211,20 +211,20 @@ impl<'a> JointLimits<'a> {
 }
 
 impl MeasurementSet {
-    /// Whether this can be a set of `robot`'s poses; returns what its user should see.
+    /// Checks that the set can consist of poses of `robot`, and returns notes for the user.
     ///
     /// # Errors
     ///
-    /// An [`InputError`] where the number of joints is another, the unit of a joint's column does not fit its kind, or a
-    /// value is beyond the joint's limits by more than a tenth of its range and a degree (or a millimetre); of a
-    /// coupled joint, both as the controller and as the chain counts it.
+    /// Returns an [`InputError`] if the number of joints differs from the robot's, if the unit of a joint's column does not
+    /// fit its kind, or if a value exceeds the joint's limits by more than a tenth of its range plus a degree (or a
+    /// millimetre). For a coupled joint, both the controller's value and the chain's value must exceed them.
     pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         let mut notes = self.check_joints(robot)?;
         notes.extend(self.note_odd(robot));
         Ok(notes)
     }
 
-    /// What is odd about all rows together.
+    /// Returns notes about what is odd in the rows as a whole.
     pub(super) fn note_odd(&self, robot: &Robot) -> Vec<String> {
         let mut notes = self.note_still_joints(robot);
         notes.extend(self.note_repeated_joints());
@@ -232,7 +232,7 @@ impl MeasurementSet {
         notes
     }
 
-    /// [`Self::check`] of the joints alone, of rows that may stand still or repeat.
+    /// Runs only the joint-limit part of [`Self::check`]; rows may stand still or repeat.
     fn check_joints(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         let limits = JointLimits::new(&self.path, self.header_line, &self.joint_columns, robot)?;
         let mut checks = JointChecks::default();
@@ -249,7 +249,7 @@ impl MeasurementSet {
         still_joints(robot, &self.joint_columns, rows)
     }
 
-    /// Rows at the joints of an earlier row: a random split would leak them from training into test.
+    /// Notes rows whose joints equal those of an earlier row: a random split would leak them from training into test.
     fn note_repeated_joints(&self) -> Option<String> {
         let mut seen: HashMap<Vec<u64>, usize> = HashMap::new();
         let mut repeats = Listed::default();
@@ -272,7 +272,7 @@ impl MeasurementSet {
             .map(|rows| format!("joints equal to those of an earlier row: {rows}"))
     }
 
-    /// One orientation throughout, or a cell of millimetres.
+    /// Notes a single orientation throughout, or positions that are all within millimetres of the instrument.
     fn note_poses(&self) -> Vec<String> {
         let mut notes = Vec::new();
         if let Some((w, v)) = self.measurements.first().and_then(|m| m.orientation) {
@@ -303,7 +303,7 @@ impl MeasurementSet {
     }
 }
 
-/// The notes about joints that no row moves.
+/// Returns notes about joints that no row moves.
 pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
     robot: &Robot,
     columns: &[JointColumn],
@@ -329,7 +329,7 @@ pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
     notes
 }
 
-/// Factor from SI to the unit of a column, and its symbol.
+/// Returns the factor from SI to the unit of a column, and the symbol of that unit.
 fn written(unit: JointUnit) -> (f64, &'static str) {
     match unit {
         JointUnit::Degree => (180.0 / std::f64::consts::PI, "deg"),
@@ -339,7 +339,7 @@ fn written(unit: JointUnit) -> (f64, &'static str) {
     }
 }
 
-/// Four decimals at most, for a message.
+/// Rounds to four decimals, for a message.
 fn round(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

@@ -1,4 +1,4 @@
-//! Configurations that a cell allows, drawn at random.
+//! Random configurations that a robot cell allows.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
@@ -9,24 +9,24 @@ use crate::planning::constraints::Constraints;
 use crate::planning::refusals::Refusals;
 use crate::robot::Robot;
 
-/// Most configurations that are drawn: a cell that allows one in ten thousand still gets a plan of some poses.
+/// Most configurations that are drawn: a robot cell that allows one in ten thousand still gets a plan of some poses.
 const MOST_DRAWN: usize = 300_000;
-/// Steps of a planned joint in a degree or a millimetre. Every program writes at least three decimals, so that all of
-/// them and the CSV file have exactly the joints that were planned.
+/// Steps of a planned joint in a degree or a millimetre. Every program writes at least three decimals, so that all programs
+/// and the CSV file have exactly the planned joints.
 const STEPS: f64 = 1e3;
 
-/// Allowed configurations, and what became of the others.
+/// Allowed configurations, with the counts of the others.
 #[derive(Clone, Debug)]
 pub struct Candidates {
     /// The controller's joints, rad or m.
     pub joints: Vec<Vec<f64>>,
-    /// How many were drawn.
+    /// Number of configurations that were drawn.
     pub drawn: usize,
-    /// Why the others are forbidden.
+    /// Why the other configurations are forbidden.
     pub refusals: Refusals,
 }
 
-/// A joint in the unit of files and programs: degrees or millimetres.
+/// Converts a joint to the unit of files and programs: degrees or millimetres.
 pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     match kind {
         JointKind::Revolute => joint.to_degrees(),
@@ -34,7 +34,7 @@ pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     }
 }
 
-/// A value of a plan as text: the three decimals that it has.
+/// Formats a value of a plan with its three decimals.
 pub fn decimals(value: f64) -> String {
     let text = format!("{value:.3}");
     // A rounded −0.0004 is 0.
@@ -45,10 +45,10 @@ pub fn decimals(value: f64) -> String {
     }
 }
 
-/// The nearest joint within a range that three decimals hold, rad or m.
+/// Returns the nearest joint within a range that three decimals can state, rad or m.
 pub(super) fn on_grid(kind: JointKind, joint: f64, (lower, upper): (f64, f64)) -> f64 {
     let [least, steps, most] = [lower, joint, upper].map(|x| STEPS * in_file_units(kind, x));
-    // A range narrower than a step has no grid point: its middle is as good.
+    // A range narrower than a step has no grid point, so any value in it is as good.
     let value = steps
         .round()
         .clamp(least.ceil().min(most.floor()), most.floor())
@@ -59,7 +59,7 @@ pub(super) fn on_grid(kind: JointKind, joint: f64, (lower, upper): (f64, f64)) -
     }
 }
 
-/// Draws until `wanted` configurations are allowed, or there is no hope; `chain` leads to the target.
+/// Draws configurations until `wanted` are allowed or the limit of draws is reached; `chain` leads to the target.
 pub fn draw(
     robot: &Robot,
     chain: &Poe<f64>,
@@ -71,8 +71,7 @@ pub fn draw(
     draw_within(robot, chain, constraints, &constraints.ranges, count, seed)
 }
 
-/// The same from other joint ranges, rad or m: until as many are allowed as the first number says, or as many are drawn as the
-/// second.
+/// Draws configurations from other joint ranges, rad or m, until `wanted` are allowed or `most_drawn` are drawn.
 pub(super) fn draw_within(
     robot: &Robot,
     chain: &Poe<f64>,

@@ -26,8 +26,8 @@
 //! max_angle_deg = 40                     # or max_angle_rad
 //! ```
 //!
-//! All of it may be left out. Lengths and angles carry their unit in the key, and unknown keys are refused. Without a floor
-//! in the file it is the plane that the robot is mounted on ([`mounting_plane`]).
+//! Everything may be left out. Lengths and angles have their unit in the key, and unknown keys are refused. If the file
+//! states no floor, it is the plane that the robot is mounted on ([`mounting_plane`]).
 
 use std::path::Path;
 
@@ -45,17 +45,17 @@ use crate::planning::segment::Zone;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource, Unit};
 use crate::robot::{Joint, Robot};
 
-/// What the file is.
+/// Description of the file in error messages.
 const WHOLE: &str = "the constraints of a plan in TOML";
-/// The target before anyone says where it sits: in front of the flange, and not on the axis of the last joint, where its
-/// turns would move nothing.
+/// Position of the target on the flange if none is stated, m: in front of the flange, and off the axis of the last joint,
+/// where that joint's turns would move nothing.
 const USUAL_TARGET: [f64; 3] = [0.05, 0.0, 0.1];
-/// Most of a turn that a joint is asked to make unless its range is given: cables.
+/// Largest turn either way that a joint is asked to make if its range is not stated, rad; it spares the cables.
 const WIDEST: f64 = std::f64::consts::PI;
 
 impl Constraints {
-    /// Creates the constraints of a robot cell that allows what the arm itself can do: within the joint limits and at
-    /// most half a turn either way, above the plane that it is mounted on and out of its own links.
+    /// Creates the constraints of a robot cell that allows what the arm itself can do: within the joint limits and at most
+    /// half a turn either way, above the plane that it is mounted on and out of its own links.
     ///
     /// # Errors
     /// [`InputError`] for a slide without limits.
@@ -63,7 +63,7 @@ impl Constraints {
         Self::of(robot, None, &File::default(), "")
     }
 
-    /// Reads a file for a robot.
+    /// Reads a constraints file for a robot.
     ///
     /// # Errors
     /// [`InputError`] with line and key.
@@ -73,7 +73,7 @@ impl Constraints {
         Self::parse(path, &text, robot)
     }
 
-    /// Reads the text of a file for a robot; `path` is for messages.
+    /// Parses the text of a constraints file for a robot; `path` is for messages.
     ///
     /// # Errors
     /// As [`Constraints::read`].
@@ -196,7 +196,7 @@ struct SightTable {
     max_angle_rad: Option<Spanned<f64>>,
 }
 
-/// Within the limits and at most half a turn either way; `None` for a slide without limits.
+/// Returns the joint's limits, at most half a turn either way; `None` for a slide without limits.
 fn usual_range(joint: &Joint) -> Option<(f64, f64)> {
     match (joint.limits, joint.kind) {
         (Some((a, b)), JointKind::Revolute) if a < WIDEST && b > -WIDEST => {
@@ -209,7 +209,7 @@ fn usual_range(joint: &Joint) -> Option<(f64, f64)> {
 }
 
 impl TomlSource<'_> {
-    /// The floor that the file wants, else the plane that the robot is mounted on.
+    /// Returns the floor that the file states, else the plane that the robot is mounted on.
     fn floor(&self, robot: &Robot, file: &File) -> Result<Option<Constraint>, InputError> {
         let units = [
             ("floor_mm", MILLIMETRE, &file.floor_mm),

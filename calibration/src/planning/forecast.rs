@@ -1,9 +1,10 @@
 //! What a plan should be worth, before anyone measures.
 //!
-//! Simulated arms with the kinematics of this robot and errors like those of the simulator's scenarios are measured at
-//! planned poses, calibrated as `trainer calibrate` does by default, and tested on random allowed configurations against
-//! simulated measurements, whose noise is part of every error. That says what so many poses are worth for an arm like the
-//! simulated ones: their sizes are those of an ABB IRB 4400 (`simulate/`), and a real arm has errors of its own.
+//! The forecast simulates arms with the kinematics of this robot and errors like those of the simulator's scenarios. They
+//! are measured at planned poses, calibrated as `trainer calibrate` does by default, and tested on random allowed
+//! configurations against simulated measurements, whose noise is part of every error. This shows what a number of poses is
+//! worth for an arm like the simulated ones: their errors have the sizes of an ABB IRB 4400 (`simulate/`), and a real arm
+//! has errors of its own.
 
 use std::sync::Mutex;
 
@@ -19,33 +20,33 @@ use crate::planning::{PlannedPose, Planner, Strategy};
 use crate::progress::FitContext;
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
 
-/// Numbers of poses that are usually looked at.
+/// Numbers of poses that a forecast usually compares.
 pub const COUNTS: [usize; 7] = [25, 50, 75, 100, 150, 200, 300];
-/// Simulated arms of each kind.
+/// Number of simulated arms of each kind.
 pub const ARMS: u64 = 2;
-/// Configurations that each is tested on.
+/// Number of configurations that each arm is tested on.
 const TESTS: usize = 150;
-/// Kinds of arms: errors that the model has formulas for, and errors that it has none for.
+/// Kinds of arms: one with errors that the model has formulas for, and one with errors that it has none for.
 pub const SCENARIOS: [Scenario; 2] = [Scenario::Paper, Scenario::Nonlinear];
 
-/// What so many poses are worth.
+/// Forecast for one number of poses.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// Poses for the calibration.
+    /// Number of poses for the calibration.
     pub poses: usize,
-    /// How they were chosen.
+    /// Name of the strategy by which they were chosen.
     pub strategy: &'static str,
-    /// Mean position error in mm, over all arms of a kind; absent where a calibration failed.
+    /// Mean position error in mm over all arms of the first kind; absent if a calibration failed.
     pub paper_mm: Option<f64>,
-    /// 95th percentile, mean over the arms.
+    /// 95th percentile of the position error in mm, as the mean over these arms.
     pub paper_p95_mm: Option<f64>,
-    /// Mean position error in mm on the arms of the other kind.
+    /// Mean position error in mm over all arms of the second kind.
     pub wild_mm: Option<f64>,
-    /// 95th percentile on the arms of the other kind.
+    /// 95th percentile of the position error in mm, as the mean over the arms of the second kind.
     pub wild_p95_mm: Option<f64>,
 }
 
-/// A simulated measurement as a sample, seen by the instrument.
+/// Converts a simulated measurement into a sample in the instrument's frame.
 pub fn sample(
     robot: &crate::robot::Robot,
     pose: &SimulatedPose,
@@ -63,7 +64,7 @@ pub fn sample(
 }
 
 impl Planner<'_> {
-    /// Numbers of poses, sorted, as far as the cell and the model allow them.
+    /// Returns the numbers of poses, sorted, that the robot cell and the model allow.
     pub fn forecast_counts(&self, counts: impl Iterator<Item = usize>) -> Vec<usize> {
         let fewest = Method::Elastic.min_poses(self.task.robot.joints.len());
         let mut counts: Vec<usize> = counts.collect();
@@ -73,12 +74,13 @@ impl Planner<'_> {
         counts
     }
 
-    /// Calibrations of a forecast of so many numbers of poses.
+    /// Returns the number of calibrations of a forecast for these numbers of poses.
     pub fn forecast_steps(counts: &[usize]) -> usize {
         counts.len() * SCENARIOS.len() * ARMS as usize
     }
 
-    /// The forecast; `strategy` as it was asked for, `progress` is called after every calibration.
+    /// Computes the forecast. `strategy` is the one that was asked for, or `None` for the usual one; `progress` is called
+    /// after every calibration.
     pub fn forecast(
         &self,
         counts: &[usize],
@@ -94,7 +96,7 @@ impl Planner<'_> {
                 (strategy, plan.unwrap_or_default())
             })
             .collect();
-        // The longest calibrations first, so that no thread is left with one at the end.
+        // The longest calibrations start first, so that no thread is left with one at the end.
         let jobs: Vec<(usize, usize, u64)> = (0..plans.len())
             .rev()
             .flat_map(|p| {
@@ -122,7 +124,7 @@ impl Planner<'_> {
         for ((count, (strategy, _)), mut by_scenario) in counts.iter().zip(&plans).zip(errors) {
             let mut mean = |s: usize, of: fn(&ErrorSummary) -> f64| -> Option<f64> {
                 let found = &mut by_scenario[s];
-                // In the order of the arms: sums must not depend on which thread was first.
+                // The errors are sorted by arm, so that sums do not depend on which thread was first.
                 found.sort_by_key(|(arm, _)| *arm);
                 let values: Option<Vec<f64>> =
                     found.iter().map(|(_, e)| e.as_ref().map(of)).collect();
@@ -140,7 +142,7 @@ impl Planner<'_> {
         rows
     }
 
-    /// Errors of one simulated arm that was calibrated with planned poses; `None` when that failed.
+    /// Returns the errors of one simulated arm that was calibrated with planned poses; `None` if that failed.
     fn error_of(
         &self,
         planned: &[PlannedPose],
@@ -180,7 +182,7 @@ impl Planner<'_> {
     }
 }
 
-/// The next job; the lock is free again when it is begun.
+/// Returns the next job; the lock is released before the job begins.
 fn take(next: &Mutex<std::slice::Iter<'_, (usize, usize, u64)>>) -> Option<(usize, usize, u64)> {
     next.lock().ok()?.next().copied()
 }

@@ -1,13 +1,14 @@
-//! The links of an arm as capsules: straight pieces between the origins of neighbouring joints, with a radius.
+//! The links of an arm as capsules: straight segments between the origins of neighbouring joints, with a radius.
 //!
-//! Link 0 leads from the base frame to joint 1, link i from joint i to joint i + 1, link n from joint n to the flange and
-//! link n + 1 from the flange to the target. The travel of a slide is no link: what carries it is not known. Links 0 and 1
-//! are the base, for they stay in the column that joint 1 turns in; the links behind them move.
+//! Link 0 leads from the base frame to joint 1, link i from joint i to joint i + 1, link n from joint n to the flange, and
+//! link n + 1 from the flange to the target. The travel of a slide is not a link, because what carries it is not known.
+//! Links 0 and 1 count as the base, because they stay in the column that joint 1 turns in; the other links move.
 //!
 //! **Which parts are compared.** Neighbouring links touch at the joint between them and are left out, and so are links that
-//! only joints at the same point separate. Other links can be nearer to each other than they are thick, because what lies
-//! between them is short: around a wrist, at an elbow. Of them, parts are compared only if four radii of arm or more lie
-//! between. What still touches in every random configuration is how the description draws the arm, and is left out, too.
+//! are separated only by joints at the same point. Other links can be nearer to each other than they are thick because the
+//! links between them are short, as around a wrist or at an elbow. Parts of these are compared only if at least four radii
+//! of arm lie between them. Pairs that still touch in every random configuration are due to how the description draws the
+//! arm, and are left out, too.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -19,31 +20,31 @@ use rand_chacha::ChaCha8Rng;
 use crate::planning::segment::Segment;
 use crate::robot::Robot;
 
-/// Radius of a link where nobody states one, as a share of the reach.
+/// Radius of a link if none is stated, as a share of the reach.
 pub const RADIUS_SHARE: f64 = 0.08;
-/// Radii of arm that connect two parts which are not compared.
+/// Length of arm, in radii, within which two parts count as connected and are not compared.
 const NEIGHBOURHOOD: f64 = 4.0;
-/// Links that stand for the base.
+/// Number of links that count as the base.
 pub const BASE_LINKS: usize = 2;
-/// Configurations in which links that always touch are looked for.
+/// Number of configurations in which links that always touch are looked for.
 const STRUCTURE_SAMPLES: usize = 256;
-/// A link or a part of one that is shorter is a point, metres.
+/// Length below which a link or a part of one counts as a point, metres.
 const SHORTEST: f64 = 1e-6;
 /// Cosine between the first axis and z of the base frame above which the robot stands on the xy plane.
 const UPRIGHT: f64 = 0.99;
 
-/// Where the radius of the links comes from.
+/// Source of the link radius.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RadiusSource {
-    /// From the constraints.
+    /// The constraints.
     Constraints,
-    /// From the robot description.
+    /// The robot description.
     Description,
     /// [`RADIUS_SHARE`] of the reach.
     Reach,
 }
 
-/// Two links whose parts are compared, by their numbers; `first` is nearer to the base.
+/// Two links whose parts are compared, by their indices; `first` is nearer to the base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pair {
     first: usize,
@@ -52,7 +53,7 @@ struct Pair {
     first_until: f64,
 }
 
-/// The links of an arm with a target.
+/// The links of an arm, with its target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Links {
     flange_from_target: Pose<f64>,
@@ -63,19 +64,19 @@ pub struct Links {
     reach: f64,
 }
 
-/// Where the links and the target of an arm are, in the base frame.
+/// Positions of an arm's links and target, in the base frame.
 #[derive(Clone, Debug)]
 pub struct Stance {
-    /// Links 0 to n + 1.
+    /// Segments of links 0 to n + 1.
     pub links: Vec<Segment>,
-    /// `base_from_joint` origins of the joints, before they move.
+    /// Origins of the joint frames, `base_from_joint`, before the joints move.
     pub joints: Vec<Vector3<f64>>,
-    /// The target.
+    /// Frame of the target in the base frame.
     pub base_from_target: Pose<f64>,
 }
 
 impl Links {
-    /// The links of a robot; `chain` leads to the target. A radius in metres replaces those of the description.
+    /// Creates the links of a robot; `chain` leads to the target. A radius in metres replaces those of the description.
     pub fn new(
         robot: &Robot,
         chain: &Poe<f64>,
@@ -98,7 +99,7 @@ impl Links {
             .into_iter()
             .map(|of_link| radius.or(of_link).unwrap_or(usual))
             .collect();
-        // The target is on the last link.
+        // The target is on the last link and gets its radius.
         radii.push(radii[radii.len() - 1]);
         let lengths: Vec<f64> = frames
             .iter()
@@ -116,22 +117,22 @@ impl Links {
         out
     }
 
-    /// Radius of every link, base first, metres.
+    /// Returns the radius of every link, base first, metres.
     pub fn radii(&self) -> &[f64] {
         &self.radii
     }
 
-    /// Where the radii come from.
+    /// Returns the source of the radii.
     pub fn source(&self) -> RadiusSource {
         self.source
     }
 
-    /// Length of the links from the second joint to the flange, metres.
+    /// Returns the length of the links from the second joint to the flange, metres.
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// Where the links are at joints of the serial chain, rad or m; `chain` leads to the target.
+    /// Returns the positions of the links at joints of the serial chain, rad or m; `chain` leads to the target.
     pub fn stance(&self, chain: &Poe<f64>, serial: &[f64]) -> Stance {
         let (frames, base_from_target) = chain.joint_frames(serial);
         let frames = &frames[..serial.len()];
@@ -161,15 +162,15 @@ impl Links {
         }
     }
 
-    /// Whether a link touches the base (`base`), or another link that moves.
+    /// Returns whether a moving link touches the base (`base`), or another moving link.
     pub fn collide(&self, stance: &Stance, base: bool) -> bool {
         self.pairs
             .iter()
             .any(|pair| (pair.first < BASE_LINKS) == base && self.touches(pair, stance))
     }
 
-    /// Lowest z of the links that move, in the base frame in metres: their axes less their radii. The end at the second
-    /// joint is left out, whose height no joint changes.
+    /// Returns the lowest z of the moving links, in the base frame in metres: that of their axes minus their radii. The end
+    /// at the second joint is left out, because no joint changes its height.
     pub fn lowest(&self, stance: &Stance) -> f64 {
         let links = stance.links.iter().zip(&self.radii).enumerate();
         links
@@ -190,7 +191,7 @@ impl Links {
         inner.distance(second) < self.radii[pair.first] + self.radii[pair.second]
     }
 
-    /// Drops the pairs that touch wherever the arm stands.
+    /// Removes the pairs that touch wherever the arm stands.
     fn leave_out_structure(&mut self, robot: &Robot, chain: &Poe<f64>) {
         let mut random = ChaCha8Rng::seed_from_u64(0);
         let mut pairs = std::mem::take(&mut self.pairs);
@@ -218,18 +219,18 @@ impl Links {
     }
 }
 
-/// Length of the links from the second joint to the flange in metres; slides add nothing.
+/// Returns the length of the links from the second joint to the flange in metres; slides add nothing.
 fn reach(robot: &Robot) -> f64 {
     let links = robot.parent_from_joint.iter().skip(BASE_LINKS);
     let behind: f64 = links.map(|frame| frame.translation.norm()).sum();
-    // An arm of one joint has no second one.
+    // An arm with one joint has no second one.
     match robot.joints.len() {
         1 => robot.parent_from_joint[1].translation.norm(),
         _ => behind,
     }
 }
 
-/// What is compared of links with these radii and lengths.
+/// Returns the pairs of parts that are compared, for links with these radii and lengths.
 fn pairs(radii: &[f64], lengths: &[f64]) -> Vec<Pair> {
     let mut out = Vec::new();
     for second in 2..lengths.len() {
@@ -239,7 +240,7 @@ fn pairs(radii: &[f64], lengths: &[f64]) -> Vec<Pair> {
                 continue;
             }
             let wanted = 0.5 * NEIGHBOURHOOD * (radii[first] + radii[second]) - between;
-            // What the two still have to be apart is taken from the end of the first.
+            // The distance that is still missing between the two is cut from the end of the first.
             let kept = lengths[first] - wanted.max(0.0);
             if kept > SHORTEST && lengths[second] > SHORTEST {
                 out.push(Pair {
@@ -253,8 +254,8 @@ fn pairs(radii: &[f64], lengths: &[f64]) -> Vec<Pair> {
     out
 }
 
-/// The height of the plane that the robot is mounted on, z in its base frame in metres: 0 where joint 1 turns about z of the
-/// base frame and joint 2 lies above its xy plane. Of other arms it is not known.
+/// Returns the height of the plane that the robot is mounted on, z in its base frame in metres. It is 0 if joint 1 turns
+/// about z of the base frame and joint 2 lies above its xy plane; for other arms it is not known.
 pub fn mounting_plane(robot: &Robot) -> Option<f64> {
     let first = &robot.parent_from_joint[0];
     let turns = robot.joints[0].kind == JointKind::Revolute;

@@ -1,16 +1,16 @@
-//! Which poses to measure: `trainer plan`.
+//! Plans which poses to measure: `trainer plan`.
 //!
-//! Configurations are drawn at random within the joint ranges and kept where the cell allows them (`constraints`,
-//! `candidates`). From these a plan is chosen: poses that fill the space (`space_filling`), or those that predict best
-//! (`optimal_design`), with errors as large as a robot of the same type has them (`sister`). It is spread evenly over the payloads and put into an order of short travel (`ordering`). What it
-//! should be worth is found by measuring simulated arms with it (`forecast`), and it is written as CSV (`table`) and as
-//! programs of controllers.
+//! Configurations are drawn at random within the joint ranges and kept if the robot cell allows them (`constraints`,
+//! `candidates`). A plan is chosen from these: poses that fill the space (`space_filling`), or those that predict best
+//! (`optimal_design`), with errors as large as a robot of the same type has them (`sister`). The plan is spread evenly over
+//! the payloads and put into an order with short travel (`ordering`). A forecast measures simulated arms with it to find
+//! what it should be worth (`forecast`). The plan is written as CSV (`table`) and as programs of controllers.
 //!
-//! **When which.** Up to [`FEW`] poses are those that predict best. More fill the space: an exchange would take long and hardly
-//! improve them.
+//! **Which strategy when.** Up to [`FEW`] poses are those that predict best. More poses fill the space, because an exchange
+//! would take long and hardly improve them.
 //!
-//! Links are capsules (`links`), and what forbids a configuration is a rule (`rules`), whose refusals are counted (`refusals`).
-//! A plan knows nothing of loads, cables and the ways between poses: those collisions are the user's to exclude.
+//! Links are capsules (`links`). What forbids a configuration is a rule (`rules`), and the refusals of each rule are counted
+//! (`refusals`). A plan knows nothing of loads, cables and the paths between poses: the user must exclude those collisions.
 
 pub mod candidates;
 pub mod constraints;
@@ -47,26 +47,26 @@ use crate::planning::space_filling::{Choice, PAYLOAD_WEIGHT, fill, quotas};
 use crate::planning::wider_range::{WiderRange, wider_range};
 use crate::robot::Robot;
 
-/// Up to so many poses a plan is V-optimal unless the caller chooses otherwise.
+/// Most poses for which a plan is V-optimal, unless the caller chooses otherwise.
 pub const FEW: usize = 60;
-/// Configurations to choose from.
+/// Number of allowed configurations to choose from.
 const POOL: usize = 4000;
-/// Configurations of the pool that the exchange considers; its time grows with their number.
+/// Number of the pool's configurations that the exchange considers; its time grows with this number.
 const EXCHANGE_POOL: usize = 400;
-/// Poses of a plan that there must at least be for each of its own to call it a choice.
+/// Fewest candidates for each pose of a plan that leave a choice.
 pub const CHOICE: usize = 4;
 
-/// How poses are chosen.
+/// Strategy by which poses are chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Strategy {
-    /// As far apart as possible.
+    /// Poses as far apart as possible.
     SpaceFilling,
-    /// With the least mean variance of predicted positions.
+    /// Poses with the least mean variance of predicted positions.
     VOptimal,
 }
 
 impl Strategy {
-    /// The better one for so many poses.
+    /// Returns the better strategy for this many poses.
     pub fn usual(count: usize) -> Self {
         if count <= FEW {
             Self::VOptimal
@@ -75,7 +75,7 @@ impl Strategy {
         }
     }
 
-    /// In words.
+    /// Returns the name of the strategy in a report.
     pub fn name(self) -> &'static str {
         match self {
             Self::SpaceFilling => "space-filling",
@@ -84,24 +84,24 @@ impl Strategy {
     }
 }
 
-/// What to plan.
+/// The input of a plan.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    /// The arm.
+    /// The nominal robot.
     pub robot: &'a Robot,
-    /// Its nominal chain, base to flange.
+    /// Nominal chain from base to flange.
     pub nominal: &'a Poe<f64>,
-    /// What its cell demands.
+    /// Constraints of the robot cell.
     pub constraints: &'a Constraints,
-    /// Payloads in kg, all different; none where the payload is not varied and not known.
+    /// Payloads in kg, all different; empty if the payload is not varied and not known.
     pub payloads: &'a [f64],
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
     /// Noise of the instrument: one position component in metres, one rotation component in radians.
     pub noise: (f64, f64),
-    /// A calibrated arm of the same type, whose model says how large the errors of this one are.
+    /// A calibrated arm of the same type, whose model says how large the errors of this arm are.
     pub sister: Option<&'a Sister>,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
@@ -110,50 +110,50 @@ pub struct Task<'a> {
 pub struct PlannedPose {
     /// The controller's joints, rad or m.
     pub joints: Vec<f64>,
-    /// What to mount.
+    /// Payload to mount, kg.
     pub payload_kg: Option<f64>,
-    /// Whether it is not for the calibration but to check it.
+    /// Whether the pose is meant to check the calibration instead of being part of it.
     pub check: bool,
 }
 
-/// Poses in the order in which they are to be measured.
+/// Planned poses in the order in which they are to be measured.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The poses.
     pub poses: Vec<PlannedPose>,
-    /// How those for the calibration were chosen.
+    /// Strategy by which the calibration's poses were chosen.
     pub strategy: Strategy,
-    /// Length of the way: every move the largest share of a joint's range, summed.
+    /// Length of the path: the sum over all moves of the largest joint move, as a share of that joint's range.
     pub travel: f64,
 }
 
-/// The candidates of a task, to make plans of.
+/// The candidates of a task, from which plans are made.
 #[derive(Debug)]
 pub struct Planner<'a> {
     task: Task<'a>,
-    /// The chain to the target.
+    /// Chain from base to target.
     chain: Poe<f64>,
     candidates: Candidates,
 }
 
-/// The cell leaves too few configurations.
+/// Error: the robot cell allows too few configurations.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{allowed} of {drawn} configurations are allowed")]
 pub struct TooTight {
-    /// Allowed configurations.
+    /// Number of allowed configurations.
     pub allowed: usize,
-    /// Configurations that were drawn.
+    /// Number of configurations that were drawn.
     pub drawn: usize,
-    /// How many are needed.
+    /// Number of configurations that are needed.
     pub needed: usize,
-    /// Why the others are forbidden; rules are numbered in the order of the constraints.
+    /// Why the other configurations are forbidden; rules are numbered in the order of the constraints.
     pub refusals: Refusals,
-    /// The joint whose range in the file costs most, if one does.
+    /// The joint whose range in the file costs most configurations, if there is one.
     pub wider_range: Option<WiderRange>,
 }
 
 impl<'a> Planner<'a> {
-    /// Draws the candidates.
+    /// Draws the candidates of a task.
     pub fn new(task: Task<'a>) -> Self {
         let chain = task.constraints.chain(task.nominal);
         let candidates = draw(task.robot, &chain, task.constraints, POOL, task.seed);
@@ -164,12 +164,12 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// The candidates, and how many were refused.
+    /// Returns the candidates, with how many configurations were refused.
     pub fn candidates(&self) -> &Candidates {
         &self.candidates
     }
 
-    /// A plan of `count` poses for the calibration and `checks` to check it.
+    /// Makes a plan of `count` poses for the calibration and `checks` poses to check it.
     ///
     /// # Errors
     /// [`TooTight`].
@@ -180,7 +180,7 @@ impl<'a> Planner<'a> {
         }
         let chosen = self.choose(count, strategy);
         let mut poses: Vec<PlannedPose> = chosen.iter().map(|c| self.pose(*c, false)).collect();
-        // Checks are what use will be like: candidates as they were drawn, from the end, where the exchange never looks.
+        // Checks resemble later use: they are candidates as they were drawn, from the end, where the exchange never looks.
         let mut free = (0..joints.len())
             .rev()
             .filter(|i| !chosen.iter().any(|(j, _)| j == i));
@@ -205,7 +205,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// Random allowed configurations with the payloads in turn, to test simulated calibrations on.
+    /// Draws random allowed configurations with the payloads in turn, to test simulated calibrations on.
     fn random_poses(&self, count: usize) -> Vec<PlannedPose> {
         let (task, payloads) = (&self.task, self.payload_count());
         let test = draw(
@@ -223,7 +223,7 @@ impl<'a> Planner<'a> {
         test.joints.into_iter().enumerate().map(pose).collect()
     }
 
-    /// Without payloads there is one that is not known.
+    /// Returns the number of payloads; without any, there is one unknown payload.
     fn payload_count(&self) -> usize {
         self.task.payloads.len().max(1)
     }
@@ -282,7 +282,8 @@ impl<'a> Planner<'a> {
             .collect()
     }
 
-    /// Payload by payload, in each those for the calibration and then the checks, each on a short way.
+    /// Orders the poses payload by payload; in each payload, first those for the calibration and then the checks, each on a
+    /// short path.
     fn ordered(&self, poses: Vec<PlannedPose>, strategy: Strategy) -> Plan {
         let ranges = &self.task.constraints.ranges;
         let mut payloads: Vec<Option<f64>> = Vec::new();

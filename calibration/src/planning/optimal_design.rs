@@ -1,16 +1,17 @@
-//! The poses that predict best: a V-optimal exchange under the prior of the elastic model.
+//! Chooses the poses that predict best: a V-optimal exchange under the prior of the elastic model.
 //!
-//! Before anything is measured the parameters of the elastic model (frames, gravity terms of links and payload) are a
-//! Gaussian prior (`elastic/state.rs`). A pose with the whitened Jacobian B (rows divided by the noise, columns multiplied
-//! by the prior's standard deviation) turns the information M = I into I + BᵀB, whatever will be read there, so that plans
-//! can be compared before anyone measures: by the variance of predicted positions over all candidates, tr(M⁻¹ Σ BₚᵀBₚ) with
-//! the rows Bₚ of positions. From a plan to begin with, every pose in turn is exchanged for the candidate of the same payload
-//! that is best beside all the others, until a round changes nothing (V. V. Fedorov, "Theory of Optimal Experiments", 1972).
+//! Before anything is measured, the parameters of the elastic model (frames, gravity terms of links and payload) have a
+//! Gaussian prior (`elastic/state.rs`). Take a pose with the whitened Jacobian B: its rows are divided by the noise, its
+//! columns multiplied by the prior's standard deviations. It changes the information M = I to I + BᵀB, whatever the
+//! measurement will read. So plans can be compared before anyone measures, by the variance of predicted positions over all
+//! candidates, tr(M⁻¹ Σ BₚᵀBₚ), where Bₚ are the rows of positions. Beginning with a given plan, each pose in turn is
+//! exchanged for the candidate of the same payload that is best beside all other poses, until a round changes nothing (V. V.
+//! Fedorov, "Theory of Optimal Experiments", 1972).
 //!
-//! Beside the parameters there may be terms that no arm is drawn with: a sine and a cosine of every joint in the deflection
-//! of every joint. They stand for what the model has to learn by its processes, and keep the poses apart.
+//! Besides the parameters there may be terms that no drawing has: a sine and a cosine of every joint in the deflection of
+//! every joint. They stand for what the model has to learn by its processes, and they keep the poses apart.
 //!
-//! Jacobians are the runtime's, by way of [`ParametricModel::linearise`].
+//! The Jacobians are those of the runtime, through [`ParametricModel::linearise`].
 
 use nalgebra::{SMatrix, Vector3};
 use poegp_runtime::elastic::ripple::ripple_regressors;
@@ -23,15 +24,15 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::{Mat, columns_mut};
 use crate::numeric::product::{Become, Operand, Transposed, multiply, product};
 
-/// Rounds of exchange at most; it ends with the first that changes nothing.
+/// Most rounds of exchange; the exchange ends with the first round that changes nothing.
 const ROUNDS: usize = 20;
 
 /// A sine and a cosine of a joint's own angle in its deflection.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wave {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: usize,
-    /// Cycles in one turn of the joint.
+    /// Number of cycles in one turn of the joint.
     pub cycles: f64,
     /// Standard deviation of each amplitude, rad or m.
     pub sd: f64,
@@ -46,17 +47,18 @@ pub struct Prior {
     pub links: f64,
     /// Standard deviations of the payload's gravity terms, rad/(N m) and rad/N.
     pub payload: f64,
-    /// Standard deviation of a sine and a cosine of the angle of a joint (column) in the deflection of a joint (row),
-    /// rad; an empty matrix leaves them out.
+    /// Standard deviation of a sine and a cosine of one joint's angle (column) in another joint's deflection (row), rad; an
+    /// empty matrix leaves them out.
     pub smooth: Vec<Vec<f64>>,
-    /// Gear ripple and own-joint curves.
+    /// Waves of gear ripple and own-joint curves.
     pub waves: Vec<Wave>,
 }
 
 impl Prior {
-    /// Industrial arms of so many joints: 10⁵ N m/rad, and links whose weight the controller mostly compensates. The fit
-    /// begins with wider priors and learns them; a plan for those would spend its poses on terms that are small in the end:
-    /// five simulated arms with 30 poses had 0.0425 mm against the truth with the fit's, 0.0369 with these.
+    /// Returns the prior of industrial arms with this many joints: 10⁵ N m/rad, and links whose weight the controller mostly
+    /// compensates. The fit begins with wider priors and learns them. A plan for those priors would spend its poses on terms
+    /// that are small in the end: with 30 poses, five simulated arms had 0.0425 mm against the truth with the fit's priors,
+    /// and 0.0369 mm with these.
     pub fn usual(joints: usize) -> Self {
         let frames = PriorGroup::Frames.prior_sd();
         Self {
@@ -69,7 +71,7 @@ impl Prior {
     }
 }
 
-/// One sine or cosine in the deflection of a joint.
+/// A sine or cosine term in the deflection of a joint.
 struct Deflection {
     deflected: usize,
     of: usize,
@@ -105,17 +107,17 @@ impl Prior {
 
 type Block = SMatrix<f64, ROWS, ROWS>;
 
-/// Candidates as the exchange sees them.
+/// The candidates' Jacobians, from which the exchange chooses.
 pub struct Design {
-    /// Whitened Jacobians, ROWS for each candidate.
+    /// Whitened Jacobians, `ROWS` rows for each candidate.
     rows: Mat<f64>,
-    /// Candidates of one payload; those of the next follow.
+    /// Number of candidates of one payload; those of the next payload follow.
     of_a_payload: usize,
 }
 
 impl Design {
-    /// Creates the design of `candidates`: `of_a_payload` for each payload in turn, at the same joints in the same
-    /// order. `chain` leads to the target.
+    /// Creates the design of `candidates`: `of_a_payload` for each payload in turn, at the same joints in the same order.
+    /// `chain` leads to the target.
     pub fn new(
         chain: &Poe<f64>,
         coupling: Option<&Vec<Vec<f64>>>,
@@ -144,7 +146,7 @@ impl Design {
             let sd = match group {
                 PriorGroup::Links => prior.links,
                 PriorGroup::Payload => prior.payload,
-                // Six numbers a frame, displacements first.
+                // Each frame has six numbers, displacements first.
                 PriorGroup::Frames if j % 6 < 3 => prior.frames.0,
                 PriorGroup::Frames => prior.frames.1,
                 _ => group.prior_sd(),
@@ -168,7 +170,7 @@ impl Design {
         self.rows.rows(ROWS * i, ROWS).into_owned()
     }
 
-    /// M⁻¹ of some poses; `None` only when a number is not finite.
+    /// Returns M⁻¹ of some poses; `None` only if a number is not finite.
     fn covariance(&self, chosen: &[usize]) -> Option<Mat<f64>> {
         let p = self.rows.ncols();
         let mut information = Mat::<f64>::identity(p, p);
@@ -181,7 +183,7 @@ impl Design {
         Some(Factor::new(information, 1).ok()?.inverse())
     }
 
-    /// Σ BₚᵀBₚ of all candidates over their number.
+    /// Returns Σ BₚᵀBₚ of all candidates, divided by their number.
     fn mean_position(&self) -> Mat<f64> {
         let count = self.rows.nrows() / ROWS;
         let positions = Mat::from_fn(3 * count, self.rows.ncols(), |i, j| {
@@ -190,18 +192,20 @@ impl Design {
         product(Transposed(&positions), &positions) * (1.0 / count as f64)
     }
 
-    /// Mean variance of predicted positions over all candidates after measuring some poses, in units of the noise.
+    /// Returns the mean variance of predicted positions over all candidates after measuring some poses, in units of the
+    /// noise.
     pub fn mean_variance(&self, chosen: &[usize]) -> Option<f64> {
         Some(product(&self.covariance(chosen)?, &self.mean_position()).trace())
     }
 
-    /// Exchanges the poses of `start`, indices of candidates, each for one of the same payload; no joints twice.
+    /// Exchanges the poses of `start`, given as indices of candidates, each for one of the same payload; no joints are used
+    /// twice.
     pub fn exchange(&self, start: &[usize]) -> Vec<usize> {
         let mut chosen = start.to_vec();
         let n = self.of_a_payload;
         let wanted = self.mean_position();
         for _ in 0..ROUNDS {
-            // Computed again in every round: updates accumulate rounding errors.
+            // The covariance is computed again in every round, because updates accumulate rounding errors.
             let Some(covariance) = self.covariance(&chosen) else {
                 return chosen;
             };
@@ -236,19 +240,19 @@ impl Design {
     }
 }
 
-/// What each candidate would gain, kept while poses are exchanged.
+/// The gain of each candidate, updated while poses are exchanged.
 struct Gains<'a> {
     design: &'a Design,
-    /// W, the variance that is to fall.
+    /// W: the matrix for which tr(C W) is the variance that is to be lowered.
     wanted: &'a Mat<f64>,
-    /// C = M⁻¹.
+    /// C = M⁻¹: covariance of the parameters.
     covariance: Mat<f64>,
     payloads: Vec<OfPayload>,
 }
 
 /// The candidates of one payload.
 struct OfPayload {
-    /// B of all of them.
+    /// B of all candidates, stacked.
     rows: Mat<f64>,
     candidates: Vec<Candidate>,
 }
@@ -260,9 +264,9 @@ struct Candidate {
     lowered: Block,
 }
 
-/// C − R K Rᵀ in place of C, by Woodbury's identity.
+/// A change of C to C − R K Rᵀ, by Woodbury's identity.
 struct Change {
-    /// R and C W R.
+    /// R and C W R, side by side.
     columns: Mat<f64>,
     /// K, symmetric.
     kernel: Block,
@@ -271,7 +275,7 @@ struct Change {
 }
 
 impl Candidate {
-    /// tr((I + B C Bᵀ)⁻¹ B C W C Bᵀ), by which the candidate lowers tr(C W).
+    /// Returns tr((I + B C Bᵀ)⁻¹ B C W C Bᵀ), by which the candidate lowers tr(C W).
     fn gain(&self) -> f64 {
         (Block::identity() + self.own)
             .try_inverse()
@@ -280,7 +284,7 @@ impl Candidate {
 }
 
 impl OfPayload {
-    /// What the candidates would gain after a change.
+    /// Returns the candidates after a change of C.
     fn after(&self, change: &Change) -> Vec<Candidate> {
         let Change { kernel, both, .. } = change;
         let moved = product(&self.rows, &change.columns);
@@ -329,7 +333,8 @@ impl<'a> Gains<'a> {
         }
     }
 
-    /// The information of a pose, added (`sign` 1) or taken away (−1); `None` only when a number is not finite.
+    /// Returns the change of C when the information of a pose is added (`sign` 1) or removed (−1); `None` only if a number
+    /// is not finite.
     fn change(&self, i: usize, sign: f64) -> Option<Change> {
         let n = self.design.of_a_payload;
         let own = self.payloads[i / n].candidates[i % n].own;

@@ -1,10 +1,10 @@
-//! The order of a plan: payload by payload, and in each a short way through the joints.
+//! The order of a plan: payload by payload, and with each payload a short path through the joints.
 //!
-//! Joints move at the same time, so a move takes as long as its slowest joint: the way from one pose to the next is the
-//! largest joint move, each as a share of that joint's planned range. Nearest neighbour, then 2-opt until no reversal of
-//! a part shortens the way. The way begins where the one before ended; it does not return.
+//! Joints move at the same time, so a move takes as long as its slowest joint. The distance from one pose to the next is the
+//! largest joint move, as a share of that joint's planned range. The path starts with nearest neighbours; then 2-opt
+//! reverses parts of it until no reversal shortens it. It begins where the one before ended and does not return.
 
-/// Largest joint move, as a share of its range.
+/// Returns the largest joint move, as a share of the joint's range.
 fn distance(a: &[f64], b: &[f64], ranges: &[(f64, f64)]) -> f64 {
     a.iter()
         .zip(b)
@@ -13,7 +13,7 @@ fn distance(a: &[f64], b: &[f64], ranges: &[(f64, f64)]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// Length of a way.
+/// Returns the length of a path.
 pub fn length<'a>(poses: impl IntoIterator<Item = &'a Vec<f64>>, ranges: &[(f64, f64)]) -> f64 {
     let mut poses = poses.into_iter();
     let Some(mut last) = poses.next() else {
@@ -27,7 +27,7 @@ pub fn length<'a>(poses: impl IntoIterator<Item = &'a Vec<f64>>, ranges: &[(f64,
     sum
 }
 
-/// An order of `poses`, by index; the way begins at `start`, or anywhere.
+/// Returns an order of `poses`, by index; the path begins at `start`, or anywhere for `None`.
 pub fn shortest_path_order(
     poses: &[Vec<f64>],
     start: Option<&[f64]>,
@@ -63,7 +63,7 @@ pub fn shortest_path_order(
     order
 }
 
-/// 2-opt: reverses parts as long as that shortens the way.
+/// 2-opt: reverses parts of the path as long as that shortens it.
 fn improve(order: &mut [usize], between: &[Vec<f64>], from_start: &[f64]) {
     let n = order.len();
     let into = |order: &[usize], first: usize, to: usize| match first {

@@ -1,29 +1,29 @@
-//! Which rules forbid the configurations that were drawn, and which of them would have to give way.
+//! Counts which rules forbid the drawn configurations, and finds which rules would have to be dropped.
 
 use std::collections::BTreeMap;
 
-/// Forbidden configurations, by all the rules that forbid them.
+/// Counts of forbidden configurations, by the set of all rules that forbid them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Refusals {
     by_rules: BTreeMap<Vec<usize>, usize>,
 }
 
-/// Rules that would have to be dropped together, and how many of the drawn configurations that allows.
+/// Rules that would have to be dropped together, and how many of the drawn configurations that would allow.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Release {
-    /// Numbers of the rules.
+    /// Indices of the rules.
     pub rules: Vec<usize>,
-    /// Configurations that all of these rules forbid and no other does, or some of these.
+    /// Number of configurations that only these rules, or some of them, forbid.
     pub frees: usize,
 }
 
 impl Refusals {
-    /// Counts a configuration that these rules forbid, by ascending numbers.
+    /// Counts a configuration that these rules forbid; their indices are in ascending order.
     pub fn count(&mut self, rules: Vec<usize>) {
         *self.by_rules.entry(rules).or_default() += 1;
     }
 
-    /// Configurations that a rule forbids, whatever the others do.
+    /// Returns how many configurations a rule forbids, whatever other rules do.
     pub fn forbidden_by(&self, rule: usize) -> usize {
         let with = self
             .by_rules
@@ -32,7 +32,7 @@ impl Refusals {
         with.map(|(_, count)| count).sum()
     }
 
-    /// Configurations that would be allowed without these rules.
+    /// Returns how many configurations would be allowed without these rules.
     pub fn freed_by(&self, without: &[usize]) -> usize {
         let freed = self
             .by_rules
@@ -41,8 +41,8 @@ impl Refusals {
         freed.map(|(_, count)| count).sum()
     }
 
-    /// The smallest sets of rules that free a configuration when they are dropped, most configurations first: single rules
-    /// if there are any, else pairs, and so on.
+    /// Returns the smallest sets of rules that allow a configuration when they are dropped, those that free most first:
+    /// single rules if there are any, else pairs, and so on.
     pub fn releases(&self) -> Vec<Release> {
         let fewest = self.by_rules.keys().map(Vec::len).min().unwrap_or(0);
         let smallest = self.by_rules.keys().filter(|rules| rules.len() == fewest);

@@ -1,4 +1,4 @@
-//! What can forbid a configuration.
+//! The rules that can forbid a configuration.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -6,12 +6,12 @@ use poegp_runtime::math::se3::Pose;
 use crate::planning::links::{BASE_LINKS, Links, Stance};
 use crate::planning::segment::Zone;
 
-/// The instrument must see the target.
+/// Requires that the instrument sees the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LineOfSight {
-    /// The instrument in the base frame, metres.
+    /// Position of the instrument in the base frame, metres.
     pub instrument: Vector3<f64>,
-    /// The axis of the target's frame that looks at it, a unit vector.
+    /// Axis of the target's frame that must face the instrument, a unit vector.
     pub normal: Vector3<f64>,
     /// Largest angle between that axis and the direction to the instrument, rad.
     pub max_angle: f64,
@@ -21,39 +21,39 @@ impl LineOfSight {
     fn sees(&self, base_from_target: &Pose<f64>) -> bool {
         let normal = base_from_target.rotation * self.normal;
         let to_instrument = self.instrument - base_from_target.translation;
-        // The instrument at the target itself has no direction; it sees nothing.
+        // At zero distance between instrument and target there is no direction, and the instrument sees nothing.
         normal.dot(&to_instrument) > libm::cos(self.max_angle) * to_instrument.norm()
     }
 }
 
-/// Something that can forbid a configuration.
+/// A rule that can forbid a configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Rule {
-    /// Links that move stay above this z of the base frame, metres.
+    /// Moving links stay above this z of the base frame, metres.
     Floor(f64),
     /// Links stay out of the base.
     Base,
-    /// Links that move stay out of each other.
+    /// Moving links stay out of each other.
     Links,
-    /// The target must be inside.
+    /// The target stays inside this box.
     Workspace(Zone),
-    /// Links that move, with their radius, and the first two joints must be outside; the name is the user's.
+    /// Moving links, with their radius, and the first two joints stay outside this box; the name is the user's.
     KeepOut(String, Zone),
     /// The instrument must see the target.
     LineOfSight(LineOfSight),
 }
 
-/// A rule with the line that it stands on.
+/// A rule, with the line of the file that states it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Constraint {
-    /// What it demands.
+    /// The rule.
     pub rule: Rule,
-    /// Line in the file, from 1; absent where the file does not have the rule.
+    /// Line in the file, from 1; absent if the file does not have the rule.
     pub line: Option<usize>,
 }
 
 impl Constraint {
-    /// What it is called in messages.
+    /// Returns the name of the rule in messages.
     pub fn name(&self) -> String {
         match &self.rule {
             Rule::Floor(_) => "floor".to_owned(),
@@ -65,7 +65,7 @@ impl Constraint {
         }
     }
 
-    /// How its author can make it forbid less, as part of a sentence.
+    /// Returns how the author of the rule can make it forbid less, as part of a sentence.
     pub fn remedy(&self) -> &'static str {
         match &self.rule {
             Rule::Floor(_) => {
@@ -80,7 +80,7 @@ impl Constraint {
         }
     }
 
-    /// Whether it allows an arm that stands so.
+    /// Returns whether the rule allows an arm in this stance.
     pub fn allows(&self, links: &Links, stance: &Stance) -> bool {
         let target = &stance.base_from_target;
         match &self.rule {

@@ -1,4 +1,4 @@
-//! Straight pieces of an arm, and how near they come to each other and to a box.
+//! Straight segments of an arm, and their distances from each other and from a box.
 
 use nalgebra::Vector3;
 
@@ -12,13 +12,13 @@ pub struct Zone {
 }
 
 impl Zone {
-    /// Whether a point is inside.
+    /// Returns whether a point is inside.
     pub fn contains(&self, point: &Vector3<f64>) -> bool {
         (0..3).all(|i| (self.lower[i]..=self.upper[i]).contains(&point[i]))
     }
 }
 
-/// A straight piece between two points, metres.
+/// A straight segment between two points, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment {
     /// One end.
@@ -28,17 +28,17 @@ pub struct Segment {
 }
 
 impl Segment {
-    /// The point at a share of the length, 0 at `from`, 1 at `to`.
+    /// Returns the point at a share of the length: 0 is `from`, 1 is `to`.
     pub fn at(&self, share: f64) -> Vector3<f64> {
         self.from + share * (self.to - self.from)
     }
 
-    /// Length in metres.
+    /// Returns the length in metres.
     pub fn length(&self) -> f64 {
         (self.to - self.from).norm()
     }
 
-    /// Distance of a point in metres.
+    /// Returns the distance to a point in metres.
     pub fn distance_to_point(&self, point: &Vector3<f64>) -> f64 {
         let along = self.to - self.from;
         let square = along.norm_squared();
@@ -50,11 +50,11 @@ impl Segment {
         (self.at(share) - point).norm()
     }
 
-    /// Distance of another segment in metres.
+    /// Returns the distance to another segment in metres.
     ///
-    /// The squared distance is a convex function of the two shares. Its least value on the unit square is inside, where
-    /// the common perpendicular meets both segments, or on an edge, where one of the points is an end. All of them are
-    /// compared, so that nearly parallel segments need no threshold.
+    /// The squared distance is a convex function of the two shares. Its minimum on the unit square is either inside, where
+    /// the common perpendicular meets both segments, or on an edge, where one of the points is an end. All of these are
+    /// compared, so nearly parallel segments need no threshold.
     pub fn distance(&self, other: &Self) -> f64 {
         let edges = [
             self.distance_to_point(&other.from),
@@ -71,7 +71,7 @@ impl Segment {
         let s = (uv * va - vv * ua) / determinant;
         let t = (uu * va - uv * ua) / determinant;
         let inside = 0.0..=1.0;
-        // For parallel segments, the shares are not finite, and so not inside.
+        // For parallel segments the shares are not finite, so they do not count as inside.
         if inside.contains(&s) && inside.contains(&t) {
             least.min((self.at(s) - other.at(t)).norm())
         } else {
@@ -79,10 +79,10 @@ impl Segment {
         }
     }
 
-    /// Distance of a box in metres; 0 where the segment touches it.
+    /// Returns the distance to a box in metres; 0 if the segment touches the box.
     ///
-    /// Along the segment the squared distance of a box is convex, and quadratic between the points where a coordinate passes
-    /// a face. The least value of each of these pieces is compared.
+    /// Along the segment, the squared distance to a box is convex. It is quadratic between the points where a coordinate
+    /// passes a face of the box. The minima of all these pieces are compared.
     pub fn distance_to_box(&self, zone: &Zone) -> f64 {
         let along = self.to - self.from;
         let mut ends = vec![0.0, 1.0];

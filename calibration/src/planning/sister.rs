@@ -1,4 +1,4 @@
-//! A prior from the model of a sister robot: another arm of the same type that is calibrated already.
+//! A prior from the model of a sister robot: another arm of the same type that is already calibrated.
 //!
 //! | from the blob | what a plan takes of it |
 //! |---|---|
@@ -7,9 +7,9 @@
 //! | gear ripple, own-joint curves | which waves of a joint's angle there are, and how large |
 //! | kernels | how large the smooth deflection of each joint is, by each joint |
 //!
-//! The values themselves are this other arm's: a plan takes their sizes as standard deviations, about zero. A blob has no
-//! evidence of how much two arms differ. A model without an elastic correction says nothing of deflections; the usual sizes
-//! stand for them.
+//! The values themselves belong to the other arm: a plan takes their sizes as standard deviations about zero. A blob does
+//! not show how much two arms differ. A model without an elastic correction says nothing of deflections, so their usual
+//! sizes are taken.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -22,64 +22,64 @@ use crate::numeric::rotation::nearest_rotation;
 use crate::planning::optimal_design::{Prior, Wave};
 use crate::robot::Robot;
 
-/// Frames of the same drawing differ by rounding only, m and rad.
+/// Largest difference between frames of the same drawing, m and rad; it is due to rounding only.
 const SAME_DRAWING: f64 = 1e-3;
-/// Waves that are taken at most: the largest.
+/// Most waves that are taken, beginning with the largest.
 const MOST_WAVES: usize = 48;
-/// A wave that is smaller is noise of the fit, rad.
+/// Amplitude below which a wave is noise of the fit, rad.
 const SMALLEST_WAVE: f64 = 1e-6;
-/// Smallest standard deviation of a frame, m and rad: two arms are never more alike.
+/// Smallest standard deviation of a frame, m and rad: no two arms are more alike than this.
 const LEAST_FRAMES: f64 = 0.05e-3;
 
-/// Why a model is not that of a sister robot.
+/// Error: a model is not that of a sister robot.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NotASister {
-    /// Another number of joints.
+    /// The model has another number of joints.
     #[error("a model of \"{robot}\" with {found} joints")]
     Joints {
         /// Robot of the model.
         robot: String,
-        /// Its joints.
+        /// Number of joints of the model.
         found: usize,
     },
-    /// A joint that turns in one and slides in the other.
+    /// A joint is revolute in one robot and prismatic in the other.
     #[error("a model of \"{robot}\", whose joint {joint} is of another kind")]
     Kind {
         /// Robot of the model.
         robot: String,
-        /// The joint, from 1.
+        /// Number of the joint, from 1.
         joint: usize,
     },
-    /// Other joints of the controller.
+    /// The joints of the controller are coupled in another way.
     #[error("a model of \"{robot}\", whose joints are coupled otherwise")]
     Coupling {
         /// Robot of the model.
         robot: String,
     },
-    /// Another drawing.
+    /// The drawing differs.
     #[error(
         "a model of \"{robot}\", whose drawing differs at joint {joint} by {millimetres:.1} mm or {milliradians:.1} mrad"
     )]
     Drawing {
         /// Robot of the model.
         robot: String,
-        /// The first joint that differs, from 1.
+        /// Number of the first joint that differs, from 1.
         joint: usize,
-        /// Distance in mm.
+        /// Distance between the joint's frames, mm.
         millimetres: f64,
-        /// Rotation in mrad.
+        /// Angle between the joint's frames, mrad.
         milliradians: f64,
     },
 }
 
-/// What a model says of the arms of its type.
+/// What the model of a calibrated arm says of the arms of its type.
 #[derive(Clone, Debug)]
 pub struct Sister {
-    /// Its calibrated chain from the base to its flange.
+    /// Calibrated chain from base to flange.
     pub chain: Poe<f64>,
-    /// Sizes of its terms.
+    /// Sizes of the model's terms, as standard deviations.
     pub prior: Prior,
-    /// Whether they are sizes of deflections, too; else those are the usual ones.
+    /// Whether the model has sizes of deflections, too; if not, `prior` has the usual ones.
     pub is_elastic: bool,
 }
 
@@ -132,7 +132,7 @@ impl Sister {
         }
         let kinds: Vec<JointKind> = robot.joints.iter().map(|j| j.kind).collect();
         let mut prior = Prior::usual(n);
-        // The first frame is the base's, the last the target's: they are where somebody put them.
+        // The first frame is the base's and the last the target's: both are where somebody mounted them.
         prior.frames =
             sizes(calibrated[..n].iter().skip(1).map(|(_, twist)| twist)).unwrap_or(prior.frames);
         let is_elastic = match &blob.correction {
@@ -161,11 +161,12 @@ fn poses(frames: &[Transform<f32>]) -> Vec<Pose<f64>> {
     frames.iter().map(pose).collect()
 }
 
-/// The same chain with frames as near as can be to the robot's, and of each the deviation, as a twist in the joint's frame.
+/// Returns the same chain with frames as near as possible to the robot's, each with its deviation as a twist in the joint's
+/// frame.
 ///
-/// A turn about a joint's axis and a shift along it commute with the joint: a blob hands them to the frame before
-/// (`runtime/src/kinematics/minimal_chain.rs`), and of parallel axes the turn is any angle. Here they are handed on to the
-/// frame behind, as far as the robot's frame does not have them.
+/// A turn about a joint's axis and a shift along it commute with the joint. A blob moves them to the frame before
+/// (`runtime/src/kinematics/minimal_chain.rs`), and for parallel axes the turn is any angle. This function moves them on to
+/// the frame behind, as far as the robot's frame does not have them.
 fn aligned(robot: &Robot, frames: &[Pose<f64>]) -> Vec<(Pose<f64>, Twist<f64>)> {
     let mut handed = Pose::identity();
     let last = frames.len() - 1;
@@ -173,7 +174,7 @@ fn aligned(robot: &Robot, frames: &[Pose<f64>]) -> Vec<(Pose<f64>, Twist<f64>)> 
     for (i, (frame, drawn)) in frames.iter().zip(&robot.parent_from_joint).enumerate() {
         let mut frame = handed * *frame;
         handed = Pose::identity();
-        // The angle of the handed turn is not small: a second step corrects the first.
+        // The angle of the moved turn is not small, so further steps correct the first.
         for _ in 0..if i < last { 3 } else { 0 } {
             let deviation = drawn.inverse() * frame;
             let angle = libm::atan2(
@@ -192,7 +193,8 @@ fn aligned(robot: &Robot, frames: &[Pose<f64>]) -> Vec<(Pose<f64>, Twist<f64>)> 
     out
 }
 
-/// Root mean squares of the components that remain, m and rad: two of translation and two of rotation a frame.
+/// Returns the root mean squares of the components that remain, m and rad: two of translation and two of rotation for each
+/// frame.
 fn sizes<'a>(twists: impl Iterator<Item = &'a Twist<f64>>) -> Option<(f64, f64)> {
     let (mut linear, mut angular, mut count) = (0.0, 0.0, 0);
     for twist in twists {
@@ -204,7 +206,7 @@ fn sizes<'a>(twists: impl Iterator<Item = &'a Twist<f64>>) -> Option<(f64, f64)>
     (count > 0).then(|| (rms(linear), rms(angular)))
 }
 
-/// Sizes of the terms of an elastic correction.
+/// Sets the sizes of the terms of an elastic correction.
 fn deflections(prior: &mut Prior, elastic: &Elastic<'_>, n: usize) {
     let rms = |values: &mut dyn Iterator<Item = f32>| {
         let squares: Vec<f64> = values.map(|x| f64::from(x).powi(2)).collect();
@@ -219,10 +221,11 @@ fn deflections(prior: &mut Prior, elastic: &Elastic<'_>, n: usize) {
     }
     for (kernel, row) in elastic.kernels.iter().zip(&mut prior.smooth) {
         let sum: f64 = kernel.rates.iter().map(|rate| f64::from(*rate)).sum();
-        // The variance of the process, shared out by how much it depends on each joint.
+        // The variance of the process is divided among the joints by how much it depends on each.
         for (sd, rate) in row.iter_mut().zip(&kernel.rates) {
             let share = f64::from(kernel.amplitude) * f64::from(*rate) / sum.max(1e-30);
-            // Never below the usual size: it also keeps poses apart, and of regular arms plans without were 3 % worse.
+            // The size is never below the usual one, which also keeps poses apart: plans for regular arms without it were 3
+            // % worse.
             *sd = share.sqrt().max(*sd);
         }
     }

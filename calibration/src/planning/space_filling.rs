@@ -1,18 +1,18 @@
-//! Poses that fill the space: each as far as possible from all that were taken before (maximin).
+//! Chooses poses that fill the space: each is as far as possible from all that were chosen before (maximin).
 //!
-//! The coordinates are the joints as shares of their planned ranges, and the payload as a share of its own, at half
-//! weight: the model knows how a payload acts through gravity, and only what is left has to be interpolated.
+//! The coordinates are the joints as shares of their planned ranges, and the payload as a share of its own range, at half
+//! weight: the model knows how a payload acts through gravity, so only the rest has to be interpolated.
 
 use crate::numeric::statistics::extremes;
 
-/// Weight of the whole range of payloads beside that of one joint.
+/// Weight of the whole payload range relative to the range of one joint.
 pub const PAYLOAD_WEIGHT: f64 = 0.5;
 
-/// A candidate by the joints' and the payload's index.
+/// A candidate, given by the index of its joints and the index of its payload.
 pub type Choice = (usize, usize);
 
-/// Takes `quotas[k]` poses of each payload k from `joints`; the first is the one nearest to the middle of all ranges.
-/// Joints are not taken twice.
+/// Takes `quotas[k]` poses with each payload k from `joints`. The first pose is the one nearest to the middle of all ranges.
+/// No joints are taken twice.
 pub fn fill(
     joints: &[Vec<f64>],
     ranges: &[(f64, f64)],
@@ -39,7 +39,8 @@ pub fn fill(
     let square =
         |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum() };
     let middle = vec![0.5; ranges.len()];
-    // Squared distance of each candidate from what was taken; before the first from far off, the middle least.
+    // Squared distance of each candidate from all taken poses. It starts far away, largest for the candidate nearest to the
+    // middle.
     let mut nearest: Vec<Vec<f64>> = configurations
         .iter()
         .map(|p| vec![1e6 - square(p, &middle); heights.len()])
@@ -70,7 +71,7 @@ pub fn fill(
     out
 }
 
-/// How many poses each of `payloads` gets: as equal as possible.
+/// Returns how many poses each payload gets, as equal as possible.
 pub fn quotas(count: usize, payloads: usize) -> Vec<usize> {
     (0..payloads)
         .map(|k| count * (k + 1) / payloads - count * k / payloads)

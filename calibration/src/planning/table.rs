@@ -1,4 +1,4 @@
-//! A plan as CSV, in the columns of the measurement file: the instrument's columns are for the user to add.
+//! A plan as CSV, in the columns of the measurement file; the user adds the instrument's columns.
 
 use std::fmt::Write as _;
 
@@ -8,8 +8,8 @@ use crate::planning::Plan;
 use crate::planning::candidates::{decimals, in_file_units};
 use crate::robot::Robot;
 
-/// The poses of a plan that are for the calibration (`check` false) or to check it. Comments say which poses of the
-/// program they are; without payloads there is no such column.
+/// Formats the poses of a plan that are for the calibration (`check` false) or to check it (`check` true). Comments in the
+/// file say which poses of the program they are. Without payloads there is no payload column.
 pub fn to_csv(robot: &Robot, plan: &Plan, check: bool) -> String {
     let purpose = if check {
         "to check the calibration"

@@ -1,4 +1,4 @@
-//! The joint range of the file that costs a plan most.
+//! Finds the joint range of the constraints file that costs a plan the most configurations.
 
 use poegp_runtime::kinematics::poe::Poe;
 
@@ -6,22 +6,22 @@ use crate::planning::candidates::draw_within;
 use crate::planning::constraints::Constraints;
 use crate::robot::Robot;
 
-/// Configurations that are drawn again with the usual range of a joint.
+/// Number of configurations drawn again with the usual range of a joint.
 const REDRAWN: usize = 20_000;
 
-/// A joint range of the file without which more is allowed.
+/// A joint whose usual range allows more configurations than its range in the file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WiderRange {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: usize,
-    /// Configurations that were allowed with the joint's usual range.
+    /// Number of configurations allowed with the joint's usual range.
     pub allowed: usize,
-    /// Configurations that were drawn with it.
+    /// Number of configurations drawn with the joint's usual range.
     pub drawn: usize,
 }
 
-/// The joint whose usual range instead of the file's allows the largest share of configurations, if that is clearly
-/// more than `share`.
+/// Returns the joint for which the usual range instead of the file's allows the largest share of configurations, if that is
+/// clearly more than `share`.
 pub(super) fn wider_range(
     robot: &Robot,
     chain: &Poe<f64>,
@@ -43,7 +43,7 @@ pub(super) fn wider_range(
                 drawn: found.drawn,
             })
         })
-        // Not by chance.
+        // The margin excludes chance.
         .filter(|wider| wider.allowed as f64 > 10.0 + 2.0 * share * wider.drawn as f64)
         .max_by_key(|wider| wider.allowed)
 }

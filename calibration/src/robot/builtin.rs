@@ -1,12 +1,12 @@
 //! The arms that the trainer knows by name.
 //!
-//! Each is a description like a user's own (`calibration/robots/NAME.toml`, also the place to start from when writing one)
-//! and goes through the same reader.
+//! Each has a description like a user's own (`calibration/robots/NAME.toml`, also a good template for a new one) and is
+//! parsed by the same reader.
 
 /// Names of the built-in arms, for [`Robot::load`](super::Robot::load).
 ///
-/// `abb-irb4400` takes the controller's joints (the arm is a parallelogram: q3_serial = q3 − q2), `abb-irb4400-serial`
-/// those of the serial chain.
+/// `abb-irb4400` takes the controller's joints (the arm has a parallelogram: q3_serial = q3 − q2), `abb-irb4400-serial`
+/// takes those of the serial chain.
 pub const BUILT_IN: [&str; 6] = [
     "abb-irb120",
     "abb-irb4400",
@@ -16,7 +16,7 @@ pub const BUILT_IN: [&str; 6] = [
     "ur5",
 ];
 
-/// The description of a built-in arm.
+/// Returns the description of a built-in arm.
 pub(super) fn text(name: &str) -> Option<&'static str> {
     Some(match name {
         "abb-irb120" => include_str!("../../robots/abb-irb120.toml"),

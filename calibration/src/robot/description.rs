@@ -8,75 +8,74 @@ use poegp_runtime::math::vector::inner_product;
 /// A nominal serial arm of 1 to 8 joints in normal form.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
-    /// The arm's name.
+    /// Name of the arm.
     pub name: String,
-    /// The moving joints, base first.
+    /// Moving joints, base first.
     pub joints: Vec<Joint>,
-    /// The n + 1 fixed frames, metres: `base_from_joint_1`, `joint_1_from_joint_2`, …, `joint_n_from_flange`. The joint
-    /// acts after its frame, about or along its own z axis.
+    /// The n + 1 fixed frames, in m: `base_from_joint_1`, `joint_1_from_joint_2`, …, `joint_n_from_flange`. Each joint acts
+    /// after its frame, about or along its own z axis.
     pub parent_from_joint: Vec<Pose<f64>>,
-    /// C of q_serial = C q, n rows of n, invertible: the chain's joint values from the controller's. `None` is the
-    /// identity.
+    /// Joint coupling C in q_serial = C q, n rows of n, invertible: it converts the controller's joint values to the
+    /// chain's. `None` is the identity.
     pub coupling: Option<Vec<Vec<f64>>>,
-    /// Radius of the capsules that stand for its links, metres, where the description states one.
+    /// Radius of the capsules that represent the links, in m, if the description states one.
     pub link_radius: Option<f64>,
-    /// How far an arm of its class is from its drawing, where the description states it.
+    /// How far an arm of this class is from its drawing, if the description states it.
     pub prior: Option<ClassPrior>,
 }
 
-/// How far an arm of its class is from its drawing: standard deviations of one component.
+/// How far an arm of a class is from its drawing: standard deviations of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassPrior {
-    /// Standard deviation of one component of a link's offset, m.
+    /// Standard deviation of one component of a link's offset, in m.
     pub length: f64,
-    /// Standard deviation of one component of the direction of an axis, rad.
+    /// Standard deviation of one component of the direction of an axis, in rad.
     pub tilt: f64,
-    /// Standard deviation of the zero of a joint, rad (for a slide, m).
+    /// Standard deviation of the zero of a joint, in rad (for a prismatic joint, in m).
     pub joint_zero: f64,
 }
 
 /// One moving joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
-    /// The joint's name, unique in its robot.
+    /// Name of the joint, unique in its robot.
     pub name: String,
-    /// Whether it turns about z or moves along z.
+    /// Whether the joint turns about z or moves along z.
     pub kind: JointKind,
-    /// Lower and upper limit of the *controller's* joint value, rad or m, lower ≤ upper and finite; `None` is
-    /// unlimited.
+    /// Lower and upper limit of the *controller's* joint value, in rad or m, finite and lower ≤ upper; `None` is unlimited.
     pub limits: Option<(f64, f64)>,
-    /// Errors of the gear that repeat so many times in one turn of the *controller's* joint, if they are known.
+    /// Known gear errors, in cycles per turn of the *controller's* joint.
     pub gear_lines: Vec<f64>,
-    /// Radius of the capsule that stands for the link behind this joint, metres, where it differs from the robot's.
+    /// Radius of the capsule that represents the link after this joint, in m, if it differs from the robot's.
     pub link_radius: Option<f64>,
 }
 
-/// What [`Robot::load`] needs beside the file: which part of a URDF is the arm.
+/// Options of [`Robot::load`]: which part of a URDF is the arm.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Name of the URDF link that the chain starts from. `None`: the root link.
+    /// Name of the URDF link from which the chain starts. `None`: the root link.
     pub base: Option<String>,
-    /// Name of the URDF link that is the flange. `None`: the only leaf below the base, else the leaf named `tool0`,
-    /// `flange` or `ee_link`, in this order.
+    /// Name of the URDF link that is the flange. `None`: the only leaf below the base, else the leaf named `tool0`, `flange`
+    /// or `ee_link`, in this order.
     pub tip: Option<String>,
 }
 
 impl Robot {
-    /// The chain from base to flange, as the runtime has it.
+    /// Returns the chain from base to flange in the runtime's form.
     ///
     /// # Errors
-    /// Never for a robot that was loaded: it has 1 to 8 joints and one frame more.
+    /// None for a robot that was loaded: it has 1 to 8 joints and one frame more.
     pub fn chain(&self) -> Result<Poe<f64>, WrongChain> {
         let kinds: Vec<JointKind> = self.joints.iter().map(|j| j.kind).collect();
         Poe::new(&kinds, &self.parent_from_joint)
     }
 
-    /// C q: the joints of the serial chain at the controller's joint values `q`, rad or m.
+    /// Returns C q: the joint values of the serial chain at the controller's joint values `q`, in rad or m.
     pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
         coupled(self.coupling.as_deref(), q)
     }
 
-    /// Sum of the lengths of the links in m, with the travel of prismatic joints.
+    /// Returns the sum of the lengths of the links, with the travel of prismatic joints, in m.
     pub fn reach(&self) -> f64 {
         let links = self.parent_from_joint.iter().skip(1);
         let travel = self.joints.iter().map(|j| match j.kind {
@@ -87,7 +86,7 @@ impl Robot {
     }
 }
 
-/// C q for the rows of C; q where there is no coupling.
+/// Returns C q for the rows of C, or q if there is no coupling.
 pub fn coupled(coupling: Option<&[Vec<f64>]>, q: &[f64]) -> Vec<f64> {
     match coupling {
         None => q.to_vec(),

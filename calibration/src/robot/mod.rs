@@ -1,9 +1,9 @@
 //! The nominal arm in normal form: fixed frames, and joints that act on their own z axis.
 //!
-//! Three descriptions lead to the same [`Robot`]: a URDF, a TOML file in one of three conventions, and the built-in
-//! arms, which are TOML files themselves. Whatever their axes were, here every joint turns about or moves along the z
-//! axis of its own frame: with the axis rewritten by a fixed rotation K (K z = axis), the frames become
-//! K_{i−1}⁻¹ · origin_i · K_i. The chain is then
+//! Three kinds of description lead to the same [`Robot`]: a URDF, a TOML file in one of three conventions, and the built-in
+//! arms, which are TOML files themselves. Whatever the axes in the description, every joint here turns about or moves along
+//! the z axis of its own frame: with each axis expressed by a fixed rotation K (K z = axis), the frames become K_{i−1}⁻¹ ·
+//! origin_i · K_i. The chain is then
 //!
 //! ```text
 //! base_from_flange(q) = P_0 · Z_1(q_1) · P_1 · Z_2(q_2) · … · Z_n(q_n) · P_n,      q = C · (controller's joints)
@@ -12,7 +12,7 @@
 //! with P_i = `parent_from_joint[i]`, Z_i a rotation about z by q_i (rad) or a translation along z by q_i (m), and C
 //! the [`Robot::coupling`].
 //!
-//! Refused, by name: anything that is not one serial chain of 1 to 8 revolute or prismatic joints.
+//! Anything that is not one serial chain of 1 to 8 revolute or prismatic joints is refused, and the error names it.
 
 mod builtin;
 mod description;
@@ -38,11 +38,12 @@ use crate::input_error::InputError;
 
 impl Robot {
     /// Loads the arm that `spec` names: one of [`BUILT_IN`], else the path of a URDF (`.urdf`, `.xml`) or of a TOML
-    /// description (`.toml`). A file that has a built-in's name is reached as `./NAME`.
+    /// description (`.toml`). Write `./NAME` for a file that has the name of a built-in arm.
     ///
     /// # Errors
     ///
-    /// An [`InputError`] that names the file and, where it is known, the line: see [`crate::robot`] for what is refused.
+    /// Returns an [`InputError`] that names the file and, if known, the line. The module [`crate::robot`] describes what is
+    /// refused.
     pub fn load(spec: &str, options: &LoadOptions) -> Result<Robot, InputError> {
         if let Some(text) = builtin::text(spec) {
             let file = format!("<built-in {spec}>");
@@ -59,11 +60,11 @@ impl Robot {
         Self::parse(path, &bytes, options)
     }
 
-    /// Reads the bytes of a URDF or a TOML description; the extension of `path` says which.
+    /// Parses the bytes of a URDF or a TOML description; the extension of `path` selects the format.
     ///
     /// # Errors
     ///
-    /// As [`Robot::load`].
+    /// Those of [`Robot::load`].
     pub fn parse(path: &Path, bytes: &[u8], options: &LoadOptions) -> Result<Robot, InputError> {
         let Ok(text) = std::str::from_utf8(bytes) else {
             return Err(InputError::new(
@@ -94,7 +95,7 @@ impl Robot {
         }
     }
 
-    /// base_from_flange at the controller's joint values `q` (rad or m): an oracle for tests, written without the
+    /// Returns base_from_flange at the controller's joint values `q` (rad or m): a test oracle, written without the
     /// runtime's product of exponentials.
     #[cfg(test)]
     pub fn forward(&self, q: &[f64]) -> Pose<f64> {
@@ -117,7 +118,7 @@ impl Robot {
     }
 }
 
-/// Base and tip are names of URDF links: with any other description they would be ignored, so they are refused.
+/// Refuses base and tip, which are names of URDF links: any other description would ignore them.
 fn no_link_names(file: &Path, options: &LoadOptions) -> Result<(), InputError> {
     for (option, value) in [("base", &options.base), ("tip", &options.tip)] {
         if let Some(link) = value {

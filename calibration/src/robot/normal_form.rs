@@ -1,6 +1,6 @@
-//! From joints with any axis to the normal form, and the elementary frames it is made of.
+//! Converts joints with arbitrary axes to the normal form; also the elementary frames that this needs.
 //!
-//! Every reader of a description pushes its joints and fixed frames here in order; `Chain::finish` returns the robot.
+//! Every description reader pushes its joints and fixed frames in order; `Chain::finish` returns the robot.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::limits::MAX_JOINTS;
@@ -8,25 +8,25 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot::description::{Joint, Robot};
 
-/// A chain under construction: fixed frames are folded together until a moving joint ends them.
+/// A chain under construction. Fixed frames are multiplied together until a moving joint follows.
 pub(super) struct Chain {
     joints: Vec<Joint>,
     parent_from_joint: Vec<Pose<f64>>,
-    /// From the z axis of the last joint (or the base) to where the chain has come.
+    /// Transform from the z-axis frame of the last joint (or the base) to the current end of the chain.
     pending: Pose<f64>,
 }
 
-/// Why a chain is no robot of ours.
+/// Why a chain is not a supported robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum ChainError {
-    /// It has no moving joint.
+    /// The chain has no moving joint.
     NoJoints,
-    /// It has more than [`MAX_JOINTS`] of them.
+    /// The chain has more than [`MAX_JOINTS`] moving joints; this is their number.
     TooManyJoints(usize),
 }
 
 impl ChainError {
-    /// (found, expected) for an error message.
+    /// Returns (found, expected) for an error message.
     pub(super) fn describe(self) -> (String, String) {
         let found = match self {
             Self::NoJoints => "no moving joint".to_owned(),
@@ -40,7 +40,7 @@ impl ChainError {
 }
 
 impl Chain {
-    /// An empty chain that starts at the base frame.
+    /// Creates an empty chain that starts at the base frame.
     pub(super) fn new() -> Self {
         Self {
             joints: Vec::new(),
@@ -49,12 +49,12 @@ impl Chain {
         }
     }
 
-    /// Goes on by a fixed frame.
+    /// Appends a fixed frame.
     pub(super) fn push_fixed(&mut self, parent_from_child: Pose<f64>) {
         self.pending = self.pending * parent_from_child;
     }
 
-    /// A joint whose axis is `axis`, a finite vector of any length but zero, in the frame the chain has come to.
+    /// Appends a joint whose axis, in the current end frame, is `axis`: a finite vector of any length except zero.
     pub(super) fn push_joint(&mut self, joint: Joint, axis: &Vector3<f64>) {
         let joint_from_normal = rotation_to_axis(axis);
         self.parent_from_joint
@@ -63,7 +63,7 @@ impl Chain {
         self.pending = joint_from_normal.inverse();
     }
 
-    /// The robot whose flange is the frame the chain has come to.
+    /// Returns the robot whose flange is the current end frame.
     pub(super) fn finish(
         mut self,
         name: String,
@@ -88,11 +88,12 @@ impl Chain {
     }
 }
 
-/// The rotation by the smallest angle that takes z to `axis`; half a turn about x where the axis is −z.
+/// Returns the rotation by the smallest angle that takes z to `axis`; half a turn about x if the axis is −z.
 pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
     let a = axis / norm(axis);
     if a[2] < 0.0 {
-        // The formula below divides by 1 + a_z: take z to the mirrored axis, then turn by half a turn about x.
+        // The formula below divides by 1 + a_z, so z is taken to the mirrored axis first and then turned by half a turn
+        // about x.
         let half_turn = Matrix3::new(1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0);
         let smallest = rotation_to_axis(&(half_turn * a)).rotation;
         return Pose {
@@ -119,12 +120,12 @@ pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
     }
 }
 
-/// Length of a vector, without overflow for what a file may hold.
+/// Returns the length of a vector, without overflow for any values a file can contain.
 pub(super) fn norm(v: &Vector3<f64>) -> f64 {
     libm::hypot(libm::hypot(v[0], v[1]), v[2])
 }
 
-/// Rotation by `angle` (rad) about the coordinate axis 0, 1 or 2.
+/// Returns the rotation by `angle` (rad) about the coordinate axis 0, 1 or 2.
 pub fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
     let (s, c) = libm::sincos(angle);
     let rotation = match axis {
@@ -138,7 +139,7 @@ pub fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
     }
 }
 
-/// Translation in metres.
+/// Returns a pure translation, in m.
 pub fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
     Pose {
         rotation: Matrix3::identity(),
@@ -146,8 +147,8 @@ pub fn translation(x: f64, y: f64, z: f64) -> Pose<f64> {
     }
 }
 
-/// A URDF origin: translation in metres, then roll, pitch and yaw in radians about the fixed x, y and z axes,
-/// R = R_z(yaw) R_y(pitch) R_x(roll).
+/// Returns a URDF origin: translation in metres, then roll, pitch and yaw in radians about the fixed x, y and z axes, R =
+/// R_z(yaw) R_y(pitch) R_x(roll).
 pub fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
     translation(xyz[0], xyz[1], xyz[2])
         * rotation_about(2, rpy[2])
@@ -155,10 +156,10 @@ pub fn origin(xyz: [f64; 3], rpy: [f64; 3]) -> Pose<f64> {
         * rotation_about(0, rpy[0])
 }
 
-/// The inverse of [`origin`]: roll, pitch and yaw in radians of a rotation, pitch within ±π/2.
+/// Returns roll, pitch and yaw of a rotation in rad, with pitch within ±π/2: the inverse of [`origin`].
 ///
-/// In gimbal lock (pitch ±π/2) roll and yaw cannot be distinguished. Yaw is read first, and pitch and roll from what is left
-/// once it is taken out, so that whatever it was found to be the three give the rotation back to the last digits.
+/// In gimbal lock (pitch ±π/2) roll and yaw cannot be distinguished. Yaw is computed first, and pitch and roll from what
+/// remains after removing it. The three therefore reproduce the rotation to the last digits, whatever yaw was found.
 pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
     let r = rotation;
     let yaw = libm::atan2(r[(1, 0)], r[(0, 0)]);
@@ -170,7 +171,8 @@ pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
     [roll, pitch, yaw]
 }
 
-/// Whether a square matrix (rows) is invertible: every pivot of Gaussian elimination above 1e-9 of its largest element.
+/// Returns whether a square matrix (rows) is invertible: every pivot of Gaussian elimination exceeds 1e-9 of its largest
+/// element.
 pub(super) fn is_invertible(matrix: &[Vec<f64>]) -> bool {
     let mut m = matrix.to_vec();
     let n = m.len();

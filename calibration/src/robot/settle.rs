@@ -1,7 +1,7 @@
-//! Joints at which a tip is where a feature wants it: on a point, a plane or a sphere.
+//! Finds joints at which a tip is where a feature needs it: on a point, a plane or a sphere.
 //!
-//! From any start the shortest steps of the joints lead there, so that starts all over the ranges end in orientations all over
-//! the feature. A tip need not be real: the point that a camera looks at is one.
+//! From any start, the shortest steps of the joints lead to the feature. Starts all over the joint ranges therefore end in
+//! orientations all over the feature. A tip need not be real: it may be the point that a camera looks at.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
@@ -9,28 +9,28 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot::Robot;
 
-/// Steps after which a start leads nowhere.
+/// Largest number of steps before a start is given up.
 const STEPS: usize = 60;
-/// How near is there, m.
+/// Distance from the feature at which the tip counts as arrived, in m.
 const NEAR: f64 = 1e-7;
-/// Longest step of the tip, m: farther away the first-order formula does not hold.
+/// Longest step of the tip, in m: beyond it the first-order formula does not hold.
 const LONGEST_STEP: f64 = 0.1;
-/// Keeps a step finite where the arm cannot move the tip that way, m².
+/// Damping that keeps a step finite if the arm cannot move the tip that way, in m².
 const DAMPING: f64 = 1e-8;
 
-/// Where a tip is to be.
+/// The target of a tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Surface {
-    /// At a point, m.
+    /// A point, in m.
     Point(Vector3<f64>),
-    /// On the plane of this unit normal, at this distance from the origin, m.
+    /// The plane with this unit normal at this distance from the origin, in m.
     Plane(Vector3<f64>, f64),
-    /// At this distance from a centre, m.
+    /// The sphere about this centre with this radius, in m.
     Sphere(Vector3<f64>, f64),
 }
 
 impl Surface {
-    /// The shortest way there, m.
+    /// Returns the shortest vector from `at` to the surface, in m.
     fn way(&self, at: &Vector3<f64>) -> Vector3<f64> {
         match *self {
             Self::Point(point) => point - at,
@@ -46,7 +46,7 @@ impl Surface {
         }
     }
 
-    /// The directions that count, as a projection.
+    /// Returns the projection onto the directions in which the tip must move to reach the surface.
     fn projection(&self, at: &Vector3<f64>) -> Matrix3<f64> {
         let normal = match *self {
             Self::Point(_) => return Matrix3::identity(),
@@ -60,17 +60,17 @@ impl Surface {
     }
 }
 
-/// Leads the tip of an arm to a surface.
+/// Moves the tip of an arm to a surface.
 pub struct Settler<'a> {
     robot: &'a Robot,
-    /// The chain to the tip.
+    /// Chain from the base to the tip.
     chain: Poe<f64>,
-    /// Ranges of the controller's joints, rad or m.
+    /// Ranges of the controller's joints, in rad or m.
     ranges: &'a [(f64, f64)],
 }
 
 impl<'a> Settler<'a> {
-    /// Creates a settler for an arm as drawn, base to flange, with a tip in the flange frame (m), within ranges of the
+    /// Creates a settler for an arm as drawn, base to flange, with a tip in the flange frame (m) and ranges of the
     /// controller's joints.
     pub fn new(
         robot: &'a Robot,
@@ -93,15 +93,16 @@ impl<'a> Settler<'a> {
         }
     }
 
-    /// The tip of the arm as drawn, m.
+    /// Returns the tip of the arm as drawn, in m.
     pub fn drawn(&self, joints: &[f64]) -> Vector3<f64> {
         self.chain
             .forward(&self.robot.serial_joints(joints))
             .translation
     }
 
-    /// The controller's joints near `start` at which the tip is on the surface, by what `position` says of the tip: that of
-    /// the arm as drawn, or of another one that is nearly so. `None` where the way ends at a joint's range.
+    /// Returns the controller's joints near `start` at which the tip is on the surface. `position` returns the tip at given
+    /// joints: that of the arm as drawn, or of another arm that is nearly so. `None` if the path ends at the limit of a
+    /// joint's range.
     pub fn settle(
         &self,
         start: &[f64],
@@ -134,7 +135,7 @@ impl<'a> Settler<'a> {
         None
     }
 
-    /// How the tip moves with each of the controller's joints, m per rad or m.
+    /// Returns how the tip moves with each of the controller's joints, in m per rad or m.
     fn columns(&self, joints: &[f64]) -> Vec<Vector3<f64>> {
         let serial = self.robot.serial_joints(joints);
         let (twists, tip) = self.chain.space_jacobian(&serial);

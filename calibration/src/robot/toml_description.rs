@@ -32,9 +32,10 @@
 //! [calibration]                     # optional: what `trainer export` knows beside the arm; not read here
 //! ```
 //!
-//! `dh` is the distal convention, R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), with β for axes that are parallel but for an
-//! error (Hayati); `modified-dh` is Craig's, T_x(a) R_x(α) R_y(β) R_z(q + θ) T_z(d), where a row's a, α and β are those
-//! *before* its joint. Along a prismatic joint q adds to d. Every number with a unit carries the unit in its key, and unknown keys are refused.
+//! `dh` is the distal convention, R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), with β for axes that are parallel except for an
+//! error (Hayati). `modified-dh` is Craig's, T_x(a) R_x(α) R_y(β) R_z(q + θ) T_z(d), where a row's a, α and β are those
+//! *before* its joint. For a prismatic joint, q adds to d. Every number with a unit carries the unit in its key, and unknown
+//! keys are refused.
 
 use std::path::Path;
 
@@ -50,7 +51,7 @@ use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};
 
-/// Cycles in a turn of the joint that a gear line may have.
+/// Permitted cycles per turn of the joint of a gear line.
 const GEAR_LINES: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 
 #[derive(Deserialize)]
@@ -60,7 +61,7 @@ struct Description {
     convention: Convention,
     base: Option<Fixed>,
     flange: Option<Fixed>,
-    /// What `trainer export` says of a calibration, for other programs; nothing in it describes the arm.
+    /// What `trainer export` states about a calibration, for other programs; nothing in it describes the arm.
     #[serde(rename = "calibration")]
     _calibration: Option<toml::Table>,
     prior: Option<PriorTable>,
@@ -100,7 +101,8 @@ struct Fixed {
     origin: Origin,
 }
 
-/// The keys of all conventions: which of them belong is checked afterwards, so that the message can name the convention.
+/// The keys of all conventions. Which of them a convention has is checked later, so that the message can name the
+/// convention.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct JointTable {
@@ -128,7 +130,7 @@ struct JointTable {
     beta_rad: Option<Spanned<f64>>,
 }
 
-/// The robot of a TOML text; `file` is for messages.
+/// Parses the robot of a TOML text; `file` is for messages.
 pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
     let reader = TomlSource { file, text };
     let table: Description =
@@ -188,7 +190,7 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
 }
 
 impl TomlSource<'_> {
-    /// How far an arm of the class is from its drawing.
+    /// Reads how far an arm of the class is from its drawing.
     fn prior(&self, table: &PriorTable) -> Result<ClassPrior, InputError> {
         let above_zero = |key: &str, value: &Spanned<f64>| {
             let number = *value.get_ref();
@@ -205,7 +207,7 @@ impl TomlSource<'_> {
         })
     }
 
-    /// What toml or serde say, with help where a unit is missing.
+    /// Creates an error from a message of toml or serde, with help if a unit is missing.
     fn not_a_description(&self, error: &toml::de::Error) -> InputError {
         let mut refused = self.refused(error, "a robot description in TOML");
         let key = refused
@@ -265,7 +267,7 @@ impl TomlSource<'_> {
         Ok(self.vector(&units)?.map(|[lower, upper]| (lower, upper)))
     }
 
-    /// Lines that are stated, and those once and twice in a turn of the gear's input.
+    /// Returns the stated gear lines, and those once and twice per turn of the gear's input.
     fn gear_lines(&self, joint: &JointTable) -> Result<Vec<f64>, InputError> {
         let mut out = Vec::new();
         let ratio = joint.gear_ratio.as_ref();
@@ -344,7 +346,7 @@ impl TomlSource<'_> {
         Ok(())
     }
 
-    /// The axis of a joint in the "poe" convention, whose keys are checked here.
+    /// Returns the axis of a joint in the "poe" convention, and checks the keys of that convention.
     fn poe_axis(&self, table: &Spanned<JointTable>) -> Result<Vector3<f64>, InputError> {
         let joint = table.get_ref();
         let keys = [
@@ -392,7 +394,7 @@ impl TomlSource<'_> {
         Ok(vector)
     }
 
-    /// (a, d, α, θ offset, β) of a joint in metres and radians; the keys of the "poe" convention are refused.
+    /// Returns (a, d, α, θ offset, β) of a joint in m and rad; keys of the "poe" convention are refused.
     fn dh_row(&self, table: &Spanned<JointTable>) -> Result<[f64; 5], InputError> {
         let joint = table.get_ref();
         let poe_key = match (&joint.origin, &joint.axis) {
@@ -448,7 +450,7 @@ impl TomlSource<'_> {
         ])
     }
 
-    /// The coupling matrix, checked; the identity is `None`.
+    /// Checks and returns the coupling matrix; the identity becomes `None`.
     fn coupling(
         &self,
         rows: &Spanned<Vec<Spanned<Vec<f64>>>>,

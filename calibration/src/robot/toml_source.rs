@@ -1,4 +1,4 @@
-//! What the readers of TOML files have in common: where an error is, and numbers that carry their unit in the key.
+//! Shared parts of the TOML readers: positions of errors, and numbers whose key carries their unit.
 
 use std::ops::Range;
 use std::path::Path;
@@ -10,24 +10,24 @@ use toml::Spanned;
 use crate::input_error::InputError;
 use crate::robot::normal_form;
 
-/// A key with its unit, its factor to SI, and its value where it is given.
+/// A key with its unit, the factor to SI, and the value if it is given.
 pub type Unit<'a, T> = (&'static str, f64, &'a Option<Spanned<T>>);
-/// The unit that was chosen, with its value.
+/// The key that was given, its factor to SI, and its value.
 pub type Quantity<'a, T> = (&'static str, f64, &'a Spanned<T>);
 
-/// Factor to SI for a key that ends with `_m`.
+/// Factor to SI for a key that ends in `_m`.
 pub const METRE: f64 = 1.0;
-/// Factor to SI for a key that ends with `_mm`.
+/// Factor to SI for a key that ends in `_mm`.
 pub const MILLIMETRE: f64 = 1e-3;
-/// Factor to SI for a key that ends with `_rad`.
+/// Factor to SI for a key that ends in `_rad`.
 pub const RADIAN: f64 = 1.0;
-/// Factor to SI for a key that ends with `_deg`.
+/// Factor to SI for a key that ends in `_deg`.
 pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// Largest radius of a link, metres: a larger one is in another unit.
+/// Largest radius of a link, in m: a larger one is in another unit.
 const LARGEST_RADIUS: f64 = 2.0;
 
-/// A frame in the one before, as in a URDF: position, then roll, pitch and yaw.
+/// A frame relative to the one before it, as in a URDF: position, then roll, pitch and yaw.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
@@ -37,11 +37,12 @@ pub struct Origin {
     rpy_rad: Option<Spanned<[f64; 3]>>,
 }
 
-/// What serde says, as the file's author would: what was found, and what was expected where that is said.
+/// Translates a message of serde into the terms of the file's author: what was found and, if the message says so, what was
+/// expected.
 pub fn found_and_expected(message: &str) -> (String, Option<String>) {
     let parts: Vec<&str> = message.split_whitespace().collect();
     let message = parts.join(" ");
-    // The last one, for a text of the file may have the same words.
+    // Splits at the last occurrence, because a text in the file may contain the same phrase.
     let Some((found, expected)) = message.rsplit_once(", expected ") else {
         return match message.strip_prefix("missing field ") {
             Some(key) => (format!("no {key}"), Some(format!("the key {key}"))),
@@ -64,7 +65,7 @@ pub fn found_and_expected(message: &str) -> (String, Option<String>) {
     (found_value(found), Some(expected))
 }
 
-/// How serde begins, and what the author of the file would say instead; what follows is kept.
+/// Beginnings of serde's messages and what replaces them for the author of the file; the rest of a message is kept.
 const BEGINNINGS: [(&str, &str); 8] = [
     ("unknown field ", "the unknown key "),
     ("unknown variant ", ""),
@@ -76,7 +77,7 @@ const BEGINNINGS: [(&str, &str); 8] = [
     ("sequence", "a list"),
 ];
 
-/// The value that serde names.
+/// Returns the value that serde's message names.
 fn found_value(found: &str) -> String {
     let kinds = ["invalid type: ", "invalid value: "];
     let found = kinds
@@ -97,24 +98,24 @@ fn found_value(found: &str) -> String {
     }
 }
 
-/// The text of a TOML file that is being read.
+/// The text of a TOML file.
 #[derive(Clone, Copy)]
 pub struct TomlSource<'a> {
-    /// Its path, for messages.
+    /// Path of the file, for messages.
     pub file: &'a Path,
-    /// All of it.
+    /// The whole text.
     pub text: &'a str,
 }
 
 impl TomlSource<'_> {
-    /// Line and column, from 1, of a byte.
+    /// Returns line and column, from 1, of a byte offset.
     pub fn line_and_column(&self, at: usize) -> (usize, usize) {
         let before = self.text.get(..at).unwrap_or(self.text);
         let column = 1 + before.rsplit('\n').next().unwrap_or("").chars().count();
         (1 + before.matches('\n').count(), column)
     }
 
-    /// An error at the start of `span`.
+    /// Creates an error at the start of `span`.
     pub fn error(
         &self,
         span: Range<usize>,
@@ -128,7 +129,7 @@ impl TomlSource<'_> {
             .at_column(column, key)
     }
 
-    /// What toml or serde say, taken apart into found and expected; `whole` is what the file should be.
+    /// Splits a message of toml or serde into found and expected; `whole` describes the file.
     pub fn refused(&self, error: &toml::de::Error, whole: &str) -> InputError {
         let (found, expected) = found_and_expected(error.message());
         let expected = expected.unwrap_or_else(|| whole.to_owned());
@@ -138,7 +139,7 @@ impl TomlSource<'_> {
         }
     }
 
-    /// The one of the `units` that is given; a second one is refused.
+    /// Returns the one of the `units` that is given, if any; a second one is refused.
     pub fn at_most_one_unit<'a, T>(
         &self,
         units: &[Unit<'a, T>],
@@ -157,7 +158,7 @@ impl TomlSource<'_> {
         Ok(given)
     }
 
-    /// Numbers of one quantity in SI units, finite.
+    /// Reads finite numbers of one quantity in SI units.
     pub fn vector<const N: usize>(
         &self,
         units: &[Unit<'_, [f64; N]>],
@@ -171,7 +172,7 @@ impl TomlSource<'_> {
         Ok(Some(value.get_ref().map(|number| to_si(number, factor))))
     }
 
-    /// A single number in SI units, finite.
+    /// Reads a single finite number in SI units.
     pub fn number(&self, units: &[Unit<'_, f64>]) -> Result<Option<f64>, InputError> {
         let Some((key, factor, value)) = self.at_most_one_unit(units)? else {
             return Ok(None);
@@ -183,7 +184,7 @@ impl TomlSource<'_> {
         Ok(Some(to_si(*value.get_ref(), factor)))
     }
 
-    /// The radius of links in metres: 0, which leaves them without thickness, or more.
+    /// Reads the radius of links, in m: 0, which leaves them without thickness, or more.
     pub fn radius(
         &self,
         metres: &Option<Spanned<f64>>,
@@ -206,7 +207,7 @@ impl TomlSource<'_> {
         }
     }
 
-    /// A frame in the one before.
+    /// Converts an origin to the frame relative to the one before it.
     pub fn origin(&self, origin: &Origin) -> Result<Pose<f64>, InputError> {
         let xyz = self.vector(&[
             ("xyz_m", METRE, &origin.xyz_m),
@@ -223,7 +224,7 @@ impl TomlSource<'_> {
     }
 }
 
-/// To SI, rounded once where that is possible: a decimal number of millimetres is divided, not multiplied by 1e-3.
+/// Converts to SI with a single rounding if possible: a decimal number of millimetres is divided, not multiplied by 1e-3.
 fn to_si(value: f64, factor: f64) -> f64 {
     if factor == MILLIMETRE {
         value / 1e3

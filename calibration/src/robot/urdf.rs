@@ -1,9 +1,9 @@
-//! The URDF reader: one serial chain of a tree of links, from base to tip.
+//! The URDF reader: extracts one serial chain, from base to tip, of a tree of links.
 //!
-//! Only the joints between base and tip matter, whatever else the file describes (grippers, mimic joints, cameras).
-//! But a link with two parents or a cycle anywhere is refused: such a file is not a tree, and what the chain would be is
-//! a guess. Axes need not be unit vectors; their length is not used. A joint without `<limit>` (or with the 0, 0 that
-//! stands for it), with an infinite one, or of type `continuous` is unlimited.
+//! Only the joints between base and tip matter, whatever else the file describes (grippers, mimic joints, cameras). But a
+//! link with two parents or a cycle anywhere is refused: such a file is not a tree, and its chain would be a guess. Axes
+//! need not be unit vectors; their length is not used. A joint is unlimited if it has no `<limit>` (or the limits 0, 0 that
+//! stand for none), an infinite limit, or the type `continuous`.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -17,10 +17,10 @@ use crate::robot::description::{Joint, LoadOptions, Robot};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 
-/// Leaves that are taken for the flange when there are several, best first.
+/// Names of leaf links that are taken for the flange if there are several leaves, best first.
 const FLANGE_NAMES: [&str; 3] = ["tool0", "flange", "ee_link"];
 
-/// The robot of a URDF text; `file` is for messages.
+/// Parses the robot of a URDF text; `file` is for messages.
 pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Robot, InputError> {
     let document = urdf_rs::read_from_string(text).map_err(|error| not_urdf(file, text, &error))?;
     let reader = Reader {
@@ -51,8 +51,8 @@ pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Ro
     })
 }
 
-/// The joints between base and tip of a URDF text, fixed ones too, base first; `file` is for messages. For writing the
-/// file again: what they mean is `parse`'s.
+/// Returns the joints between base and tip of a URDF text, fixed ones included, base first; `file` is for messages. It
+/// serves to write the file again; `parse` interprets the joints.
 pub fn joints_of_chain(
     file: &Path,
     text: &str,
@@ -95,10 +95,10 @@ fn not_urdf(file: &Path, text: &str, error: &urdf_rs::UrdfError) -> InputError {
     error
 }
 
-/// The links of a file that was found to be a forest: each has at most one parent.
+/// The links of a file that is a forest: each link has at most one parent.
 struct Tree<'a> {
     links: Vec<&'a str>,
-    /// The joint whose child the link is.
+    /// For each link, the joint whose child it is.
     parent_joint: HashMap<&'a str, &'a urdf_rs::Joint>,
 }
 
@@ -110,7 +110,7 @@ impl<'a> Tree<'a> {
             .any(|joint| joint.parent.link == link)
     }
 
-    /// Whether `base` is `link` or above it.
+    /// Returns whether `base` is `link` itself or one of its ancestors.
     fn is_below(&self, base: &str, link: &str) -> bool {
         let mut at = link;
         while at != base {
@@ -130,7 +130,7 @@ struct Reader<'a> {
 }
 
 impl<'a> Reader<'a> {
-    /// Base, tip and the joints between them, of a file that is a tree.
+    /// Returns base, tip and the joints between them, of a file that is a tree.
     fn chosen(
         &self,
         links: &'a [urdf_rs::Link],
@@ -160,7 +160,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Names are what the tree hangs on: present once, and every link that a joint names is there.
+    /// Checks names: each link and joint name occurs once, and every link that a joint names exists.
     fn check_names(&self, links: &'a [urdf_rs::Link]) -> Result<(), InputError> {
         for (i, link) in links.iter().enumerate() {
             if links[..i].iter().any(|other| other.name == link.name) {
@@ -197,7 +197,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Hangs every link below its parent and refuses loops.
+    /// Connects every link to its parent and refuses loops.
     fn tree(&self, links: &'a [urdf_rs::Link]) -> Result<Tree<'a>, InputError> {
         let mut parent_joint: HashMap<&str, &urdf_rs::Joint> = HashMap::new();
         for joint in self.joints {
@@ -291,7 +291,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// The joints from base to tip.
+    /// Returns the joints from base to tip.
     fn path(
         &self,
         tree: &Tree<'a>,
@@ -399,7 +399,7 @@ fn list<'b>(names: impl Iterator<Item = &'b str>) -> String {
         .join(", ")
 }
 
-/// Line of the (last) start tag of joint `name`. The XML reader keeps no positions, so the text is searched.
+/// Returns the line of the (last) start tag of joint `name`. The XML reader keeps no positions, so the text is searched.
 fn line_of_joint(text: &str, name: &str) -> Option<usize> {
     let quoted = [format!("name=\"{name}\""), format!("name='{name}'")];
     let starts = text.match_indices("<joint").map(|(start, _)| start);

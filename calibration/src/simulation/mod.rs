@@ -1,9 +1,9 @@
-//! A loaded arm measured by a laser tracker, as in section IV-A of the paper.
+//! Simulates a loaded arm measured by a laser tracker, as in section IV-A of the paper.
 //!
-//! The simulated arm has imperfect frames, joints that give way under gravity (links and payload), arbitrary base and
-//! tool frames, and a tracker with 30 µm and 50 µrad of noise per axis. The sizes make the paper's Table I (base-tool
-//! 1.9 mm, POE 0.84 mm) on an IRB 4400; other robots get the same sizes. [`Scenario`]s add what no model of the trainer
-//! has a formula for. The kinematics of the *true* arm is the runtime's; nothing else is shared with what is fitted.
+//! The simulated arm has imperfect frames, joints that deflect under gravity (links and payload), arbitrary base and tool
+//! frames, and a tracker with 30 µm and 50 µrad of noise per axis. The error sizes reproduce the paper's Table I (base-tool
+//! 1.9 mm, POE 0.84 mm) on an IRB 4400; other robots get the same sizes. [`Scenario`]s add effects for which no model of the
+//! trainer has a formula. The *true* arm uses the runtime's kinematics; it shares nothing else with the fitted models.
 
 pub mod touches;
 mod true_arm;
@@ -19,12 +19,13 @@ use crate::robot::Robot;
 use crate::simulation::true_arm::normal_vector;
 pub use crate::simulation::true_arm::{Disturbance, Scenario, TrueArm};
 
-/// Standard deviation of one position component of the tracker in metres.
+/// Standard deviation of one position component of the tracker, in m.
 pub const POSITION_NOISE_M: f64 = 30e-6;
-/// Standard deviation of one rotation component in radians.
+/// Standard deviation of one rotation component of the tracker, in rad.
 pub const ORIENTATION_NOISE_RAD: f64 = 50e-6;
 
-/// Joint ranges of a cell in degrees, where a target stays visible: of six joints, and of any beyond.
+/// Joint ranges in degrees of a robot cell in which the target stays visible: of the first six joints, and of any further
+/// joint.
 const JOINT_RANGES_DEG: [(f64, f64); 7] = [
     (-60.0, 60.0),
     (-40.0, 60.0),
@@ -34,23 +35,23 @@ const JOINT_RANGES_DEG: [(f64, f64); 7] = [
     (-90.0, 90.0),
     (-90.0, 90.0),
 ];
-/// Range of a joint without limits of [`Scenario::PaperFullRange`].
+/// Half the range of a joint without limits in [`Scenario::PaperFullRange`], in rad.
 const UNLIMITED_RAD: f64 = std::f64::consts::PI;
 
 /// One simulated measurement.
 #[derive(Clone, Debug)]
 pub struct SimulatedPose {
-    /// The controller's joints, rad or m.
+    /// The controller's joint values, in rad or m.
     pub joints: Vec<f64>,
-    /// Payload in kg as the operator knows it.
+    /// Payload as the operator knows it, in kg.
     pub payload_kg: f64,
     /// `instrument_from_target` as measured.
     pub measured: Pose<f64>,
-    /// The noiseless pose.
+    /// Noiseless `instrument_from_target`.
     pub truth: Pose<f64>,
 }
 
-/// A simulated arm in its cell.
+/// A simulated arm in its robot cell.
 #[derive(Clone, Debug)]
 pub struct Simulator {
     arm: TrueArm,
@@ -60,7 +61,7 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// An arm like `robot` with errors drawn from `seed`, loaded with `payloads` (kg) at random.
+    /// Creates an arm like `robot` with errors drawn from `seed`, loaded with `payloads` (kg) at random.
     pub fn new(robot: &Robot, scenario: Scenario, payloads: &[f64], seed: u64) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let arm = TrueArm::draw(robot, scenario, payloads, &mut random);
@@ -87,12 +88,12 @@ impl Simulator {
         }
     }
 
-    /// Something happens to the arm, for good.
+    /// Applies a permanent disturbance to the arm.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         self.arm.disturb(disturbance);
     }
 
-    /// The ranges that joints are drawn from, rad or m.
+    /// Returns the ranges from which joints are drawn, in rad or m.
     pub fn ranges(&self) -> &[(f64, f64)] {
         &self.ranges
     }
@@ -102,7 +103,7 @@ impl Simulator {
         (0..count).map(|_| self.measure_one()).collect()
     }
 
-    /// `instrument_from_target`, without the tracker's noise, of the arm at joints of the controller (rad or m).
+    /// Returns `instrument_from_target` of the arm at the controller's joints (rad or m), without the tracker's noise.
     pub fn stands_at(&mut self, joints: &[f64], payload_kg: f64) -> Pose<f64> {
         self.arm
             .instrument_from_target(joints, payload_kg, &mut self.random)
@@ -123,7 +124,7 @@ impl Simulator {
         self.measure_at(&joints, payload_kg)
     }
 
-    /// Measures at joints of the controller (rad or m) with one of the payloads, or with any other.
+    /// Measures at the controller's joints (rad or m) with one of the payloads or any other.
     pub fn measure_at(&mut self, joints: &[f64], payload_kg: f64) -> SimulatedPose {
         let random = &mut self.random;
         let truth = self.arm.instrument_from_target(joints, payload_kg, random);
@@ -143,7 +144,7 @@ impl Simulator {
     }
 }
 
-/// A measurement file of `poses`; with the truth in `true_*` columns when `with_truth`.
+/// Writes a measurement file of `poses`; with the truth in `true_*` columns if `with_truth`.
 pub fn to_csv(robot: &Robot, poses: &[SimulatedPose], with_truth: bool, comment: &str) -> String {
     let mut out = format!("# {comment}\npayload_kg");
     for (i, joint) in robot.joints.iter().enumerate() {

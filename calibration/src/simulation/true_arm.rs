@@ -1,4 +1,4 @@
-//! The true arm of a simulation: frames that are off, joints and links that give way.
+//! The true arm of a simulation: frames with errors, and joints and links that deflect.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -10,53 +10,53 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::robot::{Robot, coupled};
 
-/// Error of each fixed frame, metres and radians per component.
+/// Standard deviation of the error of each fixed frame, in m and rad per component.
 const FRAME_ERROR: f64 = 0.78e-3;
 /// Joint compliance in rad/(N m), before the spread of ±25 %.
 const COMPLIANCE: [f64; 6] = [6.7e-6, 12.5e-6, 14.3e-6, 12.5e-6, 16.7e-6, 20e-6];
-/// Share of the links' gravity that reaches the joints; the controller compensates the rest.
+/// Share of the links' gravity that acts on the joints; the controller compensates the rest.
 const LINK_GRAVITY_SHARE: f64 = 0.06;
-/// Masses in kg of the links beyond the column (upper arm, elbow, forearm, wrist).
+/// Masses of the links after the column (upper arm, elbow, forearm, wrist), in kg.
 const LINK_MASSES: [f64; 5] = [31.0, 20.0, 17.0, 1.2, 0.42];
-/// Centre of mass of the payload from the flange in metres, and its spread.
+/// Centre of mass of the payload relative to the flange, in m, and its spread.
 const PAYLOAD_CENTRE: [f64; 3] = [0.020, -0.010, 0.120];
 const PAYLOAD_CENTRE_SPREAD: f64 = 0.010;
 const GRAVITY: f64 = 9.81;
 
-/// What is wrong with the simulated arm beside its frames and compliance.
+/// Error sources of the simulated arm beyond its frames and compliance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scenario {
-    /// Nothing more; joints within the cell.
+    /// No further errors; joints within the ranges of the robot cell.
     Paper,
     /// Link bending, transmission error, backlash, repeatability.
     WithBacklash,
-    /// The same, gears that stiffen with load, a centre of mass for each payload, wrong payload masses.
+    /// As `WithBacklash`, with gears that stiffen under load, a centre of mass for each payload, and wrong payload masses.
     Nonlinear,
     /// As `Paper`, over the full joint limits.
     PaperFullRange,
 }
 
-/// What may happen to an arm after it was calibrated.
+/// A change of the arm after its calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Disturbance {
-    /// The base moves, metres along its axes.
+    /// The base moves, in m along its axes.
     Base(Vector3<f64>),
-    /// The target moves at the flange, metres along its own axes.
+    /// The target moves on the flange, in m along its own axes.
     Tool(Vector3<f64>),
-    /// A joint of the controller (from 0) stands elsewhere than it says, rad or m.
+    /// A joint of the controller (from 0) is offset from the value that it shows.
     Joint {
-        /// Which.
+        /// Index of the joint, from 0.
         joint: usize,
-        /// By how much.
+        /// Offset, in rad or m.
         offset: f64,
     },
 }
 
-/// An arm as it really is.
+/// The true arm, with all its errors.
 #[derive(Clone, Debug)]
 pub struct TrueArm {
     coupling: Option<Vec<Vec<f64>>>,
-    /// Base to flange.
+    /// Chain from base to flange.
     chain: Poe<f64>,
     instrument_from_base: Pose<f64>,
     flange_from_target: Pose<f64>,
@@ -65,13 +65,13 @@ pub struct TrueArm {
     payload_centre: Vector3<f64>,
     payloads: Vec<TruePayload>,
     scenario: Scenario,
-    /// What happened to it since.
+    /// Disturbances so far.
     happened: Vec<Disturbance>,
 }
 
 #[derive(Clone, Debug)]
 struct TrueJoint {
-    /// rad/(N m).
+    /// Compliance, in rad/(N m).
     compliance: f64,
     /// Phases of the transmission error.
     phases: [f64; 3],
@@ -85,7 +85,7 @@ struct TruePayload {
 }
 
 impl TrueArm {
-    /// Draws an arm like `robot`.
+    /// Draws an arm like `robot` with random errors.
     pub fn draw(
         robot: &Robot,
         scenario: Scenario,
@@ -130,7 +130,7 @@ impl TrueArm {
                 }
             })
             .collect();
-        // The column turns about the vertical: its mass moves nothing.
+        // The column turns about the vertical, so its mass deflects nothing.
         let mut masses = vec![0.0];
         masses.extend(LINK_MASSES);
         masses.resize(kinds.len(), 0.42);
@@ -148,7 +148,7 @@ impl TrueArm {
         }
     }
 
-    /// Something happens to the arm, for good.
+    /// Applies a permanent disturbance to the arm.
     pub fn disturb(&mut self, disturbance: Disturbance) {
         let shift = |translation: Vector3<f64>| Pose {
             translation,
@@ -164,7 +164,7 @@ impl TrueArm {
         self.happened.push(disturbance);
     }
 
-    /// Where the target is for the controller's joints and a payload as the operator knows it.
+    /// Returns the pose of the target for the controller's joints and the payload as the operator knows it.
     pub fn instrument_from_target(
         &self,
         joints: &[f64],
@@ -175,7 +175,7 @@ impl TrueArm {
         self.instrument_from_base * base_from_flange * self.flange_from_target
     }
 
-    /// Where the flange is, in the base frame.
+    /// Returns the pose of the flange in the base frame.
     pub fn base_from_flange(
         &self,
         joints: &[f64],
@@ -198,7 +198,7 @@ impl TrueArm {
         if self.scenario == Scenario::WithBacklash || self.scenario == Scenario::Nonlinear {
             self.add_transmission_errors(joints, &mut serial, random);
         }
-        // Two passes: the torque changes the angles that change the torque.
+        // Two passes, because the torque changes the angles, which change the torque.
         let mut deflected = serial.clone();
         let mut bending = vec![Vector3::zeros(); serial.len()];
         for _ in 0..2 {
@@ -231,7 +231,7 @@ impl TrueArm {
         chain.forward(&deflected)
     }
 
-    /// Gravity torque about the origin of each joint's frame, in its own axes before it moves, N m.
+    /// Returns the gravity torque (N m) about the origin of each joint's frame, in the frame's axes before the joint moves.
     fn torques(
         &self,
         serial: &[f64],
@@ -290,7 +290,7 @@ impl TrueArm {
     }
 }
 
-/// Any orientation, about `distance` metres away.
+/// Draws a pose with any orientation at `distance` metres.
 fn arbitrary_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     let mut normal = || -> f64 { StandardNormal.sample(random) };
     let quaternion = (normal(), Vector3::new(normal(), normal(), normal()));
@@ -302,7 +302,7 @@ fn arbitrary_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     )
 }
 
-/// Three independent normal numbers of standard deviation `sigma`.
+/// Draws three independent normal numbers with the standard deviation `sigma`.
 pub(super) fn normal_vector(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
     let mut normal = || -> f64 { StandardNormal.sample(random) };
     Vector3::new(sigma * normal(), sigma * normal(), sigma * normal())

@@ -1,8 +1,8 @@
-//! Base and tools on the nominal arm, robustly and fast enough for some hundred readings of a file.
+//! Fits base and tools on the nominal arm, robustly and fast enough for some hundred readings of a file.
 //!
-//! M = X F Y: measured poses M, flanges F, base X, tools Y. The rotations start from the singular vectors of
-//! Σ M_ij F_ab (9×9) and from 24 turned tools, and alternate between X and Y; the translations are one linear
-//! fit; Gauss–Newton steps with weights against outliers refine both.
+//! The model is M = X F Y with measured poses M, flanges F, base X and tools Y. The rotations start from the singular
+//! vectors of Σ M_ij F_ab (9×9) and from 24 rotated tools, and alternate between X and Y. The translations follow from one
+//! linear fit. Gauss–Newton steps with weights against outliers refine both.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -16,21 +16,21 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::{aligned, nearest_rotation};
 use crate::numeric::svd::Svd;
 
-/// Metres that count as much as a radian.
+/// Length in m that weighs as much as a radian.
 pub const LEVER: f64 = 1.0 / 3.0;
 
-/// One row as a reading of the file has it.
+/// One row of a file according to a reading.
 #[derive(Clone, Copy, Debug)]
 pub struct Row {
-    /// The nominal `base_from_flange`.
+    /// Nominal `base_from_flange`.
     pub flange: Pose<f64>,
-    /// `instrument_from_target`.
+    /// Observed `instrument_from_target`.
     pub seen: Observation,
-    /// Which tool carried the target.
+    /// Index of the tool that carried the target.
     pub tool: usize,
 }
 
-/// Base and tools that fit rows best.
+/// The base and tools that best fit some rows.
 #[derive(Clone, Debug)]
 pub struct Alignment {
     /// `instrument_from_base`.
@@ -39,12 +39,12 @@ pub struct Alignment {
     pub tools: Vec<Pose<f64>>,
     /// Median position residual in m.
     pub position: f64,
-    /// Median rotation residual in rad; 0 for positions alone.
+    /// Median rotation residual in rad; 0 for position-only rows.
     pub rotation: f64,
 }
 
 impl Alignment {
-    /// `instrument_from_target` of a row.
+    /// Returns the predicted `instrument_from_target` of a row.
     fn predicted(&self, row: &Row) -> Pose<f64> {
         self.base * row.flange * self.tools[row.tool]
     }
@@ -74,7 +74,7 @@ impl Alignment {
         self
     }
 
-    /// The share of rows within `position` (m) and `rotation` (rad).
+    /// Returns the share of rows within `position` (m) and `rotation` (rad).
     pub fn share_within(&self, rows: &[Row], position: f64, rotation: f64) -> f64 {
         let within = |row: &&Row| {
             let (p, r) = self.residual(row);
@@ -83,31 +83,32 @@ impl Alignment {
         rows.iter().filter(within).count() as f64 / rows.len().max(1) as f64
     }
 
-    /// What `share` of the residuals are within: positions in units of `metres`, and radians with the usual lever.
+    /// Returns the bound that `share` of the residuals are within: positions in units of `metres`, plus radians times
+    /// [`LEVER`].
     pub fn length_of_most(&self, rows: &[Row], share: f64, metres: f64) -> f64 {
         let (positions, rotations): (Vec<f64>, Vec<f64>) =
             rows.iter().map(|row| self.residual(row)).unzip();
         quantile(positions, share) / metres + LEVER * quantile(rotations, share)
     }
 
-    /// Median residuals as one length in metres.
+    /// Returns the median residuals as one length, in m.
     pub fn length(&self) -> f64 {
         self.position + LEVER * self.rotation
     }
 }
 
-/// The angle between two rotations, rad.
+/// Returns the angle between two rotations, in rad.
 fn angle(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
     // |A − B|² = 4 (1 − cos θ); the half angle keeps small angles exact.
     2.0 * libm::asin(((a - b).norm() / 8.0_f64.sqrt()).min(1.0))
 }
 
-/// The middle value; 0 of none.
+/// Returns the median, or 0 if there are no values.
 pub fn median(values: Vec<f64>) -> f64 {
     quantile(values, 0.5)
 }
 
-/// The value that a share of the others is below; 0 of none.
+/// Returns the value below which a share of the values lie, or 0 if there are none.
 fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else {
         return 0.0;
@@ -118,17 +119,17 @@ fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
         .1
 }
 
-/// Gauss–Newton steps of a fit that is kept.
+/// Number of Gauss–Newton steps of a final fit.
 const STEPS: usize = 12;
-/// Orientations that differ by less are one orientation, rad.
+/// Angle in rad below which orientations count as equal.
 const TURNED: f64 = 0.2;
-/// Subsets of rows, and rows of each, where some rows are far off.
+/// Number of random subsets of rows, and rows per subset, for files in which some rows are far off.
 const SUBSETS: usize = 16;
 const OF_SUBSET: usize = 10;
-/// Starts that are refined.
+/// Number of starts that are refined.
 const REFINED: usize = 4;
 
-/// Base and tools of `rows`, refined from the best starts.
+/// Fits base and tools to `rows`, refined from the best starts.
 pub fn align(rows: &[Row]) -> Alignment {
     let tools = tool_count(rows);
     let mut starts = starts(rows, tools, true);
@@ -138,7 +139,8 @@ pub fn align(rows: &[Row]) -> Alignment {
         .expect("there is always a start")
 }
 
-/// As [`align`] where some rows are far off: also from a few rows at a time, by a fixed sequence.
+/// Same as [`align`], but also starts from small subsets of rows, drawn in a fixed sequence, for files in which some rows
+/// are far off.
 pub fn align_with_outliers(rows: &[Row], start: Alignment) -> Alignment {
     let tools = start.tools.len();
     let mut random = ChaCha8Rng::seed_from_u64(2);
@@ -147,7 +149,7 @@ pub fn align_with_outliers(rows: &[Row], start: Alignment) -> Alignment {
         let mut part: Vec<Row> = (0..OF_SUBSET)
             .map(|_| rows[random.random_range(0..rows.len())])
             .collect();
-        // Every tool is in every subset.
+        // Every subset contains every tool.
         part.extend((0..tools).filter_map(|t| rows.iter().find(|r| r.tool == t)));
         let Some(fit) = starts(&part, tools, true).into_iter().next() else {
             continue;
@@ -160,7 +162,7 @@ pub fn align_with_outliers(rows: &[Row], start: Alignment) -> Alignment {
     best
 }
 
-/// Base and tools of `rows` as the best start has them: to rank readings.
+/// Fits base and tools to `rows` roughly, from the best start only: to rank readings.
 pub fn rough(rows: &[Row]) -> Alignment {
     let tools = tool_count(rows);
     let best = starts(rows, tools, false).into_iter().next();
@@ -171,7 +173,7 @@ fn tool_count(rows: &[Row]) -> usize {
     rows.iter().map(|r| r.tool + 1).max().unwrap_or(1)
 }
 
-/// Starts, best first. Where orientations turn, they lead to one; `thorough` tries the positions as well.
+/// Returns starts, best first. They come from the orientations if these vary; `thorough` tries the positions as well.
 fn starts(rows: &[Row], tools: usize, thorough: bool) -> Vec<Alignment> {
     let largest = (0..tools)
         .max_by_key(|t| rows.iter().filter(|r| r.tool == *t).count())
@@ -198,7 +200,7 @@ fn starts(rows: &[Row], tools: usize, thorough: bool) -> Vec<Alignment> {
     out
 }
 
-/// Rotations of the base that may be right.
+/// Returns candidate rotations of the base.
 fn rotations(whole: &[(Matrix3<f64>, Matrix3<f64>)]) -> Vec<Matrix3<f64>> {
     // t[ij][ab] = Σ M_ij F_ab.
     let mut t = [[0.0; 9]; 9];
@@ -254,7 +256,7 @@ fn rotations(whole: &[(Matrix3<f64>, Matrix3<f64>)]) -> Vec<Matrix3<f64>> {
         .collect()
 }
 
-/// Tools' rotations from the base's, then translations by a linear fit.
+/// Computes the rotations of the tools from that of the base, then the translations by a linear fit.
 fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
     let mut turn = vec![Matrix3::zeros(); tools];
     for row in rows {
@@ -313,7 +315,8 @@ fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
     .with_medians(rows)
 }
 
-/// Starts from positions alone: the base that takes the target to where it was seen, for some places of the target.
+/// Returns starts from positions alone: for several positions of the target on the flange, the base that takes it to where
+/// it was seen.
 fn position_starts(rows: &[Row], tools: usize) -> Vec<Alignment> {
     let seen: Vec<Vector3<f64>> = rows.iter().map(|r| r.seen.position()).collect();
     let mut offsets = vec![Vector3::zeros()];
@@ -338,13 +341,14 @@ fn position_starts(rows: &[Row], tools: usize) -> Vec<Alignment> {
     offsets.into_iter().filter_map(start).collect()
 }
 
-/// Gauss–Newton steps with Cauchy weights.
+/// Refines a fit by Gauss–Newton steps with Cauchy weights.
 fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
     let mut best = start;
     let tools = best.tools.len();
     let size = 6 + 6 * tools;
     for _ in 0..steps {
-        // A mirrored or foreign file leaves decimetres: the floor only keeps exact data from dividing by zero.
+        // The residuals of a mirrored or foreign file are decimetres: the floor only prevents a division by zero for exact
+        // data.
         let width = 2.0 * best.length().max(1e-7);
         let mut normal = Mat::<f64>::zeros(size, size);
         let mut right = Mat::<f64>::zeros(size, 1);

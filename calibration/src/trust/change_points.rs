@@ -1,7 +1,7 @@
-//! Changes of the set-up along the rows: base, target or the zero of a joint from one row on, or a base that drifts.
+//! Finds changes of the set-up along the rows: a step of the base, the target or the zero of a joint, or a base that drifts.
 //!
-//! What a change would take off χ² is a Schur complement: the columns of the change are those of the geometry, masked by
-//! the rows that it is about, and everything else may follow.
+//! The reduction of χ² by a change follows from a Schur complement: the columns of the change are those of the geometry,
+//! masked by the rows concerned, and all other parameters may adapt.
 
 use poegp_protocol::cause::Cause;
 
@@ -14,25 +14,25 @@ use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lines, three_digits};
 
-/// Splits that are tried first.
+/// Number of splits that are tried first.
 const SPLITS: usize = 25;
-/// Drop of χ² for each row that a change must make, and what few rows add to it.
+/// Drop of χ² per row that a change must cause, and an additive term for few rows.
 const DROP: (f64, f64) = (0.9, 50.0);
-/// Drop of χ² that a change must make.
+/// Smallest drop of χ² that a change must cause.
 const LEAST_DROP: f64 = 45.0;
-/// A hypothesis within this share of the best fits as well.
+/// Share of the best hypothesis's drop above which another hypothesis fits as well.
 const AS_GOOD: f64 = 0.93;
-/// A change that is larger is refused, m.
+/// Displacement above which a change is refused, in m.
 const REFUSED: f64 = 3e-3;
 
-/// What may have changed.
+/// The part of the set-up that changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The base against the instrument.
+    /// The base relative to the instrument.
     Base,
-    /// The target against the flange.
+    /// The target relative to the flange.
     Tool,
-    /// The zero of a joint, from 0.
+    /// The zero of a joint; its index is from 0.
     Joint(usize),
 }
 
@@ -46,24 +46,24 @@ impl Part {
     }
 }
 
-/// A change that some rows have.
+/// A change that applies to some rows.
 #[derive(Clone, Debug)]
 pub struct Change {
-    /// What changed.
+    /// The part that changed.
     pub part: Part,
-    /// By how much χ² drops.
+    /// Drop of χ² that the change causes.
     pub drop: f64,
-    /// Root mean square displacement of the target in m.
+    /// Root mean square displacement of the target, in m.
     pub displacement: f64,
 }
 
-/// The columns of changes: base, tool and joints, for one row.
+/// The columns of the possible changes for one row: base, tool and joints.
 struct Effects {
     columns: usize,
 }
 
 impl Effects {
-    /// Columns of base and tool.
+    /// Number of columns of base and tool.
     const FRAMES: usize = 12;
 
     fn entry(geometry: &Geometry, row: usize, column: usize) -> f64 {
@@ -79,7 +79,7 @@ impl Effects {
     }
 }
 
-/// Sums over rows that every hypothesis is made of.
+/// Sums over rows from which every hypothesis is computed.
 struct Sums {
     /// BᵀB.
     own: Mat<f64>,
@@ -98,7 +98,7 @@ impl Sums {
         }
     }
 
-    /// Sums over `rows` of the coefficient of each: B is the row's effects times it.
+    /// Sums over `rows`, each with a coefficient: B is the row's effects times that coefficient.
     fn over(geometry: &Geometry, effects: &Effects, rows: &[(usize, f64)]) -> Self {
         let parameters = geometry.linear.a.ncols();
         let b = Mat::from_fn(ROWS * rows.len(), effects.columns, |r, c| {
@@ -127,7 +127,7 @@ impl Sums {
         self.right += &other.right;
     }
 
-    /// What a change of `part` takes off χ².
+    /// Returns the change of `part` and the resulting drop of χ².
     fn change(&self, geometry: &Geometry, part: Part, rows: f64) -> Option<Change> {
         let columns: Vec<usize> = match part {
             Part::Base => (0..6).collect(),
@@ -152,10 +152,10 @@ impl Sums {
             self.right[(columns[i], 0)] - followed[(i, 0)]
         });
         let x = Factor::new(schur, 1).ok()?.solve(&right);
-        // Residuals of few rows are smaller than the noise.
+        // Residuals of a fit to few rows are smaller than the noise.
         let shrunk = geometry.degrees_of_freedom().powi(2);
         let drop = (0..size).map(|i| x[(i, 0)] * right[(i, 0)]).sum::<f64>() / shrunk;
-        // Root mean square of the change's effect on a row, from the positions' share of BᵀB.
+        // The root mean square of the change's effect on a row, computed from BᵀB.
         let mut square = 0.0;
         for i in 0..size {
             for j in 0..size {
@@ -171,7 +171,7 @@ impl Sums {
     }
 }
 
-/// What fits best if `rows` have a change of their own, best first.
+/// Returns the changes that `rows` alone may have, best first.
 pub fn changes(geometry: &Geometry, rows: &[usize]) -> Vec<Change> {
     let effects = Effects {
         columns: Effects::FRAMES + geometry.state.layout.joints,
@@ -191,7 +191,7 @@ fn best_first(geometry: &Geometry, sums: &Sums, rows: f64) -> Vec<Change> {
     out
 }
 
-/// The best splits of the rows: for each of `splits` what fits best from that row on.
+/// For each of `splits`, returns the changes from that row on, best first.
 fn steps(geometry: &Geometry, splits: &[usize]) -> Vec<(usize, Vec<Change>)> {
     let effects = Effects {
         columns: Effects::FRAMES + geometry.state.layout.joints,
@@ -209,7 +209,7 @@ fn steps(geometry: &Geometry, splits: &[usize]) -> Vec<(usize, Vec<Change>)> {
     out
 }
 
-/// Rows from one to before another that share a change of base or target: something was moved there and back.
+/// Finds consecutive rows that share a change of base or target: something was moved and later moved back.
 pub fn episode(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     let count = geometry.samples.len();
     let parts = SPLITS.min(count / 4);
@@ -265,7 +265,7 @@ pub fn episode(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     })
 }
 
-/// A step of the set-up, or a drift, if there is one.
+/// Finds a step of the set-up or a drift, if there is one.
 pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     let count = geometry.samples.len();
     if count < 12 {
@@ -348,7 +348,7 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     })
 }
 
-/// A base that moves evenly through the rows.
+/// Returns the change of a base that moves linearly through the rows.
 fn drift(geometry: &Geometry) -> Option<Change> {
     let count = geometry.samples.len();
     let effects = Effects {

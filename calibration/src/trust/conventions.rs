@@ -1,12 +1,12 @@
-//! Other readings of orientations: quaternions in another order or with other signs, and angles of another convention.
+//! Other readings of orientations: quaternions with another order or other signs, and angles of another convention.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
 
-/// What an orientation is in another reading.
+/// Converts a rotation to its value in another reading.
 pub type OfRotation = Box<dyn Fn(&Matrix3<f64>) -> Matrix3<f64>>;
 
-/// Each with what it says of the file, the usual mistakes first.
+/// Returns other readings of orientations, each with its statement about the file, the usual mistakes first.
 pub fn other_orientations() -> Vec<(String, OfRotation)> {
     let mut out: Vec<(String, OfRotation)> = Vec::new();
     let rebuilt = |map: Box<dyn Fn([f64; 4]) -> [f64; 4]>| -> OfRotation {
@@ -78,10 +78,10 @@ pub fn other_orientations() -> Vec<(String, OfRotation)> {
     out
 }
 
-/// All orders of four columns but the right one.
+/// Returns all orders of the four columns except the right one.
 fn permutations() -> Vec<[usize; 4]> {
     let mut out = Vec::new();
-    // The usual one first: w last.
+    // The most common mistake comes first: w last.
     for code in [147_usize].into_iter().chain(0..256) {
         let order: [usize; 4] = std::array::from_fn(|i| code >> (2 * i) & 3);
         let mut sorted = order;
@@ -93,12 +93,12 @@ fn permutations() -> Vec<[usize; 4]> {
     out
 }
 
-/// How three angles describe a rotation.
+/// A convention for describing a rotation by three angles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Convention {
-    /// Turns about these axes, each in the frame that the turn before it left.
+    /// Rotations about these axes, each in the frame that results from the one before it.
     Intrinsic([usize; 3]),
-    /// The rotation vector.
+    /// Rotation vector.
     Vector,
 }
 
@@ -142,8 +142,8 @@ impl Convention {
         }
     }
 
-    /// The angles of a rotation; of two possible ones those with the middle angle within ±90° (0 to 180° where the first
-    /// axis comes again).
+    /// Returns the angles of a rotation. Of two possible solutions it is the one whose middle angle is within ±90° (0 to
+    /// 180° if the third axis equals the first).
     fn angles(self, r: &Matrix3<f64>) -> [f64; 3] {
         match self {
             Self::Vector => {

@@ -1,51 +1,52 @@
-//! What an examination of measurements ends with: causes, how grave each is, and the text for its user.
+//! Results of an examination of measurements: causes, their severity, and texts for the user.
 
 use poegp_protocol::cause::Cause;
 use serde::Serialize;
 
-/// How grave a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Tier {
-    /// Worth knowing; a model is not in doubt.
+    /// Worth knowing; the model is not in doubt.
     Note,
-    /// A model is possible, and somebody must look.
+    /// A model is possible, but the user must check.
     Warning,
-    /// No reading of the file as it is given is this robot.
+    /// No interpretation of the file as given fits this robot.
     Refused,
 }
 
-/// One thing that an examination noticed.
+/// One result of an examination.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// What it is.
+    /// Cause of the finding.
     pub cause: Cause,
-    /// How grave it is.
+    /// Severity of the finding.
     pub tier: Tier,
-    /// One sentence for the user, with the number as read and the number if the cause is right.
+    /// One sentence for the user, with the residual as given and the residual if the cause is right.
     pub text: String,
-    /// Lines of the file that it is about, from 1; empty when it is about all of them.
+    /// Lines of the file concerned, from 1; empty if all of them are.
     pub rows: Vec<usize>,
     /// The statistic that decided.
     pub value: f64,
-    /// What the statistic was compared with.
+    /// Threshold with which the statistic was compared.
     pub threshold: f64,
 }
 
 impl Finding {
-    /// Whether it is about values that no instrument measured: they judge no model either.
+    /// Returns whether the finding concerns values that no instrument measured: they must not be used to judge a model,
+    /// either.
     pub fn is_of_values(&self) -> bool {
         matches!(self.cause, Cause::Stuck | Cause::Placeholder | Cause::Clip)
     }
 }
 
-/// What an examination noticed, gravest first.
+/// The results of an examination, most severe first.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Findings(pub Vec<Finding>);
 
 impl Findings {
-    /// Turns each accepted cause down by one tier.
+    /// Lowers each accepted cause by one tier.
     pub fn accept(&mut self, causes: &[Cause]) {
         for finding in self.0.iter_mut().filter(|f| causes.contains(&f.cause)) {
             finding.tier = match finding.tier {
@@ -56,12 +57,12 @@ impl Findings {
         self.0.sort_by_key(|f| std::cmp::Reverse(f.tier));
     }
 
-    /// The findings of one tier.
+    /// Returns the findings of one tier.
     pub fn of(&self, tier: Tier) -> impl Iterator<Item = &Finding> {
         self.0.iter().filter(move |f| f.tier == tier)
     }
 
-    /// Whether no model should be made.
+    /// Returns whether no model should be made.
     pub fn is_refused(&self) -> bool {
         self.of(Tier::Refused).next().is_some()
     }

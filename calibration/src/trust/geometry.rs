@@ -1,5 +1,5 @@
-//! The geometry with priors around the drawing, gravity and two harmonics of each joint: what is left of good data is
-//! noise, so that what is left of wrong data shows where it comes from.
+//! Fits the geometry with priors around the drawing, gravity and two harmonics of each joint. The residuals of good data are
+//! then noise, so that the residuals of wrong data show the cause.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -17,62 +17,62 @@ use crate::numeric::product::{Transposed, product};
 use crate::trust::alignment::{Alignment, median};
 use crate::trust::readings::Data;
 
-/// Parameters for each equation of the positions, at most: with more, what is left of them is not their noise.
+/// Largest number of determined parameters per position equation: with more, the residuals no longer show the noise.
 const FREE: f64 = 0.6;
-/// Factor of what is left where the arm sags and its gears are not modelled.
+/// Factor by which residuals may be larger if gravity or gear errors are not modelled.
 const LENIENT: f64 = 2.0;
-/// Cosine from which axes are parallel.
+/// Cosine above which axes count as parallel.
 const PARALLEL: f64 = 0.999_999;
-/// Rounds of the fit.
+/// Largest number of iterations of the fit.
 const ROUNDS: usize = 25;
-/// Largest step, in units of the priors, after which the fit has settled.
+/// Largest step, in units of the priors' standard deviations, at which the fit has converged.
 const SETTLED: f64 = 0.02;
-/// Residuals of a row, in standard deviations, from which its weight falls.
+/// Residual of a row, in standard deviations, above which its weight decreases.
 const BEND: f64 = 3.0;
-/// Residual of one component below which nothing is weighed: exact data must not divide by zero, m and rad.
+/// Lower bound on the scale of one residual component, in m and rad, so that exact data do not cause a division by zero.
 const LEAST_SCALE: f64 = 2e-7;
 
 /// How far the frames may be from the drawing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Priors {
-    /// As arms are made: 2 mm and 2 mrad.
+    /// Deviations of manufactured arms: 2 mm and 2 mrad.
     Made,
-    /// As mastering errors and variants of an arm are: 30 mm and 30 mrad.
+    /// Deviations by mastering errors and variants of an arm: 30 mm and 30 mrad.
     Wide,
 }
 
 /// A fitted geometry.
 pub struct Geometry {
-    /// The model.
+    /// The fitted model.
     pub state: ParametricModel,
-    /// The samples in the base frame, in the order of time.
+    /// Samples in the base frame, in chronological order.
     pub samples: Vec<BaseSample>,
     /// Robust standard deviations of one component.
     pub scales: NoiseScales,
-    /// The model around its optimum, rows in units of their scales.
+    /// The model linearised at its optimum, with rows in units of their scales.
     pub linear: Linearised,
     /// Residuals in units of their scales.
     pub residuals: Vec<[f64; ROWS]>,
     /// Weights of the rows, 0 to 1.
     pub weights: Vec<f64>,
-    /// The inverse of AᵀWA and the priors.
+    /// Covariance of the parameters: the inverse of AᵀWA + Λ⁻¹, with the prior covariance Λ.
     pub covariance: Mat<f64>,
-    /// The step that Gauss–Newton would take next: a curved valley is crossed slowly, and hypotheses are compared with
-    /// what lies at its end.
+    /// The next Gauss–Newton step. Progress along a curved valley is slow, so hypotheses are compared with the point at
+    /// which the step ends.
     pub next_step: Mat<f64>,
-    /// Parameters that the data determine: the trace of the hat matrix.
+    /// Number of parameters that the data determine: the trace of the hat matrix.
     pub determined: f64,
-    /// Median position residual in m.
+    /// Median position residual, in m.
     pub position: f64,
-    /// Median rotation residual in rad.
+    /// Median rotation residual, in rad.
     pub rotation: f64,
-    /// How far each frame of the arm is from the drawing, m and rad.
+    /// Distance of each frame of the arm from the drawing, in m and rad.
     pub frames_off: Vec<(f64, f64)>,
 }
 
 impl Geometry {
-    /// Fits the samples of `data`, starting from `alignment`: with harmonics and gravity where the rows are enough, so that
-    /// what is left shows the noise; `None` where the equations cannot be solved.
+    /// Fits the samples of `data`, starting from `alignment`. Gravity and harmonics are included if there are enough rows,
+    /// so that the residuals show the noise. `None` if the equations cannot be solved.
     pub fn fit(
         data: &Data<'_>,
         alignment: &Alignment,
@@ -86,7 +86,7 @@ impl Geometry {
         fits.find(|fit| fit.as_ref().is_none_or(|fit| fit.determined <= most))?
     }
 
-    /// As [`fit`](Self::fit) with these of gravity and harmonics.
+    /// Same as [`fit`](Self::fit), with the given selection of gravity and harmonics.
     fn fit_terms(
         data: &Data<'_>,
         alignment: &Alignment,
@@ -209,7 +209,7 @@ impl Geometry {
         })
     }
 
-    /// Residual of a row per equation, in standard deviations.
+    /// Returns the residual of a row per equation, in standard deviations.
     pub fn size(&self, row: usize) -> f64 {
         size(
             &self.residuals[row],
@@ -217,30 +217,31 @@ impl Geometry {
         )
     }
 
-    /// By which factor what is left may be larger than noise: without gravity and harmonics the arm's own errors are in it.
+    /// Returns the factor by which residuals may exceed the noise: without gravity and harmonics they contain the arm's own
+    /// errors.
     pub fn leniency(&self) -> f64 {
         if self.is_whole() { 1.0 } else { LENIENT }
     }
 
-    /// Whether the rows were enough for gravity and harmonics.
+    /// Returns whether there were enough rows for gravity and harmonics.
     pub fn is_whole(&self) -> bool {
         self.state.layout.gravity && !self.state.layout.ripple.is_empty()
     }
 
-    /// Equations of all rows.
+    /// Returns the number of equations of all rows.
     pub fn equations(&self) -> usize {
         self.samples.iter().map(|s| s.observation.equations()).sum()
     }
 
-    /// Residuals of a fit are smaller than the noise: the factor from one to the other.
+    /// Returns the factor from the residuals of the fit to the noise, which is larger.
     pub fn degrees_of_freedom(&self) -> f64 {
         let equations = self.equations() as f64;
         (equations / (equations - self.determined).max(1.0)).sqrt()
     }
 }
 
-/// Shifts along joints with parallel axes, m, each with the frame that has most of it: only the sum of theirs and of the
-/// frame behind them is in the data, and the fit spreads it over all.
+/// Returns shifts along joints with parallel axes, in m, each with the frame that has the largest part of it. The data
+/// determine only the sum of these frames' shifts and that of the frame after them, and the fit spreads it over all of them.
 fn shifts_along_axes(fitted: &[Pose<f64>], drawn: &[Pose<f64>]) -> Vec<(usize, f64)> {
     let count = drawn.len();
     let turns = |k: usize| drawn[k].rotation[(2, 2)];
@@ -276,7 +277,7 @@ fn size(residual: &[f64; ROWS], equations: usize) -> f64 {
 }
 
 fn robust_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales {
-    // What rows state is examined, so it does not weigh here.
+    // The stated uncertainties are themselves under examination, so they do not affect the weights here.
     let plain: Vec<BaseSample> = samples
         .iter()
         .map(|s| BaseSample {
@@ -287,8 +288,8 @@ fn robust_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales
     NoiseScales::robust(&state.residuals(&plain, NoiseScales::ONE), &plain).at_least(LEAST_SCALE)
 }
 
-/// A row that does not belong pulls with the same force however far it is off, and rows that are off together still show
-/// where they are.
+/// Weights limit the pull of a row that does not belong, however far off it is; rows that are off together still show where
+/// they are.
 fn row_weights(residuals: &[[f64; ROWS]], samples: &[BaseSample]) -> Vec<f64> {
     let of = |(r, s): (&[f64; ROWS], &BaseSample)| {
         let u = size(r, s.observation.equations());
@@ -297,7 +298,7 @@ fn row_weights(residuals: &[[f64; ROWS]], samples: &[BaseSample]) -> Vec<f64> {
     residuals.iter().zip(samples).map(of).collect()
 }
 
-/// Robust χ² and the priors.
+/// Returns robust χ² plus the prior term.
 fn objective(
     state: &ParametricModel,
     samples: &[BaseSample],
@@ -307,7 +308,7 @@ fn objective(
     let rows = state.residuals(samples, scales);
     let data = rows.iter().map(|r| {
         let square: f64 = r.iter().map(|x| x * x).sum();
-        // The loss whose weights are those of `row_weights`.
+        // The loss that corresponds to the weights of `row_weights`.
         let bend = BEND * BEND * 6.0;
         if square < bend {
             square
@@ -323,7 +324,7 @@ fn objective(
     data.sum::<f64>() + prior.sum::<f64>()
 }
 
-/// Λ^½ (AᵀWA) Λ^½ + 1.
+/// Returns Λ^½ (AᵀWA) Λ^½ + 1, with the prior covariance Λ.
 fn normal(linear: &Linearised, weights: &[f64], sd: &[f64]) -> Mat<f64> {
     let weighted = Mat::from_fn(linear.a.nrows(), sd.len(), |r, j| {
         weights[r / ROWS].sqrt() * linear.a[(r, j)] * sd[j]

@@ -1,7 +1,7 @@
-//! Whether measurements can be believed: an examination before the expensive fit, for every method.
+//! Decides whether measurements can be trusted: an examination before the expensive fit, for every method.
 //!
-//! [`examine`] looks in three places: at the numbers alone, at the nominal arm with base and tool fitted, and at the
-//! geometry fitted with priors. It needs no Gaussian process. A cause is named only when it was tried as data.
+//! [`examine`] has three stages: the numbers alone, the nominal arm with base and tool fitted, and the geometry fitted with
+//! priors. It needs no Gaussian process. A cause is named only if it was tested against the data.
 
 mod alignment;
 mod change_points;
@@ -29,8 +29,8 @@ use crate::trust::alignment::{LEVER, Row, align, median};
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading};
 
-/// As [`examine`], but only whether the rows are of this robot: for measurements that a model is judged by. There may be few
-/// of them, and what has moved since the calibration is what they are measured for.
+/// Same as [`examine`], but checks only whether the rows belong to this robot. It serves measurements by which a model is
+/// judged: there may be few of them, and they are meant to show what has moved since the calibration.
 pub fn identify(
     robot: &Robot,
     set: &MeasurementSet,
@@ -51,13 +51,13 @@ pub fn identify(
     out
 }
 
-/// Median distance of rows from the arm that the others are of, over that of the others, from which they contradict it.
+/// Ratio above which rows contradict the arm of the others: their median distance from it over that of the others.
 const CONTRADICTS: f64 = 2.0;
-/// Median residual of the geometry over that of the nominal arm, above which the geometry explains little.
+/// Ratio of the geometry's median residual to the nominal arm's above which the geometry explains little.
 const POOR: f64 = 0.4;
 
-/// Examines the rows of `set`, which are `samples` of `robot` in the same order. `gravity` is that of the base frame, m/s²;
-/// `fits_geometry` says whether more than base and tool will be fitted to them.
+/// Examines the rows of `set`; `samples` are its samples for `robot` in the same order. `gravity` is in the base frame, in
+/// m/s². `fits_geometry` states whether more than base and tool will be fitted to them.
 pub fn examine(
     robot: &Robot,
     set: &MeasurementSet,
@@ -75,13 +75,13 @@ pub fn examine(
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
         out.0.extend(arm.findings);
-        // Few rows fit any geometry.
+        // With few rows, any geometry fits.
         let is_enough = fits_geometry && out.0.iter().all(|f| f.cause != Cause::Few);
         if !out.is_refused()
             && is_enough
             && let Some(geometry) = Geometry::fit(&data, &arm.alignment, Priors::Made, gravity)
         {
-            // An episode is looked for where the geometry explains little.
+            // An episode is searched for only if the geometry explains little.
             let is_poor = geometry.position > POOR * arm.alignment.position;
             let step = change_points::examine(&data, &geometry).or_else(|| {
                 is_poor
@@ -96,7 +96,7 @@ pub fn examine(
             }));
             out.0.extend(step);
             let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);
-            // What is left beside a step is the step's.
+            // Other residuals beside a step are attributed to the step.
             out.0.extend(
                 rest.into_iter()
                     .filter(|f| !has_step || f.cause == Cause::Noise),
@@ -107,9 +107,9 @@ pub fn examine(
     out
 }
 
-/// Parts the findings into those that stand and the clipped columns that are only suspected. Rows at an extreme of a column
-/// are clipped where they contradict the other rows; else the arm may have been there. What contradicts the arm as drawn
-/// stands; the geometry decides on the rest.
+/// Separates the findings that are certain from clipped columns that are only suspected. Rows at an extreme of a column are
+/// clipped if they contradict the other rows; otherwise the arm may have been there. A suspect that contradicts the arm as
+/// drawn is certain; the geometry decides about the others.
 fn part_suspects(data: &Data<'_>, all: Vec<Finding>) -> (Vec<Finding>, Vec<Finding>) {
     all.into_iter().partition(|finding| {
         if finding.cause != Cause::Clip {
@@ -129,12 +129,12 @@ fn part_suspects(data: &Data<'_>, all: Vec<Finding>) -> (Vec<Finding>, Vec<Findi
     })
 }
 
-/// The rows of a finding, and all others.
+/// Returns the rows of a finding, and all others.
 fn parted(data: &Data<'_>, finding: &Finding) -> (Vec<usize>, Vec<usize>) {
     (0..data.samples.len()).partition(|k| finding.rows.contains(&data.line(*k)))
 }
 
-/// The rows in the order of time; of equals, and without a column of time, in that of the file.
+/// Collects the rows in chronological order; rows of equal time, or without a column of time, keep the order of the file.
 fn data<'a>(
     robot: &'a Robot,
     set: &MeasurementSet,

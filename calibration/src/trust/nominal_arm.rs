@@ -1,4 +1,5 @@
-//! The nominal arm with base and tool fitted: is this the robot, and if not, which mistake explains the file?
+//! Examines the data with the nominal arm, with base and tool fitted: is this the robot, and if not, which mistake explains
+//! the file?
 
 use nalgebra::Vector3;
 use poegp_protocol::cause::Cause;
@@ -12,48 +13,48 @@ use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading, readings};
 use crate::trust::wording::{length, lengths, lines};
 
-/// Median position residual over the reach of the arm, above which the file is not this robot.
+/// Ratio of the median position residual to the arm's reach above which the file is not from this robot.
 const REFUSED_REACH: f64 = 0.009;
-/// Median rotation residual in rad, above which the file is not this robot.
+/// Median rotation residual above which the file is not from this robot, in rad.
 const REFUSED_ROTATION: f64 = 60e-3;
-/// Median position residual over the spread of the positions, above which the file is not this robot.
+/// Ratio of the median position residual to the spread of the positions above which the file is not from this robot.
 const REFUSED_SPREAD: f64 = 0.07;
-/// Positions nearer to each other than this share of the reach say nothing about scale.
+/// Spread of the positions, relative to the reach, below which they give no information about scale.
 const LEAST_SPREAD: f64 = 0.01;
-/// Median position residual over the spread, above which other readings are tried.
+/// Ratio of the median position residual to the spread above which other readings are tried.
 const SUSPICIOUS_SPREAD: f64 = 0.012;
-/// Another reading has to be better by this factor.
+/// Factor by which the residual of another reading must be smaller.
 const BETTER: f64 = 0.25;
-/// Readings within this factor of the best are named beside it.
+/// Factor of the best residual within which other readings are also named.
 const AS_GOOD: f64 = 2.0;
-/// Readings within this factor of the best fit equally well.
+/// Factor of the best residual within which readings count as equally good.
 const EQUAL: f64 = 1.05;
-/// Share of the rows that a reading has to explain: else there are two populations.
+/// Share of the rows that a reading must explain; otherwise there are two populations.
 const MOST: f64 = 0.8;
-/// Rows that rank readings.
+/// Number of rows by which readings are ranked.
 const RANKED: usize = 90;
-/// Readings that are refined.
+/// Number of readings that are refined.
 const REFINED: usize = 8;
-/// Fewest rows that a base and a tool are fitted to.
+/// Smallest number of rows to which a base and a tool are fitted.
 const LEAST_ROWS: usize = 6;
-/// Readings of what was seen that are paired with those of joints.
+/// Number of readings of the observations that are paired with readings of the joints.
 const MOST_SEEN: usize = 30;
-/// Pairs of readings that are tried.
+/// Largest number of pairs of readings that are tried.
 const MOST_PAIRS: usize = 3000;
-/// Shares of the rows that agree on one base and tool where a file has two populations.
+/// Smallest share of rows that must agree on one base and tool in a file with two populations.
 const AGREEING: f64 = 0.25;
-/// Above this share the others are outliers.
+/// Share of agreeing rows above which the others are outliers.
 const NEARLY_ALL: f64 = 0.95;
-/// Distances over the reach within which rows agree.
+/// Distance within which rows agree, relative to the reach.
 const TIGHT: f64 = 0.0035;
-/// Distances over the reach within which rows of an arm far from its drawing agree.
+/// Distance within which rows of an arm far from its drawing agree, relative to the reach.
 const LOOSE: f64 = 0.012;
-/// Median residual over the reach that a geometry of its own may leave.
+/// Largest median residual of a geometry of its own, relative to the reach.
 const EXPLAINED_REACH: f64 = 0.0035;
-/// Residuals below this are the drawing's own: the controller computed the poses, m and rad.
+/// Residuals below which the poses are those of the drawing, so that the controller computed them, in m and rad.
 const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
 
-/// Root mean square distance of the positions from their mean, m.
+/// Returns the root mean square distance of the positions from their mean, in m.
 fn spread(rows: &[Row]) -> f64 {
     let count = rows.len().max(1) as f64;
     let mean = rows.iter().map(|r| r.seen.position()).sum::<Vector3<f64>>() / count;
@@ -63,22 +64,23 @@ fn spread(rows: &[Row]) -> f64 {
     (square.sum::<f64>() / count).sqrt().max(1e-9)
 }
 
-/// Whether positions are far enough from each other: near a point, any arm can have its target.
+/// Returns whether the positions are far enough apart: with all of them near one point, the target of any arm could be
+/// there.
 fn is_spread(rows: &[Row], reach: f64) -> bool {
     spread(rows) > LEAST_SPREAD * reach
 }
 
-/// A fit of rows, and how it compares.
+/// A fit of base and tools, and measures of its quality.
 struct Fit {
     alignment: Alignment,
-    /// How far it is beyond what this robot may have: above 1 it is another.
+    /// Residual relative to the limits for this robot: above 1 it is another robot.
     badness: f64,
-    /// Share of the rows that are near.
+    /// Share of the rows that are near the fit.
     share: f64,
-    /// Residual that [`MOST`] of the rows are within, over the spread of the positions: a file in another unit is not better
-    /// for being smaller.
+    /// Residual that [`MOST`] of the rows are within, relative to the spread of the positions, so that a file does not fit
+    /// better only because its unit makes it smaller.
     relative: f64,
-    /// Whether the positions are far enough from each other to say something of it.
+    /// Whether the positions are far enough apart to be conclusive.
     is_spread: bool,
 }
 
@@ -101,7 +103,7 @@ impl Fit {
         Self::new(align(rows), rows, reach)
     }
 
-    /// Whether it explains what `given` does not.
+    /// Returns whether this fit explains what `given` does not.
     fn explains(&self, given: &Self) -> bool {
         self.relative < BETTER * given.relative
             && self.badness <= 1.0
@@ -118,15 +120,15 @@ impl Fit {
     }
 }
 
-/// What the nominal arm says about the data.
+/// Result of the examination with the nominal arm.
 pub struct NominalArm {
-    /// Base and tools as the file is given.
+    /// Base and tools for the file as given.
     pub alignment: Alignment,
-    /// What is wrong; empty when this is the robot.
+    /// Findings; empty if this is the robot.
     pub findings: Vec<Finding>,
 }
 
-/// Looks at the data with the nominal arm.
+/// Examines the data with the nominal arm.
 pub fn examine(data: &Data<'_>, gravity: Vector3<f64>) -> NominalArm {
     let all: Vec<usize> = (0..data.samples.len()).collect();
     let rows = Reading::as_given().rows(data, &all);
@@ -149,7 +151,7 @@ pub fn examine(data: &Data<'_>, gravity: Vector3<f64>) -> NominalArm {
     }
 }
 
-/// The data and what every question about them needs.
+/// The data and what every examination step needs.
 struct Scene<'a> {
     data: &'a Data<'a>,
     rows: Vec<Row>,
@@ -191,14 +193,14 @@ impl Scene<'_> {
             .or_else(|| Some(self.unexplained(given)))
     }
 
-    /// Rows at joints of their own.
+    /// Returns the number of rows with different joints, up to [`LEAST_ROWS`].
     fn distinct(&self) -> usize {
         let samples = &self.data.samples;
         let is_first = |k: &usize| samples[..*k].iter().all(|s| s.joints != samples[*k].joints);
         (0..samples.len()).filter(is_first).take(LEAST_ROWS).count()
     }
 
-    /// The refusal for a file that another reading explains.
+    /// Returns the refusal of a file that another reading explains.
     fn other_reading(&self, given: &Fit) -> Option<Finding> {
         let all = readings(self.data, self.has_orientation);
         let which = spread_rows(self.rows.len(), RANKED);
@@ -206,7 +208,7 @@ impl Scene<'_> {
         self.best_of(given, &all, single, &which)
     }
 
-    /// Two mistakes at once, one of them of the joints.
+    /// Returns the refusal of a file that two simultaneous mistakes explain, at least one of them in the joints.
     fn pairs(&self, given: &Fit) -> Option<Finding> {
         let all: Vec<Reading> = readings(self.data, self.has_orientation)
             .into_iter()
@@ -226,7 +228,7 @@ impl Scene<'_> {
         self.best_of(given, &all, pairs, &spread_rows(self.rows.len(), 30))
     }
 
-    /// The refusal by the best of some combinations of readings, if it explains the file.
+    /// Returns the refusal that names the best of some combinations of readings, if it explains the file.
     fn best_of(
         &self,
         given: &Fit,
@@ -283,7 +285,7 @@ impl Scene<'_> {
         Some(refused(all[first[0]].cause, text, value, BETTER))
     }
 
-    /// The refusal for a file of two populations of rows.
+    /// Returns the refusal of a file with two populations of rows.
     fn populations(&self, tolerance: f64) -> Option<Finding> {
         let count = self.rows.len();
         if count < 16 {
@@ -334,7 +336,7 @@ impl Scene<'_> {
         })
     }
 
-    /// What explains the rows that do not agree with the others.
+    /// Describes what explains the rows that do not agree with the others.
     fn of_others(&self, fit: &Fit, others: &[usize]) -> String {
         let rows: Vec<Row> = others.iter().map(|k| self.rows[*k]).collect();
         let own = Fit::of(&rows, self.reach);
@@ -365,7 +367,7 @@ impl Scene<'_> {
         })
     }
 
-    /// The refusal for positions that fit where the orientations do not.
+    /// Returns the refusal of a file whose positions fit but whose orientations do not.
     fn orientation_alone(&self, given: &Fit) -> Option<Finding> {
         if !self.has_orientation || given.alignment.rotation < REFUSED_ROTATION {
             return None;
@@ -390,10 +392,11 @@ impl Scene<'_> {
         })
     }
 
-    /// The refusal for an arm whose drawing or mastering is another: one joint or link is named where one stands out.
+    /// Returns the refusal of a file from an arm with other dimensions or another mastering; it names the joint or link that
+    /// deviates most.
     fn wide_geometry(&self, given: &Fit) -> Option<Finding> {
         let geometry = Geometry::fit(self.data, &given.alignment, Priors::Wide, self.gravity)?;
-        // What is near a point is near a point of any arm.
+        // Positions near a single point would be near a point of any arm.
         let fits = geometry.position < EXPLAINED_REACH * self.reach
             && given.is_spread
             && geometry.rotation < REFUSED_ROTATION / 2.0
@@ -437,7 +440,7 @@ impl Scene<'_> {
         ))
     }
 
-    /// The refusal for a file that nothing explains.
+    /// Returns the refusal of a file that nothing explains.
     fn unexplained(&self, given: &Fit) -> Finding {
         let text = format!(
             "the poses are {} from the arm as drawn, and nothing that was tried explains it: is it this robot, and do \
@@ -459,14 +462,14 @@ fn refused(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
     }
 }
 
-/// Some rows, evenly spread over the file.
+/// Returns the indices of some rows, evenly spread over the file.
 fn spread_rows(count: usize, most: usize) -> Vec<usize> {
     let taken = count.min(most);
     (0..taken).map(|i| i * count / taken).collect()
 }
 
-/// Rows to start a population from: windows of the file, and a fixed sequence of fives, so that a file always has the
-/// same answer.
+/// Returns sets of rows from which a population may start: windows of the file, and groups of five in a fixed sequence, so
+/// that the same file always gets the same answer.
 fn starts_of_populations(count: usize) -> Vec<Vec<usize>> {
     let mut out: Vec<Vec<usize>> = Vec::new();
     for parts in [2, 3, 6, 12] {

@@ -1,4 +1,5 @@
-//! The numbers alone, before anything is solved: too few, repeated, standing for missing ones, cut off.
+//! Examines only the numbers, before anything is solved: too few rows, repeated rows, placeholders for missing values,
+//! cut-off values.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -15,26 +16,27 @@ use crate::trust::alignment::median;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::wording::{lines, three_digits};
 
-/// Equations for each unknown below which nothing is fitted, and below which a user is warned.
+/// Equations per unknown below which nothing is fitted, and below which the user is warned.
 const FEW: (f64, f64) = (1.25, 2.9);
-/// A joint that moves less does not move, rad and m.
+/// Range of a joint below which it counts as not moving, in rad and m.
 const STILL: (f64, f64) = (8.73e-3, 1e-3);
-/// Rows are copies within these of joints (rad), position (m) and orientation (rad): a second measurement is not as near.
+/// Differences in joints (rad), position (m) and orientation (rad) within which rows are copies: a repeated measurement
+/// differs by more.
 const COPY: (f64, f64, f64) = (1.75e-4, 1e-5, 1e-5);
-/// Copies that are worth a warning: rows, and share of all rows.
+/// Number of copies, and share of all rows, from which a warning is given.
 const COPIES: (usize, f64) = (3, 0.03);
-/// The flange moves at least this far between rows that cannot have the same pose, m and rad.
+/// Motion of the flange between two rows, in m and rad, beyond which they cannot have the same pose.
 const MOVED: (f64, f64) = (2e-3, 5e-3);
-/// Rows at the extreme value of a column that is cut off: rows, and share of all rows.
+/// Number of rows, and share of all rows, at the extreme value of a column from which it counts as cut off.
 const CUT: (usize, f64) = (3, 0.02);
-/// Values of a column that are different from all others, where one value that several rows share stands out.
+/// Share of distinct values among the others in a column above which a value that several rows share stands out.
 const DIFFERENT: f64 = 0.75;
-/// Distance from the median, in units of the median distance, of a value that stands for a missing one.
+/// Distance from the median beyond which a value may stand for a missing one, in units of the median distance.
 const FAR: f64 = 12.0;
-/// Payload that an arm of 1 m carries at most, kg; it grows with the cube of the reach.
+/// Largest payload of an arm of 1 m, in kg; it grows with the cube of the reach.
 const HEAVIEST: f64 = 40.0;
 
-/// What the numbers alone show. Where the geometry is not fitted, few rows are enough.
+/// Returns the findings from the numbers alone. The number of rows matters only if the geometry is fitted.
 pub fn examine(
     robot: &Robot,
     chain: &Poe<f64>,
@@ -119,7 +121,7 @@ impl Scene<'_> {
         self.set.measurements[row].line
     }
 
-    /// A column by which the rows are sorted: their order is not that of time.
+    /// Finds a column by which the rows are sorted, so that their order is not chronological.
     fn sorted(&self) -> Option<Finding> {
         let name = self.set.sorted_by()?;
         Some(Finding {
@@ -135,7 +137,7 @@ impl Scene<'_> {
         })
     }
 
-    /// Joints that do not move, and their ranges in rad or m.
+    /// Returns the joints that do not move, with their ranges in rad or m.
     fn still(&self) -> Vec<(usize, f64)> {
         let range = |j: usize| {
             let (low, high) = extremes(self.samples.iter().map(|s| s.joints[j]));
@@ -152,7 +154,7 @@ impl Scene<'_> {
         still.collect()
     }
 
-    /// Rows that repeat an earlier one.
+    /// Returns the rows that repeat an earlier one.
     fn copies(&self) -> Vec<usize> {
         let same = |a: &InstrumentSample, b: &InstrumentSample| {
             let near = |(x, y): (&f64, &f64)| (x - y).abs() <= COPY.0;
@@ -161,7 +163,7 @@ impl Scene<'_> {
                 (Some(a), Some(b)) => (a.inverse() * b).log().angular.norm() > COPY.2,
                 _ => false,
             };
-            // Along x first: nearly all pairs of rows differ there.
+            // Compares x first, because nearly all pairs of rows differ in it.
             apart.x.abs() <= COPY.1
                 && apart.norm() <= COPY.1
                 && a.joints.iter().zip(&b.joints).all(near)
@@ -175,7 +177,7 @@ impl Scene<'_> {
         (0..self.samples.len()).filter(earlier).collect()
     }
 
-    /// The same pose to the last digit at other joints.
+    /// Finds rows that have the pose of an earlier row to the last digit although the joints differ.
     fn stuck(&self) -> Option<Finding> {
         let mut rows: Vec<usize> = Vec::new();
         for (k, own) in self.set.measurements.iter().enumerate() {
@@ -204,13 +206,13 @@ impl Scene<'_> {
 
     fn has_moved(&self, i: usize, k: usize) -> bool {
         let between = self.flanges[i].inverse() * self.flanges[k];
-        // A rotation about the target alone leaves the position as it is.
+        // A rotation about the target alone does not change the position.
         between.translation.norm() > MOVED.0 && self.samples[i].observation.position().norm() > 0.0
             || between.log().angular.norm() > MOVED.1
                 && self.samples[i].observation.has_orientation()
     }
 
-    /// Values that stand for missing ones: the same number far from all others, or the same orientation at other joints.
+    /// Finds placeholders for missing values: equal numbers far from all others, or equal orientations at other joints.
     fn placeholders(&self) -> Option<Finding> {
         let mut rows: Vec<usize> = Vec::new();
         let mut named = String::new();
@@ -256,7 +258,7 @@ impl Scene<'_> {
         })
     }
 
-    /// Rows with the orientation of another row at other positions, where the flange had turned.
+    /// Returns rows with the orientation of another row at another position, although the flange had rotated.
     fn held_orientations(&self) -> Vec<usize> {
         let all = &self.set.measurements;
         let held = |k: &usize| {
@@ -264,7 +266,7 @@ impl Scene<'_> {
                 let between = self.flanges[i].inverse() * self.flanges[*k];
                 between.log().angular.norm()
             };
-            // The turn last: of hardly any pair of rows all else is so.
+            // The rotation is compared last, because hardly any pair of rows meets the other conditions.
             (0..all.len()).any(|i| {
                 i != *k
                     && all[i].orientation.is_some()
@@ -277,7 +279,7 @@ impl Scene<'_> {
         if rows.len() >= 2 { rows } else { Vec::new() }
     }
 
-    /// Columns whose extreme value several rows share that do not repeat each other.
+    /// Finds a column whose extreme value several rows share that are not copies of each other.
     fn cut_off(&self, copies: &[usize], still: &[(usize, f64)]) -> Option<Finding> {
         let own: Vec<usize> = (0..self.samples.len())
             .filter(|k| copies.binary_search(k).is_err())
@@ -328,7 +330,7 @@ impl Scene<'_> {
         None
     }
 
-    /// Whether there are enough equations.
+    /// Checks whether there are enough equations.
     fn few(&self, copies: usize, still: usize) -> Option<Finding> {
         let whole = self.samples.iter().any(|s| s.observation.has_orientation());
         let equations: usize = self.samples.iter().map(|s| s.observation.equations()).sum();
@@ -358,7 +360,7 @@ impl Scene<'_> {
         })
     }
 
-    /// Payloads that no such arm carries.
+    /// Finds payloads that no arm of this reach carries.
     fn payload(&self, reach: f64) -> Option<Finding> {
         let heaviest = HEAVIEST * reach.powi(3);
         let rows: Vec<usize> = (0..self.samples.len())
@@ -386,7 +388,7 @@ impl Scene<'_> {
     }
 }
 
-/// Whether a number, in mm or in m, is one that programs write for a missing value.
+/// Returns whether a number, in mm or in m, is one that programs write for a missing value.
 fn stands_for_missing(metres: f64) -> bool {
     [1.0, 1e3].iter().any(|unit| {
         let digits = (metres * unit).abs();
@@ -408,8 +410,8 @@ fn refused(cause: Cause, text: String, rows: Vec<usize>, threshold: f64) -> Find
     }
 }
 
-/// The steps of the digits of values: the largest power of ten that divides all of them, 0 where there are more digits
-/// than matter, or one value alone.
+/// Returns the step of the digits of values: the largest power of ten that divides all of them; 0 if they have more digits
+/// than matter, or are all equal.
 pub fn step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let first = values.clone().next();
     if values.clone().all(|v| Some(v) == first) {
@@ -428,7 +430,7 @@ pub fn step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     0.0
 }
 
-/// Positions of all rows in mm.
+/// Returns the position coordinates of all rows, in mm.
 pub fn positions_mm(set: &MeasurementSet) -> impl Iterator<Item = f64> + Clone + '_ {
     set.measurements.iter().flat_map(|m| {
         let p: Vector3<f64> = m.position * 1e3;

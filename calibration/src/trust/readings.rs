@@ -1,7 +1,7 @@
-//! Other readings of a file: what its numbers would mean if one mistake had been made when they were written.
+//! Other readings of a file: what its numbers would mean if a certain mistake had been made in writing them.
 //!
-//! A cause is named only when its reading was tried. Every mistake is one line of [`readings`]: its cause, what it says,
-//! and how it changes the joints, what was seen, or which rows belong together.
+//! A cause is named only if its reading was tried. Every mistake is one entry of [`readings`]: its cause, its statement, and
+//! how it changes the joints, the observations, or which rows belong together.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::JointKind;
@@ -15,20 +15,20 @@ use crate::robot::{BUILT_IN, LoadOptions, Robot};
 use crate::trust::alignment::Row;
 use crate::trust::conventions::other_orientations;
 
-/// Rows in the order of time: index into the samples.
+/// The rows of a file in chronological order.
 pub struct Data<'a> {
-    /// The arm.
+    /// The robot.
     pub robot: &'a Robot,
-    /// Its chain to the flange.
+    /// Nominal chain from base to flange.
     pub chain: Poe<f64>,
-    /// All samples in the order of time.
+    /// All samples in chronological order.
     pub samples: Vec<&'a InstrumentSample>,
-    /// The line of each of them in the file.
+    /// Line of each sample in the file.
     pub lines: Vec<usize>,
 }
 
 impl Data<'_> {
-    /// The line of a sample in the file.
+    /// Returns the line of a sample in the file.
     pub fn line(&self, index: usize) -> usize {
         self.lines.get(index).copied().unwrap_or(0)
     }
@@ -37,29 +37,29 @@ impl Data<'_> {
 type OfJoints = Box<dyn Fn(&[f64]) -> Vec<f64>>;
 type OfSeen = Box<dyn Fn(&Observation) -> Observation>;
 
-/// What a reading changes.
+/// A change that a reading makes.
 enum Change {
-    /// The controller's joints.
+    /// The controller's joints change.
     Joints(OfJoints),
     /// The joints are those of the serial chain.
     Serial,
-    /// What was seen.
+    /// The observations change.
     Seen(OfSeen),
-    /// What was seen belongs to a later row of joints, or an earlier one.
+    /// The observations belong to a later or an earlier row of joints.
     Shift(isize),
-    /// The controller's joints of every row.
+    /// The controller's joints of every row are replaced.
     JointsOfRows(Vec<Vec<f64>>),
-    /// It is another arm.
+    /// The arm is another one.
     Robot(Box<Robot>, Box<Poe<f64>>),
 }
 
-/// One way to read a file.
+/// One possible reading of a file.
 pub struct Reading {
     /// What is wrong with the file if the reading is right.
     pub cause: Cause,
-    /// What the user should read.
+    /// Statement for the user.
     pub sentence: String,
-    /// How many things differ from the file as given: the simplest of equals is named first.
+    /// Number of differences from the file as given: among equal readings the simplest is named first.
     pub complexity: usize,
     changes: Vec<Change>,
 }
@@ -74,7 +74,7 @@ impl Reading {
         }
     }
 
-    /// The file as given.
+    /// Returns the reading of the file as given.
     pub fn as_given() -> Self {
         Self {
             cause: Cause::NoFit,
@@ -84,29 +84,29 @@ impl Reading {
         }
     }
 
-    /// Whether it changes joints alone.
+    /// Returns whether the reading changes only joints.
     pub fn is_of_joints(&self) -> bool {
         self.changes
             .iter()
             .all(|c| matches!(c, Change::Joints(_) | Change::Serial | Change::Robot(..)))
     }
 
-    /// Whether it changes a unit.
+    /// Returns whether the reading changes a unit.
     pub fn is_of_units(&self) -> bool {
         self.cause == Cause::Unit
     }
 
-    /// Whether it changes what was seen alone.
+    /// Returns whether the reading changes only observations.
     pub fn is_of_seen(&self) -> bool {
         self.changes.iter().all(|c| matches!(c, Change::Seen(_)))
     }
 
-    /// The rows `which` of the data in this reading; fewer where rows are shifted.
+    /// Returns the rows `which` of the data in this reading; fewer if rows are shifted.
     pub fn rows(&self, data: &Data<'_>, which: &[usize]) -> Vec<Row> {
         Self::rows_of(&[self], data, which)
     }
 
-    /// The rows `which` in several readings at once.
+    /// Returns the rows `which` in several combined readings.
     pub fn rows_of(readings: &[&Self], data: &Data<'_>, which: &[usize]) -> Vec<Row> {
         let mut out = Vec::with_capacity(which.len());
         for k in which {
@@ -150,7 +150,7 @@ impl Reading {
     }
 }
 
-/// Every reading of the data but the one as given, simplest first.
+/// Returns every reading of the data except the one as given, simplest first.
 pub fn readings(data: &Data<'_>, has_orientation: bool) -> Vec<Reading> {
     let mut out = Vec::new();
     of_units(data, &mut out);
@@ -191,12 +191,13 @@ pub fn readings(data: &Data<'_>, has_orientation: bool) -> Vec<Reading> {
     out
 }
 
-/// Joints and poses of a row that were not read at the same moment.
+/// Adds readings in which the joints and the pose of a row were not read at the same moment.
 fn of_motion(data: &Data<'_>, out: &mut Vec<Reading>) {
     let count = data.samples.len();
     for step in 1..=20 {
         let share = 0.025 * f64::from(step);
-        // The pose lags behind the joints, or the joints behind the pose; of the move before, or of the one after.
+        // Either the pose lags behind the joints or the joints behind the pose, in the move before the row or in the move
+        // after it.
         for (joints_lag, earlier) in [(false, true), (true, true), (false, false), (true, false)] {
             let mut joints: Vec<Vec<f64>> = data.samples.iter().map(|s| s.joints.clone()).collect();
             let order: Vec<usize> = if earlier {
@@ -207,7 +208,7 @@ fn of_motion(data: &Data<'_>, out: &mut Vec<Reading>) {
             for k in order {
                 let neighbour = if earlier { k - 1 } else { k + 1 };
                 for j in 0..joints[k].len() {
-                    // Joints that lag are recovered row after row; a pose that lags was taken between the joints as read.
+                    // Joints that lag are recovered row by row; a pose that lags was taken between the joints as read.
                     joints[k][j] = if joints_lag {
                         (data.samples[k].joints[j] - share * joints[neighbour][j]) / (1.0 - share)
                     } else {
@@ -230,7 +231,7 @@ fn of_motion(data: &Data<'_>, out: &mut Vec<Reading>) {
     }
 }
 
-/// Units of joints and positions.
+/// Adds readings with other units of joints and positions.
 fn of_units(data: &Data<'_>, out: &mut Vec<Reading>) {
     let revolute: Vec<usize> = (0..data.robot.joints.len())
         .filter(|j| data.robot.joints[*j].kind == JointKind::Revolute)
@@ -334,7 +335,7 @@ fn of_rotation(map: impl Fn(&Matrix3<f64>) -> Matrix3<f64> + 'static) -> Change 
     }))
 }
 
-/// Signs, zeros, order and coupling of the joints.
+/// Adds readings with other signs, zeros, order and coupling of the joints.
 fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
     let n = data.robot.joints.len();
     for j in 0..n {
@@ -420,7 +421,7 @@ fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
     }
 }
 
-/// Several joints reversed at once.
+/// Adds readings with several joints reversed at once.
 fn of_sign_patterns(data: &Data<'_>, out: &mut Vec<Reading>) {
     let n = data.robot.joints.len();
     for pattern in 1_usize..1 << n {
@@ -447,7 +448,7 @@ fn of_sign_patterns(data: &Data<'_>, out: &mut Vec<Reading>) {
     }
 }
 
-/// Axes of the positions, and the whole pose.
+/// Adds readings with other axes of the positions or of the whole pose.
 fn of_positions(out: &mut Vec<Reading>) {
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
         let mirror =

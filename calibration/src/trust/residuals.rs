@@ -1,5 +1,5 @@
-//! What the geometry leaves of the data: rows that do not belong, payloads that do not explain how the arm sags, a
-//! scatter that the digits or the stated uncertainty do not explain, links that are not as drawn.
+//! Examines the residuals of the geometry: rows that do not belong, payloads that do not explain how the arm sags, a scatter
+//! that neither the digits nor the stated uncertainty explain, links that differ from the drawing.
 
 use poegp_protocol::cause::Cause;
 use poegp_protocol::limits::MAX_JOINTS;
@@ -17,34 +17,36 @@ use crate::trust::numbers::{positions_mm, step};
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lengths, lines, three_digits};
 
-/// Residual of a row per equation, in standard deviations, from which it does not belong.
+/// Residual of a row per equation, in standard deviations, above which the row does not belong.
 const OUTLIER: f64 = 7.0;
-/// Share of rows that do not belong, above which the file is refused.
+/// Share of rows that do not belong above which the file is refused.
 const MANY: f64 = 0.25;
-/// Median residual over the reach above which the geometry does not explain the data.
+/// Ratio of the median residual to the reach above which the geometry does not explain the data.
 const LEFT: f64 = 0.0035;
-/// Scatter along the direction of sag over that across.
+/// Ratio of the scatter along the direction of sag to that across it above which the payloads are doubted.
 const SAG: f64 = 13.0;
-/// Drop of χ² per row by gravity terms of each payload, where the scatter along sag is above the second number.
+/// Drop of χ² per row by gravity terms for each payload above which the payloads are doubted; tested if the scatter ratio
+/// along sag exceeds the second number.
 const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
-/// Median residual of the nominal arm over that of the geometry, below which the poses are the nominal ones.
+/// Ratio of the nominal arm's median residual to the geometry's below which the poses are the nominal ones.
 const NOMINAL: f64 = 1.12;
-/// Residual of the nominal arm above which no controller computed the poses, m.
+/// Residual of the nominal arm above which the poses were not computed by a controller, in m.
 const COMPUTED: f64 = 0.12e-3;
-/// A frame as far from the drawing is worth a warning, m and rad.
+/// Deviation of a frame from the drawing above which a warning is given, in m and rad.
 const FRAME: (f64, f64) = (6.5e-3, 35e-3);
-/// Scatter over the stated standard deviation, and the least scatter in m that counts.
+/// Ratio of the scatter to the stated standard deviation above which the latter is understated, and the smallest scatter in
+/// m that counts.
 const UNDERSTATED: (f64, f64) = (6.0, 0.22e-3);
-/// Scatter over the stated standard deviation that no arm explains.
+/// Ratio of the scatter to the stated standard deviation that no arm explains.
 const OTHER_UNIT: f64 = 60.0;
-/// Stated standard deviation over the scatter.
+/// Ratio of the stated standard deviation to the scatter above which the former is overstated.
 const OVERSTATED: f64 = 8.0;
-/// Scatter that rounding to the digits makes, over the scatter found.
+/// Share of the scatter caused by rounding the positions above which the rounding is reported.
 const ROUNDED: f64 = 0.3;
-/// Scatter that rounding of the joints makes, over the scatter found, where it explains it.
+/// Range of the ratio of the scatter caused by rounding the joints to the scatter found in which the rounding is reported.
 const ROUNDED_JOINTS: (f64, f64) = (0.4, 3.0);
 
-/// Everything that the residuals show. `nominal` is the median position residual of the nominal arm, m.
+/// Returns the findings from the residuals. `nominal` is the median position residual of the nominal arm, in m.
 pub fn examine(
     data: &Data<'_>,
     set: &MeasurementSet,
@@ -60,7 +62,7 @@ pub fn examine(
     let mut out = Vec::new();
     let left = scene.left(reach);
     match scene.rounding() {
-        // Digits that are missing explain what is left, and more than an instrument states.
+        // Missing digits explain the residuals and a scatter above the stated uncertainty.
         Some(rounding) => out.push(Finding {
             tier: left.map_or(Tier::Warning, |left| left.tier),
             ..rounding
@@ -170,7 +172,7 @@ impl Scene<'_> {
         })
     }
 
-    /// Effect of a mass of 1 kg at the target on each joint, N m or N.
+    /// Returns the effect of a mass of 1 kg at the target on each joint, in N m or N.
     fn torques(&self, row: usize) -> [f64; MAX_JOINTS] {
         let g = self.geometry;
         let sample = &g.samples[row];
@@ -282,7 +284,7 @@ impl Scene<'_> {
         })
     }
 
-    /// Standard deviation of one position component in m.
+    /// Returns the standard deviation of one position component, in m.
     fn scatter(&self) -> f64 {
         self.geometry.scales.position * self.geometry.degrees_of_freedom()
     }

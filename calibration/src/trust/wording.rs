@@ -1,6 +1,6 @@
-//! Numbers and lines as the findings write them.
+//! Formats numbers and lines for the findings.
 
-/// "1.06 mm and 2.2 mrad", or the position alone.
+/// Formats position and rotation, for example "1.06 mm and 2.2 mrad", or only the position.
 pub fn lengths(metres: f64, radians: f64, with_rotation: bool) -> String {
     let position = length(metres);
     if with_rotation {
@@ -10,7 +10,7 @@ pub fn lengths(metres: f64, radians: f64, with_rotation: bool) -> String {
     }
 }
 
-/// A length in mm, or in µm where it is below a tenth of a millimetre.
+/// Formats a length in mm, or in µm if it is below a tenth of a millimetre.
 pub fn length(metres: f64) -> String {
     if metres < 1e-4 {
         format!("{} µm", three_digits(1e6 * metres))
@@ -19,7 +19,7 @@ pub fn length(metres: f64) -> String {
     }
 }
 
-/// Three digits that count, without an exponent.
+/// Formats a number with three significant digits, without an exponent.
 pub fn three_digits(value: f64) -> String {
     let size = value.abs();
     if size >= 100.0 {
@@ -31,10 +31,10 @@ pub fn three_digits(value: f64) -> String {
     }
 }
 
-/// Ranges of a list that is shown, at most.
+/// Largest number of ranges in a list.
 const RANGES: usize = 6;
 
-/// "line 7", "lines 7–9, 12": lines of the file in ranges.
+/// Formats lines of the file as ranges: "line 7", "lines 7–9, 12".
 pub fn lines(lines: &[usize]) -> String {
     let mut sorted = lines.to_vec();
     sorted.sort_unstable();

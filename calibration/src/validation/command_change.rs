@@ -1,34 +1,34 @@
-//! By how much the commands of one model differ from those of another.
+//! How much the commands of one model differ from those of another.
 
 use serde::Serialize;
 
 use crate::blob::predict::BlobModel;
 use crate::numeric::statistics::Summary;
 
-/// Where the arm goes by the commands of two models for the same wanted joints: the distances of the target, by the newer
-/// model, in mm.
+/// How far apart two models send the target for the same wanted joints: distances in mm. The newer model computes both
+/// positions.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct CommandChange {
-    /// Poses that were compared.
+    /// Number of compared poses.
     pub poses: usize,
-    /// The distances.
+    /// Distances between the two positions of the target, in mm.
     pub position_mm: Summary,
 }
 
-/// Why two models cannot be compared.
+/// Error: two models cannot be compared, because they are of different robots.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("it is a model of \"{found}\" with {joints} joints, and this one is of \"{expected}\"")]
 pub struct OtherRobot {
-    /// Its robot.
+    /// Robot name of the older model.
     pub found: String,
-    /// Joints of that.
+    /// Number of joints of the older model.
     pub joints: usize,
-    /// The robot that it is compared with.
+    /// Robot name of the newer model.
     pub expected: String,
 }
 
 impl CommandChange {
-    /// From the commands of `before` to those of `after` at wanted joints (rad or m) and payloads (kg).
+    /// Compares the commands of `before` with those of `after` at wanted joints (rad or m) and payloads (kg).
     ///
     /// # Errors
     /// [`OtherRobot`].

@@ -1,4 +1,4 @@
-//! Methods side by side: cross-validation on the training data, and errors on test sets.
+//! Compares methods by cross-validation on the training data and by their errors on test sets.
 //!
 //! Every number comes from the bytes of a blob, through the f32 runtime, on poses that were not trained on.
 
@@ -28,11 +28,11 @@ pub struct ModelComparison {
     pub model: &'static str,
     /// Errors of every training pose, each predicted by a model that did not see it; absent when no folds were asked for.
     pub cross_validation: Option<CrossValidation>,
-    /// Errors on the test sets, by the model of all training poses.
+    /// Errors on the test sets of the model of all training poses.
     pub sets: Vec<SetErrors>,
 }
 
-/// Cross-validation errors, all folds pooled, and of each fold.
+/// Cross-validation errors: of all folds pooled, and of each fold.
 #[derive(Clone, Debug, Serialize)]
 pub struct CrossValidation {
     /// Errors of all poses, with all folds pooled.
@@ -40,32 +40,32 @@ pub struct CrossValidation {
     pub all: ErrorSummary,
     /// Errors of each fold.
     pub folds: Vec<ErrorSummary>,
-    /// Whether the predicted standard deviations were true.
+    /// Whether the predicted standard deviations were true; absent when there are none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<Coverage>,
-    /// Every training pose, in order.
+    /// All training poses in order, each with its held-out error.
     #[serde(skip)]
     pub poses: Vec<HeldOutPose>,
 }
 
-/// Errors on one set.
+/// Errors on one test set.
 #[derive(Clone, Debug, Serialize)]
 pub struct SetErrors {
-    /// Name of the set: its file name.
+    /// Name of the set, which is its file name.
     pub name: String,
     /// Errors against the measurements.
     #[serde(flatten)]
     pub errors: ErrorSummary,
-    /// Whether the predicted standard deviations were true.
+    /// Whether the predicted standard deviations were true; absent when there are none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<Coverage>,
-    /// Every pose of the set, in order.
+    /// All poses of the set in order, each with its error.
     #[serde(skip)]
     pub poses: Vec<HeldOutPose>,
 }
 
 impl SetErrors {
-    /// What a model made of a set.
+    /// Summarises the errors of a model on a set.
     pub fn new(name: &str, poses: Vec<HeldOutPose>) -> Self {
         Self {
             name: name.to_owned(),
@@ -79,26 +79,26 @@ impl SetErrors {
 /// A test set.
 #[derive(Clone, Debug)]
 pub struct TestSet {
-    /// Its name.
+    /// Name of the set.
     pub name: String,
-    /// Its poses.
+    /// Poses of the set.
     pub samples: Vec<InstrumentSample>,
 }
 
-/// A calibration of the comparison failed.
+/// Error: a calibration of the comparison failed.
 #[derive(Debug, thiserror::Error)]
 #[error("{model}: {error}")]
 pub struct CompareError {
     /// Name of the method.
     pub model: &'static str,
-    /// Why.
+    /// Why the calibration failed.
     pub error: DeviceError,
 }
 
-/// What a comparison works on.
+/// The input of a comparison: robot, data and settings.
 #[derive(Debug)]
 pub struct Task<'a> {
-    /// The arm.
+    /// The nominal robot.
     pub robot: &'a Robot,
     /// Training data.
     pub train: &'a [InstrumentSample],
@@ -110,27 +110,27 @@ pub struct Task<'a> {
     pub seed: u64,
     /// Where the data come from.
     pub origin: &'a Provenance,
-    /// Set by another thread, ends each calibration with an error.
+    /// Flag that another thread sets to end each calibration with an error.
     pub cancel: &'a AtomicBool,
-    /// Most folds that are calibrated at a time, as far as they fit into memory together; no result depends on it.
+    /// Most folds that are calibrated in parallel, as far as they fit into memory together; no result depends on it.
     pub threads: usize,
 }
 
-/// Memory that the folds at a time may take, bytes.
+/// Memory that folds calibrated in parallel may take together, in bytes.
 const MEMORY: u64 = 2 << 30;
-/// Folds of so many poses that fit into [`MEMORY`] together, and one in any case.
+/// Returns how many folds of this many poses fit into [`MEMORY`] together, at least one.
 pub(in crate::validation) fn folds_in_memory(poses: usize, config: &Config) -> usize {
     let one = config.method.memory(poses, config.hyperparameters);
     usize::try_from(MEMORY / one.max(1)).map_or(1, |folds| folds.max(1))
 }
 
 impl Task<'_> {
-    /// Calibrations that [`Task::run`] does for one method.
+    /// Returns the number of calibrations that [`Task::run`] does for one method.
     pub fn calibrations(&self) -> usize {
         self.folds + usize::from(!self.tests.is_empty())
     }
 
-    /// Held-out errors of the method of `config`. `progress` is called after every calibration.
+    /// Computes the held-out errors of the method of `config`. `progress` is called after every calibration.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -173,13 +173,13 @@ impl Task<'_> {
         })
     }
 
-    /// The folds of the training poses.
+    /// Draws the folds of the training poses.
     pub fn folds(&self) -> Folds {
         let kinds: Vec<JointKind> = self.robot.joints.iter().map(|j| j.kind).collect();
         Folds::draw(self.train, &kinds, self.folds, self.seed)
     }
 
-    /// The error of every training pose, in order, each predicted by a model that did not see it.
+    /// Returns the error of every training pose, in order, each predicted by a model that did not see it.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -192,8 +192,8 @@ impl Task<'_> {
         Ok(poses.iter().map(|pose| pose.error).collect())
     }
 
-    /// The same with all that is known of each; `with_sigma` asks for predicted standard deviations, too, which may cost
-    /// further fits.
+    /// Predicts every training pose, in order, by a model that did not see it, and returns all that is known of each
+    /// prediction. `with_sigma` also asks for predicted standard deviations, which may cost further fits.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -237,7 +237,7 @@ impl Task<'_> {
         Ok(out.into_iter().flatten().collect())
     }
 
-    /// The model of `config` from some of the training poses.
+    /// Calibrates the model of `config` with some of the training poses.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -265,7 +265,7 @@ impl Task<'_> {
     }
 }
 
-/// Cross-validates the method of `config`: every pose of `data` is predicted by a model that did not see it.
+/// Cross-validates the method of `config`: each pose of `data` is predicted by a model that did not see it.
 ///
 /// # Errors
 /// [`CompareError`].
@@ -288,7 +288,7 @@ pub fn cross_validate(
     task.cross_validate(config, &mut || ())
 }
 
-/// The methods that the data allow.
+/// Returns the methods whose requirements the data meet.
 pub fn applicable(samples: &[InstrumentSample]) -> Vec<Method> {
     let allowed = |m: &Method| m.requires().are_met_by(samples);
     Method::ALL.into_iter().filter(allowed).collect()

@@ -1,7 +1,8 @@
-//! An elastic model that fits a controller: as many inducing points as a budget of instructions or bytes allows.
+//! Fits an elastic model to a controller: it gets as many inducing points as a budget of instructions or bytes allows.
 //!
-//! The cost model sizes the model, which is cross-validated within the training data beside the one that was asked for, so
-//! that what the budget costs is said. The standard deviation is written when it leaves room for enough inducing points.
+//! The cost model gives the size of the model. That model is cross-validated within the training data beside the one that
+//! was asked for, which shows what the budget costs in accuracy. The standard deviation is written when it leaves room for
+//! enough inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::elastic::curve::coefficient_count;
@@ -19,19 +20,19 @@ use crate::numeric::statistics::Summary;
 use crate::robot::Robot;
 use crate::validation::cross_validation::{CompareError, Task};
 
-/// What a controller can spare.
+/// What a controller can spare for a model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Budget {
-    /// Instructions of one command on a Cortex-M4F, by [`ModelSize::command_bound`].
+    /// Most instructions of one command on a Cortex-M4F, by [`ModelSize::command_bound`].
     pub instructions: Option<u64>,
-    /// Bytes of the blob.
+    /// Most bytes of the blob.
     pub bytes: Option<usize>,
 }
 
 /// One model that was tried.
 #[derive(Clone, Debug, Serialize)]
 pub struct BudgetTrial {
-    /// Inducing points of all joints together.
+    /// Number of inducing points of all joints together.
     pub inducing_points: usize,
     /// Whether the device gets a standard deviation.
     pub predictive_std: bool,
@@ -46,7 +47,7 @@ pub struct BudgetTrial {
 }
 
 impl BudgetTrial {
-    /// What a table calls it.
+    /// Returns the name of this trial in a table.
     pub fn name(&self) -> &'static str {
         if self.chosen {
             "within the budget"
@@ -56,29 +57,29 @@ impl BudgetTrial {
     }
 }
 
-/// Room that names may take in a blob: robot, serial number, model, version, date.
+/// Bytes reserved in a blob for its texts: robot, serial number, model, version, date.
 const TEXTS: [usize; 5] = [32, 32, 16, 16, 10];
-/// Ripple terms that are provided for on each joint.
+/// Number of ripple terms reserved for each joint.
 const RIPPLE_PER_JOINT: usize = 1;
-/// Most inducing points that the device has room for when kernels look at six joints.
+/// Most inducing points that the device has room for when the kernels depend on six joints.
 const MAX_POINTS: usize = 460;
-/// Numbers of one of them.
+/// Numbers that one inducing point takes.
 const NUMBERS_OF_A_POINT: usize = 13;
-/// A standard deviation is not worth it when it leaves fewer inducing points than this.
+/// Fewest inducing points that a standard deviation must leave room for to be worth its cost.
 const ENOUGH_POINTS: usize = 100;
 
-/// Inducing points that the device has room for beside own-joint curves.
+/// Returns how many inducing points the device has room for beside own-joint curves.
 fn points_beside(joints: usize, curve_orders: usize) -> usize {
     MAX_POINTS - coefficient_count(joints, curve_orders).div_ceil(NUMBERS_OF_A_POINT)
 }
 
 impl Budget {
-    /// Whether nothing is asked for.
+    /// Returns whether the budget has no limit.
     pub fn is_unlimited(&self) -> bool {
         self.instructions.is_none() && self.bytes.is_none()
     }
 
-    /// Whether a model of this size fits.
+    /// Returns whether a model of this size fits the budget.
     pub fn allows(&self, size: &ModelSize) -> bool {
         self.instructions
             .is_none_or(|limit| u64::from(size.command_bound()) <= limit)
@@ -87,8 +88,8 @@ impl Budget {
                 .is_none_or(|limit| blob_bytes(size, TEXTS) <= limit)
     }
 
-    /// The largest model of the arm that fits, or `None`. Its kernels are taken to look at all joints; the fit leaves some
-    /// out, and what that saves is spent on more points.
+    /// Returns the size of the arm's largest model that fits, or `None`. The kernels are assumed to depend on all joints;
+    /// the fit leaves some joints out, and what that saves is spent on more points.
     pub fn largest(
         &self,
         robot: &Robot,
@@ -116,7 +117,7 @@ impl Budget {
         (1..=most).rev().map(size).find(|s| self.allows(s))
     }
 
-    /// Instructions of a command, at most, and bytes of the smallest model of an arm.
+    /// Returns the instructions of a command, at most, and the bytes of the smallest model of an arm.
     pub fn smallest(robot: &Robot) -> (u32, usize) {
         let kinds = robot.joints.iter().map(|joint| joint.kind);
         let sliding = kinds.filter(|kind| *kind == JointKind::Prismatic).count();
@@ -126,7 +127,7 @@ impl Budget {
         (size.command_bound(), blob_bytes(&size, TEXTS))
     }
 
-    /// `config` with a model of at most this size.
+    /// Returns `config` with the model limited to this size.
     fn limited(&self, size: &ModelSize, config: &Config) -> Config {
         let chosen = elastic(size);
         let of = |points: usize| {
@@ -145,7 +146,7 @@ impl Budget {
         };
         let most = points_beside(size.joints, chosen.curve_orders);
         let points = (1..=most).rev().find(|n| bytes_alone.allows(&of(*n)));
-        // What the processes cost beside their points is paid with the first one.
+        // The first point also pays for what the processes cost beside their points.
         let first = row_instructions(2 * size.joints + 1) + block_instructions();
         let without_points = u64::from(of(1).command_bound()).saturating_sub(first as u64);
         Config {
@@ -159,9 +160,9 @@ impl Budget {
     }
 }
 
-/// Fills the budget, cross-validates the model and the one that `config` asks for (first in the table), and returns the
-/// configuration that fits. `None` when not even one inducing point fits. `progress` is called after every calibration of
-/// the cross-validation, [`TRIALS`] times the folds.
+/// Fills the budget, cross-validates the model that results and the one that `config` asks for (first in the table), and
+/// returns the configuration that fits. Returns `None` when not even one inducing point fits. `progress` is called after
+/// every calibration of the cross-validation, [`TRIALS`] times the number of folds.
 ///
 /// # Errors
 /// [`CompareError`].
@@ -171,7 +172,7 @@ pub fn fit_to_budget(
     config: &Config,
     progress: &mut dyn FnMut(),
 ) -> Result<Option<(Config, Vec<BudgetTrial>)>, CompareError> {
-    // How long an own-joint curve is, and whether there is one, shows when it is fitted.
+    // Only a fit shows whether there is an own-joint curve and how long it is.
     let found = task.calibrated(config, task.train)?;
     let model = found.calibration.correction.elastic();
     let curve_orders = model.map_or(0, |e| e.deflection.curve_orders);
@@ -186,7 +187,7 @@ pub fn fit_to_budget(
     for trial in [config, &chosen] {
         let errors = task.held_out(trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
-        // How many points fit shows when they are chosen.
+        // Only choosing the points shows how many of them fit.
         let landmarks = if trial.device_variance { LANDMARKS } else { 0 };
         let size = with_elastic(&size, |size| size.landmarks = landmarks);
         let size = size_of(task, trial, &size)?;
@@ -202,17 +203,17 @@ pub fn fit_to_budget(
     Ok(Some((chosen, table)))
 }
 
-/// Models that [`fit_to_budget`] cross-validates.
+/// Number of models that [`fit_to_budget`] cross-validates.
 pub const TRIALS: usize = 2;
 
-/// What a calibration of all training poses comes to.
+/// Returns the size of the model that a calibration with all training poses gives.
 fn size_of(task: &Task<'_>, config: &Config, arm: &ModelSize) -> Result<ModelSize, CompareError> {
     let found = task.calibrated(config, task.train)?;
     Ok(match found.calibration.correction.elastic() {
         Some(found) => with_elastic(arm, |size| {
             let processes = &found.deflection.processes;
             *size = ElasticSize {
-                // For sliding joints, the ranges decide when the model is loaded: usually in favour of unrolling.
+                // With sliding joints, their ranges decide when the model is loaded, usually in favour of unrolling.
                 unrolled: processes.is_unrolled() || arm.sliding > 0,
                 ..size.with_processes(processes)
             };

@@ -1,7 +1,7 @@
-//! What a model says of poses that it was not trained on, pose by pose.
+//! What a model predicts of poses that it was not trained on, pose by pose.
 //!
-//! Every number comes from the bytes of a blob, through the `f32` runtime; summaries, coverage and the plots of a report
-//! are made of the same list, so that they cannot disagree.
+//! Every number comes from the bytes of a blob, through the `f32` runtime. Summaries, coverage and the plots of a report are
+//! made from the same list, so that they cannot disagree.
 
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
@@ -14,24 +14,24 @@ use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
 
-/// One pose and what the model made of it.
+/// One measured pose and the model's prediction of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOutPose {
     /// Distance of the predicted pose from the measured one.
     pub error: PoseError,
     /// Measured position of the target in the model's base frame, metres.
     pub position: [f64; 3],
-    /// Measured against predicted: displacement along the axes of the base frame in metres, rotation about them in
-    /// radians (zero where only the position was measured).
+    /// Measured minus predicted pose: displacement along the axes of the base frame in metres, rotation about them in
+    /// radians (zero if only the position was measured).
     pub residual: [f64; 6],
-    /// Predicted standard deviation of each of these, where it was asked for and is known.
+    /// Predicted standard deviation of each residual component, if it was asked for and is known.
     pub sigma: Option<[f64; 6]>,
-    /// The noise that the file declares for it.
+    /// Noise that the file declares for this measurement.
     pub noise: InstrumentNoise,
 }
 
 impl HeldOutPose {
-    /// Creates one for a pose that was predicted in the instrument's frame.
+    /// Compares a sample with its predicted pose in the instrument's frame.
     pub fn new(
         sample: &InstrumentSample,
         base_from_instrument: &Pose<f64>,
@@ -51,7 +51,7 @@ impl HeldOutPose {
         }
     }
 
-    /// Components of the residual that were measured: six, or the three of the position.
+    /// Returns the number of measured residual components: six, or the three of the position.
     pub fn components(&self) -> usize {
         if self.error.orientation_mrad.is_some() {
             6
@@ -61,8 +61,8 @@ impl HeldOutPose {
     }
 }
 
-/// Predicts `samples` (poses in the instrument's frame) with a blob and compares. With `calibration`, which the blob was
-/// made from, also its standard deviations; asking for them may cost further fits.
+/// Predicts `samples` (poses in the instrument's frame) with a blob and compares. If the `calibration` that the blob was
+/// made from is given, its standard deviations are predicted, too, which may cost further fits.
 pub fn held_out(
     blob: &BlobModel,
     instrument_from_base: &Pose<f64>,
@@ -83,14 +83,14 @@ pub fn held_out(
 }
 
 impl CalibratedBlob {
-    /// What it makes of `samples`, with its standard deviations.
+    /// Predicts `samples` with the blob and compares, with the calibration's standard deviations.
     pub fn held_out(&self, samples: &[InstrumentSample]) -> Vec<HeldOutPose> {
         let base = &self.calibration.base_and_tools.instrument_from_base;
         held_out(&self.blob, base, samples, Some(&self.calibration))
     }
 }
 
-/// The errors summed up.
+/// Summarises the errors of the poses.
 pub fn summary<'a>(poses: impl IntoIterator<Item = &'a HeldOutPose>) -> ErrorSummary {
     let errors: Vec<PoseError> = poses.into_iter().map(|p| p.error).collect();
     ErrorSummary::new(&errors)
@@ -99,14 +99,14 @@ pub fn summary<'a>(poses: impl IntoIterator<Item = &'a HeldOutPose>) -> ErrorSum
 /// Shares of errors that are within their predicted standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SigmaShares {
-    /// Within one standard deviation; 0.68 when it is true.
+    /// Share within one standard deviation; 0.68 when the standard deviations are true.
     pub one_sigma: f64,
-    /// Within 1.96 standard deviations; 0.95 when it is true.
+    /// Share within 1.96 standard deviations; 0.95 when the standard deviations are true.
     pub two_sigma: f64,
 }
 
 impl SigmaShares {
-    /// Computes the shares for pairs of an error and its standard deviation; `None` without any pair.
+    /// Computes the shares for pairs of an error and its standard deviation; returns `None` without any pair.
     pub fn new(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<Self> {
         let mut counts = SigmaCounts::default();
         pairs
@@ -125,21 +125,21 @@ pub struct SigmaCounts {
 }
 
 impl SigmaCounts {
-    /// One more error with its standard deviation.
+    /// Counts one more error with its standard deviation.
     pub fn push(&mut self, error: f64, sigma: f64) {
         self.one += usize::from(error.abs() <= sigma);
         self.two += usize::from(error.abs() <= 1.96 * sigma);
         self.all += 1;
     }
 
-    /// With others.
+    /// Adds the counts of `others`.
     pub fn extend(&mut self, others: Self) {
         self.one += others.one;
         self.two += others.two;
         self.all += others.all;
     }
 
-    /// As shares; `None` without any.
+    /// Returns the counts as shares; `None` if there are none.
     pub fn shares(&self) -> Option<SigmaShares> {
         let share = |count: usize| count as f64 / self.all as f64;
         (self.all > 0).then(|| SigmaShares {
@@ -157,11 +157,11 @@ pub struct Coverage {
     pub all: SigmaShares,
     /// Mean predicted standard deviation of a position component in mm.
     pub mean_sigma_mm: f64,
-    /// Along x, y, z of the base frame, and about them where orientations were measured.
+    /// Shares along x, y, z of the base frame, and about these axes if orientations were measured.
     pub axes: Vec<SigmaShares>,
 }
 
-/// Whether the predicted standard deviations were true; `None` where none were predicted.
+/// Computes whether the predicted standard deviations were true; returns `None` if none were predicted.
 pub fn coverage(poses: &[HeldOutPose]) -> Option<Coverage> {
     let known = || poses.iter().filter_map(|p| Some((p, p.sigma?)));
     let pairs = |i: usize| {

@@ -1,8 +1,9 @@
-//! The learning curve: what fewer training poses would have given, and whether more would still help.
+//! The learning curve: the errors that fewer training poses would have given, and whether more poses would still help.
 //!
-//! Held-out errors of one model with a growing part of the training poses. The parts are nested and drawn once with the
-//! seed of the folds; all are tested on the same poses: the test sets, or the first fold when there are none. All sizes are
-//! fitted at a time, as far as there are cores; no result depends on their number.
+//! Each point of the curve has the held-out errors of one model that was trained on a part of the training poses. The parts
+//! are nested and drawn once with the seed of the folds. All are tested on the same poses: the test sets, or the first fold
+//! when there are none. All sizes are fitted in parallel, as far as there are cores; no result depends on the number of
+//! cores.
 
 use std::sync::Mutex;
 
@@ -18,22 +19,23 @@ use crate::numeric::statistics::ErrorSummary;
 use crate::validation::cross_validation::{Task, folds_in_memory};
 use crate::validation::held_out::{HeldOutPose, held_out, summary};
 
-/// Sizes that are tried: each twice the one before, so that the whole costs about as much as one calibration.
+/// Numbers of training poses that are tried. Each is twice the one before, so that the whole curve costs about as much as
+/// one calibration.
 const SIZES: [usize; 6] = [25, 50, 100, 200, 400, 800];
-/// A part that is larger than this share of all says nothing new.
+/// Largest share of all training poses that a part may have; a larger part says nothing new.
 const LARGEST_SHARE: f64 = 0.75;
 
-/// One point of the curve.
+/// One point of the learning curve.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Point {
-    /// Poses that were trained on.
+    /// Number of poses that the model was trained on.
     pub trained_on: usize,
-    /// Errors on the poses that were not.
+    /// Errors on the test poses.
     #[serde(flatten)]
     pub errors: ErrorSummary,
 }
 
-/// The poses that every size is tested on, and those that it may be trained on, in order.
+/// The poses that every size is tested on, and the pool that its training poses are drawn from, in order.
 struct Parts {
     pool: Vec<InstrumentSample>,
     tests: Vec<InstrumentSample>,
@@ -53,7 +55,7 @@ impl Parts {
     }
 }
 
-/// Sizes that will be fitted, smallest first.
+/// Returns the numbers of training poses that will be fitted, smallest first.
 pub fn sizes(task: &Task, config: &Config) -> Vec<usize> {
     let pool = match task.tests.is_empty() {
         true => task.train.len() - task.train.len() / task.folds.max(1),
@@ -64,9 +66,11 @@ pub fn sizes(task: &Task, config: &Config) -> Vec<usize> {
     SIZES.into_iter().filter(possible).collect()
 }
 
-/// The curve of the model of `config`, smallest size first; `whole` are the held-out poses of the model of all training
-/// poses (of all test sets, or of all folds), which end the curve. A size at which there is no model, because a tool has
-/// no pose or the equations have no solution, is left out. `progress` is called after every calibration.
+/// Computes the learning curve of the model of `config`, smallest size first.
+///
+/// `whole` are the held-out poses of the model of all training poses (of all test sets, or of all folds); they give the last
+/// point. A size is left out if it has no model, because a tool has no pose or the equations have no solution. `progress` is
+/// called after every calibration.
 pub fn curve(
     task: &Task,
     config: &Config,
@@ -94,7 +98,7 @@ pub fn curve(
     let mut found: Vec<Option<Point>> = vec![None; sizes.len()];
     let at_a_time = folds_in_memory(sizes.last().copied().unwrap_or(0), config);
     let progress = Mutex::new(progress);
-    // The largest takes longest: first.
+    // The largest size takes longest, so it starts first.
     let tasks: Vec<_> = sizes.into_iter().zip(&mut found).rev().collect();
     for_each(task.threads.min(at_a_time), tasks, |(size, slot)| {
         *slot = point(size);
@@ -114,7 +118,7 @@ pub fn curve(
     out
 }
 
-/// Whether every tool of `tests` has a few poses in `train`; a frame cannot be identified from fewer than three.
+/// Returns whether every tool of `tests` has at least three poses in `train`: a frame cannot be identified from fewer.
 fn has_all_tools(train: &[InstrumentSample], tests: &[InstrumentSample]) -> bool {
     let tools = tests.iter().chain(train).map(|s| s.tool + 1).max();
     (0..tools.unwrap_or(0)).all(|tool| train.iter().filter(|s| s.tool == tool).count() >= 3)

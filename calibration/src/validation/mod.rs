@@ -1,4 +1,4 @@
-//! Everything that is made of held-out errors.
+//! Results computed from held-out errors.
 
 pub mod command_change;
 pub mod conformity;

@@ -1,9 +1,10 @@
-//! The right model for the data, chosen by cross-validation within the training data only.
+//! Chooses the right model for the data by cross-validation within the training data only.
 //!
-//! Every candidate predicts every training pose with a model that did not see it. The candidate with the least mean
-//! error is the best; shipped is the *simplest* whose errors are not larger by more than one standard error of the
-//! difference, pose by pose, or two from few poses: thirty poses do not get a process that they cannot support. A method that somebody named is
-//! kept, with a warning when a simpler one is better. Either way the mean error must be well below that of the drawing.
+//! Every candidate predicts every training pose with a model that did not see it. The candidate with the least mean error is
+//! the best. The one that is shipped is the *simplest* whose errors are not larger by more than one standard error of the
+//! pose-by-pose difference, or two from few poses: thirty poses do not get a process that they cannot support. A method that
+//! the user named is kept, with a warning when a simpler one is better. In either case the mean error must be well below
+//! that of the drawing.
 
 use poegp_protocol::cause::Cause;
 use serde::Serialize;
@@ -15,27 +16,27 @@ use crate::numeric::statistics::Summary;
 use crate::trust::{Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
-/// Folds of the choice among more than a few poses, and of a report.
+/// Number of folds for the choice among more than a few poses, and for a report.
 pub const FOLDS: usize = 5;
-/// Folds of the choice among fewer poses: a model needs most of them.
+/// Number of folds for the choice among few poses, because a model needs most of them.
 const MORE_FOLDS: usize = 10;
-/// Poses up to which there are more folds.
+/// Largest number of poses for which [`MORE_FOLDS`] are used.
 const FEW: usize = 20;
-/// Poses below which a richer model must be better by two standard errors: one would choose a process that costs 5 % on
-/// one of nine sets of thirty.
+/// Number of poses below which a richer model must be better by two standard errors. With one standard error, one of nine
+/// sets of thirty poses got a process that costs 5 %.
 const CAREFUL: usize = 40;
-/// Poses below which folds may choose wrong.
+/// Number of poses below which the folds may choose the wrong model.
 const UNCERTAIN: usize = 25;
-/// By which factor the error found has differed from what folds of fewer poses expect, over nine sets.
+/// Factor by which the error differed from what the folds of fewer poses expected, over nine sets.
 const FEW_FACTOR: u32 = 3;
 /// Most poses that a fold learns hyperparameters from.
 const HYPERPARAMETER_POSES: usize = 40;
-/// A model that is kept may have this multiple of a simpler one's mean held-out error before it is warned of.
+/// Ratio to a simpler model's mean held-out error above which a model that is kept gets a warning.
 const WORSE: f64 = 1.03;
-/// A calibration is refused unless its mean held-out error is below this share of the drawing's.
+/// Largest share of the drawing's mean held-out error that a calibration may have; otherwise it is refused.
 pub const GAIN: f64 = 0.9;
 
-/// Folds of the choice among so many poses.
+/// Returns the number of folds for the choice among this many poses.
 pub fn folds(poses: usize) -> usize {
     match poses <= FEW {
         true => MORE_FOLDS.min(poses),
@@ -43,17 +44,17 @@ pub fn folds(poses: usize) -> usize {
     }
 }
 
-/// How many standard errors a simpler model may be behind the best.
+/// Returns how many standard errors a simpler model may be behind the best.
 fn standard_errors(poses: usize) -> f64 {
     if poses < CAREFUL { 2.0 } else { 1.0 }
 }
 
-/// A model that may be chosen.
+/// A model that may be chosen, with its configuration.
 #[derive(Clone, Debug)]
 pub struct Candidate {
-    /// What it is called in the table.
+    /// Name of the candidate in the table.
     pub name: &'static str,
-    /// How it is calibrated.
+    /// Configuration that it is calibrated with.
     pub config: Config,
 }
 
@@ -64,11 +65,11 @@ pub struct Row {
     pub candidate: &'static str,
     /// Held-out position errors in mm.
     pub position_mm: Summary,
-    /// Mean of the pose-by-pose difference to the best in mm, and its standard error.
+    /// Mean of the pose-by-pose difference to the best candidate, in mm.
     pub behind_best_mm: f64,
-    /// Standard error of that mean.
+    /// Standard error of `behind_best_mm`.
     pub standard_error_mm: f64,
-    /// Whether it was chosen.
+    /// Whether this candidate was chosen.
     pub chosen: bool,
 }
 
@@ -77,26 +78,26 @@ pub struct Row {
 pub struct LeftOut {
     /// Name of the candidate.
     pub candidate: &'static str,
-    /// Why a model of it could not be made of some folds.
+    /// Why the candidate could not be calibrated on some of the folds.
     pub reason: String,
 }
 
-/// A choice with its reasons.
+/// The chosen model, with the reasons for the choice.
 #[derive(Clone, Debug)]
 pub struct Choice {
-    /// Whether the method was named beforehand.
+    /// Whether the user named the method beforehand.
     pub is_named: bool,
-    /// Poses that were held out.
+    /// Number of held-out poses.
     pub poses: usize,
-    /// How to calibrate.
+    /// Configuration of the chosen model.
     pub config: Config,
-    /// The table, simplest first.
+    /// Candidates that were compared, simplest first.
     pub table: Vec<Row>,
-    /// Candidates that are not in it.
+    /// Candidates that are not in the table.
     pub left_out: Vec<LeftOut>,
 }
 
-/// All candidates that the data allow, simplest first; `base` has the settings that they share.
+/// Returns all candidates that the data allow, simplest first; `base` has the settings that they share.
 pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) -> Vec<Candidate> {
     let of = |name, method| Candidate {
         name,
@@ -117,8 +118,8 @@ pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) ->
     possible(all, samples, joints)
 }
 
-/// What a method that was named is measured by, simplest first: base and tool alone, the chain if the method has more, and
-/// the method itself. Empty where the method needs every pose.
+/// Returns the candidates that a named method is compared with, simplest first: base and tool alone, the chain if the method
+/// has more, and the method itself. Empty if the method needs every pose.
 pub fn named_and_simpler(
     samples: &[InstrumentSample],
     joints: usize,
@@ -137,7 +138,7 @@ pub fn named_and_simpler(
     }
 }
 
-/// Those of `all` that the poses without a fold are enough for.
+/// Keeps those of `all` that the poses outside one fold are enough for.
 fn possible(
     mut all: Vec<Candidate>,
     samples: &[InstrumentSample],
@@ -151,12 +152,14 @@ fn possible(
     all
 }
 
-/// Cross-validates the candidates on `task.train` and chooses. `progress` is called after every calibration. A candidate
-/// that cannot be calibrated, or not for a device, on some of the folds would not be a safe choice: it is left out. Poses
-/// that no candidate should learn from are neither trained on nor tested on.
+/// Cross-validates the candidates on `task.train` and chooses one.
+///
+/// `progress` is called after every calibration. A candidate that cannot be calibrated on some of the folds, or not for a
+/// device, would not be a safe choice and is left out. Poses that no candidate should learn from are used neither for
+/// training nor for testing.
 ///
 /// # Errors
-/// [`CompareError`] of the first one when no candidate can be calibrated.
+/// [`CompareError`] of the first candidate when no candidate can be calibrated.
 pub fn select_model(
     task: &Task<'_>,
     candidates: &[Candidate],
@@ -165,7 +168,7 @@ pub fn select_model(
     select(task, candidates, false, progress)
 }
 
-/// [`select_model`], but the last candidate is kept whatever the others do.
+/// Does what [`select_model`] does, but keeps the last candidate whatever the others' errors are.
 ///
 /// # Errors
 /// [`CompareError`] when the last candidate cannot be calibrated.
@@ -269,12 +272,12 @@ fn select(
 }
 
 impl Choice {
-    /// The row of what was chosen, and its row number in the table.
+    /// Returns the chosen row of the table, with its index.
     fn chosen(&self) -> Option<(usize, &Row)> {
         self.table.iter().enumerate().find(|(_, row)| row.chosen)
     }
 
-    /// One sentence on what was chosen and why.
+    /// Returns one sentence on what was chosen and why.
     pub fn reason(&self) -> String {
         let Some((rank, chosen)) = self.chosen() else {
             return String::new();
@@ -305,8 +308,8 @@ impl Choice {
         )
     }
 
-    /// What is wrong with the choice: a simpler model is better on rows that were not trained on, or the drawing is hardly
-    /// worse.
+    /// Returns what is wrong with the choice: a simpler model is better on rows that were not trained on, or the drawing is
+    /// hardly worse.
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings = Vec::new();
         let Some((rank, chosen)) = self.chosen() else {

@@ -1,8 +1,9 @@
-//! Pose accuracy AP and pose repeatability RP of ISO 9283:1998, sections 7.2.1 and 7.2.2, of poses that were measured several
-//! times.
+//! Pose accuracy AP and pose repeatability RP of ISO 9283:1998, sections 7.2.1 and 7.2.2, for poses that were measured
+//! several times.
 //!
-//! The command of a cycle is the pose that the model answers for its joints, so that AP is the accuracy of the corrected arm.
-//! Rotations are rotation vectors about the axes of the base: of the milliradians in question, the a, b, c of the standard.
+//! The command of a cycle is taken to be the pose that the model predicts for its joints, so that AP is the accuracy of the
+//! corrected arm. Rotations are rotation vectors about the axes of the base. At the milliradians in question, these are the
+//! a, b, c of the standard.
 
 use std::collections::BTreeMap;
 
@@ -16,27 +17,27 @@ pub const STANDARD_CYCLES: usize = 30;
 /// One pose that was measured several times. Lengths are in mm, angles in mrad.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RepeatedPose {
-    /// Index of its first measurement.
+    /// Index of the pose's first measurement.
     #[serde(skip)]
     pub first: usize,
-    /// Its measurements.
+    /// Number of measurements of the pose.
     pub cycles: usize,
-    /// AP_P: distance of the barycentre of the measurements from the command.
+    /// AP_P: distance of the barycentre of the measurements from the commanded position.
     pub position_accuracy_mm: f64,
-    /// AP_x, AP_y, AP_z: the same along the axes of the base.
+    /// AP_x, AP_y, AP_z: displacement of the barycentre from the commanded position along the axes of the base.
     pub position_accuracy_axes_mm: [f64; 3],
-    /// RP_l: mean distance from the barycentre and three standard deviations of that distance.
+    /// RP_l: mean distance of the measurements from the barycentre plus three standard deviations of that distance.
     pub position_repeatability_mm: f64,
-    /// AP_a, AP_b, AP_c: mean rotations about the axes of the base; absent where only positions were measured.
+    /// AP_a, AP_b, AP_c: mean rotations about the axes of the base; absent if only positions were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_accuracy_mrad: Option<[f64; 3]>,
-    /// RP_a, RP_b, RP_c: three standard deviations of these rotations.
+    /// RP_a, RP_b, RP_c: three standard deviations of these rotations; absent if only positions were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_repeatability_mrad: Option<[f64; 3]>,
 }
 
-/// Accuracy and repeatability of the poses that were measured at least twice, in the order of their first measurement;
-/// `repeats` has the number of the distinct pose of each.
+/// Computes accuracy and repeatability of the poses that were measured at least twice, in the order of their first
+/// measurement. `repeats` has, for each of `poses`, the number of its distinct pose.
 pub fn repeated_poses(poses: &[HeldOutPose], repeats: &[usize]) -> Vec<RepeatedPose> {
     let mut groups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (i, group) in repeats.iter().enumerate() {
@@ -96,7 +97,7 @@ fn norm(v: [f64; 3]) -> f64 {
     v.iter().map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// Mean and standard deviation with n − 1 of at least two values.
+/// Returns the mean and the standard deviation (with n − 1) of at least two values.
 fn mean_and_deviation(values: &[f64]) -> (f64, f64) {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

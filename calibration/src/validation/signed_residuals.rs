@@ -1,7 +1,8 @@
-//! Residuals with their signs: along and about the axes of the base, and as what each joint would have to be moved by.
+//! Residuals with their signs: along and about the axes of the base, and as the error of each joint that would explain them.
 //!
-//! A residual is measured against predicted. On joint j it is projected by least squares through the joint's column J_j of the
-//! Jacobian at that pose, δ = J_jᵀ W r / (J_jᵀ W J_j): the error of that joint alone which explains most of the residual.
+//! A residual is the measured minus the predicted pose. Least squares projects it on joint j through the joint's column J_j
+//! of the Jacobian at that pose, δ = J_jᵀ W r / (J_jᵀ W J_j): the error of that joint alone that explains most of the
+//! residual.
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
@@ -16,12 +17,12 @@ use crate::validation::held_out::HeldOutPose;
 pub struct Signed {
     /// The mean.
     pub mean: f64,
-    /// The standard deviation of single values about it.
+    /// Standard deviation of single values about the mean.
     pub std: f64,
 }
 
 impl Signed {
-    /// Computes the mean and the standard deviation of values with their weights.
+    /// Computes the mean and the standard deviation of pairs of a value and its weight.
     fn new(values: &[(f64, f64)]) -> Self {
         let sum: f64 = values.iter().map(|(_, w)| w).sum();
         if sum <= 0.0 {
@@ -40,23 +41,24 @@ impl Signed {
     }
 }
 
-/// Residuals of one model.
+/// Signed residuals of one model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SignedResiduals {
     /// Residuals along x, y and z of the base, mm.
     pub axes_mm: [Signed; 3],
-    /// Residuals about x, y and z of the base, mrad; absent where only positions were measured.
+    /// Residuals about x, y and z of the base, mrad; absent if only positions were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axes_mrad: Option<[Signed; 3]>,
-    /// Residuals of each joint of the controller, mrad; mm for a prismatic joint. Poses count by how much the joint
-    /// moves the target there.
+    /// Errors of the controller's joints that explain most of the residuals, mrad; mm for a prismatic joint. Each pose is
+    /// weighted by how much the joint moves the target there.
     pub joints: Vec<Signed>,
 }
 
-/// Joints of the controller (rad or m) with the pose that was held out there.
+/// Joints of the controller (rad or m), with the held-out pose at these joints.
 pub type Row<'a> = (&'a [f64], &'a HeldOutPose);
 
-/// What each joint moves the target by at a row: columns of [`HeldOutPose::residual`].
+/// Returns, for each joint, how it moves the target at a row: the Jacobian columns in the components of
+/// [`HeldOutPose::residual`].
 pub fn jacobian(robot: &Robot, chain: &Poe<f64>, (joints, pose): &Row) -> Vec<[f64; 6]> {
     let (columns, _) = chain.space_jacobian(&robot.serial_joints(joints));
     let n = robot.joints.len();
@@ -77,7 +79,7 @@ pub fn jacobian(robot: &Robot, chain: &Poe<f64>, (joints, pose): &Row) -> Vec<[f
     (0..n).map(column).collect()
 }
 
-/// The error of one joint that explains most of a residual, rad or m, and its weight.
+/// Returns the error of one joint, rad or m, that explains most of a residual, and its weight.
 pub fn projected(column: &[f64; 6], residual: &[f64; 6], weights: &[f64; 6]) -> (f64, f64) {
     let product =
         |a: &[f64; 6], b: &[f64; 6]| -> f64 { (0..6).map(|i| weights[i] * a[i] * b[i]).sum() };
@@ -88,8 +90,8 @@ pub fn projected(column: &[f64; 6], residual: &[f64; 6], weights: &[f64; 6]) -> 
     )
 }
 
-/// What positions and orientations count: by the root mean square of either in these residuals. Orientations that were not
-/// measured count nothing.
+/// Returns the weights of positions and orientations: the inverse of the mean square of each in these residuals.
+/// Orientations that were not measured have weight zero.
 pub fn weights(rows: &[Row]) -> [f64; 6] {
     let weight = |axes: std::ops::Range<usize>| {
         let values = rows.iter().flat_map(|(_, pose)| {
@@ -109,7 +111,7 @@ pub fn weights(rows: &[Row]) -> [f64; 6] {
 }
 
 impl SignedResiduals {
-    /// Computes the residuals of `rows`, with `weights` for positions and orientations and the motions of `chain`.
+    /// Computes the signed residuals of `rows`, with `weights` for positions and orientations and the Jacobian of `chain`.
     pub fn new(robot: &Robot, chain: &Poe<f64>, rows: &[Row], weights: &[f64; 6]) -> Self {
         let axis = |axis: usize| {
             let measured = rows.iter().filter(|(_, pose)| axis < pose.components());

@@ -1,7 +1,7 @@
-//! Touches that models are judged by: each arm stays as its blob says, and features, tips and instrument are fitted to it.
+//! Judges models by touches: each arm stays as its blob says, and features, tips and instrument are fitted to it.
 //!
-//! The poses are those that the runtime computes from the bytes of the blob. The drawing gets the same rows and the same freedom,
-//! so that the two differ in the arm alone. Known distances are no equations here: the touches say what they find without them.
+//! The runtime computes the poses from the bytes of the blob. The drawing gets the same rows and the same freedom, so that
+//! the two differ in the arm alone. Known distances are not used as equations: the touches show what they find without them.
 
 use poegp_protocol::blob::Correction;
 use poegp_runtime::guard::status::Status;
@@ -23,52 +23,53 @@ use crate::model::touches::summary::{
     tips_mm, tracker, unit,
 };
 
-/// What touches say of a model.
+/// What touches show of a model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchEvaluation {
-    /// Rows of the file.
+    /// Number of rows in the file.
     pub rows: usize,
-    /// Scalar equations of them.
+    /// Number of scalar equations that the rows give.
     pub equations: usize,
-    /// States of the arm.
+    /// Number of states of the arm.
     pub states: usize,
-    /// States whose prediction has a status other than `ok`.
+    /// Number of states whose prediction has a status other than `ok`.
     pub flagged: usize,
-    /// Root mean square of all components in units of their stated noise: by the model over as drawn.
+    /// Ratio of two root mean squares of all components in units of their stated noise: that of the model over that of the
+    /// drawing.
     pub ratio: f64,
-    /// What was touched, as drawn and by the model.
+    /// Touched features, as drawn and by the model.
     pub features: Vec<FeatureSummary>,
-    /// Rows of a tracker: their positions, and their rotations.
+    /// Residuals of a tracker's rows: positions and rotations.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tracker: Vec<FeatureSummary>,
-    /// Known distances, which nothing is fitted to.
+    /// Known distances and their errors; nothing is fitted to them.
     pub distances: Vec<DistanceSummary>,
-    /// Noise by kind.
+    /// Noise of each kind of reading.
     pub noise: Vec<NoiseSummary>,
-    /// Where the tips are at the flange by the model, mm.
+    /// Positions of the tips in the flange frame by the model, mm.
     pub tips_mm: Vec<[f64; 3]>,
-    /// Rows that do not belong.
+    /// Rows that do not belong to the others.
     pub outliers: Vec<TouchOutlier>,
-    /// All rows, in the order of the file.
+    /// Residuals of all rows, in the order of the file.
     pub residuals: Vec<TouchResidual>,
 }
 
-/// What one row misses by.
+/// Residual of one row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchResidual {
-    /// Its line in the file.
+    /// Line of the row in the file.
     pub line: usize,
-    /// Its feature; `None` of a tracker's row.
+    /// Name of the touched feature; `None` for a tracker's row.
     pub feature: Option<String>,
-    /// As drawn and by the model; of a tracker's row the position.
+    /// Errors as drawn and by the model, in `unit`; for a tracker's row that of the position.
     pub error: [f64; 2],
-    /// The unit of `error`.
+    /// Unit of `error`.
     pub unit: &'static str,
-    /// Whether it belongs.
+    /// Whether the row belongs to the others.
     pub belongs: bool,
 }
 
-/// The drawing from base to flange, without the tool of the blob.
+/// Returns the frames of the drawing from base to flange, without the tool of the blob.
 pub fn drawing(loaded: &BlobModel) -> Vec<Pose<f64>> {
     let rows = loaded.blob().geometry.nominal.iter();
     let mut frames: Vec<Pose<f64>> = rows.map(|f| Pose::<f32>::from_rows(f).cast()).collect();
@@ -78,12 +79,12 @@ pub fn drawing(loaded: &BlobModel) -> Vec<Pose<f64>> {
     frames
 }
 
-/// flange_from_target of the first tool, as the blob states it.
+/// Returns flange_from_target of the first tool, as the blob states it.
 pub fn flange_from_target(loaded: &BlobModel) -> Pose<f64> {
     Pose::from_rows(&loaded.host().gauge.flange_from_target)
 }
 
-/// base_from_flange as the runtime computes it, and the statuses.
+/// Returns base_from_flange at each state as the runtime computes it, with the status.
 pub fn flanges(loaded: &BlobModel, states: &[BaseSample]) -> Vec<(Pose<f64>, Status)> {
     let base_from_instrument = loaded.instrument_from_base().inverse();
     let target_from_flange = flange_from_target(loaded).inverse();
@@ -95,7 +96,7 @@ pub fn flanges(loaded: &BlobModel, states: &[BaseSample]) -> Vec<(Pose<f64>, Sta
     states.iter().map(of).collect()
 }
 
-/// Gravity in the base frame, m/s²: the blob's, where it has some.
+/// Returns gravity in the base frame, m/s²: the blob's if it has one, else the default.
 pub fn gravity(loaded: &BlobModel) -> Vector3<f64> {
     match &loaded.blob().correction {
         Correction::Elastic(elastic) if elastic.gravity != [0.0; 3] => {
@@ -105,7 +106,7 @@ pub fn gravity(loaded: &BlobModel) -> Vector3<f64> {
     }
 }
 
-/// Judges `blobs` by the same rows of `set`, those that belong for all of them. `nominal` leads from base to flange.
+/// Judges `blobs` by the same rows of `set`: those that belong for all blobs. `nominal` is the chain from base to flange.
 pub fn evaluate_touches(
     set: &TouchSet,
     nominal: &Poe<f64>,
@@ -183,7 +184,7 @@ fn each(set: &TouchSet, weights: &[f64], residuals: &[Vec<RowJet>; 2]) -> Vec<To
     set.rows.iter().enumerate().map(of).collect()
 }
 
-/// What `residuals[1]` are of `residuals[0]`.
+/// Returns the root mean square of `residuals[1]` over that of `residuals[0]`, in units of the stated noise.
 fn ratio(problem: &TouchProblem, weights: &[f64], residuals: &[Vec<RowJet>; 2]) -> f64 {
     let squares = |jets: &[RowJet]| -> f64 {
         let rows = jets

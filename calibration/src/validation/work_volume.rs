@@ -1,4 +1,4 @@
-//! The error to be expected all over the measured ranges of the joints: what a calibration does not know, in millimetres.
+//! The error to be expected all over the measured ranges of the joints, in millimetres.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -15,31 +15,32 @@ use crate::numeric::statistics::{Summary, extremes};
 use crate::robot::Robot;
 use crate::validation::model_selection::Choice;
 
-/// Configurations that are drawn from the measured ranges, and errors drawn for each.
+/// Number of configurations drawn from the measured ranges ([`POSES`]), and of errors drawn for each (`DRAWS`).
 pub const POSES: usize = 64;
 const DRAWS: usize = 50;
 
-/// Position error to be expected of a new measurement anywhere in the measured ranges of the joints.
+/// Expected position error of a new measurement anywhere in the measured ranges of the joints.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ExpectedError {
-    /// Mean over the configurations, mm.
+    /// Mean of the expected errors over all configurations and draws, mm.
     pub mean_mm: f64,
-    /// 95 % of the errors are expected to be smaller, mm.
+    /// Expected error that 95 % of the errors do not exceed, mm.
     pub p95_mm: f64,
 }
 
-/// Random configurations in the measured ranges of the joints, and random errors of each in units of its standard deviation.
+/// Random configurations in the measured ranges of the joints, with random errors of each in units of its standard
+/// deviation.
 #[derive(Clone, Debug)]
 pub struct WorkVolume {
     /// Measured ranges of the controller's joints, rad or m.
     pub ranges: Vec<(f64, f64)>,
-    /// Whole poses, each with payload and tool of some measured row.
+    /// Whole poses at random configurations, each with the payload and the tool of a random measured row.
     pub poses: Vec<InstrumentSample>,
     draws: Vec<Vec<Vector3<f64>>>,
 }
 
 impl WorkVolume {
-    /// Creates the volume that measured rows span.
+    /// Draws configurations and errors for the ranges that the measured rows span.
     pub fn new(robot: &Robot, samples: &[InstrumentSample]) -> Self {
         let range = |joint: usize| extremes(samples.iter().map(|s| s.joints[joint]));
         let ranges: Vec<(f64, f64)> = (0..robot.joints.len()).map(range).collect();
@@ -60,7 +61,7 @@ impl WorkVolume {
         }
     }
 
-    /// The error where positions have these standard deviations, m.
+    /// Computes the expected error for these standard deviations of the positions, in m.
     pub fn expected(&self, deviations: &[[f64; 3]]) -> ExpectedError {
         let errors = self
             .draws
@@ -79,7 +80,7 @@ impl WorkVolume {
     }
 }
 
-/// A whole pose at these joints (rad or m) that is otherwise like a measured row.
+/// Creates a whole pose at these joints (rad or m) that is otherwise like a measured row.
 pub fn like(row: &InstrumentSample, robot: &Robot, joints: Vec<f64>) -> InstrumentSample {
     let serial_joints = robot.serial_joints(&joints);
     let observation = Observation::Pose(Pose::identity());
@@ -92,9 +93,9 @@ pub fn like(row: &InstrumentSample, robot: &Robot, joints: Vec<f64>) -> Instrume
 }
 
 impl ExpectedError {
-    /// Estimates the error of `calibration`, which was made from `samples`, by its own standard deviation at random
-    /// configurations. A model whose standard deviation is the same everywhere has the held-out errors of the choice;
-    /// `None` without either.
+    /// Estimates the error of `calibration`, which was made from `samples`, from its own standard deviation at random
+    /// configurations. For a model whose standard deviation is the same everywhere, it takes the held-out errors of
+    /// `choice`. Returns `None` without either.
     pub fn new(
         calibration: &Calibration,
         robot: &Robot,

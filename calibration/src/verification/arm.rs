@@ -1,17 +1,17 @@
-//! The arm of a blob as the check sees it: its Jacobians, and how well the blob can be expected to know it.
+//! The arm of a blob as the check sees it: its Jacobians, and the covariance of its expected errors.
 //!
-//! A blob does not say how wrong it is. But it has the kernels, the inducing points poses and their payloads, and the number of
-//! training poses: enough to ask what a calibration of this kind from poses like these leaves unknown. Its errors at
-//! neighbouring poses are correlated, and those that look like a moved base, tool or joint are what a check must not take
+//! A blob does not say how wrong it is. But it has the kernels, the poses and payloads of the inducing points, and the
+//! number of training poses. That is enough to compute what a calibration of this kind from such poses leaves unknown. The
+//! errors at neighbouring poses are correlated, and a check must not take those that look like a moved base, tool or joint
 //! for one. So the covariance of the errors at the poses of the check is that of the elastic model's own posterior,
 //!
 //! ```text
 //! P − C S⁻¹ Cᵀ,   S = A Λ Aᵀ + Σ_c k_c ∘ J_c J_cᵀ + noise/repeats
 //! ```
 //!
-//! with parameters and processes as the elastic model has them (`elastic::state`), taken at the inducing points poses, each of
-//! which stands for as many training poses as there are for one (`repeats`). A model without such processes does not
-//! know its own shape of error: it gets a smooth deflection of every joint whose size the check itself estimates.
+//! with the parameters and processes of the elastic model (`elastic::state`). It is taken at the poses of the inducing
+//! points, each of which stands for `repeats` training poses. A model without such processes does not know the shape of its
+//! own error: it gets a smooth deflection of every joint, whose size the check itself estimates.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -35,26 +35,26 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::robot::coupled;
 
-/// Most poses that stand for those of the training.
+/// Most poses that stand for the training poses.
 const MAX_POSES: usize = 100;
-/// Amplitude of the smooth deflection of a model without joint processes, rad² or m², before its size is fitted.
+/// Variance of the smooth deflection of a model without joint processes, rad² or m², before its size is fitted.
 const SMOOTH_VARIANCE: f64 = 1e-8;
-/// Its length scale is about a radian.
+/// Kernel weight of each joint in the smooth deflection; its lengthscale is about a radian.
 const SMOOTH_WEIGHT: f64 = 1.0;
 
-/// The arm of a blob.
+/// The arm of a blob, with the poses that stand for its training.
 pub struct BlobArm {
-    /// Frames, tools and what else is linearised.
+    /// Linearised model of the arm: frames, tools and further parameters.
     pub state: ParametricModel,
     kernels: Vec<JointKernel<f64>>,
-    /// Whether the kernels are the blob's; else their size is open.
+    /// Whether the kernels are the blob's; if not, their size has to be estimated.
     pub knows_its_error: bool,
     training: Vec<BaseSample>,
     repeats: f64,
 }
 
 impl BlobArm {
-    /// The arm of `loaded` with these tools, `first_target_from_target` each.
+    /// Creates the arm of `loaded` with these tools, each given as `first_target_from_target`.
     pub fn new(loaded: &BlobModel, tools: &[Pose<f64>]) -> Self {
         let blob = loaded.blob();
         let n = blob.robot.joints.len();
@@ -113,13 +113,13 @@ impl BlobArm {
         }
     }
 
-    /// Jacobians at `samples`, rows in units of their scales.
+    /// Computes the Jacobians at `samples`, with rows in units of their scales.
     pub fn linearise(&self, samples: &[InstrumentSample], scales: NoiseScales) -> Linearised {
         self.state.linearise(samples, scales)
     }
 
-    /// Covariance of the errors of the blob's predictions at `samples`, in units of the scales of the rows; of a blob that
-    /// does not know its own error that of the frames alone. `None` when it cannot be computed.
+    /// Computes the covariance of the errors of the blob's predictions at `samples`, in units of the scales of the rows. For
+    /// a blob that does not know its own error, it is that of the frames alone. `None` if it cannot be computed.
     pub fn error_covariance(
         &self,
         samples: &[InstrumentSample],
@@ -154,13 +154,13 @@ impl BlobArm {
         }))
     }
 
-    /// Covariance of the smooth deflection of a blob that does not know its own error, of unit size.
+    /// Computes the covariance of the smooth deflection, of unit size, for a blob that does not know its own error.
     pub fn smooth_covariance(&self, samples: &[InstrumentSample], at: &Linearised) -> Mat<f64> {
         let here = Inputs::new(&self.state, samples);
         self.processes((at, &here), (at, &here))
     }
 
-    /// Prior covariance of what is modelled at two sets of poses.
+    /// Computes the prior covariance of the modelled errors between two sets of poses.
     fn prior(&self, a: (&Linearised, &Inputs), b: (&Linearised, &Inputs)) -> Mat<f64> {
         let groups = self.state.layout.groups();
         let sd = |i: usize| groups[i].prior_sd();
@@ -213,8 +213,8 @@ fn coupling(blob: &Blob<'_>) -> Option<Vec<Vec<f64>>> {
     (!blob.robot.coupling.is_empty()).then(|| rows.collect())
 }
 
-/// Poses that stand for those of the training: at the inducing points, whose joints that a kernel does not look at are drawn
-/// from the trained ranges; of a blob without any, all joints are.
+/// Returns poses that stand for the training poses. They are at the inducing points; joints that a kernel does not depend on
+/// are drawn from the trained ranges. For a blob without inducing points, all joints are drawn.
 fn training_poses(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut within = |range: (f32, f32)| {
@@ -249,10 +249,10 @@ fn training_poses(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<Base
     poses.into_iter().map(sample).collect()
 }
 
-/// The joints that an inducing point's kernel looks at, with their values, and its payload in kg.
+/// The joints that an inducing point's kernel depends on, with their values, and the point's payload in kg.
 type PartialPose = (Vec<(usize, f64)>, Option<f64>);
 
-/// The inducing points of a blob.
+/// Returns the inducing points of a blob.
 fn inducing_points(blob: &Blob<'_>) -> Vec<PartialPose> {
     let Correction::Elastic(elastic) = &blob.correction else {
         return Vec::new();
@@ -273,7 +273,7 @@ fn inducing_points(blob: &Blob<'_>) -> Vec<PartialPose> {
                         });
                     }
                 }
-                // The weight.
+                // Skips the weight.
                 numbers.next();
                 out.push((known, Some(f64::from(*payload_kg))));
             }

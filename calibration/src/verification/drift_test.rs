@@ -1,16 +1,17 @@
-//! Which of the hypotheses the residuals ask for, at a stated rate of false alarms.
+//! Finds which of the hypotheses the residuals support, at a stated rate of false alarms.
 //!
-//! In units of their covariance (y and X multiplied by L⁻¹, V = L Lᵀ) the residuals of an arm that has not changed are
-//! independent normal numbers. With Q a basis of everything that is looked for and ν = m − rank,
+//! In units of their covariance (y and X multiplied by L⁻¹, V = L Lᵀ), the residuals of an arm that has not changed are
+//! independent standard normal numbers. With Q an orthonormal basis of all hypotheses' effects and ν = m − rank, the test is
 //!
 //! ```text
 //! T_h = |Q_hᵀ y|² / (|y − Q Qᵀ y|² / ν)      s_h = T_h / (its own 1 − α quantile)      alarm: max_h s_h > c
 //! ```
 //!
-//! c is the 1 − α quantile of the largest s of all hypotheses together. Both quantiles come from draws of the same
-//! numbers, in which nothing has moved: no table of a distribution that several overlapping tests do not have, and one rate for
-//! all of them. The reported hypothesis is the one with the largest T_h − r_h ln m (Schwarz): six components explain what one
-//! does, and a little noise besides. Then the same is asked of what it leaves.
+//! c is the 1 − α quantile of the largest s of all hypotheses together. Both quantiles come from the same random draws, in
+//! which nothing has moved. So the test needs no tabulated distribution, which several overlapping tests do not have, and
+//! has one rate for all of them. The reported hypothesis is the one with the largest T_h − r_h ln m (Schwarz): six
+//! components explain what one does, and a little noise besides. The test is then repeated on what this hypothesis leaves
+//! unexplained.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -18,56 +19,57 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use crate::numeric::matrix::Mat;
 
-/// Draws of an arm that has not changed: at a rate of 1 % the critical value is known to 1 % of itself.
+/// Number of draws of an arm that has not changed: at a rate of 1 %, the critical value is known to 1 % of itself.
 const DRAWS: usize = 20_000;
 const SEED: u64 = 20_261_120;
-/// Part of a column that must be left beside others for it to be one of its own.
+/// Share of a column's length that must remain beside other columns for it to count as independent.
 const INDEPENDENT: f64 = 1e-6;
-/// An effect of less than so many standard deviations for a whole metre, radian or kilogram is rounding.
+/// Effects below this many standard deviations for a whole metre, radian or kilogram are treated as rounding.
 const VISIBLE: f64 = 1e-3;
-/// Parts that may have moved at once.
+/// Most parts that may have moved at once.
 const MOST: usize = 3;
 
-/// Residuals and effects in units of their covariance, within the space of everything that is looked for.
+/// Residuals and effects in units of their covariance, within the space of all hypotheses.
 pub struct DriftTest {
-    /// Qᵀ y.
+    /// Qᵀ y: residuals within the space of all hypotheses.
     seen: Vec<f64>,
-    /// |y − Q Qᵀ y|².
+    /// |y − Q Qᵀ y|²: square of the residuals outside that space.
     rest: f64,
-    /// ν.
+    /// ν: degrees of freedom of `rest`.
     pub freedom: usize,
-    /// m.
+    /// m: number of rows, without those that are free or absent.
     rows: usize,
     /// Qᵀ X_h of every hypothesis, each column a vector.
     effects: Vec<Columns>,
-    /// Hypotheses that are one part, which can move once.
+    /// Number of each hypothesis's part; a part can move only once.
     parts: Vec<usize>,
     draws: Vec<(Vec<f64>, f64)>,
 }
 
-/// Columns of a matrix.
+/// Columns of a matrix, each a vector.
 pub type Columns = Vec<Vec<f64>>;
 
-/// The columns of a matrix.
+/// Returns the columns of a matrix.
 pub fn columns(x: &Mat<f64>) -> Columns {
     (0..x.ncols())
         .map(|j| (0..x.nrows()).map(|i| x[(i, j)]).collect())
         .collect()
 }
 
-/// A hypothesis that was taken.
+/// A hypothesis that the test has chosen.
 #[derive(Clone, Debug)]
 pub struct Choice {
-    /// Its number.
+    /// Index of the hypothesis.
     pub hypothesis: usize,
-    /// Share of draws with an alarm as loud as this; at least one in all of them.
+    /// Share of draws with an alarm as loud as this one, counting at least one draw.
     pub p_value: f64,
 }
 
 impl DriftTest {
-    /// From whitened residuals and effects, `nuisance` being free in any case; `parts` numbers the part of each hypothesis.
+    /// Creates the test from whitened residuals and effects. `nuisance` is free in any case, and `parts` has the number of
+    /// each hypothesis's part.
     ///
-    /// `absent` rows of `y` are zeros that stand for nothing.
+    /// `absent` is the number of rows of `y` that are zeros and stand for nothing.
     pub fn new(
         y: &Mat<f64>,
         nuisance: &Columns,
@@ -108,12 +110,12 @@ impl DriftTest {
         }
     }
 
-    /// Variance of what is left, 1 when the covariance is true.
+    /// Returns the variance of the residuals outside the space of all hypotheses; 1 when the covariance is true.
     pub fn variance(&self) -> f64 {
         self.rest / self.freedom.max(1) as f64
     }
 
-    /// What has moved, in the order in which it was found.
+    /// Returns the significant hypotheses, at most `MOST`, in the order in which they were found.
     pub fn choose(&self, false_alarms: f64) -> Vec<Choice> {
         let mut chosen: Vec<Choice> = Vec::new();
         while chosen.len() < MOST {
@@ -126,7 +128,7 @@ impl DriftTest {
         chosen
     }
 
-    /// The best hypothesis beside those that were taken, if it is significant.
+    /// Returns the best hypothesis beside those that were taken, if it is significant.
     fn next(&self, taken: &[usize], false_alarms: f64) -> Option<Choice> {
         let known = self.columns(taken);
         let candidates: Vec<(usize, Columns)> = (0..self.effects.len())
@@ -168,15 +170,15 @@ impl DriftTest {
         })
     }
 
-    /// Whether these hypotheses leave nothing that `other` would explain, at its own rate of false alarms.
+    /// Returns whether the hypotheses `taken` leave nothing that `other` would explain, at its own rate of false alarms.
     pub fn explain(&self, taken: &[usize], other: usize, false_alarms: f64) -> bool {
         let q = self.beside(other, &self.columns(taken));
         q.is_empty()
             || projected(&q, &self.seen) / self.variance() <= self.quantile(&q, false_alarms)
     }
 
-    /// How many units of noise a hypothesis makes, one unit of each component, and how many of them `hidden_by` does not
-    /// make just as well.
+    /// Returns the effect of a hypothesis, one unit of each component, in units of noise; and the part of this effect that
+    /// `hidden_by` cannot produce.
     pub fn visible(&self, hypothesis: usize, hidden_by: usize) -> (f64, f64) {
         let other = basis(&self.effects[hidden_by], &[]);
         let norms = self.effects[hypothesis].iter().map(|column| {
@@ -187,9 +189,9 @@ impl DriftTest {
         (effect.sqrt(), own.sqrt())
     }
 
-    /// The smallest change that this hypothesis finds nine times in ten, in its worst direction, in units of its
-    /// components (metres, radians or kilograms), with the `critical` value of [`DriftTest::critical`]. `None` if a direction
-    /// has no effect beside what is free in any case.
+    /// Returns the smallest change in the hypothesis's worst direction that the test finds nine times in ten, in units of
+    /// its components (metres, radians or kilograms). `critical` is the value of [`DriftTest::critical`]. `None` if a
+    /// direction has no effect beside what is free in any case.
     pub fn smallest(&self, hypothesis: usize, false_alarms: f64, critical: f64) -> Option<f64> {
         let q = self.beside(hypothesis, &Vec::new());
         if q.len() < self.effects[hypothesis].len() {
@@ -224,7 +226,7 @@ impl DriftTest {
         Some(high / weakest.max(0.0).sqrt())
     }
 
-    /// The critical value c before anything was taken.
+    /// Returns the critical value c before any hypothesis is taken.
     pub fn critical(&self, false_alarms: f64) -> f64 {
         let spaces: Vec<Columns> = (0..self.effects.len())
             .map(|h| self.beside(h, &Vec::new()))
@@ -241,14 +243,14 @@ impl DriftTest {
         quantile(loudest.collect(), 1.0 - false_alarms)
     }
 
-    /// 1 − α quantile of T of one hypothesis alone.
+    /// Returns the 1 − α quantile of T for one hypothesis alone.
     fn quantile(&self, q: &Columns, false_alarms: f64) -> f64 {
         let freedom = self.freedom.max(1) as f64;
         let of = |(seen, rest): &(Vec<f64>, f64)| projected(q, seen) / (rest / freedom);
         quantile(self.draws.iter().map(of).collect(), 1.0 - false_alarms)
     }
 
-    /// Half the width of an interval that holds 95 % of the estimates of one number, in its standard deviations.
+    /// Returns half the width of a 95 % interval of one estimated number, in its standard deviations.
     pub fn reach(&self) -> f64 {
         let freedom = self.freedom.max(1) as f64;
         let of = |(seen, rest): &(Vec<f64>, f64)| {
@@ -263,26 +265,26 @@ impl DriftTest {
         basis(&known.concat(), &[])
     }
 
-    /// A basis of what a hypothesis does beside `known`.
+    /// Returns an orthonormal basis of the effects of a hypothesis beside `known`.
     fn beside(&self, hypothesis: usize, known: &Columns) -> Columns {
         basis(&self.effects[hypothesis], known)
     }
 }
 
-/// The inner product.
+/// Returns the inner product.
 pub fn inner(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
-/// |Qᵀ y|².
+/// Returns |Qᵀ y|².
 fn projected(q: &Columns, seen: &[f64]) -> f64 {
     q.iter().map(|column| inner(column, seen).powi(2)).sum()
 }
 
-/// A column without what an orthonormal basis has of it.
+/// Returns a column without its components along an orthonormal basis.
 pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     let mut out = column.to_vec();
-    // Twice is enough (Kahan).
+    // Two passes of orthogonalisation are enough (Kahan).
     for _ in 0..2 {
         for q in basis {
             let along = inner(q, &out);
@@ -294,7 +296,7 @@ pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     out
 }
 
-/// An orthonormal basis of the columns beside an orthonormal `known`.
+/// Returns an orthonormal basis of the columns beside an orthonormal `known`.
 pub fn basis(columns: &[Vec<f64>], known: &[Vec<f64>]) -> Columns {
     let mut all = known.to_vec();
     for column in columns {

@@ -1,4 +1,4 @@
-//! How much has moved, with what certainty, and what else it might be.
+//! Estimates how much has moved, how certain that is, and which other parts might have moved instead.
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::noise::NoiseScales;
@@ -11,23 +11,23 @@ use crate::verification::drift_test::{DriftTest, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
 
-/// Least share of a part's effect that must be its own, or the two parts cannot be distinguished.
+/// Share of a part's effect below which what another part cannot produce is too little to distinguish the two.
 const OWN_SHARE: f64 = 0.05;
 
-/// Estimates of one hypothesis: values and their covariance.
+/// Estimates of one hypothesis: its values and their covariance.
 pub type ChangeEstimate<'a> = (&'a [f64], Mat<f64>);
 
-/// All that has moved, and what is free, fitted together by generalised least squares.
+/// Generalised least-squares fit of everything that has moved together with what is free.
 pub struct Fit {
     x: Mat<f64>,
     values: Vec<f64>,
     covariance: Mat<f64>,
-    /// Where the columns of each hypothesis begin; before the first is what is free.
+    /// Index of the first column of each hypothesis; the columns before the first are those of what is free.
     starts: Vec<usize>,
 }
 
 impl Fit {
-    /// To `y` with the factored covariance `factor`; `None` when the equations cannot be solved.
+    /// Fits `y` with the factored covariance `factor`; returns `None` if the equations cannot be solved.
     pub fn new(
         (y, factor): (&Mat<f64>, &Factor),
         nuisance: &Mat<f64>,
@@ -51,7 +51,7 @@ impl Fit {
         let (white, y) = (factor.half_solve(&x), factor.half_solve(y));
         let mut normal = product(Transposed(&white), &white);
         for i in 0..normal.nrows() {
-            // A direction of the tool that positions alone do not identify.
+            // The ridge determines directions of the tool that positions alone do not identify.
             normal[(i, i)] = normal[(i, i)] * (1.0 + 1e-12) + 1e-6;
         }
         let factor = Factor::new(normal, 1).ok()?;
@@ -71,12 +71,12 @@ impl Fit {
         (&self.values[from..to], covariance.into_owned())
     }
 
-    /// What has moved, in rows of the check.
+    /// Returns the fitted effect of what has moved, in rows of the check.
     pub fn effect(&self) -> Mat<f64> {
         self.rows(self.starts[0], self.values.len())
     }
 
-    /// What is free, in rows of the check.
+    /// Returns the fitted effect of what is free, in rows of the check.
     pub fn free(&self) -> Mat<f64> {
         self.rows(0, self.starts[0])
     }
@@ -90,10 +90,10 @@ impl Fit {
 
 /// Largest change for which the equations of a check are linear, m and rad.
 const LINEAR: f64 = 0.1;
-/// The heaviest payload, kg.
+/// Heaviest payload, kg.
 const HEAVIEST_KG: f64 = 1000.0;
 
-/// A change in words' units; `reach` is half of a 95 % interval in standard deviations.
+/// Returns an estimated change in display units; `reach` is half the width of a 95 % interval in standard deviations.
 pub fn change(
     hypothesis: &Hypothesis,
     (values, covariance): ChangeEstimate<'_>,
@@ -104,7 +104,7 @@ pub fn change(
         let plus_minus = reach * covariance[(i, i)].max(0.0).sqrt();
         Estimate::within(unit * range, unit * values[i], unit * plus_minus)
     };
-    // Length of three components; its standard deviation is the one along them.
+    // Length of three components; its standard deviation is the one along their direction.
     let length = |from: usize| {
         let part = &values[from..from + 3];
         let norm = part.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -151,7 +151,7 @@ pub fn change(
     out
 }
 
-/// Parts that would explain the measurements as well in place of the chosen hypothesis at `place`.
+/// Returns the parts that would explain the measurements as well in place of the chosen hypothesis at `index`.
 pub fn alternatives(
     test: &DriftTest,
     all: &[Hypothesis],
@@ -179,7 +179,7 @@ pub fn alternatives(
     out
 }
 
-/// What the check can find, and which parts look the same in it.
+/// Returns, for each part, the smallest change that the check can find and which other part looks the same.
 pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> Vec<Sensitivity> {
     let critical = test.critical(false_alarms);
     let whole: Vec<usize> = (0..all.len())
@@ -210,7 +210,7 @@ pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> V
     out
 }
 
-/// Lengths of displacements of the target, mm.
+/// Summarises the lengths of the target's displacements, mm.
 pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: NoiseScales) -> Summary {
     let of = |(k, sample): (usize, &InstrumentSample)| {
         let unit = 1e3 * scales.of(sample).position;

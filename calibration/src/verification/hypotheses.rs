@@ -1,4 +1,4 @@
-//! What may have moved since the calibration, and what each of them does to the poses.
+//! The parts that may have moved since the calibration, and the effect of each on the poses.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Twist;
@@ -9,39 +9,39 @@ use crate::measurement::sample::InstrumentSample;
 use crate::numeric::matrix::Mat;
 use crate::verification::arm::BlobArm;
 
-/// A part of the cell that may be another one than it was.
+/// A part of the robot cell that may have changed since the calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Part {
-    /// The base against the instrument.
+    /// Base frame in the instrument's frame.
     Base,
-    /// The target against the flange.
+    /// Target frame in the flange frame.
     Tool,
-    /// The zero of a joint of the controller, from 1.
+    /// Zero of a joint of the controller, numbered from 1.
     Joint(usize),
-    /// The mass of the payload against what the file says.
+    /// Mass of the payload, compared with what the file says.
     Payload,
 }
 
 /// One way in which a part may have moved.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
-    /// Which part.
+    /// The part that may have moved.
     pub part: Part,
-    /// Whether base or tool may have turned, too.
+    /// Whether the hypothesis includes a rotation of the part; for a joint, whether it is revolute.
     pub turns: bool,
-    /// Effect on the rows of the check per unit of each component (m, rad or kg), rows in units of their scales.
+    /// Effect on the rows of the check per unit of each component (m, rad or kg); rows are in units of their scales.
     pub effect: Mat<f64>,
 }
 
 impl Hypothesis {
-    /// Number of its components.
+    /// Returns the number of components of the hypothesis.
     pub fn components(&self) -> usize {
         self.effect.ncols()
     }
 }
 
-/// Everything that is looked for.
+/// Returns all hypotheses that the check tests.
 pub fn hypotheses(
     arm: &BlobArm,
     at: &Linearised,
@@ -78,17 +78,17 @@ pub fn hypotheses(
     out
 }
 
-/// Effect of a twist of the base frame in its own axes, at its own origin.
+/// Returns the effect of a twist of the base frame, in its own axes and at its own origin.
 pub fn base_effect(at: &Linearised) -> Mat<f64> {
     at.a.columns(0, 6).into_owned()
 }
 
-/// Effect of a motion of the tool against the flange: displacement of the target, and rotation about it, in the axes of
-/// the target. All targets move as one body, about the first.
+/// Returns the effect of a motion of the tool against the flange: a displacement of the target and a rotation about it, in
+/// the axes of the target. All targets move as one body, about the first target.
 pub fn tool_effect(arm: &BlobArm, at: &Linearised, samples: &[InstrumentSample]) -> Mat<f64> {
     let state = &arm.state;
     let first = 6 * state.layout.joints;
-    // Twists at the target, in its axes, as twists of the last joint's frame.
+    // Twists at the target, in its axes, expressed as twists of the last joint's frame.
     let joint_from_target = state.tools[0];
     let turned: Vec<[f64; 6]> = (0..6)
         .map(|i| {

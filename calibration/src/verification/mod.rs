@@ -1,15 +1,15 @@
-//! Does a calibration still hold? Ten to twenty fresh measurements against the blob's predictions.
+//! Checks whether a calibration still holds: ten to twenty fresh measurements are compared with the blob's predictions.
 //!
-//! Two questions, answered apart:
+//! The check answers two separate questions:
 //!
-//! - **How large is the error now?** Mean, 95 % and largest, as `evaluate` has them.
-//! - **Has something moved?** Base, tool, the zero of one joint, or the mass of the payload, fitted to the residuals. These
-//!   are weighted by their covariance, which has three parts: the noise of the measurements, found from the residuals whatever
-//!   has moved ([`noise`]), what the calibration did not know, from the blob itself ([`arm`]), and what a row states of
-//!   itself. An alarm is raised at a stated rate of false ones ([`drift_test`]).
+//! - **How large is the error now?** Mean, 95 % and largest error, as `evaluate` reports them.
+//! - **Has something moved?** A change of the base, the tool, the zero of one joint or the mass of the payload is fitted to
+//!   the residuals. These are weighted by their covariance, which has three parts: the noise of the measurements, found from
+//!   the residuals whatever has moved ([`noise`]); what the calibration did not know, from the blob itself ([`arm`]); and
+//!   what a row states of itself. An alarm is raised at a stated rate of false alarms ([`drift_test`]).
 //!
-//! Everything is linear: a drift is millimetres and milliradians. A base or a tool that was set up again is fitted first and then
-//! is free in the test.
+//! All equations are linear, because a drift is millimetres and milliradians. A base or a tool that was set up again is
+//! fitted first and then is free in the test.
 
 pub mod arm;
 pub mod drift_test;
@@ -44,13 +44,16 @@ use crate::verification::whitened::Whitened;
 pub use crate::verification::options::Options;
 pub use crate::verification::result::CheckError;
 
-/// Farther apart than this in the median, mm and mrad, measurements and predictions are not of the same frames.
+/// Largest median error of position and rotation, mm and mrad, for which measurements and predictions can be in the same
+/// frames.
 const SAME_FRAME: (f64, f64) = (10.0, 100.0);
 /// Fewest degrees of freedom to find the noise from.
 const FEWEST_FREEDOM: usize = 6;
 
-/// Checks `loaded` by `samples` (poses `instrument_from_target`); `tools` are the frames of the tools that they name,
-/// `first_target_from_target`, and mean nothing when tools are fitted. `lines` are those of the samples in their file.
+/// Checks `loaded` against `samples` (poses `instrument_from_target`).
+///
+/// `tools` are the frames of the tools that the samples name, `first_target_from_target`; they are ignored where tools are
+/// fitted. `lines` are the lines of the samples in their file.
 ///
 /// # Errors
 /// [`CheckError`].
@@ -158,7 +161,7 @@ fn held_out(placed: &Registered) -> Vec<HeldOutPose> {
         .collect()
 }
 
-/// [`check`] by a file of fresh measurements that was read after the tools of the blob.
+/// Runs [`check`] on a file of fresh measurements that was read after the tools of the blob.
 ///
 /// # Errors
 /// [`CheckError`].
@@ -175,7 +178,7 @@ pub fn verify(blob: &BlobModel, fresh: &Samples, options: &Options) -> Result<Re
     check(blob, fresh, tools, &fresh.lines, options)
 }
 
-/// Whether predictions with these errors can be of the same base and tool frames as the measurements.
+/// Returns whether predictions with these errors can be in the same base and tool frames as the measurements.
 pub fn is_same_frame(errors: &ErrorSummary) -> bool {
     let turn = errors.orientation_mrad.map_or(0.0, |o| o.median);
     errors.position_mm.median <= SAME_FRAME.0 && turn <= SAME_FRAME.1
@@ -188,10 +191,10 @@ fn enough(
 ) -> Result<(), CheckError> {
     let equations = samples.iter().map(|s| s.observation.equations());
     let each = equations.max().unwrap_or(ROWS);
-    // Each tool that is fitted is an unknown of its own.
+    // Each fitted tool is an unknown of its own.
     let tools = frames.is_tool_fitted.iter().filter(|fitted| **fitted);
     let tools = tools.count().max(1);
-    // Base, tool (of positions alone, where its target is), joints and payload.
+    // The unknowns are base, tool (from positions alone, the position of its target), joints and payload.
     let unknowns = 6 + each * tools + loaded.model().joints() + 1 + FEWEST_FREEDOM;
     let needed = unknowns.div_ceil(each);
     let poses = different_poses(samples);
@@ -205,7 +208,7 @@ fn enough(
     Ok(())
 }
 
-/// A number for each part.
+/// Returns a number for each part.
 fn number(part: Part) -> usize {
     match part {
         Part::Base => 0,
@@ -215,7 +218,7 @@ fn number(part: Part) -> usize {
     }
 }
 
-/// Lines of measurements that stand out from all others, once what has moved is taken out.
+/// Returns the lines of measurements that stand out from all others once the change of what has moved is removed.
 fn odd(
     left: &Mat<f64>,
     samples: &[InstrumentSample],

@@ -1,33 +1,34 @@
 //! How noisy the check is, whatever has moved: variances by restricted maximum likelihood.
 //!
-//! Everything that is looked for is taken out first, so that a moved base is not taken for noise, and the degrees of
-//! freedom that it costs are counted:
+//! The effects of all hypotheses are projected out first, so that a moved base is not taken for noise; the degrees of
+//! freedom that this costs are counted:
 //!
 //! ```text
 //! y = X β + e,   cov e = M + Σ_i v_i D_i,   v_i ← v_i √(yᵀP D_i P y / tr(P D_i)),   P y = V⁻¹(y − X β̂)
 //! ```
 //!
-//! M is what the calibration leaves unknown, D_i the rows of position, those of rotation and, of a blob that does not know
-//! its own error, a smooth deflection. The step lowers no likelihood (a minorisation) and needs no step length.
+//! M is the covariance of what the calibration leaves unknown. The D_i are the rows of position, those of rotation and, for
+//! a blob that does not know its own error, a smooth deflection. The update never lowers the likelihood (a minorisation) and
+//! needs no step length.
 
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// Rounds; each halves what is missing of a variance, in logarithms.
+/// Number of rounds; each halves the remaining error of a variance's logarithm.
 const ROUNDS: usize = 16;
-/// A variance below this share of its unit is none.
+/// Least variance of the smooth deflection, as a share of its unit.
 const NOTHING: f64 = 1e-6;
 
 /// The parts of a covariance.
 pub struct Parts<'a> {
     /// M, m × m.
     pub fixed: &'a Mat<f64>,
-    /// Share of each row's variance that stays as it is: what the row states beyond the quietest.
+    /// Share of each row's variance that is fixed: what the row states beyond the quietest row.
     pub stated: &'a [f64],
-    /// Index of each row's noise: 0 position, 1 rotation; `None` where the row is not there.
+    /// Index of each row's noise: 0 for position, 1 for rotation; `None` for an absent row.
     pub kind: &'a [Option<usize>],
-    /// The smooth deflection, where its size is open.
+    /// Covariance of the smooth deflection, if its size has to be estimated.
     pub smooth: Option<&'a Mat<f64>>,
 }
 
@@ -35,14 +36,14 @@ pub struct Parts<'a> {
 pub type Factors = [f64; 3];
 
 impl Parts<'_> {
-    /// V.
+    /// Returns V, the covariance with these factors.
     pub fn covariance(&self, factors: &Factors) -> Mat<f64> {
         let mut v = self.fixed.clone();
         if let Some(smooth) = self.smooth {
             v += factors[2] * smooth;
         }
         for (i, kind) in self.kind.iter().enumerate() {
-            // A row that is not there is a zero in y and X: any variance will do.
+            // An absent row is a zero in y and X, so any variance will do.
             v[(i, i)] += kind.map_or(1.0, |k| {
                 self.stated[i] + (1.0 - self.stated[i]) * factors[k]
             });
@@ -50,8 +51,8 @@ impl Parts<'_> {
         v
     }
 
-    /// The factors that `y` asks for when everything in `x` (independent columns) is free; `least` bounds them below.
-    /// `None` when a matrix cannot be factored.
+    /// Fits the factors to `y` when everything in `x` (independent columns) is free; `least` bounds them below. Returns
+    /// `None` if a matrix cannot be factored.
     pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: &Factors) -> Option<Factors> {
         let mut factors = [1.0; 3];
         for _ in 0..ROUNDS {

@@ -1,16 +1,16 @@
-//! What a verification is asked.
+//! Settings of a verification.
 
 use crate::blob::fitted_frames::FramesToFit;
 use crate::measurement::noise::InstrumentNoise;
 
-/// What is asked.
+/// Settings of a check.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
-    /// Rate of false alarms.
+    /// Rate of false alarms of the whole test.
     pub false_alarms: f64,
     /// Frames that were set up again and are fitted first.
     pub frames: FramesToFit,
-    /// What is known of all measurements; goes before what each row states.
+    /// Noise of the instrument for all measurements; it overrides what each row states.
     pub instrument: InstrumentNoise,
 }
 

@@ -1,4 +1,4 @@
-//! What the payload does to the poses of a check.
+//! The effect of the payload on the poses of a check.
 
 use crate::blob::fitted_frames::{Registered, base_from_first_target};
 use crate::blob::predict::BlobModel;
@@ -8,11 +8,11 @@ use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::numeric::matrix::Mat;
 
-/// Part of the trained range of payloads by which the payload is changed to see what it does.
+/// Share of the trained payload range by which the payload is changed to find its effect.
 const PAYLOAD_STEP: f64 = 0.25;
 
-/// Payloads in kg, less and more than `payload_kg`, between which a model is asked what the payload does; `None` where it does
-/// not vary for the model or is not known.
+/// Returns two payloads in kg, below and above `payload_kg`, between which the model's payload effect is computed. `None` if
+/// the payload does not vary for the model or is not known.
 pub fn payload_step(loaded: &BlobModel, payload_kg: Option<f64>) -> Option<(f64, f64)> {
     let (light, heavy) = loaded.blob().ranges.payload_kg?;
     let (light, heavy) = (f64::from(light), f64::from(heavy));
@@ -24,8 +24,8 @@ pub fn payload_step(loaded: &BlobModel, payload_kg: Option<f64>) -> Option<(f64,
     Some(((m - step).max(light), (m + step).min(heavy)))
 }
 
-/// What a kilogram more does, in units of the scales of each row; `None` when the payload does not vary for the model
-/// or is not known.
+/// Returns the effect of one additional kilogram of payload, in units of the scales of each row. `None` if the payload does
+/// not vary for the model or is not known.
 pub fn payload_effect(at: &Registered, scales: NoiseScales) -> Option<Mat<f64>> {
     let mut out = Mat::zeros(ROWS * at.samples.len(), 1);
     for (k, sample) in at.samples.iter().enumerate() {

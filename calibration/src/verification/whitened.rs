@@ -13,27 +13,27 @@ use crate::verification::noise::{Factors, Parts};
 use crate::verification::payload::payload_effect;
 use crate::verification::result::CheckError;
 
-/// Noise to begin with where nothing is stated: a tracker's, m and rad.
+/// Initial noise where none is stated: a tracker's, m and rad.
 const FIRST_GUESS: (f64, f64) = (30e-6, 50e-6);
-/// Rounds of noise, and of what the calibration leaves unknown under that noise.
+/// Number of rounds that estimate the noise and, with that noise, what the calibration leaves unknown.
 const ROUNDS: usize = 3;
 
-/// The residuals with their covariance.
+/// The residuals with their covariance and the hypotheses.
 pub(super) struct Whitened<'a> {
     pub(super) samples: &'a [InstrumentSample],
     /// Units of the rows.
     pub(super) scales: NoiseScales,
     /// Residuals.
     pub(super) y: Mat<f64>,
-    /// Effects of everything that is looked for.
+    /// Hypotheses, with their effects on the rows.
     pub(super) all: Vec<Hypothesis>,
     pub(super) base: Mat<f64>,
     pub(super) tool: Mat<f64>,
-    /// Variances of the noise in units of the scales.
+    /// Variances of the noise in units of the scales' squares.
     pub(super) factors: Factors,
-    /// Root mean square of what the calibration is expected not to know of one position component, mm.
+    /// Root mean square of the calibration's expected error in one position component, mm.
     pub(super) model_mm: f64,
-    /// Rows that are not there: orientations of positions alone.
+    /// Number of absent rows: orientations of samples that have only a position.
     pub(super) absent: usize,
     pub(super) factor: Factor,
 }
@@ -103,12 +103,12 @@ impl<'a> Whitened<'a> {
         }
     }
 
-    /// L⁻¹ x.
+    /// Returns L⁻¹ x.
     pub(super) fn whiten(&self, x: &Mat<f64>) -> Mat<f64> {
         self.factor.half_solve(x)
     }
 
-    /// What is free in any case: base and tools that were set up again.
+    /// Returns the effects of what is free in any case: base and tools that were set up again.
     pub(super) fn nuisance(&self, frames: &FittedFrames) -> Mat<f64> {
         let mut free: Columns = Vec::new();
         if frames.is_base_fitted {
@@ -131,7 +131,7 @@ impl<'a> Whitened<'a> {
     }
 }
 
-/// Which noise every row has: 0 of position, 1 of rotation; none where it is not there.
+/// Returns which noise every row has: 0 for position, 1 for rotation; `None` for a rotation that was not measured.
 fn kinds(samples: &[InstrumentSample]) -> Vec<Option<usize>> {
     let of = |s: &InstrumentSample| {
         let rotation = s.observation.has_orientation().then_some(1);

@@ -1,18 +1,18 @@
-//! Instrument drift: fixed points that were measured again at every pose show how the instrument moved.
+//! Instrument drift: the motion of the instrument, shown by fixed points that are measured again at every pose.
 //!
-//! A tracker's tripod warms up and creeps, and every pose of the arm is measured from where it stands at that moment.
-//! Points that do not move (`ref1_x_mm` …) seem to move by just that: M_k takes them from where they are to where pose k
-//! shows them, and M_k⁻¹ takes the measured pose back. The correction uses the reference points alone, never a measured
-//! pose, so that correcting a whole file before it is split into folds leaks nothing from one fold to another.
+//! A tracker's tripod warms up and creeps, and every pose of the arm is measured from where it stands at that moment. Points
+//! that do not move (`ref1_x_mm` …) therefore seem to move: M_k takes them from their true positions to where they are seen
+//! at pose k, and M_k⁻¹ takes the measured pose back. The correction uses only the reference points, never a measured pose,
+//! so that correcting a whole file before it is split into folds leaks nothing from one fold to another.
 //!
 //! - Real files have misses, and points that were mistaken for others: `outliers` finds them.
-//! - The mean positions of the points and the motion are found together (p_ik = r_i + t_k), so that a point that is
-//!   missed while the instrument creeps does not pull.
-//! - How far to smooth over neighbouring poses (rows are in the order of measurement; sessions are not mixed) is decided
-//!   for each axis by points left out: the motion that the other points show must predict the one that was not used, as
-//!   it must predict the target. With one point the neighbouring poses predict the one that was left out.
-//! - A study found translation as good as rigid motion. With three points or more a rotation is allowed when it takes
-//!   away nine tenths of the variance that the points of one pose disagree by, degrees of freedom counted.
+//! - The mean positions of the points and the motion are estimated together (p_ik = r_i + t_k), so that a point that is
+//!   missed while the instrument creeps does not bias them.
+//! - The amount of smoothing over neighbouring poses (rows are in the order of measurement; sessions are not mixed) is
+//!   chosen for each axis by leaving points out: the motion that the other points show must predict the one that was left
+//!   out, as it must predict the target. With a single point, the neighbouring poses predict the pose that was left out.
+//! - A study found translation as good as rigid motion. With three or more points, a rotation is allowed if it removes nine
+//!   tenths of the variance by which the points of one pose disagree, degrees of freedom counted.
 
 mod motion;
 mod outliers;
@@ -28,65 +28,66 @@ use crate::measurement::instrument_drift::motion::Track;
 use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::measurement::set::MeasurementSet;
 
-/// Reference points of another file stand where they stood, or it was another set-up: metres.
+/// Largest distance in m of a reference point from its position in another file of the same set-up.
 const SAME_POSITION: f64 = 5e-3;
-/// Lines that a report lists at most.
+/// Largest number of lines that a report lists.
 const LISTED: usize = 5;
 
-/// The motion of the instrument through a file.
+/// Motion of the instrument in the course of a file.
 #[derive(Clone, Debug)]
 pub struct Drift {
-    /// Mean position of each reference point in metres.
+    /// Mean position of each reference point, in m.
     pub points: Vec<Vector3<f64>>,
-    /// For each row: takes a point from where it is to where it was seen.
+    /// For each row, the transform that takes a point from its true position to where it was seen.
     pub seen_from_true: Vec<Pose<f64>>,
-    /// What was found.
+    /// Summary of the estimate.
     pub report: DriftReport,
 }
 
-/// What was found, for a reader.
+/// Summary of a drift estimate, for a reader.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DriftReport {
-    /// Reference points.
+    /// Number of reference points.
     pub points: usize,
-    /// Single measurements of a reference point that were missed.
+    /// Number of single measurements in which a reference point was missed.
     pub misses: usize,
-    /// Lines of the first of them.
+    /// Lines of the first of these misses.
     pub missed_lines: Vec<usize>,
-    /// Single measurements that are not believed.
+    /// Number of single measurements rejected as outliers.
     pub outliers: usize,
-    /// Lines of the first of them.
+    /// Lines of the first of these outliers.
     pub outlier_lines: Vec<usize>,
-    /// Poses without a good reference point; their motion comes from their neighbours.
+    /// Number of poses without a good reference point; their motion is taken from their neighbours.
     pub poses_without: usize,
-    /// `translation` or `rigid`.
+    /// Kind of the motion: `translation` or `rigid`.
     pub motion: &'static str,
-    /// Standard deviation in poses of the Gaussian window for each axis: 0 is no smoothing, absent no motion at all.
+    /// Standard deviation, in poses, of the Gaussian window for each axis: 0 means no smoothing, absent means no motion at
+    /// all.
     pub window_poses: [Option<f64>; 3],
-    /// Standard deviation of the motion for each axis of the instrument, µm.
+    /// Standard deviation of the motion along each axis of the instrument, in µm.
     pub std_um: [f64; 3],
-    /// Largest motion for each axis, µm.
+    /// Largest motion along each axis, in µm.
     pub max_um: [f64; 3],
-    /// Largest rotation, µrad.
+    /// Largest rotation, in µrad.
     pub max_urad: f64,
-    /// RMS per axis of a point that was left out, before and after the motion of the others was taken out, µm; of a rigid
-    /// motion the second is what the points of one pose disagree by.
+    /// RMS per axis of a point that was left out, before and after removing the motion of the others, in µm. For a rigid
+    /// motion the second value is the disagreement among the points of one pose.
     pub left_out_um: [f64; 2],
 }
 
 impl Drift {
-    /// The drift through `set`.
+    /// Estimates the drift through `set`.
     ///
     /// # Errors
-    /// [`InputError`] without reference points, or when none was ever seen.
+    /// Returns an [`InputError`] if there are no reference points, or if one of them was never seen.
     pub fn estimate(set: &MeasurementSet) -> Result<Self, InputError> {
         Self::relative_to(set, None)
     }
 
-    /// The drift through another file of the same set-up, relative to where `training` saw the points.
+    /// Estimates the drift through another file of the same set-up, relative to where `training` saw the points.
     ///
     /// # Errors
-    /// As [`Drift::estimate`], and when the points are not those of `training`.
+    /// Those of [`Drift::estimate`], and an error if the points are not those of `training`.
     pub fn estimate_as(set: &MeasurementSet, training: &Self) -> Result<Self, InputError> {
         Self::relative_to(set, Some(&training.points))
     }
@@ -174,7 +175,7 @@ impl Drift {
         })
     }
 
-    /// The samples of the same file, in order, as an instrument that does not move would have seen them.
+    /// Returns the samples of the same file, in order, as an instrument that does not move would have seen them.
     pub fn correct(&self, samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
         let rows = samples.iter().zip(&self.seen_from_true);
         rows.map(|(sample, seen_from_true)| Sample {
@@ -186,7 +187,7 @@ impl Drift {
 }
 
 impl DriftReport {
-    /// A few lines for a terminal.
+    /// Returns a few lines for a terminal.
     pub fn lines(&self) -> Vec<String> {
         let listed = |count: usize, lines: &[usize]| match count {
             0 => String::new(),

@@ -1,20 +1,21 @@
-//! The motion of the instrument from what its reference points seem to do.
+//! Estimates the motion of the instrument from the apparent motion of its reference points.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use poegp_runtime::math::se3::{Pose, Twist};
 
-/// Standard deviations of the Gaussian window that are tried, in poses; infinite is no motion at all.
+/// Candidate standard deviations of the Gaussian window, in poses; infinite means no motion at all.
 const WINDOWS: [f64; 9] = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, f64::INFINITY];
-/// Where the window ends, in its standard deviations.
+/// Half-width of the window, in its standard deviations.
 const REACH: f64 = 4.0;
-/// A rotation is allowed when the mean square of the points' disagreement falls below this share. What is noise falls by none:
-/// equations and unknowns are counted. On a real tracker session (700 poses, three points) it falls to 0.24, and held-out
-/// errors of the arm from 0.0500 to 0.0496 mm: that is not clear, and a rotation is extrapolated beyond the points.
+/// Share of the mean-square disagreement among the points below which a rotation is allowed. Pure noise does not reduce the
+/// disagreement, because equations and unknowns are counted. On a real tracker session (700 poses, three points) it falls to
+/// a share of 0.24, and the held-out errors of the arm fall from 0.0500 to 0.0496 mm: not a clear gain, and a rotation is
+/// extrapolated beyond the points.
 const CLEARLY: f64 = 0.1;
-/// Rounds of the mean positions and motions that are found together.
+/// Number of alternating updates of the mean positions and the motions.
 const ROUNDS: usize = 50;
 
-/// Mean positions r_i of p_ik = r_i + t_k, with the motions t_k of mean zero.
+/// Returns the mean positions r_i in p_ik = r_i + t_k, where the motions t_k have mean zero.
 pub fn mean_positions(seen: &[Vec<Option<Vector3<f64>>>]) -> Vec<Vector3<f64>> {
     let poses = seen.first().map_or(0, Vec::len);
     let mut points: Vec<Vector3<f64>> = seen
@@ -42,34 +43,34 @@ fn mean(values: impl Iterator<Item = Vector3<f64>>) -> Option<Vector3<f64>> {
     (count > 0).then(|| sum / f64::from(count))
 }
 
-/// What the points did, ready to be smoothed.
+/// The apparent motion of the points, ready to be smoothed.
 pub struct Track<'a> {
-    /// Centre of the points: rotations are about it.
+    /// Centre of the points, about which rotations are taken.
     pub centre: Vector3<f64>,
-    /// Points from the centre.
+    /// Position of each point relative to the centre.
     arms: Vec<Vector3<f64>>,
-    /// `[point][pose]`: p − r.
+    /// Shift p − r of each point at each pose: `[point][pose]`.
     shifts: Vec<Vec<Option<Vector3<f64>>>>,
     sessions: &'a [usize],
 }
 
-/// The motion that was chosen.
+/// The selected motion.
 pub struct Motion {
-    /// Whether it rotates.
+    /// Whether the motion includes a rotation.
     pub rigid: bool,
-    /// Window of each axis.
+    /// Standard deviation of the Gaussian window for each axis, in poses.
     pub windows: [f64; 3],
     /// Translation of the centre at each pose.
     pub translations: Vec<Vector3<f64>>,
     /// Rotation vector at each pose.
     pub rotations: Vec<Vector3<f64>>,
-    /// RMS per axis of what was left out, metres: without correction and with it (with a rotation: what a pose's points
-    /// disagree about).
+    /// RMS per axis of what was left out, in m: without correction and with it. With a rotation, the second value is the
+    /// disagreement among the points of one pose.
     pub left_out: [f64; 2],
 }
 
 impl Motion {
-    /// For each pose: takes a point from where it is to where it was seen.
+    /// Returns for each pose the transform that takes a point from its true position to where it was seen.
     pub fn poses(&self, centre: &Vector3<f64>) -> Vec<Pose<f64>> {
         let pose = |(t, r): (&Vector3<f64>, &Vector3<f64>)| {
             let twist = Twist {
@@ -91,7 +92,7 @@ impl Motion {
 }
 
 impl<'a> Track<'a> {
-    /// From the points' places and where they were seen, outliers taken out.
+    /// Creates a track from the positions of the points and from where they were seen, without outliers.
     pub fn new(
         points: &[Vector3<f64>],
         seen: &[Vec<Option<Vector3<f64>>>],
@@ -109,7 +110,7 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// The motion that predicts best what was left out.
+    /// Selects the motion that best predicts what was left out.
     pub fn motion(&self) -> Motion {
         let translation: Vec<(f64, [f64; 3])> = WINDOWS
             .iter()
@@ -157,14 +158,14 @@ impl<'a> Track<'a> {
         }
     }
 
-    /// Mean square for each axis of what was left out of the estimate with this window: each point in turn, or each pose
-    /// when there is one point.
+    /// Returns for each axis the mean-square error of predicting, with this window, what was left out: each point in turn,
+    /// or each pose if there is only one point.
     fn left_out(&self, window: f64) -> [f64; 3] {
         let (mut sum, mut count) = (Vector3::zeros(), 0);
         for (i, shifts) in self.shifts.iter().enumerate() {
             let one = self.shifts.len() == 1;
             let used: Vec<usize> = (0..self.shifts.len()).filter(|j| one || *j != i).collect();
-            // A point has to be predicted up to its position, which the others do not determine.
+            // The other points do not determine the position of the point that is left out, so a constant offset is removed.
             let errors: Vec<Vector3<f64>> = shifts
                 .iter()
                 .enumerate()
@@ -180,8 +181,8 @@ impl<'a> Track<'a> {
         [mean[0], mean[1], mean[2]]
     }
 
-    /// Mean square per degree of freedom of what the points of one pose disagree about after its own motion; `None` when
-    /// no pose has points enough.
+    /// Returns the mean square per degree of freedom of the disagreement among the points of one pose after removing the
+    /// motion of that pose; `None` if no pose has enough points.
     fn disagreement(&self, rigid: bool) -> Option<f64> {
         let unknowns = if rigid { 6 } else { 3 };
         let (mut sum, mut freedom) = (0.0, 0);
@@ -202,8 +203,9 @@ impl<'a> Track<'a> {
         (freedom > 0).then(|| sum / freedom as f64)
     }
 
-    /// Motion at pose `k` by the points `used`: (translation of the centre, rotation). Where no point (for a
-    /// rotation: no three points) was seen within the window it is widened until there is; `None` when the session has none.
+    /// Returns the motion at pose `k` from the points `used`: (translation of the centre, rotation). If no point (for a
+    /// rotation: fewer than three points) was seen within the window, the window is widened until there are enough; `None`
+    /// if the session has none.
     fn at(
         &self,
         k: usize,
@@ -270,7 +272,7 @@ impl<'a> Track<'a> {
             normal += b.transpose() * b * *weight;
             right += b.transpose() * shift * *weight;
         }
-        // Two points leave the rotation about the line through them open: it is taken as none.
+        // With two points, the rotation about the line through them is undetermined; this term makes it zero.
         for axis in 0..6 {
             normal[(axis, axis)] += 1e-9 * (1.0 + normal[(axis, axis)]);
         }

@@ -1,24 +1,25 @@
-//! Reference measurements that are not believed.
+//! Finds outliers among the measurements of the reference points.
 //!
-//! A point is compared with its neighbours in time, so that a step or a creep of the instrument is no outlier: with their
-//! median (a step leaves it alone) and with Theil and Sen's line through them (a creep does, also where a file begins and
-//! ends); the nearer of the two counts. Far is more than 0.5 mm, or ten standard deviations (from the median distance) where the point is quieter.
-//! When all points of a pose, two at least, jump together it is the instrument that was pushed, and they are kept.
+//! A point is compared with its neighbours in time, so that a step or a creep of the instrument is no outlier. It is
+//! compared with their median, which a step leaves unaffected, and with the Theil–Sen line through them, which a creep
+//! leaves unaffected, also at the beginning and end of a file. The smaller of the two deviations counts. The limit is 0.5
+//! mm, or ten standard deviations (estimated from the median distance) if that is less. If all points of a pose, at least
+//! two, jump together, the instrument was pushed, and they are kept.
 
 use nalgebra::Vector3;
 
-/// Farther than this from its neighbours is gross, metres.
+/// Upper bound on the outlier limit, in m.
 const GROSS: f64 = 0.5e-3;
-/// Standard deviations that are believed.
+/// Outlier limit, in standard deviations.
 const BELIEVED: f64 = 10.0;
-/// The quietest instrument, metres: fewer digits in a file make a median distance of zero.
+/// Smallest standard deviation of an instrument, in m: few digits in a file can make the median distance zero.
 const QUIETEST: f64 = 2e-6;
-/// Neighbours on each side.
+/// Number of neighbours on each side.
 const NEIGHBOURS: usize = 7;
 /// Median length of a vector of three standard normal numbers.
 const MEDIAN_LENGTH: f64 = 1.538;
 
-/// Component-wise median; zero of nothing.
+/// Returns the component-wise median, or zero if there are no points.
 pub fn median(points: &[Vector3<f64>]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| middle(points.iter().map(|p| p[axis]).collect()))
 }
@@ -32,7 +33,7 @@ fn middle(mut values: Vec<f64>) -> f64 {
     }
 }
 
-/// `[point][pose]`: whether what was seen is not believed.
+/// Returns `[point][pose]`: whether the measurement is an outlier.
 pub fn outliers(seen: &[Vec<Option<Vector3<f64>>>], sessions: &[usize]) -> Vec<Vec<bool>> {
     let deviations: Vec<Vec<Option<Vector3<f64>>>> =
         seen.iter().map(|p| deviations(p, sessions)).collect();
@@ -59,7 +60,8 @@ pub fn outliers(seen: &[Vec<Option<Vector3<f64>>>], sessions: &[usize]) -> Vec<V
     out
 }
 
-/// How far each is from its neighbours and itself: from their median, or from their line if that is nearer.
+/// Returns the deviation of each measurement from the neighbourhood that includes it: from its median, or from its line if
+/// that is nearer.
 fn deviations(seen: &[Option<Vector3<f64>>], sessions: &[usize]) -> Vec<Option<Vector3<f64>>> {
     let mut out = vec![None; seen.len()];
     let there: Vec<(usize, Vector3<f64>)> = seen
@@ -90,7 +92,7 @@ fn deviations(seen: &[Option<Vector3<f64>>], sessions: &[usize]) -> Vec<Option<V
     out
 }
 
-/// Median of the slopes between all pairs.
+/// Returns the median of the slopes between all pairs of points.
 fn slope(near: &[(f64, Vector3<f64>)]) -> Vector3<f64> {
     let pairs = near
         .iter()

@@ -1,7 +1,8 @@
-//! What can be seen to be wrong with touches before any fit: too few, all alike, or of something else than is said.
+//! Checks that find mistakes in touches before any fit: too few touches, touches that are all alike, or touches of something
+//! other than stated.
 //!
-//! The arm as drawn is good enough to tell two sockets under one name, a distance in inches and touches that are all from
-//! one side. Its tip is fitted to the touches first, without any prior, for nobody knows it better than they do.
+//! The arm as drawn is accurate enough to reveal two sockets under one name, a distance in inches, or touches that are all
+//! from one side. Its tip is fitted to the touches first, without any prior, because they are the best source for it.
 
 use std::collections::HashSet;
 
@@ -15,29 +16,33 @@ use crate::measurement::table::quoted;
 use crate::measurement::touch::features::on_a_line;
 use crate::measurement::touch::set::{FeatureKind, KnownDistance, Reading, TouchRow, TouchSet};
 
-/// Touches of a point without which its three coordinates say nothing about the arm.
+/// Smallest number of touches of a point: with fewer, its three coordinates leave no information about the arm.
 const LEAST_OF_POINT: usize = 3;
-/// Readings of a plane, and of a sphere or an anchor that nobody measured, without which there is nothing to compare.
+/// Smallest number of readings of a plane, or of a sphere or an anchor with an unknown position: fewer leave nothing to
+/// compare.
 const LEAST_OF_SURFACE: usize = 4;
-/// Corners that must have been seen of a board.
+/// Smallest number of corners of a board that must have been seen.
 const LEAST_CORNERS: usize = 4;
-/// Orientations that are nearer to each other than this do not tell the tip from the arm, rad.
+/// Difference of orientation in rad below which the tip cannot be distinguished from the arm.
 const LEAST_TURN: f64 = 10.0 * std::f64::consts::PI / 180.0;
-/// Two groups of touches farther apart than this are two sockets, m …
+/// Distance in m above which two groups of touches count as two sockets …
 const TWO_SOCKETS: f64 = 20e-3;
-/// … if that is so many times how far the touches of each are spread.
+/// … if it is also this many times the spread of the touches within the groups.
 const TWO_SOCKETS_SPREADS: f64 = 4.0;
-/// Standard deviations by which touches contradict a length.
+/// Number of standard deviations by which touches contradict a stated length.
 const CONTRADICTION: f64 = 5.0;
-/// Standard deviation of a distance between two points by an arm as drawn, m: few touches of each do not show it.
+/// Standard deviation in m of a distance between two points according to the arm as drawn; the spread of a few touches does
+/// not show it.
 const DRAWN: f64 = 2e-3;
-/// No wire or ballbar that calibrates an arm reads less, m: such readings are metres in a column of millimetres.
+/// Shortest reading of a wire or ballbar that calibrates an arm, in m: smaller readings are metres in a column of
+/// millimetres.
 const SHORTEST_READING: f64 = 10e-3;
-/// A reading of an anchor is of another unit if it is so many times what the drawn arm says, or less than its inverse.
+/// Ratio between a reading of an anchor and the drawn arm's value beyond which, or below the inverse of which, the reading
+/// is in another unit.
 const OTHER_UNIT: f64 = 3.0;
 
 impl TouchSet {
-    /// Refuses touches that cannot be what is said of them.
+    /// Refuses touches that contradict their description.
     pub(super) fn check_touches(&self, chain: &Poe<f64>) -> Result<(), InputError> {
         let flanges: Vec<Pose<f64>> = self
             .rows
@@ -78,7 +83,7 @@ impl TouchSet {
         self.check_distances(&centres)
     }
 
-    /// The error about the rows of a feature, at the first of them.
+    /// Creates an error about the rows of a feature, located at the first of them.
     fn about(
         &self,
         feature: usize,
@@ -99,7 +104,7 @@ impl TouchSet {
         }
     }
 
-    /// At least so many different joint states as the kind needs; a row that repeats another counts once.
+    /// Checks that there are as many different joint states as the kind needs; a row that repeats another counts once.
     fn check_count(&self, feature: usize, rows: &[usize]) -> Result<(), InputError> {
         let needed = match self.features[feature].kind {
             FeatureKind::Point { .. } => LEAST_OF_POINT,
@@ -132,7 +137,7 @@ impl TouchSet {
         })
     }
 
-    /// From orientations that are all alike, tip and arm cannot be distinguished.
+    /// Checks that the orientations differ: if they are all alike, tip and arm cannot be distinguished.
     fn check_turns(
         &self,
         feature: usize,
@@ -159,7 +164,7 @@ impl TouchSet {
         ))
     }
 
-    /// Readings of an anchor against the tip as drawn.
+    /// Checks the readings of an anchor against the tip as drawn.
     fn check_readings(
         &self,
         feature: usize,
@@ -192,7 +197,7 @@ impl TouchSet {
             .collect();
         ratios.sort_by(f64::total_cmp);
         let middle = ratios[ratios.len() / 2];
-        // Written so that a ratio that is not a number is refused, too.
+        // The comparison also refuses a ratio that is not a number.
         if (1.0 / OTHER_UNIT..=OTHER_UNIT).contains(&middle) {
             return Ok(());
         }
@@ -204,7 +209,7 @@ impl TouchSet {
         Err(self.about(feature, rows, found, expected).with_help(unit))
     }
 
-    /// The touches of each point by one tip, rows of each.
+    /// Groups the touches of points by point and tip: (feature, tip, rows).
     fn touches_of_points(&self) -> Vec<(usize, usize, Vec<usize>)> {
         let mut out: Vec<(usize, usize, Vec<usize>)> = Vec::new();
         for (i, row) in self.rows.iter().enumerate() {
@@ -222,10 +227,11 @@ impl TouchSet {
         out
     }
 
-    /// Where each tip is by its touches of points alone, m in the flange frame; as drawn where they do not say.
+    /// Estimates the position of each tip from touches of points alone, in m in the flange frame; the position as drawn if
+    /// they do not determine it.
     ///
-    /// The tip t and the point c solve R t + p = c for all touches; with the mean over the touches of each point taken off
-    /// on both sides, c is gone.
+    /// The tip t and the point c solve R t + p = c for all touches. Subtracting the mean over the touches of each point on
+    /// both sides eliminates c.
     fn fitted_tips(&self, flanges: &[Pose<f64>]) -> Vec<Vector3<f64>> {
         let mut normal = vec![(Matrix3::<f64>::zeros(), Vector3::<f64>::zeros()); self.tips.len()];
         for (_, tip, rows) in self.touches_of_points() {
@@ -245,7 +251,7 @@ impl TouchSet {
         }
         let fitted = |((matrix, right), tip): ((Matrix3<f64>, Vector3<f64>), &_)| {
             let tip: &crate::measurement::touch::set::Tip = tip;
-            // Rows about a single axis do not say where on it the tip is: a little trust in the drawing does.
+            // Rows that rotate about a single axis do not determine the tip along it; a small weight on the drawing does.
             let ridge = Matrix3::identity() * 1e-4;
             let matrix = matrix + ridge;
             let right = right + ridge * tip.position;
@@ -255,7 +261,8 @@ impl TouchSet {
         normal.into_iter().zip(&self.tips).map(fitted).collect()
     }
 
-    /// Refuses two sockets under one name; the others come back, with how far their touches are spread per component.
+    /// Refuses two sockets under one name. Returns the centre of each touched point and the spread of its touches per
+    /// component.
     fn check_sockets(
         &self,
         flanges: &[Pose<f64>],
@@ -281,13 +288,13 @@ impl TouchSet {
                     .with_help("give the other point a name and a [[feature]] of its own"));
             }
             let (mean, spread) = mean_and_spread(&touched);
-            // The first tip is enough: others are at the same point.
+            // The first tip is enough, because the others are at the same point.
             centres[feature].get_or_insert((mean, spread));
         }
         Ok(centres)
     }
 
-    /// Refuses a distance that the touches contradict, even by the arm as drawn.
+    /// Refuses a known distance that the touches contradict, even by the arm as drawn.
     fn check_distances(&self, centres: &[Option<Centre>]) -> Result<(), InputError> {
         for (index, known) in self.distances.iter().enumerate() {
             let [a, b] = known.between.map(|feature| centres[feature]);
@@ -302,8 +309,8 @@ impl TouchSet {
         Ok(())
     }
 
-    /// The refusal of a known distance, by its index, that touches contradict by more than five standard deviations of both:
-    /// they say `distance` with standard deviation `sigma`, m.
+    /// Returns the refusal of the known distance with this index if touches contradict it by more than five standard
+    /// deviations of both. The touches give `distance` with the standard deviation `sigma`, in m.
     pub fn contradiction(&self, index: usize, distance: f64, sigma: f64) -> Option<InputError> {
         let known = &self.distances[index];
         let both = (known.sigma * known.sigma + sigma * sigma).sqrt();
@@ -324,7 +331,7 @@ impl TouchSet {
     }
 }
 
-/// Units that a length may have been measured in, and how many millimetres each is.
+/// Units in which a length may have been measured, and the number of millimetres in each.
 const UNITS: [(&str, f64); 4] = [
     ("metres", 1e3),
     ("centimetres", 10.0),
@@ -332,7 +339,7 @@ const UNITS: [(&str, f64); 4] = [
     ("micrometres", 1e-3),
 ];
 
-/// What may be wrong with a known distance where the touches say another one: its unit, if one makes both agree.
+/// Returns what may be wrong with a known distance that the touches contradict: its unit, if one makes both agree.
 fn remedy(known: &KnownDistance, distance: f64, sigma: f64) -> String {
     let agrees = |(_, factor): &&(&str, f64)| {
         let (said, own) = (factor * known.distance, factor * known.sigma);
@@ -351,22 +358,22 @@ fn remedy(known: &KnownDistance, distance: f64, sigma: f64) -> String {
     }
 }
 
-/// Where a point is by its touches and the arm as drawn, m, and how far they are spread per component.
+/// Position of a point according to its touches and the arm as drawn, in m, and the spread of the touches per component.
 type Centre = (Vector3<f64>, f64);
 
-/// What makes a joint state another one: its joints and its payload. 0.0 and −0.0 are the same.
+/// Returns a key that is equal for equal joint states: joints and payload. 0.0 and −0.0 are the same.
 fn key(row: &TouchRow) -> Vec<u64> {
     let values = row.joints.iter().chain(&row.payload_kg);
     values.map(|value| (value + 0.0).to_bits()).collect()
 }
 
-/// By how much one orientation is turned against another, rad.
+/// Returns the rotation angle between two orientations, in rad.
 fn angle_between(a: &Pose<f64>, b: &Pose<f64>) -> f64 {
     let (w, v) = (a.inverse() * *b).quaternion();
     2.0 * libm::atan2(v.norm(), w.abs())
 }
 
-/// Mean, and root mean square of one component about it.
+/// Returns the mean, and the root mean square of one component about it.
 fn mean_and_spread(points: &[Vector3<f64>]) -> (Vector3<f64>, f64) {
     let count = points.len() as f64;
     let mean = points.iter().sum::<Vector3<f64>>() / count;
@@ -374,7 +381,8 @@ fn mean_and_spread(points: &[Vector3<f64>]) -> (Vector3<f64>, f64) {
     (mean, (square / (3.0 * count)).sqrt())
 }
 
-/// Whether points are two groups far apart: how far, and the first point that is not of the first point's group.
+/// Returns whether points form two groups far apart: their distance, and the index of the first point outside the first
+/// point's group.
 fn two_groups(points: &[Vector3<f64>]) -> Option<(f64, usize)> {
     let (mean, _) = mean_and_spread(points);
     let farthest_from = |at: &Vector3<f64>| {
@@ -410,7 +418,7 @@ fn two_groups(points: &[Vector3<f64>]) -> Option<(f64, usize)> {
     (apart > TWO_SOCKETS && apart > TWO_SOCKETS_SPREADS * spread).then_some((apart, second))
 }
 
-/// Four decimals at most, for a message.
+/// Rounds to four decimals, for a message.
 fn round(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

@@ -1,4 +1,4 @@
-//! What the columns of a touch file are.
+//! Identifies the columns of a touch file.
 
 use std::path::Path;
 
@@ -6,7 +6,7 @@ use crate::input_error::InputError;
 use crate::measurement::columns::{AXES, Column, FEATURE, Header, QUATERNION, Quantity};
 use crate::measurement::table::Table;
 
-/// The columns of a touch file. A field may be empty where the kind of its row has no such reading.
+/// The columns of a touch file. A field may be empty if the kind of its row has no such reading.
 pub(super) struct TouchColumns {
     pub joints: Vec<Column>,
     pub feature: Column,
@@ -21,12 +21,12 @@ pub(super) struct TouchColumns {
     pub orientation: Option<[Column; 4]>,
     pub sigma_position: Option<Column>,
     pub sigma_orientation: Option<Column>,
-    /// Names that mean nothing here.
+    /// Names of unknown columns.
     pub unknown: Vec<String>,
 }
 
 impl TouchColumns {
-    /// The columns of a table; `file` is for messages.
+    /// Identifies the columns of a table; `file` is for messages.
     pub(super) fn parse(file: &Path, table: &Table) -> Result<Self, InputError> {
         let mut header = Header::new(file, table)?;
         let Some(feature) = header.known.remove(&Quantity::Feature) else {
@@ -70,7 +70,7 @@ impl TouchColumns {
             sigma_orientation: header.known.remove(&Quantity::SigmaOrientation),
             unknown: Vec::new(),
         };
-        // The time, reference points and the truth of a simulation are for trackers.
+        // Times, reference points and the truth of a simulation are only for trackers.
         let unused = header.known.into_values().map(|column| column.name);
         out.unknown = header.unknown.into_iter().chain(unused).collect();
         Ok(out)

@@ -1,7 +1,7 @@
-//! The TOML file that says what was touched.
+//! Reads the TOML file that describes what was touched.
 //!
-//! `docs/reference/touch-file.md` has every key. Lengths are in millimetres, small angles in milliradians: the unit is part
-//! of the key, and unknown keys are refused.
+//! `docs/reference/touch-file.md` documents every key. Lengths are in millimetres and small angles in milliradians: the unit
+//! is part of the key, and unknown keys are refused.
 
 use std::path::{Path, PathBuf};
 
@@ -18,35 +18,35 @@ use crate::measurement::touch::tables::{
 use crate::robot::ClassPrior;
 use crate::robot::toml_source::TomlSource;
 
-/// What the file is.
+/// Name of the file in messages.
 pub(super) const WHOLE: &str = "a description of touched features in TOML";
-/// The format that this reads.
+/// Supported version of the format.
 const VERSION: i64 = 1;
-/// The kinds, as a message lists them.
+/// List of the kinds, for messages.
 const KINDS: &str = "\"point\", \"plane\", \"sphere\", \"anchor\", \"level\" or \"board\"";
 
-/// Noise of one component of a touch where the file says nothing, m.
+/// Default noise of one component of a touch, in m.
 const TOUCH_SIGMA: f64 = 0.05e-3;
-/// Noise of a level where the file says nothing, rad.
+/// Default noise of a level, in rad.
 const LEVEL_SIGMA: f64 = 0.05e-3;
-/// Noise of a corner in an image where the file says nothing, pixels.
+/// Default noise of a corner in an image, in pixels.
 const PIXEL_SIGMA: f64 = 0.2;
-/// Standard deviation of a tip about its drawing where the file says nothing, m.
+/// Default standard deviation of a tip about its drawing, in m.
 const TIP_SIGMA: f64 = 5e-3;
-/// Standard deviation of an anchor or a camera about its position as measured with a tape, m.
+/// Default standard deviation of the position of an anchor or a camera, as measured with a tape, in m.
 const TAPE_SIGMA: f64 = 20e-3;
-/// Standard deviation of the rotation of a level or a camera about its drawing, rad.
+/// Default standard deviation of the rotation of a level or a camera about its drawing, in rad.
 const MOUNTING_SIGMA: f64 = 50e-3;
-/// Standard deviation of the zero of a wire where the file says nothing, m.
+/// Default standard deviation of the zero of a wire, in m.
 const ZERO_SIGMA: f64 = 1e-3;
-/// Standard deviation of a radius or a distance whose σ nobody stated, m.
+/// Default standard deviation of a radius or a distance, in m.
 const LENGTH_SIGMA: f64 = 0.02e-3;
-/// No radius and no distance that calibrates an arm is shorter, m: such numbers are metres in a key of millimetres.
+/// Shortest radius or distance that calibrates an arm, in m: smaller numbers are metres in a key of millimetres.
 const SHORTEST: f64 = 1e-3;
-/// Corners without which the place of a board is unknown.
+/// Smallest number of corners that determines the pose of a board.
 const LEAST_CORNERS: usize = 4;
 
-/// The file, read.
+/// The content of the file.
 pub(super) struct Description {
     pub path: PathBuf,
     pub features: Vec<Feature>,
@@ -56,14 +56,14 @@ pub(super) struct Description {
     pub camera: Option<Camera>,
 }
 
-/// A `[[target]]`.
+/// A `[[target]]` table.
 pub(super) struct DrawnTip {
     pub name: String,
     pub position: Vector3<f64>,
     pub sigma: f64,
 }
 
-/// Reads the text of a file; `path` is for messages.
+/// Parses the text of a file; `path` is for messages.
 pub(super) fn parse(path: &Path, text: &str) -> Result<Description, InputError> {
     let source = Source(TomlSource { file: path, text });
     let file: File = toml::from_str(text).map_err(|error| source.0.refused(&error, WHOLE))?;
@@ -160,7 +160,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Description, InputError> 
     }
 }
 
-/// The reader of a value and its refusals.
+/// Reader of values and creator of their refusals.
 struct Source<'a>(TomlSource<'a>);
 
 impl Source<'_> {
@@ -181,7 +181,7 @@ impl Source<'_> {
         self.0.error(value.span(), key, found, expected)
     }
 
-    /// A number above 0, times `unit`.
+    /// Reads a number above 0, times `unit`.
     fn above_zero(&self, key: &str, value: &Spanned<f64>, unit: f64) -> Result<f64, InputError> {
         let number = *value.get_ref();
         if number > 0.0 && number.is_finite() {
@@ -190,7 +190,7 @@ impl Source<'_> {
         Err(self.refuse(key, value, number.to_string(), "a number above 0"))
     }
 
-    /// A standard deviation above 0, or what it usually is.
+    /// Reads a standard deviation above 0; `usual` if none is given.
     fn sigma(
         &self,
         key: &str,
@@ -204,7 +204,7 @@ impl Source<'_> {
         }
     }
 
-    /// How large an error may be: 0 or more, and 0 where nothing is said.
+    /// Reads the size of an error: 0 or more, and 0 if none is given.
     fn form(&self, key: &str, value: &Option<Spanned<f64>>, unit: f64) -> Result<f64, InputError> {
         let Some(value) = value else { return Ok(0.0) };
         let number = *value.get_ref();
@@ -214,7 +214,7 @@ impl Source<'_> {
         Err(self.refuse(key, value, number.to_string(), "a number of 0 or more"))
     }
 
-    /// A length that can hardly be below a millimetre.
+    /// Reads a length of at least a millimetre.
     fn length(&self, key: &str, value: &Spanned<f64>) -> Result<f64, InputError> {
         let length = self.above_zero(key, value, 1e-3)?;
         if length >= SHORTEST {
@@ -329,7 +329,7 @@ impl Source<'_> {
         })
     }
 
-    /// Refuses a key that says nothing of its kind: what it states would be lost.
+    /// Refuses a key that has no meaning for the feature's kind: its value would be ignored.
     fn only_keys_of_kind(&self, t: &FeatureTable) -> Result<(), InputError> {
         let kind = t.kind.get_ref().as_str();
         if !KIND_NAMES.contains(&kind) {
@@ -347,7 +347,7 @@ impl Source<'_> {
         Ok(())
     }
 
-    /// The corners of a board: x·count_of_y + y of a grid, or each by itself.
+    /// Reads the corners of a board: those of a grid, with index x·count_of_y + y, or each by itself.
     fn corners(&self, table: &Spanned<FeatureTable>) -> Result<Vec<Vector3<f64>>, InputError> {
         let t = table.get_ref();
         let grid = (&t.corners_x_mm, &t.corners_y_mm, &t.corners_mm);
@@ -463,7 +463,7 @@ impl Source<'_> {
     }
 }
 
-/// Whether all points are on one line, within a thousandth of their extent.
+/// Returns whether all points are on one line, within a thousandth of their extent.
 pub(super) fn on_a_line(points: &[Vector3<f64>]) -> bool {
     let Some(first) = points.first() else {
         return true;

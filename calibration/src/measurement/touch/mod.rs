@@ -1,8 +1,8 @@
-//! The touch file: what an arm touched or looked at when no tracker measured it, and what each row of it means.
+//! The touch file: what an arm touched or observed when no tracker measured it, and what each of its rows means.
 //!
-//! A CSV file of rows, as [`crate::measurement`] has it, with the column `feature`, and a TOML file that says of what kind
-//! each feature is ([`TouchSet::read`]). A row without a feature is a tracker's row, so that both mix in one file. Past
-//! this module there are only metres, radians, kilograms and pixels.
+//! It consists of a CSV file with rows as in [`crate::measurement`] and a column `feature`, and of a TOML file that states
+//! the kind of each feature ([`TouchSet::read`]). A row without a feature is a tracker's row, so that both can be mixed in
+//! one file. Beyond this module there are only metres, radians, kilograms and pixels.
 //!
 //! | kind | the row says | residual |
 //! |---|---|---|
@@ -13,7 +13,8 @@
 //! | `level` | how gravity lies in the sensor | E(gravity)ᵀ S R(q)ᵀ g |
 //! | `board` | where a camera sees a corner | π(X T(q)⁻¹ W corner) − (u, v) |
 //!
-//! Here q are the joints, x(q) the tip in the base frame, R(q) and T(q) the flange in it.
+//! Here q are the joints, x(q) is the tip in the base frame, and R(q) and T(q) are the rotation and the pose of the flange
+//! in the base frame.
 
 mod checks;
 mod columns;
@@ -47,11 +48,11 @@ use crate::measurement::touch::rows::Rows;
 use crate::measurement::validate::{JointChecks, JointLimits, still_joints};
 use crate::robot::Robot;
 
-/// Number of bytes that are read from a file: as many as a header can have.
+/// Number of bytes read to find the header: more than any header has.
 const HEADER_BYTES: u64 = 1 << 16;
 
-/// Whether the header of a measurement file has the column `feature`: then it is a touch file. A file that is no table is
-/// none, and its reader says why.
+/// Returns whether the header of a measurement file has the column `feature`, which makes it a touch file. For a file that
+/// is not a table the answer is `false`, and its reader reports the reason.
 pub fn is_touch_file(path: &Path) -> bool {
     let mut bytes = Vec::new();
     let read = File::open(path).and_then(|file| file.take(HEADER_BYTES).read_to_end(&mut bytes));
@@ -59,17 +60,17 @@ pub fn is_touch_file(path: &Path) -> bool {
     header.is_some_and(|names| names.iter().any(|name| name == FEATURE))
 }
 
-/// The file of features that belongs to a touch file unless another one is named: NAME.toml beside NAME.csv.
+/// Returns the default path of the feature file of a touch file: NAME.toml beside NAME.csv.
 pub fn features_beside(touches: &Path) -> PathBuf {
     touches.with_extension("toml")
 }
 
 impl TouchSet {
-    /// Reads a touch file of `robot` and its features: from `features`, else from NAME.toml beside NAME.csv.
+    /// Reads a touch file of `robot` and its features, from `features` or else from NAME.toml beside NAME.csv.
     ///
     /// # Errors
-    /// An [`InputError`] that names file, line and column of the first thing that is not as [`crate::measurement::touch`]
-    /// says, or that the arm as drawn contradicts by far.
+    /// Returns an [`InputError`] that names the file, line and column of the first thing that violates the format described
+    /// in [`crate::measurement::touch`], or that the arm as drawn contradicts by far.
     pub fn read(
         touches: &Path,
         features: Option<&Path>,
@@ -92,7 +93,7 @@ impl TouchSet {
     /// Reads the bytes of both files, the touches and their features; the paths are for messages.
     ///
     /// # Errors
-    /// As [`TouchSet::read`].
+    /// Those of [`TouchSet::read`].
     pub fn parse(
         files: (&Path, &[u8]),
         features: (&Path, &[u8]),
@@ -106,7 +107,7 @@ impl TouchSet {
         Ok(out)
     }
 
-    /// Every row by itself: what only a whole file can be refused for is not looked at. A plan's readings may be empty.
+    /// Reads every row by itself, without the checks that need a complete file. In a plan, readings may be empty.
     fn parse_rows(
         (path, bytes): (&Path, &[u8]),
         (features_path, features): (&Path, &[u8]),

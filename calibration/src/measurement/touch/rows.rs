@@ -1,4 +1,4 @@
-//! From fields to touches in SI units.
+//! Converts fields to touches in SI units.
 
 use std::path::Path;
 
@@ -17,24 +17,24 @@ use crate::measurement::touch::features::{Description, DrawnTip};
 use crate::measurement::touch::set::{Feature, FeatureKind, Reading, Tip, TouchRow};
 use crate::robot::Robot;
 
-/// How far the length of a direction of gravity may be off 1.
+/// Largest deviation from 1 of the length of a direction of gravity.
 const GRAVITY_TOLERANCE: f64 = 0.01;
-/// Standard deviation of the tip that no `[[target]]` describes, m: it may be anywhere about the flange.
+/// Standard deviation of a tip that no `[[target]]` describes, in m: it may be anywhere about the flange.
 pub(super) const TIP_ANYWHERE: f64 = 0.5;
 
-/// Reads the rows of a file, one after the other.
+/// Reader of the rows of a file.
 pub(super) struct Rows<'a> {
     pub file: &'a Path,
     pub columns: &'a TouchColumns,
     pub described: &'a Description,
     pub robot: &'a Robot,
-    /// Whether the readings that only a touch can show may be empty; they are zero then.
+    /// Whether readings that only the touch itself can supply may be empty; they are then zero.
     pub is_plan: bool,
     pub tips: Vec<Tip>,
 }
 
 impl Rows<'_> {
-    /// All of them.
+    /// Reads all rows.
     pub(super) fn read(&mut self, table: &Table) -> Result<Vec<TouchRow>, InputError> {
         let mut rows = Vec::with_capacity(table.rows.len());
         for (line, fields) in &table.rows {
@@ -77,7 +77,7 @@ impl Rows<'_> {
         })
     }
 
-    /// A row without a feature.
+    /// Reads a row without a feature.
     fn tracker(&self, row: &Row<'_>) -> Result<Reading, InputError> {
         let columns = self.columns;
         let touch_columns = columns.value.iter().chain(&columns.corner);
@@ -185,7 +185,7 @@ impl Rows<'_> {
         })
     }
 
-    /// The column that a kind cannot do without.
+    /// Returns the column that the kind of a feature requires.
     fn needed<'c, T>(
         &self,
         row: &Row<'_>,
@@ -206,7 +206,7 @@ impl Rows<'_> {
         })
     }
 
-    /// A reading that may be empty.
+    /// Reads a reading that may be empty.
     fn value(&self, row: &Row<'_>, _: &Feature) -> Result<Option<f64>, InputError> {
         match &self.columns.value {
             Some(column) if !row.field(column).is_empty() => row.number(column).map(Some),
@@ -281,7 +281,7 @@ impl Rows<'_> {
         Ok((corner, [row.number(u)?, row.number(v)?]))
     }
 
-    /// The tip of a row by its index; a new one is added. A tracker's target need not be in the description.
+    /// Returns the index of the tip of a row; a new tip is added. A tracker's target need not be in the description.
     fn tip(&mut self, row: &Row<'_>, feature: Option<usize>) -> Result<usize, InputError> {
         let columns = self.columns;
         let text = |column: &Option<Column>| row.optional(column, |column| row.text(column));
@@ -315,7 +315,7 @@ impl Rows<'_> {
         Ok(self.tips.len() - 1)
     }
 
-    /// The `[[target]]` of a name; `None` where the description has no target at all.
+    /// Finds the `[[target]]` of a name; `None` if the description has no targets.
     fn drawn(&self, row: &Row<'_>, name: &str) -> Result<Option<&DrawnTip>, InputError> {
         let targets = &self.described.targets;
         let Some(column) = &self.columns.target else {
@@ -349,7 +349,7 @@ impl Rows<'_> {
     }
 }
 
-/// Refuses the first of the columns that is not empty: its reading would be lost.
+/// Refuses the first of the columns that is not empty: its reading would be ignored.
 fn refuse_filled<'c>(
     row: &Row<'_>,
     mut columns: impl Iterator<Item = &'c Column>,

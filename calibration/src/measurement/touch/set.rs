@@ -1,4 +1,4 @@
-//! Touches that were read, in SI units.
+//! Touches after reading, in SI units.
 
 use std::path::PathBuf;
 
@@ -10,107 +10,107 @@ use crate::measurement::sample::ToolName;
 use crate::measurement::set::JointColumn;
 use crate::robot::ClassPrior;
 
-/// A touch file and its features. Every feature has a row, and every index is that of an entry.
+/// A touch file and its features. Every feature has at least one row, and every index is valid.
 #[derive(Clone, Debug)]
 pub struct TouchSet {
-    /// The CSV file, as it was given.
+    /// Path of the CSV file, as given by the caller.
     pub path: PathBuf,
-    /// The TOML file.
+    /// Path of the TOML file.
     pub features_path: PathBuf,
     /// Number of the column `feature` in the CSV file, from 1.
     pub feature_column: usize,
-    /// The joints' columns, base first.
+    /// Columns of the joints, base first.
     pub joint_columns: Vec<JointColumn>,
-    /// The rows in the order of the file.
+    /// Rows in file order.
     pub rows: Vec<TouchRow>,
-    /// The features in the order of the TOML file.
+    /// Features in the order of the TOML file.
     pub features: Vec<Feature>,
-    /// The tips that the rows name by index: one for each session and target.
+    /// Tips of the rows, which refer to them by index: one for each session and target.
     pub tips: Vec<Tip>,
-    /// Distances between features that somebody measured.
+    /// Measured distances between features.
     pub distances: Vec<KnownDistance>,
-    /// How far an arm of this class is from its drawing, where the file says so.
+    /// How far an arm of this class is from its drawing, if the file states it.
     pub prior: Option<ClassPrior>,
-    /// The camera; there is one where there is a board.
+    /// The camera; present if there is a board.
     pub camera: Option<Camera>,
-    /// What the reader noticed and its user should see.
+    /// Notes of the reader for its user.
     pub notes: Vec<String>,
-    /// SHA-256 of the CSV file's bytes, then of the TOML file's.
+    /// SHA-256 of the bytes of the CSV file, then of the TOML file.
     pub sha256: [[u8; 32]; 2],
 }
 
-/// One row: one reading while the arm stood still.
+/// One row: a single reading, taken while the arm stood still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TouchRow {
     /// Line in the CSV file, from 1.
     pub line: usize,
-    /// The controller's joints, rad or m, base first.
+    /// The controller's joint values, in rad or m, base first.
     pub joints: Vec<f64>,
-    /// The joints of the serial chain, C q.
+    /// Joint values of the serial chain, C q.
     pub serial_joints: Vec<f64>,
-    /// Mass at the flange in kg, where it is known.
+    /// Payload: mass at the flange in kg, if known.
     pub payload_kg: Option<f64>,
     /// Index into [`TouchSet::tips`].
     pub tip: usize,
-    /// What was read.
+    /// The reading.
     pub reading: Reading,
-    /// The noise that the file declares for this row alone: of a touch `position`, of a level `orientation`.
+    /// Noise that the file declares for this row alone: `position` for a touch, `orientation` for a level.
     pub declared_noise: InstrumentNoise,
 }
 
-/// What a row says. `feature` is an index into [`TouchSet::features`].
+/// The reading of a row. `feature` is an index into [`TouchSet::features`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reading {
-    /// A tracker saw the target: instrument_from_target.
+    /// Pose or position of the target from a tracker: instrument_from_target.
     Tracker(Observation),
-    /// The tip is at the point.
+    /// Touch of a point by the tip.
     Point {
-        /// Which point.
+        /// Index of the point.
         feature: usize,
     },
-    /// The tip is over the plane.
+    /// Touch of a plane by the tip, or its distance above the plane.
     Plane {
-        /// Which plane.
+        /// Index of the plane.
         feature: usize,
-        /// Reading of a dial gauge along the plane's normal, m; 0 where the tip touches it.
+        /// Reading of a dial gauge along the plane's normal, in m; 0 if the tip touches the plane.
         value: f64,
     },
-    /// The tip is at a distance from the centre.
+    /// Distance of the tip from the centre of a sphere.
     Sphere {
-        /// Which sphere.
+        /// Index of the sphere.
         feature: usize,
-        /// What the distance is beyond the radius, m; 0 where the tip touches it.
+        /// Distance from the centre minus the radius, in m; 0 if the tip touches the sphere.
         value: f64,
     },
-    /// A wire or a ballbar with a scale reads a distance.
+    /// Distance read on a wire or on a ballbar with a scale.
     Anchor {
-        /// Which anchor.
+        /// Index of the anchor.
         feature: usize,
-        /// The reading, m.
+        /// The reading, in m.
         value: f64,
     },
-    /// An inclinometer at the flange.
+    /// Direction of gravity from an inclinometer at the flange.
     Level {
-        /// Which sensor.
+        /// Index of the sensor.
         feature: usize,
-        /// The direction of gravity in the sensor's frame, of length 1.
+        /// Direction of gravity in the sensor's frame, a unit vector.
         gravity: Vector3<f64>,
     },
-    /// The camera sees a corner of a board.
+    /// Corner of a board in a camera image.
     Board {
-        /// Which board.
+        /// Index of the board.
         feature: usize,
         /// Index into [`Board::corners`].
         corner: usize,
-        /// Image of the corner in pixels, right.
+        /// Horizontal image coordinate of the corner in pixels, to the right.
         u: f64,
-        /// Image of the corner in pixels, down.
+        /// Vertical image coordinate of the corner in pixels, downwards.
         v: f64,
     },
 }
 
 impl Reading {
-    /// The feature; `None` for a tracker's row.
+    /// Returns the index of the feature; `None` for a tracker's row.
     pub fn feature(&self) -> Option<usize> {
         match *self {
             Self::Tracker(_) => None,
@@ -123,7 +123,7 @@ impl Reading {
         }
     }
 
-    /// The number of scalar equations that the row gives.
+    /// Returns the number of scalar equations that the row gives.
     pub fn equations(&self) -> usize {
         match self {
             Self::Tracker(observation) => observation.equations(),
@@ -134,57 +134,57 @@ impl Reading {
     }
 }
 
-/// Something that was touched, or looked at.
+/// Something that was touched or observed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Feature {
-    /// Its name in both files.
+    /// Name of the feature in both files.
     pub name: String,
-    /// Line of its `[[feature]]` table in the TOML file, from 1.
+    /// Line of the feature's `[[feature]]` table in the TOML file, from 1.
     pub line: usize,
-    /// What it is.
+    /// Kind of the feature.
     pub kind: FeatureKind,
-    /// Standard deviation of one component of a row's reading: metres; of a level radians, of a board pixels.
+    /// Standard deviation of one component of a row's reading: in m, for a level in rad, for a board in pixels.
     pub sigma: f64,
 }
 
-/// What a feature is, with what is known of it. Standard deviations are of one component, 0 where there is no such error.
+/// The kind of a feature and what is known about it. Standard deviations are of one component, 0 if there is no such error.
 #[derive(Clone, Debug, PartialEq)]
 pub enum FeatureKind {
-    /// A fixed point that nobody knows.
+    /// A fixed point at an unknown position.
     Point {
-        /// How far the seat may be from one touch to another, beyond the noise, m.
+        /// Standard deviation of the seat from touch to touch, beyond the noise, in m.
         seat: f64,
     },
-    /// A fixed plane that nobody knows.
+    /// A fixed plane at an unknown position.
     Plane {
-        /// How far it may bulge, m.
+        /// Standard deviation of the plane's deviation from flatness, in m.
         flatness: f64,
     },
-    /// A sphere about a fixed centre that nobody knows: a ball that is touched, or a bar of fixed length.
+    /// A sphere about a fixed centre at an unknown position: a ball that is touched, or a bar of fixed length.
     Sphere {
-        /// From its centre to the tip's, m; `None` where it is unknown.
+        /// Distance from the centre of the sphere to the centre of the tip, in m; `None` if unknown.
         radius: Option<f64>,
-        /// Standard deviation of `radius`, m.
+        /// Standard deviation of `radius`, in m.
         radius_sigma: f64,
-        /// How far it may be from round, m.
+        /// Standard deviation of the sphere's deviation from roundness, in m.
         roundness: f64,
     },
-    /// Where a draw-wire or a ballbar with a scale begins.
+    /// Fixed end of a draw-wire or of a ballbar with a scale.
     Anchor {
-        /// The anchor in the base frame, m; `None` where it is unknown.
+        /// Position of the anchor in the base frame, in m; `None` if unknown.
         position: Option<Vector3<f64>>,
-        /// Standard deviation of one component of `position`, m.
+        /// Standard deviation of one component of `position`, in m.
         position_sigma: f64,
-        /// Standard deviation of what the reading is too small by, m.
+        /// Standard deviation of the constant by which readings are too small, in m.
         zero_sigma: f64,
-        /// Standard deviation of what the reading is too small by, as a part of it.
+        /// Standard deviation of the share by which readings are too small, relative to the reading.
         scale_sigma: f64,
     },
     /// An inclinometer at the flange.
     Level {
-        /// sensor_from_flange as drawn, a rotation vector in rad.
+        /// sensor_from_flange as drawn, as a rotation vector in rad.
         rotation: Vector3<f64>,
-        /// Standard deviation of one component of the sensor's true rotation about that, rad.
+        /// Standard deviation of one component of the sensor's true rotation about `rotation`, in rad.
         rotation_sigma: f64,
     },
     /// A board of corners that a camera sees.
@@ -192,7 +192,7 @@ pub enum FeatureKind {
 }
 
 impl FeatureKind {
-    /// The word of the TOML file.
+    /// Returns the name of the kind in the TOML file.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Point { .. } => "point",
@@ -205,70 +205,70 @@ impl FeatureKind {
     }
 }
 
-/// A board of corners. Where it is nobody knows.
+/// A board of corners at an unknown pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
-    /// The corners in the board's frame, m.
+    /// Positions of the corners in the board's frame, in m.
     pub corners: Vec<Vector3<f64>>,
-    /// Standard deviation of the board's size, as a part of it.
+    /// Relative standard deviation of the board's size.
     pub scale_sigma: f64,
 }
 
-/// The camera: a pinhole without distortion. It looks along its z, u grows along its x and v along its y.
+/// The camera: a pinhole without distortion. It looks along its z axis; u grows along its x axis and v along its y axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// Focal lengths in pixels, of u and v.
+    /// Focal lengths for u and v, in pixels.
     pub focal: [f64; 2],
-    /// The image of the optical axis in pixels, u and v.
+    /// Image of the optical axis, u and v in pixels.
     pub centre: [f64; 2],
-    /// Standard deviation of each focal length and each component of the centre, pixels; 0 where they are known.
+    /// Standard deviation of each focal length and of each component of the centre, in pixels; 0 if they are known.
     pub intrinsics_sigma: f64,
-    /// What it is mounted on.
+    /// What the camera is mounted on.
     pub mount: Mount,
     /// Pose of the camera as drawn: camera_from_flange for a camera at the flange, camera_from_base for a fixed one.
     pub camera_from_mount: Pose<f64>,
-    /// Standard deviation of one component of its true position about that, m.
+    /// Standard deviation of one component of the camera's true position about `camera_from_mount`, in m.
     pub position_sigma: f64,
-    /// Standard deviation of one component of its true rotation about that, rad.
+    /// Standard deviation of one component of the camera's true rotation about `camera_from_mount`, in rad.
     pub rotation_sigma: f64,
 }
 
 /// What a camera is mounted on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mount {
-    /// It turns with the flange, and the board stands.
+    /// On the flange: the camera moves with it, and the board is fixed.
     Flange,
-    /// It stands, and the board is at the flange.
+    /// Fixed: the board is at the flange.
     Fixed,
 }
 
-/// Where a tip is at the flange.
+/// Position of a tip at the flange.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tip {
-    /// The session and the target of its rows.
+    /// Session and target of the tip's rows.
     pub name: ToolName,
-    /// In the flange frame as drawn, m.
+    /// Position in the flange frame as drawn, in m.
     pub position: Vector3<f64>,
-    /// Standard deviation of one component of its true position about that, m.
+    /// Standard deviation of one component of the true position about `position`, in m.
     pub sigma: f64,
 }
 
-/// A distance between two points, or the centres of two spheres.
+/// A known distance between two points or the centres of two spheres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KnownDistance {
-    /// Indices into [`TouchSet::features`].
+    /// The two features, as indices into [`TouchSet::features`].
     pub between: [usize; 2],
-    /// m.
+    /// The distance, in m.
     pub distance: f64,
-    /// Standard deviation, m.
+    /// Standard deviation of `distance`, in m.
     pub sigma: f64,
-    /// Line of its `[[distance]]` table in the TOML file, from 1.
+    /// Line of the `[[distance]]` table in the TOML file, from 1.
     pub line: usize,
 }
 
 impl TouchSet {
-    /// Standard deviation of one component of a touch's reading: the row's own, else its feature's. Metres; of a level
-    /// radians, of a board pixels. `None` for a tracker's row.
+    /// Returns the standard deviation of one component of a touch's reading: that of the row if declared, else that of its
+    /// feature. In m; for a level in rad, for a board in pixels. `None` for a tracker's row.
     pub fn sigma(&self, row: &TouchRow) -> Option<f64> {
         let feature = &self.features[row.reading.feature()?];
         let own = match feature.kind {

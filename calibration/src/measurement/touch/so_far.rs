@@ -1,4 +1,4 @@
-//! A touch file that is still being measured, and the plan that it follows.
+//! A touch file that is still being written, and the plan that it follows.
 
 use std::path::Path;
 
@@ -18,10 +18,10 @@ use crate::measurement::touch::{FEATURE, chain};
 use crate::robot::Robot;
 
 impl TouchSet {
-    /// The rows that were measured so far: as [`TouchSet::parse`], without what only a whole file can be refused for.
+    /// Reads the rows measured so far: like [`TouchSet::parse`], but without the checks that need a complete file.
     ///
     /// # Errors
-    /// An [`InputError`] about the first row that is not as it should be.
+    /// Returns an [`InputError`] about the first row that is invalid.
     pub fn parse_so_far(
         touches: (&Path, &[u8]),
         features: (&Path, &[u8]),
@@ -30,10 +30,11 @@ impl TouchSet {
         Self::parse_rows(touches, features, robot, false)
     }
 
-    /// A plan of touches. Readings that only the touch can show may be empty: they become those of the arm as drawn.
+    /// Reads a plan of touches. A reading that only the touch itself can supply may be empty; it is replaced by that of the
+    /// arm as drawn.
     ///
     /// # Errors
-    /// An [`InputError`] as of [`TouchSet::parse`], and for features of which no reading can be foreseen.
+    /// Those of [`TouchSet::parse`], and an [`InputError`] for features whose reading cannot be predicted.
     pub fn parse_plan(
         (path, bytes): (&Path, &[u8]),
         features: (&Path, &[u8]),
@@ -50,7 +51,7 @@ impl TouchSet {
         Ok(out)
     }
 
-    /// What the arm as drawn would read where a plan leaves it open.
+    /// Returns the reading that the arm as drawn would give if the plan leaves it empty.
     fn foreseen(&self, row: &TouchRow, chain: &Poe<f64>) -> Result<Reading, InputError> {
         let flange = chain.forward(&row.serial_joints);
         let refused = |feature: usize, found: &str, expected: &str| {
@@ -99,7 +100,8 @@ impl TouchSet {
         })
     }
 
-    /// The features for which `keep` is true, with their rows and the distances between them. A tracker's rows stay.
+    /// Returns the set with only the features for which `keep` is true, their rows and the distances between them. A
+    /// tracker's rows stay.
     #[must_use]
     pub fn with_features(&self, keep: &[bool]) -> Self {
         let new: Vec<usize> = keep
@@ -135,10 +137,10 @@ impl TouchSet {
         out
     }
 
-    /// A tracker's measurements, as a set in which nothing was touched.
+    /// Creates a set of a tracker's measurements, in which nothing was touched.
     ///
     /// # Errors
-    /// [`InputError`] when there are more tools than a blob holds.
+    /// Returns an [`InputError`] if there are more tools than a blob holds.
     pub fn of_poses(set: &MeasurementSet, robot: &Robot) -> Result<Self, InputError> {
         let mut names = Vec::new();
         let samples = samples(set, robot, &mut names)?;
@@ -179,7 +181,7 @@ impl TouchSet {
         })
     }
 
-    /// A tracker's plan, with the poses of the target that the arm as drawn would have.
+    /// Creates a tracker's plan, with the poses that the target of the arm as drawn would have.
     pub fn of_targets(
         path: &Path,
         targets: Vec<OwnTarget>,
@@ -220,7 +222,7 @@ impl TouchSet {
         }
     }
 
-    /// The same rows where a tracker sees one reflector alone.
+    /// Returns the rows as a tracker would see them with a single reflector: positions only.
     #[must_use]
     pub fn positions_alone(mut self) -> Self {
         for row in &mut self.rows {

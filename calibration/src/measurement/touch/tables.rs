@@ -1,4 +1,4 @@
-//! The tables of the file of features, as they are written.
+//! The tables of the feature file, as they are written.
 
 use std::ops::Range;
 
@@ -43,7 +43,7 @@ pub(super) struct TargetTable {
     pub sigma_mm: Option<Spanned<f64>>,
 }
 
-/// The keys of all kinds: which of them belong is checked afterwards, so that the message can name the kind.
+/// The keys of all kinds. Which of them a kind may have is checked later, so that the message can name the kind.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FeatureTable {
@@ -68,15 +68,15 @@ pub(super) struct FeatureTable {
     pub corners_mm: Option<Spanned<Vec<[f64; 3]>>>,
 }
 
-/// Kinds that the tip touches, and those that sensors see.
+/// Kinds that the tip touches; `KIND_NAMES` also has those that sensors see.
 const TOUCHED: [&str; 4] = ["point", "plane", "sphere", "anchor"];
 pub(super) const KIND_NAMES: [&str; 6] = ["point", "plane", "sphere", "anchor", "level", "board"];
 
-/// A key, the kinds that it belongs to, and where it is if it is there.
+/// A key, the kinds that it belongs to, and its position in the text if it is given.
 type KeyOfKinds = (&'static str, &'static [&'static str], Option<Range<usize>>);
 
 impl FeatureTable {
-    /// All keys but name and kind.
+    /// Returns all keys except `name` and `kind`.
     pub(super) fn keys(&self) -> [KeyOfKinds; 17] {
         let span = |value: &Option<Spanned<f64>>| value.as_ref().map(Spanned::span);
         let vector = |value: &Option<Spanned<[f64; 3]>>| value.as_ref().map(Spanned::span);

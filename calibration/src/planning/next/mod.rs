@@ -1,16 +1,17 @@
-//! Which of a plan's rows to measure next: `trainer measure`.
+//! Chooses which row of a plan to measure next: `trainer measure`.
 //!
-//! The unknowns are those of the fit of touches ([`TouchFit`]): the arm, its tips and what is touched, each with its prior; of a
-//! tracker's rows also a smooth deflection of every joint, a Gaussian process of all joints, which stands for what the elastic
-//! method learns by its processes. All readings and all positions that are wanted are linear in them on the arm as drawn, so that
-//! their joint covariance K is known before anything is measured. A measured reading r with noise of one unit changes it to
+//! The unknowns are those of the fit of touches ([`TouchFit`]): the arm, its tips and what is touched, each with its prior.
+//! For a tracker's rows there is also a smooth deflection of every joint, a Gaussian process of all joints, which stands for
+//! what the elastic method learns by its processes. All readings and all wanted positions are linear in the unknowns about
+//! the arm as drawn, so their joint covariance K is known before anything is measured. A measured reading r with noise of
+//! one unit changes it to
 //!
 //! ```text
 //! K(x, y) − K(x, r) (I + K(r, r))⁻¹ K(r, y)
 //! ```
 //!
-//! whatever was read. The next row is the one that lowers the mean variance of the wanted positions most. One more row costs the
-//! product of a triangular factor and a vector for each of its equations, nothing is computed again.
+//! whatever value was read. The next row is the one that lowers the mean variance of the wanted positions most. Each further
+//! equation costs the product of a triangular factor and a vector; nothing is computed again.
 
 pub mod outlook;
 #[cfg(test)]
@@ -30,41 +31,43 @@ use crate::numeric::matrix::{Mat, column};
 use crate::numeric::product::{Transposed, product};
 use crate::robot::Robot;
 
-/// Positions over the work volume that are wanted, at most.
+/// Most positions over the work volume whose variance is to be lowered.
 const WANTED: usize = 600;
-/// What a touch misses by beyond its stated noise, m or rad: gears that no parameter describes.
+/// Standard deviation of a touch beyond its stated noise, m or rad: gear errors that no parameter describes.
 const UNDESCRIBED: f64 = 0.1e-3;
-/// What a tracker's row misses by, m and rad: its noise, the arm's repeatability and its gears.
+/// Standard deviation of a tracker's row, m and rad: its noise, the arm's repeatability and its gear errors.
 const TRACKED: (f64, f64) = (80e-6, 200e-6);
 /// Standard deviation of the smooth deflection of a joint, rad or m.
 const DEFLECTION: f64 = 0.2e-3;
-/// How fast it changes: of two states that differ by a vector d of sines and cosines it has the correlation exp(−RATE d²).
+/// Rate of the smooth deflection's correlation, which is exp(−RATE d²) for two states that differ by a vector d of sines and
+/// cosines.
 const RATE: f64 = 0.7;
-/// Least variance of an equation that is known already, in units of its noise: rounding must not make it negative.
+/// Least variance of an equation that is already known, in units of its noise; it keeps rounding from making the variance
+/// negative.
 const NOTHING: f64 = 1e-12;
 
-/// Equations of one reading, in units of their noise: linear in the unknowns (each in units of its prior) and in the deflections
-/// of the joints.
+/// Equations of one reading, in units of their noise. They are linear in the unknowns (each in units of its prior) and in
+/// the deflections of the joints.
 struct Seen {
     unknowns: Mat<f64>,
     joints: Mat<f64>,
-    /// Sines and cosines of the joints.
+    /// Sines and cosines of the joints at which the reading is taken.
     at: Vec<f64>,
 }
 
-/// What to measure next.
+/// The row to measure next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Next {
-    /// Index of the plan's row.
+    /// Index of the row in the plan.
     pub row: usize,
-    /// The standard deviation of the wanted positions after it, as a share of that before.
+    /// Standard deviation of the wanted positions after the row is measured, as a share of that before.
     pub share: f64,
 }
 
-/// The rows of a plan, and what is known after those that were measured.
+/// The rows of a plan, with what is known after those that were measured.
 pub struct Chooser<'a> {
     problem: TouchProblem<'a>,
-    /// The arm as drawn with the features where the plan touches them.
+    /// The arm as drawn, with the features where the plan touches them.
     drawing: TouchFit,
     priors: Vec<f64>,
     deflection: f64,
@@ -73,7 +76,7 @@ pub struct Chooser<'a> {
     wanted: Vec<Seen>,
     /// Orthonormal columns of what is registered over the wanted positions: base and tip, which no touch sees.
     gauge: Option<Mat<f64>>,
-    /// Covariance of wanted positions (rows) and candidates' equations (columns).
+    /// Covariance of the wanted positions (rows) with the candidates' equations (columns).
     shared: Mat<f64>,
     /// Covariance of the equations of each candidate.
     own: Vec<Mat<f64>>,
@@ -82,12 +85,12 @@ pub struct Chooser<'a> {
     measured: Vec<Seen>,
     /// Rows of the triangular factor of I + K of the measured equations.
     factor: Vec<Vec<f64>>,
-    /// Each row of its inverse times the covariance with candidates and with wanted positions.
+    /// For each row of the inverse factor, its product with the covariance of the candidates and of the wanted positions.
     gains: Vec<(Vec<f64>, Vec<f64>)>,
 }
 
 impl<'a> Chooser<'a> {
-    /// For the rows of `plan`, each a candidate.
+    /// Creates the chooser for the rows of `plan`, each of which is a candidate.
     pub fn new(
         robot: &Robot,
         nominal: &Poe<f64>,
@@ -133,7 +136,7 @@ impl<'a> Chooser<'a> {
         out
     }
 
-    /// Before anything is measured.
+    /// Computes the covariances before anything is measured.
     fn begin(&mut self) {
         let wanted = self.covariance(&self.wanted, &self.wanted);
         let wanted = self.without_gauge(wanted);
@@ -147,7 +150,7 @@ impl<'a> Chooser<'a> {
             .collect();
     }
 
-    /// Takes from columns of wanted positions what base and tip take up.
+    /// Removes from columns of the wanted positions what a registration of base and tip takes up.
     fn without_gauge(&self, mut columns: Mat<f64>) -> Mat<f64> {
         if let Some(basis) = &self.gauge {
             let taken = product(Transposed(basis), &columns);
@@ -156,7 +159,7 @@ impl<'a> Chooser<'a> {
         columns
     }
 
-    /// The equations of a row in a state, of none those of the position.
+    /// Returns the equations of a row in a state; without a row, those of the position.
     fn seen(&self, state: &BaseSample, row: Option<&TouchRow>) -> Seen {
         let arm = &self.drawing.arm;
         let jet = &arm.linearise(std::slice::from_ref(state))[0];
@@ -172,7 +175,7 @@ impl<'a> Chooser<'a> {
         let reading = row.map_or(&anywhere, |row| &row.reading);
         let mut row_jet = scene.row(self.problem.set, reading, &jet.pose);
         if row.is_none() && scene.instrument.is_none() {
-            // Nobody sees the base from elsewhere: the position is that in the base frame.
+            // Nobody sees the base from elsewhere, so the position is that in the base frame.
             for axis in 0..3 {
                 row_jet.tip[axis][axis] = 1.0;
             }
@@ -212,7 +215,7 @@ impl<'a> Chooser<'a> {
         }
     }
 
-    /// What a component of a row misses by.
+    /// Returns the standard deviation of a component of a row.
     fn sigma(&self, row: &TouchRow, component: usize) -> f64 {
         match self.problem.set.sigma(row) {
             Some(_) if matches!(row.reading, Reading::Board { .. }) => 1.0,
@@ -222,7 +225,7 @@ impl<'a> Chooser<'a> {
         }
     }
 
-    /// K before anything is measured.
+    /// Returns K, the covariance before anything is measured.
     fn covariance(&self, rows: &[Seen], columns: &[Seen]) -> Mat<f64> {
         let stacked = |all: &[Seen]| {
             let count: usize = all.iter().map(|seen| seen.unknowns.nrows()).sum();
@@ -260,7 +263,8 @@ impl<'a> Chooser<'a> {
         out
     }
 
-    /// Takes a row of `set` as measured: a file with the features of the plan. It uses up the candidate that is nearest to it.
+    /// Takes a row of `set`, a file with the features of the plan, as measured. The row uses up the candidate that is
+    /// nearest to it.
     pub fn measured(&mut self, set: &TouchSet, row: &TouchRow) {
         let tips = &self.problem.set.tips;
         let name = &set.tips[row.tip].name;
@@ -283,7 +287,7 @@ impl<'a> Chooser<'a> {
         self.learn(seen);
     }
 
-    /// The free candidate of the same feature whose joints are nearest.
+    /// Returns the free candidate of the same feature whose joints and payload are nearest.
     fn nearest(&self, row: &TouchRow) -> Option<usize> {
         let candidates = self.problem.set.rows.iter().enumerate();
         let apart = |other: &TouchRow| -> f64 {
@@ -300,7 +304,7 @@ impl<'a> Chooser<'a> {
             .map(|(i, _)| i)
     }
 
-    /// Takes a candidate out that cannot be measured.
+    /// Removes a candidate that cannot be measured.
     pub fn skip(&mut self, row: usize) {
         self.taken[row] = true;
     }
@@ -314,7 +318,7 @@ impl<'a> Chooser<'a> {
         let wanted = self.without_gauge(wanted);
         let first = self.factor.len();
         for i in 0..seen.unknowns.nrows() {
-            // The equations of this row that come before it are measured, too.
+            // The earlier equations of this row count as measured, too.
             let mut row: Vec<f64> = Vec::with_capacity(first + i + 1);
             let covariance = |k: usize| match k < first {
                 true => before[(k, i)],
@@ -342,7 +346,7 @@ impl<'a> Chooser<'a> {
         self.measured.push(seen);
     }
 
-    /// Takes from the covariances what one equation explains.
+    /// Subtracts from the covariances what one equation explains.
     fn lower(&mut self, by_candidates: &[f64], by_wanted: &[f64]) {
         let height = by_wanted.len();
         let columns = self.shared.as_mut_slice().chunks_exact_mut(height);
@@ -363,7 +367,7 @@ impl<'a> Chooser<'a> {
         self.variance -= by_wanted.iter().map(|x| x * x).sum::<f64>();
     }
 
-    /// By how much each candidate lowers the sum of the variances of the wanted positions, m².
+    /// Returns by how much each candidate lowers the sum of the variances of the wanted positions, m².
     fn gains(&self) -> Vec<f64> {
         let mut first = 0;
         let mut out = Vec::with_capacity(self.own.len());
@@ -384,12 +388,13 @@ impl<'a> Chooser<'a> {
         out
     }
 
-    /// Root mean square error of the wanted positions as far as the plan foresees it, m.
+    /// Returns the root mean square error of the wanted positions as far as the plan foresees it, m.
     pub fn foreseen(&self) -> f64 {
         (self.variance.max(0.0) / self.wanted.len().max(1) as f64).sqrt()
     }
 
-    /// The best free candidate of the features for which `of` is true (`None`: of a tracker); `None` when all are used up.
+    /// Returns the best free candidate of the features for which `of` is true (`None` stands for a tracker); `None` if all
+    /// are used up.
     pub fn best(&self, of: impl Fn(Option<usize>) -> bool) -> Option<Next> {
         let gains = self.gains();
         let rows = &self.problem.set.rows;
@@ -402,7 +407,7 @@ impl<'a> Chooser<'a> {
         })
     }
 
-    /// Candidates that are neither measured nor taken out.
+    /// Returns the number of candidates that are neither measured nor removed.
     pub fn left(&self) -> usize {
         self.taken.iter().filter(|taken| !**taken).count()
     }

@@ -1,8 +1,8 @@
-//! What the rows that were measured so far are worth: the fit of touches, and the error that is to be expected over the work volume.
+//! What the rows measured so far are worth: the fit of touches, and the expected error over the work volume.
 //!
-//! The model is that of the fit: frames, tips, gravity terms, and for each kind of reading the noise τ that its rows show beyond
-//! what was stated. Of a tracker's rows the elastic method learns more than that, by its processes and gear lines: its error is
-//! usually smaller than what is expected here.
+//! The model is that of the fit: frames, tips, gravity terms, and for each kind of reading the noise τ that its rows show
+//! beyond the stated noise. The elastic method learns more than that from a tracker's rows, by its processes and gear lines,
+//! so its error is usually smaller than the one expected here.
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
@@ -13,30 +13,31 @@ use crate::identification::touch::volume::{Expected, Knowledge, WorkVolume};
 use crate::measurement::touch::{ClassPrior, FeatureKind, Reading, TouchSet};
 use crate::robot::Robot;
 
-/// Rows without which a feature says nothing about the arm: of a point, of what gives one equation, of the others.
+/// Fewest rows with which a feature says something about the arm: for a point, for a feature whose rows give one equation,
+/// and for the others.
 const LEAST: (usize, usize, usize) = (3, 4, 2);
-/// Equations without which there is nothing to fit.
+/// Fewest equations that can be fitted.
 const LEAST_EQUATIONS: usize = 12;
 
-/// What was found so far.
+/// What the rows measured so far are worth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Outlook {
-    /// Rows that were fitted.
+    /// Number of rows that were fitted.
     pub rows: usize,
-    /// Expected error with the arm as drawn, by what the rows say of it.
+    /// Expected error of the arm as drawn, from what the rows say of it.
     pub drawn: Expected,
-    /// Expected error if the calibration were made of these rows.
+    /// Expected error if the calibration were made from these rows.
     pub expected: Expected,
-    /// Noise beyond what was stated, mm; of levels mrad, of a board pixels.
+    /// Noise beyond the stated one for each kind of reading, mm; mrad for levels, pixels for a board.
     pub beyond: Vec<(&'static str, f64)>,
-    /// Rows that all others do not predict, by their index in the file, with how far they miss in mm where that is a length.
+    /// Rows that all others do not predict, by their index in the file, with their error in mm if it is a length.
     pub strange: Vec<(usize, Option<f64>)>,
 }
 
-/// A feature with fewer rows than it needs, and how many those are.
+/// The index of a feature that has too few rows, and how many rows it lacks.
 pub type Waiting = (usize, usize);
 
-/// The features that have too few rows to be fitted.
+/// Returns the features that have too few rows to be fitted.
 pub fn waiting(set: &TouchSet) -> Vec<Waiting> {
     let enough = |(feature, needed): (usize, usize)| {
         let rows = set.rows.iter();
@@ -56,7 +57,8 @@ pub fn waiting(set: &TouchSet) -> Vec<Waiting> {
         .collect()
 }
 
-/// Fits the rows of `set` and says what they are worth over the work volume of `plan`; `None` where they are too few.
+/// Fits the rows of `set` and computes what they are worth over the work volume of `plan`; returns `None` if they are too
+/// few.
 pub fn outlook(
     robot: &Robot,
     nominal: &Poe<f64>,
@@ -102,7 +104,7 @@ pub fn outlook(
     })
 }
 
-/// τ of every kind of reading that there is.
+/// Returns τ of every kind of reading that occurs.
 fn beyond(set: &TouchSet, fit: &TouchFit) -> Vec<(&'static str, f64)> {
     let mut out: Vec<(&'static str, f64)> = Vec::new();
     for row in &set.rows {

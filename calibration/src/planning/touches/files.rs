@@ -1,4 +1,4 @@
-//! A plan of touches as the files that its operator fills in.
+//! A plan of touches as the files that the operator fills in.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use crate::planning::candidates::{decimals, in_file_units};
 use crate::planning::touches::{Goal, TouchPlan};
 use crate::robot::Robot;
 
-/// The names of the features: socket/0, socket/1, plane/0 ….
+/// Returns the names of the features: socket/0, socket/1, plane/0 ….
 pub fn feature_names(goals: &[Goal]) -> Vec<String> {
     let number = |k: usize| {
         goals[..k]
@@ -21,7 +21,7 @@ pub fn feature_names(goals: &[Goal]) -> Vec<String> {
     (0..goals.len()).map(name).collect()
 }
 
-/// The plan as a touch file: its rows are where to touch. A wire's reading is for the operator to add.
+/// Formats the plan as a touch file, whose rows say where to touch. The operator adds the reading of a wire.
 pub fn to_csv(robot: &Robot, goals: &[Goal], plan: &TouchPlan) -> String {
     let names = feature_names(goals);
     let has_wire = goals.iter().any(|goal| matches!(goal, Goal::Wire(_)));
@@ -49,7 +49,7 @@ pub fn to_csv(robot: &Robot, goals: &[Goal], plan: &TouchPlan) -> String {
     out
 }
 
-/// The description of the features of a plan: what it does not know, the operator adds.
+/// Formats the description of a plan's features; the operator adds what the plan does not know.
 pub fn to_toml(goals: &[Goal], tip: &Vector3<f64>) -> String {
     let names = feature_names(goals);
     let mm =

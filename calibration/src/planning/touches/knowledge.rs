@@ -1,11 +1,11 @@
-//! What rows tell about unknowns, and what one more would.
+//! What rows show of the unknowns, and what one more row would add.
 
 use nalgebra::Matrix3;
 
 /// Up to three equations in the unknowns, all in units of their standard deviations.
 pub(super) type Row = [Vec<f64>; 3];
 
-/// What is known after some rows.
+/// The knowledge of the unknowns after some rows.
 pub(super) struct State {
     /// Covariance of the unknowns, in units of their standard deviations.
     pub covariance: Vec<Vec<f64>>,
@@ -19,7 +19,7 @@ impl State {
         }
     }
 
-    /// P Jᵀ, a column for each equation, and (1 + J P Jᵀ)⁻¹.
+    /// Returns P Jᵀ, a column for each equation, and (1 + J P Jᵀ)⁻¹.
     fn seen(&self, row: &Row) -> ([Vec<f64>; 3], Matrix3<f64>) {
         let columns: [Vec<f64>; 3] =
             std::array::from_fn(|k| self.covariance.iter().map(|p| inner(p, &row[k])).collect());
@@ -28,7 +28,7 @@ impl State {
         (columns, sum.try_inverse().unwrap_or_else(Matrix3::zeros))
     }
 
-    /// By how much a row lowers the mean square of what is wanted.
+    /// Returns by how much a row lowers the wanted mean square.
     pub(super) fn gain(&self, row: &Row, wanted: &[Vec<f64>]) -> f64 {
         let (columns, inverse) = self.seen(row);
         let weighted: [Vec<f64>; 3] =

@@ -1,9 +1,9 @@
-//! At which orientations to touch: `trainer plan --touch`.
+//! Plans the orientations at which to touch: `trainer plan --touch`.
 //!
-//! For a socket, a plate or a draw-wire that stands roughly at a known place, joints are found at which the tip is there
-//! ([`crate::robot::settle`]) and that the cell allows. Of these are chosen, one after the other and then each once more
-//! against all others, the rows after which the arm's positions all over its ranges are known best: the mean variance of the
-//! tip, with the arm's geometry, the tip and the features as unknowns (V-optimal).
+//! For a socket, a plate or a draw-wire at a roughly known position, the planner finds joints at which the tip touches it
+//! ([`crate::robot::settle`]) and that the robot cell allows. From these it chooses, one after the other and then each once
+//! more against all others, the rows after which the arm's positions all over its ranges are known best. The criterion is
+//! the mean variance of the tip, with the arm's geometry, the tip and the features as unknowns (V-optimal).
 
 mod files;
 mod knowledge;
@@ -28,18 +28,18 @@ use crate::planning::touches::knowledge::{Row, State, inner};
 use crate::robot::Robot;
 use crate::robot::settle::{Settler, Surface};
 
-/// Joints to choose from, for each feature, and how many starts are tried for them.
+/// Number of joint vectors to choose from for each goal ([`POOL`]), and most starts that are tried to find them.
 const POOL: usize = 160;
 const MOST_STARTS: usize = 8_000;
-/// Poses over the ranges whose positions are to be known.
+/// Number of poses over the ranges whose positions are to be known.
 const TEST_POSES: usize = 60;
-/// Random choices that the plan is compared with.
+/// Number of random choices that the plan is compared with.
 const RANDOM_CHOICES: usize = 5;
-/// From the given point of a plate, touches go so far, m.
+/// Largest distance of a touch from the stated point of a plate, m.
 const PLATE: f64 = 0.25;
-/// What a row misses by, m: the noise of a touch, and gears that no parameter describes.
+/// Standard deviation of a row, m: the noise of a touch, and gear errors that no parameter describes.
 const ROW_SIGMA: f64 = 0.1e-3;
-/// Standard deviations of the tip about its drawing, m, and of a feature about where it is said to be, m and rad.
+/// Standard deviations of the tip about its drawing, m, and of a feature about its stated position, m and rad.
 const TIP_SIGMA: f64 = 5e-3;
 const FEATURE_SIGMA: f64 = 20e-3;
 const PLATE_TILT: f64 = 0.05;
@@ -47,14 +47,14 @@ const PLATE_TILT: f64 = 0.05;
 const ZERO_SIGMA: f64 = 1e-3;
 /// Largest number of unknowns of a feature.
 const FEATURE_UNKNOWNS: usize = 4;
-/// How far an arm is from its drawing where nobody says it.
+/// How far an arm may be from its drawing if nobody states it.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {
     length: 0.3e-3,
     tilt: 0.5e-3,
     joint_zero: 1e-3,
 };
 
-/// Something to touch, roughly where it stands.
+/// Something to touch, with its approximate position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal {
     /// A socket, m in the base frame.
@@ -66,7 +66,7 @@ pub enum Goal {
 }
 
 impl Goal {
-    /// The word of a command, and the name of its features.
+    /// Returns the keyword of the goal in a command, which is also the name of its features.
     pub fn word(&self) -> &'static str {
         match self {
             Self::Socket(_) => "socket",
@@ -75,7 +75,7 @@ impl Goal {
         }
     }
 
-    /// The kind of its feature.
+    /// Returns the kind of the goal's feature.
     fn kind(&self) -> &'static str {
         match self {
             Self::Socket(_) => "point",
@@ -84,7 +84,7 @@ impl Goal {
         }
     }
 
-    /// Fewest rows that say anything about the arm.
+    /// Returns the fewest rows that say anything about the arm.
     pub fn least_rows(&self) -> usize {
         match self {
             Self::Socket(_) => 3,
@@ -94,22 +94,22 @@ impl Goal {
     }
 }
 
-/// What to plan.
+/// The input of a plan of touches.
 #[derive(Clone, Copy, Debug)]
 pub struct TouchTask<'a> {
-    /// The arm.
+    /// The nominal robot.
     pub robot: &'a Robot,
-    /// Its nominal chain, base to flange.
+    /// Nominal chain from base to flange.
     pub nominal: &'a Poe<f64>,
-    /// What its cell demands; the tip is where its target is.
+    /// Constraints of the robot cell; the tip is at their target.
     pub constraints: &'a Constraints,
     /// How far the arm may be from its drawing.
     pub class: ClassPrior,
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
-/// One touch.
+/// One planned touch.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedTouch {
     /// Index of the goal.
@@ -123,47 +123,47 @@ pub struct PlannedTouch {
 pub struct TouchPlan {
     /// The touches, goal by goal.
     pub touches: Vec<PlannedTouch>,
-    /// Root mean square error of the tip's position over the joint ranges as drawn, m, after the best registration of base
-    /// and tip, if the arm is of its class.
+    /// Root mean square error of the tip's position over the joint ranges for the arm as drawn, m, after the best
+    /// registration of base and tip, if the arm is of its class.
     pub before: f64,
-    /// After these touches.
+    /// The same error after these touches, m.
     pub expected: f64,
-    /// After as many random ones of the same goals.
+    /// The same error after as many random touches of the same goals, m.
     pub random: f64,
 }
 
-/// A goal that the arm cannot touch as often as wanted.
+/// Error: the arm cannot touch a goal as often as wanted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{allowed} allowed ways to touch it from {starts} random starts")]
 pub struct HardlyReached {
     /// Index of the goal.
     pub goal: usize,
-    /// Joints that reach it and that the cell allows.
+    /// Number of joint vectors that reach the goal and that the robot cell allows.
     pub allowed: usize,
-    /// Starts that were tried.
+    /// Number of starts that were tried.
     pub starts: usize,
-    /// How many are needed.
+    /// Number of touches that are needed.
     pub needed: usize,
 }
 
-/// Joints at which a goal is touched, with what the row says of the unknowns.
+/// Joints at which a goal is touched, with the equations of the row.
 struct Candidate {
     goal: usize,
     joints: Vec<f64>,
     row: Row,
 }
 
-/// The candidates of a task, to make plans of.
+/// The candidates of a task, from which plans are made.
 pub struct TouchPlanner<'a> {
     task: TouchTask<'a>,
     goals: &'a [Goal],
     candidates: Vec<Candidate>,
-    /// Mean of JᵀJ over the poses whose positions are to be known.
+    /// Mean of JᵀJ over the poses whose positions are to be known, after registration.
     wanted: Vec<Vec<f64>>,
 }
 
 impl<'a> TouchPlanner<'a> {
-    /// Finds joints for `count` rows of all goals together.
+    /// Finds candidates for `count` rows of all goals together.
     ///
     /// # Errors
     /// [`HardlyReached`].
@@ -254,7 +254,7 @@ impl<'a> TouchPlanner<'a> {
         }
     }
 
-    /// Unknowns of the arm and its tip; those of the features come behind.
+    /// Returns the number of unknowns of the arm and its tip; those of the features follow them.
     fn own_unknowns(&self) -> usize {
         6 * self.task.robot.joints.len() + 3
     }
@@ -263,10 +263,10 @@ impl<'a> TouchPlanner<'a> {
         self.own_unknowns() + FEATURE_UNKNOWNS * self.goals.len()
     }
 
-    /// How the tip moves with every unknown, each in units of its standard deviation: three rows, m.
+    /// Returns how the tip moves with every unknown, each in units of its standard deviation: three rows, m.
     ///
-    /// δ_i stands behind joint i, in axes of which z is the joint's: its last angle is the joint's zero. That of the first
-    /// joint is where the base is turned, which nobody can see and nobody asks for; behind the last joint there is the tip.
+    /// δ_i stands behind joint i, in axes whose z is the joint's axis, so its last angle is the joint's zero. That of the
+    /// first joint is the rotation of the base, which nobody can see and nobody asks for. Behind the last joint is the tip.
     fn positions(&self, joints: &[f64]) -> Row {
         let count = self.task.robot.joints.len();
         let class = self.task.class;
@@ -303,8 +303,8 @@ impl<'a> TouchPlanner<'a> {
         out
     }
 
-    /// Mean of JᵀJ over the poses, of what is left of J after the best registration of base (6) and tip (3): no touch sees
-    /// where the base is, and the tip is measured wherever it is used.
+    /// Returns the mean of JᵀJ over the poses, with what is left of J after the best registration of base (6) and tip (3):
+    /// no touch sees the position of the base, and the tip is measured wherever it is used.
     fn wanted_at(&self, tests: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let unknowns = self.unknowns();
         let mut rows: Vec<Vec<f64>> = Vec::with_capacity(3 * tests.len());
@@ -346,7 +346,7 @@ impl<'a> TouchPlanner<'a> {
         wanted
     }
 
-    /// What a touch says, divided by what it misses by.
+    /// Returns the equations of a touch, divided by its standard deviation.
     fn row(&self, goal: usize, joints: &[f64]) -> Row {
         let moved = self.positions(joints);
         let serial = self.task.robot.serial_joints(joints);
@@ -393,7 +393,7 @@ impl<'a> TouchPlanner<'a> {
         }
     }
 
-    /// A plan of `count` rows.
+    /// Makes a plan of `count` rows.
     pub fn plan(&self, count: usize) -> TouchPlan {
         let quotas = quotas(count, self.goals.len());
         let mut left = quotas.clone();
@@ -407,7 +407,7 @@ impl<'a> TouchPlanner<'a> {
             state.add(&self.candidates[best].row);
             chosen.push(best);
         }
-        // What was chosen first knew nothing of the others.
+        // The rows that were chosen first did not take the later ones into account, so each is chosen once more.
         for k in 0..chosen.len() {
             let rest: Vec<usize> = (0..chosen.len())
                 .filter(|i| *i != k)
@@ -431,7 +431,7 @@ impl<'a> TouchPlanner<'a> {
         }
     }
 
-    /// Random candidates of every goal.
+    /// Returns random candidates of every goal.
     fn random(&self, quotas: &[usize], random: &mut ChaCha8Rng) -> Vec<usize> {
         let mut out = Vec::new();
         for (goal, quota) in quotas.iter().enumerate() {
@@ -460,7 +460,7 @@ impl<'a> TouchPlanner<'a> {
         state
     }
 
-    /// Root mean square error of the tip's position over the ranges after these rows, m.
+    /// Returns the root mean square error of the tip's position over the ranges after these rows, m.
     fn expected(&self, chosen: &[usize]) -> f64 {
         let state = self.state_of(chosen);
         let trace: f64 = state
@@ -472,7 +472,7 @@ impl<'a> TouchPlanner<'a> {
         trace.max(0.0).sqrt()
     }
 
-    /// Goal by goal, each on a short way.
+    /// Orders the touches goal by goal, each on a short path.
     fn ordered(&self, chosen: &[usize]) -> Vec<PlannedTouch> {
         let mut out: Vec<PlannedTouch> = Vec::with_capacity(chosen.len());
         for goal in 0..self.goals.len() {

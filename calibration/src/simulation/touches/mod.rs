@@ -1,7 +1,7 @@
 //! Touches of a simulated arm: sockets, planes, balls, ballbars, draw-wires, levels and boards, with their description.
 //!
-//! The operator leads the arm until its true tip is at the feature, but for the noise of a touch, and writes down the joints
-//! that the controller shows. What the description states of tip, anchors and camera is off by its stated σ.
+//! The operator moves the arm until its true tip is at the feature, up to the noise of a touch, and records the joints that
+//! the controller shows. What the description states about tip, anchors and camera has errors of its stated σ.
 
 mod sensors;
 mod table;
@@ -22,30 +22,30 @@ use crate::simulation::Simulator;
 use crate::simulation::touches::table::Row;
 use crate::simulation::true_arm::normal_vector;
 
-/// Noise of one component of a touch, m.
+/// Noise of one component of a touch, in m.
 const TOUCH_NOISE: f64 = 0.05e-3;
-/// The tip as drawn, m in the flange frame, and how far it is off.
+/// The tip as drawn, in m in the flange frame, and the standard deviation of its error.
 const TIP: [f64; 3] = [0.02, 0.01, 0.15];
 const TIP_ERROR: f64 = 1e-3;
-/// How well a known distance or radius is known, m.
+/// Standard deviation of a known distance or radius, in m.
 const LENGTH_NOISE: f64 = 0.015e-3;
-/// From the centre of a ball to that of the tip, m.
+/// Distance from the centre of a ball to the centre of the tip, in m.
 const BALL: f64 = 50e-3;
-/// Starts of one touch before there is no hope.
+/// Number of starts of one touch before it is given up.
 const STARTS: usize = 500;
 
-/// What is touched.
+/// Kind of feature that is touched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TouchKind {
-    /// A ball in sockets; where there are several, the distances from the first are known.
+    /// A ball in sockets; if there are several, the distances from the first are known.
     Socket,
-    /// Planes that are square to each other.
+    /// Planes that are perpendicular to each other.
     Plane,
-    /// Balls of 50 mm.
+    /// Balls whose centres are 50 mm from the centre of the tip.
     Sphere,
-    /// A bar of fixed length, about several centres.
+    /// A bar of fixed length about several centres.
     Ballbar,
-    /// Draw-wires, read at once.
+    /// Draw-wires that are read at the same time.
     Wire,
     /// An inclinometer at the flange.
     Level,
@@ -53,7 +53,7 @@ pub enum TouchKind {
     Camera,
 }
 
-/// The kinds with the names that they have in a command and as features.
+/// The kinds, with their names in a command and in features.
 pub const TOUCH_KINDS: [(&str, TouchKind); 7] = [
     ("socket", TouchKind::Socket),
     ("plane", TouchKind::Plane),
@@ -64,27 +64,27 @@ pub const TOUCH_KINDS: [(&str, TouchKind); 7] = [
     ("camera", TouchKind::Camera),
 ];
 
-/// What to touch: a kind and the number of such features.
+/// A touch task: a kind of feature and the number of such features.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TouchTask {
-    /// What.
+    /// Kind of the features.
     pub kind: TouchKind,
-    /// How many of them, 1 to 9.
+    /// Number of features, 1 to 9.
     pub features: usize,
 }
 
-/// Touches and their description.
+/// Simulated touches and their description.
 #[derive(Clone, Debug)]
 pub struct SimulatedTouches {
-    /// The touch file.
+    /// Content of the touch file.
     pub csv: String,
-    /// The file of features.
+    /// Content of the feature file.
     pub toml: String,
-    /// Its rows.
+    /// Number of rows in the touch file.
     pub rows: usize,
 }
 
-/// A joint in the unit of files: degrees or millimetres.
+/// Converts a joint value to the unit of files: degrees or millimetres.
 fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     match kind {
         JointKind::Revolute => joint.to_degrees(),
@@ -92,34 +92,34 @@ fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     }
 }
 
-/// In thousandths of its unit, without the digits that the multiplication leaves behind.
+/// Converts to thousandths of the unit, without the digits that the multiplication leaves behind.
 fn milli(x: f64) -> f64 {
     (1e9 * x).round() / 1e6
 }
 
-/// An arm that finds no way to a feature.
+/// The error that the arm cannot reach a feature.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("no way to \"{0}\" within the joint ranges")]
 pub struct OutOfReach(pub String);
 
-/// The arm with its tip, and what was touched so far.
+/// The arm with its tip, and what has been touched so far.
 struct Touching<'a> {
     robot: &'a Robot,
     simulator: &'a mut Simulator,
     payload_kg: f64,
     ranges: Vec<(f64, f64)>,
-    /// m, true.
+    /// The true tip in the flange frame, in m.
     tip: Vector3<f64>,
     rows: Vec<Row>,
     toml: String,
 }
 
 impl Simulator {
-    /// Touches features, `count` times for each task; where the tip truly is at `truth` random poses comes second, as a
-    /// measurement file in the base frame, without noise.
+    /// Touches features, `count` times for each task. The second result is a measurement file of the true tip at `truth`
+    /// random poses, in the base frame and without noise.
     ///
     /// # Errors
-    /// [`OutOfReach`] where the arm cannot get to a feature from five hundred starts.
+    /// Returns [`OutOfReach`] if the arm cannot reach a feature from five hundred starts.
     pub fn touch(
         &mut self,
         robot: &Robot,
@@ -146,12 +146,12 @@ impl Simulator {
 }
 
 impl Simulator {
-    /// Touches the sockets of a plan, as an operator does who leads the tip there: from the joints of each row to the nearest
-    /// at which the true tip is seated. A socket stands where its first row leads. The distances from the first socket are
-    /// measured. `truth` is as in [`Simulator::touch`].
+    /// Touches the sockets of a plan, like an operator who moves the tip there: from the joints of each row to the nearest
+    /// joints at which the true tip is seated. The first row of a socket determines its position. The distances from the
+    /// first socket are measured. `truth` is as in [`Simulator::touch`].
     ///
     /// # Errors
-    /// [`OutOfReach`] where a row has no way to its socket, or its feature is none.
+    /// Returns [`OutOfReach`] if the socket of a row cannot be reached, or if its feature is not a socket.
     pub fn touch_planned(
         &mut self,
         robot: &Robot,
@@ -200,7 +200,7 @@ impl Simulator {
     }
 }
 
-/// All that the joints can do.
+/// Returns the full range of each joint, in rad or m.
 fn whole_ranges(robot: &Robot) -> Vec<(f64, f64)> {
     let whole = (-std::f64::consts::TAU, std::f64::consts::TAU);
     let limits = robot.joints.iter().map(|joint| joint.limits);
@@ -218,7 +218,7 @@ fn description_of_tip(comment: &str, tip: Vector3<f64>) -> String {
 }
 
 impl Touching<'_> {
-    /// Both files, and the truth.
+    /// Returns both files and the file of the truth.
     fn finished(mut self, truth: usize, comment: &str) -> (SimulatedTouches, String) {
         let names = self.joint_names();
         let csv = table::csv(comment, &names, &self.rows);
@@ -231,7 +231,7 @@ impl Touching<'_> {
         (touches, truth)
     }
 
-    /// Joints near `start` at which a point of the flange is truly on a surface.
+    /// Returns joints near `start` at which a point of the flange is truly on a surface.
     fn seated(&self, start: &[f64], point: Vector3<f64>, surface: Surface) -> Option<Vec<f64>> {
         let nominal = self.robot.chain().ok()?;
         let settler = Settler::new(self.robot, &nominal, point, &self.ranges);
@@ -247,7 +247,7 @@ impl Touching<'_> {
         StandardNormal.sample(self.random())
     }
 
-    /// Random joints within a share of each range, about its middle.
+    /// Draws joints within a share of each range, about its middle.
     fn joints(&mut self, share: f64) -> Vec<f64> {
         let ranges = self.ranges.clone();
         let random = self.random();
@@ -258,7 +258,7 @@ impl Touching<'_> {
         ranges.into_iter().map(joint).collect()
     }
 
-    /// The true flange at these joints, at this moment.
+    /// Returns the true flange at these joints, for the current state of the random numbers.
     fn flange(&self, joints: &[f64]) -> Pose<f64> {
         let mut moment = self.simulator.random.clone();
         self.simulator
@@ -270,8 +270,8 @@ impl Touching<'_> {
         self.flange(joints).transform_point(&self.tip)
     }
 
-    /// Joints at which a point of the flange is truly on a surface, from starts within a share of the ranges, such that
-    /// `accept` says yes.
+    /// Finds joints at which a point of the flange is truly on a surface and which `accept` accepts, from starts within a
+    /// share of the ranges.
     fn reach(
         &mut self,
         name: &str,
@@ -290,13 +290,13 @@ impl Touching<'_> {
         Err(OutOfReach(name.to_owned()))
     }
 
-    /// A row, and another moment for the arm.
+    /// Adds a row and advances the random state of the arm.
     fn row(&mut self, feature: &str, reading: &str, joints: &[f64]) {
         let _: f64 = self.random().random();
         self.row_at_once(feature, reading, joints);
     }
 
-    /// A row of the same moment as the one before.
+    /// Adds a row without advancing the random state, so that it belongs to the same moment as the row before it.
     fn row_at_once(&mut self, feature: &str, reading: &str, joints: &[f64]) {
         let mut state = format!(",{}", self.payload_kg);
         for (joint, q) in self.robot.joints.iter().zip(joints) {
@@ -337,7 +337,7 @@ impl Touching<'_> {
         }
     }
 
-    /// A point that the tip reaches in the middle of the ranges.
+    /// Returns a point that the tip reaches in the middle of the ranges.
     fn somewhere(&mut self) -> Vector3<f64> {
         let joints = self.joints(0.5);
         self.tip_at(&joints)
@@ -369,7 +369,7 @@ impl Touching<'_> {
         Ok(())
     }
 
-    /// Sockets and their distances from the first.
+    /// Describes sockets and their distances from the first.
     fn describe_sockets(&mut self, placed: &[(String, Vector3<f64>)]) {
         for (name, _) in placed {
             let _ = write!(
@@ -423,7 +423,7 @@ impl Touching<'_> {
             let true_radius = radius + LENGTH_NOISE * self.normal();
             let centre = self.somewhere() - Vector3::z() * radius;
             let joints_to_centre = |me: &Self, q: &[f64]| {
-                // A ball stands on something: nobody touches it from below.
+                // A ball rests on something, so it cannot be touched from below.
                 me.tip_at(q).z > centre.z
             };
             for _ in 0..count / names.len() {

@@ -1,4 +1,4 @@
-//! What is read without a touch: draw-wires, levels and cameras.
+//! Simulates readings without a touch: draw-wires, levels and cameras.
 
 use std::fmt::Write as _;
 
@@ -10,19 +10,19 @@ use super::{OutOfReach, TIP_ERROR, TOUCH_NOISE, Touching, milli};
 use crate::robot::settle::Surface;
 use crate::simulation::true_arm::normal_vector;
 
-/// How well an anchor is known by a tape, and the zero of its wire, m.
+/// Standard deviation of an anchor measured with a tape, and of the zero of its wire, in m.
 const TAPE_ERROR: f64 = 20e-3;
 const ZERO_ERROR: f64 = 1e-3;
-/// Rotation of a sensor at the flange, rad, and noise of a level.
+/// Standard deviation of the rotation of a sensor at the flange, and noise of a level, in rad.
 const MOUNTING_ERROR: f64 = 20e-3;
 const LEVEL_NOISE: f64 = 0.05e-3;
-/// Focal length, half the image and noise, pixels.
+/// Focal length, half the image size, and noise, in pixels.
 const FOCAL: f64 = 1500.0;
 const HALF_IMAGE: [f64; 2] = [960.0, 600.0];
 const PIXEL_NOISE: f64 = 0.1;
-/// From the camera to the board, m.
+/// Distance from the camera to the board, in m.
 const VIEW: f64 = 0.45;
-/// Distance between two corners of a board, m, and their numbers along x and y.
+/// Distance between adjacent corners of a board, in m, and the number of corners along x and y.
 const CORNER_STEP: f64 = 0.05;
 const CORNERS: [usize; 2] = [5, 4];
 
@@ -31,7 +31,7 @@ impl Touching<'_> {
         let distance = 1.2 * self.robot.reach();
         let mut anchors = Vec::new();
         for (k, name) in names.iter().enumerate() {
-            // The first in front and to the right, each further one a third of a turn on.
+            // The first anchor is in front and to the right, each further one a third of a turn on.
             let turn = -0.6 + std::f64::consts::TAU / 3.0 * k as f64;
             let at = Vector3::new(distance * libm::cos(turn), distance * libm::sin(turn), 0.03);
             let zero = ZERO_ERROR * self.normal();
@@ -58,7 +58,7 @@ impl Touching<'_> {
         }
     }
 
-    /// A small rotation that nobody knows.
+    /// Draws a small unknown rotation.
     fn turn(&mut self) -> Pose<f64> {
         Pose::exp(&Twist {
             linear: Vector3::zeros(),
@@ -85,7 +85,7 @@ impl Touching<'_> {
     }
 
     pub(super) fn camera(&mut self, name: &str, images: usize) -> Result<(), OutOfReach> {
-        // The camera looks as the flange does, beside it.
+        // The camera is beside the flange and looks in its direction.
         let drawn = Vector3::new(0.03, -0.05, -0.03);
         let camera_from_flange = Pose {
             translation: drawn + normal_vector(0.5 * TIP_ERROR, self.random()),
@@ -138,7 +138,7 @@ impl Touching<'_> {
                 (at.z > 0.1 && inside)
                     .then_some([pixel[0] + HALF_IMAGE[0], pixel[1] + HALF_IMAGE[1]])
             };
-            // Flat on, the corners tell least: at most 60 degrees.
+            // Corners seen at a grazing angle give the least information: at most 60 degrees from the board's normal.
             let towards = camera_from_board.rotation * Vector3::z();
             corners
                 .iter()

@@ -1,18 +1,18 @@
-//! The touch file of a simulation: columns that no row has a reading for are left out.
+//! The touch file of a simulation; columns in which no row has a reading are omitted.
 
-/// The columns of readings.
+/// Columns of the readings.
 const READINGS: [&str; 7] = ["corner", "value_mm", "gx", "gy", "gz", "u_px", "v_px"];
 
 /// A row of the touch file.
 pub(super) struct Row {
     pub feature: String,
-    /// The fields of [`READINGS`], between commas.
+    /// Fields of [`READINGS`], separated by commas.
     pub reading: String,
-    /// Payload and joints, each behind a comma.
+    /// Payload and joints, each after a comma.
     pub state: String,
 }
 
-/// The file with the columns `joints` last.
+/// Writes the file; the joint columns `joints` come last.
 pub(super) fn csv(comment: &str, joints: &str, rows: &[Row]) -> String {
     let is_used = |k: &usize| {
         let mut fields = rows.iter().map(|row| row.reading.split(',').nth(*k));

@@ -1,40 +1,41 @@
-//! The sources of uncertainty of the error of an arm, as the GUM asks for: kind of evaluation, distribution, standard
-//! uncertainty and share of each. A source that was not measured is named without a number.
+//! The uncertainty budget of an arm's error, as the GUM asks for: for each source its type of evaluation, distribution,
+//! standard uncertainty and share. A source that was not measured is listed without a number.
 
 use serde::Serialize;
 
 use crate::measurement::instrument_drift::DriftReport;
 use crate::validation::conformity::error_quantile::{Noise, Quantile};
 
-/// What is known of the held-out poses beside their errors.
+/// What is known of the held-out poses besides their errors.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Knowledge<'a> {
-    /// For each held-out pose the number of the distinct pose that it repeats.
+    /// For each held-out pose, the number of the distinct pose that it repeats.
     pub repeats: &'a [usize],
-    /// The instrument's drift, where reference points were measured, and whether it was removed from the poses.
+    /// Drift of the instrument, if reference points were measured, and whether it was removed from the poses.
     pub drift: Option<(&'a DriftReport, bool)>,
-    /// Standard uncertainty of the instrument by its certificate, common to all poses: mm and mrad.
+    /// Standard uncertainty of the instrument by its certificate, common to all poses: in mm for position and in mrad for
+    /// rotation.
     pub instrument: [Option<f64>; 2],
 }
 
-/// What an uncertainty comes from.
+/// A source of uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Source {
-    /// What the instrument reads wrongly at all poses alike, and its noise where the file declares it.
+    /// Systematic error of the instrument, the same at all poses, and its noise if the file declares it.
     Instrument,
-    /// The scatter of the arm and the instrument at the same pose.
+    /// Scatter of the arm and the instrument at the same pose.
     Repeatability,
-    /// The model's error, known at the held-out poses only.
+    /// Error of the model, which is known only at the held-out poses.
     Model,
-    /// The motion of the instrument while it measured.
+    /// Motion of the instrument during the measurement.
     Drift,
-    /// Where base and tool are.
+    /// Position and orientation of base and tool.
     BaseAndTool,
 }
 
 impl Source {
-    /// In a table.
+    /// Returns the name of the source in a table.
     pub fn name(self) -> &'static str {
         match self {
             Self::Instrument => "instrument",
@@ -46,33 +47,33 @@ impl Source {
     }
 }
 
-/// How an uncertainty was evaluated (GUM 2.3.2, 2.3.3).
+/// Type of evaluation of an uncertainty (GUM 2.3.2, 2.3.3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum Evaluation {
-    /// From the scatter of observations.
+    /// Type A: from the scatter of observations.
     A,
-    /// By other means.
+    /// Type B: by other means.
     B,
 }
 
-/// One source.
+/// Contribution of one source to the uncertainty.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Contribution {
-    /// What it comes from.
+    /// Source of the contribution.
     pub source: Source,
-    /// How it was evaluated.
+    /// Type of evaluation.
     pub evaluation: Evaluation,
-    /// `normal` or `rectangular`.
+    /// Distribution: `normal` or `rectangular`.
     pub distribution: &'static str,
-    /// u_i of the error, mm or mrad; absent where it was not measured.
+    /// u_i: standard uncertainty of the error due to this source, in mm or mrad; absent if it was not measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub standard_uncertainty: Option<f64>,
-    /// ν_i; absent where they are infinite.
+    /// ν_i: degrees of freedom of u_i; absent if infinite.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub degrees_of_freedom: Option<f64>,
-    /// u_i²/u_c².
+    /// Share of the combined variance, u_i²/u_c².
     pub share: f64,
-    /// Where the number comes from, or what would give it.
+    /// Where the number comes from, or which measurement would give it.
     pub basis: &'static str,
 }
 
@@ -97,7 +98,7 @@ impl Contribution {
     }
 }
 
-/// All sources of the uncertainty of the estimate `found`; `component` is 0 of position and 1 of rotation.
+/// Returns all sources of the uncertainty of the estimate `found`; `component` is 0 for position and 1 for rotation.
 pub fn sources(
     found: &Quantile,
     noise: &Noise,
@@ -110,7 +111,7 @@ pub fn sources(
         Evaluation::A,
         "how far the errors of the held-out poses differ",
     );
-    // The errors are those of poses in the instrument's frame: nothing is added for the frames between.
+    // The errors are those of poses in the instrument's frame, so nothing is added for the frames of base and tool.
     let base_and_tool = Contribution::normal(
         Source::BaseAndTool,
         Evaluation::A,
@@ -130,7 +131,7 @@ pub fn sources(
     out
 }
 
-/// The sources of the uncertainty of an error that touches state: mm.
+/// Returns the sources of uncertainty of an error that is estimated from touches; the standard uncertainty is in mm.
 pub fn of_touches(standard_uncertainty: f64) -> Vec<Contribution> {
     let row = |source, evaluation, basis| Contribution::normal(source, evaluation, basis);
     let mut out = vec![
@@ -161,7 +162,7 @@ pub fn of_touches(standard_uncertainty: f64) -> Vec<Contribution> {
     out
 }
 
-/// Shares of the sum of squares.
+/// Sets the share that each contribution has in the sum of squares.
 fn share(out: &mut [Contribution]) {
     let square = |c: &Contribution| c.standard_uncertainty.map_or(0.0, |u| u * u);
     let all: f64 = out.iter().map(square).sum();
@@ -238,7 +239,7 @@ fn drift(known: Option<(&DriftReport, bool)>, component: usize) -> Contribution 
         ),
         Some((drift, true)) => (
             "what the reference points leave after the motion was removed",
-            // For rotation, nothing is known beyond that.
+            // Beyond that, nothing is known for rotation.
             Some([1e-3 * drift.left_out_um[1] * 3.0_f64.sqrt(), 0.0][component]),
         ),
     };

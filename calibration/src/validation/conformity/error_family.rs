@@ -1,48 +1,51 @@
-//! A family of distributions of errors: how far the model is off differs from pose to pose.
+//! A family of distributions of errors, in which the size of the model's error differs from pose to pose.
 //!
-//! The residual of pose i, of position or of rotation, is taken as
+//! The residual of pose i, in position or in rotation, is modelled as
 //!
 //! ```text
 //! r_i ~ N(0, (s_i² + v_i) I₃)        ln s_i ~ N(μ, τ²)
 //! ```
 //!
-//! with the known variance v_i of its noise. A grid over (μ, τ) carries the posterior distribution. The prior is uniform in exp μ
-//! and τ (Gelman, Bayesian Analysis 2006, on the standard deviation of groups). Were it uniform in μ, an arm that is better than
-//! its noise would be taken for one that has hardly any error.
+//! where v_i is the known variance of its noise. The posterior distribution is computed on a grid over (μ, τ). The prior is
+//! uniform in exp μ and in τ (Gelman, Bayesian Analysis 2006, on the standard deviation of groups). With a prior uniform in
+//! μ, an arm that is better than its noise would be taken for one that has hardly any error.
 
 use std::f64::consts::{PI, SQRT_2};
 
 /// Share of the poses whose error does not exceed the quantile.
 pub(super) const SHARE: f64 = 0.95;
-/// Values of μ, at first from [`BELOW`] under to [`ABOVE`] over what all poses have in the mean.
+/// Number of values of μ. The first grid reaches from [`BELOW`] under to [`ABOVE`] over the ln s that
+/// all poses have in the mean.
 const LOCATIONS: usize = 25;
 const BELOW: f64 = 2.2;
 const ABOVE: f64 = 1.0;
-/// Values of τ, at first up to the largest: with it, one pose of twenty is fourteen times as far off as the median.
+/// Number of values of τ. The first grid reaches up to [`MOST_SPREAD`], where one pose of twenty has fourteen times the
+/// error of the median.
 const SPREADS: usize = 13;
 const MOST_SPREAD: f64 = 1.6;
-/// The grid is laid again, so many standard deviations of the first about its mean.
+/// Half-width of the second grid about the mean of the first, in standard deviations of the first.
 const REACH: f64 = 4.5;
-/// Values of s for each pair, half a standard deviation of ln s apart (trapezoidal rule).
+/// Number of values of s for each pair of μ and τ, half a standard deviation of ln s apart (trapezoidal rule).
 const NODES: usize = 15;
 const NODE_STEP: f64 = 0.5;
-/// Values of s over all pairs.
+/// Number of values of s in the mixture over all pairs.
 const VALUES: usize = 150;
-/// Ratios of s to the noise in a table of quantiles, in equal steps of their logarithm: far below and far above it.
+/// Number of ratios of s to the noise in a table of quantiles, in equal logarithmic steps from far below the noise to far
+/// above it.
 const RATIOS: usize = 40;
 const LEAST_RATIO: f64 = -3.0;
 const LARGEST_RATIO: f64 = 6.0;
-/// Relative precision of a quantile, and how often its range is halved at most.
+/// Relative precision of a quantile, and the most halvings of its range.
 const PRECISION: f64 = 1e-9;
 const MOST_HALVINGS: usize = 60;
-/// Pairs below this share of the most probable one are left out.
+/// Pairs whose probability is below this share of the most probable one's are left out.
 const NEGLIGIBLE: f64 = 1e-6;
-/// The least share of the mean square of the residuals that noise is taken to leave, where the grid is centred.
+/// Least share of the residuals' mean square that is taken to remain without the noise, where the grid is centred.
 const LEAST_LEFT: f64 = 0.02;
 
-/// A distribution of s for μ = 0.
+/// The distribution of s for μ = 0.
 struct Shape {
-    /// Squares of the values, and their weights.
+    /// Squares of the values of s, with their weights.
     squares: [(f64, f64); NODES],
 }
 
@@ -57,7 +60,7 @@ impl Shape {
         Self { squares }
     }
 
-    /// Probability that the error is at most `x`, for s scaled by `scale` and this variance of the noise.
+    /// Returns the probability that the error is at most `x`, for s scaled by `scale` and the noise variance `noise`.
     fn below(&self, x: f64, scale: f64, noise: f64) -> f64 {
         let of = |(square, weight): &(f64, f64)| {
             weight * chi_3(x / (scale * scale * square + noise).sqrt())
@@ -65,9 +68,9 @@ impl Shape {
         self.squares.iter().map(of).sum()
     }
 
-    /// The quantile of the error, which is between these two.
+    /// Returns the quantile of the error, which lies between `lower` and `upper`.
     fn quantile(&self, scale: f64, noise: f64, (mut lower, mut upper): (f64, f64)) -> f64 {
-        // Bisection: the function rises from 0 to 1.
+        // Bisection works because the function rises from 0 to 1.
         for _ in 0..MOST_HALVINGS {
             if upper - lower <= PRECISION * upper {
                 break;
@@ -82,26 +85,26 @@ impl Shape {
     }
 }
 
-/// Probability that the length of three standard normal components is at most `x`.
+/// Returns the probability that the length of three standard normal components is at most `x`.
 fn chi_3(x: f64) -> f64 {
     libm::erf(x / SQRT_2) - (2.0 / PI).sqrt() * x * libm::exp(-0.5 * x * x)
 }
 
 /// The posterior distribution of the family.
 pub(super) struct ErrorFamily {
-    /// For each τ its distribution of s, and of each μ the factor of s and the probability of the pair.
+    /// For each τ, its distribution of s and, for each μ, the factor of s and the probability of the pair.
     spreads: Vec<(Shape, Vec<(f64, f64)>)>,
-    /// Squares of s over all pairs, and their probabilities.
+    /// Squares of s over all pairs, with their probabilities.
     mixture: Vec<(f64, f64)>,
-    /// Variance of the noise of one component, mean over the poses.
+    /// Noise variance of one component, as the mean over the poses.
     noise: f64,
-    /// Logarithm of the probability of the errors with this noise, but for a constant.
+    /// Logarithm of the probability of the errors with this noise, up to a constant.
     pub(super) evidence: f64,
 }
 
 impl ErrorFamily {
-    /// To the squares of errors and the measurements behind each, where one component of one measurement has noise of `sigma`;
-    /// `None` of errors that are all zero.
+    /// Fits the family to `squares`, each the square of an error and the number of measurements behind it; `sigma` is the
+    /// noise of one component of one measurement. Returns `None` if all errors are zero.
     pub(super) fn fitted(squares: &[(f64, f64)], sigma: f64) -> Option<Self> {
         let poses = squares.len() as f64;
         let variance = sigma * sigma;
@@ -126,7 +129,7 @@ impl ErrorFamily {
             ((mean - reach).max(least), (mean + reach).min(most))
         };
         let (location, spread) = (whole.moments(|p| p.location), whole.moments(|p| p.spread));
-        // No narrower than between two values of the first: it may have missed the top.
+        // At least one step of the first grid, which may have missed the maximum.
         let locations = location.1.max((BELOW + ABOVE) / (LOCATIONS - 1) as f64);
         let spreads = spread.1.max(MOST_SPREAD / (SPREADS - 1) as f64);
         let near = Grid::new(
@@ -145,13 +148,13 @@ impl ErrorFamily {
         })
     }
 
-    /// The probability that an error with its noise is at most `x`.
+    /// Returns the probability that an error, including its noise, is at most `x`.
     pub(super) fn below(&self, x: f64) -> f64 {
         let of = |(square, weight): &(f64, f64)| weight * chi_3(x / (square + self.noise).sqrt());
         self.mixture.iter().map(of).sum()
     }
 
-    /// For each τ how a quantile with noise becomes one without.
+    /// Returns, for each τ, the table that turns a quantile with noise into one without.
     pub(super) fn without_noise(&self) -> Vec<Denoised> {
         let of = |(shape, locations): &(Shape, Vec<(f64, f64)>)| {
             let sigma = self.noise.sqrt();
@@ -182,7 +185,8 @@ impl ErrorFamily {
     }
 }
 
-/// The values of s of all pairs, each shared by the two next of [`VALUES`] even steps of its logarithm.
+/// Collects the values of s of all pairs on [`VALUES`] logarithmically even steps; each value is shared by its two
+/// neighbouring steps.
 fn mixture(spreads: &[(Shape, Vec<(f64, f64)>)]) -> Vec<(f64, f64)> {
     let mut all: Vec<(f64, f64)> = Vec::new();
     for (shape, locations) in spreads {
@@ -209,16 +213,17 @@ fn mixture(spreads: &[(Shape, Vec<(f64, f64)>)]) -> Vec<(f64, f64)> {
     weights.into_iter().enumerate().map(value).collect()
 }
 
-/// Quantiles with noise and without, for one τ.
+/// Table of quantiles with noise and without, for one τ.
 pub(super) struct Denoised {
     /// Probability of τ.
     pub(super) probability: f64,
-    /// Both, rising; empty where there is no noise.
+    /// Pairs of a quantile with noise and the one without, rising; empty if there is no noise.
     quantiles: Vec<(f64, f64)>,
 }
 
 impl Denoised {
-    /// The quantile without noise of which noise makes `x`; 0 where the noise alone has a larger one.
+    /// Returns the quantile without noise that becomes `x` with noise; 0 if the quantile of the noise alone is larger than
+    /// `x`.
     pub(super) fn quantile(&self, x: f64) -> f64 {
         let table = &self.quantiles;
         let Some((last, of_last)) = table.last() else {
@@ -243,7 +248,7 @@ struct Pair {
     log: f64,
 }
 
-/// Evenly spaced pairs.
+/// Evenly spaced pairs of μ and τ.
 struct Grid(Vec<Pair>);
 
 impl Grid {
@@ -251,7 +256,7 @@ impl Grid {
         let at = |(from, to): (f64, f64), i: usize, count: usize| {
             from + (to - from) * i as f64 / (count - 1) as f64
         };
-        // Most poses are measured equally often: what depends on that is computed once for each pair.
+        // Most poses are measured equally often, so what depends on that number is computed once for each pair.
         let mut counts: Vec<f64> = squares.iter().map(|(_, count)| *count).collect();
         counts.sort_by(f64::total_cmp);
         counts.dedup();
@@ -274,7 +279,7 @@ impl Grid {
                 let densities: Vec<[(f64, f64); NODES]> = counts.iter().map(density).collect();
                 let likelihood = |(square, count): &(f64, usize)| {
                     let at_node = |(rate, weight): &(f64, f64)| weight * libm::exp(rate * square);
-                    // A pose beyond all reach of a pair rules it out.
+                    // A pose far beyond the reach of a pair rules the pair out.
                     libm::log(densities[*count].iter().map(at_node).sum::<f64>())
                 };
                 pairs.push(Pair {
@@ -292,7 +297,7 @@ impl Grid {
         logs.fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Logarithm of the probability of the errors: the integral over the grid.
+    /// Returns the logarithm of the probability of the errors, which is the integral over the grid.
     fn evidence(&self) -> f64 {
         let (Some(first), Some(last)) = (self.0.first(), self.0.last()) else {
             return f64::NEG_INFINITY;
@@ -304,7 +309,7 @@ impl Grid {
         most + libm::log(sum * area)
     }
 
-    /// Mean and standard deviation of a function of the pair.
+    /// Returns the mean and the standard deviation of a function of the pair.
     fn moments(&self, of: impl Fn(&Pair) -> f64) -> (f64, f64) {
         let most = self.most_probable();
         let expected = |of: &dyn Fn(&Pair) -> f64| -> f64 {
@@ -317,7 +322,7 @@ impl Grid {
         (mean, variance.sqrt())
     }
 
-    /// The distribution of s of each τ, with the factors and probabilities of its pairs.
+    /// Returns, for each τ, the distribution of s with the factors and probabilities of its pairs.
     fn by_spread(&self) -> Vec<(Shape, Vec<(f64, f64)>)> {
         let most = self.most_probable();
         let share = |p: &Pair| Some(libm::exp(p.log - most)).filter(|share| *share > NEGLIGIBLE);

@@ -1,18 +1,19 @@
-//! The error that 95 of 100 poses do not exceed, from few poses, without the noise of the instrument.
+//! The error that 95 of 100 poses do not exceed, estimated from few poses and without the noise of the instrument.
 //!
-//! The distribution F of the measured errors e_i = |r_i| has a Dirichlet process as its prior (Ferguson, Annals of Statistics
-//! 1973), whose guess F₀ is a fitted family (`error_family`) and counts as much as α poses. So the tail beyond the
-//! largest error is that of the family, and everything below is that of the poses, whatever their distribution:
+//! The distribution F of the measured errors e_i = |r_i| has a Dirichlet process as its prior (Ferguson, Annals of
+//! Statistics 1973). Its base distribution F₀ is a fitted family (`error_family`) and counts as much as α poses. So the
+//! family gives the tail beyond the largest error, and the poses themselves give everything below, whatever their
+//! distribution:
 //!
 //! ```text
 //! F(x) ~ Beta(α F₀(x) + N(x), α (1 − F₀(x)) + n − N(x))        N(x) = #{e_i ≤ x}
 //! P(Q ≤ x) = P(F(x) ≥ 0.95)
 //! ```
 //!
-//! Without noise the quantile Q of the measured errors is that of the arm; else the family says which quantile of the arm gives
-//! Q with the noise, for each of the values that the noise may have. The mean over x, τ and these values is the estimate E,
-//! and its standard deviation the standard uncertainty (JCGM 101:2008, 6.4). So few poses state a large uncertainty, and
-//! the noise is taken out of the distribution, not out of a number.
+//! Without noise, the quantile Q of the measured errors is that of the arm. With noise, the family says which quantile of
+//! the arm becomes Q, for each of the values that the noise may have. The mean over x, τ and these values is the estimate E,
+//! and the standard deviation is its standard uncertainty (JCGM 101:2008, 6.4). So few poses give a large uncertainty, and
+//! the noise is removed from the distribution rather than from a single number.
 
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -24,28 +25,32 @@ use crate::progress::threads;
 use crate::validation::conformity::error_family::{ErrorFamily, SHARE};
 use crate::validation::held_out::HeldOutPose;
 
-/// α: the poses that the guess counts as much as.
+/// α: number of poses that the base distribution F₀ counts as much as.
 const GUESS: f64 = 10.0;
-/// Values of x, from the median of the errors to [`REACH`] times the largest, in equal ratios.
+/// Number of values of x, in equal ratios from the median of the errors to [`REACH`] times the largest.
 const VALUES: usize = 400;
 const REACH: f64 = 4.0;
-/// Poses for each degree of freedom of the uncertainty: with n poses it is known to √(2/n) of itself (GUM G.3).
+/// Poses for each degree of freedom of the uncertainty: from n poses, the relative uncertainty of the uncertainty is √(2/n)
+/// (GUM G.3).
 const POSES_PER_FREEDOM: f64 = 4.0;
 
-/// The errors of the poses that differ: of each the mean of its measurements, which ISO 9283 calls its barycentre.
+/// The errors of the distinct poses: for each pose the mean of its measurements, which ISO 9283 calls its barycentre.
 #[derive(Clone, Debug)]
 pub struct Distinct {
-    /// Square of the distance of each mean from what was predicted, and its measurements; mm² or mrad².
+    /// For each distinct pose, the square of the mean's distance from the prediction, in mm² or mrad², and the number of its
+    /// measurements.
     squares: Vec<(f64, f64)>,
-    /// Pooled variance of one component of repeated measurements, mm² or mrad², and its degrees of freedom.
+    /// Pooled variance of one component of repeated measurements, mm² or mrad², and its degrees of freedom; `None` if no
+    /// pose repeats.
     pub repeated: Option<(f64, f64)>,
-    /// Standard deviation of one component that the rows declare (root mean square), mm or mrad.
+    /// Standard deviation of one component that the rows declare (root mean square), mm or mrad; `None` if a row declares
+    /// none.
     pub declared: Option<f64>,
 }
 
 impl Distinct {
-    /// Collects the errors of position or rotation. `repeats` holds, for each pose, the number of its distinct pose, or
-    /// is empty where none repeats. `None` where rotations are asked for and a pose has none.
+    /// Collects the errors of position or rotation. `repeats` holds, for each pose, the number of its distinct pose, or is
+    /// empty if none repeats. Returns `None` if rotations are asked for and a pose has none.
     pub fn of(poses: &[HeldOutPose], repeats: &[usize], rotation: bool) -> Option<Self> {
         let first = if rotation { 3 } else { 0 };
         let mut groups: BTreeMap<usize, Vec<[f64; 3]>> = BTreeMap::new();
@@ -84,7 +89,7 @@ impl Distinct {
         })
     }
 
-    /// Poses that differ.
+    /// Returns the number of distinct poses.
     pub fn poses(&self) -> usize {
         self.squares.len()
     }
@@ -93,31 +98,31 @@ impl Distinct {
 /// The noise of a measured error, as far as it is known.
 #[derive(Clone, Copy, Debug)]
 pub struct Noise {
-    /// Standard deviation of one component of one measurement, mm or mrad; zero where it is not known.
+    /// Standard deviation of one component of one measurement, mm or mrad; zero if it is not known.
     pub sigma: f64,
-    /// Its degrees of freedom where repeated measurements show it; `None` where the file declares it.
+    /// Degrees of freedom of `sigma` if repeated measurements give it; `None` if the file declares it.
     pub repeated: Option<f64>,
-    /// Whether the errors are certainly smaller than the noise that is said to be in them, which then stays in.
+    /// Whether the errors are certainly smaller than the stated noise, which then is not removed from them.
     pub is_contradicted: bool,
 }
 
-/// Degrees of freedom from which on repeated measurements are believed rather than the file.
+/// Degrees of freedom from which repeated measurements are believed rather than the noise that the file declares.
 const ENOUGH: f64 = 10.0;
 /// Relative standard uncertainty of a noise that a file declares.
 pub const DECLARED_NOISE_UNCERTAINTY: f64 = 0.2;
-/// The standard deviation of the noise is tried at so many values, evenly spaced, and up to so many standard uncertainties to both
-/// sides of the one that is known.
+/// Number of values of the noise's standard deviation that are tried. They are evenly spaced and reach [`REACH_OF_NOISES`]
+/// standard uncertainties to both sides of the known value.
 const NOISES: usize = 9;
 const REACH_OF_NOISES: f64 = 3.0;
-/// The largest relative standard uncertainty of it: the least value must stay above 0.
+/// Largest relative standard uncertainty of the noise's standard deviation; it keeps the least value that is tried above 0.
 const LARGEST_UNCERTAINTY: f64 = 0.3;
-/// Standard uncertainties by which the noise is credibly smaller than what is known of it.
+/// Number of standard uncertainties by which the noise may credibly be smaller than its known value.
 const CREDIBLE: f64 = 2.0;
-/// Standard deviations of a mean square from which on it is certainly smaller.
+/// Number of standard deviations of a mean square below its expectation from which it is certainly smaller.
 const CONTRADICTION: f64 = 3.0;
 
 impl Noise {
-    /// Takes the noise from repeated measurements where there are enough, else from what the rows declare.
+    /// Takes the noise from repeated measurements if there are enough, else from what the rows declare.
     pub fn of(distinct: &Distinct) -> Self {
         let repeated = distinct
             .repeated
@@ -129,7 +134,7 @@ impl Noise {
             (None, None) => 0.0,
         };
         let repeated = repeated.map(|(_, freedom)| freedom);
-        // Errors contradict a noise when they are certainly smaller than the least value that it credibly has.
+        // The errors contradict the noise if they are certainly smaller than its least credible value.
         let least = variance * (1.0 - CREDIBLE * relative_uncertainty(repeated)).powi(2);
         let freedom = 3.0 * distinct.poses() as f64;
         let of = |(square, count): &(f64, f64)| square * count;
@@ -146,13 +151,14 @@ impl Noise {
         }
     }
 
-    /// Relative standard uncertainty of the standard deviation.
+    /// Returns the relative standard uncertainty of the noise's standard deviation.
     pub fn relative_uncertainty(&self) -> f64 {
         relative_uncertainty(self.repeated)
     }
 }
 
-/// Relative standard uncertainty of a standard deviation with these degrees of freedom, or of one that is declared.
+/// Returns the relative standard uncertainty of a standard deviation with these degrees of freedom, or of a declared one for
+/// `None`.
 fn relative_uncertainty(repeated: Option<f64>) -> f64 {
     repeated.map_or(DECLARED_NOISE_UNCERTAINTY, |freedom| {
         (1.0 / (2.0 * freedom).sqrt()).min(LARGEST_UNCERTAINTY)
@@ -162,21 +168,21 @@ fn relative_uncertainty(repeated: Option<f64>) -> f64 {
 /// The estimate of the quantile, mm or mrad.
 #[derive(Clone, Copy, Debug)]
 pub struct Quantile {
-    /// E.
+    /// E: the quantile.
     pub error: f64,
-    /// Its standard uncertainty: so few poses were seen.
+    /// Standard uncertainty of E from the small number of poses.
     pub of_few_poses: f64,
-    /// The degrees of freedom of that.
+    /// Degrees of freedom of `of_few_poses`.
     pub freedom: f64,
-    /// What the uncertainty of the noise adds to it.
+    /// Standard uncertainty of E from the uncertainty of the noise.
     pub of_noise: f64,
 }
 
-/// The quantile of the errors of these poses, `noise` taken out.
+/// Estimates the quantile of the errors of these poses, with `noise` removed.
 ///
-/// The standard deviation of the noise is itself uncertain. Each of its values is weighted by its prior and by the probability
-/// of the errors with it. By the law of total variance the uncertainty of E has two parts: the mean of the variances at these
-/// values is what few poses add, and the variance of the means is what the noise adds.
+/// The standard deviation of the noise is itself uncertain. Each of its values is weighted by its prior and by the
+/// probability of the errors with it. By the law of total variance, the uncertainty of E has two parts: the mean of the
+/// variances at these values comes from the small number of poses, and the variance of the means comes from the noise.
 pub fn estimate(distinct: &Distinct, noise: &Noise) -> Quantile {
     let change = noise.relative_uncertainty();
     let count = if noise.sigma > 0.0 { NOISES } else { 1 };
@@ -213,15 +219,15 @@ pub fn estimate(distinct: &Distinct, noise: &Noise) -> Quantile {
     }
 }
 
-/// The distribution of the quantile with a noise that is known.
+/// The posterior distribution of the quantile for a known noise.
 struct Posterior {
     mean: f64,
     variance: f64,
-    /// Logarithm of the probability of the errors.
+    /// Logarithm of the probability of the errors with this noise.
     evidence: f64,
 }
 
-/// Where one component of one measurement has noise of `sigma`; `None` of errors that are all zero.
+/// Computes the posterior for noise of `sigma` in one component of one measurement; returns `None` if all errors are zero.
 fn posterior(distinct: &Distinct, sigma: f64) -> Option<Posterior> {
     let family = ErrorFamily::fitted(&distinct.squares, sigma)?;
     let mut errors: Vec<f64> = distinct.squares.iter().map(|(e, _)| e.sqrt()).collect();
@@ -237,7 +243,7 @@ fn posterior(distinct: &Distinct, sigma: f64) -> Option<Posterior> {
         let guess = GUESS * family.below(x);
         let below = errors.partition_point(|e| *e <= x) as f64;
         let above = (GUESS - guess + count as f64 - below).max(1e-9);
-        // What is beyond the last value counts as that.
+        // All probability beyond the last value of x counts as that value.
         let until = match i + 1 < VALUES {
             true => 1.0 - beta_reg(guess + below, above, SHARE),
             false => 1.0,

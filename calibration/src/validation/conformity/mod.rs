@@ -1,15 +1,15 @@
-//! Whether an arm conforms to a tolerance, and how certain that is.
+//! Whether an arm conforms to a tolerance, and how certain that verdict is.
 //!
-//! The characteristic is the error E that 95 of 100 poses of the measured kind do not exceed, of position or of rotation.
-//! Its estimate comes from the errors of held-out poses, without the noise of the instrument ([`error_quantile`]). Its
-//! uncertainty follows the GUM (JCGM 100:2008): sources of uncertainty with a standard uncertainty each ([`budget`]),
+//! The characteristic is the error E that 95 of 100 poses of the measured kind do not exceed, in position or in rotation. It
+//! is estimated from the errors of held-out poses, without the noise of the instrument ([`error_quantile`]). Its uncertainty
+//! follows the GUM (JCGM 100:2008): each source of uncertainty has a standard uncertainty ([`budget`]), and these combine to
 //!
 //! ```text
 //! u_c² = Σ u_i²        ν = u_c⁴ / Σ (u_i⁴ / ν_i)        U = t_(1+p)/2(ν) u_c
 //! ```
 //!
-//! (equations 10, G.2b and 6.2.1). The decision is that of ISO 14253-1, whose guard band is U: an arm conforms where
-//! E + U is within the tolerance, does not where E − U is beyond it, and cannot be judged between.
+//! (equations 10, G.2b and 6.2.1). The decision is that of ISO 14253-1, whose guard band is U. An arm conforms if E + U is
+//! within the tolerance. It does not conform if E − U is beyond the tolerance. Between these, the verdict is undecided.
 
 pub mod budget;
 mod error_family;
@@ -26,16 +26,16 @@ use crate::validation::conformity::budget::{Contribution, of_touches, sources};
 use crate::validation::conformity::error_quantile::{Distinct, Noise, estimate};
 use crate::validation::held_out::HeldOutPose;
 
-/// Held-out poses below which nothing is said.
+/// Fewest distinct held-out poses for which a verdict is given.
 pub const LEAST_POSES: usize = 10;
-/// Degrees of freedom from which on the quantile of Student's distribution is expanded about the normal one.
+/// Degrees of freedom from which the quantile of Student's distribution is expanded about the normal one.
 const MANY: f64 = 200.0;
-/// Degrees of freedom that are as good as infinite.
+/// Degrees of freedom that are treated as infinite.
 const INFINITE: f64 = 1e6;
-/// Coverage probability of the expanded uncertainty, if no other is asked for.
+/// Coverage probability of the expanded uncertainty, unless another one is asked for.
 pub const COVERAGE: f64 = 0.95;
 
-/// What was found.
+/// Result of comparing an error and its expanded uncertainty with a tolerance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
@@ -47,29 +47,29 @@ pub enum Verdict {
     DoesNotConform,
 }
 
-/// What the error is known from.
+/// The evidence that the error is estimated from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Evidence {
     /// Measured poses that the model was not trained on.
     HeldOutPoses,
-    /// Touches and the class of the arm: no poses were held out.
+    /// Touches and the class of the arm; no poses were held out.
     Touches,
 }
 
-/// What is asked for.
+/// The tolerances that the arm is judged by.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerances {
-    /// Largest position error in mm of 95 of 100 poses.
+    /// Largest position error that 95 of 100 poses may have, in mm.
     pub position_mm: Option<f64>,
-    /// Largest rotation error in mrad of 95 of 100 poses.
+    /// Largest rotation error that 95 of 100 poses may have, in mrad.
     pub orientation_mrad: Option<f64>,
     /// Coverage probability p of the expanded uncertainty.
     pub coverage: f64,
 }
 
 impl Tolerances {
-    /// Whether something is asked for.
+    /// Returns whether a tolerance is stated.
     pub fn is_stated(&self) -> bool {
         self.position_mm.is_some() || self.orientation_mrad.is_some()
     }
@@ -90,51 +90,51 @@ impl Default for Tolerances {
 pub struct Characteristic {
     /// `mm` or `mrad`.
     pub unit: &'static str,
-    /// Held-out poses that differ; measurements of the same pose count once.
+    /// Number of distinct held-out poses; measurements of the same pose count once.
     pub poses: usize,
-    /// E: what 95 of 100 poses do not exceed.
+    /// E: the error that 95 of 100 poses do not exceed.
     pub error: f64,
-    /// The sources of uncertainty.
+    /// Sources of uncertainty.
     pub budget: Vec<Contribution>,
-    /// u_c.
+    /// u_c: combined standard uncertainty.
     pub combined: f64,
-    /// ν, its effective degrees of freedom; absent where they are infinite.
+    /// ν: effective degrees of freedom of u_c; absent if infinite.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub degrees_of_freedom: Option<f64>,
-    /// The coverage factor t_(1+p)/2(ν).
+    /// Coverage factor t_(1+p)/2(ν).
     pub coverage_factor: f64,
-    /// U.
+    /// U: expanded uncertainty.
     pub expanded: f64,
     /// E + U: the smallest tolerance that the arm would meet.
     pub met: f64,
-    /// What was asked for.
+    /// Tolerance that was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tolerance: Option<f64>,
-    /// Whether it is met.
+    /// Verdict for that tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
 }
 
-/// Both characteristics.
+/// Conformity of an arm in position and in rotation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Conformity {
-    /// What the errors are known from.
+    /// The evidence that the errors are estimated from.
     pub evidence: Evidence,
     /// Coverage probability of the expanded uncertainties.
     pub coverage: f64,
     /// Characteristic of position, mm.
     pub position: Characteristic,
-    /// Characteristic of rotation, mrad; absent where only positions were measured.
+    /// Characteristic of rotation, mrad; absent if only positions were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation: Option<Characteristic>,
-    /// The worst of the verdicts; absent without a tolerance.
+    /// The worse of the two verdicts; absent without a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
 }
 
 impl Conformity {
-    /// Judges a calibration by touches: no poses were held out, so the error is that of poses of the work volume, by
-    /// what is known of the arm. Touches are not judged by rotations.
+    /// Judges a calibration from touches. No poses were held out, so the error is that of poses all over the work volume,
+    /// from what is known of the arm. Touches are not judged by rotations.
     pub fn of_touches(known: &Exceeded, tolerances: &Tolerances) -> Self {
         let position = Characteristic::judged(
             "mm",
@@ -153,7 +153,7 @@ impl Conformity {
         }
     }
 
-    /// Judges held-out poses; `None` for fewer than [`LEAST_POSES`] that differ.
+    /// Judges held-out poses; returns `None` for fewer than [`LEAST_POSES`] distinct ones.
     pub fn new(
         poses: &[HeldOutPose],
         knowledge: &Knowledge,
@@ -207,7 +207,7 @@ impl Characteristic {
         ))
     }
 
-    /// An error with the budget of its uncertainty.
+    /// Combines an error and the budget of its uncertainty into a characteristic.
     fn judged(
         unit: &'static str,
         poses: usize,
@@ -255,7 +255,8 @@ impl Characteristic {
     }
 }
 
-/// t_(1+p)/2(ν): the factor of an expanded uncertainty of coverage probability p; `None` is infinitely many degrees.
+/// Returns t_(1+p)/2(ν), the coverage factor for coverage probability p; `None` stands for infinitely many degrees of
+/// freedom.
 fn student(degrees_of_freedom: Option<f64>, coverage: f64) -> f64 {
     let at = 0.5 * (1.0 + coverage);
     let few = degrees_of_freedom.filter(|freedom| *freedom < MANY);

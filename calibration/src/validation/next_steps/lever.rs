@@ -1,9 +1,10 @@
-//! A target further out, where only positions are measured.
+//! The step of mounting the target further out, if only positions are measured.
 //!
-//! A reflector near the axis of the last joint hardly sees that joint, nor how the wrist tilts, and its own position is predicted
-//! well all the same. A tool that reaches further is not. What is asked for is the error of a tip that stands [`REACH`] beyond the
-//! target, away from the axis of the last joint, where the tool itself is known: a constant position of the tip in the flange
-//! counts as no error. The target out there is a mounting of its own, whose position in the flange nobody knows beforehand.
+//! A reflector near the axis of the last joint hardly sees that joint or the tilt of the wrist, although its own position is
+//! predicted well. The position of a tool that reaches further is not. The error in question is that of a tip that stands
+//! [`REACH`] beyond the target, away from the axis of the last joint, and whose tool is known: a constant position of the
+//! tip in the flange frame counts as no error. The target further out is a mounting of its own, whose position in the flange
+//! frame nobody knows beforehand.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -17,14 +18,14 @@ use crate::validation::next_steps::step::{Kind, Step};
 use crate::validation::next_steps::task::Task;
 use crate::validation::work_volume::POSES;
 
-/// How far beyond the target, m.
+/// Distance of the tip beyond the target, m.
 const REACH: f64 = 0.2;
-/// A target that is nearer to the axis stands on it, m.
+/// Distance from the axis below which a target counts as standing on the axis, m.
 const ON_AXIS: f64 = 1e-3;
-/// A target that is nearer hardly moves with the last joint, m.
+/// Distance from the axis below which a target hardly moves with the last joint, m.
 const NEAR: f64 = 0.05;
 
-/// The step; `None` where orientations are measured, or the equations cannot be solved.
+/// Returns the step; `None` if orientations are measured or the equations cannot be solved.
 pub fn step(task: &Task, covariance: &PredictionCovariance) -> Option<Step> {
     if task.samples.iter().any(|s| s.observation.has_orientation()) {
         return None;
@@ -46,7 +47,7 @@ pub fn step(task: &Task, covariance: &PredictionCovariance) -> Option<Step> {
     } else {
         Vector3::x()
     };
-    // Rotation of the last joint's frame at each pose, and the moves of the tip that its six rows make.
+    // Rotation of the last joint's frame at each pose, and the moves of the tip that the six rows of each pose give.
     let turned: Vec<Matrix3<f64>> = poses
         .iter()
         .map(|pose| {
@@ -112,10 +113,11 @@ pub fn step(task: &Task, covariance: &PredictionCovariance) -> Option<Step> {
     })
 }
 
-/// The covariance of positions when a constant position of the tip in the flange is taken out: three numbers, by least squares.
+/// Removes a constant position of the tip in the flange frame (three numbers, by least squares) from the covariance of
+/// positions.
 fn with_known_tool(covariance: &Mat<f64>, turned: &[Matrix3<f64>]) -> Option<Mat<f64>> {
     let n = covariance.nrows();
-    // Rotations stacked: their columns are orthogonal, of this length.
+    // Stacked rotations: their columns are orthogonal and have this length.
     let length = ((n / 3) as f64).sqrt();
     let constant = Mat::from_fn(n, 3, |i, j| turned[i / 3][(i % 3, j)] / length);
     let without = |m: &Mat<f64>| m - product(&constant, &product(Transposed(&constant), m));

@@ -1,9 +1,10 @@
-//! What to do next: what would lower the error that a calibration expects, and by how much.
+//! What to do next: which measurements would lower the error that a calibration expects, and by how much.
 //!
-//! The expected error is that of a [work volume](crate::validation::work_volume::WorkVolume): of a new measurement anywhere in
-//! the measured ranges of the joints. Further measurements change the covariance of the predictions whatever they will show ([`PredictionCovariance`]), so that each
-//! proposal is judged before anything is measured. Noise, hyperparameters and what the geometry cannot explain stay as they are
-//! known now. Proposals that gain less than [`LEAST_SHARE`] and [`LEAST_MM`] are left out.
+//! The expected error is that of a new measurement anywhere in the measured ranges of the joints, a
+//! [work volume](crate::validation::work_volume::WorkVolume). Further measurements change the covariance of the predictions
+//! whatever values they will show ([`PredictionCovariance`]), so each proposal is judged before anything is measured. Noise,
+//! hyperparameters and what the geometry cannot explain are kept as they are known now. Proposals that gain less than
+//! [`LEAST_SHARE`] and [`LEAST_MM`] are left out.
 
 mod lever;
 mod pool;
@@ -20,28 +21,28 @@ pub use crate::validation::next_steps::task::{Knowledge, Task};
 use crate::identification::prediction_covariance::PredictionCovariance;
 use crate::validation::work_volume::POSES;
 
-/// Where poses are measured matters when it gains so many times what evenly spread ones do: less is chance of the draw.
+/// Factor by which a region must gain more than evenly spread poses to be proposed; less is chance of the draw.
 const BETTER: f64 = 1.2;
-/// Regions that are proposed, at most.
+/// Most regions that are proposed.
 const REGIONS: usize = 2;
 
-/// What to do next, and what was looked at.
+/// What to do next, and the numbers that this rests on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NextSteps {
-    /// The steps: what is wrong with rows first, then by what they gain.
+    /// Steps: first what is wrong with rows, then the others by their gain.
     pub steps: Vec<Step>,
-    /// In one sentence, whether something pays, or what is not known.
+    /// One sentence: whether a step pays, or what is not known.
     pub verdict: String,
-    /// What is left if nothing pays, or why nothing is known; absent where steps say it.
+    /// Which error remains if nothing pays, or why nothing is known; absent if the steps say it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub why: Option<String>,
     /// Expected error now, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_mm: Option<f64>,
-    /// The part of it that any model would show, because the measurement itself has noise, mm.
+    /// Part of the expected error that any model would show, because the measurement itself has noise, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_mm: Option<f64>,
-    /// Poses that further measurements were taken to have.
+    /// Number of poses assumed for further measurements.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<usize>,
 }
@@ -51,7 +52,8 @@ impl NextSteps {
     pub fn new(task: &Task) -> Self {
         let mut steps = rows::steps(task);
         let pool = &task.knowledge.pool;
-        // A rigid model does not know how far the arm is from rigid: what it says of poses unlike these is not to be believed.
+        // A rigid model does not know how far the arm is from rigid, so its statements on poses unlike these are not to be
+        // believed.
         let is_own = task.calibration.has_local_deviation();
         let known = task.knowledge.covariance.as_ref().filter(|_| is_own);
         let mut gains: Vec<Step> = Vec::new();
@@ -87,14 +89,14 @@ impl NextSteps {
         }
     }
 
-    /// The first step in one line, with what it would gain; or that none pays.
+    /// Returns the first step as one line, with what it would gain; or that none pays.
     pub fn first(&self) -> String {
         self.steps
             .first()
             .map_or_else(|| self.verdict.clone(), Step::line)
     }
 
-    /// The first two steps, a line each, or that none pays.
+    /// Returns the first two steps, a line each; or that none pays.
     pub fn summary(&self) -> Vec<String> {
         match self.steps.as_slice() {
             [] => vec![self.first()],
@@ -103,11 +105,11 @@ impl NextSteps {
     }
 }
 
-/// Mean over root mean square of the length of three normal components.
+/// Ratio of the mean to the root mean square of the length of three normal components.
 const MEAN_OVER_RMS: f64 = 0.921;
 
-/// More poses of the same kind for a rigid model. Of the error that was found on held-out rows, the part c that comes from noise
-/// in so many rows goes down with their number; what geometry cannot explain stays:
+/// Returns the step of more poses of the same kind for a rigid model. Of the error on held-out rows, the part c that comes
+/// from the noise of N rows goes down with n more rows; what geometry cannot explain stays:
 ///
 /// ```text
 /// after² = before² − c² n / (N + n)
@@ -130,7 +132,7 @@ fn like_these(task: &Task) -> Option<Step> {
     })
 }
 
-/// More poses, spread evenly and in parts of the measured ranges.
+/// Returns steps of more poses: spread evenly, and in parts of the measured ranges.
 fn more_poses(task: &Task, covariance: &PredictionCovariance) -> Vec<Step> {
     let (knowledge, pool) = (task.knowledge, &task.knowledge.pool);
     let before = knowledge.expected(covariance).mean_mm;
@@ -146,7 +148,7 @@ fn more_poses(task: &Task, covariance: &PredictionCovariance) -> Vec<Step> {
         before_mm: Some(before),
         after_mm: Some(after),
     };
-    // The mean over three draws: less chance in it.
+    // The mean over three draws depends less on chance.
     let even: Option<Vec<f64>> = pool.even().iter().map(|part| after(part)).collect();
     let Some(even) = even.map(|each| each.iter().sum::<f64>() / each.len() as f64) else {
         return Vec::new();
@@ -180,7 +182,7 @@ fn more_poses(task: &Task, covariance: &PredictionCovariance) -> Vec<Step> {
     regions
 }
 
-/// "with joint 5 below −40°".
+/// Returns a range in a phrase, such as "with joint 5 below −40°".
 fn wording(task: &Task, range: &Range) -> String {
     match *range {
         Range::Joint { joint, from, to } => {
@@ -199,12 +201,12 @@ fn wording(task: &Task, range: &Range) -> String {
     }
 }
 
-/// A number with a true minus.
+/// Formats a number with a typographic minus.
 fn signed(value: f64) -> String {
     format!("{value}").replace('-', "−")
 }
 
-/// One sentence about all steps, and what it leaves open.
+/// Returns one sentence about all steps, and the explanation that it leaves open.
 fn verdict(
     task: &Task,
     is_paid: bool,

@@ -1,7 +1,8 @@
 //! Poses that could be measured next.
 //!
-//! A Latin hypercube: each joint's range, and the payloads in their order, are divided into as many parts as there are poses, and
-//! each part has one. A third of a range then holds a third of the poses, and those are spread over all other joints.
+//! The poses form a Latin hypercube: each joint's range, and the payloads in their order, are divided into as many parts as
+//! there are poses, and each part has one pose. So a third of a range holds a third of the poses, and these are spread over
+//! all other joints.
 
 use poegp_protocol::JointKind;
 use rand::seq::SliceRandom;
@@ -14,27 +15,28 @@ use crate::robot::Robot;
 use crate::validation::next_steps::step::Range;
 use crate::validation::work_volume::like;
 
-/// Parts of a range.
+/// Number of parts that a range is divided into for the proposals.
 const PARTS: usize = 3;
 
-/// Poses to choose from.
+/// Poses to choose the next measurements from.
 #[derive(Clone, Debug)]
 pub struct Pool {
-    /// Poses of one proposal; there are [`PARTS`] times as many to choose from.
+    /// Number of poses of one proposal; the pool has [`PARTS`] times as many.
     pub count: usize,
-    /// The poses; those of the first even part are whole, the others have an orientation where the rows have one.
+    /// All poses of the pool. Those of the first even part are whole poses; the others have an orientation only if the rows
+    /// have one.
     pub poses: Vec<InstrumentSample>,
-    /// Equations that measuring each would give.
+    /// Number of equations that measuring each pose would give.
     pub equations: Vec<usize>,
     ranges: Vec<(f64, f64)>,
-    /// The part of each range, and of the payloads, that each pose is in, from 0 to the number of poses.
+    /// For each joint's range and for the payloads, the part that each pose is in: an index below the number of poses.
     strata: Vec<Vec<usize>>,
-    /// All payloads in order, kg; empty where only one occurs.
+    /// Payloads of all rows in ascending order, kg; empty if only one payload occurs.
     payloads: Vec<f64>,
 }
 
 impl Pool {
-    /// Draws a pool for `count` poses in each proposal, within `ranges`, otherwise like measured rows.
+    /// Draws a pool within `ranges`, with `count` poses for each proposal; everything else is as in measured rows.
     pub fn new(
         ranges: &[(f64, f64)],
         robot: &Robot,
@@ -81,12 +83,13 @@ impl Pool {
         }
     }
 
-    /// The poses in parts that are each spread evenly.
+    /// Returns the indices of the poses in [`PARTS`] parts, each spread evenly over the ranges.
     pub fn even(&self) -> [Vec<usize>; PARTS] {
         std::array::from_fn(|part| (part..self.poses.len()).step_by(PARTS).collect())
     }
 
-    /// The lowest and the highest third of each joint's range, and of the payloads, with the poses there.
+    /// Returns the lowest and the highest third of each joint's range and of the payloads, with the indices of the poses in
+    /// it.
     pub fn regions(&self, robot: &Robot) -> Vec<(Range, Vec<usize>)> {
         let mut out = Vec::new();
         for (dimension, strata) in self.strata.iter().enumerate() {
@@ -126,7 +129,8 @@ impl Pool {
     }
 }
 
-/// A range of a joint in degrees or mm, as it is shown: to a degree, or to a hundredth of a narrow range.
+/// Returns a range of a joint in degrees or mm as it is displayed: rounded to a whole unit, or to a hundredth for a narrow
+/// range.
 pub fn shown(robot: &Robot, joint: usize, (from, to): (f64, f64)) -> (f64, f64) {
     let unit = match robot.joints[joint].kind {
         JointKind::Revolute => 180.0 / std::f64::consts::PI,
@@ -137,7 +141,7 @@ pub fn shown(robot: &Robot, joint: usize, (from, to): (f64, f64)) -> (f64, f64) 
     } else {
         1.0
     };
-    // Not "-0".
+    // Adding 0.0 avoids "-0".
     let rounded = |x: f64| (digits * unit * x).round() / digits + 0.0;
     (rounded(from), rounded(to))
 }

@@ -1,4 +1,4 @@
-//! What is wrong with rows of the file, with what to do about it.
+//! What is wrong with rows of the file, and what to do about it.
 
 use poegp_protocol::cause::Cause;
 
@@ -7,10 +7,10 @@ use crate::trust::Tier;
 use crate::validation::next_steps::step::{Kind, Step};
 use crate::validation::next_steps::task::Task;
 
-/// A row belongs to the warm-up while it is away by more than this share of the largest displacement.
+/// Share of the largest displacement: while the arm is farther from its warm state than this, a row belongs to the warm-up.
 const WARMING: f64 = 0.25;
 
-/// What to do about rows, what was warned about first. Nobody knows what these gain before it is done.
+/// Returns what to do about rows, beginning with the rows that have warnings. The gain of these steps is unknown beforehand.
 pub fn steps(task: &Task) -> Vec<Step> {
     let step = |text: String| Step {
         kind: Kind::Rows,
@@ -27,7 +27,7 @@ pub fn steps(task: &Task) -> Vec<Step> {
     out
 }
 
-/// What to do about rows that were warned about; `None` where the warning is not about rows.
+/// Returns what to do about rows with a warning of this cause; `None` if the warning is not about rows.
 fn remedy(cause: Cause) -> Option<&'static str> {
     Some(match cause {
         Cause::Step | Cause::Drift | Cause::Mixed => {
@@ -42,7 +42,7 @@ fn remedy(cause: Cause) -> Option<&'static str> {
     })
 }
 
-/// What these rows cannot show, whatever the error within the measured ranges is.
+/// Returns steps for what these rows cannot show, whatever the error within the measured ranges is.
 pub fn undetermined(task: &Task) -> Vec<Step> {
     let findings = task
         .identifiability
@@ -81,7 +81,7 @@ fn warm_up(task: &Task) -> Option<String> {
         false => Some(format!(
             "{which}, {moved}: warm the arm up before you measure, or leave `--warm-up keep` out"
         )),
-        // What was removed does no harm to a warm arm. A cold one is off by as much.
+        // A warm-up that was removed does no harm to a warm arm. A cold arm is off by as much.
         true if report.largest_mm > expected => Some(format!(
             "{which}, {moved}; this was taken out of the model, which is that of the warm arm: warm the arm up before it works, \
              and before you measure again"
@@ -90,7 +90,8 @@ fn warm_up(task: &Task) -> Option<String> {
     }
 }
 
-/// Rows at the beginning of their sessions in which the arm is not warm yet, by a time constant in the unit of their time.
+/// Returns the number of rows at the beginning of their sessions in which the arm is not warm yet; `time_constant` is in the
+/// unit of the rows' times.
 fn warming_rows(samples: &[InstrumentSample], time_constant: f64) -> usize {
     let until = -time_constant * libm::log(WARMING);
     let times = samples.iter().filter_map(|s| s.elapsed);

@@ -1,11 +1,11 @@
-//! One thing to do, and what counts as a gain.
+//! One step to do next, and the least gain that makes it worthwhile.
 
 use serde::Serialize;
 
-/// A step must lower the expected error by this share: two calibrations with as many random poses of the same arm differ by as
-/// much.
+/// Least share by which a step must lower the expected error: two calibrations of the same arm with as many random poses
+/// differ by as much.
 pub const LEAST_SHARE: f64 = 0.05;
-/// And by this length, mm: below it the repeatability of the best arms hides the difference.
+/// Least length by which a step must lower the expected error, mm: less is hidden by the repeatability of the best arms.
 pub const LEAST_MM: f64 = 0.002;
 
 /// What a step is about.
@@ -16,45 +16,45 @@ pub enum Kind {
     Rows,
     /// More poses.
     Poses,
-    /// Where the target is mounted.
+    /// Mounting of the target.
     Target,
     /// Payloads.
     Payload,
 }
 
-/// Joints, or payloads, where more poses are wanted.
+/// Range of a joint, or of payloads, in which more poses are wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Range {
     /// A joint of the controller, from 1, between two values: degrees, or mm along a prismatic joint.
     Joint {
-        /// Number from 1.
+        /// Number of the joint, from 1.
         joint: usize,
-        /// Least value.
+        /// Smallest value.
         from: f64,
         /// Largest value.
         to: f64,
     },
-    /// Payload in kg.
+    /// Range of payloads in kg.
     PayloadKg {
-        /// The lightest.
+        /// The lightest payload.
         from: f64,
-        /// The heaviest.
+        /// The heaviest payload.
         to: f64,
     },
 }
 
-/// One thing to do.
+/// One step to do next.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
-    /// What it is about.
+    /// What the step is about.
     pub kind: Kind,
     /// What to do, one sentence without its full stop.
     pub text: String,
-    /// Poses to measure.
+    /// Number of poses to measure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub poses: Option<usize>,
-    /// Where; absent where they are spread over the measured ranges.
+    /// Range to measure in; absent if the poses are spread over the measured ranges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<Range>,
     /// Expected error now, mm.
@@ -66,7 +66,7 @@ pub struct Step {
 }
 
 impl Step {
-    /// What the step gains, mm; 0 where the model cannot say.
+    /// Returns what the step gains, mm; 0 if the model cannot say.
     pub(super) fn gain(&self) -> f64 {
         self.before_mm
             .zip(self.after_mm)
@@ -78,7 +78,7 @@ impl Step {
         self.gain() >= least.max(LEAST_MM)
     }
 
-    /// The step with its gain in one line.
+    /// Returns the step with its gain as one line.
     pub fn line(&self) -> String {
         match (self.before_mm, self.after_mm) {
             (Some(before), Some(after)) => {

@@ -1,4 +1,4 @@
-//! What the steps are made of: a calibration, and what it knows over the measured ranges of its joints.
+//! The input of the next steps: a calibration, and what it knows over the measured ranges of its joints.
 
 use crate::identification::identifiability::IdentifyReport;
 use crate::identification::prediction_covariance::PredictionCovariance;
@@ -19,7 +19,7 @@ pub struct Knowledge {
 }
 
 impl Knowledge {
-    /// Collects what `calibration`, which was made from `samples`, knows.
+    /// Computes what `calibration`, which was made from `samples`, knows.
     pub fn new(calibration: &Calibration, robot: &Robot, samples: &[InstrumentSample]) -> Self {
         let volume = WorkVolume::new(robot, samples);
         let pool = Pool::new(
@@ -36,25 +36,25 @@ impl Knowledge {
         }
     }
 
-    /// Whole poses all over the measured ranges, and what the model knows of them first of all; `None` of a model that does not say
-    /// how its predictions are correlated.
+    /// Returns the covariance of predictions and whole poses all over the measured ranges, which come first in it. `None`
+    /// for a model that does not say how its predictions are correlated.
     pub fn predictions(&self) -> Option<(&PredictionCovariance, &[InstrumentSample])> {
         Some((self.covariance.as_ref()?, &self.volume.poses))
     }
 
-    /// What a model expects that says how its predictions are correlated.
+    /// Returns the error that the model expects; `None` for a model that does not say how its predictions are correlated.
     pub fn expected_error(&self) -> Option<ExpectedError> {
         self.covariance
             .as_ref()
             .map(|covariance| self.expected(covariance))
     }
 
-    /// The error that the model expects by itself.
+    /// Returns the error that the model itself expects in the work volume.
     pub(super) fn expected(&self, covariance: &PredictionCovariance) -> ExpectedError {
         self.volume.expected(&covariance.deviations(0..POSES))
     }
 
-    /// The same after the poses of the pool are measured.
+    /// Returns the mean expected error in mm after the poses of the pool with the indices `measured` are measured.
     pub(super) fn after(
         &self,
         covariance: &PredictionCovariance,
@@ -69,26 +69,27 @@ impl Knowledge {
     }
 }
 
-/// Poses that are proposed to someone who measured `poses`: a third as many, in tens; more than fifty are a day of their own.
+/// Returns how many poses to propose to someone who measured `poses`: a third as many, rounded up to tens, from 10 to 50.
+/// More than fifty take a day of their own.
 fn added(poses: usize) -> usize {
     (poses.div_ceil(30) * 10).clamp(10, 50)
 }
 
-/// What the steps are made of.
+/// The input of the next steps.
 #[derive(Debug)]
 pub struct Task<'a> {
     /// The calibration.
     pub calibration: &'a Calibration,
     /// The nominal robot.
     pub robot: &'a Robot,
-    /// The rows that it was made from.
+    /// Rows that the calibration was made from.
     pub samples: &'a [InstrumentSample],
-    /// What it knows over the measured ranges.
+    /// What the calibration knows over the measured ranges.
     pub knowledge: &'a Knowledge,
-    /// The error that it is stated to have there.
+    /// Stated expected error over the measured ranges.
     pub expected: Option<ExpectedError>,
-    /// What these poses identify.
+    /// Which parameters these poses identify.
     pub identifiability: Option<&'a IdentifyReport>,
-    /// What somebody must look at.
+    /// Findings that somebody must look at.
     pub warnings: &'a [Finding],
 }

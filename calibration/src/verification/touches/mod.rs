@@ -1,16 +1,17 @@
-//! Does a calibration still hold, by a few touches?
+//! Checks whether a calibration still holds, from a few touches.
 //!
-//! The same test as of measured poses ([`crate::verification`]), of other rows: what each touch misses by, with the arm as the
-//! blob says. What nobody knows of features, tips and instrument is free in the test or widens its covariance:
+//! This is the test of measured poses ([`crate::verification`]) on other rows: the residual of each touch, with the arm as
+//! the blob says. Unknowns of features, tips and instrument are free in the test or widen its covariance:
 //!
 //! ```text
 //! y = −e = P J x + F u,   cov y = P M Pᵀ + F Λ² Fᵀ + v D
 //! ```
 //!
-//! J are the effects of what is looked for on the poses, M what the calibration left unknown of them, P what a row sees of
-//! a pose and F of its surroundings. Unknowns u that were stated with a standard deviation have it in Λ; the others are free. v is
-//! the noise in units of the stated one, found from the residuals and never below it. Nobody can tell a moved base from moved
-//! features, nor the tool from the tip that is fitted: both are no hypotheses here.
+//! J are the effects of the hypotheses on the poses, M is the covariance of what the calibration left unknown of the poses,
+//! P is what a row sees of a pose and F what it sees of its surroundings. Unknowns u that were stated with a standard
+//! deviation have it in Λ; the others are free. v is the noise variance in units of the stated one, found from the residuals
+//! and never below it. Touches cannot distinguish a moved base from moved features, nor the tool from the tip that is
+//! fitted, so neither base nor tool is a hypothesis here.
 
 mod rows;
 mod weighed;
@@ -37,53 +38,53 @@ use crate::verification::touches::rows::{ArmAtTouches, Rows};
 use crate::verification::touches::weighed::{Weighed, size_ppm};
 use crate::verification::{FEWEST_FREEDOM, number};
 
-/// What touches say of a calibration.
+/// Result of checking a calibration by touches.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchReport {
-    /// Rows of the file, and how many scalar equations are left beside what is fitted to them.
+    /// Number of rows in the file.
     pub rows: usize,
-    /// The second of those.
+    /// Number of scalar equations left beside what is fitted to them.
     pub freedom: usize,
-    /// What each touch of a length misses by, as all others predict it, mm.
+    /// Errors of the touches of a length, each as all other touches predict it, mm.
     pub miss_mm: Summary,
-    /// Every row's, in the order of the file.
+    /// Error of every row, in the order of the file.
     pub misses: Vec<TouchMiss>,
     /// Rate of false alarms of the whole test.
     pub false_alarm_rate: f64,
-    /// What has moved; empty when nothing has.
+    /// Parts that have moved; empty if none has.
     pub changes: Vec<Change>,
     /// By how much these changes move the tip at the touches, mm.
     pub effect_mm: Summary,
-    /// What the touches miss by once these changes are taken out, mm.
+    /// Errors of the touches once these changes are removed, mm.
     pub without_mm: Summary,
-    /// Standard deviation of the noise over the stated one, as the residuals have it.
+    /// Ratio of the noise's standard deviation, as the residuals have it, to the stated one.
     pub noise_factor: f64,
-    /// Root mean square of what the calibration is expected not to know of one component of a length, mm.
+    /// Root mean square of the calibration's expected error in one component of a length, mm.
     pub model_mm: f64,
     /// Whether the model knows how wrong it is.
     pub model_knows_its_error: bool,
-    /// What this check can find.
+    /// The smallest change of each part that this check can find.
     pub sensitivity: Vec<Sensitivity>,
-    /// By how much the arm would have to be larger or smaller than its model for these touches to show it, nine times in ten, ppm;
-    /// `None` where they do not show its size.
+    /// By how much the arm would have to be larger or smaller than its model for these touches to show it nine times in ten,
+    /// ppm; `None` if they do not show its size.
     pub size_ppm: Option<f64>,
-    /// Lines of rows that do not belong, and were left out.
+    /// Lines of rows that do not belong to the others and were left out.
     pub odd_lines: Vec<usize>,
 }
 
-/// What one touch misses by, as all others predict it.
+/// Error of one touch, as all other touches predict it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchMiss {
-    /// Line of the file.
+    /// Line of the touch in the file.
     pub line: usize,
-    /// Its feature; `None` of a tracker's row.
+    /// Name of the touched feature; `None` for a tracker's row.
     pub feature: Option<String>,
-    /// mm; `None` of angles and images.
+    /// Error in mm; `None` for angles and images.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mm: Option<f64>,
 }
 
-/// Checks `loaded` by the touches of `set`. `nominal` leads from base to flange.
+/// Checks `loaded` by the touches of `set`. `nominal` is the chain from base to flange.
 ///
 /// # Errors
 /// [`CheckError`].
@@ -196,7 +197,7 @@ pub fn check_touches(
     })
 }
 
-/// What every row misses by, mm; `None` of angles and images.
+/// Returns the error of every row, mm; `None` for angles and images.
 fn misses(problem: &TouchProblem, left_out: &[LeftOut]) -> Vec<Option<f64>> {
     let rows = &problem.set.rows;
     let mut out: Vec<Option<f64>> = vec![None; rows.len()];
@@ -210,7 +211,7 @@ fn misses(problem: &TouchProblem, left_out: &[LeftOut]) -> Vec<Option<f64>> {
     out
 }
 
-/// Summarises the misses of the rows that belong.
+/// Summarises the errors of the rows that belong to the others.
 fn summary(misses: &[Option<f64>], weights: &[f64]) -> Summary {
     let pairs = misses.iter().zip(weights);
     let belonging = pairs.filter(|(_, weight)| **weight > 0.0);
@@ -218,7 +219,7 @@ fn summary(misses: &[Option<f64>], weights: &[f64]) -> Summary {
     Summary::new(&all)
 }
 
-/// The states as the arm truly has them once these parts have moved.
+/// Returns the true states of the arm once these parts have moved.
 fn moved_states(problem: &TouchProblem, parts: &[(Part, f64)]) -> Vec<BaseSample> {
     let mut states = problem.states.clone();
     for state in &mut states {

@@ -1,4 +1,4 @@
-//! Touches as equations, and the arm of a blob at their states.
+//! Touches as equations, and the arm of a blob at the states of the touches.
 
 use poegp_runtime::math::se3::Pose;
 
@@ -15,30 +15,31 @@ use crate::verification::arm::BlobArm;
 use crate::verification::hypotheses::{Hypothesis, Part, hypotheses};
 use crate::verification::payload::payload_step;
 
-/// Unknowns with a wider prior than this, m or rad, nobody knows.
+/// Prior standard deviation from which an unknown counts as free, m or rad.
 const UNKNOWN: f64 = 1.0;
 
 /// The equations of touches, each in units of its stated noise.
 pub(super) struct Rows {
-    /// −e, where unknowns that somebody stated are as stated.
+    /// −e: negative residuals, with stated unknowns at their stated values.
     pub(super) y: Mat<f64>,
-    /// What each sees of the poses of all states: displacement and rotation of the tip in the axes of the base, m and rad.
+    /// P: what each row sees of the poses of all states, as displacement and rotation of the tip in the axes of the base, m
+    /// and rad.
     pub(super) seen: Mat<f64>,
-    /// F of what nobody knows.
+    /// F of the free unknowns.
     pub(super) free: Mat<f64>,
-    /// F Λ of what somebody stated.
+    /// F Λ of the unknowns that have a stated standard deviation.
     pub(super) stated: Mat<f64>,
-    /// 0 of lengths, 1 of angles and images.
+    /// Kind of each row's noise: 0 for lengths, 1 for angles and images.
     pub(super) kind: Vec<Option<usize>>,
-    /// Share of a row's variance that no factor of the noise changes: all of a known distance.
+    /// Share of a row's variance that no factor of the noise changes: 1 for a known distance.
     pub(super) fixed: Vec<f64>,
-    /// σ of the row, m; `None` of angles and images.
+    /// σ of the row, m; `None` for angles, images and known distances.
     pub(super) sigma: Vec<Option<f64>>,
 }
 
 /// Columns that are not zero, with their values.
 type Sparse = Vec<(usize, f64)>;
-/// e, what it sees of the pose of its state, and of its unknowns.
+/// One equation: e, its derivatives by the pose of its state, and its derivatives by its unknowns.
 type Equation = (f64, Sparse, Sparse);
 
 impl Rows {
@@ -120,7 +121,7 @@ impl Rows {
                     out.free[(k, at)] = x;
                 } else if let Ok(at) = stated.binary_search(&j) {
                     out.stated[(k, at)] = x * prior[j];
-                    // Back to where it was stated to be.
+                    // Moves the residual back to the stated value of the unknown.
                     y += x * value[j];
                 }
             }
@@ -137,9 +138,9 @@ pub(super) struct ArmAtTouches {
     pub(super) at: Linearised,
     /// Units of the rows of poses.
     pub(super) scales: NoiseScales,
-    /// What is looked for, in rows of poses.
+    /// Hypotheses, with effects in rows of poses.
     pub(super) all: Vec<Hypothesis>,
-    /// Displacements that twice the size makes, in rows of poses.
+    /// Displacements for a relative change of size of 1 (an arm twice as large), in rows of poses.
     pub(super) size: Mat<f64>,
 }
 
@@ -199,7 +200,7 @@ impl ArmAtTouches {
 /// Unit of angles in the rows of poses, rad.
 const LEVEL: f64 = 50e-6;
 
-/// What a kilogram more does, in units of `scales`.
+/// Returns the effect of one additional kilogram of payload, in units of `scales`.
 fn payload_effect(
     loaded: &BlobModel,
     samples: &[InstrumentSample],

@@ -1,4 +1,4 @@
-//! The rows of touches with their covariance, and what they show of the arm's size.
+//! The rows of touches with their covariance, and the change of the arm's size that they can show.
 
 use crate::identification::parametric::state::ROWS;
 use crate::numeric::cholesky::Factor;
@@ -10,19 +10,19 @@ use crate::verification::noise::{Factors, Parts};
 use crate::verification::result::CheckError;
 use crate::verification::touches::rows::{ArmAtTouches, Rows};
 
-/// Standard deviations of a change that a test of 1 % finds nine times in ten.
+/// Effect, in standard deviations, of a change that a test with 1 % false alarms finds nine times in ten.
 const SURELY: f64 = 3.86;
-/// No arm is farther from its size than this, ppm.
+/// Largest difference of an arm's size from its model's, ppm.
 const LARGEST_PPM: f64 = 5000.0;
 
-/// The rows with their covariance.
+/// The rows of touches with their covariance and the hypotheses.
 pub(super) struct Weighed {
-    /// What is looked for, in rows of touches.
+    /// Hypotheses, with effects in rows of touches.
     pub(super) all: Vec<Hypothesis>,
     pub(super) factors: Factors,
     pub(super) factor: Factor,
     pub(super) model_mm: f64,
-    /// From rows of poses in units of their scales to rows of touches.
+    /// Matrix from rows of poses, in units of their scales, to rows of touches.
     by_pose: Mat<f64>,
 }
 
@@ -64,7 +64,7 @@ impl Weighed {
         if free.len() >= rows.y.nrows() {
             return Err(CheckError::NothingShown);
         }
-        // Noise is never below the stated one.
+        // The noise is never below the stated one.
         let factors = parts
             .fitted(&rows.y, &x, &[1.0, 1.0, 0.0])
             .ok_or(CheckError::Unsolvable)?;
@@ -85,7 +85,8 @@ impl Weighed {
     }
 }
 
-/// The change of size, ppm, that these touches find nine times in ten; `None` where it is larger than any arm's.
+/// Returns the change of the arm's size, ppm, that these touches find nine times in ten; `None` if it is larger than any
+/// arm's.
 pub(super) fn size_ppm(rows: &Rows, arm: &ArmAtTouches, weighed: &Weighed) -> Option<f64> {
     let effect = product(&weighed.by_pose, &arm.size);
     let column = columns(&weighed.factor.half_solve(&effect));
