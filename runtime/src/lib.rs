@@ -1,8 +1,8 @@
 //! Corrects the commands of a calibrated robot, in fixed memory and with the same bits on every machine.
 //!
-//! A [`Model`] is loaded from the bytes of a blob, which `trainer calibrate` writes. It then answers two questions in every
-//! cycle: [`Model::evaluate`], where the flange really is, and [`Model::correct`], which joints bring it to where the
-//! nominal robot would be.
+//! A [`Model`] is loaded from the bytes of a blob, which `trainer calibrate` writes. In every cycle it then answers two
+//! questions: where the flange really is ([`Model::evaluate`]), and which joints bring it to where the nominal robot would
+//! be ([`Model::correct`]).
 //!
 //! ```
 //! use poegp_runtime::{Model400, ModelError, Status};
@@ -23,26 +23,26 @@
 //! A single command is corrected by [`Model::correct`]. A path goes through a [`filter::CommandFilter`] as well, which keeps
 //! the correction from stepping when the model or the payload changes.
 //!
-//! The crate promises: no heap, no panic, no unbounded loop, no NaN out, no unsafe code but the innermost loops in
-//! assembly; the same bits on every target; an answer for every input, with a [`Status`] that says what it is
-//! worth. Units are radians, metres and kilograms. Nothing here allocates or reads files.
+//! The crate promises: no heap, no panic, no unbounded loop, no NaN in an answer, and no unsafe code except the innermost
+//! loops in assembly; the same bits on every target; an answer for every input, with a [`Status`] that says how far it can
+//! be trusted. Units are radians, metres and kilograms. Nothing here allocates or reads files.
 //!
 //! # Features
 //!
-//! The defaults are what a firmware wants. No feature changes a bit of an answer.
+//! The defaults suit a firmware. No feature changes a bit of an answer.
 //!
 //! | feature | default | effect |
 //! |---|---|---|
 //! | `portable-kernels` | off | the innermost loops from portable Rust on every processor: no unsafe code, more instructions |
-//! | `cortex-m55` | off | the innermost loops with the vectors of a Cortex-M55 or M85 (Helium with floating point), which must be there |
+//! | `cortex-m55` | off | the innermost loops in Helium with floating point; the processor must be a Cortex-M55 or M85 |
 //!
 //! Signatures, store and service need no feature: what a firmware does not call is not linked.
 //!
 //! # Layers
 //!
-//! A module uses those above it in this table, never one below.
+//! A module uses only modules above it in this table.
 //!
-//! | module | what it has |
+//! | module | contents |
 //! |---|---|
 //! | [`math`] | the number types `f32` and `f64`, SE(3) |
 //! | [`kinematics`] | the product of exponentials, joint coupling, Newton steps |

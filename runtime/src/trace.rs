@@ -1,4 +1,4 @@
-//! Intermediate results of an evaluation: one source for the product and for the comparison of bits.
+//! Intermediate results of an evaluation, from the same code for the product and for bit-for-bit comparisons.
 
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
 
@@ -6,28 +6,30 @@ use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
 
-/// Intermediate results, shown as they arise. All methods do nothing unless overridden, and cost nothing then.
+/// Receives the intermediate results of an evaluation as they arise. A method that is not overridden does nothing and costs
+/// nothing.
 pub trait Observer<T> {
-    /// Motions of the serial joints: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in metres.
+    /// Receives the motions of the serial joints: (sin q, cos q) of a revolute joint, (q, 0) of a prismatic one with q in
+    /// metres.
     fn motions(&mut self, _motions: &[[T; 2]]) {}
-    /// f(q).
+    /// Receives f(q), the pose of the chain.
     fn chain(&mut self, _pose: &Pose<T>) {}
-    /// The posterior mean before bounding.
+    /// Receives the posterior mean before it is bounded.
     fn mean(&mut self, _mean: &[T; OUTPUTS]) {}
-    /// The joint deflection before bounding, of an elastic model.
+    /// Receives the joint deflection of an elastic model before it is bounded.
     fn deflection(&mut self, _deflection: &[T; MAX_JOINTS]) {}
-    /// Whether the pose is all that is asked for: trust and standard deviation are left out then.
+    /// Returns whether only the pose is wanted: the evaluation then leaves out trust and standard deviation.
     fn wants_pose_alone(&self) -> bool {
         false
     }
 }
 
-/// Looks at nothing.
+/// Observer that ignores every intermediate result.
 #[derive(Clone, Copy, Debug)]
 pub struct Unobserved;
 impl<T> Observer<T> for Unobserved {}
 
-/// Asks for the pose alone.
+/// Observer that asks for the pose alone.
 #[derive(Clone, Copy, Debug)]
 pub struct PoseAlone;
 impl<T> Observer<T> for PoseAlone {
@@ -37,14 +39,15 @@ impl<T> Observer<T> for PoseAlone {
     }
 }
 
-/// Keeps all of them. Cheap enough to be kept always: an evaluation and a trace on the device are the same code, once.
+/// Observer that keeps every intermediate result. It is cheap enough to be used always, so that an evaluation and a trace on
+/// the device share one copy of the code.
 #[derive(Clone, Copy, Debug)]
 pub struct Stages<T> {
     motions: JointTrig<T>,
     joints: usize,
-    /// f(q); all zeros when nothing was evaluated.
+    /// Pose f(q) of the chain; all zeros when nothing was evaluated.
     pub chain: Pose<T>,
-    /// Posterior mean of the six outputs, or deflections of the joints.
+    /// Posterior mean of the six outputs, or the joint deflections of an elastic model.
     pub mean: [T; MAX_JOINTS],
 }
 
@@ -55,7 +58,7 @@ impl<T: Scalar> Default for Stages<T> {
 }
 
 impl<T: Scalar> Stages<T> {
-    /// Nothing seen yet.
+    /// Creates stages that have seen nothing yet.
     pub fn new() -> Self {
         Self {
             motions: zero_joint_trig(),
@@ -65,7 +68,8 @@ impl<T: Scalar> Stages<T> {
         }
     }
 
-    /// Motions of the serial joints: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in metres.
+    /// Returns the motions of the serial joints: (sin q, cos q) of a revolute joint, (q, 0) of a prismatic one with q in
+    /// metres.
     pub fn motions(&self) -> &[[T; 2]] {
         self.motions.get(..self.joints).unwrap_or(&[])
     }

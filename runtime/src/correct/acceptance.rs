@@ -1,4 +1,4 @@
-//! What a search has come to, and the answer that is made of it.
+//! The result of a search for corrected joints, and the answer that is made of it.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -7,47 +7,48 @@ use crate::kinematics::coupling::{Coupling, PerJoint, coupled};
 use crate::kinematics::newton::{PoseError6, squared_norms};
 use crate::math::scalar::Scalar;
 
-/// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are some
-/// milliradians; up to here the sines of the change are exact to single precision. A larger change is scaled back in the end.
+/// Largest change of a joint, the controller's or a serial one, in rad or m. Corrections of calibrated arms are a few
+/// milliradians; up to this bound the sines of the change are exact to single precision. A larger change is scaled back in
+/// the end.
 pub const MAX_JOINT_CHANGE: f64 = 0.1;
-/// Remaining error, in metres and radians, up to which a command is called fully corrected.
+/// Remaining error, in metres and radians, up to which a command counts as fully corrected.
 pub const CORRECTED_WITHIN: f64 = 5e-6;
 
 /// The answer of [`crate::model::Model::correct`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected<T> {
-    /// The controller's joints to command, rad or m; beyond the joints of the arm zero.
+    /// Controller joints to command, in rad or m; zero beyond the joints of the arm.
     pub joints: [T; MAX_JOINTS],
-    /// How much of the arm's error is corrected, from 0 to 1: 1 but beside singularities and where a bound acts. A metre
-    /// counts as much as a radian.
+    /// Share of the arm's error that is corrected, from 0 to 1. It is 1 except beside singularities and where a bound acts.
+    /// A metre counts as much as a radian.
     pub applied: T,
-    /// Distance in metres of the target from where it should be, by the model and at these joints. It includes an estimate of what
-    /// the last step's linearisation leaves, and is rather too large than too small. Zero where nothing is known (no model,
-    /// bad input).
+    /// Distance in metres between the target and where it should be, by the model and at these joints. It includes an
+    /// estimate of what the last step's linearisation leaves, and is too large rather than too small. Zero where nothing is
+    /// known (no model, bad input).
     pub position_error: T,
-    /// The rotation error that stays, in radians.
+    /// Remaining rotation error, in radians.
     pub rotation_error: T,
-    /// What it is worth. The ranges are looked up for the commanded joints.
+    /// How far the answer can be trusted. The range bits refer to the commanded joints.
     pub status: Status,
 }
 
-/// What a search has come to.
+/// Result of a search, before [`MAX_JOINT_CHANGE`] is applied.
 pub(super) struct Candidate<T> {
-    /// q* − q.
+    /// Change of the joints, q* − q.
     pub(super) change: PerJoint<T>,
-    /// Error of the command as it came.
+    /// Error of the uncorrected command.
     pub(super) before: PoseError6<T>,
     pub(super) given_up: PoseError6<T>,
     pub(super) remainder: Remainder<T>,
     pub(super) limited: bool,
 }
 
-/// What is left at q*.
+/// Error that remains at q*.
 #[derive(Clone, Copy)]
 pub(super) struct Remainder<T> {
-    /// The error that stays.
+    /// Part of the error that stays, to first order.
     pub(super) stays: PoseError6<T>,
-    /// Estimates of how much of position and of rotation the last step's linearisation leaves besides.
+    /// Estimates of the position and rotation error that the last step's linearisation leaves in addition.
     pub(super) nonlinear: [T; 2],
 }
 
@@ -61,12 +62,12 @@ impl<T: Scalar> Remainder<T> {
 }
 
 impl<T: Scalar> Candidate<T> {
-    /// What the change must be multiplied with so that no joint changes by more than [`MAX_JOINT_CHANGE`].
+    /// Returns the factor for the change that keeps every joint within [`MAX_JOINT_CHANGE`].
     fn factor(&self, coupling: Option<&Coupling<T>>) -> T {
         let whole = T::from_f64(MAX_JOINT_CHANGE);
         let mut largest = raised(whole, &self.change);
         if let Some(coupling) = coupling {
-            // Serial joints without a term change as the controller's do.
+            // Serial joints without a coupling term change exactly as the controller's joints do.
             let serial = coupled(Some(coupling), &self.change);
             for (joint, _, _) in coupling.terms() {
                 largest = raised_to(largest, serial.get(joint).copied().unwrap_or(T::ZERO));
@@ -75,7 +76,7 @@ impl<T: Scalar> Candidate<T> {
         whole / largest
     }
 
-    /// The answer to `joints`.
+    /// Returns the answer to the command `joints`.
     pub(super) fn answer(
         &self,
         joints: &PerJoint<T>,
@@ -103,15 +104,16 @@ impl<T: Scalar> Candidate<T> {
             *slot += change;
             checksum += change;
         }
-        // Everything was computed, or nothing is believed.
+        // Unless everything is finite, nothing of the result is believed.
         let sound = checksum.is_finite();
-        // One by one: of two whole arrays one is copied by another routine than the other, which takes another time.
+        // Selected element by element: of two whole arrays, each would be copied by a different routine, in a different
+        // time.
         for (slot, q) in command.iter_mut().zip(joints) {
             *slot = if sound { *slot } else { *q };
         }
         let zero_unless_sound = |value: T| if sound { value } else { T::ZERO };
         let tolerance = T::from_f64(CORRECTED_WITHIN);
-        // Five joints cannot turn the target every way.
+        // Fewer than six joints cannot turn the target every way.
         let there = (position <= tolerance) & ((rotation <= tolerance) | !can_turn);
         Corrected {
             joints: command,
@@ -124,7 +126,7 @@ impl<T: Scalar> Candidate<T> {
         }
     }
 
-    /// 1 − |given up|/|error|, of which the first micrometre does not count: rounding is not given up.
+    /// Returns 1 − |given up|/|error|, without the first micrometre of what was given up: rounding does not count.
     fn applied(&self) -> T {
         let length = |e: &PoseError6<T>| {
             let (position, rotation) = squared_norms(e);
@@ -132,13 +134,13 @@ impl<T: Scalar> Candidate<T> {
         };
         let given_up = length(&self.given_up) - T::from_f64(1e-6);
         let share = given_up / length(&self.before);
-        // Also of 0/0.
+        // The comparison also turns NaN (0/0) into zero.
         let share = if share > T::ZERO { share } else { T::ZERO };
         T::ONE - if share < T::ONE { share } else { T::ONE }
     }
 }
 
-/// The larger of `least` and the absolute values.
+/// Returns the largest of `least` and the absolute values.
 pub(super) fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
     let mut largest = least;
     for value in values {
@@ -147,7 +149,7 @@ pub(super) fn raised<T: Scalar>(least: T, values: &PerJoint<T>) -> T {
     largest
 }
 
-/// The larger of `least` and the absolute value.
+/// Returns the larger of `least` and the absolute value.
 #[inline(always)]
 fn raised_to<T: Scalar>(least: T, value: T) -> T {
     let magnitude = value.abs();

@@ -5,10 +5,10 @@ use crate::math::scalar::Scalar;
 pub(super) type Vector<T> = [T; 3];
 pub(super) type Matrix<T> = [[T; 3]; 3];
 
-/// L D Lᵀ of a symmetric matrix and its damping.
+/// Factors L D Lᵀ of a symmetric matrix plus its damping.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Factors<T> {
-    /// Reciprocals of D.
+    /// Reciprocals of the pivots D.
     d: Vector<T>,
     l10: T,
     l20: T,
@@ -16,7 +16,7 @@ pub(super) struct Factors<T> {
 }
 
 impl<T: Scalar> Factors<T> {
-    /// No pivot is below `damping`, also when it is NaN.
+    /// Factors K = `m` + `damping`·I. No pivot is below `damping`, not even one that is NaN.
     pub(super) fn of(m: &Matrix<T>, damping: T) -> Self {
         let reciprocal = |pivot: T| T::ONE / if pivot > damping { pivot } else { damping };
         let d0 = reciprocal(m[0][0] + damping);
@@ -33,7 +33,7 @@ impl<T: Scalar> Factors<T> {
         }
     }
 
-    /// L⁻¹ b.
+    /// Returns L⁻¹ b.
     #[inline(always)]
     fn forward(&self, b: &Vector<T>) -> Vector<T> {
         let y1 = b[1] - self.l10 * b[0];
@@ -52,14 +52,14 @@ impl<T: Scalar> Factors<T> {
         [y[0] * self.d[0] - self.l10 * x1 - self.l20 * x2, x1, x2]
     }
 
-    /// bᵀ K⁻¹ b.
+    /// Returns bᵀ K⁻¹ b.
     #[inline(always)]
     fn inverse_form(&self, b: &Vector<T>) -> T {
         let y = self.forward(b);
         y[0] * y[0] * self.d[0] + y[1] * y[1] * self.d[1] + y[2] * y[2] * self.d[2]
     }
 
-    /// 1/tr K⁻¹: at most the smallest eigenvalue, at least a third of it.
+    /// Returns 1/tr K⁻¹: at most the smallest eigenvalue of K, and at least a third of it.
     pub(super) fn least(&self) -> T {
         // Columns of L⁻¹.
         let a = self.l21 * self.l10 - self.l20;
@@ -68,7 +68,7 @@ impl<T: Scalar> Factors<T> {
         T::ONE / (first + d1 + self.l21 * self.l21 * d2 + d2)
     }
 
-    /// What λ lacks for |x| unit ≤ 1, x = K⁻¹ b, and for |side x| side_unit ≤ 1: Newton's step on 1/|x|.
+    /// Returns the increase of λ by which |x| unit ≤ 1, for x = K⁻¹ b, and |side x| side_unit ≤ 1: one Newton step on 1/|x|.
     pub(super) fn missing(&self, b: &Vector<T>, unit: T, side: Option<(&Matrix<T>, T)>) -> T {
         let x = self.solved(b);
         let length = squared(&x);
@@ -78,13 +78,13 @@ impl<T: Scalar> Factors<T> {
             size = larger(there, size);
         }
         let excess = size.sqrt() - T::ONE;
-        // λ and the eigenvalue in the direction of x.
+        // λ plus the eigenvalue in the direction of x.
         let eigenvalue = length / self.inverse_form(&x);
-        // Not for NaN: x may be zero.
+        // `larger` returns zero for NaN, which arises when x is zero.
         larger(eigenvalue * excess, T::ZERO)
     }
 
-    /// K⁻¹ M.
+    /// Returns K⁻¹ M.
     pub(super) fn solve_columns(&self, m: &Matrix<T>) -> Matrix<T> {
         let mut out = [[T::ZERO; 3]; 3];
         for k in 0..3 {
@@ -97,7 +97,7 @@ impl<T: Scalar> Factors<T> {
     }
 }
 
-/// K − M N.
+/// Returns K − M N.
 pub(super) fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> Matrix<T> {
     let mut out = *k;
     for (slots, row) in out.iter_mut().zip(m) {
@@ -108,7 +108,7 @@ pub(super) fn schur<T: Scalar>(k: &Matrix<T>, m: &Matrix<T>, n: &Matrix<T>) -> M
     out
 }
 
-/// M x.
+/// Returns M x.
 pub(super) fn product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
     multiplied(m, x)
 }
@@ -119,7 +119,7 @@ pub(super) fn multiplied<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
     [row(&m[0]), row(&m[1]), row(&m[2])]
 }
 
-/// Mᵀ x.
+/// Returns Mᵀ x.
 pub(super) fn transposed_product<T: Scalar>(m: &Matrix<T>, x: &Vector<T>) -> Vector<T> {
     let column = |c: usize| m[0][c] * x[0] + m[1][c] * x[1] + m[2][c] * x[2];
     [column(0), column(1), column(2)]
@@ -140,7 +140,7 @@ pub(super) fn difference<T: Scalar>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// The larger one; `b` when `a` is NaN.
+/// Returns the larger of both; `b` when `a` is NaN.
 #[inline(always)]
 pub(super) fn larger<T: Scalar>(a: T, b: T) -> T {
     if a > b { a } else { b }

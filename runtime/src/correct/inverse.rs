@@ -1,18 +1,18 @@
 //! Inverse kinematics: the joints at which the arm, calibrated or nominal, stands at a wanted pose.
 //!
-//! Levenberg–Marquardt from a seed, on displacement and rotation along the axes of the base:
+//! It uses Levenberg–Marquardt steps from a seed, on displacement and rotation along the axes of the base:
 //!
 //! ```text
 //! d = Jᵀ (J Jᵀ + λ I)⁻¹ e        λ = μ |e|², smaller after a step that helps, larger after one that does not
 //! ```
 //!
-//! With λ as the square of the error the last steps are Newton's, also beside a singularity (Yamashita and Fukushima, "On the
-//! rate of convergence of the Levenberg–Marquardt method"). J is that of the chain; what the correction adds to it is some
-//! thousandths, so that the calibrated arm takes a step or two more than the nominal one.
+//! With λ proportional to the squared error the last steps are Newton steps, also beside a singularity (Yamashita and
+//! Fukushima, "On the rate of convergence of the Levenberg–Marquardt method"). J is the Jacobian of the chain; the
+//! correction changes it by some thousandths, so that the calibrated arm takes a step or two more than the nominal one.
 //!
 //! A step is taken only if the error shrinks, and the number of steps is bounded. So the answer is never farther from the
-//! wanted pose than the seed, and what is no number is never part of it. This is a question of planning, not of the cycle:
-//! no firmware calls it.
+//! wanted pose than the seed, and never contains a NaN. Inverse kinematics serves planning, not the cycle: no firmware calls
+//! it.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -33,33 +33,33 @@ use crate::model::evaluate::{CompiledEvaluation, View};
 use crate::model::validate::{MAX_PAYLOAD_KG, is_pose, is_within};
 use crate::trace::PoseAlone;
 
-/// Most steps of one search, those that did not help counted.
+/// Largest number of steps of one search, including steps that did not help.
 const MOST_STEPS: usize = 60;
-/// The longest step of a joint in rad or m: farther than this its linearisation says nothing.
+/// Longest step of a joint, in rad or m: beyond it the linearisation says nothing.
 const LONGEST_STEP: f64 = 0.5;
-/// An error in metres and radians that needs no step more, in `f64`; in `f32` it is a few roundings.
+/// Error, in metres and radians, at which a search in `f64` ends; in `f32` it ends at a few roundings.
 const ARRIVED: f64 = 1e-12;
-/// μ at the seed, and where a search gives up.
+/// Damping factor μ at the seed, and the one at which a search gives up.
 const FIRST_DAMPING: f64 = 0.1;
 const MOST_DAMPING: f64 = 1e9;
 
 /// The answer of [`Model::inverse`] and [`Model::nominal_inverse`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inverse<T> {
-    /// The controller's joints, rad or m; beyond the joints of the arm zero.
+    /// Controller joints, in rad or m; zero beyond the joints of the arm.
     pub joints: [T; MAX_JOINTS],
-    /// Distance in metres of the tool at these joints from the wanted pose.
+    /// Distance in metres between the tool at these joints and the wanted pose.
     pub position_error: T,
-    /// The rotation between them, in radians.
+    /// Rotation between the tool at these joints and the wanted pose, in radians.
     pub rotation_error: T,
-    /// What it is worth: [`Status::PARTLY_CORRECTED`] where the pose was not reached. The ranges are looked up for the
-    /// answer.
+    /// How far the answer can be trusted: [`Status::PARTLY_CORRECTED`] where the pose was not reached. The range bits refer
+    /// to the joints of the answer.
     pub status: Status,
 }
 
 /// A number type for which the search is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
 pub trait CompiledInverse: CompiledEvaluation {
-    /// [`Model::tool_inverse`].
+    /// See [`Model::tool_inverse`].
     fn tool_inverse(
         view: View<'_, Self>,
         base_from_tool: &Pose<Self>,
@@ -72,7 +72,7 @@ pub trait CompiledInverse: CompiledEvaluation {
 macro_rules! compiled {
     ($number:ty) => {
         impl CompiledInverse for $number {
-            // As fast whoever calls it.
+            // The speed must not depend on the caller.
             #[inline(never)]
             fn tool_inverse(
                 view: View<'_, Self>,
@@ -101,8 +101,8 @@ macro_rules! compiled {
 compiled!(f32);
 compiled!(f64);
 
-/// The pose of [`Model::evaluate`], to the bit.
-// A function of its own: the search evaluates in two lines.
+/// Returns the same pose as [`Model::evaluate`], bit for bit.
+// A function of its own, because the search evaluates at two call sites.
 #[inline(never)]
 fn pose_alone<T: CompiledEvaluation>(view: View<'_, T>, joints: &[T], payload_kg: T) -> Pose<T> {
     view.evaluate_observed(joints, payload_kg, &mut PoseAlone)
@@ -110,15 +110,17 @@ fn pose_alone<T: CompiledEvaluation>(view: View<'_, T>, joints: &[T], payload_kg
 }
 
 impl<T: CompiledInverse, const WORDS: usize> Model<T, WORDS> {
-    /// The joints near `seed` (rad or m) at which the calibrated arm stands at `base_from_target`, with a payload in kg.
+    /// Returns the joints near `seed` (rad or m) at which the calibrated arm stands at `base_from_target`, with a payload in
+    /// kg.
     ///
-    /// Without a model or for bad input the answer is the seed, zeros in place of what is not finite. A frame that is no
-    /// rigid transform is bad input.
+    /// Without a model or for bad input the seed is returned, with zeros in place of what is not finite. A frame that is not
+    /// a rigid transform is bad input.
     pub fn inverse(&self, base_from_target: &Pose<T>, seed: &[T], payload_kg: T) -> Inverse<T> {
         self.tool_inverse(base_from_target, &Pose::identity(), seed, payload_kg)
     }
 
-    /// The same for a tool on the target: the joints at which `target_from_tool` stands at `base_from_tool`.
+    /// Returns the joints near `seed` (rad or m) at which the tool frame `target_from_tool` stands at `base_from_tool`, with
+    /// a payload in kg. Otherwise as [`Model::inverse`].
     pub fn tool_inverse(
         &self,
         base_from_tool: &Pose<T>,
@@ -137,8 +139,8 @@ impl<T: CompiledInverse, const WORDS: usize> Model<T, WORDS> {
 }
 
 impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
-    /// The joints near `seed` (rad or m) at which the nominal arm stands at `base_from_target`: what a controller computes
-    /// that knows the drawing alone.
+    /// Returns the joints near `seed` (rad or m) at which the nominal arm stands at `base_from_target`. A controller that
+    /// knows only the drawing computes these.
     #[inline(never)]
     pub fn nominal_inverse(&self, base_from_target: &Pose<T>, seed: &[T]) -> Inverse<T> {
         let asked = Asked {
@@ -151,16 +153,16 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
     }
 }
 
-/// A question.
+/// Inputs of a search.
 struct Asked<'a, T> {
     wanted: &'a Pose<T>,
     seed: &'a [T],
     payload_kg: T,
-    /// Whether payload and tool are such.
+    /// Whether the payload and the tool are valid.
     believable: bool,
 }
 
-/// Where a search stands.
+/// Current point of a search.
 struct At<T> {
     joints: PerJoint<T>,
     frames: JointFrames<T>,
@@ -169,7 +171,7 @@ struct At<T> {
     cost: T,
 }
 
-/// From the seed to the wanted pose; `pose_of` is the arm's pose from its joints and the pose of its chain.
+/// Searches from the seed for the wanted pose; `pose_of` computes the arm's pose from its joints and the pose of its chain.
 #[inline(always)]
 fn search<'a, T: Scalar>(
     view: &View<'a, T>,
@@ -240,7 +242,7 @@ fn search<'a, T: Scalar>(
             .joints
             .iter()
             .all(|q| is_within(q.abs(), T::ZERO, T::from_f32(MAX_ANGLE)));
-        // Not of a NaN.
+        // A cost that is NaN fails this comparison.
         if next.cost < at.cost && is_near {
             at = next;
             damping = damping * T::from_f64(0.125);
@@ -269,7 +271,7 @@ fn search<'a, T: Scalar>(
     }
 }
 
-/// How `pose` must be displaced and turned to be `wanted`, for any angle.
+/// Returns the displacement and rotation that bring `pose` to `wanted`, for any angle.
 #[inline(never)]
 fn error_of<T: Scalar>(wanted: &Pose<T>, pose: &Pose<T>) -> PoseError6<T> {
     let mut error = pose_error(wanted, pose);
@@ -277,7 +279,7 @@ fn error_of<T: Scalar>(wanted: &Pose<T>, pose: &Pose<T>) -> PoseError6<T> {
     for (a, b) in wanted.rotation.iter().zip(pose.rotation.iter()) {
         cosines += *a * *b;
     }
-    // 1 + 2 cos θ. From 0.2 rad on the sine of the angle is not the angle.
+    // The sum is 1 + 2 cos θ. From 0.2 rad on, the sine of the angle no longer approximates the angle.
     if cosines < T::from_f64(2.96) {
         let turned = residual(wanted, pose).angular;
         [error[3], error[4], error[5]] = [turned[0], turned[1], turned[2]];
@@ -285,7 +287,7 @@ fn error_of<T: Scalar>(wanted: &Pose<T>, pose: &Pose<T>) -> PoseError6<T> {
     error
 }
 
-/// q + d, with d scaled back to [`LONGEST_STEP`].
+/// Returns q + d, with d scaled back to at most [`LONGEST_STEP`].
 #[inline(never)]
 fn stepped<T: Scalar>(joints: &PerJoint<T>, step: &PerJoint<T>) -> PerJoint<T> {
     let limit = T::from_f64(LONGEST_STEP);

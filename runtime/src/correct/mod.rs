@@ -1,27 +1,28 @@
 //! Corrected joints: the command at which the calibrated arm stands where the nominal one would.
 //!
-//! For commanded joints q and a payload m, q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a continuous function
-//! of q and m with a bounded slope: beside singularities part of the error stays ([`crate::correct::step_limit`]). The first step is
-//! limited so. Later steps use its J and its damping: they take away what its linearisation left, and leave what it gave up.
+//! For commanded joints q and a payload m, the answer is q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a
+//! continuous function of q and m with a bounded slope: beside singularities part of the error stays. The first step is
+//! limited accordingly ([`crate::correct::step_limit`]). Later steps use its J and its damping: they remove what its
+//! linearisation left, but not what it gave up.
 //!
-//! With an elastic model the deflection is a part of the arm's error, and small and smooth:
+//! With an elastic model, the deflection is a small and smooth part of the arm's error:
 //!
 //! ```text
 //! e  = nominal(C q) − POE(C q)        J = POE′(C q) C
 //! d₀ = damped step for e − J φ(q)     φ: gravity
 //! g  = processes at q + d₀
-//! D  = φ(n) + g + r(n)                n = q + d₀ − g, where the command will be, nearly; r: gears, which change quickest
+//! D  = φ(n) + g + r(n)                n = q + d₀ − g, nearly the corrected command; r: gears, which change quickest
 //! d  = limited step for e − J D
-//! d += a step for what POE(C (q + d + D)) has left but was not given up
-//! q* = q + d, with what the gears do there (ripple and own-joint curves)
+//! d += step for the error that POE(C (q + d + D)) has left but that was not given up
+//! q* = q + d, with the gear errors (ripple and own-joint curves) at that command
 //! ```
 //!
-//! The correction in task space does not split like that and is evaluated at each of three steps.
+//! A task-space correction cannot be split up like that and is evaluated at each of three steps.
 //!
-//! Every number here is a continuous function of the command: limits, bounds and shares scale, they never switch. Only what
-//! is no number at all ends in the command as it came.
+//! Every number here is a continuous function of the command: limits, bounds and shares scale, they never switch. Only when
+//! a result is not finite is the command returned unchanged.
 //!
-//! An arm of less than six joints cannot reach every pose: it is brought to the position, and its rotation as near as that
+//! An arm of fewer than six joints cannot reach every pose: it reaches the position, and the rotation as nearly as that
 //! allows.
 
 mod acceptance;
@@ -58,22 +59,23 @@ use crate::model::evaluate::{CompiledEvaluation, View};
 use crate::model::task_space::TaskSpaceCorrection;
 use crate::model::validate::{MAX_PAYLOAD_KG, is_within};
 
-/// Steps after the first one. With a correction in task space one of them leaves more than 1 µm at 1 % of the poses.
+/// Number of steps after the first one. With a task-space correction, one such step leaves more than 1 µm at 1 % of the
+/// poses.
 const LATER_STEPS: usize = 1;
 const LATER_TASK_SPACE_STEPS: usize = 2;
-/// Square of a joint change that is rounding alone, rad² or m².
+/// Square of a joint change that is mere rounding, rad² or m².
 const LEAST_SQUARE: f64 = 1e-12;
 
 /// A number type for which the correction is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
 pub trait CompiledCorrection: CompiledEvaluation {
-    /// [`Model::correct`].
+    /// See [`Model::correct`].
     fn correct(view: View<'_, Self>, joints: &[Self], payload_kg: Self) -> Corrected<Self>;
 }
 
 macro_rules! compiled {
     ($number:ty) => {
         impl CompiledCorrection for $number {
-            // Code generation, and with it the time of a cycle, must not depend on the caller.
+            // The generated code, and with it the time of a cycle, must not depend on the caller.
             #[inline(never)]
             fn correct(view: View<'_, Self>, joints: &[Self], payload_kg: Self) -> Corrected<Self> {
                 corrected(&view, joints, payload_kg)
@@ -86,16 +88,16 @@ compiled!(f32);
 compiled!(f64);
 
 impl<T: CompiledCorrection, const WORDS: usize> Model<T, WORDS> {
-    /// The joints at which the calibrated arm stands where the nominal one would at `joints` (rad or m), with a payload
-    /// in kg. No joint is changed by more than [`MAX_JOINT_CHANGE`]. Without a model or for bad input the answer is
-    /// the command as it came, zeros in place of what is not finite.
+    /// Returns the joints at which the calibrated arm stands where the nominal one would at `joints` (rad or m), with a
+    /// payload in kg. No joint is changed by more than [`MAX_JOINT_CHANGE`]. Without a model or for bad input the command is
+    /// returned unchanged, with zeros in place of what is not finite.
     #[inline(always)]
     pub fn correct(&self, joints: &[T], payload_kg: T) -> Corrected<T> {
         T::correct(self.view(), joints, payload_kg)
     }
 }
 
-/// [`Model::correct`].
+/// See [`Model::correct`].
 #[inline(always)]
 fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) -> Corrected<T> {
     let as_it_came = |status| {
@@ -149,39 +151,39 @@ fn corrected<T: KernelLoops>(view: &View<'_, T>, joints: &[T], payload_kg: T) ->
     candidate.answer(&x, arm.coupling.as_ref(), joints.len() >= 6, status)
 }
 
-/// One search for corrected joints.
+/// State of one search for corrected joints.
 struct Search<'a, T> {
     arm: &'a Arm<T>,
     rows: &'a [T],
-    /// The command.
+    /// Commanded joints of the controller, in rad or m.
     joints: &'a PerJoint<T>,
     payload_kg: T,
-    /// Sine and cosine of the serial joints at the command; all others are turned from these, which keeps q + change from being
-    /// rounded.
+    /// Motions (sine and cosine) of the serial joints at the command. The motions after a change are rotated from these, so
+    /// that q + change is never rounded.
     motions: &'a JointTrig<T>,
-    /// Room for the others.
+    /// Buffer for the motions of the serial joints after a change.
     turned: &'a mut JointTrig<T>,
-    /// Where the nominal arm would stand.
+    /// Pose of the nominal arm at the command, which the calibrated arm has to reach.
     target: &'a Pose<T>,
-    /// Joint frames of the calibrated chain at its last evaluation.
+    /// Joint frames of the calibrated chain where it was last evaluated.
     frames: &'a mut JointFrames<T>,
 }
 
-/// The joint changes so far, and the limited step that they began with.
+/// The joint changes so far, and the limited step with which they began.
 struct Steps<T> {
     change: PerJoint<T>,
     limited: LimitedStep<T>,
 }
 
 impl<T: KernelLoops> Search<'_, T> {
-    /// The calibrated chain after a change of the joints.
+    /// Returns the pose of the calibrated chain after a change of the joints.
     #[inline(always)]
     fn chain(&mut self, change: &PerJoint<T>) -> Pose<T> {
         self.turn(change);
         self.arm.calibrated.forward_at(self.turned)
     }
 
-    /// The motions of the serial joints after a change of the joints.
+    /// Computes the motions of the serial joints after a change of the joints.
     #[inline(never)]
     fn turn(&mut self, change: &PerJoint<T>) {
         let arm = self.arm;
@@ -195,7 +197,7 @@ impl<T: KernelLoops> Search<'_, T> {
         );
     }
 
-    /// The equations where the chain was evaluated last, with the target at `pose`.
+    /// Forms the equations where the chain was last evaluated, with the target at `pose`.
     #[inline(always)]
     fn form(&self, equations: &mut NormalEquations<T>, pose: &Pose<T>) {
         let arm = self.arm;
@@ -217,7 +219,7 @@ impl<T: KernelLoops> Search<'_, T> {
         }
     }
 
-    /// The limited step against an error.
+    /// Computes the limited step against an error.
     #[inline(never)]
     fn limited_step(
         &self,
@@ -232,10 +234,10 @@ impl<T: KernelLoops> Search<'_, T> {
         }
     }
 
-    /// One step δ more against the error that is left, with the J of the first step.
+    /// Takes one more step δ against the remaining error, with the J of the first step.
     ///
-    /// After the change d the target really moves by J(q + d) δ. The difference to J δ is an error of third order. Its estimate is
-    /// 2 |e| |δ|/|d|, because the curvature along d has left the error e that this step takes away.
+    /// After the change d the target really moves by J(q + d) δ. The difference from J δ is an error of third order,
+    /// estimated as 2 |e| |δ|/|d|, because the curvature along d has left the error e that this step removes.
     #[inline(never)]
     fn later_step(
         &self,
@@ -248,7 +250,7 @@ impl<T: KernelLoops> Search<'_, T> {
         } = &steps.limited;
         let taken = subtract_scaled(error, T::ONE, given_up);
         let x = damped.solve(&taken);
-        // (J Jᵀ + Λ) x is what was to be taken away.
+        // The step was to remove (J Jᵀ + Λ) x, but leaves Λ x.
         let mut stays = *given_up;
         for (value, left) in stays.iter_mut().zip(&damped.left(&x)) {
             *value += *left;
@@ -267,7 +269,7 @@ impl<T: KernelLoops> Search<'_, T> {
         }
     }
 
-    /// Without correction, or with the one in task space at every step.
+    /// Solves for an arm without correction, or with a task-space correction that is evaluated at every step.
     fn solve_by_evaluation(&mut self, task: Option<&TaskSpaceCorrection<T>>) -> Candidate<T> {
         let mut later = if task.is_some() {
             LATER_TASK_SPACE_STEPS
@@ -299,7 +301,8 @@ impl<T: KernelLoops> Search<'_, T> {
         }
     }
 
-    /// The calibrated chain's pose after a change of the joints with its correction, and whether that was limited.
+    /// Returns the calibrated pose after a change of the joints, with its correction, and whether the correction was
+    /// limited.
     fn compensated(
         &self,
         pose: Pose<T>,
@@ -316,7 +319,7 @@ impl<T: KernelLoops> Search<'_, T> {
         (pose.corrected(&twist), limited)
     }
 
-    /// With the deflection D of an elastic model.
+    /// Solves for an elastic model, with its deflection D.
     fn solve_elastic(&mut self, elastic: &ElasticCorrection<T>) -> Candidate<T> {
         let arm = self.arm;
         let kinds = arm.calibrated.kinds();
@@ -325,7 +328,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let gravity = |frames: &[Pose<T>], pose: &Pose<T>| {
             terms.gravity.deflection(kinds, frames, pose, payload)
         };
-        // Sines and cosines of the controller's joints, where these are not the serial ones.
+        // Sines and cosines of the controller's joints, which differ from the serial ones when joints are coupled.
         let mut uncoupled;
         let features = if let Some(coupling) = &arm.coupling {
             uncoupled = *self.motions;
@@ -334,7 +337,7 @@ impl<T: KernelLoops> Search<'_, T> {
         } else {
             self.motions
         };
-        // The command, and where it will be, nearly.
+        // The error at the command, and an estimate of the corrected command.
         let pose = arm.calibrated.moved_frames_at(self.motions, self.frames);
         let plain = pose_error(self.target, &pose);
         let mut equations = NormalEquations::new();
@@ -343,7 +346,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let rigid = subtract_scaled(&plain, T::ONE, &sagging);
         let limit = StepLimit::new(equations.gram(), self.scale());
         let start = equations.joints_of(&limit.damped(&rigid));
-        // The deflection there: processes where gravity alone would have the command, the others where both would.
+        // Deflection at that estimate: the processes where gravity alone is compensated, the other terms where both are.
         deflected_into(features, kinds, &start, self.turned);
         let processes = &terms.processes;
         let (mean, behind) = processes.mean(kinds, self.rows, self.turned, payload);
@@ -365,7 +368,7 @@ impl<T: KernelLoops> Search<'_, T> {
         scale_finite(&mut effect, factor);
         let before = subtract_scaled(&plain, T::ONE, &effect);
         let mut steps = self.limited_step(&equations, &limit, &before);
-        // What is left of it.
+        // Remaining error after the limited step.
         let pose = self.chain(&sum(&steps.change, &deflection));
         let error = pose_error(self.target, &pose);
         let remainder = self.later_step(&equations, &error, &mut steps);
@@ -380,7 +383,7 @@ impl<T: KernelLoops> Search<'_, T> {
     }
 }
 
-/// s a, and zero where s is zero: a may be infinite.
+/// Scales a by s in place, with zeros where s is zero: a may be infinite.
 #[inline(always)]
 fn scale_finite<T: Scalar, const N: usize>(a: &mut [T; N], s: T) {
     for value in a {
@@ -388,7 +391,7 @@ fn scale_finite<T: Scalar, const N: usize>(a: &mut [T; N], s: T) {
     }
 }
 
-/// a + b.
+/// Returns a + b.
 fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {
@@ -397,7 +400,7 @@ fn sum<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     out
 }
 
-/// a − b.
+/// Returns a − b.
 fn difference<T: Scalar>(a: &PerJoint<T>, b: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *a;
     for (value, part) in out.iter_mut().zip(b) {

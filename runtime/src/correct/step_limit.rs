@@ -1,35 +1,34 @@
 //! The step that corrects a command, limited so that it is a continuous function of the command with a bounded slope.
 //!
-//! Beside a singularity the exact step d, with J d = e, grows without bound and turns over within a small part of the path.
-//! Let d = Jᵀ x. Where the arm moves in a direction by σ per radian, x = e/σ², and d changes by about |x| radians for each
-//! radian of the commanded path. So a bound on |x| is a bound on the slope, and
+//! Beside a singularity the exact step d, with J d = e, grows without bound and reverses within a small part of the path.
+//! Let d = Jᵀ x. Where the arm moves in a direction by σ per radian, x = e/σ², and d changes by about |x| radians per radian
+//! of the commanded path. So a bound on |x| is a bound on the slope, and the solution of
 //!
 //! ```text
-//! minimise  ½ |d|² + s_p |e_p − J_p d| + s_r |e_r − J_r d|           |x_p| ≤ s_p and |x_r| ≤ s_r follow
+//! minimise  ½ |d|² + s_p |e_p − J_p d| + s_r |e_r − J_r d|           which implies |x_p| ≤ s_p and |x_r| ≤ s_r
 //! ```
 //!
-//! is the exact step wherever that is slow enough. J_p changes by about the length of the arm for each radian, so s_p is
-//! relative to that. Elsewhere it gives up part of e in the very direction that the arm can
-//! hardly move, as much as it must, and keeps the others; no singular values are needed, and it does not matter how many
-//! such directions there are. It is a convex problem, so its solution does not jump. Its dual is (J Jᵀ + Λ) x = e with one λ
-//! for displacements and one for rotations; both follow from Newton's method on 1/|x|, which is nearly linear in λ. A least
-//! λ bounds the slope where e changes its sign along such a direction.
+//! is the exact step wherever that changes slowly enough. J_p changes by about the length of the arm per radian, so s_p is
+//! relative to that length. Elsewhere the solution gives up part of e, no more than it must, in exactly the directions in
+//! which the arm can hardly move, and keeps the others. It needs no singular values, and works for any number of such
+//! directions. The problem is convex, so its solution does not jump. Its dual is (J Jᵀ + Λ) x = e with one λ for
+//! displacements and one for rotations; both follow from Newton's method on 1/|x|, which is nearly linear in λ. A least λ
+//! bounds the slope where e changes its sign along such a direction.
 //!
-//! Displacement and rotation are two demands on the same equations, x = shift + turn, each within the limits and each with a
-//! share of its own, so that neither pays for the other:
+//! Displacement and rotation are two demands on the same equations, x = shift + turn. Each is within the limits and has a
+//! share of its own, so that neither is met at the expense of the other:
 //!
-//! - the **turn**, for e = (0, e_r), may push the position by no more than the shift has brought;
-//! - the **shift**, for e = (e_p, 0), may leave a rotation up to the larger of what is there without correction and what is
-//!   usual for the arm.
+//! - the **turn**, for e = (0, e_r), may push the position by no more than the shift has gained;
+//! - the **shift**, for e = (e_p, 0), may leave a rotation up to the larger of the uncorrected one and the arm's usual one.
 //!
 //! What one of them may take from the other can be very little: 50 µm of position, or a tenth of a milliradian. A large step
-//! would then have to end as soon as the arm can hardly hold the other demand, within a few milliradians of the path. So
-//! the **size** |d| of each step is limited there, too: to what it takes up to a singularity of the other demand (σ for the
-//! turn, σ² for the shift), and beyond it to √(s b), with b for what it may take. The slope that b brings is then of the
+//! would then have to end within a few milliradians of the path, as soon as the arm can hardly meet the other demand. So the
+//! **size** |d| of each step is limited there, too: to what it takes up to a singularity of the other demand (σ for the
+//! turn, σ² for the shift), and beyond it to √(s b), where b is what it may take. The slope that b causes is then of the
 //! order of s, however small b is.
 //!
-//! With A, B, C the blocks of J Jᵀ, position first, all of it is in 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
-//! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. How the limits were chosen: docs/evidence/singularities.md.
+//! With A, B, C the blocks of J Jᵀ, position first, all computations are on 3×3 matrices: S = C − Bᵀ A⁻¹ B for λ_r, then
+//! T = A − B (C + λ_r)⁻¹ Bᵀ for λ_p. docs/evidence/singularities.md records how the limits were chosen.
 
 use crate::correct::blocks::{
     Factors, Matrix, Vector, difference, larger, product, scaled, schur, squared,
@@ -38,52 +37,54 @@ use crate::correct::blocks::{
 use crate::kinematics::newton::{Damping, Gram, PoseError6};
 use crate::math::scalar::Scalar;
 
-/// s_r: radians of joint motion for each radian of the path, for each radian that is to be corrected.
+/// Limit s_r on |x_r|: radians of joint motion per radian of path, per radian of rotation error.
 pub const TURN_LIMIT: f64 = 0.11;
-/// Usual rotation in radians from which on s_r is smaller as much as it is larger: the error changes as much faster, too.
+/// Usual rotation in radians above which s_r falls in inverse proportion to it, because the error changes that much faster.
 const MUCH_ROTATION: f64 = 4e-3;
-/// s_p times the [`Scale::lever`]: the same for each metre, of an arm whose joints move its target by a metre per radian.
+/// Limit s_p on |x_p|, times [`Scale::lever`]: radians of joint motion per radian of path, per metre of position error, of
+/// an arm whose joints move its target by a metre per radian.
 pub const SHIFT_LIMIT: f64 = 0.2;
-/// The least λ. Two steps leave (λ/σ²)² of an error: 5e-5 where σ is 0.15.
+/// Least λ of displacements and of rotations. Two steps leave (λ/σ²)² of an error: 5e-5 where σ is 0.15.
 pub const FLOOR: Damping<f64> = Damping {
     position: 1.6e-4,
     rotation: 2e-5,
 };
-/// λ of A in S, in lever²: a position that the arm can hardly move need not be held.
+/// λ of A in S, in units of lever²: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 1e-4;
-/// The least λ of the shift that the turn has to follow while λ_r is sought, in lever²: a shift that the arm can hardly make
-/// need not be followed.
+/// Least λ, in units of lever², of the shift that the turn has to follow while λ_r is computed: a shift that the arm can
+/// hardly make need not be followed.
 pub const FOLLOW: f64 = 1e-3;
-/// The least λ_r of [`StepLimit::damped`]; its least λ_p is [`FOLLOW`].
+/// Least λ_r of [`StepLimit::damped`], whose least λ_p is [`FOLLOW`].
 pub const DAMPED: f64 = 1e-3;
-/// Newton steps on 1/|x| for λ_p; for λ_r there are two. More change nothing that could be seen.
+/// Number of Newton steps on 1/|x| for λ_p; λ_r takes two. More steps have no visible effect.
 const SHIFT_ROUNDS: usize = 3;
-/// The size of the turn: of s_p σ, and of √(s_p b), with σ of T, b for the position that the shift may bring and s_p in 1/m.
+/// Factors of s_p σ and √(s_p b) in the largest size of the turn: σ of T, b the displacement that the shift may bring, s_p
+/// in 1/m.
 const TURN_SIZE: (f64, f64) = (0.5, 0.7);
-/// The size of the shift: of s_r σ², and of √(s_r b), with σ of S and b for the rotation that may be left.
+/// Factors of s_r σ² and √(s_r b) in the largest size of the shift: σ of S, b the rotation that may be left.
 const SHIFT_SIZE: (f64, f64) = (2.0, 0.7);
-/// How much of what the shift brings the turn may take: the rest is the second derivative's.
+/// Share of what the shift brings that the turn may take; the rest is left for the second derivative.
 const TAKEN: f64 = 0.9;
-/// The rotation in radians that the shift may leave in any case.
+/// Rotation in radians that the shift may leave in any case.
 const LEAST_ROOM: f64 = 1e-4;
-/// The position in metres by which the turn may push the target in any case.
+/// Distance in metres by which the turn may push the target in any case.
 const LEAST_PUSH: f64 = 0.5e-6;
 
-/// A limited step.
+/// Limited step, and what later steps need of it.
 #[derive(Clone, Copy, Debug)]
 pub struct LimitedStep<T> {
-    /// x; the joint changes are Jᵀ x.
+    /// Solution x; the joint changes are Jᵀ x.
     pub x: PoseError6<T>,
-    /// What it leaves of the error on purpose: everything but what the least λ leaves.
+    /// Part of the error that the step leaves on purpose: all that it leaves except what the least λ leaves.
     pub given_up: PoseError6<T>,
-    /// What later steps must be solved with, so that they do not bring back what was given up.
+    /// Damped equations for later steps, so that these do not bring back what was given up.
     pub damped: DampedGram<T>,
 }
 
-/// J Jᵀ + Λ with the λ of a limited step, factored.
+/// Factored J Jᵀ + Λ, with the λ of a limited step.
 #[derive(Clone, Copy, Debug)]
 pub struct DampedGram<T> {
-    /// Λ.
+    /// Damping Λ.
     pub damping: Damping<T>,
     /// Factors of C + λ_r.
     turning: Factors<T>,
@@ -94,7 +95,7 @@ pub struct DampedGram<T> {
 }
 
 impl<T: Scalar> DampedGram<T> {
-    /// (J Jᵀ + Λ)⁻¹ e.
+    /// Returns (J Jᵀ + Λ)⁻¹ e.
     #[inline(always)]
     pub fn solve(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let (p, r) = halves(error);
@@ -104,39 +105,39 @@ impl<T: Scalar> DampedGram<T> {
         joined(&shift, &difference(&self.turning.solve(&r), &turned))
     }
 
-    /// Λ x.
+    /// Returns Λ x, which a step with solution x leaves of the error.
     #[inline(always)]
     pub fn left(&self, x: &PoseError6<T>) -> PoseError6<T> {
         left_by(&self.damping, x)
     }
 }
 
-/// What the limits of an arm are relative to.
+/// Sizes of an arm to which its limits are relative.
 #[derive(Clone, Copy, Debug)]
 pub struct Scale<T> {
-    /// √(tr J_p J_pᵀ) in m, as it usually is: by how much the joints together displace the target.
+    /// Usual √(tr J_p J_pᵀ) in m: by how much the joints together displace the target per radian.
     pub lever: T,
-    /// The angle (rad) that the arm is usually off by without correction; `None` for an arm that cannot turn its target every
-    /// way, which leaves what it must.
+    /// Usual rotation error (rad) without correction; `None` for an arm that cannot turn its target every way, whose shift
+    /// may leave any rotation.
     pub usual_rotation: Option<T>,
 }
 
-/// J Jᵀ at the command, in the parts that every step there needs.
+/// J Jᵀ at the command, with the parts that every step there needs.
 #[derive(Clone, Debug)]
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
     scale: Scale<T>,
-    /// λ of the shift that the turn has to follow, at least, and factors of A with it.
+    /// Least λ of the shift that the turn has to follow, and the factors of A with it.
     follow: T,
     following: Factors<T>,
-    /// S.
+    /// Schur complement S.
     turning: Matrix<T>,
     /// Factors of S plus the least λ_r.
     turning_factors: Factors<T>,
 }
 
 impl<'a, T: Scalar> StepLimit<'a, T> {
-    /// From J Jᵀ.
+    /// Prepares the limits from J Jᵀ at the command.
     pub fn new(gram: &'a Gram<T>, scale: Scale<T>) -> Self {
         let relative = scale.lever * scale.lever;
         let (_, _, turning) = held(gram, T::from_f64(HOLD) * relative);
@@ -151,18 +152,19 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         }
     }
 
-    /// The rotation that the turn has to follow when the shift, within its limit, is held against.
+    /// Returns the rotation that the shift within its limit causes, which the turn has to compensate.
     fn follows(&self, p: &Vector<T>, unit: T) -> Vector<T> {
         let position = self.follow + self.following.missing(p, unit, None);
         let shift = Factors::of(&block(self.gram, 0, 0), position).solve(p);
         transposed_product(&block(self.gram, 0, 3), &shift)
     }
 
-    /// x of a damped step, which tells where a command will be: nearly exact away from singularities, and beside them of the
-    /// order of the limits.
+    /// Returns x of a damped step, an estimate of where a command will be: nearly exact away from singularities, and beside
+    /// them of the order of the limits.
     ///
-    /// With K = J Jᵀ + Λ it solves K x = e + Λ K⁻¹ e: what the damping has left of the error is asked for once more. Each λ is
-    /// one Newton step from its least, towards half of the limit for K⁻¹ e, because x is up to twice as long.
+    /// With K = J Jᵀ + Λ it solves K x = e + Λ K⁻¹ e, which asks once more for what the damping has left of the error. Each
+    /// λ is one Newton step away from its least value, towards half of the limit for K⁻¹ e, because x is up to twice as
+    /// long.
     pub fn damped(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let (p, r) = halves(error);
         let shift_unit = T::from_f64(2.0 / SHIFT_LIMIT) * self.scale.lever;
@@ -189,7 +191,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         joined(&shift, &turn)
     }
 
-    /// The limited step.
+    /// Computes the limited step against `error`.
     pub fn step(&self, error: &PoseError6<T>) -> LimitedStep<T> {
         let Scale {
             lever,
@@ -197,7 +199,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         } = self.scale;
         let floor = floor();
         let (p, r) = halves(error);
-        // 1/s_p in m and 1/s_r.
+        // 1/s_p in m, and 1/s_r.
         let shift_unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
         let much = usual_rotation.unwrap_or(T::ZERO) * T::from_f64(1.0 / MUCH_ROTATION);
         let turn_unit = T::from_f64(1.0 / TURN_LIMIT) * larger(much, T::ONE);
@@ -287,7 +289,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
     }
 }
 
-/// Factors of A with this λ, (A + λ)⁻¹ B, and S with it.
+/// Returns the factors of A + λ, (A + λ)⁻¹ B, and S with this λ.
 fn held<T: Scalar>(gram: &Gram<T>, position: T) -> (Factors<T>, Matrix<T>, Matrix<T>) {
     let factors = Factors::of(&block(gram, 0, 0), position);
     let follow = factors.solve_columns(&block(gram, 0, 3));
@@ -295,7 +297,7 @@ fn held<T: Scalar>(gram: &Gram<T>, position: T) -> (Factors<T>, Matrix<T>, Matri
     (factors, follow, turning)
 }
 
-/// Λ x.
+/// Returns Λ x.
 #[inline(always)]
 fn left_by<T: Scalar>(damping: &Damping<T>, x: &PoseError6<T>) -> PoseError6<T> {
     let (p, r) = halves(x);
@@ -310,27 +312,27 @@ fn floor<T: Scalar>() -> Damping<T> {
     }
 }
 
-/// What shift and turn do to each other.
+/// Effects of shift and turn on each other, from which their shares follow.
 struct Shares<T> {
-    /// e.
+    /// Position error e_p.
     position: Vector<T>,
     rotation: Vector<T>,
-    /// The largest rotation that may be left, rad.
+    /// Largest rotation that may be left, rad; `None` if it is not limited.
     largest: Option<T>,
-    /// What the whole shift leaves of the position.
+    /// Position error that the whole shift leaves.
     shift_leaves: Vector<T>,
-    /// By how much it turns the target, rad.
+    /// Angle by which the whole shift turns the target, rad.
     shift_turns: T,
-    /// What the whole turn leaves of the rotation.
+    /// Rotation error that the whole turn leaves.
     turn_leaves: Vector<T>,
-    /// By how much it pushes the target, m.
+    /// Distance by which the whole turn pushes the target, m.
     turn_pushes: T,
 }
 
 impl<T: Scalar> Shares<T> {
-    /// How much of the shift and of the turn is taken, each from 0 to 1.
+    /// Returns the shares of the shift and of the turn that are taken, each from 0 to 1.
     fn fair(&self) -> (T, T) {
-        // The shift has the room that a turn beside the whole shift would leave it.
+        // The shift may turn the target as far as a turn beside the whole shift would allow.
         let shift = match self.largest {
             Some(largest) => {
                 let turn = self.turn_beside(T::ONE);
@@ -342,17 +344,17 @@ impl<T: Scalar> Shares<T> {
         (shift, self.turn_beside(shift))
     }
 
-    /// The turn's share beside this share of the shift.
+    /// Returns the turn's share beside this share of the shift.
     fn turn_beside(&self, shift: T) -> T {
         let left = left_after(shift, &self.position, &self.shift_leaves);
         let brought = squared(&self.position).sqrt() - squared(&left).sqrt();
         let brought = T::from_f64(TAKEN) * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
-        // A share of brought/pushed, at most 1, would change suddenly where the two are equal.
+        // A share of min(brought/pushed, 1) would change abruptly where the two are equal.
         brought / (brought + self.turn_pushes)
     }
 }
 
-/// What is left of an error when this share of a step is taken of which the whole leaves `leaves`.
+/// Returns what is left of an error after this share of a step that, taken whole, leaves `leaves`.
 fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> Vector<T> {
     let mut left = *error;
     for (value, leaves) in left.iter_mut().zip(leaves) {
@@ -361,22 +363,22 @@ fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> Vec
     left
 }
 
-/// By how much a shift may turn the target where so much of the rotation is left.
+/// Returns the angle by which a shift may turn the target while `left` of the rotation remains.
 #[inline(always)]
 fn room<T: Scalar>(largest: T, left: &Vector<T>) -> T {
     larger(largest - squared(left).sqrt(), T::from_f64(LEAST_ROOM))
 }
 
-/// |d| of the step d = Jᵀ x that takes this error away, and a little more of one that leaves something.
+/// Returns |d| of the step d = Jᵀ x that removes this error; for a step that leaves something, a little more than |d|.
 #[inline(always)]
 fn size<T: Scalar>(error: &Vector<T>, x: &Vector<T>) -> T {
     larger(error[0] * x[0] + error[1] * x[1] + error[2] * x[2], T::ZERO).sqrt()
 }
 
-/// Rows and columns of J Jᵀ from these on: 0 for displacements, 3 for rotations.
+/// Returns the 3×3 block of J Jᵀ that begins at this row and column: 0 for displacements, 3 for rotations.
 #[inline(always)]
 fn block<T: Scalar>(gram: &Gram<T>, row: usize, column: usize) -> Matrix<T> {
-    // One by one: loops over slices take longer than what they copy, and of a `map` compilers may keep a panic.
+    // Copied one by one: loops over slices take longer than the copies, and compilers may keep a panic of a `map`.
     let [r0, r1, r2, r3, r4, r5] = gram;
     let part = |[a, b, c, d, e, f]: &PoseError6<T>| {
         if column == 0 {
@@ -402,10 +404,10 @@ fn joined<T: Scalar>(p: &Vector<T>, r: &Vector<T>) -> PoseError6<T> {
     [p[0], p[1], p[2], r[0], r[1], r[2]]
 }
 
-/// How much of `all` there may be when it must not exceed `limit`: limit/all, at most 1.
+/// Returns the share of `all` that does not exceed `limit`: limit/all, at most 1.
 #[inline(always)]
 fn share<T: Scalar>(limit: T, all: T) -> T {
     let share = limit / all;
-    // Also of 0/0.
+    // The comparison also turns NaN (0/0) into 1.
     if share < T::ONE { share } else { T::ONE }
 }

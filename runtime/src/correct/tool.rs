@@ -1,12 +1,12 @@
-//! A tool on the target: where the calibrated arm has it, and how it moves with the controller's joints.
+//! A tool on the target: its pose on the calibrated arm, and its Jacobian by the controller's joints.
 //!
 //! ```text
 //! base_from_tool = T_gp(q, m) f(q) · target_from_tool
 //! J = POE′(C q) C        at the origin of the tool
 //! ```
 //!
-//! In J the correction counts as constant: its own derivative would change a column by some thousandths. These are the columns
-//! with which corrected commands and [`crate::correct::inverse`] take their steps.
+//! J treats the correction as constant: its own derivative would change a column by some thousandths. Corrected commands and
+//! [`crate::correct::inverse`] take their steps with these columns, too.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -25,27 +25,27 @@ use crate::trace::Stages;
 /// The answer of [`Model::tool_pose`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToolPose<T> {
-    /// `base_from_tool`; the identity without a model, or for joints or a tool that are none.
+    /// Pose `base_from_tool`; the identity without a model, or for invalid joints or an invalid tool.
     pub pose: Pose<T>,
-    /// [`crate::model::Evaluation::trust`].
+    /// Extrapolation score, as [`crate::model::Evaluation::trust`].
     pub trust: T,
-    /// What it is worth, as for [`Model::evaluate`].
+    /// How far the answer can be trusted, as for [`Model::evaluate`].
     pub status: Status,
 }
 
 /// The answer of [`Model::tool_jacobian`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ToolJacobian<T> {
-    /// One column for each of the controller's joints, zeros beyond: the velocity of the tool's origin along the axes of the
-    /// base, m for each rad or m, then its angular velocity along the same axes, rad for each rad or m. All zero without a
-    /// model, or for joints or a tool that are none.
+    /// One column for each controller joint, zeros beyond: first the velocity of the tool's origin along the axes of the
+    /// base, in m per rad or m, then its angular velocity along the same axes, in rad per rad or m. All zero without a
+    /// model, or for invalid joints or an invalid tool.
     pub columns: Jacobian<T>,
-    /// What it is worth, as for [`Model::evaluate`].
+    /// How far the answer can be trusted, as for [`Model::evaluate`].
     pub status: Status,
 }
 
 impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
-    /// Where the calibrated arm has a tool, at the controller's joints (rad or m) and with a payload in kg.
+    /// Returns the pose of a tool on the calibrated arm, at the controller's joints (rad or m) and with a payload in kg.
     #[inline(never)]
     pub fn tool_pose(
         &self,
@@ -70,7 +70,7 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// How the calibrated arm moves a tool, at the controller's joints (rad or m) and with a payload in kg.
+    /// Returns the Jacobian of a tool on the calibrated arm, at the controller's joints (rad or m) and with a payload in kg.
     #[inline(never)]
     pub fn tool_jacobian(
         &self,
@@ -98,7 +98,7 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// The arm and its joints, or why there is no answer.
+    /// Returns the arm and its joints, or the status that says why there is no answer.
     fn asked(
         &self,
         target_from_tool: &Pose<T>,

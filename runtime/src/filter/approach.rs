@@ -1,21 +1,21 @@
-//! The quickest way to an end with bounded rate and bounded change of rate, cycle by cycle.
+//! Approaches an end as quickly as a bounded rate and a bounded change of rate allow, cycle by cycle.
 
 use crate::math::scalar::Scalar;
 
-/// How many cycles a step takes.
+/// Number n of cycles that a step takes, with the terms of [`approach`] that depend on it.
 pub(super) struct Time<T> {
-    /// n.
+    /// Number of cycles, n.
     pub(super) cycles: T,
-    /// 1/n.
+    /// Reciprocal 1/n.
     inverse: T,
-    /// n − ½.
+    /// Middle of the step, n − ½.
     middle: T,
-    /// (n − ½)² − ¼.
+    /// Square term (n − ½)² − ¼.
     square: T,
 }
 
 impl<T: Scalar> Time<T> {
-    /// A few cycles, at least one.
+    /// Creates the terms for this number of cycles, a few and at least one.
     #[inline(always)]
     pub(super) fn of(cycles: u32) -> Self {
         let n = T::from_f32(cycles as f32);
@@ -32,18 +32,18 @@ impl<T: Scalar> Time<T> {
 pub(super) struct Drive<T> {
     /// Largest rate.
     pub(super) rate: T,
-    /// By how much the rate falls in every later cycle.
+    /// Decrease of the rate in every later cycle.
     pub(super) braking: T,
-    /// By how much the rate may fall now.
+    /// Largest decrease of the rate in this step.
     pub(super) slower: T,
-    /// By how much it may rise.
+    /// Largest increase of the rate in this step.
     pub(super) faster: T,
 }
 
-/// The rate per cycle towards an end that is `rest` away (either sign; the rates have the same), and whether this step ends
-/// there.
+/// Returns the rate per cycle towards an end that is `rest` away, and whether this step ends there. `rest` has either sign;
+/// a rate towards the end has the same.
 ///
-/// It is the largest rate s from which the end is still reached without overshoot: the steps n s, s − b, s − 2b … add up to
+/// The rate is the largest s from which the end is still reached without overshoot: the steps n s, s − b, s − 2b … add up to
 /// no more than the rest, s²/2b + (n − ½) s + b/8 ≤ |rest|. A step ends there if the rate can be zero in the next cycle. If
 /// the rate cannot fall so quickly, the end is overshot, and the next steps lead back.
 #[inline(always)]
@@ -63,25 +63,25 @@ pub(super) fn approach<T: Scalar>(rest: T, rate: T, drive: &Drive<T>, time: &Tim
     (if back { -next } else { next }, there)
 }
 
-/// The larger one.
+/// Returns the larger of both.
 #[inline(always)]
 pub(super) fn larger<T: Scalar>(a: T, b: T) -> T {
     if a > b { a } else { b }
 }
 
-/// The smaller one.
+/// Returns the smaller of both.
 #[inline(always)]
 pub(super) fn smaller<T: Scalar>(a: T, b: T) -> T {
     if a < b { a } else { b }
 }
 
-/// `value` within ±`limit`.
+/// Returns `value`, clamped to ±`limit`.
 #[inline(always)]
 pub(super) fn held<T: Scalar>(value: T, limit: T) -> T {
     smaller(larger(value, -limit), limit)
 }
 
-/// One of both, without a branch.
+/// Returns `yes` or `no` by the condition, without a branch.
 #[inline(always)]
 pub(super) fn select<T: Scalar>(condition: bool, yes: T, no: T) -> T {
     if condition { yes } else { no }

@@ -1,17 +1,17 @@
-//! The last bound before a controller that adds the correction itself: its size, and its change from one answer to the next.
+//! The last bound before a controller that adds the correction itself: on its size, and on its change between two answers.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
 use crate::math::scalar::Scalar;
 
-/// Bounds each joint's correction, rad or m, whatever is asked for.
+/// Bounds the correction of each joint, in rad or m, whatever is asked for.
 ///
 /// ```text
 /// x_k = x_(k−1) + clamp(clamp(c_k, ±limit) − x_(k−1), ±step),   x_0 = 0
 /// ```
 ///
-/// Both clamps are Lipschitz with constant 1, so what moves slowly goes on unchanged. [`super::CommandFilter`] bounds what the
-/// motion of the command does not explain; this bounds all of it.
+/// Both clamps are Lipschitz with constant 1, so slow changes pass unchanged. [`super::CommandFilter`] bounds the changes
+/// that the motion of the command does not explain; this type bounds all of them.
 #[derive(Clone, Debug)]
 pub struct CorrectionBound<T> {
     limit: T,
@@ -31,8 +31,8 @@ pub struct Bounded<T> {
 }
 
 impl<T: Scalar> CorrectionBound<T> {
-    /// At zero, with the largest correction and the largest step of each joint, rad or m. What is not above zero, or no
-    /// number, lets nothing through.
+    /// Creates a bound with the largest correction and the largest step of each joint, in rad or m, and starts at zero. A
+    /// bound that is not above zero, or is NaN, lets nothing through.
     pub fn new(limit: T, step: T) -> Self {
         let above_zero = |value: T| if value > T::ZERO { value } else { T::ZERO };
         Self {
@@ -42,8 +42,7 @@ impl<T: Scalar> CorrectionBound<T> {
         }
     }
 
-    /// The next correction on the way to the `wanted` one. A number that is not finite holds its joint, and so does a joint
-    /// without a number.
+    /// Returns the next correction on the way to the `wanted` one. A joint whose number is missing or not finite is held.
     pub fn next(&mut self, wanted: &[T]) -> Bounded<T> {
         let (mut limited, mut slowed) = (false, false);
         for (last, asked) in self.last.iter_mut().zip(wanted) {
@@ -60,23 +59,23 @@ impl<T: Scalar> CorrectionBound<T> {
         }
     }
 
-    /// The last correction.
+    /// Returns the last correction.
     pub fn last(&self) -> &[T; MAX_JOINTS] {
         &self.last
     }
 
-    /// Whether no correction is left.
+    /// Returns whether no correction is left.
     pub fn at_zero(&self) -> bool {
         self.last.iter().all(|x| *x == T::ZERO)
     }
 
-    /// Forgets the last correction: the controller has none.
+    /// Forgets the last correction, for a controller that applies none.
     pub fn reset(&mut self) {
         self.last = [T::ZERO; MAX_JOINTS];
     }
 }
 
-/// `value` within ±`most`; `acted` is set where that changes it.
+/// Clamps `value` to ±`most` and sets `acted` if that changes it.
 #[inline(always)]
 fn clamped<T: Scalar>(value: T, most: T, acted: &mut bool) -> T {
     if value > most {

@@ -8,22 +8,22 @@ use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 use crate::model::validate::MAX_PAYLOAD_KG;
 
-/// Change of the correction in rad or m for each of the fastest joint that a path explains.
+/// Largest change of the correction that the path explains, per rad or m of motion of the fastest joint.
 const SLOPE: f64 = 0.5;
-/// Rounding of a correction in rad or m: that of q to `f32`, several times.
+/// Rounding of a correction in rad or m: several times that of q to `f32`.
 const NOISE: f64 = 3e-6;
-/// Sum of the offsets, rad or m, from which on the path explains nothing: however often and wherever the model steps, the
-/// correction stays of that size.
+/// Sum of the absolute offsets, rad or m, above which the path explains nothing. However often and wherever the model steps,
+/// the correction stays of that size.
 const FAR: f64 = 0.5;
-/// An offset that never is.
+/// Value that an offset never has.
 const NEVER: f64 = 1e30;
-/// Part of the acceleration that the weight plans to brake with, and part that its rate may take of it through the motion
-/// of the path (2 ẇ ċ). The rest is for a correction that grows meanwhile.
+/// Part of the acceleration with which the weight plans to brake, and part that its rate may use up through the motion of
+/// the path (2 ẇ ċ). The rest is for a correction that grows meanwhile.
 const BRAKING: f64 = 0.35;
 const TURNING: f64 = 0.5;
-/// Keeps the limits of the weight from being broken by rounding.
+/// Factor that keeps rounding from breaking the limits of the weight.
 const JUST_BELOW: f64 = 0.999;
-/// Corrections below count as this much, rad or m: the blend time limits the weight then.
+/// Least size, in rad or m, as which a correction counts: for smaller ones the blend time limits the weight.
 const LEAST: f64 = 1e-9;
 
 impl<T: Scalar> CommandFilter<T> {
@@ -43,7 +43,7 @@ impl<T: Scalar> CommandFilter<T> {
         let scale = larger(rest.abs(), select(on_its_way, way.scale, T::ZERO));
         way.moves |= (rest != T::ZERO) | (change != T::ZERO);
         let time = Time::of(cycles.clamp(1, GRACE));
-        // The largest change of rate there was on this way: it always suffices for braking before what was asked for.
+        // Largest change of rate so far on this way: it always suffices to brake before the payload that is asked for.
         let change = self.limits.blend * scale;
         let drive = Drive {
             rate: scale,
@@ -57,7 +57,7 @@ impl<T: Scalar> CommandFilter<T> {
         way.rest = select(passes, left, rest);
         way.rate = select(passes, next, rate);
         way.scale = scale;
-        // Rounding may lead out by an ulp.
+        // Rounding may leave the range by an ulp.
         smaller(larger(asked - way.rest, T::ZERO), largest)
     }
 
@@ -70,7 +70,7 @@ impl<T: Scalar> CommandFilter<T> {
         engage: bool,
         cycles: u32,
     ) -> Filtered<T> {
-        // What has changed. Sums, for a comparison costs more, and a sum keeps what is not finite.
+        // Changes since the last call. They are summed, because a comparison costs more and a sum keeps what is not finite.
         let weight_rate = self.signed_rate();
         let mut corrections = [T::ZERO; MAX_JOINTS];
         let (mut moved, mut size, mut change, mut turning) = (T::ZERO, T::ZERO, T::ZERO, T::ZERO);
@@ -111,7 +111,7 @@ impl<T: Scalar> CommandFilter<T> {
         let weight = self.weight();
         let turning = select(lost, T::ZERO, turning);
 
-        // What the path does not explain goes into the offsets.
+        // The offsets take up what the path does not explain.
         let jumped = moved > limits.jump * time.cycles;
         let noise = select(moved > T::ZERO, T::from_f64(NOISE), T::ZERO);
         let explained = T::from_f64(SLOPE) * moved + noise;
@@ -131,7 +131,7 @@ impl<T: Scalar> CommandFilter<T> {
         let coasts = still & !lost & (rates != T::ZERO);
         let offset_left = (offsets != T::ZERO) | coasts;
 
-        // The weight, as far as no offset is in its way.
+        // The weight moves if no offset is left.
         let allowed = limits.acceleration * time.cycles;
         let slack = larger(allowed * T::from_f64(JUST_BELOW) - turning, T::ZERO);
         let per_size = T::ONE / larger(size, T::from_f64(LEAST));
@@ -157,7 +157,7 @@ impl<T: Scalar> CommandFilter<T> {
         self.rate = select(turn_of_weight, rate, T::ZERO);
         self.rest = select(turn_of_weight, rest, self.rest);
 
-        // A model that steps in every cycle must not keep it from being switched off.
+        // A model that steps in every cycle must not keep the correction from being switched off.
         let waits = !(engage | turn_of_weight | (weight == T::ZERO));
         self.waited = select(waits, self.waited + time.cycles, self.waited);
         self.waited = select(engage | (weight == T::ZERO), T::ZERO, self.waited);
@@ -165,7 +165,7 @@ impl<T: Scalar> CommandFilter<T> {
         let carried = select(gives_up, weight, T::ZERO);
         self.rest = select(gives_up, T::ZERO, self.rest);
 
-        // The offsets, and the answer.
+        // The offsets move, and the answer is computed.
         let (weight, weight_rate) = (self.weight(), self.signed_rate());
         let drive = Drive {
             rate: limits.rate,
@@ -173,9 +173,9 @@ impl<T: Scalar> CommandFilter<T> {
             slower: allowed,
             faster: allowed,
         };
-        // The rate of a joint is the weight's while that moves, and after a gap there is none.
+        // While the weight moves, the rate of a joint comes from the weight; after a gap it is zero.
         let rests = turn_of_weight | lost;
-        // The offset with which the answer is the corrected command: if the weight is not 1, one that there never is.
+        // Offset at which the answer is the corrected command itself; if the weight is not 1, a value that no offset has.
         let exact = select(weight == T::ONE, T::ZERO, T::from_f64(NEVER));
         let goals = if engage { corrected } else { command };
         let mut joints = [T::ZERO; MAX_JOINTS];
@@ -218,9 +218,9 @@ impl<T: Scalar> CommandFilter<T> {
 
 /// A number type for which the filter is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`].
 pub trait CompiledFilter: Scalar {
-    /// [`CommandFilter::payload`].
+    /// See [`CommandFilter::payload`].
     fn filter_payload(filter: &mut CommandFilter<Self>, asked_kg: Self, cycles: u32) -> Self;
-    /// [`CommandFilter::step`].
+    /// See [`CommandFilter::step`].
     fn filter_step(
         filter: &mut CommandFilter<Self>,
         command: &[Self],
@@ -257,22 +257,24 @@ compiled!(f32);
 compiled!(f64);
 
 impl<T: CompiledFilter> CommandFilter<T> {
-    /// The payload in kg at which the model is to be evaluated now, for the one that is asked for and the `cycles` since
-    /// the last call. It goes there in about the blend time, smoothly, also from one change to the next, and never beyond
-    /// the payloads asked for; while the model has no weight it is there at once. A payload that is none comes back for
-    /// the model to refuse.
+    /// Returns the payload in kg at which the model is to be evaluated now, for the payload that is asked for and the
+    /// `cycles` since the last call. It moves there smoothly in about the blend time, also from one change to the next, and
+    /// never beyond the payloads asked for. While the model has no weight it changes at once. An invalid payload is returned
+    /// as it is, for the model to refuse.
     #[inline(always)]
     pub fn payload(&mut self, asked_kg: T, cycles: u32) -> T {
         T::filter_payload(self, asked_kg, cycles)
     }
 
-    /// The joints to send for a `command`, `corrected` joints and `status` of the model (rad or m). `engage`: whether the
-    /// correction is to be applied. `cycles`: since the last call, 0 for another answer to the same request.
+    /// Returns the joints to send for a `command`, `corrected` joints and `status` of the model (rad or m). `engage` says
+    /// whether the correction is to be applied. `cycles` counts the cycles since the last call, 0 for another answer to the
+    /// same request.
     ///
-    /// Bad input (by `status`; a number that is not finite; a correction above [`MAX_CORRECTION`]; fewer corrected joints
-    /// than commanded ones) leaves the state as it is: the joints of the last answer are sent again, or, if there are none
-    /// of that number, what came, zeros in place of what is not finite. Another number of joints resets the filter. In a cycle
-    /// that was answered the correction stays what it was, and for the same command the answer, too.
+    /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
+    /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.
+    /// If that had another number of joints, or there is none, the command is sent, with zeros in place of what is not
+    /// finite. A good command with another number of joints resets the filter. In a cycle that was already answered the
+    /// correction does not change, and for the same command the answer does not change either.
     #[inline(always)]
     pub fn step(
         &mut self,

@@ -1,4 +1,4 @@
-//! The answers that do not move the state: bad input, the first command, a cycle that was answered.
+//! Answers that do not move the state: to bad input, to the first command, and in a cycle that was already answered.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -8,7 +8,7 @@ use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 
 impl<T: Scalar> CommandFilter<T> {
-    /// Bad input: the last answer again.
+    /// Answers bad input with the last answer.
     #[inline(never)]
     pub(super) fn hold(&mut self, command: &[T], status: Status, cycles: u32) -> Filtered<T> {
         self.missed = self.missed.saturating_add(cycles);
@@ -26,7 +26,7 @@ impl<T: Scalar> CommandFilter<T> {
         }
     }
 
-    /// The first command, or one with another number of joints.
+    /// Answers the first command, or one with another number of joints.
     #[inline(never)]
     pub(super) fn start(
         &mut self,
@@ -38,7 +38,7 @@ impl<T: Scalar> CommandFilter<T> {
         let (payload, waiting) = (self.payload, self.weight() == T::ZERO);
         self.reset();
         if waiting {
-            // It is the one the model was evaluated for.
+            // The model was evaluated for this payload.
             self.payload = payload;
         }
         self.count = command.len();
@@ -54,7 +54,7 @@ impl<T: Scalar> CommandFilter<T> {
         self.repeated(command, corrected, status, engage)
     }
 
-    /// A cycle that was answered: the correction as it was.
+    /// Answers in a cycle that was already answered, with an unchanged correction.
     #[inline(never)]
     pub(super) fn again(
         &mut self,

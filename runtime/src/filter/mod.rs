@@ -1,38 +1,39 @@
-//! Between the model and the controller: the correction of a command never steps.
+//! The filter between the model and the controller, which keeps the correction of a command from stepping.
 //!
-//! [`crate::model::Model::correct`] answers every command on its own. Its answer steps when the model is exchanged, when
-//! the correction is switched on or off, when the payload changes, when a command is lost, and where the model itself
-//! gives up. [`CommandFilter`] takes each command q with its corrected joints, c = corrected − q, and sends q + x:
+//! [`crate::model::Model::correct`] answers every command on its own. Its answer steps when the model is exchanged, when the
+//! correction is switched on or off, when the payload changes, when a command is lost, and where the model itself gives up
+//! part of the correction. [`CommandFilter`] takes each command q with its corrected joints, c = corrected − q, and sends
+//! q + x:
 //!
 //! ```text
 //! x = w c + o
 //! w    weight of the model, 0 (bypass) to 1, one for all joints; moves when the correction is switched
-//! o    offset of each joint; takes up what the path does not explain, and then goes to zero
+//! o    offset of each joint; takes up what the path does not explain, and then returns to zero
 //! ```
 //!
 //! **Limits.** A step of x has two parts, x_k − x_(k−1) = path + own:
 //!
-//! - path = w_(k−1) (c_k − c_(k−1)), held within ±(½ max|Δq| + 3 µrad). It is what the motion of the command explains.
-//!   3 µrad are for the rounding of `f32`. A command that stands still explains nothing; nor does one that jumps, or comes
+//! - path = w_(k−1) (c_k − c_(k−1)), held within ±(½ max|Δq| + 3 µrad). It is what the motion of the command explains;
+//!   3 µrad allow for the rounding of `f32`. A command that stands still explains nothing; nor does one that jumps or comes
 //!   after a gap.
 //! - own = Δw c_k + Δo. For every joint |own| ≤ `rate` per cycle. Where the path is not held,
-//!   |Δ²x − w_(k−1) Δ²c| ≤ `acceleration` per cycle²: all that the weight and the offset add to the second difference of x
-//!   (ẅ c + 2 ẇ ċ + ö). Where it is held, the own steps are still that smooth.
+//!   |Δ²x − w_(k−1) Δ²c| ≤ `acceleration` per cycle²: this bounds all that the weight and the offset add to the second
+//!   difference of x (ẅ c + 2 ẇ ċ + ö). Where the path is held, the own steps are just as smooth.
 //!
-//! So a command that stands still has |Δx| ≤ `rate` and |Δ²x| ≤ `acceleration`. Both hold up to the rounding of q + x.
-//! After n cycles instead of one, own changes by up to n times as much in all and its rate, too.
+//! So a command that stands still has |Δx| ≤ `rate` and |Δ²x| ≤ `acceleration`. Both hold up to the rounding of q + x. When
+//! n cycles have passed instead of one, own changes by up to n times as much in all, and so does its rate.
 //!
-//! **Order.** Either the weight moves or the offsets do. While an offset is left the weight rests; its rate becomes that of
-//! the offsets at once, which x does not notice. So each part has the whole limits, and they hold by construction. A model
-//! that steps again and again would keep the weight from going to 0: after [`PATIENCE`] blend times the next step of the model
-//! puts the whole correction into the offsets, and the weight is 0.
+//! **Order.** Either the weight moves or the offsets do. While an offset remains, the weight rests; its rate passes to the
+//! offsets at once, which leaves x unchanged. So each part may use the limits in full, and they hold by construction. A
+//! model that steps again and again would keep the weight from reaching 0: after [`PATIENCE`] blend times, the next step of
+//! the model moves the whole correction into the offsets and sets the weight to 0.
 //!
-//! **Shape.** Weight, offsets and payload go to their ends with the largest rate from which they can still brake, and end
-//! there exactly. With w = 1 and no offset the output is the corrected command to the bit; with w = 0 and no offset it is the
-//! command to the bit.
+//! **Shape.** Weight, offsets and payload approach their ends with the largest rate from which they can still brake, and
+//! reach them exactly. With w = 1 and no offset the output is the corrected command, bit for bit; with w = 0 and no offset
+//! it is the command, bit for bit.
 //!
-//! **Time.** The caller says how many cycles have passed since its last call. Up to [`GRACE`] the filter goes on; after more
-//! the correction is held and goes on from rest. No time depends on that number.
+//! **Time.** The caller passes the number of cycles since its last call. Up to [`GRACE`] cycles the filter goes on; after
+//! more, the correction is held and continues from rest. The execution time does not depend on that number.
 
 mod approach;
 mod bound;

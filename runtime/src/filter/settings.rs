@@ -1,10 +1,10 @@
-//! Limits and times of the filter.
+//! Limits and times of the command filter.
 
 use core::fmt;
 
 use crate::math::scalar::Scalar;
 
-/// Limits and times of the filter. For sliding joints m stands for rad.
+/// Limits and times of the command filter. For sliding joints read m for rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterSettings<T> {
     /// Time between two commands in s, 50 µs to 0.1 s.
@@ -19,7 +19,7 @@ pub struct FilterSettings<T> {
 }
 
 impl<T: Scalar> FilterSettings<T> {
-    /// 20 mrad/s, 0.5 rad/s², 0.5 s, with this time between two commands in s.
+    /// Returns the default limits, 20 mrad/s, 0.5 rad/s² and 0.5 s, with this time between two commands in s.
     pub fn with_period(period_s: T) -> Self {
         Self {
             period_s,
@@ -29,10 +29,10 @@ impl<T: Scalar> FilterSettings<T> {
         }
     }
 
-    /// Whether every setting is within its range.
+    /// Checks that every setting is within its range.
     ///
     /// # Errors
-    /// [`FilterError`] names the first that is not.
+    /// [`FilterError`] names the first setting that is out of range.
     pub fn check(&self) -> Result<(), FilterError> {
         let is = |value: T, from: f64, to: f64| {
             (value >= T::from_f64(from)) & (value <= T::from_f64(to))
@@ -53,7 +53,7 @@ impl<T: Scalar> FilterSettings<T> {
     }
 }
 
-/// 1 kHz.
+/// Default limits at 1 kHz.
 impl<T: Scalar> Default for FilterSettings<T> {
     fn default() -> Self {
         Self::with_period(T::from_f64(1e-3))
@@ -71,12 +71,12 @@ pub enum FilterError {
     Acceleration,
     /// The blend time is out of range, or shorter than ten periods.
     Blend,
-    /// A correction is applied: new limits would break the old ones.
+    /// A correction is applied, and new limits would break the old ones.
     Engaged,
 }
 
 impl FilterError {
-    /// The explicit number of the error on the wire. Append-only.
+    /// Returns the number of the error on the wire. Numbers are explicit and append-only.
     pub const fn code(self) -> u8 {
         match self {
             Self::Period => 1,

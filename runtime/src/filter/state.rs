@@ -6,67 +6,67 @@ use super::settings::{FilterError, FilterSettings};
 use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 
-/// Cycles after which a command is lost instead of late.
+/// Number of cycles after which a command counts as lost instead of late.
 pub const GRACE: u32 = 5;
-/// Speed in rad/s or m/s from which on a command jumps instead of moving.
+/// Speed in rad/s or m/s above which a command jumps instead of moving.
 pub const JUMP: f64 = 10.0;
-/// Largest correction of a joint that is taken for one, rad or m: twice what [`crate::model::Model::correct`] answers.
+/// Largest correction of a joint that is accepted, rad or m: twice the largest that [`crate::model::Model::correct`] makes.
 pub const MAX_CORRECTION: f64 = 0.2;
-/// Blend times after which a filter that cannot disengage, because the model steps again and again, gives it up.
+/// Number of blend times after which a filter that cannot disengage, because the model steps again and again, stops waiting.
 pub const PATIENCE: f64 = 4.0;
 
-/// What the filter has counted, each up to 2³² − 1.
+/// Events that the filter has counted, each up to 2³² − 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterCounts {
     /// Commands that jumped.
     pub held: u32,
     /// Commands after a gap of more than [`GRACE`] cycles.
     pub lost: u32,
-    /// Calls within a cycle that had been answered.
+    /// Calls within a cycle that was already answered.
     pub doubled: u32,
-    /// Commands that were none; the output was held.
+    /// Invalid commands, for which the output was held.
     pub bad: u32,
     /// Commands whose correction changed more than the path explains, without a jump, a gap or a change of payload.
     pub guarded: u32,
 }
 
-/// An answer of the filter.
+/// Answer of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<T> {
-    /// The joints to send, rad or m; zero beyond those of the command. Always finite.
+    /// Joints to send, rad or m; zero beyond those of the command. Always finite.
     pub joints: [T; MAX_JOINTS],
-    /// The status that came; with [`Status::BLENDING`] if the joints are not those that were asked for.
+    /// Status of the model's answer, with [`Status::BLENDING`] added if the joints are not those that were asked for.
     pub status: Status,
     /// Weight w of the model, 0 to 1.
     pub weight: T,
 }
 
-/// What the limits are in one cycle. All zero without settings: nothing moves.
+/// Limits of one cycle. All are zero without settings, so that nothing moves.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits<T> {
-    /// Own step, rad or m.
+    /// Largest own step, rad or m.
     pub(super) rate: T,
-    /// Change of the own step, rad or m.
+    /// Largest change of the own step, rad or m.
     pub(super) acceleration: T,
-    /// Change of the step of a weight that goes from 0 to 1 in the blend time.
+    /// Largest change of the weight's step, by which the weight goes from 0 to 1 in the blend time.
     pub(super) blend: T,
-    /// Step of a command that jumps, rad or m.
+    /// Step above which a command jumps, rad or m.
     pub(super) jump: T,
-    /// Cycles after which disengaging does not wait any longer.
+    /// Number of cycles after which disengaging does not wait any longer.
     pub(super) patience: T,
 }
 
 /// State of one joint.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Joint<T> {
-    /// The last good command, rad or m.
+    /// Last good command, rad or m.
     pub(super) command: T,
-    /// Its correction c, rad or m.
+    /// Correction c of the last good command, rad or m.
     pub(super) correction: T,
-    /// o, rad or m.
+    /// Offset o, rad or m.
     pub(super) offset: T,
-    /// Own step per cycle, rad or m, with the weight's step of the last call at the correction before it: of the second
-    /// difference of x that is what came before.
+    /// Own step per cycle, rad or m: the step of the offset, plus the weight's step in the last call times the correction
+    /// before that call. It is the earlier term in the second difference of x.
     pub(super) rate: T,
     /// Joint that was sent last, rad or m.
     pub(super) sent: T,
@@ -82,40 +82,41 @@ impl<T: Scalar> Joint<T> {
     };
 }
 
-/// Way to the asked payload.
+/// State of the payload on its way to the one that is asked for.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Payload<T> {
-    /// Asked, kg.
+    /// Payload that is asked for, kg.
     pub(super) asked: T,
-    /// What is left, kg: the small number is stored, for the sum might not change in a cycle.
+    /// Remaining change of the payload, kg. This small number is stored because the payload itself might be too large to
+    /// change by a step.
     pub(super) rest: T,
     /// Step per cycle, kg.
     pub(super) rate: T,
-    /// Largest rest of this way, kg.
+    /// Largest remaining change on this way, kg.
     pub(super) scale: T,
-    /// Whether it has changed since the last step.
+    /// Whether the payload has changed since the last step.
     pub(super) moves: bool,
 }
 
-/// The filter. All of its initial state is zeros, so that a static one takes no flash.
+/// Command filter. Its initial state is all zeros, so that a static one takes no flash.
 #[derive(Clone, Debug)]
 pub struct CommandFilter<T> {
     pub(super) limits: Limits<T>,
     pub(super) joints: [Joint<T>; MAX_JOINTS],
     /// Number of joints; 0 before the first command.
     pub(super) count: usize,
-    /// Where the weight goes: to 1.
+    /// Whether the weight goes to 1 (otherwise to 0).
     pub(super) engage: bool,
-    /// How far it has to go, 0 to 1.
+    /// Remaining change of the weight, 0 to 1.
     pub(super) rest: T,
-    /// By how much per cycle it goes there.
+    /// Step of the weight per cycle towards its end.
     pub(super) rate: T,
     pub(super) payload: Payload<T>,
     /// Sum of the absolute offsets, rad or m.
     pub(super) offsets: T,
-    /// Cycles in which there was no good command since the last one.
+    /// Number of cycles without a good command since the last good one.
     pub(super) missed: u32,
-    /// Cycles in which an offset kept the filter from disengaging.
+    /// Number of cycles in which an offset kept the filter from disengaging.
     pub(super) waited: T,
     pub(super) counts: FilterCounts,
 }
@@ -135,7 +136,7 @@ impl<T: Scalar> CommandFilter<T> {
         moves: false,
     };
 
-    /// Without settings: commands pass to the bit, and no model gains weight.
+    /// Creates a filter without settings: commands pass unchanged, bit for bit, and no model gains weight.
     pub const fn new() -> Self {
         Self {
             limits: Limits {
@@ -164,7 +165,7 @@ impl<T: Scalar> CommandFilter<T> {
         }
     }
 
-    /// Takes settings.
+    /// Applies new settings.
     ///
     /// # Errors
     /// [`FilterError`] names the setting that is out of range, or says that the filter is not disengaged. Nothing has
@@ -186,8 +187,8 @@ impl<T: Scalar> CommandFilter<T> {
         Ok(())
     }
 
-    /// Forgets commands, weight, offsets and payload. Settings and counts stay. Unless the filter is disengaged, the
-    /// correction steps to zero: for an arm that stands still.
+    /// Forgets commands, weight, offsets and payload, but keeps settings and counts. Unless the filter is disengaged, the
+    /// correction steps to zero: use it only while the arm stands still.
     pub fn reset(&mut self) {
         *self = Self {
             limits: self.limits,
@@ -196,12 +197,12 @@ impl<T: Scalar> CommandFilter<T> {
         };
     }
 
-    /// What was counted.
+    /// Returns the events counted so far.
     pub fn counts(&self) -> FilterCounts {
         self.counts
     }
 
-    /// Weight w of the model, 0 to 1.
+    /// Returns the weight w of the model, 0 to 1.
     #[inline(always)]
     pub fn weight(&self) -> T {
         if self.engage {
@@ -211,8 +212,8 @@ impl<T: Scalar> CommandFilter<T> {
         }
     }
 
-    /// Whether nothing is applied and nothing moves: the model may be exchanged.
-    // One copy, of a sum: a comparison of each number takes more room.
+    /// Returns whether nothing is applied and nothing moves, so that the model may be exchanged.
+    // Compiled once, and with a sum: comparing each number takes more room.
     #[inline(never)]
     pub fn disengaged(&self) -> bool {
         let mut moves = self.weight().abs() + self.rate.abs();
@@ -222,7 +223,7 @@ impl<T: Scalar> CommandFilter<T> {
         moves == T::ZERO
     }
 
-    /// By how much per cycle the weight rises.
+    /// Returns the increase of the weight per cycle.
     #[inline(always)]
     pub(super) fn signed_rate(&self) -> T {
         if self.engage { self.rate } else { -self.rate }

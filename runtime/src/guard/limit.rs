@@ -1,4 +1,4 @@
-//! The largest correction that is believed: a larger one is scaled back, not dropped, so that it does not jump at the bound.
+//! Limit of the correction: a larger one is scaled back, not dropped, so that the correction does not jump at the limit.
 
 use nalgebra::Vector3;
 
@@ -8,15 +8,15 @@ use crate::math::se3::{Twist, dot, scale};
 /// Bounds on the displacement and the rotation of the target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limit<T> {
-    /// Displacement in metres, to first order.
+    /// Largest displacement in metres, to first order.
     pub position: T,
-    /// Rotation in radians.
+    /// Largest rotation in radians.
     pub angle: T,
 }
 
 impl<T: Scalar> Limit<T> {
-    /// What a twist of the base frame must be multiplied with so that it displaces `target` and turns it by no more than
-    /// the limit, and whether that is less than one. 0 for a twist that is not finite.
+    /// Returns the factor by which a twist of the base frame must be multiplied so that it displaces and turns `target` by
+    /// no more than the limit, and whether the limit acts. The factor is 0 for a twist that is not finite.
     #[inline(always)]
     pub fn factor(&self, twist: &Twist<T>, target: &Vector3<T>) -> (T, bool) {
         let displacement = twist.at_point(target).linear;
@@ -26,10 +26,10 @@ impl<T: Scalar> Limit<T> {
         )
     }
 
-    /// The same for the squares of displacement and angle.
+    /// Returns the same factor from the squares of displacement and angle.
     pub fn factor_of(&self, squared_distance: T, squared_angle: T) -> (T, bool) {
         let (distance, angle) = (squared_distance.sqrt(), squared_angle.sqrt());
-        // Both quotients always, for the time must not depend on the data.
+        // Both quotients are always computed, because the time must not depend on the data.
         let (by_distance, by_angle) = (self.position / distance, self.angle / angle);
         let mut factor = if distance > self.position {
             by_distance
@@ -47,7 +47,7 @@ impl<T: Scalar> Limit<T> {
     }
 }
 
-/// The twist within the bound.
+/// Returns the twist within the limit, and whether the limit acts.
 #[inline(always)]
 pub fn limited<T: Scalar>(
     limit: &Limit<T>,

@@ -1,4 +1,4 @@
-//! What keeps an answer safe: the limit of the correction, the extrapolation score, and the status bits.
+//! Safeguards of an answer: the limit of the correction, the extrapolation score, and the status bits.
 
 pub mod limit;
 pub mod status;

@@ -1,8 +1,8 @@
-//! How far an input is from what was trained: one number in [0, 1] beside every answer.
+//! How far an input is from the trained ranges: one number in [0, 1] beside every answer.
 //!
-//! A Gaussian process that is known at x′ explains ρ² of its prior variance at x, with ρ the correlation of the two. Here
-//! x′ is the point of the trained ranges that is nearest to x, and only the joints and the payload that are beyond their
-//! ranges make a distance:
+//! A Gaussian process that is known at x′ explains ρ² of its prior variance at x, where ρ is the correlation of the two
+//! values. Here x′ is the point of the trained ranges nearest to x, so that only joints and payloads beyond their ranges
+//! contribute to the distance:
 //!
 //! ```text
 //! trust = 2^(−Σ_d rate_d e_d²)          e_d: how far input d is beyond its range, rad, m or kg; 0 within
@@ -11,14 +11,14 @@
 //! task space   ρ = 2^(−rate Σ_d (scale_d e_d)²)                                           rates 2 rate scale_d²
 //! ```
 //!
-//! For processes with length scales of their own, the rates are their mean, weighted by prior variance: by Jensen's
-//! inequality the trust is then below what they explain together. So the number is 1 where data were, falls with every
-//! radian beyond them and goes to 0; it is a lower bound of what the *ranges* explain, and does not see holes between
-//! the poses within them: `deflection::variance` does, where it fits. A joint without effect on any process falls
-//! slowest, to a half within half a turn. Where there is no process nothing says how fast to fall: a radian, a metre or
-//! the heaviest payload beyond the range is a half.
+//! For processes with length scales of their own, the rates are the mean over the processes, weighted by prior variance: by
+//! Jensen's inequality the trust is then below what they explain together. So trust is 1 within the ranges, falls with every
+//! radian beyond them and goes to 0. It is a lower bound of what the *ranges* explain, and does not see holes between the
+//! poses within them; `deflection::variance` does, where it fits. For a joint without effect on any process, trust falls
+//! slowest, to a half within half a turn. Without a process nothing determines how fast trust falls: it is then a half at a
+//! radian, a metre or the heaviest payload beyond the range.
 //!
-//! The cost is the same for every model and query: no inducing point is looked at.
+//! The cost is the same for every model and query, because no inducing point is used.
 
 use core::hint::black_box;
 
@@ -28,14 +28,14 @@ use poegp_protocol::limits::MAX_JOINTS;
 use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 
-/// Smallest rate of a joint, 1/rad² or 1/m²: a half at half a turn.
+/// Smallest rate of a joint, 1/rad² or 1/m²: trust is a half at half a turn beyond the range.
 const LEAST_RATE: f64 = 0.1;
-/// Largest rate of anything: sums stay finite for every input.
+/// Largest rate of any input, so that sums stay finite for every input.
 const LARGEST_RATE: f64 = 1e9;
-/// 2 to this is nothing, and [`Scalar::exp2`] takes it.
+/// Least exponent: 2 to this power is practically zero, and [`Scalar::exp2`] accepts it.
 const LOWEST_EXPONENT: f64 = -1_000.0;
 
-/// The rates, 1/rad², 1/m² and 1/kg².
+/// Rates at which trust falls with the squared distance from the trained ranges, 1/rad², 1/m² and 1/kg².
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trust<T> {
     joints: [T; MAX_JOINTS],
@@ -43,7 +43,7 @@ pub struct Trust<T> {
 }
 
 impl<T: Scalar> Trust<T> {
-    /// Creates one for no model: all rates are zero.
+    /// Creates the rates without a model: all are zero.
     #[inline(always)]
     pub(crate) fn none() -> Self {
         Self {
@@ -52,7 +52,7 @@ impl<T: Scalar> Trust<T> {
         }
     }
 
-    /// Creates one for a model.
+    /// Creates the rates of a model.
     pub fn of(blob: &Blob<'_>) -> Self {
         let payload = blob.ranges.payload_kg;
         match &blob.correction {
@@ -64,12 +64,13 @@ impl<T: Scalar> Trust<T> {
         }
     }
 
-    /// How far beyond the range of a joint, rad or m, half of the trust is left; `None` when there is no such joint.
+    /// Returns the distance beyond the range of a joint, in rad or m, at which trust is a half; `None` when there is no such
+    /// joint.
     pub fn half(&self, joint: usize) -> Option<T> {
         self.joints.get(joint).map(|rate| (T::ONE / *rate).sqrt())
     }
 
-    /// Creates one for a model without a process; `payload` is the trained range in kg, if there is one.
+    /// Creates the rates of a model without a process; `payload` is the trained range in kg, if there is one.
     fn without_process(payload: Option<(f32, f32)>) -> Self {
         Self {
             joints: [T::ONE; MAX_JOINTS],
@@ -77,7 +78,7 @@ impl<T: Scalar> Trust<T> {
         }
     }
 
-    /// Creates one for the paper's process, whose first inputs are the joints, followed by the payload.
+    /// Creates the rates of the paper's process, whose first inputs are the joints, followed by the payload.
     fn of_task_space(task: &TaskSpace<'_>, joints: usize, payload: Option<(f32, f32)>) -> Self {
         let mut mean = T::ONE;
         if let Some(rates) = &task.rates {
@@ -99,7 +100,7 @@ impl<T: Scalar> Trust<T> {
         out
     }
 
-    /// Creates one for an elastic model, from the processes of its joints.
+    /// Creates the rates of an elastic model from the processes of its joints.
     fn of_elastic(elastic: &Elastic<'_>, payload: Option<(f32, f32)>) -> Self {
         let mut out = Self::without_process(payload);
         if elastic.kernels.is_empty() {
@@ -121,7 +122,7 @@ impl<T: Scalar> Trust<T> {
         }
     }
 
-    /// The number for finite joints (rad or m) and payload (kg) and the trained ranges, with what is outside.
+    /// Returns the trust for finite joints (rad or m) and payload (kg) and the trained ranges, and which inputs are outside.
     #[inline(always)]
     pub fn at(
         &self,
@@ -147,7 +148,7 @@ impl<T: Scalar> Trust<T> {
     }
 }
 
-/// What is outside the trained ranges, without saying how far: a part of what [`Trust::at`] answers.
+/// Returns which inputs are outside the trained ranges, without how far: a part of the answer of [`Trust::at`].
 #[inline(never)]
 pub fn outside<T: Scalar>(
     joints: &[T],
@@ -170,8 +171,9 @@ pub fn outside<T: Scalar>(
         )
 }
 
-/// Σ_d rate_d e_d², and whether any e_d is not zero.
-// The compiler unrolls what it knows to be at most eight rounds, or rounds without a call: 800 bytes more.
+/// Returns Σ_d rate_d e_d², and whether any e_d is not zero.
+// `black_box` hides the lengths: the compiler unrolls loops of at most eight rounds and loops without a call, which takes
+// 800 bytes more.
 #[inline(never)]
 fn distance<T: Scalar>(joints: &[T], ranges: &[(T, T)], rates: &[T]) -> (T, bool) {
     let mut sum = T::ZERO;
@@ -186,14 +188,14 @@ fn distance<T: Scalar>(joints: &[T], ranges: &[(T, T)], rates: &[T]) -> (T, bool
     (sum, most > T::ZERO)
 }
 
-/// How far a value is beyond a range. Both ends are always looked at: the time does not depend on the value.
+/// Returns how far a value is beyond a range. Both ends are always compared, so that the time does not depend on the value.
 #[inline(never)]
 fn excess<T: Scalar>(value: T, (lower, upper): &(T, T)) -> T {
     let positive = |x: T| if x > T::ZERO { x } else { T::ZERO };
     positive(value - *upper) + positive(*lower - value)
 }
 
-/// The mean of `rate` over the kernels, weighted by their variance with the heaviest payload.
+/// Returns the mean of `rate` over the kernels, weighted by their variance with the heaviest payload.
 #[inline(never)]
 fn weighted_mean<T: Scalar>(
     kernels: &[JointKernel],
@@ -211,7 +213,7 @@ fn weighted_mean<T: Scalar>(
     sum / total
 }
 
-/// A rate from `least` to the largest; the least for NaN.
+/// Clamps a rate to between `least` and [`LARGEST_RATE`]; NaN becomes `least`.
 #[inline(never)]
 fn within<T: Scalar>(rate: T, least: T) -> T {
     let largest = T::from_f64(LARGEST_RATE);
@@ -224,7 +226,7 @@ fn within<T: Scalar>(rate: T, least: T) -> T {
     }
 }
 
-/// A half at the heaviest payload beyond it.
+/// Returns the payload rate at which trust is a half at the heaviest payload beyond the range.
 fn least_payload_rate<T: Scalar>(payload: Option<(f32, f32)>) -> T {
     let heavy = payload.map_or(1.0, |(_, heavy)| if heavy > 1.0 { heavy } else { 1.0 });
     T::ONE / (T::from_f32(heavy) * T::from_f32(heavy))

@@ -1,4 +1,4 @@
-//! What a model has to be before it runs.
+//! Conditions that a model must meet before it runs.
 
 use poegp_protocol::link::{CycleSettings, ModelIdentity, Refusal};
 
@@ -6,10 +6,10 @@ use crate::model::signature::SignatureError;
 use crate::service::exchange::CycleAck;
 use crate::store::Slot;
 
-/// What most services want of a report of the cycle, which is large.
+/// The part of the cycle's report that most services need; the whole report is large.
 #[derive(Clone, Copy)]
 pub(super) struct Brief {
-    /// CRC of the blob of the active model, or of the one that waits.
+    /// CRC of the blob of the model that waits, otherwise of the active model.
     pub(super) blob_crc: Option<u32>,
     /// Bound on the instructions of one command with that model; 0 without a model.
     pub(super) instructions: u32,
@@ -32,7 +32,7 @@ impl Brief {
     }
 }
 
-/// Whether so many instructions are allowed.
+/// Checks that a command takes no more instructions than are allowed.
 pub(super) fn in_time(instructions: u32, allowed: u32) -> Result<(), Refusal> {
     if instructions > allowed {
         return Err(Refusal::TooSlow {
@@ -43,26 +43,26 @@ pub(super) fn in_time(instructions: u32, allowed: u32) -> Result<(), Refusal> {
     Ok(())
 }
 
-/// What a model comes after.
+/// What a new model follows: the active and the stored model, and the conditions of the upload.
 pub(super) struct Predecessors {
-    /// The active model, or the one that waits.
+    /// Identity of the model that waits, otherwise of the active model.
     pub(super) active: Option<ModelIdentity>,
     /// Revision of the model that runs after a restart; 0 without a signature.
     pub(super) stored_revision: u32,
-    /// Whether the upload said that the robot may be another one.
+    /// Whether the upload announced that the robot may be another one.
     pub(super) any_robot: bool,
     /// Whether a key is provisioned.
     pub(super) signed_only: bool,
 }
 
 impl Predecessors {
-    /// Whether `model` is signed if it has to be, of no lower revision, and of the same robot if it has to be.
+    /// Checks that `model` is signed if it has to be, of no lower revision, and of the same robot if it has to be.
     pub(super) fn may_be_followed_by(&self, model: &ModelIdentity) -> Result<(), Refusal> {
         let active = self.active.as_ref();
         let running = active.and_then(|active| active.revision);
         let lowest = self.stored_revision.max(running.unwrap_or(0));
         match model.revision {
-            // From before the key, and in memory because it was active then.
+            // The model is from before the key, and in memory because it was active then.
             None if self.signed_only => {
                 let code = SignatureError::Unsigned.code();
                 return Err(Refusal::Signature { code });

@@ -1,15 +1,16 @@
-//! Who may order what once a key is provisioned: a nonce of the device, signed with a request, is good for that request
-//! once.
+//! Authorisation of requests once a key is provisioned: a nonce of the device, signed together with a request, is good for
+//! that request once.
 //!
 //! ```text
 //!  workstation                                 device
 //!  Challenge                        ──>
 //!                                   <──        Challenge { nonce }
-//!  Signed { signature, request }    ──>        is it signed, and with this nonce? carries the request out
+//!  Signed { signature, request }    ──>        checks the signature with this nonce, carries the request out
 //! ```
 //!
-//! The nonce holds until the next service: whatever comes between the two frames ends it. The very same frame again is the
-//! same request whose answer was lost, as long as nothing else has come; every request may be repeated.
+//! The nonce is valid until the next service: anything that comes between the two frames ends it. A repetition of the very
+//! same frame is the same request whose answer was lost, as long as nothing else has come in between; every request may be
+//! repeated.
 
 use poegp_protocol::blob::envelope::SIGNATURE_LENGTH;
 use poegp_protocol::link::{NONCE_LENGTH, Refusal, Request, order};
@@ -18,16 +19,16 @@ use crate::model::signature::verify_message;
 
 type Nonce = [u8; NONCE_LENGTH];
 
-/// The nonce that holds.
+/// The valid nonce and its use.
 #[derive(Debug, Default)]
 pub(super) struct Authority {
     nonce: Option<Nonce>,
-    /// The signature that was accepted with it.
+    /// Signature that was accepted with the nonce.
     used: Option<[u8; SIGNATURE_LENGTH]>,
 }
 
 impl Authority {
-    /// The nonce that holds, or `fresh`: a challenge may be repeated.
+    /// Returns the valid unused nonce or, without one, `fresh`: a challenge may be repeated.
     pub(super) fn challenge(&mut self, fresh: impl FnOnce() -> Nonce) -> Nonce {
         if self.used.take().is_some() {
             self.nonce = None;
@@ -35,15 +36,15 @@ impl Authority {
         *self.nonce.get_or_insert_with(fresh)
     }
 
-    /// No nonce holds any more.
+    /// Invalidates the nonce.
     pub(super) fn forget(&mut self) {
         *self = Self::default();
     }
 
-    /// The request in a signed one.
+    /// Verifies a signed request and returns the request inside.
     ///
     /// # Errors
-    /// [`Refusal::WrongSignature`], [`Refusal::UnknownMessage`]. No nonce holds after the first.
+    /// [`Refusal::WrongSignature`], [`Refusal::UnknownMessage`]. After the first, no nonce is valid.
     pub(super) fn open<'r>(
         &mut self,
         signature: &[u8],

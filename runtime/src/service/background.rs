@@ -1,4 +1,4 @@
-//! The services: everything that may take long. Pre-empted by every cycle.
+//! The services: everything that may take long. Every cycle pre-empts them.
 
 mod slots;
 
@@ -21,33 +21,33 @@ use crate::service::loaded_model::{ModelSlot, name};
 use crate::service::upload::Upload;
 use crate::store::{Store, StoreError, Stored};
 
-/// What the background needs of the rest of the device.
+/// Functions of the rest of the device that the background needs.
 pub trait Device<'m, const WORDS: usize> {
-    /// Has the cycle carry out an order between two frames, and waits for its report: microseconds.
+    /// Has the cycle carry out an order between two frames, and waits for its report, which takes microseconds.
     fn order(&mut self, order: CycleCommand<'m, WORDS>) -> CycleAck<'m, WORDS>;
-    /// A nonce that was never there before, also before a restart.
+    /// Returns a nonce that was never returned before, not even before a restart.
     fn nonce(&mut self) -> [u8; NONCE_LENGTH];
-    /// Adds what is counted outside the cycle.
+    /// Adds the events that are counted outside the cycle.
     fn complete(&mut self, statistics: &mut Statistics);
 }
 
-/// The background part of the device. `WORDS` of rows of inducing points and `BYTES` of a blob fit.
+/// The background part of the device, with room for `WORDS` words of inducing-point rows and a blob of `BYTES` bytes.
 #[derive(Debug)]
 pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     board: BoardInfo,
-    /// `None` while the cycle has both models: one is active, the other one waits.
+    /// Spare model; `None` while the cycle has both models, one active and one waiting.
     spare: Option<&'m mut ModelSlot<WORDS>>,
     upload: Upload<'m, BYTES>,
     store: Store<F>,
     authority: Authority,
-    /// No model of a lower revision is taken: that of the stored model that runs after a restart.
+    /// Lowest revision that is accepted: the one of the stored model that runs after a restart.
     lowest_revision: u32,
-    /// Changes of the slots since the start, those that failed among them.
+    /// Number of slot changes since the start, including failed ones.
     slot_changes: u32,
 }
 
 impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, WORDS, BYTES> {
-    /// With a spare model and a staging buffer.
+    /// Creates the background with a spare model and a staging buffer.
     pub fn new(
         board: BoardInfo,
         spare: &'m mut ModelSlot<WORDS>,
@@ -65,7 +65,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
-    /// Has the cycle carry out an order, and takes the model that it gives back.
+    /// Has the cycle carry out an order, and keeps the model that it gives back as the spare one.
     #[inline(never)]
     fn order(
         &mut self,
@@ -79,23 +79,23 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         report
     }
 
-    /// The same without a look at the report, which is large and stays in a stack frame of its own.
+    /// Has the cycle carry out an order and drops the report, which is large and stays in a stack frame of its own.
     #[inline(never)]
     fn notify(&mut self, device: &mut impl Device<'m, WORDS>, order: CycleCommand<'m, WORDS>) {
         self.order(device, order);
     }
 
-    /// What most services want of a report.
+    /// Returns the part of a report that most services need.
     #[inline(never)]
     fn brief(&mut self, device: &mut impl Device<'m, WORDS>) -> Brief {
         Brief::of(&self.order(device, CycleCommand::Report))
     }
 
-    /// Puts the stored settings in force and runs the newest stored model that verifies; returns why those before it did
-    /// not.
+    /// Puts the stored settings in force and runs the newest stored model that verifies. Returns the reasons why newer ones
+    /// did not.
     pub fn boot(&mut self, device: &mut impl Device<'m, WORDS>) -> [Option<Refusal>; 2] {
         if let Some(settings) = self.store.cycle_settings() {
-            // Those that this firmware does not take leave the default ones.
+            // If this firmware does not accept them, the default settings stay.
             self.notify(device, CycleCommand::Settings(settings));
         }
         let mut refusals = [None; 2];
@@ -129,13 +129,13 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
-    /// Carries out one request. Cyclic ones do not come here; they are answered as unknown.
+    /// Carries out one request. Cyclic requests do not come here; they are answered as unknown.
     pub fn handle(
         &mut self,
         request: &Request<'_>,
         device: &mut impl Device<'m, WORDS>,
     ) -> Response {
-        // A model that waited may run by now.
+        // The report also returns the replaced model if a model that waited runs by now.
         let commanded = self.brief(device).commanded;
         let result = match self.authorized(request, commanded) {
             Ok(None) => self.carry_out(request, device),
@@ -148,7 +148,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         })
     }
 
-    /// Whether the request may be carried out; of a signed one, the request inside.
+    /// Checks that the request may be carried out. Returns the request inside a signed one.
     #[inline(never)]
     fn authorized<'r>(
         &mut self,
@@ -270,7 +270,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.store.public_key().map_err(refused)
     }
 
-    /// Whether this device computes as it should, and in time.
+    /// Checks that this device computes correctly and fast enough.
     fn check_board(&self) -> Result<(), Refusal> {
         let (hz, needed) = (self.board.clock_hz, self.board.needed_clock_hz);
         match self.board.self_test {
@@ -280,7 +280,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
-    /// Revision of the spare model; 0 when its signature was not verified.
+    /// Returns the revision of the spare model; 0 when its signature was not verified.
     fn spare_revision(&self) -> u32 {
         let revision = self.spare_identity().and_then(|model| model.revision);
         revision.unwrap_or(0)
@@ -293,7 +293,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     #[inline(never)]
     fn verify(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<ModelIdentity, Refusal> {
         if let Some(blob_crc) = self.upload.verified {
-            // Repeated. The model may have become the active one meanwhile.
+            // The request is repeated. The model may have become the active one meanwhile.
             let here = self.spare_identity();
             let there = self.order(device, CycleCommand::Report).model;
             let same = |model: &ModelIdentity| model.blob_crc == blob_crc;
@@ -311,7 +311,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             .and_then(|()| self.check_time(device))?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();
-        // A model that is stored already keeps its slot, or a roll back could lead to where one is.
+        // A model that is stored already keeps its slot; otherwise a rollback could lead to the model that is active.
         let same = |stored: &Stored| stored.crc == crc && stored.length as usize == bytes.len();
         let stored = self.store.candidates().into_iter().flatten().find(same);
         spare.set_slot(stored.map(|stored| stored.slot));
@@ -336,7 +336,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         if self.spare_identity().map(|model| model.blob_crc) != Some(blob_crc) {
             return Err(Refusal::UnknownModel { blob_crc });
         }
-        // It was verified, but less may be allowed since; and it may be the model that was active before.
+        // The model was verified, but the limits may have become stricter since; and it may be the formerly active model.
         self.check_succession(device)?;
         self.check_time(device)?;
         self.run_spare(device);
@@ -349,13 +349,13 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
     }
 
-    /// Whether the spare model fits into the time of a cycle; one that does not is given up.
+    /// Checks that the spare model fits into the time of a cycle, and unloads it if it does not.
     fn check_time(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
         let allowed = self.brief(device).cycle.max_instructions;
         self.check_spare(|model| in_time(model.instructions, allowed))
     }
 
-    /// Whether the spare model may come after the active one and the stored one. One that may not is given up.
+    /// Checks that the spare model may follow the active one and the stored one, and unloads it if it may not.
     #[inline(never)]
     fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
         let there = Predecessors {
@@ -367,7 +367,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.check_spare(|model| there.may_be_followed_by(model))
     }
 
-    /// Gives the spare model up unless it passes.
+    /// Unloads the spare model unless it passes the check.
     fn check_spare(
         &mut self,
         check: impl FnOnce(&ModelIdentity) -> Result<(), Refusal>,
@@ -391,7 +391,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             return Err(Refusal::NotAKey);
         }
         if self.spare.is_none() {
-            // The model that waits goes on, and what it replaces must not come back unseen.
+            // The model that waits will still run, and the model that it replaces must not come back unchecked.
             return Err(Refusal::Busy);
         }
         self.check_flash(device)?;
@@ -401,7 +401,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             return Err(Refusal::KeyIsFixed);
         }
         if before != Ok(Some(*public_key)) {
-            // What was verified without this key must not become active; also when flash failed, for the key may be there.
+            // A model that was verified without this key must not become active; nor if the flash failed, since the key may
+            // be there.
             self.upload.verified = None;
             self.upload.committed = None;
             self.lowest_revision = 0;
@@ -431,7 +432,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         let written = self.store.set_cycle_settings(settings);
         if written.is_err() {
-            // What is in force is what a restart finds.
+            // The settings in force must be those that a restart finds.
             self.notify(device, CycleCommand::Settings(before));
         }
         written.map_err(refused)

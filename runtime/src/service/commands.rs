@@ -1,4 +1,4 @@
-//! The commands of a controller's cycle: their time, and the filter that they go through.
+//! The commands of a controller's cycle: their timing, and the filter through which they go.
 
 use core::num::NonZeroU32;
 
@@ -9,10 +9,10 @@ use crate::filter::{CommandFilter, FilterError, FilterSettings, Filtered};
 use crate::guard::status::Status;
 use crate::service::exchange::BoardInfo;
 
-/// Parts of a second without a command after which commands have stopped. The filter never waits longer for one.
+/// Commands count as stopped after 1/[`QUIET`] s without one. The filter never waits longer for a command.
 const QUIET: u32 = 2;
 
-/// What is in force without any other: that of [`FilterSettings::default`], and what the board allows.
+/// Returns the settings in force until others are set: those of [`FilterSettings::default`], and what the board allows.
 const fn default_settings(max_instructions: u32) -> CycleSettings {
     CycleSettings {
         period_us: 1_000,
@@ -23,7 +23,7 @@ const fn default_settings(max_instructions: u32) -> CycleSettings {
     }
 }
 
-/// The filter and what it has to know of time.
+/// The filter, and what it needs to know about time.
 ///
 /// ```text
 ///  command    0      1         2        3   3′               4
@@ -31,13 +31,13 @@ const fn default_settings(max_instructions: u32) -> CycleSettings {
 ///  cycles     ∞      1         1        1   0                2     rounded; 0 for a repeated one; ∞ after a stop
 /// ```
 ///
-/// Time is the difference of two tick counts, which wrap around. So that a long stop is not taken for a short time, a caller
-/// that looks at the clock for another reason says so ([`Commands::look`]), and half a second without a command is remembered as
-/// a stop.
+/// Time is the difference of two tick counts, which wrap around. Two measures keep a long stop from being taken for a short
+/// time: a caller that looks at the clock for another reason reports it ([`Commands::look`]), and half a second without a
+/// command is remembered as a stop.
 #[derive(Debug)]
 pub(super) struct Commands {
     pub(super) filter: CommandFilter<f32>,
-    /// In force.
+    /// Settings in force.
     pub(super) settings: CycleSettings,
     tick_hz: u32,
     period_ticks: NonZeroU32,
@@ -45,14 +45,14 @@ pub(super) struct Commands {
     quiet: bool,
     /// Whether the last command came in a cyclic frame.
     in_cyclic_frames: bool,
-    /// When the last command came that was not within the cycle before.
+    /// Tick at which the last command came that did not fall into an already answered cycle.
     last: u32,
     sequence: u16,
     query: Query,
 }
 
 impl Commands {
-    /// Before the first command, with default settings.
+    /// Starts before the first command, with default settings.
     pub(super) fn new(board: &BoardInfo) -> Self {
         let settings = default_settings(board.max_instructions);
         let mut new = Self {
@@ -69,38 +69,39 @@ impl Commands {
                 payload_kg: 0.0,
             },
         };
-        // Cannot be refused: nothing is applied.
+        // This cannot be refused, because nothing is applied yet.
         let _ = new.configure(&settings);
         new
     }
 
-    /// Takes settings, unless a correction is applied.
+    /// Applies settings, unless a correction is applied.
     pub(super) fn configure(&mut self, settings: &CycleSettings) -> Result<(), FilterError> {
         self.filter.configure(&for_filter(settings))?;
         self.settings = *settings;
-        // To a ten-millionth, as the clock is. Wider integers would need a division of their own.
+        // `f32` is accurate to a ten-millionth, as the clock is. Wider integers would need a division routine of their own.
         let ticks = settings.period_us as f32 * self.tick_hz as f32 / 1e6;
         self.period_ticks = NonZeroU32::new((ticks + 0.5) as u32).unwrap_or(NonZeroU32::MIN);
         Ok(())
     }
 
-    /// It is `now`, or was a moment ago: no earlier than the last command.
+    /// Notes that it is `now`, or was a moment ago, but not before the last command.
     #[inline(always)]
     pub(super) fn look(&mut self, now: u32) {
         self.quiet |= now.wrapping_sub(self.last) > self.tick_hz / QUIET;
     }
 
-    /// No more commands will come.
+    /// Notes that no more commands will come.
     pub(super) fn stop(&mut self) {
         self.quiet = true;
     }
 
-    /// Whether a model may be exchanged: nothing is applied, or nobody sends commands that could step.
+    /// Returns whether a model may be exchanged: nothing is applied, or nobody sends commands that could step.
     pub(super) fn is_free(&self) -> bool {
         self.quiet || self.filter.disengaged()
     }
 
-    /// Cycles from the command before to this one, which came at `arrived`: the nearest number, 0 for the same request again.
+    /// Returns the cycles from the previous command to this one, which came at `arrived`: the nearest number, 0 for a
+    /// repeated request, and `u32::MAX` after a stop.
     pub(super) fn cycles(&mut self, sequence: u16, query: &Query, arrived: u32) -> u32 {
         let since = arrived.wrapping_sub(self.last);
         let period = self.period_ticks;
@@ -109,7 +110,7 @@ impl Commands {
         } else if sequence == self.sequence && same(query, &self.query) {
             0
         } else {
-            // At least half a period, for any number of ticks.
+            // Rounds up from half a period on, for an odd number of ticks, too.
             since / period + u32::from(since % period >= period.get() - period.get() / 2)
         };
         if cycles != 0 {
@@ -121,8 +122,8 @@ impl Commands {
         cycles
     }
 
-    /// [`Commands::cycles`] of the command in a cyclic frame; `None` when its sequence number is that of the one before, which
-    /// counts for nothing.
+    /// Returns [`Commands::cycles`] for a command in a cyclic frame; `None` when its sequence number is that of the previous
+    /// frame, so that it does not count.
     pub(super) fn cyclic_frame(
         &mut self,
         sequence: u16,
@@ -137,12 +138,12 @@ impl Commands {
         Some(cycles)
     }
 
-    /// Whether commands come, in cyclic frames.
+    /// Returns whether commands are coming, and in cyclic frames.
     pub(super) fn in_cyclic_frames(&self) -> bool {
         self.in_cyclic_frames && !self.quiet
     }
 
-    /// [`CommandFilter::step`].
+    /// See [`CommandFilter::step`].
     pub(super) fn step(
         &mut self,
         corrected: &[f32],
@@ -155,7 +156,7 @@ impl Commands {
     }
 }
 
-/// The same bits.
+/// Returns whether both queries have the same bits.
 fn same(one: &Query, other: &Query) -> bool {
     let bits = |value: &f32| value.to_bits();
     let joints = one
@@ -166,7 +167,7 @@ fn same(one: &Query, other: &Query) -> bool {
     joints && one.payload_kg.to_bits() == other.payload_kg.to_bits()
 }
 
-/// As the filter takes them.
+/// Converts settings of the cycle to those of the filter.
 pub(super) fn for_filter(settings: &CycleSettings) -> FilterSettings<f32> {
     FilterSettings {
         period_s: settings.period_us as f32 / 1e6,

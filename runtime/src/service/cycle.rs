@@ -1,4 +1,4 @@
-//! The cycle: a frame in, an answer out, in bounded time.
+//! The cycle: takes a frame and gives an answer, in bounded time.
 
 use heapless::Vec;
 use poegp_protocol::limits::{MAX_JOINTS, OUTPUTS};
@@ -16,9 +16,9 @@ use crate::service::frames::{self, Answer, Opened};
 use crate::service::loaded_model::ModelSlot;
 use crate::trace::Stages;
 
-/// A counter of time.
+/// Counter of time.
 pub trait Clock {
-    /// Free-running, wraps around at 2³².
+    /// Returns the free-running tick count, which wraps around at 2³².
     fn ticks(&mut self) -> u32;
 }
 
@@ -26,9 +26,9 @@ pub trait Clock {
 #[derive(Debug)]
 pub struct Cycle<'m, const WORDS: usize> {
     active: &'m mut ModelSlot<WORDS>,
-    /// The model that is to run when nothing of the active one is applied any more.
+    /// Model that is to run as soon as nothing of the active one is applied any more.
     pending: Option<&'m mut ModelSlot<WORDS>>,
-    /// The model that was active, until the background is informed.
+    /// Model that was active before, until the background takes it back.
     replaced: Option<&'m mut ModelSlot<WORDS>>,
     commands: Commands,
     statistics: Statistics,
@@ -40,20 +40,20 @@ pub struct Cycle<'m, const WORDS: usize> {
     stages: Stages<f32>,
 }
 
-/// What became of a frame.
+/// Result of handling a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameOutcome {
-    /// It was answered: so many bytes are to be sent; none when it was dropped.
+    /// The frame was answered, or dropped: this many bytes are to be sent, none for a dropped frame.
     Answered(usize),
-    /// A cyclic request was answered: so many bytes are to be sent. While cyclic requests are expected, only this may
-    /// feed a watchdog.
+    /// A cyclic request was answered: this many bytes are to be sent. While cyclic requests are expected, only this outcome
+    /// may feed a watchdog.
     Completed(usize),
-    /// It is a service: the receiver, with its open frame, goes to the background.
+    /// The frame requests a service: the receiver, with its open frame, goes to the background.
     Service,
 }
 
 impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
-    /// Starts with `active`, which is usually empty, and with the default settings of the filter.
+    /// Creates a cycle with `active`, which is usually empty, and with the default settings of the filter.
     pub fn new(active: &'m mut ModelSlot<WORDS>, board: &BoardInfo, bypass: bool) -> Self {
         Self {
             active,
@@ -69,20 +69,20 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         }
     }
 
-    /// Whether cyclic requests are expected: one has come, and no `StopCyclic` after it. While it is so, only
+    /// Returns whether cyclic requests are expected: one has come, and no `StopCyclic` since. While they are, only
     /// [`FrameOutcome::Completed`] may feed a watchdog.
     pub fn is_running(&self) -> bool {
         self.running
     }
 
-    /// It is `now`. To be called at least once in half the time in which the ticks wrap around, so that a long stop of the
-    /// commands is not taken for a short time; frames and orders count.
+    /// Notes that it is `now`. This must be called at least once in half the time in which the ticks wrap around, so that a
+    /// long stop of the commands is not taken for a short time. Handling a frame or an order counts as a call.
     pub fn look(&mut self, now: u32) {
         self.commands.look(now);
         self.exchange();
     }
 
-    /// Runs the model that waits, if nothing holds it up.
+    /// Runs the model that waits, unless something holds it up.
     fn exchange(&mut self) {
         if self.pending.is_some()
             && self.commands.is_free()
@@ -93,7 +93,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         }
     }
 
-    /// Takes a complete frame, whose last byte came at `arrived`. An answer is written to `out`; `scratch` and `out` need
+    /// Handles a complete frame, whose last byte came at `arrived`. An answer is written to `out`; `scratch` and `out` need
     /// [`MAX_FRAME`](poegp_protocol::link::frame::MAX_FRAME) bytes.
     pub fn handle_frame(
         &mut self,
@@ -119,7 +119,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                 Ok(query) => match request {
                     Cyclic::Evaluate => self.evaluate(&query, clock).write(sequence, scratch, out),
                     Cyclic::Correct => self.correct(&query, clock).write(sequence, scratch, out),
-                    // It takes longer than the bound of the model allows for.
+                    // A trace takes longer than the model's bound for a command allows.
                     Cyclic::Trace if self.commanded => {
                         count(&mut self.statistics.refused);
                         let refusal = Refusal::CyclesRunning;
@@ -145,12 +145,12 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         FrameOutcome::Completed(length)
     }
 
-    /// Counts a frame that was longer than any that is sent, and answers it as [`Cycle::handle_frame`] does.
+    /// Counts a frame that was longer than any valid one, and answers it as [`Cycle::handle_frame`] does.
     pub fn frame_too_long(&mut self, scratch: &mut [u8], out: &mut [u8]) -> FrameOutcome {
         self.unreadable(FrameError::Damaged, scratch, out)
     }
 
-    /// Refuses a service because another one is being carried out, as [`Cycle::handle_frame`] answers.
+    /// Refuses a service because another one is being carried out. The answer is as from [`Cycle::handle_frame`].
     pub fn reject_busy(
         &mut self,
         receiver: &Receiver,
@@ -176,7 +176,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         FrameOutcome::Answered(refusal.write(sequence, scratch, out))
     }
 
-    /// The answer to the command of a cyclic frame; `None` when the frame is dropped.
+    /// Returns the answer to the command of a cyclic frame; `None` when the frame is dropped.
     fn cyclic_frame(
         &mut self,
         sequence: u16,
@@ -278,14 +278,14 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         }
     }
 
-    /// The answer to a command, `cycles` after the one before.
+    /// Answers a command that comes `cycles` after the previous one.
     #[inline(never)]
     fn command(&mut self, query: &Query, cycles: u32, clock: &mut impl Clock) -> Commanded {
         let start = clock.ticks();
         let model = &self.active.model;
         let payload_kg = self.commands.filter.payload(query.payload_kg, cycles);
         let mut result = model.correct(&query.joints, payload_kg);
-        // With nothing applied, whatever is finite passes, as it does in `correct`.
+        // While nothing is applied, every finite command passes, as in `correct`.
         if self.bypass && self.commands.filter.disengaged() {
             result.joints = [0.0; MAX_JOINTS];
             for (slot, joint) in result.joints.iter_mut().zip(&query.joints) {
@@ -335,7 +335,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         }
     }
 
-    /// Carries out an order of the background, between two frames, at the time `now`.
+    /// Carries out an order of the background between two frames, at the time `now`.
     // Not inlined: the cyclic path must not share its stack frame.
     #[inline(never)]
     pub fn apply(&mut self, order: CycleCommand<'m, WORDS>, now: u32) -> CycleAck<'m, WORDS> {
@@ -344,7 +344,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         match order {
             CycleCommand::Report => {}
             CycleCommand::Run(model) => {
-                // There are two models: one cannot wait already.
+                // With only two models, none can be waiting already.
                 if let Some(before) = self.pending.replace(model) {
                     self.replaced = Some(before);
                 }
@@ -390,11 +390,11 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     }
 }
 
-/// Sine and cosine of each joint, or place and zero.
+/// Returns the sine and cosine of each revolute joint, or the displacement of a prismatic joint and zero.
 fn sines(stages: &Stages<f32>) -> Vec<f32, { 2 * MAX_JOINTS }> {
     let mut out = Vec::new();
     for motion in stages.motions() {
-        // Room for all joints.
+        // There is room for all joints, so this cannot fail.
         let _ = out.extend_from_slice(motion);
     }
     out

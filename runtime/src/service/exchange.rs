@@ -1,4 +1,4 @@
-//! What the cycle and the background hand to each other.
+//! What the cycle and the background exchange.
 
 use poegp_protocol::link::{CycleSettings, ModelIdentity, StartReason, Statistics};
 
@@ -6,80 +6,81 @@ use crate::filter::FilterError;
 use crate::service::loaded_model::ModelSlot;
 use crate::store::Slot;
 
-/// What does not change about the device.
+/// Fixed properties of the device.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardInfo {
     /// Name of the board.
     pub board: &'static str,
-    /// CRC-32C of the firmware's image.
+    /// CRC-32C of the firmware image.
     pub image_crc: u32,
     /// Frequency of the tick counter in hertz.
     pub tick_hz: u32,
-    /// Ticks in which a cyclic request is to be answered.
+    /// Ticks within which a cyclic request is to be answered.
     pub deadline_ticks: u32,
-    /// Frequency of the processor's clock in hertz, as it is.
+    /// Actual frequency of the processor clock in hertz.
     pub clock_hz: u32,
-    /// Below this frequency neither the deadline nor the number of instructions is true, and no model is taken.
+    /// Least clock frequency in hertz: below it neither the deadline nor the number of instructions holds, and no model is
+    /// accepted.
     pub needed_clock_hz: u32,
-    /// Instructions for which there is time in a cycle, until another number is provisioned.
+    /// Instructions that a cycle has time for, until another number is provisioned.
     pub max_instructions: u32,
-    /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
+    /// Whether the processor stalls while the flash erases or writes. The flash is then left alone while cycles run.
     pub flash_blocks: bool,
-    /// How often the slots may be changed between two starts. A loop of uploads would wear out the flash.
+    /// Number of times that the slots may be changed between two starts, because a loop of uploads would wear out the flash.
     pub slot_writes: u32,
-    /// What [`self_test`](crate::service::self_test) has said. Without it no model is taken.
+    /// Result of [`self_test`](crate::service::self_test). No model is accepted unless it is true.
     pub self_test: bool,
-    /// Why the device started.
+    /// Reason for which the device started.
     pub start: StartReason,
 }
 
-/// What the background wants of the cycle.
+/// Order of the background to the cycle.
 #[derive(Debug)]
 pub enum CycleCommand<'m, const WORDS: usize> {
-    /// Nothing but a report.
+    /// Do nothing but report.
     Report,
-    /// Run this model: from now on, or when the correction by the active one has been taken back.
+    /// Run this model: now, or when the correction by the active one has been taken back.
     Run(&'m mut ModelSlot<WORDS>),
-    /// The model of this name is in this slot now, and no other.
+    /// Note that this slot now holds the model with this CRC and no other.
     Stored {
-        /// CRC in the header of its blob.
+        /// CRC in the header of the model's blob.
         blob_crc: u32,
-        /// Where it is.
+        /// Slot that holds the blob.
         slot: Slot,
     },
-    /// Take these settings.
+    /// Apply these settings.
     Settings(CycleSettings),
-    /// Answer commands as they come, or correct them again.
+    /// Answer commands without correction if true, with it if false.
     Bypass(bool),
-    /// No more cyclic requests will come.
+    /// Expect no more cyclic requests.
     Stop,
-    /// A request was refused: count it.
+    /// Count a refused request.
     Refused,
-    /// The message of an intact frame was none: count it.
+    /// Count an intact frame whose message could not be read.
     Unreadable,
 }
 
-/// What the cycle says to an order.
+/// Report with which the cycle answers an order.
 #[derive(Debug)]
 pub struct CycleAck<'m, const WORDS: usize> {
-    /// The model that was active before the one of [`CycleCommand::Run`], once: in the first report after the exchange.
+    /// Model that was active before the one of [`CycleCommand::Run`]; only in the first report after the exchange.
     pub replaced: Option<&'m mut ModelSlot<WORDS>>,
-    /// The active model, or the one that waits.
+    /// Identity of the model that waits, otherwise of the active one.
     pub model: Option<ModelIdentity>,
-    /// Whether it waits.
+    /// Whether that model is waiting.
     pub pending: bool,
-    /// The slot that holds it.
+    /// Flash slot that holds that model.
     pub slot: Option<Slot>,
     /// Settings in force.
     pub cycle: CycleSettings,
-    /// Why [`CycleCommand::Settings`] was not obeyed.
+    /// Reason why [`CycleCommand::Settings`] was not carried out.
     pub refused: Option<FilterError>,
     /// Whether corrections are bypassed.
     pub bypass: bool,
     /// Whether cyclic requests are expected.
     pub running: bool,
-    /// Whether a command was among those that came since the start or the last [`CycleCommand::Stop`].
+    /// Whether any command has come since the start or the last [`CycleCommand::Stop`].
     pub commanded: bool,
-    /// What the cycle has counted.
+    /// Counters of the cycle.
     pub statistics: Statistics,
 }

@@ -1,7 +1,7 @@
-//! The frames of the cycle: opened, read and written at the speed of this crate.
+//! Opens, reads and writes the frames of the cycle in code that is compiled for speed.
 //!
-//! [`Cycle`](crate::service::Cycle) is generic over the capacity and so compiled where it is used, for size; `protocol` is
-//! compiled for size, too. What is called here with concrete types is not.
+//! [`Cycle`](crate::service::Cycle) is generic over the capacity and is therefore compiled in the crate that uses it, for
+//! size; `protocol` is compiled for size, too. The functions here have concrete types and are compiled in this crate.
 
 use poegp_protocol::blob::BufferTooSmall;
 use poegp_protocol::link::cyclic::{self, CyclicAnswer};
@@ -10,17 +10,17 @@ use poegp_protocol::link::{
     Commanded, Corrected, Cyclic, CyclicResponse, Evaluation, Query, Refusal, Trace,
 };
 
-/// What a frame is for.
+/// Kind of an opened frame.
 pub(super) enum Opened {
-    /// A cyclic request with a message.
+    /// Cyclic request with a message.
     Request(Cyclic),
-    /// A cyclic frame, with its command unless it has another length than one.
+    /// Cyclic frame with its command; `None` if the fields do not have the length of a command.
     Frame(Option<Query>),
-    /// Anything else: for the background.
+    /// Anything else, which is for the background.
     Service,
 }
 
-/// Opens the complete frame: its sequence number and what it is for.
+/// Opens the complete frame and returns its sequence number and kind.
 #[inline(never)]
 pub(super) fn open(receiver: &mut Receiver) -> Result<(u16, Opened), FrameError> {
     let sequence = receiver.open()?;
@@ -33,23 +33,23 @@ pub(super) fn open(receiver: &mut Receiver) -> Result<(u16, Opened), FrameError>
     Ok((sequence, opened))
 }
 
-/// Writes the cyclic frame of an answer to `out`: so many bytes.
+/// Writes the cyclic frame of an answer to `out` and returns the number of bytes.
 #[inline(never)]
 pub(super) fn write_cyclic(sequence: u16, answer: &CyclicAnswer, out: &mut [u8]) -> usize {
     cyclic::encode_answer(sequence, answer, out).map_or(0, <[u8]>::len)
 }
 
-/// The query of the cyclic request in an opened frame.
+/// Reads the query of the cyclic request in an opened frame.
 #[inline(never)]
 pub(super) fn query(receiver: &Receiver) -> Result<Query, FrameError> {
-    // Number and query are the request: the others need not be read here.
+    // A cyclic request consists of its number and the query. Other requests need not be read here.
     let (_, (_, query)) = receiver.message::<(u8, Query)>()?;
     Ok(query)
 }
 
-/// An answer of the cycle.
+/// Answer of the cycle.
 pub(super) trait Answer: CyclicResponse {
-    /// Writes it to `out`: so many bytes.
+    /// Writes the frame of the answer to `out` and returns the number of bytes.
     fn write(&self, sequence: u16, scratch: &mut [u8], out: &mut [u8]) -> usize;
 }
 
@@ -60,7 +60,7 @@ fn seal(
     scratch: &mut [u8],
     out: &mut [u8],
 ) -> usize {
-    // It always fits: the longest answer is shorter than the longest request.
+    // The answer always fits: the longest answer is shorter than the longest request.
     written
         .and_then(|length| frame::seal(sequence, length, scratch, out))
         .map_or(0, <[u8]>::len)
@@ -71,7 +71,7 @@ macro_rules! answers {
         impl Answer for $response {
             #[inline(never)]
             fn write(&self, sequence: u16, scratch: &mut [u8], out: &mut [u8]) -> usize {
-                // The bytes are those of a `Response`.
+                // These bytes are those of a `Response`.
                 let written = frame::write_message(&(Self::NUMBER, self), scratch);
                 seal(sequence, written, scratch, out)
             }

@@ -1,4 +1,4 @@
-//! A model in RAM with its name. There are two: the active and the spare.
+//! A model in RAM, with its identity. There are two: the active and the spare one.
 
 use heapless::String;
 use poegp_protocol::blob::{self, envelope};
@@ -10,21 +10,21 @@ use crate::model::Model;
 use crate::model::signature;
 use crate::store::Slot;
 
-/// A model and where it comes from. All zeros when empty, so that a static one takes no flash. The device computes in `f32`.
+/// A model and its origin. It is all zeros when empty, so that a static one takes no flash. The device computes in `f32`.
 #[derive(Debug)]
 pub struct ModelSlot<const WORDS: usize, T = f32> {
     pub(super) model: Model<T, WORDS>,
     robot: String<MAX_NAME>,
     serial_number: String<MAX_NAME>,
     pub(super) blob_crc: u32,
-    /// Bound of a command.
+    /// Bound on the instructions of a command.
     instructions: u32,
     warnings: Causes,
-    /// 1 when its signature was verified: a `bool` would give an `Option` around this a state that is not zero.
+    /// 1 when the signature was verified. A `bool` would give an `Option` around this struct a state that is not zero.
     signed: u8,
-    /// Under its signature.
+    /// Revision under the signature.
     revision: u32,
-    /// The slot that holds it, plus one; 0 for none.
+    /// Index of the flash slot that holds the model, plus one; 0 for none.
     slot: u8,
 }
 
@@ -35,7 +35,7 @@ impl<const WORDS: usize, T: Scalar> Default for ModelSlot<WORDS, T> {
 }
 
 impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
-    /// Without a model.
+    /// Creates a slot without a model.
     pub const fn new() -> Self {
         Self {
             model: Model::new(),
@@ -50,7 +50,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
         }
     }
 
-    /// Verifies `bytes` in every respect and takes over its model. All or nothing.
+    /// Verifies `bytes` in every respect and loads their model, all or nothing.
     ///
     /// # Errors
     /// [`Refusal::Blob`], [`Refusal::Signature`], [`Refusal::Model`].
@@ -66,7 +66,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
         Ok(())
     }
 
-    /// The same without a key. A program that calls nothing else links no cryptography.
+    /// Does the same as [`ModelSlot::load`] without a key. A program that calls only this function links no cryptography.
     ///
     /// # Errors
     /// [`Refusal::Blob`], [`Refusal::Model`].
@@ -80,7 +80,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
 
     #[inline(never)]
     fn load_blob(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
-        // By reference: every move would be a copy of the blob on the stack.
+        // Matched by reference, because every move would be a copy of the blob on the stack.
         match &blob::decode(bytes) {
             Err(error) => Err(Refusal::Blob(*error)),
             Ok(blob) => {
@@ -96,7 +96,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
         }
     }
 
-    /// Its arithmetic.
+    /// Returns the model that computes.
     pub fn model(&self) -> &Model<T, WORDS> {
         &self.model
     }
@@ -109,7 +109,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
         self.slot = 0;
     }
 
-    /// Its name; `None` when there is no model.
+    /// Returns the identity of the model; `None` when there is no model.
     pub fn identity(&self) -> Option<ModelIdentity> {
         let joints = self.model.joints();
         (joints > 0).then(|| ModelIdentity {
@@ -124,7 +124,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
         })
     }
 
-    /// The slot that holds the same model.
+    /// Returns the flash slot that holds the same model.
     pub fn slot(&self) -> Option<Slot> {
         match self.slot {
             1 => Some(Slot::A),
@@ -133,7 +133,7 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
         }
     }
 
-    /// What has this name is in `slot` now, and nothing else is.
+    /// Notes that `slot` now holds the model with this CRC and no other.
     pub(super) fn note_stored(&mut self, blob_crc: u32, slot: Slot) {
         if self.blob_crc == blob_crc {
             self.set_slot(Some(slot));
@@ -151,7 +151,8 @@ impl<const WORDS: usize, T: Scalar> ModelSlot<WORDS, T> {
     }
 }
 
-/// Damage is named as such before a signature is looked at; this also keeps the long computation for whole blobs.
+/// Verifies the signature and returns the revision. Damage is reported before a signature is checked, which also keeps the
+/// long computation for whole blobs.
 #[inline(never)]
 fn signed_revision(bytes: &[u8], key: &[u8; 32]) -> Result<u32, Refusal> {
     if let Err(error) = envelope::open(bytes) {
@@ -160,7 +161,7 @@ fn signed_revision(bytes: &[u8], key: &[u8; 32]) -> Result<u32, Refusal> {
     signature::verify(bytes, key).map_err(|error| Refusal::Signature { code: error.code() })
 }
 
-/// As much of `text` as fits, cut between letters.
+/// Returns as much of `text` as fits, cut between characters.
 pub(super) fn name(text: &str) -> String<MAX_NAME> {
     let mut out = String::new();
     for letter in text.chars() {

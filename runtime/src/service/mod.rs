@@ -1,4 +1,4 @@
-//! What the device does with a request: pure, so that it is tested on a PC. The firmware only moves bytes and time.
+//! What the device does with a request, as pure code that can be tested on a PC. The firmware only moves bytes and time.
 //!
 //! ```text
 //!            bytes                 frames              services
@@ -8,20 +8,20 @@
 //! ```
 //!
 //! [`Cycle`] runs at high priority and is short and bounded: it finds frames, answers `Evaluate`, `Correct` and `Command`
-//! with the active model, and passes everything else on. [`Background`] runs when there is nothing else to do, may take long, and
-//! is pre-empted by every cycle. Nothing is shared: a model belongs to one of them at any time, and becomes active by
-//! being handed over whole, between two cycles ([`CycleCommand::Run`]).
+//! with the active model, and passes everything else on. [`Background`] runs when there is nothing else to do, may take
+//! long, and is pre-empted by every cycle. Nothing is shared: at any time a model belongs to one of them, and it becomes
+//! active by being handed over whole, between two cycles ([`CycleCommand::Run`]).
 //!
-//! `Correct` is a question: its answer stands alone. `Command` is the command of a controller's cycle, and its answer goes
-//! through a [`crate::filter::CommandFilter`], which never steps. While it applies a correction, a model that was ordered
-//! waits: the filter takes the correction back, the models are exchanged, the filter applies the new one. When commands stop,
-//! for half a second or by `StopCyclic`, it waits no longer. Until then the background has no spare model, and answers
-//! [`poegp_protocol::link::Refusal::Busy`] to whatever needs one.
+//! `Correct` is a question whose answer stands alone. `Command` is the command of a controller's cycle, and its answer goes
+//! through a [`crate::filter::CommandFilter`], which never steps. While the filter applies a correction, a model that was
+//! ordered waits: the filter takes the correction back, the models are exchanged, and the filter applies the new correction.
+//! When commands stop, for half a second or by `StopCyclic`, the model waits no longer. While a model waits, the background
+//! has no spare model, and answers [`poegp_protocol::link::Refusal::Busy`] to every request that needs one.
 //!
-//! A blob arrives in pieces in a staging buffer; nothing of it is believed before `VerifyUpload` has checked the
-//! announced CRC, the envelope, the signature if a key is provisioned, and every number. Until it is activated, and after
-//! any refusal, the active model answers; without one, and whatever else goes wrong, a correction is answered with the
-//! command as it came and a status that says why.
+//! A blob arrives in pieces in a staging buffer. Nothing of it is trusted before `VerifyUpload` has checked the announced
+//! CRC, the envelope, the signature if a key is provisioned, and every number. Until the blob is activated, and after any
+//! refusal, the active model answers. Without a model, and whatever else goes wrong, a correction is answered with the
+//! unchanged command and a status that says why.
 
 mod admission;
 mod authority;

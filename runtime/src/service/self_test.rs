@@ -1,4 +1,4 @@
-//! Whether this processor, with the code that was compiled for it, computes what all others do.
+//! Self-test: whether this processor, with the code compiled for it, computes the same bits as all others.
 
 use poegp_protocol::blob::CRC;
 
@@ -6,7 +6,7 @@ use crate::service::loaded_model::ModelSlot;
 
 /// A small elastic model of three joints.
 const BLOB: &[u8] = include_bytes!("self_test.blob");
-/// Joints in rad and a payload in kg: inside the trained ranges, outside, far outside.
+/// Joints in rad and payload in kg of each question: inside the trained ranges, outside, and far outside.
 const QUESTIONS: [([f32; 3], f32); 3] = [
     ([0.3, -0.7, 0.4], 1.5),
     ([-2.9, 1.6, -1.2], 0.0),
@@ -16,7 +16,7 @@ const QUESTIONS: [([f32; 3], f32); 3] = [
 const ANSWERS: u32 = 0xe9d5_ac93;
 
 /// Loads a model into `slot`, which is empty afterwards, and compares the bits of its answers with those of a workstation. A
-/// device that fails must not correct anything: see [`BoardInfo::self_test`](crate::service::BoardInfo::self_test).
+/// device that fails must not correct anything; see [`BoardInfo::self_test`](crate::service::BoardInfo::self_test).
 // Not inlined: the background must not share its stack frame.
 #[inline(never)]
 pub fn self_test<const WORDS: usize>(slot: &mut ModelSlot<WORDS>) -> bool {

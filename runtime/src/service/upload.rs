@@ -1,10 +1,10 @@
-//! A blob that arrives in pieces.
+//! Upload of a blob in pieces.
 
 use heapless::Vec;
 use poegp_protocol::blob::CRC;
 use poegp_protocol::link::{Refusal, StoredModel};
 
-/// A blob in transfer, in the staging buffer, and how far it got.
+/// A blob in transfer in the staging buffer, and the progress of the upload.
 #[derive(Debug)]
 pub(super) struct Upload<'m, const BYTES: usize> {
     staged: &'m mut Vec<u8, BYTES>,
@@ -34,7 +34,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         }
     }
 
-    /// Forgets it, and lends the staging buffer for something else, as so many zeros.
+    /// Forgets the upload, and lends the staging buffer for another use, filled with `length` zeros.
     pub(super) fn abandon(&mut self, length: usize) -> &mut [u8] {
         self.announced = None;
         self.verified = None;
@@ -50,7 +50,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         self.staged
     }
 
-    /// Whether the announced blob may be of another robot than the active model.
+    /// Returns whether the announced blob may belong to another robot than the active model.
     pub(super) fn replaces_robot(&self) -> bool {
         self.announced
             .is_some_and(|announced| announced.replaces_robot)
@@ -77,7 +77,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         Ok(0)
     }
 
-    /// Returns the bytes that are there.
+    /// Takes a piece and returns the number of bytes received so far.
     pub(super) fn piece(&mut self, offset: u32, bytes: &[u8]) -> Result<u32, Refusal> {
         let announced = self.announced.ok_or(Refusal::NoUpload)?;
         let (received, end) = (
@@ -91,7 +91,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
             });
         }
         if self.staged.get(offset as usize..end as usize) == Some(bytes) {
-            // A repeated piece, for instance because its answer was lost.
+            // The piece is repeated, for instance because its answer was lost.
             return Ok(received);
         }
         if offset != received || self.staged.extend_from_slice(bytes).is_err() {
@@ -103,7 +103,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
         Ok(end)
     }
 
-    /// The CRC of all bytes, if all that was announced is there and intact.
+    /// Returns the CRC of all bytes if everything that was announced has arrived intact.
     pub(super) fn check_complete(&self) -> Result<u32, Refusal> {
         let announced = self.announced.ok_or(Refusal::NoUpload)?;
         let received = self.staged.len() as u32;

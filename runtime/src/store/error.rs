@@ -1,4 +1,4 @@
-//! Why the store refuses.
+//! Errors of the store.
 
 use core::fmt;
 
@@ -6,57 +6,57 @@ use embedded_storage::nor_flash::NorFlashErrorKind;
 
 use crate::store::slot::Slot;
 
-/// Why the store refused. What it held before is still there, unless [`super`] says otherwise.
+/// Reason why the store refused. What it held before is still there, unless [`super`] says otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StoreError {
     /// The flash or the layout cannot be used: an address or size that is not a multiple of `unit` bytes.
     NotAligned {
-        /// The address or size.
+        /// Address or size that is not aligned.
         at: u32,
-        /// What it should be a multiple of.
+        /// Required unit in bytes.
         unit: u32,
     },
     /// The layout goes beyond the flash.
     OutOfBounds {
-        /// Where the layout ends.
+        /// Address at which the layout ends.
         end: u32,
-        /// Bytes of the flash.
+        /// Size of the flash in bytes.
         capacity: u32,
     },
     /// Two ranges of the layout overlap.
     Overlap {
-        /// Where they do.
+        /// Address at which the overlap begins.
         at: u32,
     },
     /// A range of the layout is too small.
     RangeTooSmall {
-        /// Bytes there.
+        /// Length of the range in bytes.
         length: u32,
-        /// Bytes needed.
+        /// Required length in bytes.
         needed: u32,
     },
     /// The flash reads or writes in units that this store is not made for.
     Unit {
-        /// Bytes of the unit.
+        /// Size of the unit in bytes.
         size: u32,
     },
     /// The blob is longer than a slot, or empty.
     BlobLength {
-        /// Bytes of the blob.
+        /// Length of the blob in bytes.
         length: u32,
-        /// Most bytes.
+        /// Largest length in bytes that a slot can hold.
         capacity: u32,
     },
     /// The buffer is shorter than the blob.
     BufferTooSmall {
-        /// Bytes of the blob.
+        /// Length of the blob in bytes.
         length: u32,
-        /// Bytes of the buffer.
+        /// Length of the buffer in bytes.
         room: u32,
     },
     /// The slot no longer holds that blob.
     NotStored {
-        /// The slot.
+        /// Slot that was to hold the blob.
         slot: Slot,
     },
     /// The bytes in the slot are not the blob that its header announces.
@@ -68,20 +68,20 @@ pub enum StoreError {
     },
     /// The flash does not read back what was written.
     ReadBack {
-        /// Where.
+        /// Address of the write that failed.
         at: u32,
     },
     /// The driver of the flash refused.
     Flash {
-        /// What it says.
+        /// Kind of error that the driver reports.
         kind: NorFlashErrorKind,
     },
-    /// Sequence numbers have run out. Cannot happen within the life of a flash.
+    /// Sequence numbers have run out, which cannot happen within the life of a flash.
     SequenceExhausted,
-    /// Another key is provisioned. It cannot be replaced.
+    /// Another key is provisioned and cannot be replaced.
     KeyProvisioned,
-    /// Power failed while the first key was provisioned: none is in force, and nothing may be accepted until
-    /// provisioning is repeated.
+    /// Power failed while the first key was provisioned: no key is in force, and nothing may be accepted until provisioning
+    /// is repeated.
     KeyUnfinished,
     /// A key was provisioned and its page is damaged: nothing may be accepted.
     KeyDamaged,
@@ -92,7 +92,7 @@ pub enum StoreError {
 }
 
 impl StoreError {
-    /// The explicit number of the error on the wire. Append-only.
+    /// Returns the number of the error on the wire. Numbers are explicit and append-only.
     pub const fn code(self) -> u8 {
         match self {
             Self::NotAligned { .. } => 1,

@@ -1,26 +1,26 @@
-//! Bytes of any length in a flash that knows only whole units.
+//! Reads and writes any number of bytes in a flash that only handles whole units.
 
 use embedded_storage::nor_flash::{NorFlash, NorFlashError};
 use poegp_protocol::blob::CRC;
 
 use crate::store::error::StoreError;
 
-/// Bytes that are moved at once through the stack; the largest unit that the store can read or write.
+/// Bytes that pass through the stack at once. It is also the largest unit that the store can read or write.
 pub const CHUNK: usize = 64;
-/// Bytes of one call of the driver when much is written: it is over soon, and others that wait for the flash get their turn.
+/// Bytes of one driver call in a long write: the call is short, so that others who wait for the flash get their turn.
 const STEP: usize = 256;
 
-/// A size of the flash as an address. Beyond 4 GiB there are no addresses, so nothing is lost.
+/// Converts a size of the flash to an address. Addresses end at 4 GiB, so nothing is lost.
 pub fn size(bytes: usize) -> u32 {
     u32::try_from(bytes).unwrap_or(u32::MAX)
 }
 
-/// What the driver says, in our words.
+/// Converts an error of the driver to a [`StoreError`].
 pub fn refused<E: NorFlashError>(error: E) -> StoreError {
     StoreError::Flash { kind: error.kind() }
 }
 
-/// Reads to the end of `bytes`, whatever their number. `at` is a multiple of the flash's read unit.
+/// Fills `bytes`, whatever their number. `at` is a multiple of the flash's read unit.
 pub fn read<F: NorFlash>(flash: &mut F, at: u32, bytes: &mut [u8]) -> Result<(), StoreError> {
     let whole = bytes.len() - bytes.len() % F::READ_SIZE;
     let (units, rest) = bytes.split_at_mut_checked(whole).unwrap_or_default();
@@ -37,8 +37,8 @@ pub fn read<F: NorFlash>(flash: &mut F, at: u32, bytes: &mut [u8]) -> Result<(),
     Ok(())
 }
 
-/// Shows `length` bytes from `at` on, in pieces of at most [`CHUNK`]; stops at the first that `shown` answers with an
-/// error.
+/// Passes `length` bytes from `at` on to `shown`, in pieces of at most [`CHUNK`], and stops at the first error that it
+/// returns.
 pub fn walk<F: NorFlash>(
     flash: &mut F,
     at: u32,
@@ -59,7 +59,7 @@ pub fn walk<F: NorFlash>(
     Ok(())
 }
 
-/// Writes erased units with `bytes`, the last one filled up with ones, and reads them back.
+/// Writes `bytes` to erased units, fills the last one up with ones, and reads the bytes back.
 pub fn write<F: NorFlash>(flash: &mut F, at: u32, bytes: &[u8]) -> Result<(), StoreError> {
     let whole = bytes.len() - bytes.len() % F::WRITE_SIZE;
     let (units, rest) = bytes.split_at_checked(whole).unwrap_or_default();
@@ -83,7 +83,7 @@ pub fn write<F: NorFlash>(flash: &mut F, at: u32, bytes: &[u8]) -> Result<(), St
     }
 }
 
-/// Whether the flash has `bytes` at `at`.
+/// Returns whether the flash holds `bytes` at `at`.
 pub fn holds<F: NorFlash>(flash: &mut F, at: u32, bytes: &[u8]) -> Result<bool, StoreError> {
     let mut same = true;
     let mut rest = bytes;
@@ -96,13 +96,13 @@ pub fn holds<F: NorFlash>(flash: &mut F, at: u32, bytes: &[u8]) -> Result<bool, 
     Ok(same)
 }
 
-/// CRC-32C. Not inlined: one copy is enough for all that is not in a hurry.
+/// Returns the CRC-32C. Not inlined: one copy is enough for all callers that are not in a hurry.
 #[inline(never)]
 pub fn checksum(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
 
-/// CRC-32C of `length` bytes from `at` on.
+/// Returns the CRC-32C of `length` bytes from `at` on.
 pub fn crc<F: NorFlash>(flash: &mut F, at: u32, length: u32) -> Result<u32, StoreError> {
     let mut digest = CRC.digest();
     walk(flash, at, length, |_, piece| {
@@ -112,7 +112,7 @@ pub fn crc<F: NorFlash>(flash: &mut F, at: u32, length: u32) -> Result<u32, Stor
     Ok(digest.finalize())
 }
 
-/// Erases whole units, one call of the driver for each.
+/// Erases whole units, with one driver call for each.
 pub fn erase<F: NorFlash>(flash: &mut F, from: u32, to: u32) -> Result<(), StoreError> {
     let unit = size(F::ERASE_SIZE);
     let mut at = from;
@@ -123,7 +123,7 @@ pub fn erase<F: NorFlash>(flash: &mut F, from: u32, to: u32) -> Result<(), Store
     Ok(())
 }
 
-/// Whether `length` bytes from `at` on are erased.
+/// Returns whether `length` bytes from `at` on are erased.
 pub fn blank<F: NorFlash>(flash: &mut F, at: u32, length: u32) -> bool {
     let mut blank = true;
     let read = walk(flash, at, length, |_, piece| {

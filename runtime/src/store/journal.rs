@@ -1,9 +1,9 @@
-//! The heads of the slots: a list of records, each of which says all there is to know.
+//! The heads of the slots: a list of records, each of which holds the whole state.
 //!
 //! A record describes *both* slots and is in the head of the slot that it puts first. So the newest valid record is the
-//! whole state, and one that puts the other slot first goes into the other head: when that is full it can be erased, and
-//! with it nothing that is still needed. A record that was torn by a power cut, damaged, or that the driver cannot read
-//! (flash with error correction reports torn units so) is skipped.
+//! whole state, and a record that puts the other slot first goes into the other head: when that head is full, it can be
+//! erased without losing anything that is still needed. A record is skipped if a power cut has torn it, if it is damaged, or
+//! if the driver cannot read it (flash with error correction reports torn units this way).
 
 use embedded_storage::nor_flash::NorFlash;
 
@@ -16,19 +16,19 @@ use crate::store::slot::{Slot, Stored};
 const LENGTH: usize = JOURNAL_RECORD as usize;
 const MAGIC: u32 = u32::from_le_bytes(*b"PGS1");
 
-/// What the slots hold.
+/// Contents of the slots, as a record states them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct State {
-    /// Counts the records.
+    /// Number of the record, counted up by one from record to record.
     pub sequence: u32,
-    /// The slot that comes first: the one whose head has this.
+    /// Slot that comes first, whose head holds the record.
     pub first: Slot,
     /// Length and CRC-32C of the blob in each slot; length 0 when there is none.
     blobs: [(u32, u32); 2],
 }
 
 impl State {
-    /// What `slot` holds.
+    /// Returns what `slot` holds.
     pub fn stored(&self, slot: Slot) -> Option<Stored> {
         let [a, b] = self.blobs;
         let (length, crc) = match slot {
@@ -38,7 +38,7 @@ impl State {
         (length > 0).then_some(Stored { slot, length, crc })
     }
 
-    /// The state in which `stored` comes first, and of the other slot what was there.
+    /// Returns the state in which `stored` comes first, while the other slot keeps what it had before.
     pub fn with_first(before: Option<&Self>, stored: &Stored) -> Result<Self, StoreError> {
         let (sequence, [a, b]) = before.map_or((0, [(0, 0); 2]), |s| (s.sequence, s.blobs));
         let own = (stored.length, stored.crc);
@@ -67,12 +67,12 @@ impl State {
         bytes
     }
 
-    /// The record in the head of `first` that has these bytes.
+    /// Decodes the record in the head of `first` that has these bytes.
     fn from_bytes(first: Slot, bytes: &[u8; LENGTH]) -> Option<Self> {
         let (fields, crc) = bytes.split_last_chunk::<4>()?;
         let mut words = fields.as_chunks().0.iter().copied().map(u32::from_le_bytes);
         let mut word = || words.next();
-        // The checksum last: most of a head is erased, and all of it is looked at whenever a model is verified.
+        // The checksum comes last: most of a head is erased, and all of it is read whenever a model is verified.
         if word()? != MAGIC || flash::checksum(fields) != u32::from_le_bytes(*crc) {
             return None;
         }
@@ -84,12 +84,12 @@ impl State {
     }
 }
 
-/// What the heads say.
+/// Result of reading both heads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Journal {
     /// The newest record.
     pub state: Option<State>,
-    /// Where each head has room for another record.
+    /// Address in each head where there is room for another record.
     room: [Option<u32>; 2],
 }
 
@@ -120,14 +120,14 @@ pub fn survey<F: NorFlash>(flash: &mut F, layout: &Layout) -> Journal {
             }
             at += stride;
         }
-        // A head without any record may be foreign memory, or an erase that did not end: it is erased before it is used.
+        // A head without any record may be foreign memory or an unfinished erase, so it is erased before it is used.
         *room = (any && end - after_last >= stride).then_some(after_last);
     }
     journal
 }
 
-/// Writes `state` into the head of the slot that it puts first. That is erased when it has no room: it must not have the
-/// newest record, which is so when that puts the other slot first.
+/// Writes `state` into the head of the slot that it puts first. That head is erased when it has no room. It must then not
+/// hold the newest record, which is so if the newest record puts the other slot first.
 pub fn append<F: NorFlash>(
     flash: &mut F,
     layout: &Layout,
@@ -150,7 +150,7 @@ pub fn append<F: NorFlash>(
     write(flash, at, state)
 }
 
-/// Writes the record of `state` to `at`, which is erased.
+/// Writes the record of `state` to `at`, which must be erased.
 pub fn write<F: NorFlash>(flash: &mut F, at: u32, state: &State) -> Result<(), StoreError> {
     flash::write(flash, at, &state.to_bytes())
 }

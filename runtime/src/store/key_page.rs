@@ -11,7 +11,7 @@
 //!       36     4  CRC-32C of bytes 0..36, little endian
 //! ```
 //!
-//! Provisioning writes the key into the first attempt that is blank, reads it back, then writes the seal. So:
+//! Provisioning writes the key into the first attempt that is blank, reads it back, and then writes the seal. So:
 //!
 //! | seal | attempts | [`public_key`] | [`provision`] |
 //! |---|---|---|---|
@@ -22,10 +22,10 @@
 //! | torn | none valid | `KeyDamaged` | `KeyDamaged` |
 //! | valid records that differ | | `KeyDamaged` | `KeyDamaged` |
 //!
-//! A power cut cannot make the last two: the seal is written only after a valid attempt was read back. Once provisioning
-//! had completed there are two records, and whatever happens to them, the page is neither blank nor unfinished as long as
-//! one bit of the seal is left: a damaged page refuses, it does not accept everything. An interrupted *first*
-//! provisioning refuses, too, until it is repeated.
+//! A power cut cannot cause the last two rows: the seal is written only after a valid attempt was read back. Once
+//! provisioning has completed, there are two records. Whatever happens to them, the page is neither blank nor unfinished as
+//! long as one bit of the seal is left: a damaged page refuses everything instead of accepting everything. An interrupted
+//! *first* provisioning refuses everything, too, until it is repeated.
 
 use embedded_storage::nor_flash::NorFlash;
 
@@ -37,7 +37,7 @@ const LENGTH: usize = KEY_RECORD as usize;
 const SEAL: [u8; 4] = *b"PGKS";
 const ATTEMPT: [u8; 4] = *b"PGKA";
 
-/// What a position of the page has.
+/// Contents of one position of the page.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Position {
     Blank,
@@ -77,18 +77,18 @@ fn record(magic: [u8; 4], key: &[u8; 32]) -> [u8; LENGTH] {
     bytes
 }
 
-/// What the page says.
+/// Contents of the whole page.
 struct Page {
     seal: Position,
-    /// The key that is in force.
+    /// Key in force.
     key: Option<[u8; 32]>,
-    /// Whether an attempt was torn.
+    /// Whether an attempt is torn.
     torn: bool,
-    /// Two records with different keys.
+    /// Whether two records hold different keys.
     differ: bool,
-    /// The first attempt that is blank and has only blank ones behind it.
+    /// Address of the first attempt that is blank and has only blank ones behind it.
     room: Option<u32>,
-    /// How many records are valid.
+    /// Number of valid records.
     copies: u8,
 }
 
@@ -139,7 +139,7 @@ impl Page {
     }
 }
 
-/// The key in force.
+/// Returns the key in force.
 pub fn public_key<F: NorFlash>(
     flash: &mut F,
     layout: &Layout,
@@ -147,7 +147,7 @@ pub fn public_key<F: NorFlash>(
     page(flash, layout).key()
 }
 
-/// Writes the key.
+/// Writes the key; see the table of this module.
 pub fn provision<F: NorFlash>(
     flash: &mut F,
     layout: &Layout,
@@ -166,7 +166,7 @@ pub fn provision<F: NorFlash>(
     if page.seal == Position::Blank {
         flash::write(flash, layout.key.start, &record(SEAL, key))?;
     } else if let (true, Some(at)) = (page.copies < 2, page.room) {
-        // The seal was torn, or one of the two damaged: a second copy all the same.
+        // The seal was torn, or one of the two records is damaged: a second copy is written in any case.
         flash::write(flash, at, &record(ATTEMPT, key))?;
     }
     Ok(())

@@ -1,4 +1,4 @@
-//! Where in the flash everything is.
+//! Layout of the store in the flash.
 
 use core::ops::Range;
 
@@ -15,19 +15,19 @@ pub(super) const KEY_RECORD: u32 = 40;
 /// Bytes of a record of the settings page before it is filled up to whole units.
 pub(super) const SETTINGS_RECORD: u32 = 28;
 
-/// Where in the flash everything is, in bytes from its beginning. All ranges begin and end with an erase unit.
+/// Layout of the store, in bytes from the beginning of the flash. All ranges begin and end at an erase unit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layout {
-    /// The slots. Of each, the first erase unit is the head, the others hold a blob.
+    /// Ranges of the slots. The first erase unit of a slot is its head; the others hold a blob.
     pub slots: [Range<u32>; 2],
-    /// The page of the public key; one erase unit is plenty.
+    /// Page of the public key; one erase unit is plenty.
     pub key: Range<u32>,
-    /// The page of the cycle's settings; one erase unit is plenty.
+    /// Page of the cycle's settings; one erase unit is plenty.
     pub cycle: Range<u32>,
 }
 
 impl Layout {
-    /// Whether a flash of these properties can hold the store.
+    /// Checks that a flash of these properties can hold the store.
     ///
     /// # Errors
     /// [`StoreError::Unit`], `NotAligned`, `OutOfBounds`, `RangeTooSmall`, `Overlap`.
@@ -42,8 +42,8 @@ impl Layout {
             return Err(StoreError::NotAligned { at: erase, unit });
         }
         let [a, b] = &self.slots;
-        // A slot has its head and at least one erase unit for the blob; the key page a record of each kind, that of the
-        // settings one record.
+        // A slot needs its head and at least one erase unit for the blob. The key page needs one record of each kind, the
+        // settings page one record.
         let parts = [
             (a, erase.saturating_mul(2)),
             (b, erase.saturating_mul(2)),
@@ -89,7 +89,7 @@ impl Layout {
         Ok(())
     }
 
-    /// The range of a slot.
+    /// Returns the range of a slot.
     pub(super) const fn slot(&self, slot: Slot) -> &Range<u32> {
         let [a, b] = &self.slots;
         match slot {
@@ -99,12 +99,12 @@ impl Layout {
     }
 }
 
-/// What addresses must be a multiple of, so that they can be read and written.
+/// Returns the unit of which an address must be a multiple to be read and written.
 fn stride_unit<F: NorFlash>() -> u32 {
     size(F::READ_SIZE.max(F::WRITE_SIZE))
 }
 
-/// Bytes from one record of `record` bytes to the next.
+/// Returns the distance in bytes from one record of `record` bytes to the next.
 pub(super) fn stride<F: NorFlash>(record: u32) -> u32 {
     record.next_multiple_of(stride_unit::<F>())
 }

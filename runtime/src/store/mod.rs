@@ -1,12 +1,12 @@
 //! Models that survive every power cut: two slots, a public key and the settings of the cycle in NOR flash.
 //!
-//! NOR flash is erased to ones in *erase units* (a sector), written in *write units* (a word), and a write unit is
-//! written once between two erases. An operation that power interrupts leaves anything in the units it was at. This
-//! module is generic over `embedded_storage::nor_flash::NorFlash`, has no state beside the flash, and is not on the
-//! cyclic path: it blocks for as long as the flash does, in calls of the driver for one erase unit or 256 bytes.
+//! NOR flash is erased to ones in *erase units* (a sector) and written in *write units* (a word); a write unit is written
+//! once between two erases. An operation that power interrupts leaves anything in the units that it was changing. This
+//! module is generic over `embedded_storage::nor_flash::NorFlash`, has no state beside the flash, and is not on the cyclic
+//! path: it blocks for as long as the flash does, in driver calls for one erase unit or 256 bytes.
 //!
 //! ```text
-//!  slot A   | head: record, record, record … | blob A: bytes as they came          … |
+//!  slot A   | head: record, record, record … | blob A: bytes as received         … |
 //!  slot B   | head: record …                 | blob B                              … |
 //!           |<------ one erase unit -------->|<---- the other erase units ---------->|
 //!  key page | seal | attempt | attempt …     |                       (module `key`)
@@ -23,18 +23,19 @@
 //!       24     4  CRC-32C of bytes 0..24
 //! ```
 //!
-//! A record describes both slots and puts the slot first in whose head it is. The valid record with the highest sequence
-//! number is the state; all others are history. From there:
+//! A record describes both slots and puts first the slot in whose head it is. The valid record with the highest sequence
+//! number is the state; all others are history. Two operations change the state:
 //!
-//! * [`Store::promote`] appends one record to the head of the slot that is to come first. When that head is full it is
-//!   erased before; the state is in the other one, and says of both slots where their blobs are.
-//! * [`Store::write`] promotes the slot that is kept, if it is not the first already. So nothing that is needed is in the
-//!   head of the other one, which is erased; then the blob is written and read back, and only then the record that says
-//!   so is.
+//! * [`Store::promote`] appends one record to the head of the slot that is to come first. When that head is full, it is
+//!   erased first; the state is in the other head, and says where the blobs of both slots are.
+//! * [`Store::write`] promotes the slot that is kept, unless that is the first already. So nothing that is needed is in the
+//!   head of the other slot, which is erased. Then the blob is written and read back, and only after that the record that
+//!   announces it is written.
 //!
-//! At every moment of either there is a valid record, and the blob that it puts first is whole. Nothing is lost but
-//! the blob that is being overwritten. What is not promised: a cell that an interrupted erase left nearly erased reads
-//! as erased. A head without any valid record is erased again before it is used, the place of a blob always.
+//! At every moment of either operation there is a valid record, and the blob that it puts first is whole. Nothing is lost
+//! but the blob that is being overwritten. One case is not covered: a bit that an interrupted erase left nearly erased reads
+//! as erased. So a head without any valid record is erased again before it is used, and the range of a blob is always erased
+//! again.
 
 mod error;
 mod flash;
@@ -53,7 +54,7 @@ pub use crate::store::slot::{Slot, Stored};
 
 use crate::store::journal::{Journal, State};
 
-/// Two slots, a key and settings in `flash`.
+/// Store of two models, a key and settings in `flash`.
 #[derive(Debug)]
 pub struct Store<F> {
     flash: F,
@@ -61,7 +62,7 @@ pub struct Store<F> {
 }
 
 impl<F: NorFlash> Store<F> {
-    /// The store in `flash`. Nothing is read or written yet.
+    /// Creates the store in `flash`. Nothing is read or written yet.
     ///
     /// # Errors
     /// [`StoreError::Unit`], `NotAligned`, `OutOfBounds`, `RangeTooSmall` or `Overlap`, when `layout` cannot be used.
@@ -70,18 +71,18 @@ impl<F: NorFlash> Store<F> {
         Ok(Self { flash, layout })
     }
 
-    /// The longest blob that fits into either slot, in bytes.
+    /// Returns the length in bytes of the longest blob that fits into either slot.
     pub fn capacity(&self) -> u32 {
         self.room(Slot::A).min(self.room(Slot::B))
     }
 
-    /// The flash itself.
+    /// Returns the flash itself.
     pub fn flash(&mut self) -> &mut F {
         &mut self.flash
     }
 
-    /// The blobs that the newest valid record announces, the one to be used first. Their bytes have not been looked at:
-    /// [`Store::read`] them in this order and take the first that is whole.
+    /// Returns the blobs that the newest valid record announces, first the one to be used first. Their bytes have not been
+    /// checked: [`Store::read`] them in this order and take the first that is whole.
     pub fn candidates(&mut self) -> [Option<Stored>; 2] {
         self.survey().state.map_or([None; 2], |state| {
             [
@@ -91,12 +92,12 @@ impl<F: NorFlash> Store<F> {
         })
     }
 
-    /// How often something was written to the slots since their flash was first used, to its end.
+    /// Returns the number of completed writes to the slots since their flash was first used.
     pub fn writes(&mut self) -> u32 {
         self.survey().state.map_or(0, |state| state.sequence)
     }
 
-    /// The bytes of a blob, read into the front of `buffer`.
+    /// Reads a blob into the front of `buffer` and returns its bytes.
     ///
     /// # Errors
     /// [`StoreError::BufferTooSmall`], `CrcMismatch` when they are not what the header announces, `Flash`.
@@ -126,8 +127,8 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// Writes `blob` and makes it the first candidate. `keep` is the slot of the active model, which stays as it is and
-    /// becomes the second; without one, what is the first candidate now is kept. A blob that is already there is not
-    /// written again, in whichever slot it is.
+    /// becomes the second candidate; without `keep`, the present first candidate is kept. A blob that is already in either
+    /// slot is not written again.
     ///
     /// # Errors
     /// [`StoreError::BlobLength`], `ReadBack`, `Flash`, `SequenceExhausted`. The kept blob is then the first candidate.
@@ -168,7 +169,7 @@ impl<F: NorFlash> Store<F> {
         Ok(stored)
     }
 
-    /// Makes `stored` the first candidate: this is how one rolls back. Does nothing when it is already.
+    /// Makes `stored` the first candidate, which is how a rollback works. Does nothing when it is already.
     ///
     /// # Errors
     /// [`StoreError::NotStored`] when the slot has another blob by now, `CrcMismatch` when it is damaged, `ReadBack`,
@@ -191,7 +192,7 @@ impl<F: NorFlash> Store<F> {
         Ok(*stored)
     }
 
-    /// The public key that models have to be signed by; `None` when none was ever provisioned.
+    /// Returns the public key that models have to be signed by; `None` when none was ever provisioned.
     ///
     /// # Errors
     /// [`StoreError::KeyUnfinished`], `KeyDamaged`: nothing may be accepted then.
@@ -199,7 +200,8 @@ impl<F: NorFlash> Store<F> {
         key_page::public_key(&mut self.flash, &self.layout)
     }
 
-    /// Writes the public key, once and for all. The same key again is fine, and completes what was interrupted.
+    /// Writes the public key, once and for all. The same key may be written again, which completes an interrupted
+    /// provisioning.
     ///
     /// # Errors
     /// [`StoreError::KeyProvisioned`] when there is another, `KeyDamaged`, `KeyPageFull`, `ReadBack`, `Flash`.
@@ -207,12 +209,12 @@ impl<F: NorFlash> Store<F> {
         key_page::provision(&mut self.flash, &self.layout, key)
     }
 
-    /// The settings of the cycle that were written last; `None` when none ever were.
+    /// Returns the settings of the cycle that were written last; `None` when none ever were.
     pub fn cycle_settings(&mut self) -> Option<CycleSettings> {
         settings::read(&mut self.flash, &self.layout)
     }
 
-    /// Writes settings of the cycle. Those that are there already are not written again.
+    /// Writes settings of the cycle, unless they are in force already.
     ///
     /// # Errors
     /// [`StoreError::SettingsFull`], `ReadBack`, `Flash`.
@@ -224,14 +226,14 @@ impl<F: NorFlash> Store<F> {
         journal::survey(&mut self.flash, &self.layout)
     }
 
-    /// What the state says of `slot`, if it can be.
+    /// Returns what the state announces for `slot`, unless it is longer than the slot.
     fn announced(&self, state: &State, slot: Slot) -> Option<Stored> {
         state
             .stored(slot)
             .filter(|stored| stored.length <= self.room(slot))
     }
 
-    /// Sees to it that the state puts `stored` first.
+    /// Ensures that the state puts `stored` first.
     fn put_first(&mut self, stored: &Stored) -> Result<State, StoreError> {
         let journal = self.survey();
         match journal.state {
@@ -244,12 +246,12 @@ impl<F: NorFlash> Store<F> {
         }
     }
 
-    /// Bytes for a blob in `slot`.
+    /// Returns the bytes available for a blob in `slot`.
     fn room(&self, slot: Slot) -> u32 {
         self.layout.slot(slot).end - self.blob_start(slot)
     }
 
-    /// Where the blob of `slot` begins.
+    /// Returns the address at which the blob of `slot` begins.
     fn blob_start(&self, slot: Slot) -> u32 {
         self.layout.slot(slot).start + flash::size(F::ERASE_SIZE)
     }

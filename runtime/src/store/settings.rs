@@ -1,4 +1,4 @@
-//! The page of the cycle's settings: one record after the other, never erased by this code.
+//! The page of the cycle's settings: a sequence of records, never erased by this code.
 //!
 //! ```text
 //!  position 0, 1, 2 …   records in the order in which they were written
@@ -15,10 +15,10 @@
 //! ```
 //!
 //! The last valid record is in force. The next one goes behind everything that is not blank, so that no unit is written
-//! twice: a record that a power cut has torn, or that is damaged, is skipped and keeps its place. So at every moment the
-//! settings are the old ones or the new ones. When there is no room behind the last record the page is full for good
-//! ([`StoreError::SettingsFull`]): an erase could be interrupted and lose the settings. A page of 4096 bytes has room for
-//! 146 changes. Settings that are in force already are not written again.
+//! twice: a record that a power cut has torn, or that is damaged, is skipped and keeps its position. So at every moment the
+//! settings are either the old ones or the new ones. When there is no room behind the last record, the page is full for good
+//! ([`StoreError::SettingsFull`]), because an erase could be interrupted and lose the settings. A page of 4096 bytes has
+//! room for 146 changes. Settings that are in force already are not written again.
 
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::CycleSettings;
@@ -64,7 +64,7 @@ fn settings_of(bytes: &[u8; LENGTH]) -> Option<CycleSettings> {
     })
 }
 
-/// What the page says: the settings in force, and where the next record goes.
+/// Contents of the page: the settings in force, and the address of the next record if there is room for one.
 struct Page {
     settings: Option<CycleSettings>,
     room: Option<u32>,
@@ -90,12 +90,12 @@ fn page<F: NorFlash>(flash: &mut F, layout: &Layout) -> Page {
     }
 }
 
-/// The settings in force; `None` when none were ever written.
+/// Returns the settings in force; `None` when none were ever written.
 pub fn read<F: NorFlash>(flash: &mut F, layout: &Layout) -> Option<CycleSettings> {
     page(flash, layout).settings
 }
 
-/// Writes settings.
+/// Writes settings, unless they are in force already.
 pub fn write<F: NorFlash>(
     flash: &mut F,
     layout: &Layout,

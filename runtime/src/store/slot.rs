@@ -1,16 +1,16 @@
 //! The two slots for a model, and what a slot holds.
 
-/// One of the two places for a model.
+/// One of the two slots for a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Slot {
-    /// The first.
+    /// The first slot.
     A,
-    /// The second.
+    /// The second slot.
     B,
 }
 
 impl Slot {
-    /// 0 or 1.
+    /// Returns the index of the slot, 0 or 1.
     pub const fn index(self) -> u8 {
         match self {
             Self::A => 0,
@@ -18,7 +18,7 @@ impl Slot {
         }
     }
 
-    /// The other one.
+    /// Returns the other slot.
     pub const fn other(self) -> Self {
         match self {
             Self::A => Self::B,
@@ -27,13 +27,13 @@ impl Slot {
     }
 }
 
-/// A blob in flash, as its header announces it. [`Store::read`](super::Store::read) says whether it is there.
+/// A blob in flash as its header announces it. [`Store::read`](super::Store::read) checks that it is really there.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stored {
-    /// Where it is.
+    /// Slot that holds the blob.
     pub slot: Slot,
-    /// Its length in bytes.
+    /// Length of the blob in bytes.
     pub length: u32,
-    /// CRC-32C of all its bytes.
+    /// CRC-32C of all bytes of the blob.
     pub crc: u32,
 }

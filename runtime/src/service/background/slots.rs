@@ -67,7 +67,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Err(refusal)
     }
 
-    /// Puts a stored model first.
+    /// Makes a stored model the first candidate.
     fn promote(&mut self, stored: &Stored) -> Result<(), Refusal> {
         let before = self.store.writes();
         let promoted = self.store.promote(stored);
@@ -75,7 +75,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         promoted.map_err(refused).map(drop)
     }
 
-    /// Whether the flash may be written now: the deadline comes first.
+    /// Checks that the flash may be written now: the deadline comes first.
     pub(super) fn check_flash(
         &mut self,
         device: &mut impl Device<'m, WORDS>,
@@ -87,7 +87,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Ok(report)
     }
 
-    /// Whether the slots may be changed now.
+    /// Checks that the slots may be changed now.
     fn check_slots(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<Brief, Refusal> {
         let report = self.check_flash(device)?;
         let allowed = self.board.slot_writes;
@@ -97,13 +97,13 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         Ok(report)
     }
 
-    /// Counts a change of the slots, which had been written so often `before`, if it was one.
+    /// Counts a change of the slots if there was one; `before` is [`Store::writes`](crate::store::Store::writes) before it.
     fn count_change(&mut self, before: u32, failed: bool) {
         let changed = failed || self.store.writes() != before;
         self.slot_changes = self.slot_changes.saturating_add(changed.into());
     }
 
-    /// Into the spare model, through the staging buffer: an upload in progress is given up.
+    /// Loads a stored blob into the spare model through the staging buffer, which abandons an upload in progress.
     pub(super) fn load_stored(
         &mut self,
         stored: &Stored,
