@@ -1,10 +1,11 @@
-//! Base-tool calibration: where the instrument stands and where the target sits, the arm as its maker drew it.
+//! Base-tool calibration: determines where the instrument stands and where the target sits, for the arm as its maker drew
+//! it.
 //!
-//! T′ = instrument_from_base · f_nominal(q) · flange_from_target with both ends unknown. A closed form for the rotations
-//! (linear in both, smallest eigenvector) and then the translations gives the start; when all poses have much the same
-//! orientation it is meaningless, so 24 turned tools are tried beside it. The best are refined by least squares,
-//! unweighted in metres and radians with the rotation taken at the tool point. Its result is the gauge of every model:
-//! "base" and "flange" in a blob mean these.
+//! The model is T′ = instrument_from_base · f_nominal(q) · flange_from_target with both ends unknown. A closed form for
+//! the rotations (linear in both, smallest eigenvector) and then the translations gives a start. That start is
+//! meaningless when all poses have nearly the same orientation, so 24 turned tools are tried as well. The best starts are
+//! refined by least squares, unweighted in metres and radians, with the rotation taken at the tool point. The result is
+//! the gauge of every model: "base" and "flange" in a blob refer to it.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
@@ -15,24 +16,24 @@ use crate::measurement::sample::InstrumentSample;
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
 
-/// Where instrument and target are.
+/// Calibrated poses of instrument and target.
 #[derive(Clone, Copy, Debug)]
 pub struct BaseTool {
-    /// `instrument_from_base`.
+    /// Base frame as seen from the instrument, `instrument_from_base`.
     pub instrument_from_base: Pose<f64>,
-    /// `flange_from_target`.
+    /// Target as seen from the flange, `flange_from_target`.
     pub flange_from_target: Pose<f64>,
-    /// What the fit did.
+    /// Report of the fit.
     pub fit: FrameFit,
 }
 
-/// Starts that are refined.
+/// Number of starts that are refined.
 const REFINED: usize = 3;
 
 /// A measured `instrument_from_target` and the nominal `base_from_flange` at its joints.
 type Pair = (Pose<f64>, Pose<f64>);
 
-/// Calibrates base and tool of the nominal chain (base to flange) to samples of one tool; a start needs whole poses.
+/// Calibrates base and tool of the nominal chain (base to flange) to samples of one tool. A start needs whole poses.
 pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
     let pair = |s: &InstrumentSample| {
         let flange = nominal.forward(&s.serial_joints);
@@ -84,7 +85,7 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
     }
 }
 
-/// The chain from the instrument to the target.
+/// Returns the chain from the instrument to the target.
 pub fn with_base_and_tool(
     nominal: &Poe<f64>,
     instrument_from_base: &Pose<f64>,
@@ -98,11 +99,11 @@ pub fn with_base_and_tool(
     chain
 }
 
-/// Pairs (base, tool) of rotations to start from.
+/// Returns pairs (base, tool) of rotations to start from.
 fn candidate_rotations(pairs: &[Pair]) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
     let mut out = vec![closed_form(pairs)];
     for tool in cube_rotations() {
-        // The base that fits this tool best: the mean of M (A T)ᵀ, projected.
+        // The base rotation that fits this tool best: the mean of M (A T)ᵀ, projected onto the rotations.
         let sum = pairs
             .iter()
             .fold(Matrix3::zeros(), |sum, (measured, flange)| {
@@ -113,7 +114,8 @@ fn candidate_rotations(pairs: &[Pair]) -> Vec<(Matrix3<f64>, Matrix3<f64>)> {
     out
 }
 
-/// Rotations with Xᵀ M = A Y for all poses (measured M, flange A): the smallest eigenvector of an 18×18 matrix.
+/// Returns rotations with Xᵀ M = A Y for all poses (measured M, flange A), from the smallest eigenvector of an 18×18
+/// matrix.
 fn closed_form(pairs: &[Pair]) -> (Matrix3<f64>, Matrix3<f64>) {
     let mut normal = Mat::<f64>::zeros(18, 18);
     for (measured, flange) in pairs {
@@ -145,7 +147,7 @@ fn closed_form(pairs: &[Pair]) -> (Matrix3<f64>, Matrix3<f64>) {
     )
 }
 
-/// Translations of base and tool by linear least squares, given the base's rotation.
+/// Computes the translations of base and tool by linear least squares, given the rotation of the base.
 fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let mut a = Mat::<f64>::zeros(3 * pairs.len(), 6);
     let mut b = Mat::<f64>::zeros(3 * pairs.len(), 1);
@@ -160,7 +162,8 @@ fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f
             b[(3 * k + i, 0)] = rest[i];
         }
     }
-    // Column pivoting alone would let a tool that cannot be distinguished from the base run away: a pinch of ridge does not.
+    // Column pivoting alone would let a tool that cannot be distinguished from the base run away; a small ridge term
+    // prevents that.
     let mut ridge = Mat::<f64>::zeros(a.nrows() + 6, 6);
     ridge.rows_mut(0, a.nrows()).copy_from(&a);
     for i in 0..6 {
@@ -177,7 +180,7 @@ fn translations(pairs: &[Pair], base: &Matrix3<f64>) -> (Vector3<f64>, Vector3<f
     )
 }
 
-/// The 24 rotations that map a cube to itself.
+/// Returns the 24 rotations that map a cube to itself.
 pub(crate) fn cube_rotations() -> Vec<Matrix3<f64>> {
     let mut out = Vec::with_capacity(24);
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];

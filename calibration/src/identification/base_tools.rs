@@ -1,9 +1,9 @@
-//! Base and tools of any data: several sessions and targets, whole poses or positions alone.
+//! Calibration of base and tools from any data: several sessions and targets, whole poses or positions alone.
 //!
-//! One base frame for all measurements, one tool frame for each session and target. With one tool and whole poses this
-//! is the paper's base-tool calibration ([`super::base_tool`]). Otherwise a start is made from what there is, and base and
-//! tools are refined together on the nominal arm. A position alone does not show how its target is turned: that rotation
-//! stays the start's.
+//! There is one base frame for all measurements and one tool frame for each session and target. With one tool and whole
+//! poses, this is the paper's base-tool calibration ([`super::base_tool`]). Otherwise a start is estimated from the
+//! available data, and base and tools are refined together on the nominal arm. Positions alone do not show how their
+//! target is turned: that rotation stays as in the start.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
@@ -16,18 +16,18 @@ use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::measurement::sample::{InstrumentSample, Sample};
 use crate::numeric::rotation::{aligned, nearest_rotation};
 
-/// Where instrument and targets are.
+/// Calibrated poses of instrument and targets.
 #[derive(Clone, Debug)]
 pub struct BaseAndTools {
-    /// `instrument_from_base`.
+    /// Base frame as seen from the instrument, `instrument_from_base`.
     pub instrument_from_base: Pose<f64>,
-    /// `flange_from_target` of each tool.
+    /// Target as seen from the flange, `flange_from_target`, of each tool.
     pub flange_from_targets: Vec<Pose<f64>>,
-    /// What the fit did.
+    /// Report of the fit.
     pub fit: FrameFit,
 }
 
-/// Number of tools that the samples name.
+/// Returns the number of tools that the samples refer to.
 pub fn tool_count<F>(samples: &[Sample<F>]) -> usize {
     samples.iter().map(|s| s.tool + 1).max().unwrap_or(1)
 }
@@ -74,7 +74,8 @@ pub fn fit_base_and_tools(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> B
     }
 }
 
-/// `instrument_from_base` from the largest group of whole poses, else from the positions with the target at the flange.
+/// Estimates `instrument_from_base` from the largest group of whole poses, or else from the positions with the target at
+/// the flange.
 fn start_of_base(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Pose<f64> {
     let whole = |tool: usize| {
         samples
@@ -96,7 +97,7 @@ fn start_of_base(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Pose<f64> 
     aligned(&flanges, &measured)
 }
 
-/// `flange_from_target` of one tool as the mean over its samples, seen through the base.
+/// Estimates `flange_from_target` of one tool as the mean over its samples, seen from the flange through the base.
 fn start_of_tool(
     nominal: &Poe<f64>,
     samples: &[InstrumentSample],

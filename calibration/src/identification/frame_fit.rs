@@ -1,9 +1,9 @@
-//! Least squares over the fixed frames of a chain: base-tool calibration and step 1 are the same solver with other
-//! frames free.
+//! Least squares over the fixed frames of a chain. Base-tool calibration and step 1 use the same solver with different
+//! free frames.
 //!
-//! Every free frame i has six parameters δ_i that multiply it from the left, e^p̂_i ← e^δ̂_i e^p̂_i. (The paper's additive
-//! update p ← p + δp is not Gauss–Newton and still creeps after eleven steps; this one is done in two.) Of the 42
-//! parameters of a six-axis arm 30 are identifiable; steps are of minimum norm, and damped whenever a step would not
+//! Every free frame i has six parameters δ_i that multiply it from the left, e^p̂_i ← e^δ̂_i e^p̂_i. (The paper's
+//! additive update p ← p + δp is not Gauss–Newton and still creeps after eleven steps; this one is done in two.) Of the
+//! 42 parameters of a six-axis arm, 30 are identifiable. Steps are of minimum norm, and damped whenever a step would not
 //! lower the cost, so that the solver cannot diverge.
 
 use nalgebra::Vector3;
@@ -18,20 +18,20 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::svd::Svd;
 
-/// What is compared, and in which frame.
+/// The residual that is minimised, and the frame that it is expressed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ResidualFrame {
-    /// Log(T′T⁻¹) at the origin of the space frame, metres and radians unweighted: the paper's.
+    /// The paper's residual: Log(T′T⁻¹) at the origin of the space frame, in metres and radians, unweighted.
     Space,
-    /// Displacement and rotation at the tool point, axes of the space frame, divided by the noise of each.
+    /// Displacement and rotation at the tool point along the axes of the space frame, each divided by its noise.
     ToolPoint(NoiseScales),
 }
 
 impl ResidualFrame {
-    /// At the tool point, where metres and radians count alike.
+    /// Residual at the tool point, with metres and radians weighted alike.
     pub const TOOL_POINT_UNIT_WEIGHTS: Self = Self::ToolPoint(NoiseScales::ONE);
 
-    /// With the scales of one row.
+    /// Returns the residual with the noise scales of one row.
     fn of<F>(self, sample: &Sample<F>) -> Self {
         match self {
             Self::Space => Self::Space,
@@ -40,28 +40,28 @@ impl ResidualFrame {
     }
 }
 
-/// What a fit did.
+/// Report of a fit.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameFit {
-    /// Steps taken.
+    /// Number of steps taken.
     pub iterations: usize,
     /// Root mean square of the weighted residual components.
     pub rms: f64,
-    /// Identifiable directions among the free parameters.
+    /// Number of identifiable directions among the free parameters.
     pub rank: usize,
-    /// Free parameters.
+    /// Number of free parameters.
     pub parameters: usize,
 }
 
-/// Singular values below this share of the largest count as zero.
+/// Share of the largest singular value below which a singular value counts as zero.
 const RELATIVE_RANK_TOLERANCE: f64 = 1e-10;
-/// Most steps.
+/// Largest number of steps.
 const MAX_ITERATIONS: usize = 60;
 /// Relative decrease of the cost below which the fit has converged.
 const CONVERGED: f64 = 1e-12;
 
-/// The residual of one observation, six components, zero where nothing was measured; in units of the scales as they are,
-/// whatever the row's own.
+/// Returns the six residual components of one observation, zero where nothing was measured. They are in units of the
+/// scales of `kind` as given, whatever the row's own noise.
 pub fn residual_components(
     kind: ResidualFrame,
     measured: &Observation,
@@ -88,7 +88,7 @@ pub fn residual_components(
     [p[0], p[1], p[2], r[0], r[1], r[2]]
 }
 
-/// The rows that [`residual_components`] has for one block of the identification Jacobian.
+/// Converts one block of the identification Jacobian to the rows of [`residual_components`].
 fn block_rows(kind: ResidualFrame, block: &Matrix6<f64>, predicted: &Pose<f64>) -> Matrix6<f64> {
     let ResidualFrame::ToolPoint(scales) = kind else {
         return *block;
@@ -109,7 +109,7 @@ fn block_rows(kind: ResidualFrame, block: &Matrix6<f64>, predicted: &Pose<f64>) 
     out
 }
 
-/// Residuals (6k) and identification Jacobian (6k × 6·free) at the chain as it is.
+/// Returns the residuals (6k) and the identification Jacobian (6k × 6·free) at the current chain.
 pub fn linearise<F>(
     poe: &Poe<f64>,
     samples: &[Sample<F>],
@@ -138,7 +138,7 @@ pub fn linearise<F>(
     (y, a)
 }
 
-/// Sum of squares of all residual components.
+/// Returns the sum of squares of all residual components.
 pub fn cost<F>(poe: &Poe<f64>, samples: &[Sample<F>], kind: ResidualFrame) -> f64 {
     let of = |sample: &Sample<F>| {
         let predicted = poe.forward(&sample.serial_joints);
@@ -147,7 +147,7 @@ pub fn cost<F>(poe: &Poe<f64>, samples: &[Sample<F>], kind: ResidualFrame) -> f6
     samples.iter().flat_map(of).map(|r| r * r).sum()
 }
 
-/// The chain with each free frame multiplied from the left by Exp of its six parameters.
+/// Returns the chain with each free frame multiplied from the left by Exp of its six parameters.
 fn updated(poe: &Poe<f64>, free: &[usize], step: &Mat<f64>) -> Poe<f64> {
     let mut out = *poe;
     for (position, frame) in free.iter().enumerate() {

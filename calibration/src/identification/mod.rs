@@ -1,4 +1,5 @@
-//! Least squares over physical parameters: base and tool frames, the chain, gravity and ripple, and what data can identify about them.
+//! Least-squares calibration of physical parameters (base and tool frames, chain, gravity, gear ripple), and analysis of
+//! what the data can identify about them.
 
 pub mod base_tool;
 pub mod base_tools;

@@ -1,46 +1,48 @@
-//! What a model does not know of several new poses together, and what measuring some of them would change.
+//! The shared uncertainty of a model's predictions at several new poses, and how measuring some of them would reduce it.
 //!
-//! Predictions of a fit are correlated: what moves the tool at one pose moves it at others. With K their covariance and N the
-//! noise of a measurement, the rows m of some poses, once measured, leave of the rows w of others
+//! Predictions of a fit are correlated: an error that moves the tool at one pose moves it at others. Let K be their
+//! covariance and N the noise of a measurement. Once the rows m of some poses are measured, the covariance of the rows w
+//! of others is
 //!
 //! ```text
 //! K_ww − K_wm (K_mm + N_m)⁻¹ K_mw
 //! ```
 //!
-//! whatever is read. Noise and all variances that a model learns stay as they are.
+//! whatever the readings are. The noise and all learned variances of the model stay as they are.
 
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
-/// Rows of a whole pose.
+/// Number of rows of a whole pose.
 const ROWS: usize = 6;
 
 /// The covariance of the predictions of new poses.
 #[derive(Clone, Debug)]
 pub struct PredictionCovariance {
-    /// Covariance of displacements along the axes of the base frame (m) and rotations about them (rad), pose by pose;
-    /// the noise of a measurement is not in it. A pose of which only the position is wanted has three rows.
+    /// Covariance of displacements along the axes of the base frame (m) and rotations about them (rad), pose by pose,
+    /// without the noise of a measurement. A pose of which only the position is wanted has three rows.
     pub covariance: Mat<f64>,
-    /// Variance of the noise of a measurement of each row, m² and rad².
+    /// Variance of the measurement noise of each row, in m² and rad².
     pub noise: Vec<f64>,
-    /// The first row of each pose, and the number of rows at the end.
+    /// First row of each pose, followed by the total number of rows.
     pub first: Vec<usize>,
 }
 
 impl PredictionCovariance {
-    /// The rows of a pose.
+    /// Returns the rows of a pose.
     pub fn rows(&self, pose: usize) -> std::ops::Range<usize> {
         self.first[pose]..self.first[pose + 1]
     }
 
-    /// Standard deviations of new measurements of the positions of `poses` about their predictions, m.
+    /// Returns the standard deviations of new position measurements of `poses` about their predictions, in m.
     pub fn deviations(&self, poses: std::ops::Range<usize>) -> Vec<[f64; 3]> {
         let of = |row: usize| (self.covariance[(row, row)].max(0.0) + self.noise[row]).sqrt();
         let deviation = |pose: usize| std::array::from_fn(|axis| of(self.first[pose] + axis));
         poses.map(deviation).collect()
     }
 
-    /// The same once the rows `rows` of other poses are measured; `None` when the equations cannot be solved.
+    /// Returns what [`Self::deviations`] will be once `rows` of other poses are measured; `None` when the equations
+    /// cannot be solved.
     pub fn deviations_after(
         &self,
         poses: std::ops::Range<usize>,
@@ -71,7 +73,7 @@ impl PredictionCovariance {
         )
     }
 
-    /// Each row and its noise with the standard deviation of its pose times `factor` of position and of rotation.
+    /// Multiplies the standard deviations of every pose, noise included, by its `factor` for position and for rotation.
     #[must_use]
     pub fn scaled(mut self, factor: impl Fn(usize) -> [f64; 2]) -> Self {
         let mut of_row = vec![0.0; self.noise.len()];
@@ -91,8 +93,8 @@ impl PredictionCovariance {
     }
 }
 
-/// The rows that matter of matrices with six rows a pose: those of position, and those of rotation where they are wanted; and
-/// where those of each pose begin.
+/// Selects rows from matrices with six rows for each pose: those of position, and those of rotation where they are
+/// wanted. Also returns where the rows of each pose begin.
 pub(crate) fn rows_of(equations: impl Iterator<Item = usize>) -> (Vec<usize>, Vec<usize>) {
     let (mut rows, mut first) = (Vec::new(), vec![0]);
     for (pose, count) in equations.enumerate() {

@@ -1,11 +1,12 @@
-//! A few poses in the place of all.
+//! Landmarks: a few poses that stand for all.
 
 use crate::numeric::matrix::Mat;
 
-/// A further landmark must have this share of its own variance left, or single precision would cancel.
+/// Least share of its own variance that a further landmark must have left; with less, single precision would cancel.
 const LEAST_LEFT: f64 = 1e-3;
 
-/// At most so many of the poses with this Gram matrix of unit variances: greedily the one that explains most of what all poses have left.
+/// Chooses at most `most` of the poses with this Gram matrix of unit variances. Greedy: each choice is the pose that
+/// explains most of the variance that all poses have left.
 pub fn landmarks(gram: &Mat<f64>, most: usize) -> Vec<usize> {
     let n = gram.nrows();
     let mut left = gram.clone();

@@ -1,4 +1,4 @@
-//! Gaussian processes for what geometry does not explain.
+//! Gaussian processes for the errors that geometry does not explain.
 
 pub mod elastic;
 pub mod landmarks;

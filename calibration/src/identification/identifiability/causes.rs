@@ -1,4 +1,5 @@
-//! What is known to hide directions: joints that stand still, one orientation throughout, positions only; and payloads.
+//! Known causes of unidentified directions: joints that stand still, one orientation throughout, positions only; also
+//! payloads.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -9,26 +10,26 @@ use crate::identification::identifiability::wording::{list, numbers};
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::extremes;
 
-/// A revolute joint that spans less stands still: half a degree in rad (as in the notes of the reader).
+/// Span below which a revolute joint stands still: half a degree, in rad (as in the notes of the reader).
 pub const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// A slide that spans less stands still: a millimetre in m.
+/// Span below which a slide stands still: a millimetre, in m.
 pub const STILL_PRISMATIC: f64 = 1e-3;
-/// Orientations within this of the first are one, rad.
+/// Largest rotation from the first orientation, in rad, at which all orientations count as one.
 const ONE_ORIENTATION: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// A payload that is so much correlated with a joint changes with it.
+/// Absolute correlation above which a payload and a joint change together.
 const TOGETHER: f64 = 0.95;
 
-/// A cause and the directions that it hides, columns in the order of the task's frames.
+/// A cause of unidentified directions. Columns are in the order of the task's frames.
 pub struct Cause {
-    /// In words.
+    /// Description in one sentence.
     pub text: String,
-    /// What to measure.
+    /// Advice on what to measure; `None` where there is none.
     pub remedy: Option<&'static str>,
-    /// Directions, not orthonormal.
+    /// Directions that the cause hides, as columns; not orthonormal.
     pub directions: Mat<f64>,
 }
 
-/// Span of a joint's values, and whether that is standing still.
+/// Returns the span of a joint's values, and whether the joint stands still.
 fn span(values: impl Iterator<Item = f64>, kind: JointKind) -> (f64, bool) {
     let (low, high) = extremes(values);
     let still = match kind {
@@ -38,7 +39,7 @@ fn span(values: impl Iterator<Item = f64>, kind: JointKind) -> (f64, bool) {
     (high - low, high - low < still)
 }
 
-/// Joints, from 1, of the serial chain that stand still, and the widest of their spans.
+/// Returns the joints of the serial chain that stand still, numbered from 1, and the widest of their spans.
 fn still_joints(task: &Task) -> (Vec<usize>, f64) {
     let mut widest = 0.0_f64;
     let kinds = task.chain.kinds();
@@ -55,7 +56,7 @@ fn still_joints(task: &Task) -> (Vec<usize>, f64) {
     (joints, widest)
 }
 
-/// The causes that this task has.
+/// Returns the geometric causes that apply to `task`.
 pub fn geometric(task: &Task, frames: &[Frame]) -> Vec<Cause> {
     [positions_only, still, one_orientation]
         .into_iter()
@@ -63,7 +64,7 @@ pub fn geometric(task: &Task, frames: &[Frame]) -> Vec<Cause> {
         .collect()
 }
 
-/// Columns from lists of (frame's index, twist).
+/// Assembles direction columns from lists of (index of the frame, twist).
 fn columns(frames: &[Frame], directions: &[Vec<(usize, Twist<f64>)>]) -> Mat<f64> {
     let mut out = Mat::zeros(6 * frames.len(), directions.len());
     for (j, parts) in directions.iter().enumerate() {
@@ -105,7 +106,7 @@ fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
     let directions: Vec<_> = turns.collect();
     (!directions.is_empty()).then(|| Cause {
         text: "only positions were measured: the tool's orientation cannot be known".into(),
-        // A point needs none, and a target further out is proposed by what it gains.
+        // A point target needs no orientation, and a target further out is proposed by what it gains.
         remedy: None,
         directions: columns(frames, &directions),
     })
@@ -127,7 +128,8 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
             JointKind::Prismatic => 2,
         };
         let motion = Pose::exp(&Twist::from_array(&unit(axis).to_array().map(|x| x * mean)));
-        // The frame before the joint by ξ, what is behind it back: Z(q)⁻¹ Exp(ξ) Z(q) is the same at every pose.
+        // Move the frame before the joint by ξ and the frame behind it back: Z(q)⁻¹ Exp(ξ) Z(q) is the same at every
+        // pose.
         for i in 0..6 {
             let before = task.chain.frames()[joint - 1].transform_twist(&unit(i));
             let behind = negative(&motion.inverse().transform_twist(&unit(i)));
@@ -183,7 +185,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
     if widest > ONE_ORIENTATION {
         return None;
     }
-    // The base by e, the tool back: joint_from_base e is the same at every pose.
+    // Move the base by e and the tool back: joint_from_base · e is the same at every pose.
     let joint_from_target = task.chain.frames().last()?;
     let base_from_joint = first.rotation * joint_from_target.rotation.transpose();
     let directions: Vec<_> = (0..3)
@@ -209,7 +211,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
     })
 }
 
-/// Whether there are fewer equations than identifiable directions.
+/// Returns a sentence if there are fewer equations than identifiable directions.
 pub fn too_few(task: &Task, possible: usize) -> Option<String> {
     let equations: usize = task.samples.iter().map(|s| s.observation.equations()).sum();
     (equations < possible).then(|| {
@@ -220,7 +222,7 @@ pub fn too_few(task: &Task, possible: usize) -> Option<String> {
     })
 }
 
-/// Why these poses do not identify the effect of payloads.
+/// Returns the reasons why these poses do not identify the effect of payloads, each with advice.
 pub fn payload(task: &Task) -> Vec<(String, &'static str)> {
     let payloads: Vec<f64> = task.samples.iter().filter_map(|s| s.payload_kg).collect();
     let mut out = Vec::new();

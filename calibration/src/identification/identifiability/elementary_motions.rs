@@ -1,7 +1,8 @@
-//! Single motions that a person can name, and directions written in them.
+//! Elementary motions that a person can name, and directions expressed in them.
 //!
-//! There are more names than identifiable directions: joint 3's offset is also a rotation of the link before it. Names
-//! are taken in the order base, tool, offsets, lengths, tilts, each only if those before do not make it up.
+//! There are more names than identifiable directions: joint 3's offset is also a rotation of the link before it. Motions
+//! are therefore taken in the order base, tool, offsets, lengths, tilts, each only if it is no combination of those
+//! already taken.
 
 use poegp_protocol::JointKind;
 
@@ -9,39 +10,41 @@ use crate::identification::identifiability::frames::{Frame, Part, ROUNDING};
 use crate::identification::identifiability::subspaces::Space;
 use crate::numeric::matrix::Mat;
 
-/// Share of a new name that must not be made up by earlier ones. The axes of a fitted arm are a little off parallel, and
-/// names that differ by no more than that would all be correlated; only where there are no better ones are they taken.
+/// Least share of a new motion that must be independent of the motions taken before, in three passes. The axes of a
+/// fitted arm are slightly off parallel, and motions that differ by no more than that would all be correlated; they are
+/// taken only where there are no better ones.
 const NEW: [f64; 3] = [0.05, 1e-3, 1e-6];
-/// Coefficients of a circuit below this share of its largest are not named.
+/// Coefficients of a combination below this share of its largest are not named.
 const NAMED: f64 = 0.2;
-/// Links are named only where base, tool and offsets do not do: their share when a name is chosen.
+/// Weight of a link's motion when a name is chosen: links are named only where base, tool and offsets do not suffice.
 const LINK_WEIGHT: f64 = 0.5;
 
-/// A motion of one frame: along or about one of its axes.
+/// An elementary motion ("atom"): of one frame, along or about one of its axes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ElementaryMotion {
-    /// Which frame.
+    /// Frame that moves.
     pub part: Part,
-    /// 0–2 along x, y, z; 3–5 about them.
+    /// Axis of the motion: 0–2 along x, y, z; 3–5 about x, y, z.
     pub axis: usize,
-    /// Whether it is the offset of the joint before the frame.
+    /// Whether the motion is the offset of the joint before the frame.
     pub offset: bool,
     column: usize,
 }
 
-/// The identifiable directions in terms of atoms.
+/// Elementary motions as coordinates of the identifiable directions.
 pub struct Coordinates {
-    /// As many as can be identified.
+    /// Elementary motions, as many as there are identifiable directions.
     pub atoms: Vec<ElementaryMotion>,
-    /// Parameters to coefficients of the atoms, `atoms × parameters`; redundant parts are dropped.
+    /// Matrix from parameters to coefficients of the atoms, `atoms × parameters`; redundant parts are dropped.
     pub from_parameters: Mat<f64>,
 }
 
-/// A direction as the atoms that make it up, the strongest first, with their coefficients.
+/// A direction as a combination of atoms with their coefficients, strongest first.
 pub type Combination = Vec<(ElementaryMotion, f64)>;
 
 impl Coordinates {
-    /// For the frames of a task whose identifiable space is `possible`.
+    /// Chooses the coordinates for the frames of a task whose identifiable space is `possible`. Returns `None` when the
+    /// motions do not span that space.
     pub fn new(frames: &[Frame], kinds: &[JointKind], possible: &Space) -> Option<Self> {
         let basis = possible.identified();
         let mut orthonormal: Vec<Vec<f64>> = Vec::new();
@@ -53,7 +56,7 @@ impl Coordinates {
                     .map(|j| basis[(atom.column, j)])
                     .collect();
                 let mut rest = full.clone();
-                // Twice, so that rounding does not grow.
+                // Orthogonalise twice, so that rounding errors do not grow.
                 for _ in 0..2 {
                     for q in &orthonormal {
                         let share: f64 = q.iter().zip(&rest).map(|(a, b)| a * b).sum();
@@ -81,7 +84,7 @@ impl Coordinates {
         })
     }
 
-    /// How much of each atom is in the orthonormal `directions`, 0 to 1.
+    /// Returns the share of each atom that lies in the orthonormal `directions`, from 0 to 1.
     pub fn shares(&self, directions: &Mat<f64>) -> Vec<f64> {
         let y = &self.from_parameters * directions;
         let norm = |i: usize| {
@@ -93,7 +96,7 @@ impl Coordinates {
         (0..y.nrows()).map(|i| norm(i).min(1.0)).collect()
     }
 
-    /// The space of `directions` as combinations, each with an atom that no other has.
+    /// Expresses the space spanned by `directions` as combinations, each with an atom that no other combination has.
     pub fn combinations(&self, directions: &Mat<f64>) -> Vec<Combination> {
         let mut y = &self.from_parameters * directions;
         let (rows, count) = (y.nrows(), y.ncols());
@@ -149,7 +152,7 @@ impl Coordinates {
     }
 }
 
-/// All atoms in the order in which they are preferred.
+/// Returns all atoms in order of preference.
 fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<ElementaryMotion> {
     let atom = |index: usize, axis: usize| {
         let part = frames[index].part;

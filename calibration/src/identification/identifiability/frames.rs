@@ -1,4 +1,4 @@
-//! What is looked at: the frames of an arm and the poses that are to show them.
+//! The subject of an identifiability analysis: the frames of an arm, and the poses that should reveal them.
 
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -8,43 +8,43 @@ use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::robot::Robot;
 
-/// Share below which a singular value is zero but for rounding.
+/// Share of the largest singular value below which a singular value is zero up to rounding.
 pub(crate) const ROUNDING: f64 = 1e-10;
 
-/// What is looked at.
+/// The subject of an identifiability analysis: an arm, its fitted chain and the measured poses.
 #[derive(Debug)]
 pub struct Task<'a> {
-    /// The arm: joint limits and coupling.
+    /// Robot description, for joint limits and coupling.
     pub robot: &'a Robot,
-    /// The chain from base to target as it was fitted, or the nominal one.
+    /// Chain from base to target: the fitted one, or the nominal one.
     pub chain: &'a Poe<f64>,
     /// `first_target_from_target` of each tool; `chain` ends at the first target.
     pub tools: &'a [Pose<f64>],
-    /// Poses as seen from the base.
+    /// Measured poses as seen from the base.
     pub samples: &'a [BaseSample],
-    /// Noise of one position component in metres, of one rotation component in radians, in the quietest row.
+    /// Noise of one position component (m) and of one rotation component (rad) in the quietest row.
     pub noise: NoiseScales,
     /// Whether only base and tools are calibrated.
     pub base_and_tools_only: bool,
 }
 
-/// A frame whose six parameters are looked at.
+/// A frame whose six parameters are analysed.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
-    /// Where its parameters begin, in sixes.
+    /// Index of the frame: its parameters begin at six times this.
     pub(crate) position: usize,
     pub(crate) part: Part,
-    /// Standard deviation of its prior, m and rad.
+    /// Standard deviation of the prior of its parameters, in m and rad.
     pub(crate) prior: f64,
 }
 
-/// What a frame is.
+/// The role of a frame in the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Part {
     Base,
-    /// Behind this joint, from 1.
+    /// Link behind this joint; joints are numbered from 1.
     Link(usize),
-    /// Behind the last joint; number from 1 where there are several.
+    /// Tool behind the last joint; numbered from 1 where there are several.
     Tool(Option<usize>),
 }
 

@@ -1,18 +1,19 @@
 //! Identifiability: which geometric parameters a set of poses determines, and which it does not.
 //!
-//! Terms. A *direction* is a change of all frames together (six parameters each, from the left, as everywhere). It is
-//! *redundant* when no pose of this arm could show it: turning or shifting the frame before a revolute joint along its
-//! axis, and the frame after it back, changes nothing, twice for each revolute joint, four times for each prismatic
-//! one. It is *unidentified* when poses spread over the joint ranges would show it and these do not: when it moves the
-//! measurements less than [`SHARE`] as much as the direction that moves them most, or when its standard deviation is above
-//! the drawing's 2 mm and 2 mrad, so that the data say less than was known before.
+//! Terms. A *direction* is a simultaneous change of all frames (six parameters each, from the left, as everywhere). It
+//! is *redundant* when no pose of this arm could show it: turning or shifting the frame before a joint along the joint's
+//! axis, and the frame after it back, changes nothing. There are two such directions for each revolute joint and four for
+//! each prismatic one. A direction is *unidentified* when poses spread over the joint ranges would show it and the given
+//! poses do not: when it moves the measurements less than [`SHARE`] as much as the direction that moves them most, or
+//! when its standard deviation exceeds the drawing's 2 mm and 2 mrad, so that the data say less than the drawing does.
 //!
-//! Redundant directions are those of a rich synthetic set of the same arm with the same tools; the rest of the data's
-//! null space is first compared with what is known to do such things (a joint that never moves, one orientation
-//! throughout, no orientation measured), and the rest is described by its dominant motions.
+//! Redundant directions are those of a rich synthetic set of poses of the same arm with the same tools. The remaining
+//! null space of the data is first compared with known causes (a joint that never moves, one orientation throughout, no
+//! orientation measured); what these do not explain is described by its dominant motions.
 //!
-//! The rank is that of the linearised identification at the fitted chain, rows divided by the noise, lengths in metres
-//! and angles in radians. Nothing here changes a fit: a fit solves unidentified directions by minimum norm or by the prior.
+//! The rank is that of the linearised identification at the fitted chain, with rows divided by the noise, lengths in
+//! metres and angles in radians. The analysis never changes a fit: a fit solves unidentified directions by minimum norm
+//! or by the prior.
 
 mod causes;
 mod elementary_motions;
@@ -49,19 +50,21 @@ pub use crate::identification::identifiability::report::{
     Correlation, Expected, Finding, FrameDeviation, IdentifyReport,
 };
 
-/// A direction that shows less than this share of the most visible one is unidentified.
+/// Share of the most visible direction's singular value below which a direction counts as unidentified.
 pub const SHARE: f64 = 1e-5;
-/// So is one with a standard deviation above this, m and rad: the drawing is as good (prior of the arm's frames).
+/// Standard deviation (m and rad) above which a direction also counts as unidentified: the drawing is as good (prior of
+/// the arm's frames).
 pub const DRAWING_TOLERANCE: f64 = 2e-3;
-/// Synthetic poses of each tool.
+/// Number of synthetic poses for each tool.
 const RICH_POSES: usize = 80;
-/// Largest revolute range of them, and the range of a slide without limits: rad and m.
+/// Largest magnitude of a revolute joint in the synthetic poses, in rad, and of a slide without limits, in m.
 const WIDEST: f64 = std::f64::consts::PI;
 const UNLIMITED_SLIDE: f64 = 0.5;
-/// Sentences at most about what is left when the known causes are taken out.
+/// Largest number of sentences about directions that no known cause explains.
 const MOST_SENTENCES: usize = 4;
 
-/// Analyses the identifiability of `task`; `None` only when nothing can be computed (no samples, numbers that are not finite).
+/// Analyses the identifiability of `task`. Returns `None` only when nothing can be computed: no samples, or numbers that
+/// are not finite.
 pub fn identify(task: &Task) -> Option<IdentifyReport> {
     let n = task.chain.kinds().len();
     let tools = task.tools.len();
@@ -130,8 +133,8 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     })
 }
 
-/// Covariance of the predictions of `new`, from the uncertainty of the frames alone; what the geometry cannot explain counts as
-/// noise of each measurement. `None` when the equations cannot be solved.
+/// Computes the covariance of the predictions at `new` from the uncertainty of the frames alone; what the geometry cannot
+/// explain counts as noise of each measurement. Returns `None` when the equations cannot be solved.
 pub fn prediction_covariance(task: &Task, new: &[BaseSample]) -> Option<PredictionCovariance> {
     let frames = frames(task.chain.kinds().len(), task.tools.len(), false);
     let columns: Vec<usize> = (0..ROWS * frames.len()).collect();
@@ -154,7 +157,7 @@ pub fn prediction_covariance(task: &Task, new: &[BaseSample]) -> Option<Predicti
     })
 }
 
-/// What the residuals of a chain ask for.
+/// Estimates the noise scales of `samples` from the residuals of a chain.
 pub(crate) fn residual_scales(
     chain: &Poe<f64>,
     tools: &[Pose<f64>],
@@ -172,7 +175,7 @@ pub(crate) fn residual_scales(
     NoiseScales::estimated(&residuals, samples)
 }
 
-/// The geometric columns of the linearised model, rows in units of `scales`.
+/// Returns the selected geometric columns of the linearised model, with rows in units of `scales`.
 fn jacobian(
     task: &Task,
     samples: &[BaseSample],
@@ -196,7 +199,7 @@ fn jacobian(
     })
 }
 
-/// Complete poses all over the joint ranges, each tool in turn.
+/// Draws synthetic complete poses over the whole joint ranges, cycling through the tools.
 fn rich_samples(task: &Task, tools: usize) -> Vec<BaseSample> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let ranges: Vec<(f64, f64)> = task
@@ -230,7 +233,7 @@ fn rich_samples(task: &Task, tools: usize) -> Vec<BaseSample> {
 }
 
 impl IdentifyReport {
-    /// At most eight lines for a terminal.
+    /// Returns the report as at most eight lines for a terminal.
     pub fn lines(&self) -> Vec<String> {
         wording::report(self)
     }

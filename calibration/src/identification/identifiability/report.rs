@@ -2,70 +2,70 @@
 
 use serde::Serialize;
 
-/// A cause of unidentified directions, or such a direction, in one sentence.
+/// A cause of unidentified directions, or an unidentified direction itself, as one sentence.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
-    /// One sentence without its full stop.
+    /// The sentence without its full stop.
     pub text: String,
-    /// Number of directions that it describes; 0 where it is about the payload or the number of poses.
+    /// Number of directions described; 0 for a finding about the payload or the number of poses.
     pub directions: usize,
-    /// What measurements would determine it, as a request; `None` where none is known, or none is needed.
+    /// Request for measurements that would determine the directions; `None` where none is known or needed.
     #[serde(skip)]
     pub remedy: Option<&'static str>,
 }
 
-/// What a data set identifies.
+/// Identifiability report: what a data set identifies.
 #[derive(Clone, Debug, Serialize)]
 pub struct IdentifyReport {
-    /// Geometric parameters: six for each frame and tool.
+    /// Number of geometric parameters: six for each frame and tool.
     pub parameters: usize,
-    /// Directions that these poses identify.
+    /// Number of directions that these poses identify.
     pub rank: usize,
-    /// Directions that no poses could identify.
+    /// Number of directions that no poses could identify.
     pub redundant: usize,
-    /// Directions that other poses would identify and these do not.
+    /// Number of directions that other poses would identify and these do not.
     pub unidentified: usize,
-    /// Condition number: largest by smallest identified singular value; `None` if these poses identify nothing.
+    /// Condition number, largest over smallest identified singular value; `None` if these poses identify nothing.
     pub condition: Option<f64>,
-    /// Why directions are unidentified, most important first.
+    /// Reasons why directions are unidentified, most important first.
     pub findings: Vec<Finding>,
-    /// Singular values, rows in units of the noise, largest first.
+    /// Singular values of the Jacobian with rows in units of the noise, largest first.
     pub singular_values: Vec<f64>,
-    /// Standard deviations under the prior, redundant directions taken out.
+    /// Standard deviations of every frame under the prior, with redundant directions taken out.
     pub standard_deviations: Vec<FrameDeviation>,
-    /// Quantities that are strongly correlated although both are identified: |r| > 0.95.
+    /// Pairs of quantities with |r| > 0.95: strongly correlated although both are identified.
     pub correlations: Vec<Correlation>,
     /// Expected error of the chain's prediction at these poses, from the uncertainty of its parameters alone.
     pub expected: Expected,
 }
 
-/// Standard deviations of one frame.
+/// Standard deviations of the six parameters of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameDeviation {
-    /// The base, a link or a tool.
+    /// Name of the frame: the base, a link or a tool.
     pub frame: String,
-    /// Along its axes, mm.
+    /// Standard deviations along the axes of the frame, in mm.
     pub mm: [f64; 3],
-    /// About its axes, mrad.
+    /// Standard deviations about the axes of the frame, in mrad.
     pub mrad: [f64; 3],
 }
 
 /// Two correlated quantities.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Correlation {
-    /// The first quantity.
+    /// Name of the first quantity.
     pub first: String,
-    /// The second quantity.
+    /// Name of the second quantity.
     pub second: String,
-    /// Coefficient of correlation.
+    /// Correlation coefficient.
     pub r: f64,
 }
 
 /// Expected position error of the chain at the training poses.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Root mean square over the poses, mm.
+    /// Root mean square over the poses, in mm.
     pub rms_mm: f64,
-    /// At the worst pose, mm.
+    /// Error at the worst pose, in mm.
     pub worst_mm: f64,
 }

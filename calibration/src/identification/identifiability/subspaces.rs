@@ -1,12 +1,13 @@
-//! Subspaces of the parameters: what a set of poses identifies, and what it misses.
+//! Subspaces of the parameters: the directions that a set of poses identifies, and those that it misses.
 
 use crate::numeric::matrix::Mat;
 use crate::numeric::svd::Svd;
 
-/// Cosine from which a direction counts as lying within a space. Identifiability is a matter of degree, so this is not sharp.
+/// Least cosine at which a direction counts as lying within a space; not sharp, since identifiability is a matter of
+/// degree.
 const WITHIN: f64 = 0.9;
 
-/// Singular values below this share do not widen the span of a cause.
+/// Share of the largest singular value below which a singular vector does not widen the span of a cause.
 const SPANNED: f64 = 1e-6;
 
 /// The right singular vectors of a Jacobian, identified directions first.
@@ -15,15 +16,15 @@ pub struct Space {
     pub values: Vec<f64>,
     /// Number of identified directions.
     pub rank: usize,
-    /// All right singular vectors, columns.
+    /// All right singular vectors, as columns.
     vectors: Mat<f64>,
 }
 
 impl Space {
-    /// Creates the space of a Jacobian with any number of rows; `identifies` takes a singular value and the largest.
+    /// Creates the space of a Jacobian with any number of rows; `identifies` gets a singular value and the largest one.
     pub fn new(jacobian: &Mat<f64>, identifies: impl Fn(f64, f64) -> bool) -> Option<Self> {
         let (rows, columns) = (jacobian.nrows(), jacobian.ncols());
-        // Rows of zeros where there are fewer equations than unknowns: the null space is wanted whole.
+        // Pad with rows of zeros where there are fewer equations than unknowns: the whole null space is needed.
         let padded = Mat::from_fn(rows.max(columns), columns, |i, j| {
             if i < rows { jacobian[(i, j)] } else { 0.0 }
         });
@@ -37,7 +38,7 @@ impl Space {
         })
     }
 
-    /// Orthonormal columns that span the identified directions.
+    /// Returns orthonormal columns that span the identified directions.
     pub fn identified(&self) -> Mat<f64> {
         Mat::from_fn(self.vectors.nrows(), self.rank, |i, j| self.vectors[(i, j)])
     }
@@ -49,12 +50,12 @@ impl Space {
         })
     }
 
-    /// Largest singular value by the `rank`-th; `None` for rank 0.
+    /// Returns the ratio of the largest singular value to the `rank`-th; `None` for rank 0.
     pub fn condition(&self, rank: usize) -> Option<f64> {
         Some(self.values[0] / self.values[rank.checked_sub(1)?])
     }
 
-    /// The directions that `possible` identifies and this does not: orthonormal columns.
+    /// Returns the directions that `possible` identifies and this space does not, as orthonormal columns.
     pub fn complement_in(&self, possible: &Self) -> Mat<f64> {
         let identified = possible.identified();
         let inside = &identified * (identified.transpose() * self.null());
@@ -62,7 +63,7 @@ impl Space {
     }
 }
 
-/// The `count` leading left singular vectors.
+/// Returns the `count` leading left singular vectors.
 fn leading(a: &Mat<f64>, count: usize) -> Mat<f64> {
     if a.ncols() == 0 || count == 0 {
         return Mat::zeros(a.nrows(), 0);
@@ -74,16 +75,16 @@ fn leading(a: &Mat<f64>, count: usize) -> Mat<f64> {
     Mat::from_fn(a.nrows(), count, |i, j| svd.u[(i, j)])
 }
 
-/// What a cause explains of the unidentified directions.
+/// The part of the unidentified directions that a cause explains.
 pub struct Explained {
-    /// How many.
+    /// Number of explained directions.
     pub directions: usize,
-    /// What is left.
+    /// Directions that remain unexplained, as orthonormal columns.
     pub rest: Mat<f64>,
 }
 
-/// Takes out of `unidentified` what lies in the span of `cause`, as far as the data do not identify it. `all` was
-/// unidentified before earlier causes were considered: what those explained is not explained twice.
+/// Removes from `unidentified` what lies in the span of `cause`, as far as the data do not identify it. `all` holds the
+/// unidentified directions before any cause was considered, so that no direction is explained twice.
 pub fn explain(
     unidentified: &Mat<f64>,
     cause: &Mat<f64>,
@@ -107,7 +108,7 @@ pub fn explain(
     };
     let span = values.iter().filter(|s| **s > SPANNED * values[0]).count();
     let cause = leading(&inside, span);
-    // Principal angles between the unidentified and what the cause would hide.
+    // Principal angles between the unidentified directions and those that the cause would hide.
     let Some(svd) = Svd::new(&(unidentified.transpose() * &cause)) else {
         return nothing();
     };

@@ -1,4 +1,4 @@
-//! Uncertainty of the identified directions: standard deviations, correlations, and the accuracy to be expected.
+//! Uncertainty of the identified directions: standard deviations, correlations and the expected prediction error.
 
 use crate::identification::identifiability::elementary_motions::Coordinates;
 use crate::identification::identifiability::frames::Frame;
@@ -10,18 +10,19 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// Correlations above this are reported …
+/// Absolute correlation above which a pair is reported.
 const STRONG: f64 = 0.95;
-/// … the strongest so many.
+/// Largest number of correlations reported, strongest first.
 const PAIRS: usize = 10;
-/// Elementary motions of which the unidentified directions have more than this are not correlated but unknown.
+/// Largest share of an elementary motion that may lie in unidentified directions: one with more is unknown, not
+/// correlated.
 const HIDDEN: f64 = 0.1;
 
-/// (AᵀA + Λ⁻¹)⁻¹.
+/// Posterior covariance of the frame parameters, (AᵀA + Λ⁻¹)⁻¹, in m and rad.
 pub struct Covariance(Mat<f64>);
 
 impl Covariance {
-    /// From the Jacobian in units of the noise, and the frames' priors.
+    /// Computes the covariance from the Jacobian in units of the noise and the priors of the frames.
     pub fn new(jacobian: &Mat<f64>, frames: &[Frame]) -> Option<Self> {
         let sd = |j: usize| frames[j / 6].prior;
         let scaled = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| {
@@ -39,12 +40,12 @@ impl Covariance {
         )))
     }
 
-    /// Covariance of the products of these rows and the parameters.
+    /// Returns the covariance of `rows` times the parameters.
     pub fn of(&self, rows: &Mat<f64>) -> Mat<f64> {
         product(&product(rows, &self.0), Transposed(rows))
     }
 
-    /// Standard deviations of every frame, with redundant directions taken out.
+    /// Returns the standard deviations of every frame, with redundant directions taken out.
     pub fn deviations(&self, frames: &[Frame], possible: &Space) -> Vec<FrameDeviation> {
         let identified = possible.identified();
         let inner = identified.transpose() * &self.0 * &identified;
@@ -63,7 +64,8 @@ impl Covariance {
         frames.iter().enumerate().map(of).collect()
     }
 
-    /// Strong correlations of identified elementary motions; `hidden` is how much of each is not.
+    /// Returns the strong correlations between identified elementary motions; `hidden` is the unidentified share of each
+    /// motion.
     pub fn correlations(&self, coordinates: &Coordinates, hidden: &[f64]) -> Vec<Correlation> {
         let k = &coordinates.from_parameters;
         let covariance = k * &self.0 * k.transpose();
@@ -86,7 +88,8 @@ impl Covariance {
         out
     }
 
-    /// From the parameters' uncertainty alone; `position_noise` of each pose in metres makes its rows lengths again.
+    /// Returns the prediction error expected from the uncertainty of the parameters alone. `position_noise` of each pose
+    /// (m) converts its rows back to lengths.
     pub fn expected(&self, jacobian: &Mat<f64>, position_noise: impl Fn(usize) -> f64) -> Expected {
         let spread = jacobian * &self.0;
         let row = |i: usize| -> f64 {

@@ -1,15 +1,15 @@
-//! Names and sentences.
+//! Wording of identifiability reports: names of frames and motions, and sentences for findings.
 
 use crate::identification::identifiability::elementary_motions::{Combination, ElementaryMotion};
 use crate::identification::identifiability::frames::Part;
 use crate::identification::identifiability::report::{Finding, IdentifyReport};
 
-/// Motions that a sentence names at most.
+/// Largest number of motions that a sentence names.
 const NAMES: usize = 4;
-/// Lines of findings and correlations on a terminal.
+/// Largest number of findings on a terminal.
 const FINDINGS: usize = 5;
 
-/// "a", "a and b", "a, b and c".
+/// Joins items as "a", "a and b" or "a, b and c".
 pub fn list(items: &[String]) -> String {
     match items {
         [] => String::new(),
@@ -18,12 +18,12 @@ pub fn list(items: &[String]) -> String {
     }
 }
 
-/// [`list`] of numbers.
+/// Joins numbers as [`list`] does.
 pub fn numbers(items: &[usize]) -> String {
     list(&items.iter().map(ToString::to_string).collect::<Vec<_>>())
 }
 
-/// Name of a frame.
+/// Returns the name of a frame.
 pub fn part(part: Part) -> String {
     match part {
         Part::Base => "base".to_owned(),
@@ -33,7 +33,8 @@ pub fn part(part: Part) -> String {
     }
 }
 
-/// Name of an atom, in the axes of its frame (a link's: those of the joint before it, z along its axis).
+/// Returns the name of an elementary motion in the axes of its frame (of a link: those of the joint before it, z along
+/// its axis).
 pub fn atom(atom: &ElementaryMotion) -> String {
     if let (Part::Link(joint), true) = (atom.part, atom.offset) {
         return format!("joint {joint}'s offset");
@@ -51,7 +52,7 @@ pub fn atom(atom: &ElementaryMotion) -> String {
     }
 }
 
-/// Directions as sentences: those of few motions each in its own, at most `most`, all others in one.
+/// Describes directions in sentences: at most `most` directions of few motions get one each, all others share one.
 pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
     let names = |circuit: &Combination| -> Vec<String> {
         circuit.iter().take(NAMES).map(|(a, _)| atom(a)).collect()
@@ -85,7 +86,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
     out
 }
 
-/// The report for a terminal.
+/// Formats the report for a terminal.
 pub fn report(r: &IdentifyReport) -> Vec<String> {
     let redundant = match r.redundant {
         0 => String::new(),

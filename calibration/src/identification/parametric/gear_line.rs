@@ -3,16 +3,16 @@
 /// A frequency of gear ripple.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GearLine {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: usize,
     /// Cycles per turn of the joint.
     pub cycles: f64,
-    /// Whether the robot's description states it; else it was found in the measurements.
+    /// Whether the robot's description states it; otherwise it was found in the measurements.
     pub is_stated: bool,
 }
 
 impl GearLine {
-    /// One that was found.
+    /// Creates a frequency that was found in the measurements.
     pub fn found(joint: usize, cycles: f64) -> Self {
         Self {
             joint,
@@ -21,7 +21,7 @@ impl GearLine {
         }
     }
 
-    /// One that the robot's description states.
+    /// Creates a frequency that the robot's description states.
     pub fn stated(joint: usize, cycles: f64) -> Self {
         Self {
             is_stated: true,
@@ -30,10 +30,10 @@ impl GearLine {
     }
 }
 
-/// A frequency that the measured joint values cannot distinguish from another one. Neither is taken.
+/// A pair of frequencies that the measured joint values cannot distinguish. Neither is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AmbiguousLine {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: usize,
     /// Cycles per turn of the joint.
     pub cycles: f64,

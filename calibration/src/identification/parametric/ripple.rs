@@ -1,6 +1,6 @@
-//! Gear ripple: a periodogram of the residual through each joint's Jacobian column.
+//! Search for gear ripple: a periodogram of the residual through each joint's Jacobian column.
 //!
-//! Strain-wave gears and their like make errors of tens to hundreds of cycles per turn of the joint that no smooth
+//! Strain-wave and similar gears make errors of tens to hundreds of cycles per turn of the joint that no smooth
 //! process can learn. For every frequency the residual is regressed on J_c sin kq and J_c cos kq; a term is accepted
 //! when χ² drops by more than [`SIGNIFICANT`], which chance does less than once in several hundred searches.
 
@@ -11,21 +11,21 @@ use crate::measurement::sample::BaseSample;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::extremes;
 
-/// Drop of χ² that a term must make: two degrees of freedom, some 10⁴ independent frequencies a search, p ≈ 10⁻³.
+/// Least drop of χ² of a significant term: two degrees of freedom, some 10⁴ independent frequencies a search, p ≈ 10⁻³.
 pub const SIGNIFICANT: f64 = 32.0;
-/// Cycles per turn that are searched.
+/// Range of frequencies that are searched, in cycles per turn.
 pub const RANGE: (f64, f64) = (8.0, 420.0);
 
-/// A frequency of one joint.
+/// A peak of one joint's periodogram.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peak {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: usize,
-    /// Cycles per turn.
+    /// Frequency in cycles per turn of the joint.
     pub cycles: f64,
-    /// Drop of χ².
+    /// Drop of χ² by a term of this frequency.
     pub drop: f64,
-    /// Another frequency that fits the measured joint values as well.
+    /// Another frequency that fits the measured joint values as well, if there is one.
     pub alias: Option<f64>,
 }
 
@@ -33,32 +33,32 @@ pub struct Peak {
 const DISTINGUISHED: f64 = 12.0;
 /// Least share of a term that its alias explains at the measured joint values.
 const ALIKE: f64 = 0.5;
-/// Fewest cycles per turn of an alias.
+/// Lowest frequency of an alias, in cycles per turn.
 const LOWEST_ALIAS: f64 = 1.0;
 
-/// One joint's residual, contracted: everything a frequency needs.
+/// Residuals of all poses contracted with one joint's Jacobian column: all that is needed to test a frequency.
 struct Contracted {
     q: Vec<f64>,
-    /// J_cᵀ e.
+    /// J_cᵀ e of each pose.
     projection: Vec<f64>,
-    /// J_cᵀ J_c.
+    /// J_cᵀ J_c of each pose.
     weight: Vec<f64>,
 }
 
 impl Contracted {
-    /// Drop of χ² by a term of `cycles`.
+    /// Returns the drop of χ² by a term of `cycles`.
     fn drop(&self, cycles: f64) -> f64 {
         self.regressed(cycles, &self.projection).0
     }
 
-    /// Drop of χ² by a term of `cycles` for this J_cᵀ e, with the term's sine and cosine.
+    /// Returns the drop of χ² by a term of `cycles` for the given J_cᵀ e, with the term's sine and cosine amplitudes.
     fn regressed(&self, cycles: f64, projection: &[f64]) -> (f64, [f64; 2]) {
         let waves = self.q.iter().map(|q| libm::sincos(cycles * q));
         self.regressed_on(waves, projection)
     }
 
-    /// The frequencies from `first` to `last` in steps, each with its drop of χ². Sines and cosines of one follow from those
-    /// of the one before by turning.
+    /// Returns the frequencies from `first` to `last` in steps, each with its drop of χ². Sines and cosines of each
+    /// frequency follow from those of the one before by rotation.
     fn scan(&self, first: f64, last: f64, step: f64) -> impl Iterator<Item = (f64, f64)> {
         let turned: Vec<(f64, f64)> = self.q.iter().map(|q| libm::sincos(step * q)).collect();
         let mut waves: Vec<(f64, f64)> = self.q.iter().map(|q| libm::sincos(first * q)).collect();
@@ -72,7 +72,7 @@ impl Contracted {
         })
     }
 
-    /// [`Self::regressed`] for a term whose sine and cosine are `waves` at the poses.
+    /// Does [`Self::regressed`] for a term whose sine and cosine at the poses are `waves`.
     fn regressed_on(
         &self,
         waves: impl Iterator<Item = (f64, f64)>,
@@ -97,7 +97,8 @@ impl Contracted {
         (drop, [sin, cos])
     }
 
-    /// A frequency that explains the residual as well as `peak` does, because it resembles `peak` at these joint values.
+    /// Returns a frequency that explains the residual as well as `peak` does, because it resembles `peak` at these joint
+    /// values.
     fn alias(&self, peak: &Peak, step: f64, width: f64) -> Option<f64> {
         let (whole, [sin, cos]) = self.regressed(peak.cycles, &self.projection);
         let term: Vec<f64> = self
@@ -119,7 +120,7 @@ impl Contracted {
 }
 
 impl Contracted {
-    /// One joint of all poses, for residuals and Jacobian in units of their noise.
+    /// Contracts the residuals of all poses for one joint; residuals and Jacobian are in units of their noise.
     fn new(
         joint: usize,
         samples: &[BaseSample],
@@ -139,18 +140,18 @@ impl Contracted {
         }
     }
 
-    /// Cycles per turn that the range of the joint resolves.
+    /// Returns the difference in frequency, in cycles per turn, that the range of the joint resolves.
     fn resolution(&self) -> f64 {
         let (lowest, highest) = extremes(self.q.iter().copied());
         std::f64::consts::TAU / (highest - lowest)
     }
 }
 
-/// Coarsest resolution in cycles per turn for a search: that of a joint that moves by a hundredth of a radian.
+/// Coarsest resolution, in cycles per turn, at which a joint is searched: that of a joint that moves by 0.01 rad.
 const COARSEST: f64 = 100.0 * std::f64::consts::TAU;
 
-/// The most significant frequency of each joint above `above` cycles per turn, for residuals (in units of their noise) and
-/// Jacobian of all poses.
+/// Finds the most significant frequency of each joint above `above` cycles per turn, from the residuals (in units of
+/// their noise) and the Jacobian of all poses.
 pub fn peaks(
     samples: &[BaseSample],
     residuals: &[[f64; ROWS]],
@@ -163,7 +164,7 @@ pub fn peaks(
         if resolution > COARSEST {
             return None;
         }
-        // A quarter of the resolution that the span allows, and not less than one cycle within the span.
+        // Step by a quarter of the resolution that the span allows, and start at no less than one cycle within the span.
         let step = (0.25 * resolution).min(0.5);
         let first = above.max(resolution);
         let mut best = Peak {
@@ -183,7 +184,7 @@ pub fn peaks(
         }
         let mut best = refine(&data, best, step);
         if best.drop > SIGNIFICANT {
-            // Closer frequencies are the same peak: their slow beat is nearly the same between the measured values.
+            // Closer frequencies belong to the same peak: their slow beat is nearly the same between the measured values.
             best.alias = data.alias(&best, step, 2.0 * resolution);
         }
         Some(best)
@@ -191,7 +192,7 @@ pub fn peaks(
     (0..jacobian.ncols()).filter_map(of).collect()
 }
 
-/// The frequency of a term beside all terms found since, near the one with which it was found.
+/// Refines the frequency of a term, given all terms found since, near the frequency at which it was found.
 pub fn refined_frequency(
     term: &RippleTerm<f64>,
     samples: &[BaseSample],
@@ -211,7 +212,7 @@ pub fn refined_frequency(
     refine(&data, here, 0.25 * data.resolution()).cycles
 }
 
-/// The top of a peak within one step, by repeated trisection.
+/// Finds the top of a peak within one step by repeated trisection.
 fn refine(data: &Contracted, coarse: Peak, step: f64) -> Peak {
     let (mut lower, mut upper) = (coarse.cycles - step, coarse.cycles + step);
     for _ in 0..24 {

@@ -1,10 +1,10 @@
-//! The parametric part of the elastic model as it is being fitted, and its linearisation.
+//! The parametric part of the elastic model during a fit, and its linearisation.
 //!
 //! ```text
-//! x = [ 6 for each arm frame | 6 for each tool | 3 for each (joint, link) | 4 payload terms a joint | 2 a ripple term ]
+//! x = [ 6 an arm frame | 6 a tool | 3 for each (joint, link) | 4 payload terms a joint | 2 a ripple term ]
 //! ```
 //!
-//! Every parameter has a Gaussian prior around the nominal arm; what was added so far is kept in `deviation`, so that
+//! Every parameter has a Gaussian prior around the nominal arm. The total change so far is kept in `deviation`, so that
 //! the prior stays where it was when the model is linearised again (re-centring it would be an iterated Tikhonov
 //! regularisation, not a maximum a posteriori estimate).
 
@@ -26,27 +26,27 @@ use crate::measurement::sample::Sample;
 use crate::numeric::matrix::Mat;
 use crate::robot::coupled;
 
-/// Rows of one pose: displacement and rotation at the tool.
+/// Number of rows of one pose: displacement and rotation at the tool.
 pub const ROWS: usize = 6;
 
-/// Largest linearisation error of the last step, in units of the noise. Positions alone determine base and tool by a long
-/// curved valley: after two steps, all predictions for a Motoman were 0.16 mm off.
+/// Largest allowed linearisation error of the last step, in units of the noise. With positions alone, base and tool lie
+/// in a long curved valley: after two steps, all predictions for a Motoman were 0.16 mm off.
 pub const MAX_LINEARISATION_ERROR: f64 = 0.02;
-/// Most Gauss-Newton steps.
+/// Largest number of Gauss–Newton steps.
 pub const MAX_STEPS: usize = 12;
 
-/// Which parameters there are.
+/// Layout of the parameter vector x: which parameters there are.
 #[derive(Clone, Debug)]
 pub struct Layout {
-    /// Joints of the arm.
+    /// Number of joints of the arm.
     pub joints: usize,
-    /// Tools: one for each session and target.
+    /// Number of tools: one for each session and target.
     pub tools: usize,
     /// Whether gravity terms of the links are fitted.
     pub gravity: bool,
     /// Whether the payload varies and its terms are fitted.
     pub payload: bool,
-    /// Gear ripple.
+    /// Frequencies of gear ripple.
     pub ripple: Vec<GearLine>,
 }
 
@@ -61,7 +61,7 @@ pub enum PriorGroup {
     Links,
     /// Gravity of the payload.
     Payload,
-    /// Gear ripple that was found.
+    /// Gear ripple that was found in the measurements.
     Ripple,
     /// Gear ripple that the robot's description states.
     StatedRipple,
@@ -78,25 +78,26 @@ impl PriorGroup {
         Self::StatedRipple,
     ];
 
-    /// Standard deviation before the evidence is heard: m and rad; rad/(m/s²) for gravity.
+    /// Returns the prior standard deviation before the evidence changes it: m and rad; rad/(m/s²) for gravity.
     pub fn prior_sd(self) -> f64 {
         match self {
             Self::BaseAndTools => 60e-3,
             Self::Frames => 2e-3,
             Self::Links | Self::Payload => 1e-4,
             Self::Ripple => 1e-3,
-            // Strain-wave gears had 28 to 130 µrad, 54 for a sine or a cosine; half of the lines of a gear ratio are not there.
+            // Strain-wave gears had 28 to 130 µrad, that is 54 for a sine or a cosine; half of the lines of a gear ratio
+            // are absent.
             Self::StatedRipple => 4e-5,
         }
     }
 
-    /// Whether the evidence may change it.
+    /// Returns whether the evidence may change the prior.
     pub fn has_learned_variance(self) -> bool {
         matches!(self, Self::Frames | Self::Links | Self::Payload)
     }
 }
 
-/// Variance of the prior of a group, with what the evidence says.
+/// Returns the prior variance of a group, scaled by the hyperparameters `h` that the evidence chose.
 pub fn prior_variance(group: PriorGroup, h: &[f64]) -> f64 {
     let base = group.prior_sd().powi(2);
     match group {
@@ -108,7 +109,7 @@ pub fn prior_variance(group: PriorGroup, h: &[f64]) -> f64 {
 }
 
 impl Layout {
-    /// The group of every parameter, in order.
+    /// Returns the prior group of every parameter, in order.
     pub fn groups(&self) -> Vec<PriorGroup> {
         let n = self.joints;
         let mut out = Vec::new();
@@ -135,12 +136,12 @@ impl Layout {
     }
 }
 
-/// The parametric model.
+/// The parametric model at its current parameters.
 #[derive(Clone, Debug)]
 pub struct ParametricModel {
-    /// What is fitted.
+    /// Layout of the parameters.
     pub layout: Layout,
-    /// Base frame and arm frames, `parent_from_joint` (n of them).
+    /// Base frame and arm frames, `parent_from_joint`, one for each of the n joints.
     pub frames: Vec<Pose<f64>>,
     /// `joint_n_from_target` of each tool.
     pub tools: Vec<Pose<f64>>,
@@ -148,31 +149,32 @@ pub struct ParametricModel {
     pub gravity: GravityTerms<f64>,
     /// Ripple terms.
     pub ripple: Vec<RippleTerm<f64>>,
-    /// Own-joint curves as the runtime evaluates them; empty when there are none. Not among the parameters x.
+    /// Own-joint curves as the runtime evaluates them; empty when there are none. They are not among the parameters x.
     pub curves: Vec<f64>,
-    /// x so far.
+    /// Parameters x: the total change from the nominal arm.
     pub deviation: Vec<f64>,
     kinds: Vec<JointKind>,
-    /// C, rows of n; identity when absent.
+    /// Joint coupling C as n rows; identity when absent.
     coupling: Option<Vec<Vec<f64>>>,
 }
 
-/// The model at a state: y = A x + Σ_c J_c δ_c + noise, every row in units of its own scale.
+/// The linearised model at a state: y = A x + Σ_c J_c δ_c + noise, with every row in units of its own scale.
 #[derive(Clone, Debug)]
 pub struct Linearised {
-    /// Residual at the state plus A·deviation, 6k.
+    /// Residual at the state plus A·deviation, with 6k rows.
     pub y: Mat<f64>,
-    /// Columns by parameter, 6k × p.
+    /// Jacobian A by the parameters, 6k × p.
     pub a: Mat<f64>,
-    /// Columns by the controller's joints, 6k × n, per rad or m.
+    /// Jacobian by the controller's joints, 6k × n, per rad or m.
     pub jacobian: Mat<f64>,
-    /// Share of each row's variance that all rows have in common, 6k: the fitted noise is a factor of that share.
+    /// For each of the 6k rows, the share of its variance that all rows have in common: the fitted noise multiplies that
+    /// share.
     pub common_share: Vec<f64>,
 }
 
 impl Linearised {
-    /// Standard deviation of the noise of a row when that of the quietest row is e^(h/2), both in units of their scales,
-    /// divided by e^(h/2); 1 where all rows are alike.
+    /// Returns the standard deviation of a row's noise divided by e^(h/2), where e^(h/2) is that of the quietest row,
+    /// both in units of their scales; 1 where all rows are alike.
     pub fn relative_noise(&self, row: usize, h: f64) -> f64 {
         let common = self.common_share[row];
         (common + (1.0 - common) * libm::exp(-h)).sqrt()
@@ -180,7 +182,7 @@ impl Linearised {
 }
 
 impl ParametricModel {
-    /// The nominal arm: `chain` leads from the base to the target of tool 0.
+    /// Creates the model of the nominal arm: `chain` leads from the base to the target of tool 0.
     pub fn new(
         chain: &Poe<f64>,
         tools: Vec<Pose<f64>>,
@@ -211,19 +213,19 @@ impl ParametricModel {
         }
     }
 
-    /// Kinds of the joints.
+    /// Returns the kinds of the joints.
     pub fn kinds(&self) -> &[JointKind] {
         &self.kinds
     }
 
-    /// The chain from the base to the target of a tool.
+    /// Returns the chain from the base to the target of a tool.
     pub fn chain(&self, tool: usize) -> Poe<f64> {
         let mut frames = self.frames.clone();
         frames.push(self.tools[tool]);
         Poe::new(&self.kinds, &frames).expect("a chain stays a chain")
     }
 
-    /// The deflection of the controller's joints by gravity, ripple and own-joint curves.
+    /// Returns the deflection of the controller's joints by gravity, ripple and own-joint curves.
     pub fn parametric_deflection<F>(&self, chain: &Poe<f64>, sample: &Sample<F>) -> PerJoint<f64> {
         let motions = chain.motions(&sample.serial_joints);
         let (frames, target) = chain.joint_frames_with(&motions);
@@ -240,7 +242,7 @@ impl ParametricModel {
         out
     }
 
-    /// C δ.
+    /// Returns C δ: a deflection of the controller's joints converted to the chain's joints.
     pub fn coupled(&self, deflection: &PerJoint<f64>) -> PerJoint<f64> {
         let mut out = [0.0; MAX_JOINTS];
         let serial = coupled(self.coupling.as_deref(), deflection);
@@ -248,7 +250,7 @@ impl ParametricModel {
         out
     }
 
-    /// POE(C (q + δ)), `base_from_target`.
+    /// Returns the pose POE(C (q + δ)), `base_from_target`.
     pub fn pose<F>(
         &self,
         chain: &Poe<f64>,
@@ -259,14 +261,14 @@ impl ParametricModel {
         chain.forward_with(&deflected(&motions, &self.kinds, &self.coupled(deflection)))
     }
 
-    /// The joints as the kernel compares them.
+    /// Returns the joints in the form that the kernel compares.
     pub fn features<F>(&self, sample: &Sample<F>) -> JointTrig<f64> {
         let mut joints = [0.0; MAX_JOINTS];
         joints[..sample.joints.len()].copy_from_slice(&sample.joints);
         self.chain(0).motions(&joints)
     }
 
-    /// Residuals of the parametric model, each row in units of its own scale; six a pose.
+    /// Returns the residuals of the parametric model, six for each pose, with each row in units of its own scale.
     pub fn residuals<F>(&self, samples: &[Sample<F>], scales: NoiseScales) -> Vec<[f64; ROWS]> {
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
         let of = |s: &Sample<F>| {
@@ -278,7 +280,7 @@ impl ParametricModel {
         samples.iter().map(of).collect()
     }
 
-    /// The linear model at this state.
+    /// Linearises the model at the current parameters.
     pub fn linearise<F>(&self, samples: &[Sample<F>], scales: NoiseScales) -> Linearised {
         let (n, p) = (self.layout.joints, self.deviation.len());
         let chains: Vec<Poe<f64>> = (0..self.tools.len()).map(|t| self.chain(t)).collect();
@@ -318,7 +320,7 @@ impl ParametricModel {
         let plain = chain.motions(&sample.serial_joints);
         let (frames, target) = chain.joint_frames_with(&plain);
         let at = GravityRegressors::new(&self.kinds, &frames, &target, &self.gravity.gravity);
-        // Jacobians are taken where the arm stands: at the deflected joints.
+        // Jacobians are taken at the deflected joints, where the arm actually stands.
         let deflection = self.parametric_deflection(chain, sample);
         let shift = self.coupled(&deflection);
         let standing: Vec<f64> = sample
@@ -429,8 +431,9 @@ impl ParametricModel {
         self.deviation = x.to_vec();
     }
 
-    /// Moves to the parameters `x`, which solve the equations `linear` of this state at `samples`. Returns the largest
-    /// linearisation error, in units of the rows' scales: above [`MAX_LINEARISATION_ERROR`] another step is needed.
+    /// Moves to the parameters `x` that solve the equations `linear` of the current state at `samples`. Returns the
+    /// largest linearisation error in units of the rows' scales; above [`MAX_LINEARISATION_ERROR`], another step is
+    /// needed.
     pub fn step<F>(
         &mut self,
         x: &[f64],
@@ -447,8 +450,8 @@ impl ParametricModel {
         residuals.enumerate().map(error).fold(0.0, f64::max)
     }
 
-    /// Removes the ripple terms that nobody stated and for which `keeps` is false. The other parameters stay: they are to be
-    /// solved again.
+    /// Removes the ripple terms that the robot's description does not state and for which `keeps` is false. The other
+    /// parameters keep their values and must be solved again.
     pub fn retain_ripple(&mut self, mut keeps: impl FnMut(&GearLine) -> bool) {
         let first = self.deviation.len() - 2 * self.ripple.len();
         let lines = self.layout.ripple.iter();
@@ -464,7 +467,7 @@ impl ParametricModel {
         });
     }
 
-    /// Moves the frequency of a ripple term.
+    /// Changes the frequency of a ripple term.
     pub fn set_cycles(&mut self, term: usize, cycles: f64) {
         self.layout.ripple[term].cycles = cycles;
         self.ripple[term].cycles = cycles;

@@ -1,13 +1,13 @@
-//! The arm as it is fitted to touches: the parametric model of the elastic method with columns of its own.
+//! The arm as it is fitted to touches: the parametric model of the elastic method, with parameters of its own.
 //!
 //! ```text
-//! θ = [ 6 for each arm frame | 3 or 6 for each tip | 3 for each (joint, link) | 4 payload terms a joint | 2 an order of a joint ]
+//! θ = [ 6 an arm frame | 3 or 6 a tip | 3 for each (joint, link) | 4 payload terms a joint | 2 an order of a joint ]
 //! T(q) = P_0 Z_1 · P_1 exp(δ_1) · Z_2 · … · P_n exp(δ_tip),   δ = (v, ω) in the axes of the frame behind it
 //! ```
 //!
-//! So the last angle of δ_i is the zero of joint i + 1, which is farther from its drawing than the direction of an axis is:
-//! it has a prior of its own. The base frame, and with it the zero of the first joint, no touch can see: both stay as drawn.
-//! Poses, gravity and own-joint errors are those of [`ParametricModel`], and so of the runtime.
+//! The last angle of δ_i is thus the zero of joint i + 1. A zero is farther from its drawing than the direction of an
+//! axis, so it has a prior of its own. No touch can see the base frame, nor with it the zero of the first joint: both
+//! stay as drawn. Poses, gravity and own-joint errors are those of [`ParametricModel`], and hence of the runtime.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -21,30 +21,30 @@ use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::matrix::Mat;
 
-/// Parameters that share a prior.
+/// A group of parameters that share a prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Group {
-    /// Offsets of links, m.
+    /// Offsets of links, in m.
     Length,
-    /// Directions of axes, rad.
+    /// Directions of axes, in rad.
     Tilt,
-    /// Zeros of joints, rad; of a slide m.
+    /// Zeros of joints, in rad, or in m for a slide.
     Zero,
-    /// Where a tip is at the flange, m.
+    /// Position of a tip at the flange, in m.
     Tip,
-    /// How a target is turned at the flange, rad.
+    /// Rotation of a target at the flange, in rad.
     Turn,
-    /// Gravity of the links, rad/(m/s²).
+    /// Gravity coefficients of the links, in rad/(m/s²).
     Links,
-    /// Gravity of the payload, rad/(m/s²)/kg and the like.
+    /// Gravity coefficients of the payload, in rad/(m/s²)/kg and similar units.
     Payload,
-    /// Errors of a joint that repeat once and twice in its turn, rad.
+    /// Own-joint errors that repeat once and twice in a turn of the joint, in rad.
     Curve,
 }
 
 impl Group {
-    /// Those whose prior the evidence moves.
+    /// Groups whose prior the evidence may change.
     pub const LEARNT: [Self; 6] = [
         Self::Length,
         Self::Tilt,
@@ -54,38 +54,38 @@ impl Group {
         Self::Curve,
     ];
 
-    /// Whether its prior is that of the arm's class.
+    /// Returns whether the group's prior is that of the arm's class.
     pub fn is_of_class(self) -> bool {
         matches!(self, Self::Length | Self::Tilt | Self::Zero)
     }
 }
 
-/// One parameter.
+/// One parameter of the arm.
 #[derive(Clone, Debug)]
 pub struct Column {
-    /// Whose prior it has.
+    /// Group whose prior the parameter has.
     pub group: Group,
-    /// Frame or tip that it belongs to; the joint of a gravity or curve term.
+    /// Index of the frame or tip that the parameter belongs to; for a gravity or curve term, index of the joint.
     pub index: usize,
-    /// What one unit of it is in the parameters of [`ParametricModel`].
+    /// One unit of the parameter expressed in the parameters of [`ParametricModel`]: pairs of index and factor.
     to: Vec<(usize, f64)>,
 }
 
-/// What is fitted beyond the frames.
+/// Terms that are fitted besides the frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Terms {
-    /// Gravity of the links.
+    /// Whether gravity terms of the links are fitted.
     pub gravity: bool,
-    /// Gravity of a payload that varies.
+    /// Whether gravity terms of a varying payload are fitted.
     pub payload: bool,
-    /// Orders of the own-joint errors.
+    /// Number of orders of the own-joint errors.
     pub orders: usize,
 }
 
 /// A tip before the fit.
 #[derive(Clone, Copy, Debug)]
 pub struct TipStart {
-    /// flange_from_tip.
+    /// Initial flange_from_tip.
     pub pose: Pose<f64>,
     /// Whether its position is fitted.
     pub is_free: bool,
@@ -93,30 +93,31 @@ pub struct TipStart {
     pub turns: bool,
 }
 
-/// The arm at its parameters.
+/// The arm with the current values of its parameters.
 #[derive(Clone, Debug)]
 pub struct TouchArm {
-    /// Poses and their derivatives.
+    /// Parametric model that gives poses and derivatives.
     pub model: ParametricModel,
     /// The parameters.
     pub columns: Vec<Column>,
-    /// θ.
+    /// Parameter values θ.
     pub theta: Vec<f64>,
-    /// base_from_joint of the last joint in every state of the problem, of an arm that is known.
+    /// For a known arm, base_from_joint of the last joint in every state of the problem.
     known: Option<Vec<Pose<f64>>>,
 }
 
-/// Where the tip is in one state of the arm, and how that depends on θ.
+/// Pose of the tip in one state of the arm, with its derivatives by θ.
 #[derive(Clone, Debug)]
 pub struct StateJet {
     /// base_from_tip.
     pub pose: Pose<f64>,
-    /// Six rows: displacement of the tip (m) and rotation (rad) in the axes of the base, per parameter.
+    /// Jacobian with six rows: displacement (m) and rotation (rad) of the tip in the axes of the base, one column for
+    /// each parameter.
     pub jacobian: Mat<f64>,
 }
 
 impl TouchArm {
-    /// The arm as drawn. `nominal` leads to the flange.
+    /// Creates the arm as drawn. `nominal` leads from the base to the flange.
     pub fn new(
         nominal: &Poe<f64>,
         tips: &[TipStart],
@@ -148,7 +149,7 @@ impl TouchArm {
             });
         };
         for frame in 1..n {
-            // Along or about which component the joint behind the frame moves.
+            // Component along or about which the joint behind the frame moves.
             let zero = match nominal.kinds()[frame] {
                 JointKind::Revolute => 5,
                 JointKind::Prismatic => 2,
@@ -178,7 +179,7 @@ impl TouchArm {
                 first + 3 * (before + link - joint)
             };
             for joint in 0..n {
-                // The mass at the far end of each link that the joint carries.
+                // One parameter for the mass at the far end of each link that the joint carries.
                 for end in joint..n {
                     let mut to = Vec::new();
                     for link in joint..=end {
@@ -234,8 +235,8 @@ impl TouchArm {
         }
     }
 
-    /// An arm that is known: `flanges` are base_from_flange in the states that it is asked for, in their order. Its tips alone
-    /// are fitted. `nominal` leads to the flange.
+    /// Creates a known arm, of which only the tips are fitted. `flanges` are base_from_flange in the states of the
+    /// problem, in order. `nominal` leads from the base to the flange.
     pub fn known(nominal: &Poe<f64>, tips: &[TipStart], flanges: &[Pose<f64>]) -> Self {
         let terms = Terms {
             gravity: false,
@@ -263,7 +264,7 @@ impl TouchArm {
         self.theta = theta.to_vec();
     }
 
-    /// base_from_tip in every state; of an arm that is known the states are those of the problem.
+    /// Returns base_from_tip in every state; for a known arm, the states must be those of the problem.
     pub fn poses(&self, states: &[BaseSample]) -> Vec<Pose<f64>> {
         if let Some(known) = &self.known {
             let pairs = known.iter().zip(states);
@@ -282,7 +283,7 @@ impl TouchArm {
         states.iter().map(of).collect()
     }
 
-    /// The poses with their derivatives.
+    /// Returns the poses of all states with their derivatives.
     pub fn linearise(&self, states: &[BaseSample]) -> Vec<StateJet> {
         let poses = self.poses(states);
         if let Some(known) = &self.known {
@@ -295,7 +296,7 @@ impl TouchArm {
                 .collect();
         }
         let mut out = Vec::with_capacity(states.len());
-        // Some at a time: all parameters of all states would take much memory.
+        // Linearise in blocks: all parameters of all states at once would need much memory.
         for (states, poses) in states.chunks(TOGETHER).zip(poses.chunks(TOGETHER)) {
             let linear = self.model.linearise(states, NoiseScales::ONE);
             for (k, pose) in poses.iter().enumerate() {
@@ -318,7 +319,7 @@ impl TouchArm {
 }
 
 impl TouchArm {
-    /// The derivatives of an arm that is known: by the tip `tool` alone, at base_from_joint of the last joint.
+    /// Returns the Jacobian of a known arm by the parameters of tip `tool`; `joint` is base_from_joint of the last joint.
     fn by_tip(&self, joint: &Pose<f64>, tool: usize) -> Mat<f64> {
         let tip = self.model.tools[tool].translation;
         let first = 6 * (self.model.layout.joints + tool);
@@ -342,5 +343,5 @@ impl TouchArm {
     }
 }
 
-/// States that are linearised together.
+/// Number of states that are linearised together.
 const TOGETHER: usize = 64;

@@ -1,44 +1,45 @@
-//! Arms that are farther from their drawing than their class is stated to be, and how much wider their errors are stated then.
+//! Arms that are farther from their drawing than their class is stated to be, and the wider errors that are then stated.
 
 use crate::identification::touch::fit::{Scales, TouchFit, TouchProblem};
 use crate::identification::touch::noise::COMMON_COUNTS;
 use crate::numeric::matrix::Mat;
 
-/// How many times farther from its drawing than its class an arm is, by its touches.
+/// How many times farther from its drawing an arm is than its class, judged by its touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beyond {
-    /// √(θᵀ Λ⁻¹ θ / γ) with the class's Λ (MacKay 1992).
+    /// √(θᵀ Λ⁻¹ θ / γ), with Λ the prior covariance of the class (MacKay 1992).
     pub factor: f64,
     /// γ = Σ (1 − Σ_jj), the number of parameters that the touches determine.
     pub determined: f64,
 }
 
 impl Beyond {
-    /// The factor by which errors that the touches do not determine are stated wider than the class. A scale that few
-    /// parameters determine is uncertain itself: a t distribution of so many degrees of freedom has this standard deviation.
+    /// Returns the factor by which the stated errors of what the touches do not determine are wider than the class. A
+    /// scale that few parameters determine is uncertain itself: a t distribution of so many degrees of freedom has this
+    /// standard deviation.
     pub fn stated(self) -> f64 {
         let freedom = COMMON_COUNTS + self.determined;
         self.factor * (freedom / (freedom - 2.0)).sqrt()
     }
 }
 
-/// What is stated of the arm's parameters.
+/// Distribution that is stated for the arm's parameters.
 #[derive(Clone, Debug)]
 pub struct Stated {
     /// Standard deviations before the touches, wider than the fit's where the arm is beyond its class.
     pub priors: Vec<f64>,
-    /// What the parameters are beyond those of the fit, in units of `priors`.
+    /// Mean offset of the parameters from those of the fit, in units of `priors`.
     pub mean: Vec<f64>,
     /// Covariance of the parameters after the touches, in units of `priors`.
     pub covariance: Mat<f64>,
-    /// [`Beyond::factor`].
+    /// The [`Beyond::factor`]; `None` when the touches determine hardly any parameter.
     pub beyond_class: Option<f64>,
-    /// Standard deviation of the logarithm of the scale that all priors of the class have in common.
+    /// Standard deviation of the logarithm of the common scale of all priors of the class.
     pub scale_deviation: f64,
 }
 
 impl TouchFit {
-    /// How far the arm is beyond its class, by the covariance of its parameters in units of their priors.
+    /// Computes how far the arm is beyond its class, from the covariance of its parameters in units of their priors.
     pub(super) fn beyond_class(&self, problem: &TouchProblem, covariance: &Mat<f64>) -> Beyond {
         let class = Scales::new(&problem.class);
         let columns: Vec<usize> = (0..self.arm.columns.len())
@@ -70,8 +71,8 @@ impl TouchFit {
         }
     }
 
-    /// What is stated of its parameters, where all priors of the class are exp(`deviations` · [`Stated::scale_deviation`]) times as
-    /// wide as is most probable; `None` where its equations cannot be solved.
+    /// Returns the stated distribution when all priors of the class are exp(`deviations` · [`Stated::scale_deviation`])
+    /// times as wide as is most probable; `None` when the equations cannot be solved.
     pub fn as_stated(&self, problem: &TouchProblem, deviations: f64) -> Option<Stated> {
         let covariance = self.solved(problem)?.covariance();
         let beyond = self.beyond_class(problem, &covariance);

@@ -1,4 +1,4 @@
-//! Known distances between features: their equations, and what the touches alone say of them.
+//! Known distances between features: their equations, and the distances that the touches alone give.
 
 use nalgebra::Vector3;
 
@@ -7,24 +7,25 @@ use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::measurement::touch::{KnownDistance, Reading};
 use crate::numeric::matrix::Mat;
 
-/// A distance by everything but the statement of it, m.
+/// A distance by everything except its own stated value, in m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {
-    /// Its mean.
+    /// Mean of the distance.
     pub distance: f64,
-    /// Its standard deviation, by the touches, τ and the arm's class.
+    /// Standard deviation of the distance, by the touches, τ and the arm's class.
     pub sigma: f64,
 }
 
-/// The derivative of a distance by the unknowns of the group that both its features are in, in units of their priors.
+/// Derivative of a distance by the unknowns of the group that contains both features, in units of their priors.
 struct Gradient {
     group: usize,
-    /// Index in the group, and derivative.
+    /// Pairs of an index in the group and the derivative.
     columns: [(usize, f64); 6],
 }
 
 impl TouchFit {
-    /// By how much two features are farther apart than said, and the direction from the second to the first.
+    /// Returns how much farther apart two features are than stated, in m, and the direction from the second to the first;
+    /// `None` if a feature has no centre.
     pub fn distance(&self, between: [usize; 2], said: f64) -> Option<(f64, Vector3<f64>)> {
         let from = self.scene.centre(between[0])? - self.scene.centre(between[1])?;
         let length = from.norm();
@@ -62,8 +63,8 @@ impl TouchFit {
         }
     }
 
-    /// Every known distance by the touches and the other distances, to first order about the fit; `None` of what has no
-    /// centre, and where the equations cannot be solved.
+    /// Computes every known distance from the touches and the other distances, to first order about the fit; `None` for
+    /// features without a centre, and when the equations cannot be solved.
     pub fn measured_distances(&self, problem: &TouchProblem) -> Vec<Option<Measured>> {
         let known = &problem.set.distances;
         if known.is_empty() {
@@ -96,7 +97,7 @@ impl TouchFit {
         (0..known.len()).map(without).collect()
     }
 
-    /// The distance between two features by the touches alone, of a set without known distances.
+    /// Computes the distance between two features from the touches alone, in a set without known distances.
     pub fn distance_by_touches(
         &self,
         problem: &TouchProblem,

@@ -4,55 +4,55 @@
 //!
 //! ```text
 //! | S   B_gᵀ |        S = I + Σ P_aᵀ W P_a          arm
-//! | B_g  D_g |        D_g = I + Σ F_gᵀ W F_g        surroundings, one block a group: no row sees two
+//! | B_g  D_g |        D_g = I + Σ F_gᵀ W F_g        surroundings, one block for each group: no row sees two groups
 //! ```
 //!
-//! With K_g = D_g⁻¹ B_g the arm's own equations are S − Σ B_gᵀ K_g (Schur), and the covariance of any prediction is that of
-//! arm and surroundings together.
+//! With K_g = D_g⁻¹ B_g, the reduced equations of the arm are S − Σ B_gᵀ K_g (Schur complement). The covariance of a
+//! prediction includes both arm and surroundings.
 
 use crate::identification::touch::jet::RowJet;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// The sums over all rows.
+/// Normal equations: sums over all rows.
 #[derive(Clone, Debug)]
 pub struct Equations {
-    /// S without the identity.
+    /// Arm block S without the identity.
     pub arm: Mat<f64>,
-    /// Right-hand side of the arm: minus the gradient.
+    /// Right-hand side of the arm: the negative gradient.
     pub arm_right: Mat<f64>,
-    /// D_g without the identity, B_g and right-hand side.
+    /// For each group, D_g without the identity, B_g and the right-hand side.
     pub groups: Vec<GroupSums>,
 }
 
-/// The sums of one group.
+/// Sums of one group of unknowns of the surroundings.
 #[derive(Clone, Debug)]
 pub struct GroupSums {
-    /// F_gᵀ W F_g.
+    /// Block F_gᵀ W F_g of the group.
     pub own: Mat<f64>,
-    /// F_gᵀ W P_a.
+    /// Cross block F_gᵀ W P_a between group and arm.
     pub cross: Mat<f64>,
-    /// Minus the gradient.
+    /// Right-hand side of the group: the negative gradient.
     pub right: Mat<f64>,
 }
 
-/// Rows of one state of the arm and one group, summed by what the tip does.
+/// Sums over the rows of one state of the arm and one group, expressed in motions of the tip.
 pub struct VisitSums {
-    /// Pᵀ W P.
+    /// Tip block Pᵀ W P.
     pub tip: Mat<f64>,
-    /// Pᵀ W e.
+    /// Gradient Pᵀ W e by the tip.
     pub tip_right: Mat<f64>,
-    /// F_gᵀ W P.
+    /// Cross block F_gᵀ W P between group and tip.
     pub cross: Mat<f64>,
-    /// F_gᵀ W F_g.
+    /// Block F_gᵀ W F_g of the group.
     pub own: Mat<f64>,
-    /// F_gᵀ W e.
+    /// Gradient F_gᵀ W e by the unknowns of the group.
     pub own_right: Mat<f64>,
 }
 
 impl VisitSums {
-    /// Creates the sums, all zero, for a group of so many unknowns.
+    /// Creates sums that are all zero, for a group of `unknowns` unknowns.
     pub fn new(unknowns: usize) -> Self {
         Self {
             tip: Mat::zeros(6, 6),
@@ -63,8 +63,8 @@ impl VisitSums {
         }
     }
 
-    /// Adds a row, whose group's unknowns begin at `first` and have the standard deviations `prior`; `weights` are the
-    /// reciprocal variances of its components.
+    /// Adds a row. The unknowns of its group begin at index `first` and have the standard deviations `prior`; `weights`
+    /// are the reciprocal variances of the row's components.
     pub fn add(&mut self, jet: &RowJet, weights: &[f64], first: usize, prior: &[f64]) {
         for i in 0..jet.count {
             let (w, e, tip) = (weights[i], jet.residual[i], &jet.tip[i]);
@@ -98,7 +98,8 @@ impl VisitSums {
 }
 
 impl Equations {
-    /// Without rows: the gradient of the prior alone. `arm` and `groups` are the unknowns in units of their priors.
+    /// Creates equations without rows: the gradient of the prior alone. `arm` and `groups` are the unknowns in units of
+    /// their priors.
     pub fn new(arm: &[f64], groups: &[Vec<f64>]) -> Self {
         let p = arm.len();
         let negative = |x: &[f64]| Mat::from_fn(x.len(), 1, |i, _| -x[i]);
@@ -114,7 +115,7 @@ impl Equations {
         }
     }
 
-    /// Adds the rows of a visit; `jacobian` is that of the tip by the arm's unknowns, in units of their priors.
+    /// Adds the rows of a visit; `jacobian` is the tip's Jacobian by the arm's unknowns, in units of their priors.
     pub fn add(&mut self, group: usize, visit: &VisitSums, jacobian: &Mat<f64>) {
         let moved = product(&visit.tip, jacobian);
         self.arm += product(Transposed(jacobian), &moved);
@@ -125,13 +126,13 @@ impl Equations {
         sums.right -= &visit.own_right;
     }
 
-    /// Factors them, with `damping` added to the identity. `None` where that cannot be done.
+    /// Factors the equations with their diagonal times 1 + `damping`. Returns `None` when that fails.
     pub fn factor(&self, damping: f64) -> Option<Solved> {
         let p = self.arm.nrows();
         let with_prior = |matrix: &Mat<f64>| {
             let mut out = matrix.clone();
             for i in 0..out.nrows() {
-                // Damps the whole diagonal, as Marquardt does: unknowns of the surroundings have wide priors.
+                // Damp the whole diagonal, as Marquardt does: unknowns of the surroundings have wide priors.
                 out[(i, i)] = (1.0 + out[(i, i)]) * (1.0 + damping);
             }
             out
@@ -168,13 +169,13 @@ fn half_log(factor: &Factor) -> f64 {
     (0..lower.nrows()).map(|i| libm::log(lower[(i, i)])).sum()
 }
 
-/// Factored equations.
+/// Factored normal equations.
 #[derive(Clone, Debug)]
 pub struct Solved {
     factor: Option<Factor>,
     right: Mat<f64>,
     groups: Vec<SolvedGroup>,
-    /// ½ log of the determinant of all equations.
+    /// Half the log determinant of the whole system.
     pub half_log_determinant: f64,
 }
 
@@ -182,14 +183,14 @@ pub struct Solved {
 struct SolvedGroup {
     /// Cholesky factor of D_g.
     factor: Factor,
-    /// K_g.
+    /// Gain K_g = D_g⁻¹ B_g.
     gain: Mat<f64>,
-    /// D_g⁻¹ times the right-hand side.
+    /// D_g⁻¹ times the group's right-hand side.
     own: Mat<f64>,
 }
 
 impl Solved {
-    /// The step of the arm and of every group, in units of the priors.
+    /// Returns the steps of the arm and of every group, in units of the priors.
     pub fn step(&self) -> (Vec<f64>, Vec<Vec<f64>>) {
         let arm = match &self.factor {
             Some(factor) => factor.solve(&self.right),
@@ -205,15 +206,15 @@ impl Solved {
         )
     }
 
-    /// The covariance of the arm in units of its priors.
+    /// Returns the covariance of the arm's unknowns in units of their priors.
     pub fn covariance(&self) -> Mat<f64> {
         self.factor
             .as_ref()
             .map_or(Mat::zeros(0, 0), Factor::inverse)
     }
 
-    /// Covariance of predictions: rows `arm` (c × p) by the arm's unknowns, and for each group that they see the rows by its
-    /// unknowns, all in units of the priors.
+    /// Computes the covariance of predictions. `arm` (c × p) is their Jacobian by the arm's unknowns; `own` is, for each
+    /// group that they involve, their Jacobian by the group's unknowns. All are in units of the priors.
     pub fn predictive(&self, arm: &Mat<f64>, own: &[(usize, Mat<f64>)]) -> Mat<f64> {
         let mut rows = arm.clone();
         let mut out = Mat::zeros(arm.nrows(), arm.nrows());

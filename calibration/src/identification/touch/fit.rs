@@ -1,7 +1,8 @@
-//! The arm and its surroundings, most probable for all rows: Levenberg–Marquardt with noise and priors by the evidence.
+//! Fits the arm and its surroundings, most probable given all rows, by Levenberg–Marquardt, with noise and priors chosen
+//! by the evidence.
 //!
-//! A row's component has the variance σ² + τ²: σ is stated, τ is what this kind of row misses by beyond it, seats and gears
-//! that no parameter describes. Rows that all others do not predict are left out, and listed.
+//! A component of a row has the variance σ² + τ²: σ is stated, and τ is what this kind of row misses by beyond σ, because
+//! of seats and gears that no parameter describes. Rows that all others fail to predict are left out and listed.
 
 use poegp_runtime::math::se3::Pose;
 
@@ -20,7 +21,7 @@ use crate::numeric::matrix::Mat;
 pub use crate::identification::touch::noise::{Noise, Scales};
 pub use crate::identification::touch::problem::TouchProblem;
 
-/// Rows of one group in one state of the arm.
+/// Rows that belong to one group and to one state of the arm.
 #[derive(Clone, Debug)]
 struct Visit {
     state: usize,
@@ -28,52 +29,52 @@ struct Visit {
     rows: Vec<usize>,
 }
 
-/// The fit.
+/// A fit of the arm and its surroundings to touches.
 #[derive(Clone, Debug)]
 pub struct TouchFit {
-    /// The arm.
+    /// The arm at its fitted parameters.
     pub arm: TouchArm,
-    /// What was touched.
+    /// Features, camera and instrument at their fitted unknowns.
     pub scene: Scene,
-    /// Priors by the evidence.
+    /// Scales of the priors, chosen by the evidence.
     pub scales: Scales,
-    /// Whether the arm is fitted, not features and tips alone.
+    /// Whether the arm is fitted, in addition to features and tips.
     pub moves: bool,
-    /// τ of every kind, in the order of [`Noise::ALL`].
+    /// τ of every kind of noise, in the order of [`Noise::ALL`].
     pub tau: [f64; Noise::ALL.len()],
-    /// Weight of every row; zero of those that do not belong.
+    /// Weight of every row; zero for rows that do not belong.
     pub weights: Vec<f64>,
-    /// Equations less parameters that they determine, by kind of noise.
+    /// Number of equations minus the parameters that they determine, for each kind of noise.
     pub freedom: [f64; Noise::ALL.len()],
-    /// How many times wider than `scales`, or than the sisters' spread, the priors of the class are taken.
+    /// Factor by which the priors of the class are wider than `scales`, or than the sisters' spread.
     pub(super) width: f64,
     visits: Vec<Visit>,
 }
 
-/// Rounds of noise, priors and parameters.
+/// Most rounds over noise, priors and parameters.
 const ROUNDS: usize = 25;
-/// Steps of a round.
+/// Most steps in a round.
 const STEPS: usize = 12;
-/// Huber's limit, in standard deviations.
+/// Limit of Huber's weights, in standard deviations.
 const HUBER: f64 = 3.0;
-/// Passes of leaving out.
+/// Most passes of leaving rows out.
 const PASSES: usize = 4;
 
 impl TouchFit {
-    /// Features and tips on the arm as drawn.
+    /// Fits features and tips on the arm as drawn.
     pub fn on_drawing(problem: &TouchProblem, orders: usize) -> Self {
         let mut out = Self::on_arm(problem, problem.arm(orders));
         out.settle(problem, false);
         out
     }
 
-    /// Features and tips on the arm as drawn, without the rows of weight zero.
+    /// Fits features and tips on the arm as drawn, without the rows of weight zero.
     pub fn on_drawing_without(problem: &TouchProblem, weights: &[f64]) -> Self {
         Self::on_arm(problem, problem.arm(0)).weighted(problem, weights)
     }
 
-    /// Features and tips on an arm that is known: `flanges` are base_from_flange in the states of the problem. Rows that do not
-    /// belong are left out.
+    /// Fits features and tips on a known arm: `flanges` are base_from_flange in the states of the problem. Rows that do
+    /// not belong are left out.
     pub fn on_known(problem: &TouchProblem, flanges: &[Pose<f64>]) -> Self {
         let arm = TouchArm::known(&problem.nominal, &problem.tips, flanges);
         let mut out = Self::on_arm(problem, arm);
@@ -82,7 +83,7 @@ impl TouchFit {
         out
     }
 
-    /// The same fit with the rows of weight zero left out, and no others.
+    /// Refits with exactly the rows of weight zero left out.
     #[must_use]
     pub fn weighted(mut self, problem: &TouchProblem, weights: &[f64]) -> Self {
         self.weights = weights.to_vec();
@@ -90,7 +91,7 @@ impl TouchFit {
         self
     }
 
-    /// Features where they are, roughly, and tips as drawn on `arm`.
+    /// Creates the initial state on `arm`: features at rough estimates, tips as drawn.
     fn on_arm(problem: &TouchProblem, arm: TouchArm) -> Self {
         let set = problem.set;
         let poses = arm.poses(&problem.states);
@@ -130,7 +131,7 @@ impl TouchFit {
         }
     }
 
-    /// The arm and everything, from features on the drawing.
+    /// Fits the arm and everything else, starting from features fitted on the drawing.
     pub fn new(problem: &TouchProblem, drawing: &Self) -> Self {
         let mut out = drawing.clone();
         out.moves = true;
@@ -138,7 +139,7 @@ impl TouchFit {
         out
     }
 
-    /// Settles without the rows that do not belong.
+    /// Iterates to convergence and leaves out the rows that do not belong.
     fn settle_robustly(&mut self, problem: &TouchProblem) {
         self.settle(problem, true);
         for pass in 0..PASSES {
@@ -153,7 +154,7 @@ impl TouchFit {
         self.settle(problem, false);
     }
 
-    /// Standard deviation of the prior of an arm's parameter; zero where it is not fitted.
+    /// Returns the prior standard deviation of a parameter of the arm; zero where it is not fitted.
     fn prior_of(&self, column: usize, problem: &TouchProblem) -> f64 {
         let column = &self.arm.columns[column];
         match column.group {
@@ -167,14 +168,14 @@ impl TouchFit {
         }
     }
 
-    /// The parameters of the arm's class.
+    /// Returns the columns of the class parameters.
     pub(super) fn class_columns(&self) -> Vec<usize> {
         let columns = self.arm.columns.iter().enumerate();
         let of_class = columns.filter(|(_, column)| column.group.is_of_class());
         of_class.map(|(j, _)| j).collect()
     }
 
-    /// The sisters' prior of an arm that is fitted, and where its parameters are in units of the class.
+    /// Returns the sisters' prior and the arm's parameters in units of the class, if the arm is fitted and has sisters.
     fn by_sisters<'a>(&self, problem: &'a TouchProblem) -> Option<(&'a SisterPrior, Vec<f64>)> {
         let sisters = problem.sisters.as_ref().filter(|_| self.moves)?;
         let priors = self.priors(problem);
@@ -183,14 +184,14 @@ impl TouchFit {
         Some((sisters, theta))
     }
 
-    /// The priors of all parameters of the arm.
+    /// Returns the prior standard deviations of all parameters of the arm.
     pub fn priors(&self, problem: &TouchProblem) -> Vec<f64> {
         (0..self.arm.columns.len())
             .map(|j| self.prior_of(j, problem))
             .collect()
     }
 
-    /// σ² + τ² of a component of a row.
+    /// Returns the variance σ² + τ² of a component of a row.
     pub fn variance(&self, problem: &TouchProblem, row: usize, component: usize) -> f64 {
         let kind = Noise::of(&problem.set.rows[row].reading, component);
         problem.stated_variance(row, component) + self.tau[kind as usize].powi(2)
@@ -201,7 +202,7 @@ impl TouchFit {
             .row(problem.set, &problem.set.rows[row].reading, tip)
     }
 
-    /// Residuals of all rows.
+    /// Returns the linearised rows, with their residuals.
     pub fn residuals(&self, problem: &TouchProblem) -> Vec<RowJet> {
         let poses = self.arm.poses(&problem.states);
         let rows = problem.state_of.iter().enumerate();
@@ -209,7 +210,7 @@ impl TouchFit {
             .collect()
     }
 
-    /// −2 log of the posterior density, up to what does not depend on the parameters.
+    /// Returns −2 log of the posterior density, up to terms that do not depend on the parameters.
     fn cost(&self, problem: &TouchProblem) -> f64 {
         let poses = self.arm.poses(&problem.states);
         let mut sum = 0.0;
@@ -242,7 +243,7 @@ impl TouchFit {
         sum
     }
 
-    /// The normal equations at this point.
+    /// Returns the normal equations at the current parameters.
     pub(super) fn equations(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
         let mut out = self.equations_of_rows(problem, jets);
         for known in &problem.set.distances {
@@ -251,7 +252,7 @@ impl TouchFit {
         out
     }
 
-    /// Those of the prior and the rows, without known distances.
+    /// Returns the normal equations of the prior and the rows, without known distances.
     pub(super) fn equations_of_rows(&self, problem: &TouchProblem, jets: &[StateJet]) -> Equations {
         let priors = self.priors(problem);
         let scene = &self.scene;
@@ -347,13 +348,13 @@ impl TouchFit {
         out
     }
 
-    /// The factored equations at this point.
+    /// Returns the factored normal equations at the current parameters; `None` when they cannot be factored.
     pub fn solved(&self, problem: &TouchProblem) -> Option<Solved> {
         let jets = self.arm.linearise(&problem.states);
         self.equations(problem, &jets).factor(0.0)
     }
 
-    /// Parameters, noise and priors until they settle.
+    /// Iterates parameters, noise and priors until they settle; `huber` also weights the rows.
     fn settle(&mut self, problem: &TouchProblem, huber: bool) {
         for _ in 0..ROUNDS {
             self.solve(problem);
@@ -376,7 +377,8 @@ impl TouchFit {
         }
     }
 
-    /// Noise and priors that the evidence prefers: MacKay's fixed point with hyperpriors. Returns the largest relative change.
+    /// Updates noise and priors by the evidence: MacKay's fixed point with hyperpriors. Returns the largest relative
+    /// change.
     fn learn(&mut self, problem: &TouchProblem, left_out: &[LeftOut]) -> f64 {
         let mut change = 0.0_f64;
         let residuals = self.residuals(problem);
@@ -421,7 +423,7 @@ impl TouchFit {
             self.width = after;
         }
         let class = Scales::new(&problem.class);
-        // What all scales of the class have in common, then each by itself.
+        // First the factor that all scales of the class have in common, then each scale by itself.
         let (mut sum, mut known) = (COMMON_COUNTS, COMMON_COUNTS);
         for (j, column) in self.arm.columns.iter().enumerate() {
             if let (true, Some(sd)) = (column.group.is_of_class(), class.of(column.group)) {

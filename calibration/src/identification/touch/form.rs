@@ -1,23 +1,25 @@
-//! Form errors: how far a plane, a sphere or a seat is from its ideal, as a field of bumps with a stated standard deviation.
+//! Form errors: the deviation of a plane, a sphere or a seat from its ideal, as a field of bumps with a stated standard
+//! deviation.
 //!
-//! f(x) = Σ_k a_k φ_k(x), a_k ~ N(0, σ²), with the φ_k scaled so that Σ φ_k² = 1 everywhere: f has the standard deviation σ at
-//! every point, and neighbours have nearly the same. Many touches then average the noise, and never the form.
+//! f(x) = Σ_k a_k φ_k(x), a_k ~ N(0, σ²), with the φ_k scaled so that Σ φ_k² = 1 everywhere: f has the standard deviation
+//! σ at every point, and neighbouring points have nearly the same f. Many touches thus average the noise, but never the
+//! form.
 
 use nalgebra::{Vector2, Vector3};
 
-/// Bumps along one side of a plane.
+/// Number of bumps along one side of a plane.
 const SIDE: usize = 5;
-/// How sharp bumps of directions are: the twelve of an icosahedron just overlap.
+/// Sharpness of the bumps of directions: the twelve bumps of an icosahedron just overlap.
 const SHARPNESS: f64 = 4.0;
 
-/// Where the bumps are.
+/// Layout of the bumps.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Form {
     /// A grid over the touched part of a plane.
     Grid {
-        /// Middles of the bumps in the plane, m.
+        /// Centres of the bumps in the plane, in m.
         middles: Vec<Vector2<f64>>,
-        /// Their widths along both axes, m.
+        /// Widths of the bumps along both axes, in m.
         width: Vector2<f64>,
     },
     /// Directions: the corners of an icosahedron.
@@ -25,7 +27,7 @@ pub enum Form {
 }
 
 impl Form {
-    /// A grid over these points of a plane, m.
+    /// Creates a grid that covers the given points of a plane, in m.
     pub fn grid(points: &[Vector2<f64>]) -> Self {
         let (mut lower, mut upper) = (
             Vector2::repeat(f64::INFINITY),
@@ -45,7 +47,7 @@ impl Form {
         }
     }
 
-    /// All directions.
+    /// Creates bumps over all directions.
     pub fn directions() -> Self {
         let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
         let mut out = Vec::with_capacity(12);
@@ -63,7 +65,7 @@ impl Form {
         Self::Directions(out)
     }
 
-    /// Number of bumps.
+    /// Returns the number of bumps.
     pub fn count(&self) -> usize {
         match self {
             Self::Grid { middles, .. } => middles.len(),
@@ -71,7 +73,7 @@ impl Form {
         }
     }
 
-    /// φ_k at a point of the plane (m) or in a direction (of length 1).
+    /// Returns all φ_k at a point of the plane (m) or in a direction (unit vector).
     pub fn weights(&self, at: &Vector3<f64>) -> Vec<f64> {
         let exponents: Vec<f64> = match self {
             Self::Grid { middles, width } => middles

@@ -1,27 +1,28 @@
-//! One row of a touch file as an equation: what it misses by, and how that depends on the arm and on what was touched.
+//! One row of a touch file as a linearised equation: its residual, and how this depends on the arm and on what was
+//! touched.
 //!
-//! Every residual is a function of the pose of the tip T = (R, x) and of unknowns y of the surroundings,
-//! e(T, y) = prediction − reading. A displacement v (m) and a rotation ω (rad) of the tip in the axes of the base change it by
-//! P (v, ω), a change of the unknowns by F δy.
+//! Every residual is a function of the pose T = (R, x) of the tip and of unknowns y of the surroundings: e(T, y) =
+//! prediction − reading. A displacement v (m) and a rotation ω (rad) of the tip in the axes of the base change it by P
+//! (v, ω); a change of the unknowns changes it by F δy.
 
-/// Most components of a row.
+/// Largest number of components of a row.
 pub const COMPONENTS: usize = 6;
 
-/// One row, linearised.
+/// One linearised row.
 #[derive(Clone, Debug)]
 pub struct RowJet {
-    /// Components that it has.
+    /// Number of components of the row.
     pub count: usize,
-    /// e.
+    /// Residual e.
     pub residual: [f64; COMPONENTS],
-    /// P.
+    /// Derivative P by motions of the tip.
     pub tip: [[f64; 6]; COMPONENTS],
-    /// Columns of F that are not zero, each with its index into the unknowns.
+    /// Non-zero columns of F, each with the index of its unknown.
     pub own: Vec<(usize, [f64; COMPONENTS])>,
 }
 
 impl RowJet {
-    /// A row of so many components, all zero.
+    /// Creates a row of `count` components, all zero.
     pub fn new(count: usize) -> Self {
         Self {
             count,

@@ -1,38 +1,38 @@
-//! Whether a calibration by touches may be believed: leave-one-touch-out against the drawing, and what is gained.
+//! The verdict on a calibration by touches: leave-one-out errors compared with the drawing, and the expected gain.
 
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::volume::Knowledge;
 
-/// Error of touches left out over that of the drawing, from which on a calibration does not show that it helps.
+/// Ratio of left-out errors, calibrated over drawn, from which on a calibration does not show that it helps.
 pub const LEFT_OUT_RATIO: f64 = 0.7;
-/// Expected error after over before, from which on the touches show too little.
+/// Ratio of expected errors, after over before, from which on the touches show too little.
 pub const EXPECTED_RATIO: f64 = 0.9;
-/// Probability that the arm is worse off as calibrated than as drawn, from which on nobody should take the chance.
+/// Probability of a worse arm than as drawn from which on the calibration is not worth the risk.
 pub const WORSE: f64 = 0.05;
-/// τ over the stated noise, and τ in metres, from which on play or slipping is suspected.
+/// Thresholds above which play or slipping is suspected: τ over the stated noise, and τ in metres.
 pub const PLAY: (f64, f64) = (10.0, 0.5e-3);
 
-/// What speaks for and against a calibration.
+/// Evidence for and against a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// Mean error of what is left out, in units of the noise: calibrated over drawn.
+    /// Ratio of the mean left-out errors in units of the noise, calibrated over drawn.
     pub left_out: f64,
-    /// Mean error of a component of the kind with most equations when it is left out: as drawn and calibrated, in the unit of its
-    /// reading.
+    /// Mean left-out error of a component, as drawn and as calibrated, for the kind with most equations, in the unit of
+    /// its reading.
     pub errors: (f64, f64),
-    /// That kind.
+    /// Kind of noise with most equations.
     pub kind: Noise,
-    /// Expected error after over before.
+    /// Ratio of the expected errors, after over before.
     pub expected: f64,
-    /// How probable it is that the arm is worse off as calibrated.
+    /// Probability that the arm is worse off as calibrated than as drawn.
     pub worse: f64,
-    /// The largest τ of a length, m, where it asks for a warning.
+    /// Largest τ of a length, in m, if it deserves a warning.
     pub play: Option<f64>,
 }
 
 impl Verdict {
-    /// Judges a fit; `None` where its equations cannot be solved.
+    /// Judges a fit; `None` when its equations cannot be solved.
     pub fn new(
         problem: &TouchProblem,
         drawing: &TouchFit,
@@ -81,7 +81,7 @@ impl Verdict {
     }
 }
 
-/// The rows that belong, with their errors.
+/// Returns the rows that belong, with their errors.
 fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
     all.iter()
         .flat_map(|left| left.rows.iter().copied().zip(&left.errors))

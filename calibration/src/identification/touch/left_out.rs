@@ -1,4 +1,4 @@
-//! Every state of the arm as all others predict it, and the rows that do not belong.
+//! Leave-one-out prediction: predicts every state of the arm from all others, and rejects rows that do not belong.
 
 use crate::identification::touch::arm::StateJet;
 use crate::identification::touch::equations::Solved;
@@ -9,11 +9,12 @@ use crate::identification::touch::problem::{LeftOut, TouchProblem};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
-/// Robust standard deviations from which a row does not belong.
+/// Error in robust standard deviations above which a row does not belong.
 const GROSS: f64 = 5.0;
 
 impl TouchFit {
-    /// Leaves out every state of the arm in turn, by the equations of all.
+    /// Leaves out each state of the arm in turn, using the normal equations of all rows. Returns `None` when they cannot
+    /// be solved.
     pub fn left_out(&self, problem: &TouchProblem) -> Option<Vec<LeftOut>> {
         let jets = self.arm.linearise(&problem.states);
         let solved = self.equations(problem, &jets).factor(0.0)?;
@@ -74,7 +75,8 @@ impl TouchFit {
         }
         let arm = &tip * scaled;
         let covariance = solved.predictive(&arm, &own);
-        // With e = (I − H W)⁻¹ r the error of what is left out, H its predicted covariance, W the weights that it had.
+        // The left-out error is e = (I − H W)⁻¹ r, with H the predicted covariance of these rows and W the weights that
+        // they had.
         let mut matrix = Mat::<f64>::identity(count, count);
         for i in 0..count {
             for j in 0..count {
@@ -90,7 +92,7 @@ impl TouchFit {
         let right = Mat::from_column_slice(count, 1, &residual);
         let lu = matrix.lu();
         let error = lu.solve(&right)?;
-        // Its covariance: (I − H W)⁻¹ H, and its own noise.
+        // Covariance of the left-out error: (I − H W)⁻¹ H plus the rows' own noise.
         let spread = lu.solve(&covariance)?;
         let mut errors = Vec::with_capacity(rows.len());
         let mut sigmas = Vec::with_capacity(rows.len());
@@ -117,7 +119,8 @@ impl TouchFit {
         })
     }
 
-    /// Gives every row that all others do not predict the weight zero, and the others one. Returns whether that changes which.
+    /// Gives weight zero to every row that all others fail to predict, and weight one to the rest. Returns whether the
+    /// set of rejected rows changed; always true in pass 0.
     pub(super) fn reject(&mut self, left_out: &[LeftOut], pass: usize) -> bool {
         let mut all: Vec<f64> = left_out
             .iter()

@@ -1,4 +1,4 @@
-//! Touches: the arm and everything that was touched, most probable together.
+//! Calibration by touches: fits the arm together with everything that was touched, for the most probable values of both.
 
 pub mod arm;
 pub mod beyond;

@@ -1,4 +1,4 @@
-//! What rows miss by and how far arms are from their drawing: noise by kind, and the scales of priors.
+//! Noise of rows by kind, and scales of the priors: how far rows miss, and how far arms are from their drawing.
 
 use crate::identification::touch::arm::Group;
 use crate::measurement::touch::{ClassPrior, Reading};
@@ -51,7 +51,8 @@ impl Noise {
         }
     }
 
-    /// What gears and joints leave that no parameter describes, of an arm of which nothing is known yet.
+    /// Returns the usual τ: the errors of gears and joints that no parameter describes, for an arm of which nothing is
+    /// known yet.
     pub fn usual(self) -> f64 {
         match self {
             Self::Board => 0.2,
@@ -60,15 +61,15 @@ impl Noise {
         }
     }
 
-    /// Whether it is a length.
+    /// Returns whether the noise is a length.
     pub fn is_length(self) -> bool {
         !matches!(self, Self::Level | Self::Board | Self::Rotation)
     }
 }
 
-/// As many rows as this are believed to have shown the usual τ before the first is read.
+/// Weight of the hyperprior of τ: the number of rows that count as having shown the usual τ before the first is read.
 pub(super) const USUAL_ROWS: f64 = 6.0;
-/// A tracker that states nothing: m and rad.
+/// Noise of a tracker that states none: position in m, rotation in rad.
 pub(super) const TRACKER_NOISE: (f64, f64) = (20e-6, 50e-6);
 
 /// Standard deviations of the arm's priors.
@@ -88,17 +89,17 @@ pub struct Scales {
     pub curve: f64,
 }
 
-/// How far the evidence may move a scale of the class, and how many parameters' worth of belief it has to outweigh.
+/// Factor by which the evidence may move a scale of the class, and weight of its hyperprior as a number of parameters.
 pub(super) const CLASS_FACTOR: f64 = 2.0;
 pub(super) const CLASS_COUNTS: f64 = 15.0;
-/// Those counts of what all scales of the class have in common.
+/// Weight of the hyperprior, as a number of parameters, of the factor that all scales of the class have in common.
 pub(super) const COMMON_COUNTS: f64 = 5.0;
-/// The same for compliances and gear errors, which differ more from arm to arm.
+/// The counterparts of `CLASS_FACTOR` and `CLASS_COUNTS` for compliances and gear errors, which differ more between arms.
 pub(super) const OTHER_FACTOR: f64 = 10.0;
 pub(super) const OTHER_COUNTS: f64 = 4.0;
 
 impl Scales {
-    /// Before the evidence.
+    /// Creates the scales before the evidence.
     pub fn new(class: &ClassPrior) -> Self {
         Self {
             length: class.length,

@@ -1,4 +1,4 @@
-//! What is fitted to touches: states of the arm, tips, and the class that the arm is of.
+//! The problem of a fit to touches: states of the arm, tips, and the class of the arm.
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
@@ -12,33 +12,33 @@ use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
 use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
 
-/// What is fitted.
+/// Everything that a fit to touches starts from.
 #[derive(Clone, Debug)]
 pub struct TouchProblem<'a> {
-    /// The rows.
+    /// Rows, features and tips of the touch file.
     pub set: &'a TouchSet,
-    /// The drawing from base to flange.
+    /// Chain as drawn, from base to flange.
     pub nominal: Poe<f64>,
-    /// C of q_serial = C q.
+    /// Joint coupling C of q_serial = C q.
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
-    /// How far an arm of the class is from its drawing.
+    /// Class prior: how far an arm of the class is from its drawing.
     pub class: ClassPrior,
-    /// What arms of the same drawing say of this one.
+    /// Prior by sister arms of the same drawing.
     pub sisters: Option<SisterPrior>,
-    /// Standing still with one tip: joints and payload.
+    /// States of the arm: joints and payload, at rest with one tip.
     pub states: Vec<BaseSample>,
-    /// The state of every row.
+    /// Index into `states` of every row.
     pub state_of: Vec<usize>,
-    /// Tips before the fit, and behind them the flange.
+    /// Tips before the fit, followed by the flange.
     pub tips: Vec<TipStart>,
-    /// instrument_from_base before the fit, where there are rows of a tracker.
+    /// instrument_from_base before the fit, if there are rows of a tracker.
     pub instrument: Option<Pose<f64>>,
 }
 
 impl<'a> TouchProblem<'a> {
-    /// From the rows of `set` that `keep` names.
+    /// Creates the problem from the rows of `set`.
     pub fn new(
         set: &'a TouchSet,
         nominal: &Poe<f64>,
@@ -114,7 +114,7 @@ impl<'a> TouchProblem<'a> {
         }
     }
 
-    /// Scalar equations.
+    /// Returns the number of scalar equations.
     pub fn equations(&self) -> usize {
         self.set.rows.iter().map(|r| r.reading.equations()).sum()
     }
@@ -125,7 +125,7 @@ impl<'a> TouchProblem<'a> {
         first.is_some() && payloads.any(|p| p != first)
     }
 
-    /// σ² of a component of a row.
+    /// Returns the stated variance σ² of a component of a row.
     pub fn stated_variance(&self, row: usize, component: usize) -> f64 {
         let row = &self.set.rows[row];
         let sigma = match self.set.sigma(row) {
@@ -136,7 +136,7 @@ impl<'a> TouchProblem<'a> {
         sigma * sigma
     }
 
-    /// The arm as drawn, with its parameters.
+    /// Creates the arm as drawn; `orders` is the number of orders of own-joint errors.
     pub fn arm(&self, orders: usize) -> TouchArm {
         let terms = Terms {
             gravity: true,
@@ -153,7 +153,7 @@ impl<'a> TouchProblem<'a> {
     }
 }
 
-/// instrument_from_base by the rows of a tracker, and the tips that it saw: fitted to the drawing.
+/// Estimates instrument_from_base and the tips that the tracker saw by a fit of its rows to the drawing.
 fn from_tracker(nominal: &Poe<f64>, seen: &[InstrumentSample], tips: &mut [TipStart]) -> Pose<f64> {
     let mut tools: Vec<usize> = seen.iter().map(|s| s.tool).collect();
     tools.sort_unstable();
@@ -176,15 +176,15 @@ fn from_tracker(nominal: &Poe<f64>, seen: &[InstrumentSample], tips: &mut [TipSt
     found.instrument_from_base
 }
 
-/// What leaving out one state of the arm says.
+/// Result of leaving out one state of the arm.
 #[derive(Clone, Debug)]
 pub struct LeftOut {
-    /// The rows of that state.
+    /// Rows of that state.
     pub rows: Vec<usize>,
-    /// For each of them: the error of its components as the others predict it, in units of the reading.
+    /// Errors of each row's components as predicted from the others, in units of the reading.
     pub errors: Vec<Vec<f64>>,
-    /// For each of them: √(χ²/components) of that error by its predicted covariance.
+    /// For each row, √(χ²/components) of its error under the predicted covariance.
     pub sigmas: Vec<f64>,
-    /// 1 − h of every component, summed by kind of noise.
+    /// Sum of 1 − h (h: leverage) over the components, for each kind of noise.
     pub(super) freedom: [f64; Noise::ALL.len()],
 }

@@ -9,7 +9,7 @@ use crate::measurement::observation::Observation;
 use crate::measurement::touch::{FeatureKind, Mount, Reading, TouchSet};
 
 impl Scene {
-    /// A row at the pose base_from_tip of its tip; of levels and boards that of the flange.
+    /// Linearises a row at base_from_tip of its tip; for levels and boards, at base_from_flange.
     pub fn row(&self, set: &TouchSet, reading: &Reading, tip: &Pose<f64>) -> RowJet {
         let x = tip.translation;
         match *reading {
@@ -48,7 +48,7 @@ impl Scene {
             out.push(first + i, &column);
         }
         if let Some((form, amplitudes)) = seat {
-            // A ball lies in its socket as the tool is turned.
+            // How a ball lies in its socket depends on the orientation of the tool.
             let direction = tip.rotation.column(2).into_owned();
             for (k, weight) in form.weights(&direction).into_iter().enumerate() {
                 for i in 0..3 {
@@ -79,7 +79,7 @@ impl Scene {
         let local = axes.transpose() * from;
         out.residual[0] = local[2] - offset - value;
         out.tip[0][..3].copy_from_slice(axes.column(2).as_slice());
-        // The normal turns towards the first and the second direction.
+        // The first two unknowns turn the normal towards the first and the second direction.
         out.push(first, &[local[0]]);
         out.push(first + 1, &[local[1]]);
         out.push(first + 2, &[-1.0]);
@@ -191,7 +191,8 @@ impl Scene {
         let on_mount = turned_corner + pose.translation;
         let x = &camera.camera_from_mount;
         let (r, t) = (&flange.rotation, &flange.translation);
-        // What the camera's mount sees of the corner, by the corner's own frame, and by a displacement and rotation of the flange.
+        // The corner as seen from the camera's mount, with its derivatives by the corner and by displacement and rotation
+        // of the flange.
         let (seen, by_point, by_tip) = match camera.mount {
             Mount::Flange => {
                 let from = on_mount - t;
@@ -287,7 +288,7 @@ impl Scene {
     }
 }
 
-/// Length and direction of a vector.
+/// Returns the length and the direction of a vector.
 fn towards(v: &Vector3<f64>) -> (f64, Vector3<f64>) {
     let length = v.norm();
     (length, v / length.max(1e-9))

@@ -1,4 +1,4 @@
-//! What was touched or looked at, as it is being fitted: unknowns of every feature, of the camera and of the instrument.
+//! The scene: unknowns of every feature that was touched or seen, of the camera and of the instrument, during a fit.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -6,82 +6,82 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use crate::identification::touch::form::Form;
 use crate::measurement::touch::{Board, Camera, Reading, TouchSet};
 
-/// Nobody knows where: standard deviation of a position in m, of a direction or rotation in rad.
+/// Prior standard deviation of an unknown pose: of a position in m, of a direction or rotation in rad.
 const ANYWHERE: f64 = 3.0;
 /// Standard deviation of the direction of gravity in the base frame, rad: how level a base is set up.
 const BASE_TILT: f64 = 3e-3;
 
-/// A feature at its unknowns.
+/// A feature with the current values of its unknowns, which each variant lists in order.
 #[derive(Clone, Debug)]
 pub enum Figure {
     /// `[c 3 | seat 3 a bump]`.
     Point {
-        /// Its middle in the base frame, m.
+        /// Centre in the base frame, in m.
         centre: Vector3<f64>,
-        /// Form of the seat with amplitudes, m.
+        /// Form error of the seat, with the amplitudes of its bumps in m.
         seat: Option<(Form, Vec<f64>)>,
     },
     /// `[two tilts | d | bumps]`.
     Plane {
-        /// A point near the middle of the touches: what the plane turns about.
+        /// A point near the middle of the touches about which the plane turns.
         origin: Vector3<f64>,
         /// Two directions in the plane and its normal, as columns.
         axes: Matrix3<f64>,
-        /// Distance of the plane from the origin along the normal.
+        /// Distance of the plane from `origin` along the normal, in m.
         offset: f64,
-        /// Form of the plane with amplitudes, m.
+        /// Form error of the plane, with the amplitudes of its bumps in m.
         flatness: Option<(Form, Vec<f64>)>,
     },
     /// `[c 3 | r | bumps]`.
     Sphere {
-        /// Its middle in the base frame, m.
+        /// Centre in the base frame, in m.
         centre: Vector3<f64>,
-        /// From its centre to the tip's, m.
+        /// Distance between the centres of sphere and tip, in m.
         radius: f64,
-        /// Form of the sphere with amplitudes, m.
+        /// Form error of the sphere, with the amplitudes of its bumps in m.
         roundness: Option<(Form, Vec<f64>)>,
     },
     /// `[a 3 | zero | scale]`.
     Anchor {
-        /// In the base frame, m.
+        /// Position in the base frame, in m.
         position: Vector3<f64>,
-        /// What the reading is too small by, m.
+        /// Amount by which the reading is too small, in m.
         zero: f64,
-        /// What it is too small by, as a part of it.
+        /// Relative amount by which the reading is too small.
         scale: f64,
     },
     /// `[S 3 | two tilts of gravity]`.
     Level {
-        /// S.
+        /// Rotation S of the sensor.
         sensor_from_flange: Matrix3<f64>,
-        /// Its direction in the base frame.
+        /// Direction of gravity in the base frame.
         gravity: Vector3<f64>,
     },
     /// `[W 6 | scale]`.
     Board {
-        /// base_from_board; of a fixed camera flange_from_board.
+        /// base_from_board, or flange_from_board for a fixed camera.
         pose: Pose<f64>,
-        /// By how much it is larger than said, as a part of it.
+        /// Relative amount by which the board is larger than stated.
         scale: f64,
     },
 }
 
-/// Everything beside the arm.
+/// Everything that is fitted besides the arm.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// In the order of [`TouchSet::features`].
+    /// Figures of the features, in the order of [`TouchSet::features`].
     pub figures: Vec<Figure>,
     /// Index of the first unknown of each feature.
     pub first: Vec<usize>,
-    /// The camera: `[position 3 | rotation 3 | focal lengths 2 | centre 2]`, and its first unknown.
+    /// The camera, `[position 3 | rotation 3 | focal lengths 2 | centre 2]`, and the index of its first unknown.
     pub camera: Option<(Camera, usize)>,
-    /// instrument_from_base: `[position 3 | rotation 3]`, and its first unknown.
+    /// instrument_from_base, `[position 3 | rotation 3]`, and the index of its first unknown.
     pub instrument: Option<(Pose<f64>, usize)>,
-    /// What the unknowns have changed by since they were known to `prior`.
+    /// Change of every unknown from the value to which `prior` applies.
     pub deviation: Vec<f64>,
-    /// Standard deviation of every unknown.
+    /// Prior standard deviation of every unknown.
     pub prior: Vec<f64>,
-    /// Unknowns that rows or distances tie together, each with the range of its indices.
+    /// Groups of unknowns that are coupled by rows or distances, each as a range of indices.
     pub groups: Vec<std::ops::Range<usize>>,
 }
 
@@ -105,7 +105,7 @@ fn moved(pose: &Pose<f64>, step: &[f64]) -> Pose<f64> {
 }
 
 impl Figure {
-    /// Standard deviations of its unknowns.
+    /// Returns the prior standard deviations of the figure's unknowns.
     fn prior(&self, set: &TouchSet, feature: usize) -> Vec<f64> {
         use crate::measurement::touch::FeatureKind as Kind;
         let bumps = |form: &Option<(Form, Vec<f64>)>, sigma: f64| {
@@ -209,7 +209,7 @@ impl Figure {
     }
 }
 
-/// Two directions across a unit vector. They hardly change with it.
+/// Returns two directions perpendicular to a unit vector. They hardly change with it.
 pub(super) fn across(v: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let least = v.iamin();
     let mut unit = Vector3::zeros();
@@ -219,7 +219,8 @@ pub(super) fn across(v: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
 }
 
 impl Scene {
-    /// From figures where they begin. `ties` are pairs of features that share a row's pose or a distance.
+    /// Creates a scene from initial figures. Features that share a distance, and all boards (they share the camera), form
+    /// one group.
     pub fn new(
         set: &TouchSet,
         figures: Vec<Figure>,
@@ -283,7 +284,7 @@ impl Scene {
         out
     }
 
-    /// Index of the group of a row.
+    /// Returns the index of the group that a row belongs to.
     pub fn group_of(&self, reading: &Reading) -> usize {
         let first = match reading.feature() {
             Some(feature) => self.first[feature],
@@ -316,7 +317,7 @@ impl Scene {
         }
     }
 
-    /// The point of a feature that distances are measured from.
+    /// Returns the point of a feature from which distances are measured; `None` if it has no centre.
     pub fn centre(&self, feature: usize) -> Option<Vector3<f64>> {
         match &self.figures[feature] {
             Figure::Point { centre, .. } | Figure::Sphere { centre, .. } => Some(*centre),
@@ -325,7 +326,7 @@ impl Scene {
     }
 }
 
-/// Where a point lies in the axes of a plane.
+/// Returns the coordinates of a point in the axes of a plane, in m.
 pub fn in_plane(axes: &Matrix3<f64>, origin: &Vector3<f64>, x: &Vector3<f64>) -> Vector2<f64> {
     (axes.transpose() * (x - origin)).xy()
 }

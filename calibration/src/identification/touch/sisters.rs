@@ -1,15 +1,15 @@
-//! A prior from sister arms: others of the same drawing, which were calibrated by touches.
+//! A prior from sister arms: other arms of the same drawing that were calibrated by touches.
 //!
-//! The parameters of the class of all S sisters and of this arm, in units u of the class, are
+//! The class parameters of all S sisters and of this arm, in units u of the class, are modelled as
 //!
 //! ```text
 //! u_i = m + ε_i,   m ~ N(0, s² ρ),   ε_i ~ N(0, s² (1 − ρ))      ρ and s of each group of parameters
 //! ```
 //!
-//! What is common to all arms, m, is an error of the drawing. Each sister brings its own parameters with their covariance. The scale s
-//! maximises the evidence; over ρ the evidence is averaged, because few sisters hardly tell it.
+//! The part m, common to all arms, is an error of the drawing. Each sister contributes its own parameters with their
+//! covariance. The scale s maximises the evidence, which is averaged over ρ because few sisters hardly determine ρ.
 //!
-//! The size of everything stays as wide as the class: sisters that were measured with the same bar share its error.
+//! The overall size stays as uncertain as in the class: sisters that were measured with the same bar share its error.
 
 use nalgebra::DVector;
 
@@ -17,42 +17,43 @@ use crate::identification::touch::arm::Group;
 use crate::identification::touch::equations::Equations;
 use crate::numeric::matrix::Mat;
 
-/// A sister: the parameters of its class in units of the class, as what its touches alone say of them.
+/// A sister arm: its class parameters, in units of the class, as its touches alone determine them.
 #[derive(Clone, Debug)]
 pub struct Sister {
-    /// Information of its touches: the inverse of its covariance less that of its prior.
+    /// Information matrix of the sister's touches: the inverse of its covariance minus that of its prior.
     pub information: Mat<f64>,
-    /// That times its parameters.
+    /// Information matrix times the sister's parameters.
     pub weighted: DVector<f64>,
 }
 
-/// What sisters say of an arm, in units of its class.
+/// Prior of an arm's class parameters by its sisters, in units of the class.
 #[derive(Clone, Debug)]
 pub struct SisterPrior {
-    /// The parameters of the class that are most probable.
+    /// Most probable class parameters.
     pub mean: DVector<f64>,
-    /// Their covariance.
+    /// Covariance of the class parameters.
     pub covariance: Mat<f64>,
-    /// Its inverse.
+    /// Inverse of `covariance`.
     precision: Mat<f64>,
 }
 
-/// Shares of the variance that arms have in common, and scales, that are tried.
+/// Grids that are tried: shares ρ of the variance that arms have in common, and scales s.
 const SHARES: [f64; 5] = [0.0, 0.2, 0.4, 0.6, 0.8];
 const SCALES: [f64; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
-/// The groups of a class.
+/// Parameter groups of a class.
 const GROUPS: [Group; 3] = [Group::Length, Group::Tilt, Group::Zero];
-/// Rounds of the search for scales.
+/// Rounds of the search for the scales.
 const ROUNDS: usize = 2;
 
-/// Before the sisters are looked at, a share ρ is believed in proportion to (1 − ρ)³: arms are made one by one.
+/// Exponent of the prior of the share: before any sister is seen, p(ρ) ∝ (1 − ρ)³, since arms are made one by one.
 const ALONE: i32 = 3;
 
-/// Scale and share of every group.
+/// Scale s and share ρ of every group.
 type Belief = [(f64, f64); 3];
 
 impl SisterPrior {
-    /// By sisters. `groups` are those of the parameters, `size` the direction in which all lengths grow in proportion.
+    /// Computes the prior from sisters. `groups` are the groups of the parameters, `size` is the direction in which all
+    /// lengths grow in proportion. Returns `None` when a matrix cannot be factored.
     pub fn new(sisters: &[Sister], groups: &[Group], size: &DVector<f64>) -> Option<Self> {
         let roots: Vec<Mat<f64>> = sisters.iter().map(|s| root(&s.information)).collect();
         let mut belief: Belief = [(1.0, 0.4); 3];
@@ -96,7 +97,7 @@ impl SisterPrior {
         Self::without_size(mean, covariance, size, belief[0].0)
     }
 
-    /// The same with the size as wide as the class.
+    /// Creates the prior from a mean and a covariance, with the uncertainty of the size reset to that of the class.
     fn without_size(
         mut mean: DVector<f64>,
         mut covariance: Mat<f64>,
@@ -118,7 +119,7 @@ impl SisterPrior {
         })
     }
 
-    /// −2 log density beyond that of the class, and its gradient beyond that of the class, halved.
+    /// Returns −2 log density relative to that of the class, and half the gradient of this difference.
     pub(super) fn beyond_identity(&self, theta: &[f64], width: f64) -> (f64, DVector<f64>) {
         let theta = DVector::from_column_slice(theta);
         let off = &theta - &self.mean;
@@ -126,7 +127,7 @@ impl SisterPrior {
         (off.dot(&gradient) - theta.norm_squared(), gradient - theta)
     }
 
-    /// Takes the place of the class in the equations.
+    /// Replaces the prior of the class in the equations by this one.
     pub(super) fn add(&self, theta: &[f64], width: f64, columns: &[usize], out: &mut Equations) {
         let (_, gradient) = self.beyond_identity(theta, width);
         for (a, i) in columns.iter().enumerate() {
@@ -138,7 +139,8 @@ impl SisterPrior {
         }
     }
 
-    /// (u − m)ᵀ P⁻¹ (u − m), and the number of parameters that touches determine beyond it where it is `width` times as wide.
+    /// Returns (u − m)ᵀ P⁻¹ (u − m), and the number of parameters that the touches determine beyond this prior when it is
+    /// widened by `width`.
     pub(super) fn determined(
         &self,
         theta: &[f64],
@@ -153,7 +155,7 @@ impl SisterPrior {
     }
 }
 
-/// R with R Rᵀ = information, which is not negative but for rounding.
+/// Returns R with R Rᵀ = information, which is positive semidefinite up to rounding.
 fn root(information: &Mat<f64>) -> Mat<f64> {
     let eigen = information.clone().symmetric_eigen();
     let mut out = eigen.eigenvectors;
@@ -163,7 +165,7 @@ fn root(information: &Mat<f64>) -> Mat<f64> {
     out
 }
 
-/// Mean and covariance of this arm by its sisters, and the logarithm of the evidence.
+/// Returns the mean and covariance of this arm's parameters given its sisters, and the log evidence.
 fn predicted(
     sisters: &[Sister],
     roots: &[Mat<f64>],
@@ -172,12 +174,12 @@ fn predicted(
 ) -> Option<(DVector<f64>, Mat<f64>, f64)> {
     let (p, count) = (groups.len(), sisters.len());
     let of = |j: usize| belief[GROUPS.iter().position(|g| *g == groups[j]).unwrap_or(0)];
-    // Prior of arm a and arm b; this arm is the last.
+    // Prior covariance between arm a and arm b; the last arm is the one to be predicted.
     let between = |a: usize, b: usize, j: usize| {
         let (scale, share) = of(j);
         scale * scale * if a == b { 1.0 } else { share }
     };
-    // K R, block by block, and with S = Rᵀ K R the evidence of R: N(0, K) is seen with information R Rᵀ.
+    // K R block by block. With S = Rᵀ K R follows the evidence of R: N(0, K) is observed with information R Rᵀ.
     let block = |a: usize, b: usize| Mat::from_fn(p, p, |i, j| between(a, b, i) * roots[b][(i, j)]);
     let n = p * count;
     let mut inner = Mat::identity(n, n);

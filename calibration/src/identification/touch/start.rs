@@ -1,4 +1,4 @@
-//! Where features are, roughly, on the arm as drawn: what the fit begins with.
+//! Initial estimates: where features are, roughly, on the arm as drawn. The fit starts from these.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -9,7 +9,8 @@ use crate::measurement::touch::{Board, Camera, FeatureKind, Mount, Reading, Touc
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
 
-/// The figure of a feature from the poses (base_from_tip; of levels and boards base_from_flange) of its rows.
+/// Estimates the figure of a feature from the poses of its rows: base_from_tip, or base_from_flange for levels and
+/// boards.
 pub fn figure(
     set: &TouchSet,
     feature: usize,
@@ -94,7 +95,7 @@ fn mean(points: &[Vector3<f64>]) -> Vector3<f64> {
     points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64
 }
 
-/// Two directions across a normal, and the normal.
+/// Returns two directions perpendicular to a normal, and the normal, as columns.
 fn axes_of(normal: &Vector3<f64>) -> Matrix3<f64> {
     let least = normal.iamin();
     let mut unit = Vector3::zeros();
@@ -103,7 +104,7 @@ fn axes_of(normal: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[a, normal.cross(&a), *normal])
 }
 
-/// n and d of n·x = d + value, of the least sum of squares.
+/// Returns n and d of the least-squares plane n·x = d + value.
 fn plane(points: &[Vector3<f64>], values: &[f64]) -> (Vector3<f64>, f64) {
     let middle = mean(points);
     let mut scatter = Matrix3::zeros();
@@ -119,7 +120,7 @@ fn plane(points: &[Vector3<f64>], values: &[f64]) -> (Vector3<f64>, f64) {
     let flat = eigen.eigenvectors.column(least).into_owned();
     let spread = eigen.eigenvalues[least].max(0.0) / points.len().max(1) as f64;
     let heights = values.iter().map(|v| (v - mean_value).powi(2)).sum::<f64>();
-    // A dial gauge with travel: the heights say which way the plane faces.
+    // With a dial gauge that travels, the heights show which way the plane faces.
     let normal = if heights / points.len().max(1) as f64 > 0.25 * spread && heights > 0.0 {
         let ridge = Matrix3::identity() * (1e-9 * scatter.trace());
         let solved = (scatter + ridge).try_inverse().map(|i| i * along);
@@ -133,7 +134,7 @@ fn plane(points: &[Vector3<f64>], values: &[f64]) -> (Vector3<f64>, f64) {
     (normal, normal.dot(&middle) - mean_value)
 }
 
-/// Centre and radius of |x − c| = r + value by linear least squares; a radius that is known is not fitted.
+/// Returns centre and radius of |x − c| = r + value by linear least squares; a known radius is not fitted.
 fn sphere(points: &[Vector3<f64>], values: &[f64], known: Option<f64>) -> (Vector3<f64>, f64) {
     let middle = mean(points);
     // |x|² − value² = 2 c·x + 2 r value + k with k = r² − |c|².
@@ -175,10 +176,11 @@ fn sphere(points: &[Vector3<f64>], values: &[f64], known: Option<f64>) -> (Vecto
 /// A corner of a board, m, and its image, pixels.
 type SeenCorner = (Vector3<f64>, [f64; 2]);
 
-/// States that the pose of a board is tried from.
+/// Largest number of images from which the pose of a board is tried.
 const TRIED: usize = 12;
 
-/// base_from_board (of a fixed camera flange_from_board) of a plane board, from the image that explains the others best.
+/// Returns base_from_board (flange_from_board for a fixed camera) of a plane board, from the image whose pose explains
+/// the other images best.
 fn board_pose(
     board: &Board,
     camera: &Camera,
@@ -232,8 +234,8 @@ fn board_pose(
     poses.first().map(|(_, pose)| *pose)
 }
 
-/// camera_from_board of one image of a plane board (Zhang 2000): the homography by the direct linear transform, and the
-/// rotation nearest to its columns. `None` for fewer than four corners or a board that is not plane.
+/// Returns camera_from_board from one image of a plane board (Zhang 2000): the homography by the direct linear transform,
+/// then the rotation nearest to its columns. Returns `None` for fewer than four corners or a board that is not plane.
 fn homography_pose(camera: &Camera, corners: &[SeenCorner]) -> Option<Pose<f64>> {
     if corners.len() < 4 || corners.iter().any(|(p, _)| p[2].abs() > 1e-6) {
         return None;
@@ -270,7 +272,7 @@ fn homography_pose(camera: &Camera, corners: &[SeenCorner]) -> Option<Pose<f64>>
     if scale <= 0.0 {
         return None;
     }
-    // The board is in front of the camera.
+    // Choose the sign that puts the board in front of the camera.
     let scale = if third[2] < 0.0 { -scale } else { scale };
     first /= scale;
     second /= scale;

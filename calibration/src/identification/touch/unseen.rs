@@ -1,7 +1,9 @@
-//! What touches cannot tell: named directions of the arm's parameters along which they are known no better than before.
+//! What touches cannot determine: named directions of the arm's parameters that are known no better than before the
+//! touches.
 //!
-//! Along a direction d of parameters with the prior covariance Λ the share that is unknown is √(uᵀ Σ u / uᵀ u) with u = Λ^(−1/2) d and
-//! Σ the posterior in units of the prior. From [`UNSEEN`] on it is named, with what it is worth at the tip.
+//! Along a direction d of parameters with the prior covariance Λ, the unknown share is √(uᵀ Σ u / uᵀ u) with u = Λ^(−1/2)
+//! d and Σ the posterior covariance in units of the prior. From [`UNSEEN`] on, the direction is named, with its effect at
+//! the tip.
 
 use serde::Serialize;
 
@@ -12,49 +14,49 @@ use crate::measurement::touch::Reading;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::product;
 
-/// Posterior over prior from which a direction is unseen.
+/// Ratio of posterior to prior standard deviation from which a direction is unseen.
 pub const UNSEEN: f64 = 0.9;
-/// That limit for the size: what is between is noise, which more touches overcome.
+/// Replaces [`UNSEEN`] for the size: between the two limits there is noise, which more touches overcome.
 pub const SIZE_UNSEEN: f64 = 0.95;
-/// Share of the expected error below which nobody need know.
+/// Share of the expected error below which a direction is not worth reporting.
 const WORTH_SAYING: f64 = 0.1;
-/// Shorter links have no length of their own, m.
+/// Length in m below which a link has no length direction of its own.
 const SHORTEST: f64 = 0.03;
-/// Mean of the modulus of a standard normal number.
+/// Mean absolute value of a standard normal variable.
 const MEAN_MODULUS: f64 = 0.797_884_560_802_865_4;
 
-/// What a direction is of.
+/// The quantity that changes along a direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Direction {
-    /// All lengths in proportion.
+    /// All lengths in proportion: the size of the arm.
     Size,
-    /// The same, where a board tells it weakly.
+    /// The size of the arm, where a board determines it weakly.
     SizeByBoard,
-    /// One plane tells heights alone.
+    /// Everything beside heights: one plane shows heights only.
     HeightsOnly,
-    /// A level tells directions alone.
+    /// Everything beside directions: a level shows directions only.
     DirectionsOnly,
-    /// The length of the link behind a joint, from 1.
+    /// Length of the link behind a joint, numbered from 1.
     Length(usize),
-    /// The zero of a joint, from 1.
+    /// Zero of a joint, numbered from 1.
     Zero(usize),
 }
 
-/// Something that the touches do not tell.
+/// A direction that the touches do not determine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unseen {
-    /// What it is.
+    /// The direction.
     pub direction: Direction,
-    /// Posterior over prior standard deviation.
+    /// Ratio of posterior to prior standard deviation.
     pub share: f64,
-    /// What stays of it, a mean over the work volume, mm.
+    /// Remaining position error, averaged over the work volume, in mm.
     pub mm: f64,
-    /// One sentence.
+    /// Description in one sentence.
     pub text: String,
 }
 
-/// All that is unseen, largest first.
+/// Returns all unseen directions, largest effect first.
 pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<Unseen> {
     let mut out = Vec::new();
     let readings = || {
@@ -153,7 +155,7 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             });
         }
     }
-    // The zero of the first joint is the base's, that of the last the tip's.
+    // The zero of the first joint belongs to the base, that of the last to the tip.
     for joint in 1..n.saturating_sub(1) {
         let mut u = vec![0.0; p];
         for (j, column) in fit.arm.columns.iter().enumerate() {
@@ -181,7 +183,8 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
     out
 }
 
-/// The relative size that one standard deviation of the prior along `u` is: the weighted mean of independent links.
+/// Returns the relative change of size that one prior standard deviation along `u` stands for: the weighted mean of
+/// independent links.
 fn spread(u: &[f64]) -> f64 {
     let squared: f64 = u.iter().map(|x| x * x).sum();
     if squared > 0.0 {
@@ -191,7 +194,7 @@ fn spread(u: &[f64]) -> f64 {
     }
 }
 
-/// Posterior over prior along `u` and what that is worth in mm; `None` for no direction at all.
+/// Returns the ratio of posterior to prior along `u`, and its effect in mm; `None` if `u` is zero.
 fn measure(u: &[f64], known: &Knowledge) -> Option<(f64, f64)> {
     let squared: f64 = u.iter().map(|x| x * x).sum();
     if squared <= 0.0 {
@@ -213,7 +216,7 @@ fn measure(u: &[f64], known: &Knowledge) -> Option<(f64, f64)> {
     Some((share, 1e3 * MEAN_MODULUS * share * mean))
 }
 
-/// Whether all that tells lengths is one plane.
+/// Returns whether one plane is all that determines lengths.
 fn one_plane(problem: &TouchProblem, fit: &TouchFit) -> bool {
     let mut planes = Vec::new();
     for (row, weight) in problem.set.rows.iter().zip(&fit.weights) {

@@ -1,8 +1,8 @@
-//! What a calibration by touches is worth over the work volume: expected position errors, before and after.
+//! The benefit of a calibration by touches over the work volume: expected position errors before and after.
 //!
-//! No touch sees where the base frame is, and the tip is known as well as it was touched: errors are those that are left when
-//! base (6) and tip (3) are registered over the volume. What is stated is parameters ⊕ τ: gears that no parameter describes
-//! are no noise of the parameters.
+//! Touches cannot see the base frame, and the tip is known only as well as it was touched. Errors are therefore those
+//! that remain after base (6) and tip (3) are registered over the volume. Stated errors are parameters ⊕ τ: the share of
+//! gears that no parameter describes is no noise of the parameters.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -23,30 +23,30 @@ use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::{Summary, extremes};
 use crate::robot::Robot;
 
-/// Poses of the volume.
+/// Number of poses in the volume.
 const POSES: u32 = 300;
-/// Scales of the class that are tried: standard deviations from the most probable, and weights (Gauss and Hermite).
+/// Gauss–Hermite nodes for the scale of the class: standard deviations from the most probable scale, and weights.
 const NODES: [(f64, f64); 3] = [
     (0.0, 2.0 / 3.0),
     (-1.732_050_807_568_877_2, 1.0 / 6.0),
     (1.732_050_807_568_877_2, 1.0 / 6.0),
 ];
-/// Errors drawn for each.
+/// Number of parameter draws for each scale.
 const DRAWS: usize = 400;
-/// What is registered: base 6, tip 3.
+/// Number of registered parameters: base 6, tip 3.
 const GAUGE: usize = 9;
-/// A joint without limits works as far to both sides, rad.
+/// Assumed range of a revolute joint without limits, to both sides, in rad.
 const WITHOUT_LIMITS: f64 = std::f64::consts::FRAC_PI_2;
 
-/// Poses that the arm works at.
+/// Poses at which the arm works.
 #[derive(Clone, Debug)]
 pub struct WorkVolume {
-    /// With the first tip.
+    /// States of the arm with the first tip.
     pub states: Vec<BaseSample>,
 }
 
 impl WorkVolume {
-    /// The middle half of what the joints can do, and all that was touched.
+    /// Draws poses from the middle half of the joint ranges, extended to all that was touched.
     pub fn new(robot: &Robot, problem: &TouchProblem) -> Self {
         let range = |joint: usize| {
             let (lower, upper) = extremes(problem.states.iter().map(|s| s.joints[joint]));
@@ -72,7 +72,7 @@ impl WorkVolume {
         Self::of(robot, poses, problem.states[0].payload_kg)
     }
 
-    /// Poses at these joints, rad or m.
+    /// Creates a work volume from given joints, in rad or m.
     pub fn of(
         robot: &Robot,
         joints: impl Iterator<Item = Vec<f64>>,
@@ -91,51 +91,52 @@ impl WorkVolume {
     }
 }
 
-/// Position errors to be expected, mm.
+/// Expected position errors, in mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Expected {
-    /// Mean over the volume.
+    /// Mean error over the volume.
     pub mean_mm: f64,
-    /// 95 % are smaller.
+    /// Error that 95 % of the errors do not exceed.
     pub p95_mm: f64,
 }
 
-/// The error of a position that 95 of 100 poses of the volume do not exceed, mm.
+/// Position error that 95 of 100 poses of the volume do not exceed, in mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exceeded {
-    /// Its mean over what is known of the arm.
+    /// Mean of that error over the posterior of the arm.
     pub error_mm: f64,
-    /// Its standard deviation.
+    /// Standard deviation of that error.
     pub standard_uncertainty_mm: f64,
-    /// Poses of the volume.
+    /// Number of poses in the volume.
     pub poses: usize,
 }
 
-/// What is known over a work volume.
+/// What a fit knows of the arm over a work volume.
 pub struct Knowledge {
-    /// Displacements at the poses of the volume by the arm's parameters in units of their priors, without what base and tip take up:
-    /// three rows a pose, m.
+    /// Displacements at the poses of the volume by the arm's parameters in units of their priors, after removal of what
+    /// base and tip take up: three rows for each pose, in m.
     pub field: Mat<f64>,
-    /// Those units: standard deviations of the parameters before the touches, wider than the fit's where the arm is beyond its class.
+    /// Standard deviations of the parameters before the touches, the units of `field`; wider than the fit's where the arm
+    /// is beyond its class.
     pub priors: Vec<f64>,
-    /// Covariance of the parameters in those units.
+    /// Covariance of the parameters in units of `priors`.
     pub covariance: Mat<f64>,
-    /// How many times farther from its drawing than its class the arm is.
+    /// How many times farther from its drawing the arm is than its class.
     pub beyond_class: Option<f64>,
-    /// τ as it is stated, m.
+    /// Stated τ of a position, in m.
     pub tau: f64,
-    /// As drawn, by what the touches say of the drawing.
+    /// Expected errors of the arm as drawn, judged by the touches.
     pub before: Expected,
-    /// As calibrated.
+    /// Expected errors of the arm as calibrated.
     pub after: Expected,
-    /// What 95 of 100 poses do not exceed as calibrated.
+    /// Error that 95 of 100 poses do not exceed as calibrated.
     pub exceeded: Exceeded,
-    /// How probable it is that the mean error over the volume is larger as calibrated than as drawn.
+    /// Probability that the mean error over the volume is larger as calibrated than as drawn.
     pub worse: f64,
 }
 
 impl Knowledge {
-    /// Computes what a fit says over the volume; `None` where its equations cannot be solved.
+    /// Computes what a fit knows over the volume; `None` when its equations cannot be solved.
     pub fn new(problem: &TouchProblem, fit: &TouchFit, volume: &WorkVolume) -> Option<Self> {
         let stated = fit.as_stated(problem, 0.0)?;
         let tau = stated_tau(problem, fit);
@@ -176,7 +177,7 @@ impl Knowledge {
         })
     }
 
-    /// Standard deviation of the position along the axes of the base at every pose of the volume, m.
+    /// Returns the standard deviations of the position along the base axes at every pose of the volume, in m.
     pub fn deviations(&self) -> Vec<Vector3<f64>> {
         let spread = product(&self.field, &self.covariance);
         let variance = |row: usize| -> f64 {
@@ -192,17 +193,17 @@ impl Knowledge {
     }
 }
 
-/// What is expected for one scale of the class.
+/// Expected errors for one scale of the class.
 struct Pairs {
     before: Expected,
     after: Expected,
-    /// How probable it is that the mean of the latter is larger.
+    /// Probability that the mean error of `after` is larger.
     worse: f64,
-    /// Mean of what 95 of 100 poses do not exceed as calibrated, and of its square.
+    /// Means of the calibrated arm's 95 % error and of its square.
     moments: [f64; 2],
 }
 
-/// Expected errors as drawn and as calibrated.
+/// Computes the expected errors as drawn and as calibrated; `None` when the covariance cannot be factored.
 fn pairs(fit: &TouchFit, stated: &Stated, field: &Mat<f64>, tau: f64) -> Option<Pairs> {
     let off = fit.arm.theta.iter().zip(&stated.priors).zip(&stated.mean);
     let drawn: Vec<f64> = off
@@ -229,7 +230,7 @@ fn pairs(fit: &TouchFit, stated: &Stated, field: &Mat<f64>, tau: f64) -> Option<
     })
 }
 
-/// Displacements over the volume by the parameters, with base and tip registered.
+/// Computes the displacements over the volume by the parameters, with base and tip registered.
 fn field(fit: &TouchFit, states: &[BaseSample], priors: &[f64]) -> Mat<f64> {
     let jets = fit.arm.linearise(states);
     let mut field = Mat::zeros(3 * jets.len(), priors.len());
@@ -247,7 +248,8 @@ fn field(fit: &TouchFit, states: &[BaseSample], priors: &[f64]) -> Mat<f64> {
     field
 }
 
-/// Orthonormal columns of the displacements at some poses that base and tip take up: three rows a pose.
+/// Returns orthonormal columns that span the displacements at `poses` that base and tip take up: three rows for each
+/// pose.
 pub fn registered(poses: &[Pose<f64>]) -> Mat<f64> {
     let mut gauge = Mat::zeros(3 * poses.len(), GAUGE);
     let middle = poses.iter().map(|p| p.translation).sum::<Vector3<f64>>() / poses.len() as f64;
@@ -264,7 +266,7 @@ pub fn registered(poses: &[Pose<f64>]) -> Mat<f64> {
     gauge.qr().q()
 }
 
-/// τ of a position with what is not known of it: the standard error of a variance of so many rows.
+/// Returns τ of a position, enlarged by its uncertainty: the standard error of a variance estimated from so many rows.
 fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (row, weight) in problem.set.rows.iter().zip(&fit.weights) {
@@ -285,8 +287,8 @@ fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
     }
 }
 
-/// Errors of parameters about `mean` with the covariance L Lᵀ over the volume, and of each draw the mean and what 95 of 100 poses do not
-/// exceed, mm.
+/// Draws parameters with mean `mean` and covariance L Lᵀ. Returns their errors over the volume, and for each draw the
+/// mean error and the error that 95 of 100 poses do not exceed, in mm.
 fn expected(
     field: &Mat<f64>,
     mean: &[f64],

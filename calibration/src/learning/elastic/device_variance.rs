@@ -1,18 +1,17 @@
-//! The standard deviation that fits on the device: landmarks, and what makes it that of the trainer.
+//! The standard deviation that fits on the device: its landmarks, and the numbers that bring it close to the trainer's.
 //!
-//! The formula is the runtime's (`deflection::PositionVariance`). Here its numbers are found:
+//! The formula is the runtime's (`deflection::PositionVariance`). This module finds its numbers:
 //!
-//! - one kernel for all joints: the mean of the joints' rates, weighted by what each process moves the tool, times the
+//! - one kernel for all joints: the mean of the joints' rates, weighted by how far each process moves the tool, times the
 //!   factor that fits best;
 //! - landmarks among the training poses, each the one that explains most of what the ones before leave;
-//! - ν, the noise of one pose as information about a process, the floor and the gain, in least relative squares. They are
+//! - ν, the noise of one pose as information about a process, the floor and the gain, by least relative squares. They are
 //!   fitted to the exact posterior, inflation included: at every training pose when it is left out
 //!   (`outliers::leave_one_out`), and at poses drawn from twice the trained ranges. Without the latter, the device stated
 //!   half of the trainer's standard deviation far from all data.
 //!
-//! The share that measurements leave unexplained at a pose: with K = C Cᵀ, V = C⁻¹ K_LN, V Vᵀ = Q Λ Qᵀ and v = C⁻¹ k it is
-//! 1 − |v|² + s, s = Σ_i (Qᵀv)_i² / (1 + λ_i/ν). Where the pose is one of those measured and is left out, s/(1 − s/ν) is in
-//! the place of s.
+//! The share that measurements leave unexplained at a pose, with K = C Cᵀ, V = C⁻¹ K_LN, V Vᵀ = Q Λ Qᵀ and v = C⁻¹ k, is
+//! 1 − |v|² + s, s = Σ_i (Qᵀv)_i² / (1 + λ_i/ν). For a measured pose that is left out, s/(1 − s/ν) replaces s.
 
 use std::ops::RangeInclusive;
 
@@ -37,26 +36,26 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::extremes;
 
-/// Landmarks of a blob. Ratio to the trainer's standard deviation on held-out poses of the wild arm, 90 % of them:
-/// 0.948 to 1.071 with 8, 0.955 to 1.034 with 12, 0.957 to 1.031 with 16, 0.950 to 1.029 with 32.
+/// Number of landmarks of a blob. Ratio to the trainer's standard deviation on held-out poses of the wild arm, range of
+/// 90 % of them: 0.948 to 1.071 with 8, 0.955 to 1.034 with 12, 0.957 to 1.031 with 16, 0.950 to 1.029 with 32.
 pub const LANDMARKS: usize = 12;
 const _: () = assert!(LANDMARKS <= MAX_LANDMARKS);
 
-/// What the device needs, in f64.
+/// Variance data that the device needs, in f64.
 #[derive(Clone, Debug)]
 pub struct DeviceVariance {
     /// Floor, gain and number of landmarks.
     pub header: PositionVariance<f64>,
-    /// The noise in the floor, m².
+    /// Noise variance that the floor contains, in m².
     pub noise: f64,
-    /// Words of the landmarks.
+    /// Numbers of the landmarks, in the order of a blob.
     pub rows: Vec<f64>,
 }
 
 /// Computes the device variance of a fit. `None` when a matrix cannot be factored.
 ///
-/// `left_out` is the variance of each of its samples as the others predict it (m²), and `inflation` what standard deviations
-/// of positions are multiplied with.
+/// `left_out` is the variance of each of its samples as predicted by the others (m²), and `inflation` is the factor for
+/// standard deviations of positions.
 pub fn device_variance(
     posterior: &PosteriorCovariance,
     left_out: &[Option<f64>],
@@ -120,28 +119,28 @@ pub fn device_variance(
 /// Factors of the common kernel's rates that are tried.
 const SHORTER: [f64; 9] = [0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0];
 
-/// Poses that are drawn from twice the trained ranges.
+/// Number of poses that are drawn from twice the trained ranges.
 const AROUND: usize = 40;
-/// Their weight in the fit, all together, as a share of that of the training poses.
+/// Total weight of these poses in the fit, as a share of that of the training poses.
 const SHARE_AROUND: f64 = 0.25;
 
-/// Limits of the gain, as a factor of the prior variance of the processes. Below 1, shorter length scales fitted as well, but
-/// farther away the device stated two thirds of the trainer's standard deviation. Above 1, the gain also covers parameters that
-/// are uncertain there; but where the processes have all but vanished, no factor of their prior is right.
+/// Limits of the gain, as a factor of the prior variance of the processes. Below 1, shorter length scales fitted as well,
+/// but farther away the device stated two thirds of the trainer's standard deviation. Above 1, the gain also covers
+/// parameters that are uncertain there; but where the processes have all but vanished, no factor of their prior is right.
 const GAIN: RangeInclusive<f64> = 1.0..=4.0;
 
-/// A pose whose exact variance is known, a training pose when it is left out; m².
+/// A pose whose exact variance is known, for a training pose the variance when it is left out; in m².
 struct Known {
-    /// Its index; training poses come first, then those of [`around`].
+    /// Index of the pose; training poses come first, then those of [`around`].
     pose: usize,
-    /// The variance that the processes have there before any measurement.
+    /// Variance of the processes at the pose before any measurement.
     prior: f64,
-    /// What measurements leave.
+    /// Variance that measurements leave.
     variance: f64,
 }
 
-/// Poses drawn from twice the ranges of `samples`, each with the payload and the tool of one of them. Their observations have no
-/// value: only how well a position would be known there is asked.
+/// Draws poses from twice the ranges of `samples`, each with the payload and the tool of one of them. Their observations
+/// have no meaning: only the uncertainty of a position at these poses is of interest.
 fn around(samples: &[BaseSample], coupling: Option<&Coupling<f64>>) -> Vec<BaseSample> {
     let joints = samples.first().map_or(0, |sample| sample.joints.len());
     let range = |joint| extremes(samples.iter().map(|s: &BaseSample| s.joints[joint]));
@@ -162,7 +161,7 @@ fn around(samples: &[BaseSample], coupling: Option<&Coupling<f64>>) -> Vec<BaseS
     poses.map(pose).collect()
 }
 
-/// One kernel for all joints: rates weighted by what each joint's process moves the tool, with amplitude 1.
+/// Returns one kernel for all joints: rates weighted by how far each joint's process moves the tool, with amplitude 1.
 fn common_kernel(
     fit: &ElasticFit,
     samples: &[BaseSample],
@@ -189,7 +188,7 @@ fn common_kernel(
     (total > 0.0 && total.is_finite()).then_some(out)
 }
 
-/// The kernel with all rates times `factor`.
+/// Returns the kernel with all rates times `factor`.
 fn scaled(kernel: &JointKernel<f64>, factor: f64) -> JointKernel<f64> {
     let mut out = *kernel;
     out.set_rates(kernel.rates().iter().map(|rate| factor * rate));
@@ -197,24 +196,24 @@ fn scaled(kernel: &JointKernel<f64>, factor: f64) -> JointKernel<f64> {
     out
 }
 
-/// Landmarks of one kernel, and what measurements at all poses say about them.
+/// Landmarks of one kernel, and the information that measurements at all poses give about them.
 struct Landmarks {
     kernel: JointKernel<f64>,
-    /// Poses that they stand at.
+    /// Indices of the landmarks' poses.
     poses: Vec<usize>,
-    /// Poses that are measured, the first ones.
+    /// Number of measured poses, which come first.
     trained: usize,
-    /// C of K = C Cᵀ.
+    /// Cholesky factor C of K = C Cᵀ.
     factor: Factor,
-    /// v = C⁻¹ k of all poses; the columns of those that are measured are V.
+    /// Columns v = C⁻¹ k of all poses; those of the measured poses form V.
     v: Mat<f64>,
-    /// Q and Λ of V Vᵀ, and Qᵀ v.
+    /// Eigenvectors Q and eigenvalues Λ of V Vᵀ, and Qᵀ v.
     q: Mat<f64>,
     lambda: Vec<f64>,
     w: Mat<f64>,
 }
 
-/// The best ν, floor and gain for some landmarks; the gain in units of the prior.
+/// Best ν, floor and gain for some landmarks; the gain is in units of the prior.
 struct Fitted {
     landmarks: Landmarks,
     nu: f64,
@@ -248,7 +247,8 @@ impl Landmarks {
         })
     }
 
-    /// The share of the prior that measurements with noise ν leave unexplained at a pose; at one of theirs the others.
+    /// Returns the share of the prior that measurements with noise ν leave unexplained at a pose; for a measured pose,
+    /// that which the other measurements leave.
     fn unexplained(&self, pose: usize, nu: f64) -> f64 {
         let count = self.poses.len();
         let v2: f64 = (0..count).map(|i| self.v[(i, pose)].powi(2)).sum();
@@ -263,7 +263,7 @@ impl Landmarks {
         (1.0 - v2 + left).clamp(0.0, 1.0)
     }
 
-    /// ν, floor and gain of least relative squares.
+    /// Fits ν, floor and gain by least relative squares.
     fn fitted(self, known: &[Known], noise: f64) -> Option<Fitted> {
         let is_trained = |known: &Known| known.pose < self.trained;
         let trained = known.iter().filter(|known| is_trained(known)).count();
@@ -298,7 +298,7 @@ impl Landmarks {
         })
     }
 
-    /// HᵀH.
+    /// Returns the information HᵀH.
     fn information(&self, nu: f64) -> Mat<f64> {
         let (q, count) = (&self.q, self.poses.len());
         let shares = Mat::from_fn(count, count, |i, j| {
@@ -309,13 +309,13 @@ impl Landmarks {
                 })
                 .sum::<f64>()
         });
-        // C⁻ᵀ I C⁻¹, with the information I.
+        // Form C⁻ᵀ I C⁻¹, where I is the information in `shares`.
         let inverse = self.factor.half_solve(&Mat::identity(count, count));
         product(Transposed(&inverse), &product(&shares, &inverse))
     }
 }
 
-/// Σ_c |J_c|² a_c of every pose, m².
+/// Returns the prior variance Σ_c |J_c|² a_c at every pose, in m².
 fn priors(
     fit: &ElasticFit,
     samples: &[BaseSample],
@@ -344,14 +344,14 @@ fn priors(
     samples.iter().map(of).collect()
 }
 
-/// Equation of one pose: floor and gain, each times its coefficient here, are to add up to 1.
+/// Equation of one pose: floor and gain, multiplied by these coefficients, should add up to 1.
 struct Relative {
     weight: f64,
     floor: f64,
     gain: f64,
 }
 
-/// The floor ≥ noise and the gain within [`GAIN`] of least squares, with what they leave.
+/// Returns the least-squares floor ≥ noise and gain within [`GAIN`], and the remaining cost.
 fn floor_and_gain(equations: &[Relative], noise: f64) -> Option<(f64, f64, f64)> {
     let sum =
         |of: &dyn Fn(&Relative) -> f64| -> f64 { equations.iter().map(|e| e.weight * of(e)).sum() };
@@ -369,13 +369,13 @@ fn floor_and_gain(equations: &[Relative], noise: f64) -> Option<(f64, f64, f64)>
     } else {
         *GAIN.start()
     };
-    // The best floor with that gain: another one than `free` where the gain is held.
+    // The best floor for that gain; differs from `free` where the gain is at a limit.
     let floor = ((f - fg * gain) / ff).max(noise);
     let cost = sum(&|e| (e.floor * floor + e.gain * gain - 1.0).powi(2));
     cost.is_finite().then_some((floor, gain, cost))
 }
 
-/// The lower triangular H with HᵀH = `a`: the factor of the matrix turned around, turned back.
+/// Returns the lower triangular H with HᵀH = `a`: the factor of the matrix with reversed rows and columns, reversed back.
 fn reversed_factor(a: &Mat<f64>) -> Option<Mat<f64>> {
     let n = a.nrows();
     let scale = (0..n).map(|i| a[(i, i)]).fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! The elastic model, fitted: parameters first, then gear ripple, then everything together with the processes.
+//! Fit of the elastic model: parameters first, then gear ripple, then everything together with the processes.
 
 use poegp_runtime::elastic::ripple::RippleTerm;
 use rand::SeedableRng;
@@ -27,41 +27,42 @@ use crate::numeric::matrix::Mat;
 use crate::progress::FitContext;
 use poegp_protocol::limits::MAX_RIPPLE;
 
-/// Evaluations that it takes, about.
+/// Evaluations that the search for hyperparameters takes, approximately.
 const SEARCH_UNITS: u64 = 44;
 
-/// Most poses of the dense solution, whose matrices have six rows and columns for each. From more poses, this many are drawn
-/// for hyperparameters, ripple, outliers and standard deviations; all of them determine parameters, curves and weights.
+/// Largest number of poses of the dense solution, whose matrices have six rows and columns for each. From more poses,
+/// this many are drawn for hyperparameters, ripple, outliers and standard deviations; all of them determine parameters,
+/// curves and weights.
 pub const DENSE_POSES: usize = 800;
 
-/// What solving for all poses takes, twice, what leaving each out takes, and what fewer inducing points take, about, in
-/// evaluations of that search: 700 poses took 2.7 s of 4.8, 300 took 0.5 of 2.6.
+/// Returns the approximate cost of solving for all poses (twice), of leaving each out, and of reducing to inducing
+/// points, each in evaluations of the search for hyperparameters: 700 poses took 2.7 s of 4.8, 300 took 0.5 of 2.6.
 pub fn solve_units(poses: usize) -> u64 {
     1 + poses.saturating_mul(poses) as u64 / 36_000
 }
 
-/// The parameters alone and their gear ripple.
+/// Returns the approximate cost of fitting the parameters alone and their gear ripple, in evaluations of that search.
 pub fn setup_units(poses: usize) -> u64 {
     1 + poses as u64 / 50
 }
 
-/// A fit with the measurements that do not belong.
+/// A fit, together with the measurements that do not belong.
 pub struct RobustFit {
-    /// The fit to the samples that were kept.
+    /// Fit to the samples that were kept.
     pub fit: ElasticFit,
-    /// What all others do not predict, by index.
+    /// Outliers, which all other samples fail to predict; by index.
     pub outliers: Vec<Outlier>,
-    /// The samples that were kept, by index.
+    /// Indices of the samples that were kept.
     pub kept: Vec<usize>,
-    /// Those of them that `fit` is of: all, or [`DENSE_POSES`] of more.
+    /// Indices of the kept samples that `fit` used: all of them, or [`DENSE_POSES`] of more.
     pub dense: Vec<usize>,
-    /// What predicted standard deviations of position and rotation must be multiplied with.
+    /// Factors for the predicted standard deviations of position and rotation.
     pub inflation: [f64; 2],
-    /// Position variance of every sample of `dense` as the others predict it, m², not inflated; `None` for outliers.
+    /// Position variance of every sample of `dense` as predicted by the others, in m², not inflated; `None` for outliers.
     pub left_out: Vec<Option<f64>>,
 }
 
-/// [`fit`], with what all others do not predict reported, and not trained on when `options` says so.
+/// Runs [`fit`], reports the outliers, and excludes them from training when `options` says so.
 ///
 /// # Errors
 /// [`FitError`].
@@ -110,7 +111,7 @@ pub fn fit_robust(
     })
 }
 
-/// Fits to samples whose poses are seen from the base.
+/// Fits the elastic model to samples whose poses are given in the base frame.
 ///
 /// # Errors
 /// [`FitError`].
@@ -144,7 +145,7 @@ pub fn fit(
         report: search,
     } = context.phase(SEARCH_UNITS, || search.learn(&state, h))??;
     if !options.processes {
-        // The priors that the evidence prefers, and the parameters under them.
+        // Fit again under the priors that the evidence prefers.
         let scales = parametric_fit(&mut state, samples, &hyper);
         return Ok(ElasticFit {
             origin: state.clone(),
@@ -161,7 +162,7 @@ pub fn fit(
     let inputs = Inputs::new(&state, samples);
     let similarities = inputs.similarities();
     let waves = inputs.waves(h);
-    // With the equations and the linearisation error of the step.
+    // Also returns the equations and the linearisation error of the step.
     let solve = |state: &mut ParametricModel| -> Option<(Posterior, Linearised, f64)> {
         let linear = state.linearise(samples, scales);
         let groups = state.layout.groups();
@@ -183,8 +184,8 @@ pub fn fit(
         .phase(units, || solve(&mut state))?
         .ok_or(FitError::Unsolvable)?;
     if options.ripple {
-        // What processes or curve explain is no ripple. Their residual is quieter than that of the parameters, so weaker
-        // ripple shows.
+        // What processes or curve explain is no ripple. The residual after them is quieter than that of the parameters,
+        // so weaker ripple becomes visible.
         let kept = kept_ripple(&state, &first, &linear);
         let mut lines = kept.iter();
         state.retain_ripple(|_| lines.next() == Some(&true));
@@ -192,7 +193,7 @@ pub fn fit(
         let lowest = lowest_ripple(h, &hyper);
         let (found, unclear) = significant(&state, samples, &residuals, &jacobian, lowest);
         state.add_ripple(&found);
-        // Processes may have hidden what the first search saw: it is as ambiguous as before.
+        // Processes may have hidden a line that the first search saw: it stays as ambiguous as before.
         ambiguous.retain(|line| unclear.iter().all(|later| later.joint != line.joint));
         ambiguous.extend(unclear);
     }
@@ -229,7 +230,7 @@ pub fn fit(
     })
 }
 
-/// The own-joint curves of all joints as the runtime evaluates them, most probable for a solution.
+/// Returns the most probable own-joint curves of all joints for a solution, in the form that the runtime evaluates.
 fn curve_coefficients(
     prior: &CurvePrior,
     orders: usize,
@@ -248,7 +249,8 @@ fn curve_coefficients(
     waves.iter().enumerate().flat_map(of).collect()
 }
 
-/// Which ripple terms of `state` are significant in a solution with everything: χ² of both amplitudes by their posterior.
+/// Returns which ripple terms of `state` are significant in a full solution, by χ² of both amplitudes under their
+/// posterior.
 fn kept_ripple(state: &ParametricModel, solved: &Posterior, linear: &Linearised) -> Vec<bool> {
     let first = linear.a.ncols() - 2 * state.ripple.len();
     let groups = state.layout.groups();
@@ -270,7 +272,7 @@ fn kept_ripple(state: &ParametricModel, solved: &Posterior, linear: &Linearised)
     (0..state.ripple.len()).map(significant).collect()
 }
 
-/// Cycles per turn above which ripple is searched: those below are the own-joint curve's, if there is one.
+/// Returns the cycles per turn above which ripple is searched: lower ones belong to the own-joint curve, if there is one.
 fn lowest_ripple(layout: HyperLayout, hyper: &[f64]) -> f64 {
     if layout.curve {
         RANGE
@@ -281,7 +283,8 @@ fn lowest_ripple(layout: HyperLayout, hyper: &[f64]) -> f64 {
     }
 }
 
-/// The residual after everything, in units of its noise, σ S⁻¹y, and the Jacobian with the rows' own noise as scale.
+/// Returns the residual of the full solution in units of its noise, σ S⁻¹y, and the Jacobian scaled by the rows' own
+/// noise.
 fn left_over(
     solved: &Posterior,
     hyper: &[f64],
@@ -300,7 +303,8 @@ fn left_over(
     (residuals, scaled)
 }
 
-/// New ripple terms that are significant in `residuals`, which are in units of their noise, and those that are ambiguous.
+/// Returns the new ripple terms that are significant in `residuals` (in units of their noise), and those that are
+/// ambiguous.
 fn significant(
     state: &ParametricModel,
     samples: &[BaseSample],
@@ -309,7 +313,7 @@ fn significant(
     lowest: f64,
 ) -> (Vec<GearLine>, Vec<AmbiguousLine>) {
     let room = MAX_RIPPLE - state.ripple.len();
-    // What is left beside a term that is there is its own shadow, not another gear.
+    // What is left near an existing term is its own shadow, not another gear.
     let is_new = |p: &Peak| {
         let same = |r: &RippleTerm<f64>| r.joint == p.joint && (r.cycles - p.cycles).abs() < 1.0;
         !state.ripple.iter().any(same)
@@ -331,10 +335,10 @@ fn significant(
     (lines, ambiguous)
 }
 
-/// Rounds of the search for ripple in what the parameters leave.
+/// Most rounds of the search for ripple in the residual of the parameters.
 const RIPPLE_ROUNDS: usize = 4;
 
-/// Finds gear ripple until nothing significant is left.
+/// Adds gear ripple until nothing significant is left. Returns the noise scales and the ambiguous lines.
 fn add_ripple(
     state: &mut ParametricModel,
     samples: &[BaseSample],

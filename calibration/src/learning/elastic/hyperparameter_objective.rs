@@ -1,4 +1,5 @@
-//! −log p of the marginal likelihood and its gradient by the hyperparameters, in memory that one search keeps.
+//! The objective −log p of the marginal likelihood with its gradient by the hyperparameters, in memory that one search
+//! keeps.
 
 use std::cell::RefCell;
 use std::ops::Range;
@@ -22,7 +23,7 @@ impl Objective for MarginalLikelihood<'_> {
     }
 }
 
-/// The same as the [`MarginalLikelihood`], in memory that is kept from one evaluation to the next.
+/// The objective of a [`MarginalLikelihood`], in memory that is kept from one evaluation to the next.
 #[derive(Debug)]
 pub struct HyperparameterObjective<'a> {
     evidence: &'a MarginalLikelihood<'a>,
@@ -30,7 +31,7 @@ pub struct HyperparameterObjective<'a> {
 }
 
 impl<'a> HyperparameterObjective<'a> {
-    /// Of this evidence.
+    /// Creates the objective and allocates its memory.
     pub fn new(evidence: &'a MarginalLikelihood<'a>) -> Self {
         let factor = CholeskyWorkspace::new(evidence.linear.y.nrows(), evidence.threads);
         Self {
@@ -72,7 +73,7 @@ impl Objective for HyperparameterObjective<'_> {
 }
 
 impl MarginalLikelihood<'_> {
-    /// Adds what the variances of the groups of parameters do.
+    /// Adds the gradient by the variances of the parameter groups.
     fn prior_gradient(
         &self,
         h: &[f64],
@@ -100,7 +101,7 @@ impl MarginalLikelihood<'_> {
         }
     }
 
-    /// ½ Σ W ∘ ∂S by what the kernels are made of, all outputs in one pass over S⁻¹.
+    /// Adds the gradient ½ Σ W ∘ ∂S by the hyperparameters of the kernels, all outputs in one pass over S⁻¹.
     fn kernel_gradients(
         &self,
         h: &[f64],
@@ -187,26 +188,26 @@ impl MarginalLikelihood<'_> {
     }
 }
 
-/// One joint in the gradient.
+/// The data of one joint that the gradient needs.
 struct Output<'a> {
-    /// Of the process of all joints.
+    /// Kernel of the joint's process, and its K_c; `None` without processes.
     kernel: Option<(&'a JointKernel<f64>, &'a Mat<f64>)>,
-    /// J_c of each pose.
+    /// J_c of each pose, in units of the processes.
     column: &'a [[f64; ROWS]],
     /// J_cᵀ α of each pose.
     projected: Vec<f64>,
 }
 
-/// Some columns of all pairs of poses.
+/// A task of one thread: some columns of the matrix of all pairs of poses.
 struct Part<'a> {
     poses: Range<usize>,
-    /// G_c(i, j), half of it on the diagonal, for the own-joint curve; of each output, if there is a curve.
+    /// G_c(i, j) of each output for the own-joint curve, halved on the diagonal; empty when there is no curve.
     pairs: Vec<ColumnsMut<'a>>,
-    /// Of each output.
+    /// Sums of each output.
     sums: Vec<KernelSums>,
 }
 
-/// What one output gathers over pairs of poses.
+/// Sums of one output over pairs of poses.
 #[derive(Clone, Debug, Default)]
 struct KernelSums {
     scales: [f64; MAX_JOINTS],
@@ -252,7 +253,7 @@ impl MarginalLikelihood<'_> {
 }
 
 impl Output<'_> {
-    /// G_c(i, j), half of it on the diagonal; `block` is its part of S⁻¹ by columns.
+    /// Returns G_c(i, j), halved on the diagonal; `block` is its part of S⁻¹ by columns.
     #[inline(always)]
     fn contracted(&self, (i, j): (usize, usize), block: &[[f64; ROWS]; ROWS]) -> f64 {
         let mut g = -self.projected[i] * self.projected[j];
@@ -266,7 +267,7 @@ impl Output<'_> {
         if i == j { 0.5 * g } else { g }
     }
 
-    /// Adds the pair (i, j), whose G_c is `half`.
+    /// Adds the pair (i, j) to `sums`; `half` is its G_c, halved on the diagonal.
     #[inline(always)]
     fn add(
         &self,

@@ -1,7 +1,9 @@
-//! The search for hyperparameters of the greatest marginal likelihood, and whether the evidence asks for an own-joint curve.
+//! The search for the hyperparameters of greatest marginal likelihood, and the decision whether the evidence supports an
+//! own-joint curve.
 //!
-//! A search in all poses begins where one in few of them ended, which costs an eighth for each step, and that one begins again
-//! from the parameters alone where it found less evidence than they have.
+//! A first search uses few poses; each of its steps costs an eighth of one with all poses. It is repeated from the
+//! optimum of the parameters alone if it found less evidence than they have. The search with all poses starts where the
+//! first one ended.
 
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
@@ -21,19 +23,20 @@ use crate::numeric::lbfgs::{
 use crate::progress::{Cancelled, FitContext};
 use poegp_protocol::limits::MAX_CURVE_ORDER;
 
-/// When a search ends that began or goes on elsewhere: a third of a nat is far below what samples of a set differ by. (Where a
-/// nat was enough, five folds of a FARO set had 0.0410 mm instead of 0.0400.)
+/// Stop criteria of a search that starts at another optimum or is continued elsewhere: a third of a nat is far below the
+/// differences between samples of a set. (Where a nat was enough, five folds of a FARO set had 0.0410 mm instead of
+/// 0.0400.)
 const STOP: StopCriteria = StopCriteria::after(60, 1e-10).falling_by(0.3);
-/// When it ends where there are no more poses, or where the likelihood may be flat for a while.
+/// Stop criteria where there are no more poses, or where the likelihood may be flat for a while.
 const PATIENT_STOP: StopCriteria = StopCriteria::after(40, 1e-10);
-/// When a search without processes ends; it only finds a start for the search with everything, and the evidence to beat.
+/// Stop criteria of a search without processes, which only gives a start for the full search and the evidence to beat.
 const ROUGH_STOP: StopCriteria = StopCriteria::after(20, 1e-5);
-/// Processes can explain any noise. Where the instrument's noise is not stated, its variance is therefore at least this part
-/// of the residual of parameters and own-joint curve. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547
-/// with it.)
+/// Least noise variance where the instrument's noise is not stated, as a share of the residual variance of parameters and
+/// own-joint curve: processes can explain any noise. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547 with
+/// it.)
 const LEAST_NOISE: f64 = 0.25;
-/// Amplitudes and length scales in rad; the search for a curve begins at the most likely pair. From one smooth curve it did
-/// not find the rough curves of a UR10. Where no pair is more likely than no curve, there is no search.
+/// Amplitudes and length scales in rad; the search for a curve starts at the most likely pair. From a single smooth
+/// curve, it did not find the rough curves of a UR10. Where no pair is more likely than no curve, there is no search.
 const CURVE_STARTS: [(f64, f64); 9] = [
     (4e-4, 0.06),
     (4e-4, 0.15),
@@ -45,43 +48,44 @@ const CURVE_STARTS: [(f64, f64); 9] = [
     (5e-5, 0.15),
     (5e-5, 0.5),
 ];
-/// Least rise of the log evidence for a curve. Curves with less were up to 6 % worse on held-out poses, none with more was.
+/// Least rise of the log evidence for a curve. Curves with less were up to 6 % worse on held-out poses, those with more
+/// never.
 const CURVE_RISE: f64 = 20.0;
-/// With less than this a curve that hardly gains any more is given up before its search ends.
+/// Rise of the log evidence below which a curve that hardly gains any more is given up before its search ends.
 const HOPEFUL_RISE: f64 = 10.0;
-/// Least rise by a curve without processes for a search with everything.
+/// Least rise by a curve without processes that justifies a full search.
 const WORTH_A_SEARCH: f64 = 10.0;
-/// Most poses of the first search, whose evidence decides on the curve.
+/// Largest number of poses of the first search, whose evidence decides on the curve.
 const FEW_POSES: usize = 100;
 
-/// What the evidence prefers.
+/// The model that the evidence prefers.
 pub(super) struct Learned {
-    /// The parametric model; of a curve, without the ripple that it replaces.
+    /// Parametric model; with a curve, without the ripple that the curve replaces.
     pub state: ParametricModel,
-    /// Which hyperparameters there are.
+    /// Layout of the hyperparameters.
     pub layout: HyperLayout,
-    /// Their values.
+    /// Values of the hyperparameters.
     pub hyperparameters: Vec<f64>,
-    /// How they were found.
+    /// Report of the search.
     pub report: SearchReport,
 }
 
-/// How the hyperparameters were found.
+/// Report of the search for hyperparameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SearchReport {
-    /// How the last search ended.
+    /// Reason why the last search ended.
     pub end: SearchEnd,
-    /// Iterations of all searches that led there.
+    /// Number of iterations of all searches that led to the result.
     pub iterations: u64,
-    /// Poses of the last search.
+    /// Number of poses of the last search.
     pub poses: usize,
-    /// By how much processes and curve raise the log evidence of the first search's poses above that of the parameters alone,
-    /// nats; never negative. 0 without processes.
+    /// Rise of the log evidence by processes and curve over the parameters alone, for the poses of the first search, in
+    /// nats; never negative. Zero without processes.
     pub rise: f64,
 }
 
-/// Minus the logarithm of the marginal likelihood times the prior of the length scales: those of one input are alike for all
-/// joints. From few poses the likelihood alone gives a joint any length scale that chance prefers.
+/// Negative logarithm of the marginal likelihood times the prior of the length scales, by which those of one input are
+/// similar for all joints. With few poses, the likelihood alone gives a joint any length scale that chance prefers.
 struct Posterior<'a> {
     likelihood: HyperparameterObjective<'a>,
     layout: HyperLayout,
@@ -99,7 +103,7 @@ impl Objective for Posterior<'_> {
     }
 }
 
-/// The search in a part of the poses.
+/// A search for hyperparameters in a subset of the poses.
 pub(super) struct HyperparameterSearch<'a> {
     part: Vec<BaseSample>,
     payload_unit: f64,
@@ -109,7 +113,7 @@ pub(super) struct HyperparameterSearch<'a> {
 }
 
 impl<'a> HyperparameterSearch<'a> {
-    /// In at most as many of `samples` as `options` say.
+    /// Creates a search in at most as many of `samples` as `options` allow.
     pub fn new(
         samples: &[BaseSample],
         scales: NoiseScales,
@@ -128,7 +132,7 @@ impl<'a> HyperparameterSearch<'a> {
         }
     }
 
-    /// The model of the greatest evidence for a state with gear ripple, with a curve or without.
+    /// Returns the model of greatest evidence, with or without a curve, for a state with gear ripple.
     pub fn learn(
         &self,
         with_ripple: &ParametricModel,
@@ -163,8 +167,8 @@ impl<'a> HyperparameterSearch<'a> {
         Ok(self.learned(state, layout, &[&few, &found], rise))
     }
 
-    /// The model without a curve in few poses. From large amplitudes the search found up to 17 nats more, and models up to a
-    /// third worse on held-out poses of an iiwa: processes that grow without need take the place of parameters.
+    /// Returns the model without a curve in few poses. From large amplitudes, the search found up to 17 nats more, but
+    /// models up to a third worse on held-out poses of an iiwa: processes that grow without need replace parameters.
     fn plain(
         &self,
         state: &ParametricModel,
@@ -182,7 +186,7 @@ impl<'a> HyperparameterSearch<'a> {
         let goes_on = self.part.len() > FEW_POSES;
         let mut found = few(start, if goes_on { &STOP } else { &PATIENT_STOP })?;
         if goes_on && found.value > parameters.value - WORTH_A_SEARCH {
-            // Hardly better than the parameters: beside them the likelihood is flat, and falls farther on.
+            // Hardly better than the parameters: near them the likelihood is flat and falls farther on.
             let iterations = found.iterations;
             found = few(&found.x, &PATIENT_STOP)?;
             found.iterations += iterations;
@@ -202,7 +206,7 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// The result of searches, each of which began where the one before ended.
+    /// Assembles the result of searches, each of which started where the one before ended.
     fn learned(
         &self,
         state: ParametricModel,
@@ -224,7 +228,8 @@ impl<'a> HyperparameterSearch<'a> {
         }
     }
 
-    /// The noise is at least what is stated of the instrument or a part of `left`, both relative to the scales.
+    /// Sets the lower bounds of the noise: what is stated of the instrument, or else a share of `left`, both relative to
+    /// the scales.
     fn bound_noise(&self, bounds: &mut [(f64, f64)], left: [f64; 2]) {
         let scales = &self.scales;
         let stated = [scales.quietest.position, scales.quietest.orientation];
@@ -235,7 +240,7 @@ impl<'a> HyperparameterSearch<'a> {
         }
     }
 
-    /// Calls `use_it` with the likelihood of the first `poses` of the part.
+    /// Calls `use_it` with the objective for the first `poses` of the subset.
     fn with_likelihood<T>(
         &self,
         state: &ParametricModel,
@@ -265,7 +270,7 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// A search in the first `poses` of the part.
+    /// Searches in the first `poses` of the subset.
     fn minimum(
         &self,
         state: &ParametricModel,
@@ -280,7 +285,7 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// A search in the first `poses` of the part from where another one ended.
+    /// Searches in the first `poses` of the subset from where another search ended.
     fn go_on(
         &self,
         state: &ParametricModel,
@@ -295,8 +300,8 @@ impl<'a> HyperparameterSearch<'a> {
         })
     }
 
-    /// The model with an own-joint curve in place of the ripple of its orders, at its optimum of few poses; `None` unless the
-    /// log evidence rises by more than [`CURVE_RISE`].
+    /// Returns the model with an own-joint curve in place of the ripple of its orders, at its optimum of few poses;
+    /// `None` unless the log evidence rises by more than [`CURVE_RISE`].
     fn with_curve(
         &self,
         with_ripple: &ParametricModel,
@@ -333,15 +338,15 @@ impl<'a> HyperparameterSearch<'a> {
         Ok(Some((state, curved, few, bounds)))
     }
 
-    /// Whether the noise of an optimum is held by no bound.
+    /// Returns whether no bound holds the noise of an optimum.
     fn is_free(&self, h: &[f64], layout: HyperLayout) -> bool {
         let mut bounds = layout.start_and_bounds(self.payload_unit).1;
         self.bound_noise(&mut bounds, [1.0; 2]);
         h.iter().zip(&bounds).take(2).all(|(h, bound)| *h > bound.0)
     }
 
-    /// Hyperparameters of parameters and curve without processes, from the best of several starts; `None` when the curve is
-    /// not worth more. `without` is the optimum without it, if that is known.
+    /// Returns the hyperparameters of parameters and curve without processes, from the best of several starts; `None`
+    /// when the curve is not worth a full search. `without` is the optimum without the curve, if that is known.
     fn curve_alone(
         &self,
         state: &ParametricModel,
@@ -380,11 +385,12 @@ impl<'a> HyperparameterSearch<'a> {
 
 /// The model without a curve in few poses.
 struct Plain {
-    /// The optimum of the parameters alone.
+    /// Optimum of the parameters alone.
     parameters: Minimum,
-    /// The optimum with processes.
+    /// Optimum with processes.
     few: Minimum,
 }
 
-/// A model with a curve: without the ripple that it replaces, its optimum of few poses and the bounds of the search.
+/// A model with a curve: its state without the ripple that the curve replaces, its layout, its optimum of few poses and
+/// the bounds of the search.
 type WithCurve = (ParametricModel, HyperLayout, Minimum, Vec<(f64, f64)>);

@@ -1,19 +1,18 @@
-//! What the elastic model's hyperparameters mean: their places in one flat vector of logarithms, where a search begins and
-//! what bounds it, and the kernels that they make.
+//! The hyperparameters of the elastic model: their positions in one flat vector of logarithms, the start and bounds of a
+//! search, and the kernels that they define.
 
 use poegp_runtime::gp::joint_kernel::JointKernel;
 
 use crate::learning::elastic::own_joint_curve::{CurvePrior, LENGTH_SCALES, Spectrum};
 
-/// One radian or metre of deflection in units of the processes: amplitudes are of order one.
+/// Unit of the processes, in rad or m of deflection: amplitudes in this unit are of order one.
 pub const DEFLECTION_UNIT: f64 = 1e-4;
 
-/// Hyperparameters as natural logarithms, one flat vector:
-/// noise (position, orientation), priors (frames, links, payload), then for each output w_d…, w_m, a₀, a₁, and of the
-/// own-joint curve, if there is one, a² and l.
+/// Layout of the hyperparameters, a flat vector of natural logarithms: noise (position, orientation), priors (frames,
+/// links, payload), then w_d…, w_m, a₀, a₁ of each output, and a² and l of the own-joint curve, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HyperLayout {
-    /// Outputs: the joints.
+    /// Number of outputs: the joints.
     pub joints: usize,
     /// Whether the payload is an input.
     pub payload: bool,
@@ -21,31 +20,31 @@ pub struct HyperLayout {
     pub curve: bool,
 }
 
-/// Noise and prior hyperparameters before those of the kernels.
+/// Number of noise and prior hyperparameters, which precede those of the kernels.
 pub const COMMON: usize = 5;
 
-/// Standard deviation, a priori, of the logarithms of one input's weights about their mean over the joints. A narrower prior,
-/// or a spread that is inferred, is better from sixty poses of the wild arm, and chooses or covers worse from 8 to 30 poses of
-/// other arms.
+/// Prior standard deviation of the logarithms of one input's weights about their mean over the joints. A narrower prior,
+/// or an inferred spread, is better with sixty poses of the wild arm, but with 8 to 30 poses of other arms it chooses or
+/// covers worse.
 const SPREAD: f64 = 2.0;
 
 impl HyperLayout {
-    /// Number of hyperparameters.
+    /// Returns the number of hyperparameters.
     pub fn len(&self) -> usize {
         self.curve_amplitude() + if self.curve { 2 } else { 0 }
     }
 
-    /// Index of a² of the own-joint curve, in squared units of the processes.
+    /// Returns the index of a² of the own-joint curve, which is in squared units of the processes.
     pub fn curve_amplitude(&self) -> usize {
         COMMON + (self.scales_len() + self.amplitudes_len()) * self.joints
     }
 
-    /// Index of the length scale of the own-joint curve, rad.
+    /// Returns the index of the length scale of the own-joint curve, which is in rad.
     pub fn curve_scale(&self) -> usize {
         self.curve_amplitude() + 1
     }
 
-    /// The prior of the own-joint curve in units of the processes.
+    /// Returns the prior of the own-joint curve in units of the processes; `None` without a curve.
     pub fn curve_prior(&self, h: &[f64]) -> Option<CurvePrior> {
         self.curve.then(|| CurvePrior {
             amplitude: libm::exp(h[self.curve_amplitude()]),
@@ -53,7 +52,7 @@ impl HyperLayout {
         })
     }
 
-    /// Never empty.
+    /// Returns false: a layout is never empty.
     pub fn is_empty(&self) -> bool {
         false
     }
@@ -66,17 +65,17 @@ impl HyperLayout {
         1 + usize::from(self.payload)
     }
 
-    /// Index of w_d of output c (`d == joints`: w_m).
+    /// Returns the index of w_d of output c (`d == joints`: w_m).
     pub fn scale(&self, c: usize, d: usize) -> usize {
         COMMON + c * self.scales_len() + d
     }
 
-    /// Index of a₀ (`i == 0`) or a₁ of output c.
+    /// Returns the index of a₀ (`i == 0`) or a₁ (`i == 1`) of output c.
     pub fn amplitude(&self, c: usize, i: usize) -> usize {
         COMMON + self.scales_len() * self.joints + c * self.amplitudes_len() + i
     }
 
-    /// Where the search begins, and within which bounds.
+    /// Returns the start of a search and its bounds.
     pub fn start_and_bounds(&self, payload_unit: f64) -> (Vec<f64>, Vec<(f64, f64)>) {
         let mut start = vec![0.0; self.len()];
         let mut bounds = vec![(0.0, 0.0); self.len()];
@@ -115,7 +114,7 @@ impl HyperLayout {
         (start, bounds)
     }
 
-    /// `h` with processes that explain nothing: of the least amplitude within `bounds`.
+    /// Returns `h` with processes that explain nothing: their amplitudes are at the lower `bounds`.
     pub fn without_processes(&self, h: &[f64], bounds: &[(f64, f64)]) -> Vec<f64> {
         let mut out = h.to_vec();
         for c in 0..self.joints {
@@ -127,7 +126,7 @@ impl HyperLayout {
         out
     }
 
-    /// The kernels, with amplitudes in rad² (m²).
+    /// Returns the kernels of all outputs, with amplitudes in rad² (m²).
     pub fn kernels(&self, h: &[f64]) -> Vec<JointKernel<f64>> {
         let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;
         (0..self.joints)
@@ -153,7 +152,7 @@ impl HyperLayout {
             .collect()
     }
 
-    /// Minus the logarithm of the prior of the length scales, up to a constant; its gradient is added to `gradient`.
+    /// Returns the negative log prior of the length scales, up to a constant, and adds its gradient to `gradient`.
     pub fn add_scale_prior(&self, h: &[f64], gradient: &mut [f64]) -> f64 {
         let precision = 1.0 / (SPREAD * SPREAD);
         let mut squares = 0.0;
@@ -163,7 +162,7 @@ impl HyperLayout {
             for joint in 0..self.joints {
                 let off = h[at(joint)] - mean;
                 squares += off * off;
-                // The mean's own part of the gradient adds up to nothing.
+                // The terms of the gradient that stem from the mean add up to zero.
                 gradient[at(joint)] += precision * off;
             }
         }

@@ -1,15 +1,15 @@
-//! Inducing points of each joint: a few kernels that say what the whole posterior says.
+//! Selection of each joint's inducing points: a few kernels that represent the whole posterior.
 //!
-//! The processes of the joints have length scales of their own, so each needs its points elsewhere, and needs few. The
-//! posterior mean with all poses as points is known; for each joint it is approached by kernels at some of the poses,
-//! greedily: next comes the kernel that takes most off the squared difference for its instructions, over all joints, where
-//! a difference counts by how much the joint moves the tool (orthogonal least squares). The two are compared at the poses
-//! and between pairs of them. The weights of the chosen points and all parameters are then solved again from the
-//! measurements: where few poses are over-fitted by the whole posterior, that is better (Motoman, five folds: the whole
-//! posterior 0.041 mm, the points brought to it 0.042, solved again 0.036).
+//! The processes of the joints have length scales of their own, so each needs its own few points. The posterior mean with
+//! all poses as points is known. For each joint, kernels at some of the poses approximate it greedily (orthogonal least
+//! squares): over all joints, the next kernel is the one that reduces the squared difference most for its instructions,
+//! where a difference is weighted by how much the joint moves the tool. The two functions are compared at the poses and
+//! between pairs of them. The weights of the chosen points and all parameters are then solved again from the
+//! measurements. Where the whole posterior over-fits few poses, that is better (Motoman, five folds: the whole posterior
+//! 0.041 mm, the points fitted to it 0.042, solved again 0.036).
 //!
-//! A joint's kernel does not look at joints that hardly matter to it: those whose rate leaves less than `NEGLIGIBLE` of
-//! the noise's variance unexplained. Their words are not stored.
+//! A joint's kernel ignores joints that hardly matter to it: those whose rate leaves less than `NEGLIGIBLE` of the
+//! noise's variance unexplained. The features of ignored joints are not stored.
 
 use poegp_protocol::limits::MAX_GROUPS;
 use poegp_runtime::gp::joint_kernel::JointKernel;
@@ -27,50 +27,53 @@ use crate::learning::elastic::reduced_solution::solve;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 
-/// Variance that a joint's length scale may leave unexplained for the joint to be left out, as part of the noise of all
-/// components of a pose. Wild arms 1 to 3, 150 functions: 0.0631 mm and 10 400 instructions with 0, 0.0631 and 8 800 with
-/// this, 0.0637 and 7 400 with ten times as much.
+/// Unexplained variance below which a joint is ignored, as a share of the noise of all components of a pose. Wild arms 1
+/// to 3, 150 functions: 0.0631 mm and 10 400 instructions with 0, 0.0631 and 8 800 with this, 0.0637 and 7 400 with ten
+/// times as much.
 const NEGLIGIBLE: f64 = 0.01;
-/// A kernel that is nearly said by others is worth less: added to the squared length of what they leave of it, as part of
-/// the mean squared length of a column. 1e-6 is 0.3 % worse on ten paper-like and ten wild arms, 1e-4 3 %.
+/// Ridge that devalues a kernel that the chosen ones nearly span: it is added to the squared length of what they leave of
+/// the kernel, as a share of the mean squared length of a column. 1e-6 is 0.3 % worse on ten paper-like and ten wild
+/// arms, 1e-4 3 %.
 const RIDGE: f64 = 1e-7;
-/// A kernel must have this part of itself beside the chosen ones.
+/// Least share of a kernel's squared length that must lie outside the span of the chosen ones.
 const LEAST_LEFT: f64 = 1e-5;
-/// Payloads of the centres: each costs an exponential for each joint. Two instead of five are 10 % worse on wild arms.
+/// Largest number of payloads of the centres: each costs an exponential for each joint. Two instead of five are 10 %
+/// worse on wild arms.
 pub const MAX_PAYLOADS: usize = 6;
 const _: () = assert!(MAX_PAYLOADS <= MAX_GROUPS);
-/// Poses whose kernels may be chosen, and poses at which they are compared beside as many between poses.
+/// Largest number of poses whose kernels may be chosen, and of poses at which functions are compared; as many positions
+/// between poses are compared as well.
 const MAX_CANDIDATES: usize = 400;
 const MAX_QUERY_POINTS: usize = 600;
 
 /// One inducing point.
 #[derive(Clone, Copy, Debug)]
 pub struct InducingPoint {
-    /// The joints where it stands.
+    /// Joints at the point, in the form that the kernel compares.
     pub features: JointTrig<f64>,
-    /// Its payload in kg, one of at most [`MAX_GROUPS`].
+    /// Payload in kg, one of at most [`MAX_GROUPS`].
     pub payload_kg: f64,
-    /// Its weight.
+    /// Weight of the point's kernel.
     pub weight: f64,
 }
 
 /// The inducing points of all joints.
 #[derive(Clone, Debug)]
 pub struct InducingSets {
-    /// The kernel of each joint, with the rates of the joints that it does not look at zero.
+    /// Kernel of each joint; the rates of ignored joints are zero.
     pub kernels: Vec<JointKernel<f64>>,
-    /// Those of each joint, sorted by payload.
+    /// Inducing points of each joint, sorted by payload.
     pub points: Vec<Vec<InducingPoint>>,
-    /// By how much the smaller weights that single precision needs move the target, RMS over the measurements, m; `None`
-    /// where it holds the weights as they are.
+    /// RMS displacement of the target over the measurements, in m, caused by the smaller weights that single precision
+    /// needs; `None` where single precision holds the weights as they are.
     pub single_precision_cost: Option<f64>,
 }
 
-/// Where kernels are evaluated: joints and payload.
+/// A point at which kernels are evaluated: joints and payload.
 type QueryPoint = (JointTrig<f64>, f64);
 
-/// Chooses inducing points for a fit to `samples` and solves for their weights and all parameters; the parameters of `fit`
-/// move. `None` when there are no processes or the system cannot be solved.
+/// Chooses inducing points for a fit to `samples`, and solves for their weights and all parameters from the samples
+/// `all`; the parameters of `fit` change. Returns `None` when there are no processes or the system cannot be solved.
 pub fn select_greedy(
     fit: &mut ElasticFit,
     samples: &[BaseSample],
@@ -146,7 +149,7 @@ pub fn select_greedy(
     })
 }
 
-/// Each payload replaced by the nearest of at most [`MAX_PAYLOADS`] quantiles.
+/// Replaces each payload by the nearest of at most [`MAX_PAYLOADS`] quantiles.
 pub fn clustered_payloads(payloads: &[f64]) -> Vec<f64> {
     let mut sorted = payloads.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -165,13 +168,14 @@ pub fn clustered_payloads(payloads: &[f64]) -> Vec<f64> {
     payloads.iter().map(|m| nearest(*m)).collect()
 }
 
-/// Mean square of how a joint moves all components of a pose, in units of their noise before the processes.
+/// Returns the squared effect of a joint on all components of a pose, averaged over the poses, in units of their noise
+/// before the processes.
 fn share(linear: &Linearised, joint: usize, poses: usize) -> f64 {
     let squares = (0..linear.jacobian.nrows()).map(|row| linear.jacobian[(row, joint)].powi(2));
     squares.sum::<f64>() / poses as f64
 }
 
-/// The kernel with the rates of joints that hardly matter set to zero.
+/// Returns the kernel with the rates of joints that hardly matter set to zero.
 fn without_negligible(kernel: &JointKernel<f64>, share: f64, fit: &ElasticFit) -> JointKernel<f64> {
     let (features, payloads) = (&fit.inputs.features, &fit.inputs.payloads);
     let n = payloads.len() as f64;
@@ -179,7 +183,7 @@ fn without_negligible(kernel: &JointKernel<f64>, share: f64, fit: &ElasticFit) -
     let variance = kernel.amplitude + kernel.payload_amplitude * square;
     let noise = libm::exp(fit.hyperparameters[0]);
     let matters = |(d, rate): (usize, &f64)| {
-        // Half the mean squared distance of two poses: 1 − cos of a revolute joint.
+        // Half the mean squared distance of two poses; for a revolute joint the mean of 1 − cos.
         let mean = |i: usize| features.iter().map(|f| f[d][i]).sum::<f64>() / n;
         let squares = features.iter().map(|f| f[d][0].powi(2) + f[d][1].powi(2));
         let spread = squares.sum::<f64>() / n - mean(0).powi(2) - mean(1).powi(2);
@@ -200,7 +204,7 @@ fn without_negligible(kernel: &JointKernel<f64>, share: f64, fit: &ElasticFit) -
     out
 }
 
-/// Poses, and as many places between two of them.
+/// Returns poses, and as many points between two of them.
 fn query_points(
     fit: &ElasticFit,
     samples: &[BaseSample],
@@ -228,7 +232,7 @@ fn query_points(
     out
 }
 
-/// Takes what is worth most for its instructions until a limit is reached.
+/// Takes the candidates that are worth most for their instructions until a limit is reached.
 fn spend(joints: &mut [Approach], centres: &[QueryPoint], limits: InducingLimits) {
     let limit = limits
         .instructions
@@ -252,34 +256,34 @@ fn spend(joints: &mut [Approach], centres: &[QueryPoint], limits: InducingLimits
     }
 }
 
-/// A function that may be taken next.
+/// A kernel function that may be taken next.
 #[derive(Clone, Copy, Debug)]
 struct Candidate {
     index: usize,
-    /// What it takes off the squared difference, for each instruction.
+    /// Reduction of the squared difference for each instruction.
     worth: f64,
     instructions: f64,
 }
 
-/// The approach to one joint's posterior mean.
+/// The greedy approximation of one joint's posterior mean.
 struct Approach {
-    /// Every candidate at every place.
+    /// Values of every candidate at every query point.
     columns: Vec<Vec<f64>>,
-    /// By how much a squared difference counts.
+    /// Weight of a squared difference of this joint.
     share: f64,
-    /// Instructions of a row, and of a payload group.
+    /// Instructions for a row, and for a payload group.
     row: f64,
     block: f64,
     ridge: f64,
     chosen: Vec<usize>,
-    /// Orthonormal, of the chosen columns.
+    /// Orthonormal basis of the chosen columns.
     basis: Vec<Vec<f64>>,
-    /// The target beside the basis.
+    /// Part of the target outside the basis.
     residual: Vec<f64>,
-    /// Squared length of every column, and what of it is beside the basis.
+    /// Squared length of every column, and that of its part outside the basis.
     whole: Vec<f64>,
     left: Vec<f64>,
-    /// Every column's product with the residual.
+    /// Inner product of every column with the residual.
     along: Vec<f64>,
 }
 
@@ -326,7 +330,7 @@ impl Approach {
 
     fn take(&mut self, index: usize) {
         let mut direction = self.columns[index].clone();
-        // Twice is enough.
+        // Orthogonalising twice is enough.
         for _ in 0..2 {
             for known in &self.basis {
                 let part = product(known, &direction);
@@ -344,7 +348,7 @@ impl Approach {
             self.left[j] -= part * part;
             self.along[j] -= part * step;
         }
-        // Whatever rounding leaves of it.
+        // Set to zero whatever rounding leaves.
         self.left[index] = 0.0;
         self.basis.push(direction);
         self.chosen.push(index);
@@ -355,7 +359,7 @@ fn product(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// a − factor · b, to a.
+/// Subtracts factor · b from a.
 fn subtract(a: &mut [f64], b: &[f64], factor: f64) {
     for (a, b) in a.iter_mut().zip(b) {
         *a -= factor * b;

@@ -1,4 +1,4 @@
-//! The inputs of the processes, and what is computed of them once.
+//! The inputs of the processes, and quantities that are computed from them once.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
@@ -13,7 +13,7 @@ use crate::numeric::matrix::Mat;
 /// The inputs of the processes.
 #[derive(Clone, Debug)]
 pub struct Inputs {
-    /// The joints of each pose.
+    /// Joints of each pose, in the form that the kernel compares.
     pub features: Vec<JointTrig<f64>>,
     /// Payload of each pose in kg; 0 where there is none.
     pub payloads: Vec<f64>,
@@ -34,7 +34,7 @@ impl Inputs {
         }
     }
 
-    /// sin kq and cos kq of every joint, if there is an own-joint curve.
+    /// Returns sin kq and cos kq of every joint if there is an own-joint curve, otherwise nothing.
     pub fn waves(&self, layout: HyperLayout) -> Vec<Option<Waves>> {
         if layout.curve {
             waves(&self.features, &self.kinds)
@@ -43,7 +43,7 @@ impl Inputs {
         }
     }
 
-    /// s_d of every pair, joint by joint: n matrices N×N, lower triangles.
+    /// Returns the similarity s_d of every pair of poses: for each of the n joints the lower triangle of an N×N matrix.
     pub fn similarities(&self) -> Vec<Mat<f64>> {
         let n = self.features.len();
         (0..self.kinds.len())
@@ -60,7 +60,7 @@ impl Inputs {
     }
 }
 
-/// The payloads that occur: poses are many, payloads few, and their factor of the kernel has an exponential.
+/// The distinct payloads. Poses are many and payloads few, and the payload factor of the kernel needs an exponential.
 pub(super) struct DistinctPayloads {
     kilograms: Vec<f64>,
     /// Index of each pose's payload in `kilograms`.
@@ -78,7 +78,7 @@ impl DistinctPayloads {
         Self { kilograms, index }
     }
 
-    /// Factors of a kernel: row by the second payload, column by the first.
+    /// Returns the payload factors of a kernel: rows by the second payload, columns by the first.
     pub fn factors(&self, kernel: &JointKernel<f64>) -> Vec<Vec<f64>> {
         let row = |other: &f64| {
             let factor = |m: &f64| kernel.payload_factor(*m, *other);
@@ -88,7 +88,7 @@ impl DistinctPayloads {
     }
 }
 
-/// k_c between two points, rad².
+/// Returns the kernel k_c between two points (joints and payload), in rad² or m².
 pub(crate) fn kernel(
     kernel: &JointKernel<f64>,
     kinds: &[JointKind],
@@ -102,5 +102,5 @@ pub(crate) fn kernel(
     kernel.payload_factor(m, other) * kernel.joint_factor(&s)
 }
 
-/// A function of a reduced model: the joint whose process it is part of, and its centre.
+/// A kernel function of a reduced model: the joint to whose process it belongs, and its centre (joints and payload).
 pub type ClusteredInput = (usize, (JointTrig<f64>, f64));

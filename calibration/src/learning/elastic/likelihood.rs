@@ -1,8 +1,8 @@
 //! The marginal likelihood of the elastic model: y = A x + Σ_c J_c δ_c + noise with x and δ integrated out.
 //!
-//! S = Σ_g λ_g A_g A_gᵀ + Σ_c (J_c J_cᵀ) ∘ K_c + noise, and with α = S⁻¹y, W = S⁻¹ − ααᵀ the derivative of
-//! −log p = ½ yᵀS⁻¹y + ½ log|S| by anything is ½ Σ W ∘ ∂S. For a kernel that contracts to an N×N matrix,
-//! G_c(i,j) = J_icᵀ W_ij J_jc, against ∂K_c (`hyperparameter_objective.rs`). Kernels are the runtime's.
+//! S = Σ_g λ_g A_g A_gᵀ + Σ_c (J_c J_cᵀ) ∘ K_c + noise. With α = S⁻¹y and W = S⁻¹ − ααᵀ, the derivative of
+//! −log p = ½ yᵀS⁻¹y + ½ log|S| by any hyperparameter is ½ Σ W ∘ ∂S. For a kernel, W contracts to the N×N matrix
+//! G_c(i,j) = J_icᵀ W_ij J_jc, to be multiplied with ∂K_c (`hyperparameter_objective.rs`). The kernels are the runtime's.
 
 use poegp_runtime::gp::joint_kernel::JointKernel;
 
@@ -16,28 +16,28 @@ use crate::numeric::parallel::for_each;
 use crate::numeric::product::{Become, Operand, multiply};
 use crate::numeric::vectors::vectorised;
 
-/// The data of the likelihood.
+/// The data from which the marginal likelihood is computed.
 #[derive(Debug)]
 pub struct MarginalLikelihood<'a> {
-    /// The linear model.
+    /// Linearised model.
     pub linear: &'a Linearised,
-    /// PriorGroup of each parameter.
+    /// Prior group of each parameter.
     pub groups: &'a [PriorGroup],
     /// Inputs of the processes.
     pub inputs: &'a Inputs,
-    /// s_d of every pair.
+    /// Similarity s_d of every pair of poses, one matrix for each joint.
     pub similarities: &'a [Mat<f64>],
     /// sin kq and cos kq of every joint for the own-joint curve; empty when there is none.
     pub waves: &'a [Option<Waves>],
-    /// What the hyperparameters mean.
+    /// Layout of the hyperparameters.
     pub layout: HyperLayout,
     /// Whether there are processes of all joints.
     pub processes: bool,
-    /// Threads that work on it; no result depends on it.
+    /// Number of threads; no result depends on it.
     pub threads: usize,
 }
 
-/// Poses whose columns of a matrix one thread works on at a time.
+/// Number of poses whose columns of a matrix one thread works on at a time.
 pub(super) const POSES_TOGETHER: usize = 16;
 
 /// Covariances of the joints' deflections, lower triangles, one matrix for each output.
@@ -45,19 +45,19 @@ pub(super) const POSES_TOGETHER: usize = 16;
 pub(super) struct Covariances {
     /// K_c of the processes of all joints; empty when there are none.
     pub(super) kernels: Vec<Mat<f64>>,
-    /// The same with the own-joint curve; empty when there is none.
+    /// K_c plus the covariance of the own-joint curve; empty when there is no curve.
     with_curve: Vec<Mat<f64>>,
 }
 
-/// A factored S with what the solution needs.
+/// The factored S and the solution at fixed hyperparameters.
 pub struct Posterior {
-    /// S⁻¹ y.
+    /// Solution α = S⁻¹ y.
     pub alpha: Mat<f64>,
-    /// The factor of S.
+    /// Cholesky factor of S.
     pub factor: Factor,
-    /// x̂.
+    /// Estimated parameters x̂.
     pub parameters: Vec<f64>,
-    /// J_cᵀ α for each pose: weights of the processes in deflection units, N × n.
+    /// Weights of the processes J_cᵀ α for each pose and joint, in deflection units, N × n.
     pub weights: Mat<f64>,
 }
 
@@ -66,7 +66,7 @@ impl MarginalLikelihood<'_> {
         self.inputs.payloads.len()
     }
 
-    /// Some columns of K_c from `first` on, lower triangle, in units of the processes.
+    /// Computes some columns of K_c (lower triangle) from `first` on, in squared units of the processes.
     #[inline(always)]
     fn kernel_columns(
         &self,
@@ -91,7 +91,7 @@ impl MarginalLikelihood<'_> {
         }
     }
 
-    /// S, lower triangle, and K_c; beyond it nothing means anything.
+    /// Computes the lower triangles of S and K_c; entries beyond them have no meaning.
     pub(super) fn covariance(&self, h: &[f64], s: &mut Mat<f64>, out: &mut Covariances) {
         let sd: Vec<f64> = self
             .groups
@@ -154,7 +154,7 @@ impl MarginalLikelihood<'_> {
         );
     }
 
-    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c to some columns of S from `first` on, from that row on, all outputs in one pass.
+    /// Adds Σ_c (J_c J_cᵀ) ∘ K_c to some columns of S from `first` on, from that row downwards, all outputs in one pass.
     #[inline(always)]
     fn add_processes(
         &self,
@@ -179,7 +179,7 @@ impl MarginalLikelihood<'_> {
         }
     }
 
-    /// J_c in units of the processes, pose by pose; none when there are no processes.
+    /// Returns J_c in units of the processes for each joint and pose; empty when there are no processes.
     pub(super) fn columns(&self) -> Vec<Vec<[f64; ROWS]>> {
         let jacobian = &self.linear.jacobian;
         let at = |k: usize, c: usize| -> [f64; ROWS] {
@@ -190,7 +190,7 @@ impl MarginalLikelihood<'_> {
             .collect()
     }
 
-    /// Joints that deflect.
+    /// Returns the number of joints that deflect.
     fn outputs(&self) -> usize {
         if self.processes || self.layout.curve {
             self.layout.joints
@@ -199,7 +199,7 @@ impl MarginalLikelihood<'_> {
         }
     }
 
-    /// Room for K_c.
+    /// Allocates zero matrices for K_c.
     pub(super) fn no_kernels(&self) -> Covariances {
         let room = |is_needed: bool| {
             let outputs = if is_needed { self.layout.joints } else { 0 };
@@ -212,7 +212,7 @@ impl MarginalLikelihood<'_> {
         }
     }
 
-    /// Solves for everything at fixed hyperparameters; `None` when S cannot be factored.
+    /// Solves for parameters and processes at fixed hyperparameters; `None` when S cannot be factored.
     pub fn solve(&self, h: &[f64]) -> Option<Posterior> {
         let rows = self.linear.y.nrows();
         let mut s = Mat::zeros(rows, rows);

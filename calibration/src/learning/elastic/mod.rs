@@ -1,9 +1,9 @@
 //! The elastic model: POE, gravity terms, gear ripple and joint-space processes, solved together.
 //!
-//! T = POE(C (q + φ(q, m) θ + ripple(q) + h(q) + δ(q, m))), with y = A x + Σ_c J_c (h_c + δ_c) + noise linearised around it:
-//! frames, gravity coefficients and ripple x under a Gaussian prior, h_c Gaussian processes of a joint's own angle, δ_c
-//! Gaussian processes of joints and payload. One generalised least-squares solution for all of it, hyperparameters by the
-//! marginal likelihood.
+//! T = POE(C (q + φ(q, m) θ + ripple(q) + h(q) + δ(q, m))) is linearised as y = A x + Σ_c J_c (h_c + δ_c) + noise. The
+//! parameters x (frames, gravity coefficients, ripple) have a Gaussian prior, h_c are Gaussian processes of a joint's own
+//! angle, and δ_c are Gaussian processes of joints and payload. One generalised least-squares solution gives all of them;
+//! the hyperparameters maximise the marginal likelihood.
 
 pub mod device_variance;
 pub mod fit;

@@ -1,4 +1,4 @@
-//! How the elastic model is fitted.
+//! Options of an elastic fit.
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
@@ -10,52 +10,52 @@ use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::learning::elastic::hyperparameters::HyperLayout;
 use crate::measurement::sample::BaseSample;
 
-/// Poses that hyperparameters are learnt from, of more.
+/// Default of the most poses that the hyperparameters are learnt from.
 pub const HYPERPARAMETER_POSES: usize = 200;
 
-/// The arm before it is fitted.
+/// The nominal arm that a fit starts from.
 #[derive(Clone, Debug)]
 pub struct NominalArm {
-    /// The chain to the first target.
+    /// Chain from the base to the first target.
     pub chain: Poe<f64>,
     /// `joint_n_from_target` of every tool.
     pub tools: Vec<Pose<f64>>,
-    /// C of q_serial = C q.
+    /// Joint coupling C of q_serial = C q.
     pub coupling: Option<Vec<Vec<f64>>>,
-    /// Gear ripple that its description states.
+    /// Frequencies of gear ripple that the robot's description states.
     pub gear_lines: Vec<GearLine>,
 }
 
 impl NominalArm {
-    /// Its parametric model, without ripple.
+    /// Returns the parametric model of the arm, without ripple.
     pub(super) fn parametric(&self, layout: Layout, options: &ElasticOptions) -> ParametricModel {
         let (tools, coupling) = (self.tools.clone(), self.coupling.clone());
         ParametricModel::new(&self.chain, tools, coupling, layout, options.gravity)
     }
 }
 
-/// How the elastic model is fitted.
+/// Options of an elastic fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ElasticOptions {
-    /// Gravity terms of links and payload.
+    /// Whether gravity terms of links and payload are fitted.
     pub gravity_terms: bool,
-    /// Joint-space processes.
+    /// Whether joint-space processes are fitted.
     pub processes: bool,
-    /// Gear ripple.
+    /// Whether gear ripple is searched for and fitted.
     pub ripple: bool,
-    /// An own-joint curve, where the evidence asks for one.
+    /// Whether an own-joint curve is fitted where the evidence asks for one.
     pub curve: bool,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
-    /// How many inducing points the device gets.
+    /// Limits on the inducing points that the device gets.
     pub inducing: InducingLimits,
-    /// Most poses that the hyperparameters are learnt from.
+    /// Largest number of poses that the hyperparameters are learnt from.
     pub hyperparameter_poses: usize,
-    /// What is done with measurements that do not belong.
+    /// Policy for measurements that do not belong.
     pub outliers: OutlierPolicy,
-    /// Whether the device gets a standard deviation.
+    /// Whether the device gets data from which it computes a standard deviation.
     pub device_variance: bool,
-    /// What is done with the warm-up that the evidence shows.
+    /// Policy for a warm-up that the evidence shows.
     pub warm_up: WarmUpPolicy,
 }
 
@@ -77,7 +77,7 @@ impl Default for ElasticOptions {
 }
 
 impl ElasticOptions {
-    /// The parameters and the hyperparameters of a fit to `samples`, without ripple.
+    /// Returns the layouts of the parameters and the hyperparameters of a fit to `samples`, without ripple.
     pub(super) fn layouts(
         &self,
         joints: usize,
@@ -101,14 +101,14 @@ impl ElasticOptions {
     }
 }
 
-/// Whether there is more than one payload.
+/// Returns whether there is more than one payload.
 fn varies(samples: &[BaseSample]) -> bool {
     let mut payloads = samples.iter().map(|s| s.payload_kg);
     let first = payloads.next().flatten();
     first.is_some() && payloads.any(|p| p != first)
 }
 
-/// RMS payload in kg, or 1.
+/// Returns the RMS payload in kg, or 1 where that is zero.
 pub(super) fn mean_payload(samples: &[BaseSample]) -> f64 {
     let square = samples
         .iter()
@@ -118,15 +118,16 @@ pub(super) fn mean_payload(samples: &[BaseSample]) -> f64 {
     if square > 0.0 { square.sqrt() } else { 1.0 }
 }
 
-/// Inducing points of all joints together, unless asked otherwise.
+/// Default number of inducing points of all joints together.
 pub const INDUCING_POINTS: usize = 200;
 
-/// How large the inducing sets of all joints may be together.
+/// Limits on the inducing sets of all joints together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InducingLimits {
-    /// Most inducing points.
+    /// Largest number of inducing points.
     pub points: usize,
-    /// Most instructions on the device, by the cost model, of their rows and of their payload groups.
+    /// Largest number of instructions on the device, by the cost model, for the rows and payload groups of the inducing
+    /// points.
     pub instructions: Option<u64>,
 }
 
@@ -139,24 +140,24 @@ impl Default for InducingLimits {
     }
 }
 
-/// What is done with outliers.
+/// Policy for outliers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum OutlierPolicy {
-    /// They are reported and trained on.
+    /// Report outliers and train on them.
     Keep,
-    /// They are reported and not trained on.
+    /// Report outliers and do not train on them.
     #[default]
     Reject,
 }
 
-/// What is done with the warm-up that the evidence shows.
+/// Policy for a warm-up that the evidence shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum WarmUpPolicy {
-    /// It is reported, and the model is that of a mean over the measurements.
+    /// Report the warm-up; the model is then that of a mean over the measurements.
     Keep,
-    /// It is reported and removed from the samples: the model is that of the arm when the last was measured.
+    /// Report the warm-up and remove it from the samples: the model is that of the arm when the last sample was measured.
     #[default]
     Remove,
 }

@@ -1,9 +1,9 @@
-//! Measurements that do not belong: found by leave-one-out χ² from the fitted model, never dropped silently.
+//! Outliers: measurements that contradict all others. Leave-one-out χ² finds them; none is dropped silently.
 //!
-//! A gross outlier inflates the noise that it should be judged by. Two stages keep that from happening: parameters alone
-//! are fitted to the poses that a robust scale (the median residual) believes, until that set settles; then the whole
-//! model predicts every remaining pose from all others, χ²_k = α_kᵀ ([S⁻¹]_kk)⁻¹ α_k with S⁻¹ and α = S⁻¹y from the one
-//! factorisation that is there anyway.
+//! A gross outlier inflates the very noise that it should be judged by. Two stages prevent that. First, parameters alone
+//! are fitted to the poses that a robust scale (the median residual) accepts, until that set settles. Then the whole
+//! model predicts every remaining pose from all others, χ²_k = α_kᵀ ([S⁻¹]_kk)⁻¹ α_k, with S⁻¹ and α = S⁻¹y from the
+//! factorisation that exists anyway.
 
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -19,16 +19,16 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
-/// χ² of a pose left out, above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
+/// Leave-one-out χ² of a pose above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
 pub const LEFT_OUT: f64 = 40.0;
-/// Squared robust distance of a pose from the parameters alone, above which it is gross: ten standard deviations.
+/// Squared robust distance from the parameters alone above which a pose is a gross outlier: ten standard deviations.
 const GROSS: f64 = 100.0;
-/// Rounds until the set of believed poses settles.
+/// Most rounds until the set of accepted poses settles.
 const ROUNDS: usize = 6;
-/// Equations for each parameter, below which the parameters follow an outlier instead of showing it.
+/// Number of equations for each parameter below which the parameters follow an outlier instead of showing it.
 const EQUATIONS_PER_PARAMETER: usize = 3;
 
-/// How an outlier was found.
+/// The test by which an outlier was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reason {
     /// Far from what the parameters alone predict.
@@ -37,22 +37,22 @@ pub enum Reason {
     LeaveOneOut,
 }
 
-/// One measurement that does not belong.
+/// A measurement that contradicts all others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outlier {
     /// Index of the sample.
     pub sample: usize,
-    /// How it was found.
+    /// Test by which it was found.
     pub reason: Reason,
-    /// Its χ² or squared robust distance.
+    /// χ² or squared robust distance of the sample.
     pub chi_squared: f64,
-    /// Distance of its position and of its rotation in standard deviations; zero for a rotation that was not measured.
+    /// Distances of position and rotation in standard deviations; zero for a rotation that was not measured.
     pub sigmas: [f64; 2],
 }
 
-/// Poses that the parameters alone cannot believe: gravity terms as `options` say, no ripple, no processes. `chain` is the
-/// nominal one to the first target, `tools` are `joint_n_from_target` of every tool. None where there are too few poses to
-/// tell an outlier from a parameter.
+/// Finds poses that contradict the parameters alone: gravity terms as `options` say, no ripple, no processes. `chain` is
+/// the nominal chain to the first target, `tools` are `joint_n_from_target` of every tool. Returns none where there are
+/// too few poses to distinguish an outlier from a parameter.
 pub fn gross_outliers(
     chain: &Poe<f64>,
     tools: &[Pose<f64>],
@@ -75,7 +75,7 @@ pub fn gross_outliers(
     })
 }
 
-/// Poses that the parameters alone cannot believe. `fit_parameters` fits a fresh state to some samples.
+/// Finds poses that contradict the parameters alone. `fit_parameters` fits a fresh state to some samples.
 pub fn robust_outliers(
     samples: &[BaseSample],
     fit_parameters: &dyn Fn(&[BaseSample]) -> ParametricModel,
@@ -119,16 +119,16 @@ pub fn robust_outliers(
     distances.iter().enumerate().filter_map(outlier).collect()
 }
 
-/// The leave-one-out residual of every pose.
+/// Result of the leave-one-out prediction of every pose.
 #[derive(Clone, Debug)]
 pub struct LeaveOneOut {
-    /// Poses that all others do not predict, by their index among the samples of the fit.
+    /// Outliers, by their index among the samples of the fit.
     pub outliers: Vec<Outlier>,
-    /// What predicted standard deviations of position and rotation must be multiplied with to be true of the poses left
-    /// out: the mean of what the 68 % and the 95 % quantile of their standardised errors ask for.
+    /// Factors that make the predicted standard deviations of position and rotation true for the poses left out: the mean
+    /// of the factors that the 68 % and the 95 % quantile of their standardised errors ask for.
     pub inflation: [f64; 2],
-    /// Variance of one position component of every pose as the others predict it, m²: the mean of three, with noise, not
-    /// inflated. `None` for outliers.
+    /// Variance of one position component of every pose as predicted by the others, in m²: the mean of three components,
+    /// with noise, not inflated. `None` for outliers.
     pub position_variance: Vec<Option<f64>>,
 }
 
@@ -148,7 +148,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
         let rows = sample.observation.equations();
         let block = blocks[k].view((0, 0), (rows, rows)).into_owned();
         let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
-        // The error of the pose left out is the block's inverse times α, and that inverse its covariance.
+        // The error of the pose left out is the block's inverse times α, and that inverse is its covariance.
         let Ok(factor) = Factor::new(block, 1) else {
             continue;
         };
@@ -175,7 +175,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     out
 }
 
-/// Distance in standard deviations of the at most three components of `error` from the beginning of `rows`.
+/// Returns the distance, in standard deviations, of at most three components of `error` from the beginning of `rows`.
 fn marginal(error: &Mat<f64>, covariance: &Mat<f64>, rows: Range<usize>) -> f64 {
     let (start, count) = (rows.start, rows.len().min(3));
     let block = Mat::from_fn(count, count, |i, j| covariance[(start + i, start + j)]);

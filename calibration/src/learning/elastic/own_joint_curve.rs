@@ -1,9 +1,10 @@
 //! The own-joint curve as a Gaussian process: an error of each revolute joint that repeats with its own angle.
 //!
-//! k(d) = a² (exp((cos d − 1)/l²) − its mean over a turn), one amplitude a and one length scale l for all joints. Written
-//! as a Fourier series it is a linear block with a diagonal prior, var(sin kq) = var(cos kq) = a² v_k(l) with
-//! v_k = 2 e^(−z) I_k(z), z = 1/l² (I_k: modified Bessel function of the first kind). Order 0 is the joint's zero, which the
-//! geometry has. The series ends at [`MAX_CURVE_ORDER`], in the fit as on the device: nothing is cut off afterwards.
+//! k(d) = a² (exp((cos d − 1)/l²) − its mean over a turn), with one amplitude a and one length scale l for all joints. As
+//! a Fourier series, the curve is a linear block with a diagonal prior, var(sin kq) = var(cos kq) = a² v_k(l) with v_k =
+//! 2 e^(−z) I_k(z), z = 1/l² (I_k: modified Bessel function of the first kind). Order 0 is the joint's zero, which
+//! belongs to the geometry. The series ends at [`MAX_CURVE_ORDER`], in the fit as on the device: nothing is cut off
+//! afterwards.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_CURVE_ORDER;
@@ -13,22 +14,22 @@ use poegp_runtime::math::fourier::cosine_series;
 use crate::numeric::matrix::{Mat, columns_mut};
 use crate::numeric::product::{Become, Operand, multiply_lower, product};
 
-/// Length scales in rad that the evidence may choose from.
+/// Range of length scales that the evidence may choose from, in rad.
 pub const LENGTH_SCALES: (f64, f64) = (0.05, 2.0);
-/// Orders beyond this many reciprocal length scales have no amplitude: v_k falls as exp(−k²l²/2).
+/// Number of reciprocal length scales beyond which orders have no amplitude: v_k falls as exp(−k²l²/2).
 const ORDERS_BY_SCALE: f64 = 5.0;
 
-/// Orders of a curve of length scale `l` (rad).
+/// Returns the number of orders of a curve of length scale `l` (rad).
 pub fn orders(l: f64) -> usize {
     ((ORDERS_BY_SCALE / l).ceil() as usize).clamp(1, MAX_CURVE_ORDER)
 }
 
-/// v_k(l) of orders 1, 2, … and their derivatives by ln l.
+/// Spectrum of the curve: v_k(l) of orders 1, 2, … and their derivatives by ln l.
 #[derive(Clone, Debug)]
 pub struct Spectrum {
     /// Prior variance of each order, relative to a².
     pub variance: Vec<f64>,
-    /// Its derivative by ln l.
+    /// Derivative of each variance by ln l.
     pub slope: Vec<f64>,
 }
 
@@ -37,7 +38,7 @@ impl Spectrum {
     pub fn new(l: f64) -> Self {
         let z = 1.0 / (l * l);
         let bessel = scaled_bessel(z, MAX_CURVE_ORDER + 1);
-        // I_k′ = (I_{k−1} + I_{k+1})/2; of e^(−z) I_k one I_k less. dz/d ln l = −2z.
+        // I_k′ = (I_{k−1} + I_{k+1})/2; the derivative of e^(−z) I_k has a further −e^(−z) I_k. dz/d ln l = −2z.
         let slope = |k: usize| 0.5 * (bessel[k - 1] + bessel[k + 1]) - bessel[k];
         Self {
             variance: (1..=MAX_CURVE_ORDER).map(|k| 2.0 * bessel[k]).collect(),
@@ -45,16 +46,16 @@ impl Spectrum {
         }
     }
 
-    /// k(0)/a²: the prior variance of the curve at any angle.
+    /// Returns k(0)/a²: the prior variance of the curve at any angle, relative to a².
     pub fn total(&self) -> f64 {
         self.variance.iter().sum()
     }
 }
 
-/// e^(−z) I_k(z) for k = 0 … `last` by Miller's downward recurrence I_{k−1} = I_{k+1} + (2k/z) I_k, scaled by
+/// Computes e^(−z) I_k(z) for k = 0 … `last` by Miller's downward recurrence I_{k−1} = I_{k+1} + (2k/z) I_k, scaled by
 /// e^z = I_0 + 2 Σ I_k (Abramowitz and Stegun, 9.6.26 and 9.6.37).
 fn scaled_bessel(z: f64, last: usize) -> Vec<f64> {
-    // Far enough beyond both the orders wanted and those that matter at z.
+    // Start far enough beyond both the orders that are wanted and those that matter at z.
     let start = last + 32 + (10.0 * z.sqrt()) as usize;
     let mut out = vec![0.0; last + 1];
     let (mut above, mut here, mut sum) = (0.0, 1e-300, 0.0);
@@ -80,7 +81,7 @@ fn scaled_bessel(z: f64, last: usize) -> Vec<f64> {
 /// sin kq and cos kq of one joint at every pose: columns sin q, cos q, sin 2q, ….
 pub type Waves = Mat<f64>;
 
-/// The waves of every joint; none of a prismatic one.
+/// Computes the waves of every joint; `None` for a prismatic one.
 pub fn waves(features: &[JointTrig<f64>], kinds: &[JointKind]) -> Vec<Option<Waves>> {
     let of = |c: usize| {
         let mut out = Mat::zeros(features.len(), 2 * MAX_CURVE_ORDER);
@@ -95,7 +96,7 @@ pub fn waves(features: &[JointTrig<f64>], kinds: &[JointKind]) -> Vec<Option<Wav
     kinds.iter().enumerate().map(revolute).collect()
 }
 
-/// sin q, cos q, sin 2q, cos 2q, … from sin q and cos q, by turning.
+/// Returns sin q, cos q, sin 2q, cos 2q, … from sin q and cos q, by repeated rotation.
 pub(super) fn wave([sin, cos]: [f64; 2]) -> [f64; 2 * MAX_CURVE_ORDER] {
     let mut out = [0.0; 2 * MAX_CURVE_ORDER];
     let (mut s, mut c) = (0.0, 1.0);
@@ -106,17 +107,17 @@ pub(super) fn wave([sin, cos]: [f64; 2]) -> [f64; 2 * MAX_CURVE_ORDER] {
     out
 }
 
-/// The prior of a curve.
+/// Prior of the own-joint curve.
 #[derive(Clone, Debug)]
 pub struct CurvePrior {
-    /// a² in the unit of its user.
+    /// Squared amplitude a², in the squared unit of the user.
     pub amplitude: f64,
-    /// v_k.
+    /// Spectrum v_k.
     pub spectrum: Spectrum,
 }
 
 impl CurvePrior {
-    /// K(i, j) of one joint, lower triangle and more, to `out`.
+    /// Writes K(i, j) of one joint to `out`: at least its lower triangle.
     pub fn gram(&self, waves: &Waves, out: &mut Mat<f64>) {
         let weight = |k: usize| (self.amplitude * self.spectrum.variance[k / 2]).sqrt();
         let scaled = Mat::from_fn(waves.nrows(), waves.ncols(), |i, k| {
@@ -131,13 +132,14 @@ impl CurvePrior {
         );
     }
 
-    /// k(q − q′) of two angles of one joint, each as sine and cosine.
+    /// Returns k(q − q′) of two angles of one joint, each given as sine and cosine.
     pub fn between(&self, [s, c]: [f64; 2], [other_s, other_c]: [f64; 2]) -> f64 {
         let cos = c * other_c + s * other_s;
         self.amplitude * cosine_series(&self.spectrum.variance, cos)
     }
 
-    /// Amplitudes of sin q, cos q, sin 2q, … of one joint, most probable for these weights of its process at every pose.
+    /// Returns the most probable amplitudes of sin q, cos q, sin 2q, … of one joint, given the weights of its process at
+    /// every pose.
     pub fn coefficients(&self, waves: &Waves, weights: impl Fn(usize) -> f64) -> Vec<f64> {
         let along =
             |k: usize| -> f64 { (0..waves.nrows()).map(|i| waves[(i, k)] * weights(i)).sum() };
@@ -147,8 +149,8 @@ impl CurvePrior {
     }
 }
 
-/// Σ_ij G(i, j) sin kq_i sin kq_j (and of cosines) for every column of `waves`; of G the lower triangle, which counts once,
-/// as its diagonal. The derivative of −log p by the variance of each column.
+/// Returns Σ_ij G(i, j) sin kq_i sin kq_j (and of cosines) for every column of `waves`: the derivative of −log p by the
+/// variance of each column. Of G, the lower triangle is given, and every entry of it, diagonal included, is summed once.
 pub fn gradient_by_order(lower: &Mat<f64>, waves: &Waves) -> Vec<f64> {
     let product = product(lower, waves);
     (0..waves.ncols())

@@ -1,11 +1,11 @@
-//! The posterior covariance of the elastic model: how well it predicts, before any correction of that statement.
+//! The posterior covariance of the elastic model: the uncertainty of its predictions, before any inflation.
 //!
-//! For a new pose y* = A* x + Σ_c J*_c δ_c(q*, m*): cov(y*) = P** − C S⁻¹ Cᵀ, with P** the prior covariance of y* and C its
-//! covariance with the measurements; both from parameters and processes. What the reduction to fewer inducing points adds
-//! is below a hundredth and left out.
+//! For a new pose y* = A* x + Σ_c J*_c δ_c(q*, m*): cov(y*) = P** − C S⁻¹ Cᵀ, with P** the prior covariance of y* and C
+//! its covariance with the measurements, both from parameters and processes. The reduction to fewer inducing points adds
+//! less than a hundredth, which is neglected.
 //!
-//! Everything is linearised around the parameters that S is: base and tool have priors of 60 mm, and where C is linear around
-//! others by a ten-thousandth, P** − C S⁻¹ Cᵀ is noise of the size of what it should be.
+//! Everything is linearised around the same parameters as S. Base and tool have priors of 60 mm: if C were linearised
+//! around parameters that differ by a ten-thousandth, P** − C S⁻¹ Cᵀ would be noise as large as the result.
 
 use std::sync::OnceLock;
 
@@ -29,20 +29,20 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
-/// Payloads that differ by less than this share of the largest are the same.
+/// Share of the largest payload up to which two payloads count as equal.
 const SAME_PAYLOAD: f64 = 0.01;
 
-/// A fit with what the covariance of its predictions needs.
+/// A fit, with everything that the covariance of its predictions needs.
 pub struct PosteriorCovariance {
     fit: ElasticFit,
     linear: Linearised,
     kernels: Vec<JointKernel<f64>>,
-    /// In rad².
+    /// Prior of the own-joint curve, with its amplitude in rad².
     curve: Option<CurvePrior>,
-    /// Noise of a measurement that states none.
+    /// Noise assumed for a measurement that states none.
     typical: InstrumentNoise,
     samples: Vec<BaseSample>,
-    /// By how much more deviations must be multiplied where the payload was not trained.
+    /// Further factors for standard deviations at a payload that was not trained.
     other_payload: OnceLock<[f64; 2]>,
 }
 
@@ -67,18 +67,18 @@ impl PosteriorCovariance {
         })
     }
 
-    /// The fit.
+    /// Returns the fit.
     pub fn fit(&self) -> &ElasticFit {
         &self.fit
     }
 
-    /// The samples of the fit.
+    /// Returns the samples of the fit.
     pub fn samples(&self) -> &[BaseSample] {
         &self.samples
     }
 
-    /// By how much more than at a trained payload the standard deviations of position and rotation must be multiplied at
-    /// `payload_kg`; `left_out` is the factor that leaving single poses out asked for.
+    /// Returns the further factors for the standard deviations of position and rotation at `payload_kg`, relative to a
+    /// trained payload; `left_out` are the factors found by leaving single poses out.
     pub fn payload_factor(&self, payload_kg: Option<f64>, left_out: [f64; 2]) -> [f64; 2] {
         let payload = payload_kg.unwrap_or(0.0);
         let trained = &self.fit.inputs.payloads;
@@ -95,9 +95,9 @@ impl PosteriorCovariance {
         })
     }
 
-    /// Standard deviation of a new measurement about its prediction, times `factor` of position and of rotation: position
-    /// along the axes of the base frame in metres, rotation about them in radians. A measurement that states no noise of
-    /// its own has that of a typical training row.
+    /// Returns the standard deviation of a new measurement about its prediction, times `factor` for position and for
+    /// rotation: position along the axes of the base frame in metres, rotation about them in radians. A measurement that
+    /// states no noise gets that of a typical training row.
     pub fn standard_deviation<F: Clone>(
         &self,
         sample: &Sample<F>,
@@ -116,7 +116,8 @@ impl PosteriorCovariance {
         })
     }
 
-    /// Covariance of the predictions of `samples`, of rotations where they have orientations; `None` without processes.
+    /// Returns the covariance of the predictions of `samples`, including rotations where they have orientations; `None`
+    /// without processes.
     pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> Option<PredictionCovariance> {
         let fit = &self.fit;
         let solved = fit.solved.as_ref()?;
@@ -196,7 +197,7 @@ impl PosteriorCovariance {
         })
     }
 
-    /// Covariance of the deflections of each joint at two points, rad² and m².
+    /// Returns the covariance of each joint's deflections at two points, in rad² or m².
     fn between(&self, (a, m): &Point, (b, other): &Point) -> Vec<f64> {
         let kinds = &self.fit.inputs.kinds;
         let mut s = [0.0; MAX_JOINTS];
@@ -213,11 +214,12 @@ impl PosteriorCovariance {
     }
 }
 
-/// Joints as a kernel compares them, and a payload in kg.
+/// Joints in the form that a kernel compares, and a payload in kg.
 type Point = (JointTrig<f64>, f64);
 
-/// Leaves the poses of each payload out of `solved` together; `None` when there is one payload only, or so many that a
-/// pose left out alone has no neighbours of its own payload.
+/// Leaves the poses of each payload out of `solved` together and returns the factors that their errors ask for. Returns
+/// `None` when there is only one payload, or when there are so many that a pose left out alone has no neighbours of its
+/// own payload.
 fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64; 2]> {
     let mut payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
     payloads.sort_by(f64::total_cmp);
@@ -235,7 +237,8 @@ fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64;
                 ROWS * k..ROWS * k + rows
             })
             .collect();
-        // The errors of the rows left out are the block's inverse times α, and that inverse is their covariance.
+        // The errors of the rows left out are the block's inverse times α, and that inverse is the covariance of the
+        // errors.
         let block = Mat::from_fn(rows.len(), rows.len(), |i, j| {
             inverse[(rows[i.max(j)], rows[i.min(j)])]
         });

@@ -1,5 +1,5 @@
-//! The predictive standard deviation of the elastic model: its posterior covariance, multiplied so that it is true of
-//! poses that were not trained on.
+//! The predictive standard deviation of the elastic model: its posterior covariance, inflated so that it is true of poses
+//! that were not trained on.
 
 use std::sync::OnceLock;
 
@@ -10,10 +10,10 @@ use crate::learning::elastic::solution::ElasticFit;
 use crate::learning::elastic::variance_inflation::{REFIT_BELOW, RefitSpec};
 use crate::measurement::sample::{BaseSample, Sample};
 
-/// A fit that can say how well it predicts.
+/// The predictive uncertainty of an elastic fit.
 pub struct Uncertainty {
     posterior: PosteriorCovariance,
-    /// How the fit is done again, when poses are few.
+    /// Specification for refits without a fold, when poses are few.
     refit: Option<RefitSpec>,
     left_out: [f64; 2],
     inflation: OnceLock<[f64; 2]>,
@@ -26,8 +26,8 @@ impl std::fmt::Debug for Uncertainty {
 }
 
 impl Uncertainty {
-    /// Creates the uncertainty of a fit to `samples`, scaled by `left_out`, what leaving single poses out asked for;
-    /// `None` when the fit has no processes.
+    /// Creates the uncertainty of a fit to `samples`, scaled by `left_out`, the factors found by leaving single poses
+    /// out. Returns `None` when the fit has no processes.
     pub fn new(fit: ElasticFit, samples: &[BaseSample], left_out: [f64; 2]) -> Option<Self> {
         Some(Self {
             posterior: PosteriorCovariance::new(fit, samples)?,
@@ -37,7 +37,7 @@ impl Uncertainty {
         })
     }
 
-    /// Scaled by what fits without a fold of the poses ask for, when there are at most [`REFIT_BELOW`] poses.
+    /// Scales by the factors that refits without a fold of the poses give, when there are at most [`REFIT_BELOW`] poses.
     #[must_use]
     pub fn with_refit(self, refit: RefitSpec) -> Self {
         Self {
@@ -46,13 +46,13 @@ impl Uncertainty {
         }
     }
 
-    /// The covariance that it is of.
+    /// Returns the posterior covariance before inflation.
     pub fn posterior(&self) -> &PosteriorCovariance {
         &self.posterior
     }
 
-    /// What the standard deviations of position and of rotation are multiplied with. From few poses it costs five fits the
-    /// first time it is asked for: a calibration that is only exported does not pay for it.
+    /// Returns the factors for the standard deviations of position and rotation. With few poses, the first call costs
+    /// five fits, so a calibration that is only exported does not pay for them.
     pub fn inflation(&self) -> [f64; 2] {
         *self.inflation.get_or_init(|| {
             let samples = self.posterior.samples();
@@ -61,8 +61,9 @@ impl Uncertainty {
         })
     }
 
-    /// Standard deviation of a new measurement about its prediction: position along the axes of the base frame in metres,
-    /// rotation about them in radians. A measurement that states no noise of its own has that of a typical training row.
+    /// Returns the standard deviation of a new measurement about its prediction: position along the axes of the base
+    /// frame in metres, rotation about them in radians. A measurement that states no noise gets that of a typical
+    /// training row.
     pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> [f64; ROWS] {
         let inflation = self.inflation();
         let more = self
@@ -72,7 +73,7 @@ impl Uncertainty {
             .standard_deviation(sample, [inflation[0] * more[0], inflation[1] * more[1]])
     }
 
-    /// Covariance of the predictions of `samples`, scaled as [`Uncertainty::standard_deviation`] is.
+    /// Returns the covariance of the predictions of `samples`, scaled as in [`Uncertainty::standard_deviation`].
     pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> Option<PredictionCovariance> {
         let inflation = self.inflation();
         let factor = |pose: usize| {

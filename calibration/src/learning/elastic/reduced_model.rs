@@ -29,63 +29,64 @@ use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::lbfgs::SearchEnd;
 
-/// An elastic model in f64.
+/// A reduced elastic model in f64.
 #[derive(Clone, Debug)]
 pub struct ElasticModel {
-    /// Gravity, ripple and processes.
+    /// Deflection by gravity, ripple and processes.
     pub deflection: Deflection<f64>,
-    /// The coefficients that gravity in `deflection` was made of.
+    /// Coefficients from which the gravity in `deflection` was made.
     pub gravity: GravityTerms<f64>,
-    /// Rows of inducing points, by payload; behind them the own-joint curves: as a blob has them.
+    /// Rows of inducing points sorted by payload, followed by the own-joint curves: in the order of a blob.
     rows: Vec<f64>,
-    /// The same as the runtime reads them.
+    /// The content of `rows` in the order that the runtime reads.
     arranged_rows: Vec<f64>,
-    /// Joints of the arm.
+    /// Number of joints of the arm.
     pub joints: usize,
-    /// C.
+    /// Joint coupling C.
     pub coupling: Option<Coupling<f64>>,
-    /// Facts of the fit.
+    /// Report of the fit.
     pub report: ElasticReport,
-    /// What the device gets to say how well it knows the position.
+    /// Data from which the device computes its standard deviation of the position, if there are any.
     pub sigma: Option<DeviceVariance>,
 }
 
-/// Facts of a fit.
+/// Report of a fit.
 #[derive(Clone, Debug)]
 pub struct ElasticReport {
     /// Fitted noise of one position component in metres, in the quietest row.
     pub position_noise: f64,
     /// Fitted noise of one rotation component in radians, in the quietest row.
     pub orientation_noise: f64,
-    /// Gear ripple: joint from 1, cycles per turn, amplitude in rad.
+    /// Gear ripple: joint (from 1), cycles per turn, amplitude in rad.
     pub ripple: Vec<(usize, f64, f64)>,
-    /// Gear ripple that was not taken, for it could be of one frequency or another.
+    /// Gear ripple that was not used because its frequency is ambiguous.
     pub ambiguous: Vec<AmbiguousLine>,
-    /// Inducing points of all joints.
+    /// Number of inducing points of all joints.
     pub inducing_points: usize,
-    /// By how much the smaller weights that single precision needs move the target, RMS over the measurements, m; `None`
-    /// where it holds the weights as they are.
+    /// RMS displacement of the target over the measurements, in m, caused by the smaller weights that single precision
+    /// needs; `None` where single precision holds the weights as they are.
     pub single_precision_cost: Option<f64>,
     /// The own-joint curve, if there is one.
     pub curve: Option<CurveReport>,
-    /// How the hyperparameters were found.
+    /// Report of the search for hyperparameters.
     pub search: SearchReport,
 }
 
-/// Facts of the own-joint curve.
+/// Report of the own-joint curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurveReport {
-    /// Prior standard deviation of the curve at one angle, rad.
+    /// Prior standard deviation of the curve at one angle, in rad.
     pub amplitude: f64,
-    /// Length scale, rad.
+    /// Length scale, in rad.
     pub length_scale: f64,
-    /// Cycles per turn up to which it goes.
+    /// Highest order of the curve, in cycles per turn.
     pub orders: usize,
 }
 
 impl ElasticModel {
-    /// From a fit to the samples `dense`, reduced to the inducing points that `options` allows. Parameters and weights
-    /// are solved again from `samples`, which may be more. The calibrated chain is that of `fit.state` afterwards.
+    /// Reduces a fit to the samples `dense` to the inducing points that `options` allows. Parameters and weights are
+    /// solved again from `samples`, which may be more; afterwards `fit.state` holds the calibrated chain. Returns `None`
+    /// when the equations cannot be solved or a capacity is exceeded.
     pub fn new(
         fit: &mut ElasticFit,
         dense: &[BaseSample],
@@ -149,8 +150,8 @@ impl ElasticModel {
         })
     }
 
-    /// A parametric model without ripple, curves or processes. `samples` are what it was fitted to, `noise` is what a position
-    /// component misses by beyond its parameters, m. `None` where a blob does not hold it.
+    /// Creates a parametric model without ripple, curves or processes. `samples` are those of its fit, and `noise` is the
+    /// error of a position component beyond its parameters, in m. Returns `None` when a blob cannot hold the model.
     pub fn parametric(
         state: &ParametricModel,
         samples: &[BaseSample],
@@ -196,19 +197,20 @@ impl ElasticModel {
         })
     }
 
-    /// Turns gravity into the axes of a base seen from which the old one is `new_from_old`; `chain` is the calibrated one in it.
+    /// Rotates gravity into the axes of a new base; `new_from_old` is the old base seen from it, and `chain` the
+    /// calibrated chain from it.
     pub(crate) fn turn_base(&mut self, new_from_old: &Pose<f64>, chain: &Poe<f64>) {
         self.gravity.gravity = new_from_old.rotation * self.gravity.gravity;
         self.deflection.gravity = arranged(&self.gravity, chain);
     }
 
-    /// The rows of inducing points, and the own-joint curves behind them.
+    /// Returns the rows of inducing points, and the own-joint curves behind them.
     pub fn rows_and_curves(&self) -> (&[f64], &[f64]) {
         let curves = coefficient_count(self.joints, self.deflection.curve_orders);
         self.rows.split_at(self.rows.len() - curves)
     }
 
-    /// `base_from_target` with the correction, and the correction as a twist of the base frame; not limited.
+    /// Returns `base_from_target` with the correction, and the correction as a twist of the base frame; not limited.
     pub fn corrected(
         &self,
         poe: &Poe<f64>,
@@ -232,7 +234,7 @@ impl ElasticModel {
     }
 }
 
-/// Gravity in the form that the runtime evaluates.
+/// Converts gravity to the form that the runtime evaluates.
 fn arranged(terms: &GravityTerms<f64>, chain: &Poe<f64>) -> Gravity<f64> {
     let form = MinimalForm::new(chain);
     let mut turned = *terms;
@@ -240,13 +242,13 @@ fn arranged(terms: &GravityTerms<f64>, chain: &Poe<f64>) -> Gravity<f64> {
     Gravity::new(&turned, &form)
 }
 
-/// Largest deflection of the first joint by gravity that is left out, in rad: 0.3 µm at 3 m.
+/// Largest deflection of the first joint by gravity that is neglected, in rad: 0.3 µm at 3 m.
 const UPRIGHT_DEFLECTION: f64 = 1e-7;
-/// A metre more than any arm reaches: how far the payload may be from the first joint.
+/// Assumed largest distance of the payload from the first joint, in m: a metre more than any arm reaches.
 const LONGEST_LEVER_M: f64 = 5.0;
 
-/// The coefficients of gravity without those of the first joint, if its axis is so upright that they cannot move it: the
-/// device need not compute them in every cycle.
+/// Returns the gravity coefficients without those of the first joint if its axis is so upright that gravity cannot move
+/// it: the device then need not compute them in every cycle.
 fn without_upright_axis(state: &ParametricModel, samples: &[BaseSample]) -> GravityTerms<f64> {
     let heaviest = samples
         .iter()
@@ -270,7 +272,7 @@ fn matrix(rows: &[Vec<f64>]) -> Coupling<f64> {
     Coupling::new(rows.len(), rows.iter().flatten().copied())
 }
 
-/// The processes with these inducing points, and their rows.
+/// Returns the processes with these inducing points, and their rows.
 fn of_sets(sets: &InducingSets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
     let all = sets.points.iter().flatten();
     let mut payloads: Vec<f64> = all.map(|point| point.payload_kg).collect();

@@ -1,8 +1,9 @@
-//! The weights of few functions and all parameters with them, from any number of measurements.
+//! Solves for the weights of a few kernel functions together with all parameters, from any number of measurements.
 //!
-//! min |y − A x − Σ_c J_c (Φ_c κ_c + K_c β_c)|² with priors x ~ N(0, Λ), β_c ~ N(0, K_c⁻¹) (subset of regressors) and, where
-//! there are more measurements than the dense solution saw, κ_c ~ N(0, a² v_k), the own-joint curves. The normal equations
-//! are gathered block by block: memory does not grow with the measurements.
+//! The objective is |y − A x − Σ_c J_c (Φ_c κ_c + K_c β_c)|² with priors x ~ N(0, Λ), β_c ~ N(0, K_c⁻¹) (subset of
+//! regressors) and, where there are more measurements than in the dense solution, κ_c ~ N(0, a² v_k) for the own-joint
+//! curves. The normal equations are accumulated block by block, so that memory does not grow with the number of
+//! measurements.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::gp::joint_kernel::JointKernel;
@@ -20,27 +21,28 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::{Mat, columns_mut};
 use crate::numeric::product::{Become, Operand, multiply, multiply_lower};
 
-/// Poses of one block.
+/// Number of poses in a block.
 const BLOCK: usize = 100;
-/// Shares of an inducing point's own variance that are added to it until the equations can be factored, and until single
-/// precision holds their solution: chosen points may be near neighbours in one joint's kernel, which then has large weights
-/// that almost cancel.
+/// Jitter: shares of an inducing point's own variance that are added to it until the equations can be factored and single
+/// precision holds their solution. Chosen points may be near neighbours in one joint's kernel, which then has large
+/// weights that almost cancel.
 const JITTER: [f64; 9] = [1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0];
-/// What single precision may lose of the position by the processes, m, by the estimate of [`Equations::rounding`]. The blob
-/// as a whole may lose 2 µm at most and 0.5 µm in the mean, of which the chain takes a part.
+/// Largest position error that single precision may cause in the processes, in m, as estimated by
+/// [`Equations::rounding`]. The blob as a whole may lose 2 µm at most and 0.5 µm on average, of which the chain takes a
+/// part.
 const MAX_ROUNDING_M: f64 = 0.8e-6;
 
-/// The weights of inducing points.
+/// Solved weights of the inducing points.
 pub struct Solution {
-    /// One for each, on the device's scale.
+    /// Weight of each inducing point, on the device's scale.
     pub weights: Vec<f64>,
-    /// By how much the smaller weights that single precision needs move the target, RMS over the measurements, m; `None`
-    /// where it holds the weights as they are.
+    /// RMS displacement of the target over the measurements, in m, caused by the smaller weights that single precision
+    /// needs; `None` where single precision holds the weights as they are.
     pub single_precision_cost: Option<f64>,
 }
 
-/// The weights of `functions`, sorted by joint, together with all parameters, which move in `fit`. Repeats the
-/// Gauss-Newton step until its linearisation error is small.
+/// Solves for the weights of `functions`, sorted by joint, together with all parameters, which change in `fit`. Repeats
+/// the Gauss–Newton step until its linearisation error is small. Returns `None` when the equations cannot be solved.
 pub fn solve(
     fit: &mut ElasticFit,
     samples: &[BaseSample],
@@ -89,7 +91,8 @@ pub fn solve(
     }
 }
 
-/// Joint and order from 0 of every column of the own-joint curves, and the column's prior standard deviation in rad.
+/// Returns, for every column of the own-joint curves, its joint, its index within the joint (both from 0) and its prior
+/// standard deviation in rad.
 fn curve_columns(fit: &ElasticFit, orders: usize) -> Vec<(usize, usize, f64)> {
     let Some(prior) = fit.layout.curve_prior(&fit.hyperparameters) else {
         return Vec::new();
@@ -106,12 +109,12 @@ fn curve_columns(fit: &ElasticFit, orders: usize) -> Vec<(usize, usize, f64)> {
         .collect()
 }
 
-/// The solution of the equations at one state.
+/// Solution of the equations at one state.
 struct Step {
     parameters: Vec<f64>,
     curves: Vec<f64>,
     weights: Vec<f64>,
-    /// Index of the jitter that it took.
+    /// Index of the jitter that was needed.
     level: usize,
     single_precision_cost: Option<f64>,
 }
@@ -127,13 +130,14 @@ struct Equations<'a> {
 }
 
 impl Equations<'_> {
-    /// k_c in units of the processes.
+    /// Returns the kernel k_c in squared units of the processes.
     fn between(&self, c: usize, a: (&JointTrig<f64>, f64), b: (&JointTrig<f64>, f64)) -> f64 {
         let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;
         kernel(&self.kernels[c], &self.fit.inputs.kinds, a, b) / unit
     }
 
-    /// Parameters, own-joint curves and weights, with the jitter of `level` or the least above it that will do.
+    /// Solves for parameters, own-joint curves and weights, with the jitter of `level` or the least above it that
+    /// suffices.
     fn solve(&self, level: usize) -> Option<Step> {
         let groups = self.fit.state.layout.groups();
         let sd: Vec<f64> = groups
@@ -163,7 +167,7 @@ impl Equations<'_> {
             let finite = (0..solution.nrows()).all(|i| solution[(i, 0)].is_finite());
             finite.then_some(solution)
         };
-        // k is in rad² on the device, in units of the processes here; deflections come in those units, too.
+        // The kernel is in rad² on the device and in units of the processes here; deflections come in those units, too.
         let of_device = |solution: &Mat<f64>| -> Vec<f64> {
             let weights = (before..solution.nrows()).map(|i| solution[(i, 0)] / DEFLECTION_UNIT);
             weights.collect()
@@ -201,8 +205,8 @@ impl Equations<'_> {
         })
     }
 
-    /// Every inducing point's part in the deflections at every measurement, rad or m: calls `part` with the measurement, the
-    /// joint and the part.
+    /// Calls `part` with every measurement, joint and contribution of an inducing point to the deflection there, in rad
+    /// or m.
     fn parts(&self, weights: &[f64], mut part: impl FnMut(usize, usize, f64)) {
         let unit = DEFLECTION_UNIT * DEFLECTION_UNIT;
         for (k, (features, payload)) in self
@@ -219,14 +223,14 @@ impl Equations<'_> {
         }
     }
 
-    /// How far joint `c` moves the target at measurement `k`, m/rad or m/m.
+    /// Returns how far joint `c` moves the target at measurement `k`, in m/rad or m/m.
     fn lever(&self, k: usize, c: usize) -> f64 {
         let squares = (0..3).map(|i| self.linear.jacobian[(ROWS * k + i, c)].powi(2));
         self.fit.scales.position * squares.sum::<f64>().sqrt()
     }
 
-    /// What single precision loses of the position by these weights at the worst measurement, m, about: every part is off by
-    /// a rounding of itself and of its exponent, and they add up like errors that know nothing of each other.
+    /// Estimates the position error by single precision with these weights at the worst measurement, in m. Every
+    /// contribution is off by a rounding of itself and of its exponent, and these errors add up as independent ones.
     fn rounding(&self, weights: &[f64]) -> f64 {
         let joints = self.kernels.len();
         let mut squares = vec![0.0; joints * self.inputs.payloads.len()];
@@ -249,7 +253,8 @@ impl Equations<'_> {
             .fold(0.0, f64::max)
     }
 
-    /// By how much two solutions, pairs of parameters and weights, differ at the target, RMS over the measurements, m.
+    /// Returns by how much two solutions, pairs of parameters and weights, differ at the target: RMS over the
+    /// measurements, in m.
     fn moved(&self, parameters: (&[f64], &[f64]), weights: (&[f64], &[f64])) -> f64 {
         let joints = self.kernels.len();
         let difference = |(a, b): (&[f64], &[f64])| -> Vec<f64> {
@@ -276,7 +281,7 @@ impl Equations<'_> {
         self.fit.scales.position * square.sqrt()
     }
 
-    /// Dᵀ D (lower triangle) and Dᵀ y of the whitened design D.
+    /// Accumulates Dᵀ D (lower triangle) and Dᵀ y of the whitened design matrix D.
     fn gathered(&self, sd: &[f64]) -> (Mat<f64>, Mat<f64>) {
         let linear = self.linear;
         let (p, before) = (sd.len(), sd.len() + self.curves.len());

@@ -1,4 +1,4 @@
-//! The fitted elastic model as its users need it: parameters, hyperparameters and the solved processes.
+//! The result of an elastic fit: parameters, hyperparameters and the solved processes.
 
 use crate::identification::parametric::gear_line::AmbiguousLine;
 use crate::identification::parametric::state::ParametricModel;
@@ -9,7 +9,7 @@ use crate::learning::elastic::likelihood::Posterior;
 use crate::measurement::noise::NoiseScales;
 use crate::progress::Cancelled;
 
-/// Why there is no elastic model.
+/// Reason why an elastic fit gave no model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FitError {
     /// The equations could not be solved.
@@ -22,24 +22,24 @@ pub enum FitError {
     Cancelled(#[from] Cancelled),
 }
 
-/// A fitted elastic model, before it is reduced.
+/// A fitted elastic model before it is reduced to inducing points.
 pub struct ElasticFit {
-    /// Parameters.
+    /// Parametric model at the fitted parameters.
     pub state: ParametricModel,
-    /// Hyperparameters, as [`HyperLayout`] has them.
+    /// Hyperparameters in the order of [`HyperLayout`].
     pub hyperparameters: Vec<f64>,
-    /// What they mean.
+    /// Layout of the hyperparameters.
     pub layout: HyperLayout,
-    /// NoiseScales of the rows.
+    /// Noise scales of the rows.
     pub scales: NoiseScales,
     /// Inputs of the processes.
     pub inputs: Inputs,
-    /// The solution with all poses as inducing points, when there are processes.
+    /// Solution with all poses as inducing points; `None` without processes.
     pub solved: Option<Posterior>,
-    /// Where the model was linearised for it: `state` has moved on since.
+    /// State at which the model was linearised for `solved`; `state` has moved on since.
     pub origin: ParametricModel,
-    /// Gear ripple that could be of one frequency or another.
+    /// Gear ripple whose frequency is ambiguous.
     pub ambiguous: Vec<AmbiguousLine>,
-    /// How the hyperparameters were found.
+    /// Report of the search for hyperparameters.
     pub search: SearchReport,
 }

@@ -1,12 +1,13 @@
-//! What predicted standard deviations must be multiplied with to be true; from training data alone.
+//! Variance inflation: factors that make predicted standard deviations true, from training data alone.
 //!
-//! A pose left out of the factorisation that is there says how far the model's own deviation is from true, and costs
-//! nothing. Two things it does not see, and they are asked for separately:
+//! Leaving single poses out of the existing factorisation shows how far the model's own deviation is from the truth, and
+//! costs nothing. It misses two effects, which are estimated separately:
 //!
-//! - **Few poses.** Hyperparameters, ripple and noise were found with the pose that is left out. From a hundred poses that
-//!   is a tenth of the standard deviation, from fifty a half. The whole fit is done again without each of five folds.
-//! - **A payload that was not trained.** Its neighbours have the same payload. All poses of a payload are left out
-//!   together, each payload in turn.
+//! - **Few poses.** Hyperparameters, ripple and noise were found with the pose that is left out. With a hundred poses that
+//!   accounts for a tenth of the standard deviation, with fifty for a half. The whole fit is therefore repeated without
+//!   each of five folds.
+//! - **A payload that was not trained.** The neighbours of a pose have the same payload. All poses of a payload are
+//!   therefore left out together, each payload in turn.
 
 use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::learning::elastic::fit::fit;
@@ -18,23 +19,23 @@ use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::{Standardised, calibration_factor};
 use crate::progress::FitContext;
 
-/// Poses up to which the fit is done again: as many as hyperparameters are learnt from. Above, the factor is below 1.1.
+/// Number of poses up to which fits are repeated: as many as hyperparameters are learnt from. Above, the factor is < 1.1.
 pub const REFIT_BELOW: usize = 200;
-/// Folds, and the seed of their draw.
+/// Number of folds, and the seed of their draw.
 const FOLDS: usize = 5;
 const SEED: u64 = 1;
 
-/// What a fit needs beside its samples.
+/// Everything that a refit needs besides its samples.
 #[derive(Clone, Debug)]
 pub struct RefitSpec {
-    /// What is fitted.
+    /// Nominal arm.
     pub arm: NominalArm,
-    /// How it is fitted.
+    /// Options of the fit.
     pub options: ElasticOptions,
 }
 
 impl RefitSpec {
-    /// What standard deviations of a fit to `samples` must be multiplied with; `None` when a fold cannot be fitted.
+    /// Computes the factors for the standard deviations of a fit to `samples`; `None` when a fold cannot be fitted.
     pub fn factor(&self, samples: &[BaseSample]) -> Option<[f64; 2]> {
         let folds = Folds::draw(samples, self.arm.chain.kinds(), FOLDS, SEED);
         let mut all: Standardised = [Vec::new(), Vec::new()];

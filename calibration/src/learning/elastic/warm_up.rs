@@ -1,12 +1,12 @@
-//! Warm-up: base, tool and joint zeros that move while an arm is measured, and settle.
+//! Warm-up: a drift of base, tool and joint zeros that settles while an arm is measured.
 //!
 //! ```text
 //! y = … + e(t) (A_base b + A_tool t + J z) + noise,   e(t) = (exp(−t/τ) − exp(−T/τ)) / (1 − exp(−T/τ))
 //! ```
 //!
-//! e is 1 when a session begins and 0 when the longest session ends, at T: what remains is the arm as it was then. Base, tool
-//! and joints have one variance each. With S of a fitted model, W the columns times e, u = Wᵀ S⁻¹ y, M = Wᵀ S⁻¹ W and the
-//! variances Λ, the log evidence rises by ½ uᵀ (Λ⁻¹ + M)⁻¹ u − ½ log |I + Λ M|; Λ and τ are where it rises most.
+//! e is 1 when a session begins and 0 at T, when the longest session ends: the model describes the arm at that time.
+//! Base, tool and joints have one variance each. With S of a fitted model, W the columns times e, u = Wᵀ S⁻¹ y, M = Wᵀ
+//! S⁻¹ W and the variances Λ, the log evidence rises by ½ uᵀ (Λ⁻¹ + M)⁻¹ u − ½ log |I + Λ M|; Λ and τ maximise this rise.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -22,56 +22,56 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// Least rise of the log evidence: as for an own-joint curve, far above what three variances and a time constant can gain
-/// from noise.
+/// Least rise of the log evidence for a warm-up: as for an own-joint curve, far above what three variances and a time
+/// constant can gain from noise.
 const RISE: f64 = 20.0;
-/// Time constants that are tried, as parts of the longest session; the last is as good as a straight line.
+/// Time constants that are tried, as fractions of the longest session; the last is equivalent to a straight line.
 const TIME_CONSTANTS: [f64; 7] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 20.0];
-/// Above this part of the longest session, what was found is as good as a straight line.
+/// Fraction of the longest session above which a time constant is equivalent to a straight line.
 const STRAIGHT: f64 = 2.0;
-/// Standard deviations that are tried for each group, m and rad; with the first the group does not change.
+/// Standard deviations that are tried for each group, in m and rad; zero means that the group does not change.
 const DEVIATIONS: [f64; 12] = [
     0.0, 2e-6, 4e-6, 8e-6, 16e-6, 32e-6, 64e-6, 128e-6, 256e-6, 512e-6, 1e-3, 2e-3,
 ];
-/// Rounds over the groups.
+/// Most rounds over the groups.
 const ROUNDS: usize = 4;
-/// Base, tool, joints.
+/// Number of groups: base, tool, joints.
 const GROUPS: usize = 3;
 
-/// What changed in the time of a session, seen from its end.
+/// The change during a session relative to its end.
 #[derive(Clone, Debug)]
 pub struct WarmUp {
-    /// Where it was found.
+    /// Parametric model around which the change was found.
     state: ParametricModel,
-    /// τ, in the unit of the samples' time.
+    /// Time constant τ, in the unit of the samples' time.
     time_constant: f64,
-    /// T.
+    /// End T of the longest session.
     end: f64,
-    /// b, t and z: six of the base, six of the tool, and one for each joint.
+    /// Changes b, t and z: six for the base, six for the tool, and one for each joint.
     change: Vec<f64>,
-    /// For a reader.
+    /// Report for a reader.
     pub report: WarmUpReport,
 }
 
-/// What was found, for a reader.
+/// Report of a warm-up that was found.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct WarmUpReport {
-    /// By how much it raises the log evidence, nats.
+    /// Rise of the log evidence, in nats.
     pub evidence_rise_nats: f64,
-    /// Time constant, in `unit`; `None` where the change is as good as a straight line.
+    /// Time constant in `unit`; `None` where the change is equivalent to a straight line.
     pub time_constant: Option<f64>,
-    /// Unit of the time.
+    /// Unit of time.
     pub unit: TimeUnit,
-    /// Largest displacement of a measured target, mm.
+    /// Largest displacement of a measured target, in mm.
     pub largest_mm: f64,
-    /// Change of each joint's zero from the beginning to the end, µrad or µm.
+    /// Change of each joint's zero from beginning to end, in µrad or µm.
     pub joint_zeros_urad: Vec<f64>,
-    /// Whether it was removed from the measurements before the model was fitted.
+    /// Whether the warm-up was removed from the measurements before the model was fitted.
     pub removed: bool,
 }
 
 impl WarmUpReport {
-    /// A sentence for a reader.
+    /// Returns a sentence for a reader.
     pub fn line(&self) -> String {
         let unit = self.unit.name();
         let course = self.time_constant.map_or_else(
@@ -81,7 +81,7 @@ impl WarmUpReport {
         let zeros: Vec<String> = self
             .joint_zeros_urad
             .iter()
-            // Not "-0".
+            // Adding zero avoids "-0".
             .map(|zero| format!("{:.0}", zero.round() + 0.0))
             .collect();
         let fate = match self.removed {
@@ -98,15 +98,15 @@ impl WarmUpReport {
     }
 }
 
-/// e(t).
+/// Returns e(t).
 fn share(time: f64, time_constant: f64, end: f64) -> f64 {
     let at_end = libm::expm1(-end / time_constant);
     (at_end - libm::expm1(-time / time_constant)) / at_end
 }
 
 impl WarmUp {
-    /// The warm-up that a fit to `samples` did not know of; `None` where the evidence has none, and where the moment of a
-    /// sample is not known.
+    /// Estimates the warm-up that a fit to `samples` did not model; `None` where the evidence shows none, or where the
+    /// time of a sample is unknown.
     pub fn estimate(fit: &ElasticFit, samples: &[BaseSample]) -> Option<Self> {
         let solved = fit.solved.as_ref()?;
         let times: Option<Vec<f64>> = samples.iter().map(|s| Some(s.elapsed?.value)).collect();
@@ -155,8 +155,8 @@ impl WarmUp {
         Some(out)
     }
 
-    /// By how much each target was away from where it would be at the end: displacement and rotation at the target, along and
-    /// about the axes of the base. Nothing where the moment is not known.
+    /// Returns the displacement and rotation of each target relative to where it would be at the end, along and about the
+    /// axes of the base; zero where the time is unknown.
     fn displacements(&self, samples: &[BaseSample]) -> Vec<Twist<f64>> {
         let linear = self.state.linearise(samples, NoiseScales::ONE);
         let columns = Columns::of(&self.state, samples, &linear);
@@ -169,7 +169,7 @@ impl WarmUp {
         samples.iter().enumerate().map(of).collect()
     }
 
-    /// The samples as they would have been measured at the end.
+    /// Returns the samples as they would have been measured at the end.
     pub fn removed_from(&self, samples: &[BaseSample]) -> Vec<BaseSample> {
         let displacements = self.displacements(samples).into_iter();
         let without = |(sample, moved): (&BaseSample, Twist<f64>)| BaseSample {
@@ -180,7 +180,7 @@ impl WarmUp {
     }
 }
 
-/// An observation without a displacement of its target.
+/// Removes a displacement of its target from an observation.
 fn moved_back(observation: &Observation, moved: &Twist<f64>) -> Observation {
     let position = observation.position() - moved.linear;
     match observation {
@@ -198,9 +198,9 @@ fn moved_back(observation: &Observation, moved: &Twist<f64>) -> Observation {
     }
 }
 
-/// A_base, A_tool and J of every sample.
+/// Columns A_base, A_tool and J of every sample.
 struct Columns {
-    /// 6k × (12 + n).
+    /// All columns, 6k × (12 + n).
     all: Mat<f64>,
 }
 
@@ -220,14 +220,14 @@ impl Columns {
         }
     }
 
-    /// W: the rows of sample k times `share(k)`.
+    /// Returns W: the rows of sample k times `share(k)`.
     fn times(&self, share: impl Fn(usize) -> f64) -> Mat<f64> {
         Mat::from_fn(self.all.nrows(), self.all.ncols(), |row, column| {
             share(row / ROWS) * self.all[(row, column)]
         })
     }
 
-    /// By how much `change` moves the target of sample k.
+    /// Returns the displacement of the target of sample k by `change`.
     fn displacement(&self, k: usize, change: &[f64]) -> [f64; ROWS] {
         std::array::from_fn(|i| {
             let columns = change.iter().enumerate();
@@ -238,20 +238,20 @@ impl Columns {
     }
 }
 
-/// u and M.
+/// The statistics u and M of the evidence.
 struct Evidence {
     u: Mat<f64>,
     m: Mat<f64>,
 }
 
-/// The most likely change, and by how much it raises the log evidence.
+/// The most likely change, and its rise of the log evidence.
 struct LikelyChange {
     rise: f64,
     change: Vec<f64>,
 }
 
 impl Evidence {
-    /// With the standard deviations of base, tool and joints that raise it most.
+    /// Finds the standard deviations of base, tool and joints that raise the evidence most, and returns their change.
     fn largest(&self) -> LikelyChange {
         let mut deviations = [DEVIATIONS[4]; GROUPS];
         let mut best = self.with(&deviations);
@@ -274,7 +274,7 @@ impl Evidence {
         best
     }
 
-    /// With these standard deviations: R = Λ½, B = I + R M R, change = R B⁻¹ R u.
+    /// Returns the change for these standard deviations: R = Λ½, B = I + R M R, change = R B⁻¹ R u.
     fn with(&self, deviations: &[f64; GROUPS]) -> LikelyChange {
         let count = self.m.nrows();
         let r = |i: usize| deviations[(i / ROWS).min(GROUPS - 1)];

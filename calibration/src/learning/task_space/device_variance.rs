@@ -1,9 +1,9 @@
 //! The predictive variance that fits on the device: eq. 7 as a quadratic form in the kernels of a few training poses.
 //!
-//! What a subset of the poses knows overestimates eq. 7 where the others help: up to twice with 12 of 100 poses, by half with 64
-//! of 300. But eq. 7 is itself a quadratic form in kernels and a smooth function of x, so its values at many poses give the
-//! coefficients of the few in least relative squares. Poses are drawn from the trained ranges, from twice these, and from
-//! close to the training poses, where the variance has its valleys.
+//! Conditioning on a subset of the poses overestimates eq. 7 where the others help: up to twice with 12 of 100 poses, by
+//! half with 64 of 300. But eq. 7 is itself a quadratic form in kernels and a smooth function of x, so the coefficients
+//! of the few poses can be fitted to its values at many poses by least relative squares. These poses are drawn from the
+//! trained ranges, from twice these, and from close to the training poses, where the variance has its valleys.
 
 use poegp_protocol::limits::{MAX_INPUTS, MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
 use poegp_runtime::gp::quadratic_posterior::{MAX_SCALED_INPUT, input_scale};
@@ -20,40 +20,41 @@ use crate::numeric::matrix::{Mat, columns_mut};
 use crate::numeric::product::{Become, Operand, multiply_lower, product};
 use crate::numeric::statistics::extremes;
 
-/// Poses from the trained ranges, from twice the ranges of some inputs, and from close to the training poses.
+/// Numbers of poses from the trained ranges, from twice the ranges of some inputs, and from close to the training poses.
 const WITHIN: usize = 2_000;
 const AROUND: usize = 2_400;
 const CLOSE: usize = 1_600;
-/// How far from these at most, as a share of the half of each range.
+/// Largest distance of close poses from the training poses, as a share of half of each range.
 const DISTANCE: f64 = 0.4;
-/// What is added to the diagonal of the normal equations, for each pose; keeps the coefficients small enough for single precision.
+/// Ridge added to the diagonal of the normal equations for each pose; keeps the coefficients small enough for single
+/// precision.
 const RIDGE: f64 = 3e-8;
-/// How much larger than eq. 7 the variance is aimed at, so that few poses have too small a one.
+/// Relative amount by which the variance is aimed above eq. 7, so that few poses get too small a value.
 const AIM: f64 = 0.03;
-/// Poses whose equations are in memory together.
+/// Number of poses whose equations are in memory together.
 const TOGETHER: usize = 500;
-/// Other poses of the trained ranges that the result is compared at, in single precision.
+/// Number of other poses of the trained ranges at which the result is checked in single precision.
 const COMPARED: usize = 400;
-/// At nine in ten of the compared poses, σ must be within this share of eq. 7.
+/// Largest relative deviation of σ from eq. 7 that nine in ten of the compared poses must respect.
 const FOLLOWED: f64 = 0.2;
-/// Fewer landmarks are not worth their time.
+/// Least number of landmarks that is worth its time.
 const LEAST_LANDMARKS: usize = 12;
 
-/// At inputs (rad, m, kg) the squared distances of the target from the axes of the base, m².
+/// Function from inputs (rad, m, kg) to the squared distances of the target from the axes of the base, in m².
 pub type Levers<'a> = dyn Fn(&[f64]) -> [f64; 3] + 'a;
 
-/// What the device needs, in f64.
+/// Variance data that the device needs, in f64.
 #[derive(Clone, Debug)]
 pub struct DeviceVariance {
     /// Number of landmarks.
     pub landmarks: usize,
-    /// Their words.
+    /// Numbers of the landmarks, in the order of a blob.
     pub rows: Vec<f64>,
 }
 
 impl TaskSpaceGp {
-    /// With as many landmarks as `room` numbers hold. `None` without that room, when the equations cannot be solved, or when
-    /// what they give in single precision is not near eq. 7.
+    /// Computes the device variance with as many landmarks as `room` numbers hold. Returns `None` when there is not
+    /// enough room, when the equations cannot be solved, or when their solution in single precision is not near eq. 7.
     pub fn device_variance(&self, room: usize, levers: &Levers<'_>) -> Option<DeviceVariance> {
         let inputs = self.inputs.first()?.len();
         let fits = |count: &usize| variance_words(inputs, *count) <= room;
@@ -71,13 +72,13 @@ impl TaskSpaceGp {
     }
 }
 
-/// What the coefficients are fitted with; variances in units of the signal's.
+/// The data from which the coefficients are fitted; variances are in units of the signal's.
 struct Fit<'a> {
     gp: &'a TaskSpaceGp,
-    /// √(θ₁ log₂e/2).
+    /// Input scale √(θ₁ log₂e/2).
     scale: f64,
     levers: &'a Levers<'a>,
-    /// The landmarks' inputs.
+    /// Inputs of the landmarks.
     chosen: Vec<&'a Vec<f64>>,
 }
 
@@ -103,7 +104,7 @@ impl<'a> Fit<'a> {
         libm::exp2(-self.scale * self.scale * squared_distance(a, b))
     }
 
-    /// Least and largest value of each training input.
+    /// Returns the least and the largest value of each training input.
     fn ranges(&self) -> Vec<(f64, f64)> {
         let trained = &self.gp.inputs;
         let range = |d: usize| extremes(trained.iter().map(|x: &Vec<f64>| x[d]));
@@ -112,8 +113,9 @@ impl<'a> Fit<'a> {
             .collect()
     }
 
-    /// Whether the device's σ is near that of eq. 7. With a kernel of each output one quadratic form may have too much to
-    /// follow, and where the noise is a very small share of the prior, single precision does not hold what is left.
+    /// Returns whether the device's σ is near that of eq. 7. If each output has its own kernel, one quadratic form may be
+    /// unable to follow them all; and where the noise is a very small share of the prior, single precision cannot resolve
+    /// what is left.
     fn is_followed_by(&self, rows: &[f64]) -> bool {
         let ranges = self.ranges();
         let value = |(d, (lower, upper)): (usize, &(f64, f64)), index: u32| {
@@ -147,7 +149,7 @@ impl<'a> Fit<'a> {
         10 * near >= 9 * COMPARED
     }
 
-    /// The poses that the coefficients are found from.
+    /// Returns the poses to which the coefficients are fitted.
     fn poses(&self) -> Vec<Vec<f64>> {
         let trained = &self.gp.inputs;
         let ranges = self.ranges();
@@ -160,7 +162,7 @@ impl<'a> Fit<'a> {
             ranges.iter().enumerate().map(coordinate).collect()
         };
         let within = (1_u32..).take(WITHIN).map(|i| drawn(i, &|_| 1.0, None));
-        // One input beyond its range, two neighbours, … all.
+        // Take one input beyond its range, then two neighbours, … up to all of them.
         let beyond = |i: u32, d: usize| {
             let turn = i as usize / dimensions;
             (i as usize + d) % dimensions <= turn % dimensions
@@ -173,7 +175,8 @@ impl<'a> Fit<'a> {
         within.chain(around).chain(close).collect()
     }
 
-    /// Variances of the target's position at `pose` before any measurement, one for each kernel, and that of the noise.
+    /// Returns the variances of the target's position at `pose` before any measurement, one for each kernel, and that of
+    /// the noise.
     fn prior(&self, pose: &[f64]) -> (Vec<f64>, f64) {
         let levers = (self.levers)(pose);
         let mut signal = vec![0.0; self.gp.hyperparameters.len()];
@@ -188,7 +191,7 @@ impl<'a> Fit<'a> {
         (signal, noise)
     }
 
-    /// u of eq. 7 at `poses`, and the noise in the same units.
+    /// Returns u of eq. 7 at `poses`, and the noise in the same units.
     fn exact(&self, poses: &[Vec<f64>]) -> Vec<(f64, f64)> {
         let kernels = 0..self.gp.hyperparameters.len();
         let variances: Vec<Vec<f64>> = kernels.map(|k| self.gp.unit_variances(k, poses)).collect();
@@ -204,7 +207,7 @@ impl<'a> Fit<'a> {
         poses.iter().enumerate().map(of).collect()
     }
 
-    /// Products of the kernels at `pose`, in the order of the coefficients: k_i, then k_i k_0, …, k_i k_i.
+    /// Returns the products of the kernels at `pose` in the order of the coefficients: k_i, then k_i k_0, …, k_i k_i.
     fn products(&self, pose: &[f64]) -> Vec<f64> {
         let kernels: Vec<f64> = self.chosen.iter().map(|x| self.kernel(x, pose)).collect();
         let mut out = Vec::with_capacity(kernels.len() * (kernels.len() + 3) / 2);
@@ -215,7 +218,7 @@ impl<'a> Fit<'a> {
         out
     }
 
-    /// b and B, row by row, of least relative squares of u + noise.
+    /// Returns the coefficients b and B, row by row, that fit u + noise by least relative squares.
     fn coefficients(&self) -> Option<Vec<f64>> {
         let poses = self.poses();
         let exact = self.exact(&poses);
@@ -244,7 +247,7 @@ impl<'a> Fit<'a> {
         found.iter().all(|x| x.is_finite()).then_some(found)
     }
 
-    /// As the device has them.
+    /// Arranges landmarks and coefficients in the order that the device reads.
     fn rows(&self, coefficients: &[f64]) -> Vec<f64> {
         let mut rows = Vec::new();
         for x in &self.chosen {
@@ -255,7 +258,7 @@ impl<'a> Fit<'a> {
             rows.resize(begin + landmark_words(x.len()), 0.0);
         }
         let landmarks = self.chosen.len();
-        // Before those of landmark i there are i (i + 3)/2.
+        // The coefficients of landmark i are preceded by i (i + 3)/2 others.
         let own = |i: usize| match i < landmarks {
             true => &coefficients[i * (i + 3) / 2..][..i + 2],
             false => &[],

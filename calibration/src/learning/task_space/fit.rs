@@ -1,8 +1,8 @@
-//! Hyperparameters by maximising the log marginal likelihood.
+//! Hyperparameters that maximise the log marginal likelihood.
 //!
-//! L-BFGS-B over natural logarithms with the analytic gradient, from a few fixed starts that differ in length scale and
-//! noise: the same data give the same hyperparameters, to the last bit. Most often all starts lead to one
-//! optimum; a search that comes to where another one has been ends there.
+//! L-BFGS-B searches over natural logarithms with the analytic gradient, from a few fixed starts that differ in length
+//! scale and noise: the same data give the same hyperparameters, to the last bit. Most often all starts lead to one
+//! optimum; a search that reaches an optimum found by an earlier one ends there.
 
 use std::cell::RefCell;
 
@@ -21,14 +21,14 @@ use crate::progress::{Cancelled, FitContext};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HyperparameterSharing {
-    /// One set for all six: one exponential for each inducing point on the device.
+    /// One set for all six outputs, which costs the device one exponential for each inducing point.
     #[default]
     Shared,
-    /// A set for each output: more accurate, six exponentials.
+    /// One set for each output: more accurate, but six exponentials.
     PerOutput,
 }
 
-/// Box of θ₀, θ₁ (1/rad² and 1/kg²), θ₂, θ₃, σ_n² for outputs of unit RMS. The upper end of θ₀ may be lowered.
+/// Bounds of θ₀, θ₁ (1/rad² and 1/kg²), θ₂, θ₃, σ_n² for outputs of unit RMS. The upper bound of θ₀ may be lowered.
 const BOUNDS: [(f64, f64); 5] = [
     (1e-4, 1e4),
     (1e-4, 1e2),
@@ -37,16 +37,16 @@ const BOUNDS: [(f64, f64); 5] = [
     (1e-6, 1e1),
 ];
 
-/// Starting points: a long and a short length scale.
+/// Starting points of the search: one with a long and one with a short length scale.
 const STARTS: [[f64; 5]; 2] = [[1.0, 0.1, 0.1, 0.01, 0.05], [1.0, 1.0, 0.1, 0.01, 0.3]];
 
 /// Largest θ₀ unless single precision asks for less.
 pub const MAX_SIGNAL_VARIANCE: f64 = BOUNDS[0].1;
 
-/// When a search ends: the last step lowers the value by as little as scipy asks for, whose search scikit-learn uses.
+/// Stop criteria: the relative decrease of the last step is as small as scipy, whose search scikit-learn uses, asks for.
 const STOP: StopCriteria = StopCriteria::after(100, 2.2e-9);
 
-/// What limits the signal variance θ₀, in units of the outputs' mean square.
+/// Limit of the signal variance θ₀, in units of the outputs' mean square.
 ///
 /// A large θ₀ with a long lengthscale makes large weights that almost cancel, which single precision cannot hold; along
 /// that ridge the likelihood is nearly flat. [`crate::blob::write::calibrate_to_blob`] lowers the limit when it must.
@@ -54,20 +54,20 @@ const STOP: StopCriteria = StopCriteria::after(100, 2.2e-9);
 pub struct SignalVarianceLimit {
     /// The limit.
     pub value: f64,
-    /// The hyperparameters of the same data under a higher limit. Where they respect this one they are the optimum here,
-    /// too; elsewhere one of the searches begins there.
+    /// Hyperparameters of the same data under a higher limit. Where they respect this limit, they are the optimum;
+    /// elsewhere, one of the searches starts from them.
     pub under_higher: Option<[Hyperparameters; OUTPUTS]>,
 }
 
 impl SignalVarianceLimit {
-    /// That of the search alone.
+    /// Limit by the bounds of the search alone.
     pub const HIGHEST: Self = Self {
         value: MAX_SIGNAL_VARIANCE,
         under_higher: None,
     };
 }
 
-/// Why there is no process.
+/// Reason why a fit gave no process.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 pub enum TaskSpaceError {
     /// The Gram matrix could not be factored.
@@ -78,10 +78,10 @@ pub enum TaskSpaceError {
     Cancelled(#[from] Cancelled),
 }
 
-/// Evaluations that the searches from all starts take, about.
+/// Evaluations that the searches from all starts take, approximately.
 const SEARCH_UNITS: u64 = 80;
 
-/// Nats for each value of the data from a known optimum at which a search ends: far less than a standard error of anything.
+/// Distance from a known optimum at which a search ends, in nats for each data value: far below any standard error.
 const SAME_OPTIMUM: f64 = 3e-5;
 
 struct NegativeLogLikelihood<'a> {
@@ -105,8 +105,8 @@ impl Objective for NegativeLogLikelihood<'_> {
     }
 }
 
-/// The hyperparameters that maximise the likelihood of the columns of `outputs` (unit RMS) with θ₀ at most
-/// `max_signal_variance`, and that likelihood.
+/// Returns the hyperparameters that maximise the likelihood of the columns of `outputs` (unit RMS) with θ₀ at most
+/// `max_signal_variance`, and the log likelihood.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -172,7 +172,8 @@ pub fn fit(
             None => Ok(maximise_likelihood(&pairs, outputs, highest, context)?.0),
             Some(known) if known.kernel.signal_variance < highest => Ok(known),
             Some(known) => {
-                // From there alone the search may end far below: what is clipped to the limit belongs to other lengthscales.
+                // From the known optimum alone, the search may end far below the best: clipped to the limit, θ₀ belongs
+                // to other lengthscales.
                 let starts = [STARTS[0], known.to_array()];
                 Ok(maximise_from(&starts, &pairs, outputs, highest, context)?.0)
             }

@@ -1,26 +1,26 @@
 //! The log marginal likelihood of the paper's process and its analytic gradient.
 //!
-//! For C outputs that share K: log p = −½ Σ_c y_cᵀK⁻¹y_c − (C/2) log|K| − (Cn/2) log 2π, and for a hyperparameter θ
-//! ∂/∂θ = ½ tr((Σ_c w_c w_cᵀ − C K⁻¹) ∂K/∂θ), w_c = K⁻¹y_c (Rasmussen and Williams, eq. 5.9).
+//! For C outputs that share K: log p = −½ Σ_c y_cᵀK⁻¹y_c − (C/2) log|K| − (Cn/2) log 2π. Its derivative by a
+//! hyperparameter θ is ½ tr((Σ_c w_c w_cᵀ − C K⁻¹) ∂K/∂θ), w_c = K⁻¹y_c (Rasmussen and Williams, eq. 5.9).
 
 use crate::learning::task_space::{Hyperparameters, NotPositiveDefinite, Pairs};
 use crate::numeric::cholesky::CholeskyWorkspace;
 use crate::numeric::matrix::{Mat, column as column_of, columns_mut};
 use crate::numeric::vectors::vectorised;
 
-/// Value and gradient at one set of hyperparameters.
+/// Value and gradient of the log likelihood at one set of hyperparameters.
 #[derive(Clone, Copy, Debug)]
 pub struct Likelihood {
     /// Natural logarithm of the marginal likelihood, all constants included.
     pub log_likelihood: f64,
-    /// Its derivatives by the natural logarithms of θ₀, θ₁, θ₂, θ₃, σ_n².
+    /// Derivatives of the log likelihood by the natural logarithms of θ₀, θ₁, θ₂, θ₃, σ_n².
     pub gradient: [f64; 5],
 }
 
-/// Memory of one evaluation, kept for the next.
+/// Memory of one evaluation, kept for the next one.
 #[derive(Debug)]
 pub struct LikelihoodWorkspace {
-    /// exp(−θ₁|x_i − x_j|²/2), lower triangle: it is what the derivatives by θ₀ and θ₁ need again.
+    /// exp(−θ₁|x_i − x_j|²/2), lower triangle, which the derivatives by θ₀ and θ₁ need again.
     correlations: Mat<f64>,
     factor: CholeskyWorkspace,
     /// One column of Σ_c w_c w_cᵀ − C K⁻¹.
@@ -28,7 +28,7 @@ pub struct LikelihoodWorkspace {
 }
 
 impl LikelihoodWorkspace {
-    /// For n points, worked on by `threads`.
+    /// Allocates memory for n points, to be worked on by `threads` threads.
     pub fn new(n: usize, threads: usize) -> Self {
         Self {
             correlations: Mat::zeros(n, n),
@@ -38,7 +38,7 @@ impl LikelihoodWorkspace {
     }
 }
 
-/// Log marginal likelihood of the columns of `outputs` (n×C), which share the hyperparameters.
+/// Computes the log marginal likelihood of the columns of `outputs` (n×C), which share the hyperparameters.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`].
@@ -51,7 +51,7 @@ pub fn log_marginal_likelihood(
     log_marginal_likelihood_in(&mut workspace, pairs, outputs, h)
 }
 
-/// The same to the last bit, in memory that is there already.
+/// Computes [`log_marginal_likelihood`], identical to the last bit, in memory that exists already.
 ///
 /// # Errors
 /// [`NotPositiveDefinite`].
@@ -141,11 +141,12 @@ pub fn log_marginal_likelihood_in(
     })
 }
 
-/// Adds to `sums` Σ w e, Σ w e d, Σ w and Σ w p over one column: w of the derivative's matrix, e the correlations, d the
-/// squared distances, p the inner products.
+/// Adds Σ w e, Σ w e d, Σ w and Σ w p over one column to `sums`, with w the entries of the derivative's matrix, e the
+/// correlations, d the squared distances and p the inner products.
 #[inline(always)]
 fn add_products(sums: &mut [f64; 5], w: &[f64], e: &[f64], d: &[f64], p: &[f64]) {
-    /// Sums side by side: enough for the vector registers of any workstation, and the same additions on all of them.
+    /// Number of parallel sums: enough for the vector registers of any workstation, and the same additions on all of
+    /// them.
     const LANES: usize = 4;
     let mut lanes = [[0.0; LANES]; 4];
     let (ws, w_rest) = w.as_chunks::<LANES>();
@@ -174,7 +175,7 @@ fn add_products(sums: &mut [f64; 5], w: &[f64], e: &[f64], d: &[f64], p: &[f64])
     }
 }
 
-/// Column j from the diagonal down.
+/// Returns column j from the diagonal down.
 #[inline(always)]
 fn lower(matrix: &Mat<f64>, j: usize) -> &[f64] {
     &column_of(matrix, j)[j..]

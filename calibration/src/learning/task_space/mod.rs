@@ -1,9 +1,9 @@
 //! Step 2: the paper's Gaussian process on the residual twist (eq. 4–13).
 //!
-//! Six outputs ε_c with the quadratic kernel of eq. 5 and a noise variance σ_n² on its diagonal. Each output is scaled
-//! to unit RMS, so that metres and radians can share one kernel. [`likelihood`] has the log marginal likelihood and its
-//! analytic gradient, [`fit`] finds the hyperparameters, and [`TaskSpaceGp`] is the posterior with its cached weights:
-//! what is exported is evaluated by the very formula that was fitted.
+//! The six outputs ε_c have the quadratic kernel of eq. 5 with a noise variance σ_n² on its diagonal. Each output is
+//! scaled to unit RMS, so that metres and radians can share one kernel. [`likelihood`] has the log marginal likelihood
+//! and its analytic gradient, [`fit`] finds the hyperparameters, and [`TaskSpaceGp`] is the posterior with its cached
+//! weights. The exported model is evaluated by the very formula that was fitted.
 
 pub mod device_variance;
 pub mod fit;
@@ -18,20 +18,20 @@ use poegp_runtime::math::vector::{inner_product, squared_distance};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
-/// Most poses of a process, each of which is a point of it: room in the workstation's runtime.
+/// Largest number of poses of a process, each of which is an inducing point: capacity of the workstation's runtime.
 pub const MAX_POINTS: usize = 4096;
 
 /// Kernel and noise of one output, or of all six, in units of the scaled outputs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hyperparameters {
-    /// θ₀ … θ₃.
+    /// Kernel parameters θ₀ … θ₃.
     pub kernel: QuadraticKernel<f64>,
-    /// σ_n².
+    /// Noise variance σ_n².
     pub noise_variance: f64,
 }
 
 impl Hyperparameters {
-    /// θ₀, θ₁, θ₂, θ₃, σ_n².
+    /// Returns θ₀, θ₁, θ₂, θ₃, σ_n².
     pub fn to_array(&self) -> [f64; 5] {
         let k = &self.kernel;
         [
@@ -43,7 +43,7 @@ impl Hyperparameters {
         ]
     }
 
-    /// The inverse of [`Hyperparameters::to_array`].
+    /// Creates hyperparameters from the array of [`Hyperparameters::to_array`].
     pub fn from_array(a: &[f64]) -> Self {
         Self {
             kernel: QuadraticKernel {
@@ -57,24 +57,24 @@ impl Hyperparameters {
     }
 }
 
-/// A Gram matrix that is not positive definite, with the hyperparameters that made it.
+/// Error: a Gram matrix is not positive definite, with the noise variance that made it.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 #[error(
     "the Gram matrix of {points} points is not positive definite (noise variance {noise_variance:e})"
 )]
 pub struct NotPositiveDefinite {
-    /// Points.
+    /// Number of points.
     pub points: usize,
-    /// σ_n².
+    /// Noise variance σ_n².
     pub noise_variance: f64,
 }
 
-/// Squared distances and inner products of all pairs of inputs: all that the kernel needs to know of them.
+/// Squared distances and inner products of all pairs of inputs: all that the kernel needs of them.
 #[derive(Clone, Debug)]
 pub struct Pairs {
-    /// |x_i − x_j|², n×n.
+    /// Squared distances |x_i − x_j|², n×n.
     pub squared_distances: Mat<f64>,
-    /// x_iᵀ x_j, n×n.
+    /// Inner products x_iᵀ x_j, n×n.
     pub inner_products: Mat<f64>,
 }
 
@@ -88,7 +88,7 @@ impl Pairs {
         }
     }
 
-    /// K + σ_n² I, n×n.
+    /// Returns the Gram matrix K + σ_n² I, n×n.
     pub fn gram(&self, h: &Hyperparameters) -> Mat<f64> {
         let n = self.squared_distances.nrows();
         Mat::from_fn(n, n, |i, j| {
@@ -99,7 +99,7 @@ impl Pairs {
         })
     }
 
-    /// The Cholesky factor of [`Pairs::gram`].
+    /// Returns the Cholesky factor of [`Pairs::gram`].
     ///
     /// # Errors
     /// [`NotPositiveDefinite`]; nothing is added to the diagonal behind the caller's back.
@@ -115,13 +115,13 @@ impl Pairs {
 /// The fitted process, ready to predict and to export.
 #[derive(Clone, Debug)]
 pub struct TaskSpaceGp {
-    /// One entry when shared by all outputs, else one for each.
+    /// One entry when shared by all outputs, otherwise one for each.
     pub hyperparameters: Vec<Hyperparameters>,
     /// RMS of each output of the training data, m and rad.
     pub output_scale: [f64; OUTPUTS],
     /// Training inputs [q, m], n×D.
     pub inputs: Vec<Vec<f64>>,
-    /// K⁻¹ε of the scaled outputs, n×6.
+    /// Weights K⁻¹ε of the scaled outputs, n×6.
     pub weights: Mat<f64>,
     factors: Vec<Factor>,
 }
@@ -162,7 +162,7 @@ impl TaskSpaceGp {
         })
     }
 
-    /// Hyperparameters of output `c`.
+    /// Returns the hyperparameters of output `c`.
     pub fn output(&self, c: usize) -> &Hyperparameters {
         &self.hyperparameters[if self.hyperparameters.len() == 1 {
             0
@@ -171,7 +171,7 @@ impl TaskSpaceGp {
         }]
     }
 
-    /// The posterior mean in the form that the runtime evaluates: header and rows of inducing points.
+    /// Returns the posterior mean in the form that the runtime evaluates: header and rows of inducing points.
     pub fn mean(&self) -> (MeanHeader<f64>, Vec<f64>) {
         let dimensions = self.inputs.first().map_or(0, Vec::len);
         let mut header = MeanHeader::zero(dimensions);
@@ -210,7 +210,7 @@ impl TaskSpaceGp {
         (header, rows)
     }
 
-    /// An order of the inducing points in which partial sums of the weights stay small.
+    /// Returns an order of the inducing points in which partial sums of the weights stay small.
     ///
     /// A smooth kernel has large weights of both signs that almost cancel, and the rounding error of a sum grows with
     /// its partial sums. Taking next the point that leaves the smallest sum makes plain `f32` as good as summing in
@@ -243,7 +243,7 @@ impl TaskSpaceGp {
         order
     }
 
-    /// Predictive variance of the latent function at `x`, K₂ − K₁ᵀ K⁻¹ K₁ (eq. 7), in m² and rad².
+    /// Returns the predictive variance of the latent function at `x`, K₂ − K₁ᵀ K⁻¹ K₁ (eq. 7), in m² and rad².
     pub fn variance(&self, x: &[f64]) -> [f64; OUTPUTS] {
         let poses = [x.to_vec()];
         let factors = self.hyperparameters.iter().zip(&self.factors);
@@ -254,14 +254,14 @@ impl TaskSpaceGp {
         std::array::from_fn(|c| of(c) * self.output_scale[c] * self.output_scale[c])
     }
 
-    /// The same at many poses, of one kernel in units of its output's mean square.
+    /// Returns the predictive variances of one kernel at many poses, in units of its output's mean square.
     fn unit_variances(&self, kernel: usize, poses: &[Vec<f64>]) -> Vec<f64> {
         let (own, factor) = (&self.hyperparameters[kernel], &self.factors[kernel]);
         unit_variances(own, factor, &self.inputs, poses)
     }
 }
 
-/// K₂ − K₁ᵀ K⁻¹ K₁ at each of `poses`.
+/// Returns K₂ − K₁ᵀ K⁻¹ K₁ at each of `poses`.
 fn unit_variances(
     hyperparameters: &Hyperparameters,
     factor: &Factor,
@@ -280,7 +280,7 @@ fn unit_variances(
     poses.iter().enumerate().map(left).collect()
 }
 
-/// RMS of each output (1 where it is zero), and the outputs divided by it, n×6.
+/// Returns the RMS of each output (1 where it is zero), and the outputs divided by it, n×6.
 pub fn scale_outputs(residuals: &[[f64; OUTPUTS]]) -> ([f64; OUTPUTS], Mat<f64>) {
     let n = residuals.len();
     let scale: [f64; OUTPUTS] = std::array::from_fn(|c| {
@@ -295,14 +295,14 @@ pub fn scale_outputs(residuals: &[[f64; OUTPUTS]]) -> ([f64; OUTPUTS], Mat<f64>)
     (scale, scaled)
 }
 
-/// x = [q, m], the input of the process (eq. 12): the joints, and the payload where it is known.
+/// Returns x = [q, m], the input of the process (eq. 12): the joints, and the payload where it is known.
 pub fn input(joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
     let mut x = joints.to_vec();
     x.extend(payload_kg);
     x
 }
 
-/// The same, padded for the runtime.
+/// Pads an input with zeros for the runtime.
 pub fn padded(x: &[f64]) -> [f64; MAX_INPUTS] {
     let mut out = [0.0; MAX_INPUTS];
     out[..x.len()].copy_from_slice(x);
