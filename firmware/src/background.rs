@@ -1,4 +1,4 @@
-//! Start, and the background: the services, one at a time, and the log.
+//! The start of the firmware, and the background, which runs the services one at a time and writes the log.
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::entry;
@@ -20,7 +20,7 @@ use crate::uart::{self, LINE, Line};
 use crate::watchdog::{self, WatchedFlash};
 use crate::{defmt_ring, hal_unsafe, log};
 
-// Everything large is static, so that the linker proves that it fits. All of it is zero at the start and takes no flash.
+// All large data are static, so that the linker proves that they fit. They are zero at the start and take no flash.
 static MODELS: ConstStaticCell<[ModelSlot<WORDS>; 2]> =
     ConstStaticCell::new([ModelSlot::new(), ModelSlot::new()]);
 static STAGED: ConstStaticCell<Vec<u8, BYTES>> = ConstStaticCell::new(Vec::new());
@@ -40,7 +40,7 @@ fn main() -> ! {
             shell.turn(&mut services);
         }
     }
-    // Cannot happen: the reset handler calls this once, and the layout of the board is right.
+    // Unreachable: the reset handler calls this function once, and the layout of the board is valid.
     watchdog::restart(StartReason::Panic { line: line!() })
 }
 
@@ -56,7 +56,7 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         image_crc: hal_unsafe::image_crc(),
         tick_hz: Chosen::TICK_HZ,
         deadline_ticks: Chosen::DEADLINE_TICKS,
-        // QEMU has no clock tree, and tests of the rest go on there.
+        // QEMU has no clock tree; the stated clock lets tests of everything else run there.
         clock_hz: if cfg!(feature = "stated-clock") {
             Chosen::CLOCK_HZ
         } else {
@@ -69,7 +69,7 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
         self_test: self_test(spare),
         start: reason,
     };
-    // A restart in the middle of noting it leaves no number: then commands are better not corrected.
+    // A restart while the bypass was being noted leaves no valid number. It is then safer not to correct commands.
     let bypass = retained(Retained::Bypass) != Some(0);
     cycle::START.put(Front {
         cycle: Cycle::new(active, &board, bypass),
@@ -93,12 +93,12 @@ fn start(reason: StartReason) -> Option<(Services, Shell)> {
     Some((Background::new(board, spare, staged, store), shell))
 }
 
-/// The background's own things.
+/// Resources and state of the background.
 struct Shell {
     log: <Chosen as Board>::Log,
     scratch: &'static mut [u8; MAX_FRAME],
     calls: Calls,
-    /// The model of the last message about one; 0 for none.
+    /// CRC of the model in the last log message about the running model; 0 for no model, `None` before the first message.
     logged_crc: Option<u32>,
 }
 
@@ -133,7 +133,7 @@ impl Shell {
             let response = services.handle_frame(receiver, &mut self.calls);
             #[cfg(feature = "planted-faults")]
             let response = crate::measured::answer(receiver).unwrap_or(response);
-            // Free for the next service before the answer is on the line, so that its sender never finds it busy.
+            // Frees the receiver before the answer is sent, so that the sender's next service is never refused as busy.
             receiver.clear();
             cycle::WORKED.put(receiver);
             log::answered(&response);
@@ -143,7 +143,7 @@ impl Shell {
                 self.log_model(&identity.model);
             }
             if response == Response::Restarting {
-                // Without a beat: the watchdog restarts the board if the line does not become empty.
+                // There is no beat here, so the watchdog restarts the board if the line does not become empty.
                 while !uart::is_sent() {}
                 watchdog::restart(StartReason::Requested);
             }
@@ -154,20 +154,20 @@ impl Shell {
     fn answer(&mut self, sequence: u16, response: &Response) {
         loop {
             if let Some(bytes) = cycle::ANSWERED.take() {
-                // It always fits: the longest answer is shorter than the longest request.
+                // The answer always fits: the longest answer is shorter than the longest request.
                 let length =
                     frame::encode(sequence, response, self.scratch, bytes).map_or(0, <[u8]>::len);
                 cycle::ANSWER.put(Answer { bytes, length });
                 SCB::set_pendsv();
                 return;
             }
-            // The one before it waits for an empty line. A full one is the controller's affair, and no hang.
+            // The previous answer still waits for an empty line. The controller may keep the line full; that is no hang.
             watchdog::beat();
             SCB::set_pendsv();
         }
     }
 
-    /// Writes what was logged; sleeps when there is nothing to write and nothing to do.
+    /// Writes the log to its line; sleeps when there is nothing to write and no service to carry out.
     fn drain_log(&mut self) {
         while let Ok(true) = self.log.write_ready() {
             match defmt_ring::next() {
@@ -183,14 +183,14 @@ impl Shell {
     }
 }
 
-/// How the background reaches the cycle.
+/// The background's access to the cycle and the device.
 struct Calls;
 
 impl Device<'static, WORDS> for Calls {
     fn order(&mut self, order: CycleCommand<'static, WORDS>) -> CycleAck<'static, WORDS> {
         cycle::ORDER.put(order);
         loop {
-            // Pre-empts this at once; its report is there when it is over. A report that never comes ends the beats.
+            // PendSV pre-empts this code at once and leaves its report. If a report never comes, the beats end.
             SCB::set_pendsv();
             cortex_m::asm::isb();
             if let Some(report) = cycle::REPORT.take() {
@@ -200,7 +200,7 @@ impl Device<'static, WORDS> for Calls {
     }
 
     fn nonce(&mut self) -> [u8; NONCE_LENGTH] {
-        // The count tells apart those since the power came, the random numbers those of before.
+        // The count distinguishes nonces since power-on; the random numbers distinguish them from earlier ones.
         let count = retained(Retained::Nonces).unwrap_or(0).wrapping_add(1);
         retain(Retained::Nonces, count);
         let random = || Chosen::random().unwrap_or(0);

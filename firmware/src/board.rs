@@ -1,7 +1,8 @@
-//! The boards. One is chosen here, by feature; the rest of the firmware knows the names below and no address.
+//! The supported boards. A cargo feature selects one of them here. The rest of the firmware uses only the names below and no
+//! addresses.
 //!
-//! A board of one's own is one more module with an implementation of [`Board`], made of the traits of embedded-io
-//! (serial lines), embedded-storage (flash) and embedded-hal (a pin). `docs/reference/porting.md` goes through the smallest one.
+//! To support another board, add a module with an implementation of [`Board`], built on the traits of embedded-io (serial
+//! lines), embedded-storage (flash) and embedded-hal (a pin). `docs/reference/porting.md` explains the smallest board.
 
 use embedded_hal::digital::OutputPin;
 use embedded_io::{Read, ReadReady, Write, WriteReady};
@@ -22,82 +23,84 @@ pub use stm32f405::Stm32F405 as Chosen;
 #[cfg(not(any(feature = "mps2", feature = "stm32f405")))]
 compile_error!("choose a board by its feature, for instance --features mps2-an386");
 
-/// A board.
+/// A board: its properties, its peripherals and its start.
 pub trait Board {
-    /// Its name.
+    /// Name of the board.
     const NAME: &'static str;
-    /// Frequency of [`Board::ticks`] in hertz.
+    /// Frequency of the counter [`Board::ticks`], in Hz.
     const TICK_HZ: u32;
-    /// Frequency of the processor's clock in hertz for which the next two are true. With a lower one
-    /// ([`Parts::core_hz`]) the device takes no model.
+    /// Frequency of the processor's clock in Hz for which [`Board::DEADLINE_TICKS`] and [`Board::MAX_INSTRUCTIONS`] hold.
+    /// With a slower clock ([`Parts::core_hz`]) the device accepts no model.
     const CLOCK_HZ: u32;
-    /// Ticks in which a cyclic request is to be answered.
+    /// Deadline for the answer to a cyclic request, in ticks.
     const DEADLINE_TICKS: u32;
-    /// Instructions that the processor is sure to carry out until then.
+    /// Number of instructions that the processor certainly executes within [`Board::DEADLINE_TICKS`].
     const MAX_INSTRUCTIONS: u32;
-    /// Whether the processor waits while the flash erases or writes. Then it is left alone while cycles run.
+    /// Whether the processor stalls while the flash erases or writes. If so, the flash is not touched while cycles run.
     const FLASH_BLOCKS: bool;
-    /// How often the slots of models may be changed between two starts.
+    /// Maximum number of changes of the model slots between two starts.
     const SLOT_WRITES: u32;
-    /// The serial line to controller and workstation.
+    /// Serial line to the controller and the workstation.
     type Link: Link;
-    /// The line that defmt logs on.
+    /// Serial line for the defmt log.
     type Log: Write + WriteReady;
-    /// The flash with the models.
+    /// Flash memory that stores the models.
     type Flash: NorFlash;
-    /// High while a frame is being answered: what an oscilloscope looks at.
+    /// Output pin that is high while a frame is being answered, for an oscilloscope.
     type Strobe: OutputPin;
 
-    /// Starts everything: clocks, timer, lines and the watchdog. May be called once; `None` when called again.
+    /// Starts clocks, timer, serial lines and watchdog. The first call returns the parts, any further call `None`.
     fn start() -> Option<Parts<Self>>
     where
         Self: Sized;
-    /// Lets the interrupt of the link through, at a priority above the lowest.
+    /// Enables the link's interrupts at a priority above the lowest.
     fn listen();
-    /// A free-running counter that wraps around at 2³².
+    /// Reads a free-running counter that wraps around at 2³².
     fn ticks() -> u32;
-    /// A random number of the hardware. Without one, what makes nonces differ is the time at which they are asked for.
+    /// Returns a random number from the hardware, if there is one. Without it, only a count and the time of the request make
+    /// nonces differ.
     fn random() -> Option<u32> {
         None
     }
-    /// Whether the supply is sure to be what fast writing of the flash needs; logged at the start.
+    /// Whether the supply voltage is guaranteed to suffice for fast flash writes. Logged at the start if not.
     fn supply_is_sure() -> bool {
         true
     }
-    /// Keeps the watchdog from restarting the board. Only `watchdog` calls this.
+    /// Feeds the watchdog, so that it does not restart the board. Only the module `watchdog` calls this.
     fn feed_watchdog();
 }
 
-/// What a started board hands out.
+/// The peripherals and properties of a started board.
 pub struct Parts<B: Board> {
-    /// Frequency of the processor's clock in hertz.
+    /// Actual frequency of the processor's clock, in Hz.
     pub core_hz: u32,
-    /// See [`Board::Link`].
+    /// Started [`Board::Link`].
     pub link: B::Link,
-    /// See [`Board::Log`].
+    /// Started [`Board::Log`].
     pub log: B::Log,
-    /// See [`Board::Flash`].
+    /// The [`Board::Flash`].
     pub flash: B::Flash,
-    /// Where the models lie in it.
+    /// Layout of models, key and settings in the flash.
     pub layout: Layout,
-    /// See [`Board::Strobe`].
+    /// The [`Board::Strobe`] pin.
     pub strobe: B::Strobe,
 }
 
-/// A line with interrupts, whose handlers are in `interrupts`. Reading and writing never wait, and move a byte or many.
+/// A serial line with interrupts, whose handlers are in the module `interrupts`. Reads and writes never block, and move one
+/// byte or several.
 pub trait Link: Read + ReadReady + Write + WriteReady {
-    /// Whether bytes wait for an interrupt together, as with DMA: then they came when it was raised, at the latest.
+    /// Whether one interrupt delivers several bytes, as with DMA. They then arrived no later than that interrupt was raised.
     const IN_BULK: bool = false;
 
-    /// Called first in the handler: clears what made it run, where reading and writing do not.
+    /// Clears the cause of the interrupt, unless reading and writing do. The interrupt handler calls this first.
     fn acknowledge(&mut self);
-    /// Whether the interrupt is wanted when a byte can be written.
+    /// Enables or disables the interrupt that occurs when a byte can be written.
     fn notify_writable(&mut self, wanted: bool);
-    /// Whether everything is sent but the byte or two that a UART holds.
+    /// Whether everything has been sent except the one or two bytes that a UART holds.
     fn is_sent(&mut self) -> bool {
         true
     }
-    /// Received bytes that were lost before they could be read, since this was last asked.
+    /// Returns the number of received bytes that were lost before they could be read, since the last call.
     fn lost(&mut self) -> u32 {
         0
     }

@@ -1,7 +1,8 @@
-//! The cycle at work: PendSV, which pre-empts the background and is pre-empted by the line only.
+//! The cycle: it runs in PendSV, which pre-empts the background and is pre-empted only by the interrupts of the line.
 //!
-//! What passes between the two priorities passes through mailboxes, whole: orders and reports, a model with each, a
-//! receiver with an open frame one way and empty the other, and so does an answer buffer.
+//! Everything that passes between the two priorities passes through mailboxes, as whole values: orders and reports, each
+//! with a model; a receiver, with an open frame to the background and empty back; an answer buffer, full to the cycle and
+//! empty back.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -19,46 +20,46 @@ use crate::watchdog;
 
 /// An encoded answer of the background.
 pub struct Answer {
-    /// The frame.
+    /// Buffer that begins with the frame.
     pub bytes: &'static mut [u8; MAX_FRAME],
-    /// Its length.
+    /// Length of the frame in bytes.
     pub length: usize,
 }
 
-/// The front before its first turn.
+/// The [`Front`], until the first PendSV takes it.
 pub static START: Mailbox<Front> = Mailbox::new();
-/// Background to cycle.
+/// Order from the background to the cycle.
 pub static ORDER: Mailbox<CycleCommand<'static, WORDS>> = Mailbox::new();
-/// Cycle to background.
+/// Report from the cycle to the background.
 pub static REPORT: Mailbox<CycleAck<'static, WORDS>> = Mailbox::new();
-/// A service for the background.
+/// Receiver with a service request for the background.
 pub static WORK: Mailbox<&'static mut Receiver> = Mailbox::new();
-/// The receiver of a service that was carried out.
+/// Empty receiver of a service that was carried out, on its way back to the cycle.
 pub static WORKED: Mailbox<&'static mut Receiver> = Mailbox::new();
-/// The answer of a service.
+/// Answer of a service, to be sent by the cycle.
 pub static ANSWER: Mailbox<Answer> = Mailbox::new();
-/// Its buffer after it was sent.
+/// Answer buffer after its frame was sent, on its way back to the background.
 pub static ANSWERED: Mailbox<&'static mut [u8; MAX_FRAME]> = Mailbox::new();
-/// Whether cyclic requests are expected: then only their answers feed the watchdog.
+/// Whether cyclic requests are expected. If so, only their answers feed the watchdog.
 static RUNNING: AtomicBool = AtomicBool::new(false);
 
-/// Everything that belongs to the cycle.
+/// State and resources of the cycle.
 pub struct Front {
-    /// The pure part.
+    /// The part without hardware access, from the runtime.
     pub cycle: Cycle<'static, WORDS>,
-    /// Takes the bytes that come.
+    /// Receiver that collects the incoming bytes.
     pub receiver: &'static mut Receiver,
-    /// Takes its place while the background has it.
+    /// Spare receiver that replaces `receiver` while the background has one.
     pub other_receiver: Option<&'static mut Receiver>,
-    /// For encoding.
+    /// Buffer for a frame before COBS.
     pub scratch: &'static mut [u8; MAX_FRAME],
-    /// For encoding.
+    /// Buffer for an encoded frame.
     pub out: &'static mut [u8; MAX_FRAME],
-    /// See [`Board::Strobe`].
+    /// The [`Board::Strobe`] pin.
     pub strobe: <Chosen as Board>::Strobe,
 }
 
-/// The board's counter.
+/// The board's tick counter as the clock of the cycle.
 struct Ticks;
 
 impl Clock for Ticks {
@@ -98,7 +99,7 @@ impl Front {
             }
         }
         RUNNING.store(self.cycle.is_running(), Ordering::Relaxed);
-        // On an empty line only: a correction never waits for more than one such answer.
+        // An answer of the background is sent only on an empty line, so a correction never waits for more than one.
         if ANSWER.is_full()
             && uart::is_sent()
             && let Some(answer) = ANSWER.take()
@@ -148,10 +149,10 @@ fn PendSV() {
     }
 }
 
-/// Calls of `SysTick` from one look at the clock to the next: a second, when nothing else comes.
+/// Number of `SysTick` calls between two turns of the cycle that only look at the clock: one second.
 const LOOK: u32 = 100;
 
-// At the priority of PendSV: if a cycle does not end, this does not run.
+// SysTick has the priority of PendSV: if a cycle does not end, this handler does not run.
 #[exception]
 fn SysTick() {
     static mut COUNT: u32 = 0;
@@ -159,7 +160,7 @@ fn SysTick() {
     if *COUNT == 0 {
         SCB::set_pendsv();
     }
-    // An event of the line that was missed costs ten milliseconds and no more.
+    // Serves the line in case one of its events was missed: that costs ten milliseconds at most.
     uart::interrupt();
     watchdog::look(RUNNING.load(Ordering::Relaxed));
 }

@@ -1,7 +1,7 @@
-//! Where defmt writes: a ring in RAM, which the background empties onto a serial line when it has nothing else to do.
+//! The output of defmt: a ring in RAM, which the background empties onto a serial line when it has nothing else to do.
 //!
-//! Logging never waits: a message that finds no room is dropped whole and counted. Only the background logs, so there is
-//! one message at a time; a second one would be dropped, too.
+//! Logging never blocks: a message without room in the ring is dropped completely and counted. Only the background logs, so
+//! there is only one message at a time; a second, nested one would also be dropped.
 #![allow(unsafe_code)] // for the trait; nothing here is undefined when it is called in the wrong order
 
 use core::cell::RefCell;
@@ -15,7 +15,7 @@ const RING: usize = 1_024;
 struct State {
     ring: Deque<u8, RING>,
     encoder: Encoder,
-    /// Bytes in the ring of the message that is being written.
+    /// Number of bytes in the ring that belong to the current message.
     written: usize,
     open: bool,
     dropping: bool,
@@ -42,7 +42,7 @@ impl State {
         }
     }
 
-    /// Runs a step of the encoder, whose output goes to the ring.
+    /// Runs one step of the encoder and appends its output to the ring.
     fn encode(&mut self, step: impl FnOnce(&mut Encoder, &mut dyn FnMut(&[u8]))) {
         let mut encoder = core::mem::replace(&mut self.encoder, Encoder::new());
         step(&mut encoder, &mut |bytes| self.push(bytes));
@@ -60,7 +60,7 @@ fn with<R>(action: impl FnOnce(&mut State) -> R) -> Option<R> {
     })
 }
 
-/// The next byte for the line.
+/// Takes the next byte for the serial line; `None` if there is none or a message is being written.
 pub fn next() -> Option<u8> {
     with(|state| {
         if state.open {
@@ -72,7 +72,7 @@ pub fn next() -> Option<u8> {
     .flatten()
 }
 
-/// Messages that were dropped.
+/// Returns the number of dropped messages.
 pub fn lost() -> u32 {
     with(|state| state.lost).unwrap_or(0)
 }

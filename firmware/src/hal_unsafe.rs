@@ -1,7 +1,7 @@
-//! What cannot be said in safe Rust: registers, memory outside of Rust's, priorities, interrupts.
+//! Everything that needs unsafe Rust: registers, memory outside of Rust's own, priorities, interrupts.
 //!
-//! All of it is safe to use from outside. A [`Register`] or a [`Region`] can only be made, at compile time, for addresses
-//! where no Rust object ever lies. A DMA controller is pointed at a [`DmaMemory`] only, of which nobody has a reference. The
+//! The interface of this module is safe. A [`Register`] or a [`Region`] can only be created, at compile time, for addresses
+//! at which no Rust object ever lies. A DMA controller only accesses a [`DmaMemory`], to which no reference exists. The
 //! stack and the image are only read.
 #![allow(unsafe_code)]
 
@@ -17,7 +17,7 @@ use poegp_protocol::blob::CRC;
 pub struct Register(usize);
 
 impl Register {
-    /// The register at `address`, to be evaluated at compile time.
+    /// Creates the register at `address`. To be evaluated at compile time.
     pub const fn at(address: usize) -> Self {
         assert!(
             address >= 0x4000_0000 && address < 0x6000_0000 && address.is_multiple_of(4),
@@ -26,14 +26,14 @@ impl Register {
         Self(address)
     }
 
-    /// Its value now.
+    /// Reads the register.
     #[inline(always)]
     pub fn read(self) -> u32 {
         // SAFETY: aligned and in the peripheral region (checked in `at`): device memory, no Rust object.
         unsafe { ptr::with_exposed_provenance::<u32>(self.0).read_volatile() }
     }
 
-    /// Sets it.
+    /// Writes the register.
     #[inline(always)]
     pub fn write(self, value: u32) {
         // SAFETY: as in `read`.
@@ -41,7 +41,7 @@ impl Register {
     }
 }
 
-/// Memory that the linker does not know: the external RAM of the MPS2 boards, the flash of the STM32F405 behind the image.
+/// Memory that the linker does not use: the external RAM of the MPS2 boards, or the flash of the STM32F405 after the image.
 #[derive(Clone, Copy)]
 pub struct Region {
     start: usize,
@@ -49,7 +49,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// So many words from `start` on, to be evaluated at compile time.
+    /// Creates the region of `words` words from `start` on. To be evaluated at compile time.
     pub const fn at(start: usize, words: usize) -> Self {
         let end = start + 4 * words;
         assert!(
@@ -62,7 +62,7 @@ impl Region {
         Self { start, words }
     }
 
-    /// One word; `None` beyond the end.
+    /// Reads the word at index `word`; `None` beyond the end.
     #[inline(always)]
     pub fn read(self, word: usize) -> Option<u32> {
         (word < self.words).then(|| {
@@ -71,7 +71,7 @@ impl Region {
         })
     }
 
-    /// Sets one word; nothing happens beyond the end.
+    /// Writes the word at index `word`; does nothing beyond the end.
     #[inline(always)]
     pub fn write(self, word: usize, value: u32) {
         if word < self.words {
@@ -81,7 +81,7 @@ impl Region {
         }
     }
 
-    /// Sets one byte; nothing happens beyond the end.
+    /// Writes the byte at offset `byte`; does nothing beyond the end.
     #[cfg(feature = "stm32f405")]
     pub fn write_byte(self, byte: usize, value: u8) {
         if byte < 4 * self.words {
@@ -93,7 +93,7 @@ impl Region {
     }
 }
 
-/// Memory that a DMA controller reads or writes at any time. Zeros at the start.
+/// Memory that a DMA controller may read or write at any time. It is zero at the start.
 #[cfg(feature = "stm32f405")]
 pub struct DmaMemory<const BYTES: usize>(core::cell::UnsafeCell<[u8; BYTES]>);
 
@@ -103,17 +103,17 @@ unsafe impl<const BYTES: usize> Sync for DmaMemory<BYTES> {}
 
 #[cfg(feature = "stm32f405")]
 impl<const BYTES: usize> DmaMemory<BYTES> {
-    /// For a `static`.
+    /// Creates zeroed memory, for a `static`.
     pub const fn new() -> Self {
         Self(core::cell::UnsafeCell::new([0; BYTES]))
     }
 
-    /// For the address register of a stream that moves at most so many bytes.
+    /// Returns the address of the memory, for the address register of a stream that moves at most `BYTES` bytes.
     pub fn address(&'static self) -> u32 {
         self.0.get().expose_provenance() as u32
     }
 
-    /// One byte; 0 beyond the end.
+    /// Reads the byte at index `at`; 0 beyond the end.
     #[inline(always)]
     pub fn read(&'static self, at: usize) -> u8 {
         if at >= BYTES {
@@ -123,7 +123,7 @@ impl<const BYTES: usize> DmaMemory<BYTES> {
         unsafe { self.0.get().cast::<u8>().add(at).read_volatile() }
     }
 
-    /// Sets one byte; nothing happens beyond the end.
+    /// Writes the byte at index `at`; does nothing beyond the end.
     #[inline(always)]
     pub fn write(&'static self, at: usize, byte: u8) {
         if at < BYTES {
@@ -133,12 +133,12 @@ impl<const BYTES: usize> DmaMemory<BYTES> {
     }
 }
 
-/// Deepest use of the stack since the start, in bytes: from the top down to the lowest word that lost its paint.
+/// Returns the maximum stack usage since the start, in bytes: from the top down to the lowest word that lost its paint.
 ///
 /// ```text
 ///  _stack_end (low)                                       _stack_start (high)
 ///  | paint  paint  paint  paint | used ... used ... used |
-///                               ^-- the answer is counted from here
+///                               ^-- the result is counted from here
 /// ```
 pub fn stack_bytes() -> u32 {
     unsafe extern "C" {
@@ -157,8 +157,8 @@ pub fn stack_bytes() -> u32 {
     end.addr().wrapping_sub(word.addr()) as u32
 }
 
-/// CRC-32C of what the build has put into flash: vectors, code, constants, initial values. Bytes that only align them are
-/// left out, because nobody says what they are.
+/// Computes the CRC-32C of the image in flash: vectors, code, constants and initial values. Padding bytes between them are
+/// excluded, because their values are unspecified.
 pub fn image_crc() -> u32 {
     unsafe extern "C" {
         static __vector_table: u8;
@@ -191,11 +191,12 @@ pub fn image_crc() -> u32 {
     digest.finalize()
 }
 
-/// Survives a restart, but no power failure: neither loaded nor cleared at the start. Each number has its complement, mixed
-/// with a constant, behind it: memory that has lost its power reads as no number, and so does one that a restart cut short.
+/// Numbers that survive a restart, but not a power failure: the start neither loads nor clears them. After each number comes
+/// a check word, its complement mixed with a constant. Memory that has lost its power, or a write that a restart has cut
+/// short, therefore reads as no number.
 ///
 /// ```text
-///  number  0  restarts so far     1  bypass     2  why the next start will have come     3  where a panic or a fault was
+///  number  0  restarts so far  1  bypass  2  reason for the next start  3  location of a panic or fault  4  nonces so far
 /// ```
 #[unsafe(link_section = ".uninit.retained")]
 static mut RETAINED: [u32; 2 * NUMBERS] = [0; 2 * NUMBERS];
@@ -203,22 +204,22 @@ static mut RETAINED: [u32; 2 * NUMBERS] = [0; 2 * NUMBERS];
 const NUMBERS: usize = 5;
 const CHECK: u32 = !0x706f_6567;
 
-/// What outlives a restart. Each is written at one priority only, or by what ends in a restart.
+/// The numbers that survive a restart. Each is written at one priority only, or by code that ends in a restart.
 #[derive(Clone, Copy)]
 pub enum Retained {
-    /// Starts since the power came, but the first. Written at the start.
+    /// Number of restarts since power-on. Written at the start.
     Restarts,
-    /// 1 when corrections are bypassed. Written by the background.
+    /// 1 if corrections are bypassed, else 0. Written by the background.
     Bypass,
-    /// Why the next start will have come. Written by SysTick.
+    /// Reason for the next start. Written by SysTick.
     Reason,
-    /// Where: belongs to the reason.
+    /// Detail of the reason: the line of a panic or the address of a fault.
     Where,
-    /// Nonces since the power came. Written by the background.
+    /// Number of nonces since power-on. Written by the background.
     Nonces,
 }
 
-/// The number that was retained, if it is one.
+/// Reads a retained number; `None` if its check word does not match.
 pub fn retained(which: Retained) -> Option<u32> {
     let number = (&raw const RETAINED)
         .cast::<u32>()
@@ -229,7 +230,7 @@ pub fn retained(which: Retained) -> Option<u32> {
     (value ^ check == CHECK).then_some(value)
 }
 
-/// Keeps a number.
+/// Writes a number that survives a restart.
 pub fn retain(which: Retained, value: u32) {
     let number = (&raw mut RETAINED)
         .cast::<u32>()
@@ -241,7 +242,7 @@ pub fn retain(which: Retained, value: u32) {
     }
 }
 
-/// Puts PendSV and SysTick at the lowest priority and starts SysTick with so many core cycles.
+/// Sets PendSV and SysTick to the lowest priority and starts SysTick with a period of `cycles` core cycles.
 pub fn start_system_handlers(cycles: u32) {
     // SAFETY: called once, by `main`, which is the only owner of the core's peripherals; no critical section relies on
     // priorities.
@@ -257,28 +258,28 @@ pub fn start_system_handlers(cycles: u32) {
     core.SYST.enable_counter();
 }
 
-/// Sleeps until an interrupt comes, unless `there_is_work`, which is asked with interrupts held off.
+/// Sleeps until an interrupt comes, unless `there_is_work` returns true. It is called with interrupts disabled.
 pub fn sleep_unless(there_is_work: impl FnOnce() -> bool) {
     critical_section::with(|_| {
         if !there_is_work() {
-            // Wakes up for a pending interrupt, which runs when the critical section ends.
+            // A pending interrupt wakes the processor and runs when the critical section ends.
             cortex_m::asm::wfi();
         }
     });
 }
 
-/// Restarts the processor and everything around it.
+/// Resets the processor and its peripherals.
 pub fn reset() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-/// Lets an interrupt through.
+/// Enables an interrupt.
 pub fn enable_interrupt(interrupt: impl InterruptNumber) {
     // SAFETY: its handler shares nothing that is not behind a critical section, which is no mask of priorities.
     unsafe { cortex_m::peripheral::NVIC::unmask(interrupt) }
 }
 
-/// An interrupt of a board whose vector table is that of cortex-m-rt.
+/// Interrupt number on a board that uses the vector table of cortex-m-rt.
 #[cfg(feature = "mps2")]
 #[derive(Clone, Copy)]
 pub struct Interrupt(pub u16);

@@ -1,11 +1,11 @@
-//! The interrupts of the link, the only ones that are enabled beside the cycle's; and faults.
+//! Handlers for faults and for the link's interrupts. Only these and the interrupts of the cycle are enabled.
 
 use cortex_m_rt::{ExceptionFrame, exception};
 use poegp_protocol::link::StartReason;
 
 use crate::watchdog;
 
-/// Restarts the device after a fault at any priority: nothing can continue.
+/// Restarts the device after a fault at any priority, because no part of the firmware can continue.
 // SAFETY of the declaration: it is called by the processor alone, and does what a safe handler may do.
 #[allow(unsafe_code)]
 #[exception]
@@ -15,7 +15,7 @@ unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     })
 }
 
-/// Handles the link's interrupts on a board whose vector table is that of cortex-m-rt.
+/// Handles the link's interrupts on boards that use the vector table of cortex-m-rt.
 // SAFETY of the declaration: it is called by the processor alone, and does what a safe handler may do.
 #[cfg(feature = "mps2")]
 #[allow(unsafe_code)]
@@ -27,42 +27,42 @@ unsafe fn DefaultHandler(_number: i16) {
 #[cfg(feature = "stm32f405")]
 use stm32f4xx_hal::pac::interrupt;
 
-/// The line is idle; or, without DMA, a byte.
+/// Handles an idle line; without DMA, a received byte or a byte that can be written.
 #[cfg(all(feature = "stm32f405", not(feature = "spi-link")))]
 #[interrupt]
 fn USART1() {
     crate::uart::interrupt();
 }
 
-/// Half of what can be received has come.
+/// Handles a DMA receive ring that has reached its middle or its end.
 #[cfg(all(feature = "stm32f405", not(feature = "spi-link")))]
 #[interrupt]
 fn DMA2_STREAM5() {
     crate::uart::interrupt();
 }
 
-/// A piece was sent.
+/// Handles the end of a piece that DMA has sent.
 #[cfg(all(feature = "stm32f405", not(feature = "spi-link")))]
 #[interrupt]
 fn DMA2_STREAM7() {
     crate::uart::interrupt();
 }
 
-/// The controller ends a transfer.
+/// Handles the end of a transfer by the controller (NSS rises).
 #[cfg(feature = "spi-link")]
 #[interrupt]
 fn EXTI4() {
     crate::uart::interrupt();
 }
 
-/// Half of what can be received has come.
+/// Handles a DMA receive ring that has reached its middle or its end.
 #[cfg(feature = "spi-link")]
 #[interrupt]
 fn DMA2_STREAM0() {
     crate::uart::interrupt();
 }
 
-/// Half of what is sent was sent.
+/// Handles a DMA send ring that has reached its middle or its end.
 #[cfg(feature = "spi-link")]
 #[interrupt]
 fn DMA2_STREAM3() {

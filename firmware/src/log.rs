@@ -1,9 +1,9 @@
-//! What the device says about itself with defmt: what it runs, and what it refused. Never from the cycle.
+//! Log messages of the device with defmt: what it runs and what it refused. The cycle never logs.
 
 use poegp_protocol::blob::envelope::DecodeError;
 use poegp_protocol::link::{ModelIdentity, Refusal, Response, StartReason};
 
-/// The device has started.
+/// Logs the start of the device and its reason.
 pub fn start(board: &str, reason: &StartReason) {
     defmt::info!(
         "firmware {=str} on {=str}",
@@ -23,7 +23,7 @@ pub fn start(board: &str, reason: &StartReason) {
     }
 }
 
-/// A model runs, or none.
+/// Logs the model that runs, or that there is none.
 pub fn running(model: &Option<ModelIdentity>) {
     match model {
         None => defmt::warn!("no model: commands are not corrected"),
@@ -36,18 +36,18 @@ pub fn running(model: &Option<ModelIdentity>) {
     }
 }
 
-/// The option bytes allow a supply with which the flash is written slowly.
+/// Logs that the option bytes do not guarantee the supply voltage, so that the flash is written slowly.
 pub fn supply_is_not_sure() {
     defmt::warn!("brown-out level is not 3");
 }
 
-/// A stored model was not taken.
+/// Logs that a stored model was refused at the start.
 pub fn not_started(refusal: &Refusal) {
     defmt::error!("a stored model is not taken");
     refused(refusal);
 }
 
-/// A service was answered.
+/// Logs the answer to a service.
 pub fn answered(response: &Response) {
     match response {
         Response::Verified(model) => {
@@ -83,7 +83,7 @@ fn refused(refusal: &Refusal) {
         Refusal::SlowClock { hz, needed } => {
             defmt::error!("clock of {=u32} Hz, {=u32} needed", *hz, *needed)
         }
-        // The order of the pieces is the peer's affair, and the answer names it.
+        // All other refusals concern the peer, and the answer names them.
         _ => {}
     }
 }

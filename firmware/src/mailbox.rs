@@ -1,29 +1,29 @@
-//! Hands one value from one priority to another.
+//! A mailbox that passes one value between two interrupt priorities.
 
 use core::cell::RefCell;
 use core::mem;
 
 use critical_section::Mutex;
 
-/// Empty, or full with one value. Interrupts are held off for a move, never for a computation.
+/// A mailbox, empty or with one value. Interrupts are disabled while the value is moved, never for a computation.
 pub struct Mailbox<T>(Mutex<RefCell<Slot<T>>>);
 
 /// An `Option` whose empty state is all zeros, so that a static one takes no flash for its initial value.
 #[repr(u8)]
 pub enum Slot<T> {
-    /// `None`.
+    /// No value, as `None`.
     Empty = 0,
-    /// `Some`.
+    /// A value, as `Some`.
     Full(T) = 1,
 }
 
 impl<T> Mailbox<T> {
-    /// Empty.
+    /// Creates an empty mailbox.
     pub const fn new() -> Self {
         Self(Mutex::new(RefCell::new(Slot::Empty)))
     }
 
-    /// What is in now gives way to `slot`.
+    /// Replaces the content with `slot` and returns the previous value, if there was one.
     fn replace(&self, slot: Slot<T>) -> Option<T> {
         let before = critical_section::with(|cs| {
             let mut here = self.0.borrow(cs).try_borrow_mut().ok()?;
@@ -35,22 +35,23 @@ impl<T> Mailbox<T> {
         }
     }
 
-    /// Puts `value` in; what was in is gone.
+    /// Puts `value` into the mailbox and drops a previous value.
     pub fn put(&self, value: T) {
         self.replace(Slot::Full(value));
     }
 
-    /// Takes out what is in.
+    /// Takes the value out of the mailbox, if there is one.
     pub fn take(&self) -> Option<T> {
         self.replace(Slot::Empty)
     }
 
-    /// Whether there is something in.
+    /// Whether the mailbox has a value.
     pub fn is_full(&self) -> bool {
         self.with(|_| ()).is_some()
     }
 
-    /// Looks at what is in, with interrupts held off: for a few instructions only.
+    /// Calls `look` with the value, if there is one. Interrupts are disabled meanwhile, so `look` must be short: a few
+    /// instructions.
     pub fn with<R>(&self, look: impl FnOnce(&mut T) -> R) -> Option<R> {
         critical_section::with(|cs| {
             let mut here = self.0.borrow(cs).try_borrow_mut().ok()?;

@@ -1,7 +1,7 @@
-//! The firmware: bytes from the link to the service of the runtime, and its answers back.
+//! The firmware: it carries bytes from the link to the service of the runtime, and the answers back.
 //!
-//! Wiring only: what is worth a test is in `poegp-runtime`. The device speaks the protocol of `poegp_protocol::link` on
-//! one serial line and logs with defmt on another.
+//! This crate contains only wiring; everything worth a test is in `poegp-runtime`. The device speaks the protocol of
+//! `poegp_protocol::link` on one serial line and logs with defmt on another.
 //!
 //! ```text
 //!  priority
@@ -10,9 +10,9 @@
 //!  thread  background  services: verify, flash, roll back; the log            as long as it takes
 //! ```
 //!
-//! It promises: no heap; a correction waits for nothing but the bytes of one other frame; what hangs ends in a restart
-//! (`watchdog`). It refuses to run on the workstation, where this program is a stub that lets the
-//! workspace build.
+//! The firmware guarantees that it uses no heap, that a correction waits for nothing but the bytes of one other frame, and
+//! that a hang ends in a restart (`watchdog`). It does not run on the workstation, where this program is a stub that lets
+//! the workspace build.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 #![deny(unsafe_code)]
 
@@ -26,7 +26,7 @@ mod capacity;
 mod cycle;
 #[cfg(target_os = "none")]
 mod defmt_ring;
-// Each board takes what it needs.
+// Each board uses only the drivers that it needs.
 #[cfg(target_os = "none")]
 #[allow(dead_code)]
 mod drivers;

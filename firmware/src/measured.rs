@@ -1,7 +1,8 @@
-//! What the way of a byte costs, in ticks, and which interrupts wake the cycle: for tests, in the image with planted faults. The
-//! processor is the emulated one, the DMA controller a position in memory.
+//! Measures the cost of receiving and sending in ticks, and which interrupts wake the cycle. This is for tests only, in the
+//! image with planted faults. The processor is emulated; a position in memory simulates the DMA controller.
 //!
-//! `Activate` of a model that cannot be there asks, as it does for a fault; `Uploading` has the answer.
+//! As for a planted fault, `Activate` with the CRC of a model that cannot exist asks for a measurement. The answer is an
+//! `Uploading` with the result.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -18,16 +19,16 @@ use crate::drivers::send::{SendDma, SendQueue};
 use crate::uart::{CHUNK, Line};
 
 const RING: usize = 256;
-/// Bytes of the cyclic frames of six joints.
+/// Length of a cyclic command and of its answer for six joints, in bytes.
 const COMMAND: usize = 37;
 const ANSWER: usize = 46;
 const ROUNDS: usize = 32;
 
 static POSITION: AtomicUsize = AtomicUsize::new(0);
-/// Whether a byte can be written.
+/// Whether the simulated hardware accepts a byte.
 static CAN_WRITE: AtomicBool = AtomicBool::new(true);
 
-/// Frames of 37 bytes, over and over.
+/// Returns byte `at` of an endless sequence of frames of 37 bytes.
 fn byte(at: usize) -> u8 {
     u8::from(at % COMMAND != COMMAND - 1)
 }
@@ -62,7 +63,7 @@ impl SendDma for Pieces {
     }
 }
 
-/// By DMA, or a byte for each interrupt.
+/// A simulated line, with DMA or with one interrupt for each byte.
 #[allow(clippy::large_enum_variant)] // nothing can be boxed
 enum Simulated {
     Dma(DmaLine<Ring, SendQueue<Pieces>>),
@@ -135,7 +136,7 @@ fn by_bytes() -> Line<Simulated> {
     Line::new(Simulated::Bytes { read: 0 })
 }
 
-/// Ticks of a command's way to the frame that is handled, its interrupts apart from their entry and exit.
+/// Measures the ticks from the arrival of commands to complete frames, with the interrupts but without their entry and exit.
 fn received(mut line: Line<Simulated>, at_once: usize) -> u32 {
     let mut receiver = frame::Receiver::new();
     let mut chunk = [0; CHUNK];
@@ -160,7 +161,7 @@ fn received(mut line: Line<Simulated>, at_once: usize) -> u32 {
     Chosen::ticks().wrapping_sub(start)
 }
 
-/// Ticks of an answer's way to the hardware.
+/// Measures the ticks from answers to the hardware, with the interrupts but without their entry and exit.
 fn sent(mut line: Line<Simulated>, interrupts: usize) -> u32 {
     let answer = [1; ANSWER];
     let start = Chosen::ticks();
@@ -175,8 +176,8 @@ fn sent(mut line: Line<Simulated>, interrupts: usize) -> u32 {
     Chosen::ticks().wrapping_sub(start)
 }
 
-/// Interrupts that wake the cycle, a bit each: a line becomes empty, for which nobody waits; it does not become empty, for
-/// which somebody waits; it does; nothing happens.
+/// Returns which of four interrupts wake the cycle, one bit each: the line becomes empty and nobody waits for that; somebody
+/// waits and it does not become empty; somebody waits and it does; nothing happens.
 fn woken(mut line: Line<Simulated>) -> u32 {
     let mut woken = 0;
     let mut interrupt = |line: &mut Line<Simulated>, can_write: bool| {
@@ -195,7 +196,7 @@ fn woken(mut line: Line<Simulated>) -> u32 {
     woken
 }
 
-/// The answer to a question about the cost.
+/// Runs the measurement that an `Activate` asks for; `None` for any other request.
 #[inline(never)]
 pub fn answer(receiver: &frame::Receiver) -> Option<Response> {
     let Ok((_, Request::Activate { blob_crc })) = receiver.message() else {

@@ -1,7 +1,8 @@
-//! Faults that the tests plant. The feature `planted-faults` compiles them, which no product image has.
+//! Faults that the tests plant. Only the feature `planted-faults` compiles them; no product image has it.
 //!
-//! `Activate` of a model that cannot be there asks for one; a product image answers that there is no such model. The
-//! numbers are those of `tests/tests/device/planted.rs`, which looks for the functions below in the image: not inlined.
+//! `Activate` with the CRC of a model that cannot exist requests a fault; a product image answers that there is no such
+//! model. The numbers are those of `tests/tests/device/planted.rs`. That test looks for the functions below in the image,
+//! so they are not inlined.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
@@ -21,13 +22,13 @@ fn hang() -> ! {
     }
 }
 
-/// The longest that the STM32F405 takes to erase a sector.
+/// Waits 4 s, the longest time that the STM32F405 takes to erase a sector.
 fn wait_4_s() {
     let start = Chosen::ticks();
     while Chosen::ticks().wrapping_sub(start) < 4 * Chosen::TICK_HZ {}
 }
 
-/// In the background, before a service.
+/// Triggers a fault that `request` asks for. Called by the background before each service.
 #[inline(never)]
 pub fn in_background(request: &Request<'_>) {
     let Request::Activate { blob_crc } = request else {
@@ -46,7 +47,7 @@ pub fn in_background(request: &Request<'_>) {
     }
 }
 
-/// In the driver of the flash, before an erase.
+/// Triggers planted flash faults. Called before each flash erase.
 #[inline(never)]
 pub fn in_flash() {
     if FLASH_STAYS_BUSY.load(Ordering::Relaxed) {
@@ -60,7 +61,7 @@ pub fn in_flash() {
     }
 }
 
-/// In the cycle.
+/// Triggers a planted hang. Called by the cycle.
 #[inline(never)]
 pub fn in_cycle() {
     if CYCLE_HANGS.load(Ordering::Relaxed) {

@@ -1,49 +1,49 @@
-//! The serial line between its interrupt and the cycle: bytes in, bytes out, and when a frame ended.
+//! The buffers between the interrupt of the serial line and the cycle: received bytes, bytes to send, and the times at which
+//! frames ended.
 //!
 //! ```text
 //!  link ──> interrupt ──> received ──> front      highest priority: a byte is never lost to a computation
 //!       <──    "      <── outgoing <──   "
 //! ```
 //!
-//! The link hands over one byte or many: a UART each time one came, DMA when the line falls silent or half its ring is
-//! full.
+//! A UART delivers each byte as it arrives. DMA delivers several bytes, when the line falls silent or half its ring is full.
 
 use heapless::Deque;
 
 use crate::board::{Board, Chosen, Link};
 use crate::mailbox::Mailbox;
 
-/// Room for the longest frame and the beginning of the next.
+/// Capacity for received bytes: the longest frame and the beginning of the next.
 const RECEIVED: usize = 512;
-/// Room for the longest answer of the background and several of the cycle.
+/// Capacity for bytes to send: the longest answer of the background and several of the cycle.
 const OUTGOING: usize = 512;
-/// Frames that may wait.
+/// Maximum number of waiting frames whose end time is recorded.
 const FRAMES: usize = 8;
-/// Bytes that are moved at once with interrupts held off.
+/// Maximum number of bytes that are moved at once while interrupts are disabled.
 pub const CHUNK: usize = 16;
 
-/// The line.
+/// The serial line with its buffers.
 pub struct Line<L> {
     link: L,
     received: Deque<u8, RECEIVED>,
-    /// When the zeros in `received` came, as far as there is room.
+    /// Times at which the zeros in `received` arrived, in ticks, as far as there is room.
     ends: Deque<u32, FRAMES>,
     outgoing: Deque<u8, OUTGOING>,
     lost: u32,
-    /// The last byte that came. A zero behind a zero means nothing; a line like SPI is full of them.
+    /// Last received byte. A zero after a zero means nothing and is skipped; a line like SPI is full of them.
     last: u8,
-    /// Whether somebody waits for an empty line.
+    /// Whether a caller of [`Line::is_sent`] waits for an empty line.
     awaited: bool,
 }
 
-/// The only one. Empty until the board was started.
+/// The line of the link; empty until the board has started.
 pub static LINE: Mailbox<Line<<Chosen as Board>::Link>> = Mailbox::new();
 
 impl<L: Link> Line<L> {
-    /// Over a started link.
+    /// Creates the line over a started link.
     pub fn new(link: L) -> Self {
         let mut outgoing = Deque::new();
-        // Ends the answer that a restart may have cut, or the first one after it would look damaged.
+        // The zero ends an answer that a restart may have cut short; otherwise the next answer would look damaged.
         let _ = outgoing.push_back(0);
         Self {
             link,
@@ -56,7 +56,7 @@ impl<L: Link> Line<L> {
         }
     }
 
-    /// Moves up to [`CHUNK`] received bytes to `out` and returns how many.
+    /// Moves up to [`CHUNK`] received bytes to `out` and returns their number.
     pub fn take(&mut self, out: &mut [u8; CHUNK]) -> usize {
         let mut taken = 0;
         for slot in out {
@@ -69,7 +69,7 @@ impl<L: Link> Line<L> {
         taken
     }
 
-    /// Queues up to [`CHUNK`] bytes, for which there is room, and writes what can be written now.
+    /// Queues up to [`CHUNK`] bytes, for which there must be room, and writes as many as the link accepts now.
     pub fn put(&mut self, bytes: &[u8]) {
         for byte in bytes {
             let _ = self.outgoing.push_back(*byte);
@@ -77,7 +77,7 @@ impl<L: Link> Line<L> {
         self.pump();
     }
 
-    /// Writes what can be written now.
+    /// Writes as many queued bytes as the link accepts now.
     fn pump(&mut self) {
         while let Ok(true) = self.link.write_ready() {
             let (bytes, _) = self.outgoing.as_slices();
@@ -92,14 +92,14 @@ impl<L: Link> Line<L> {
         self.link.notify_writable(!self.outgoing.is_empty());
     }
 
-    /// Whether everything is sent but the byte or two that the hardware holds. If not, the interrupt in which it is has
-    /// something for the cycle to do.
+    /// Whether everything has been sent except the one or two bytes that the hardware holds. If not, the interrupt that
+    /// completes the sending wakes the cycle.
     pub fn is_sent(&mut self) -> bool {
         self.awaited = !(self.outgoing.is_empty() && self.link.is_sent());
         !self.awaited
     }
 
-    /// Takes what came, in the interrupt that was raised at `now`: whether a frame ended.
+    /// Takes the received bytes, in the interrupt that was raised at `now`, and returns whether a frame ended.
     fn receive(&mut self, now: u32) -> bool {
         let mut ended = false;
         let mut bytes = [0; CHUNK];
@@ -123,40 +123,41 @@ impl<L: Link> Line<L> {
         ended
     }
 
-    /// The interrupt, at the time `now`: returns whether the cycle has something to do.
+    /// Handles the interrupt that was raised at `now` and returns whether the cycle has something to do.
     pub fn serve(&mut self, now: u32) -> bool {
         self.link.acknowledge();
         let ended = self.receive(now);
         self.pump();
-        // Not for the first bytes of a frame: that they are read early makes no command faster.
+        // The first bytes of a frame do not wake the cycle: reading them early makes no command faster.
         let is_empty = self.awaited && self.is_sent();
         ended || is_empty || self.received.len() > RECEIVED / 2
     }
 }
 
-/// Called by the handler of the link's interrupts; and now and then by SysTick, in case one was missed.
+/// Serves the line and wakes the cycle if necessary. Called by the handlers of the link's interrupts, and by SysTick in case
+/// one was missed.
 pub fn interrupt() {
     if LINE.with(|line| line.serve(Chosen::ticks())) == Some(true) {
         cortex_m::peripheral::SCB::set_pendsv();
     }
 }
 
-/// The next received bytes.
+/// Moves the next received bytes to `out` and returns their number.
 pub fn take(out: &mut [u8; CHUNK]) -> usize {
     LINE.with(|line| line.take(out)).unwrap_or(0)
 }
 
-/// When the next zero in the received bytes came.
+/// Takes the arrival time of the next zero in the received bytes, in ticks.
 pub fn frame_end() -> Option<u32> {
     LINE.with(|line| line.ends.pop_front()).flatten()
 }
 
-/// Whether a frame of so many bytes can be sent.
+/// Whether there is room for a frame of `length` bytes.
 fn has_room(length: usize) -> bool {
     LINE.with(|line| OUTGOING - line.outgoing.len() >= length) == Some(true)
 }
 
-/// Sends a frame, or drops it whole when there is no room. Only the cycle calls this, so frames do not mix.
+/// Queues a frame for sending, or drops it completely if there is no room. Only the cycle calls this, so frames do not mix.
 pub fn send(frame: &[u8]) {
     if !has_room(frame.len()) {
         LINE.with(|line| line.lost = line.lost.saturating_add(frame.len() as u32));
@@ -167,12 +168,12 @@ pub fn send(frame: &[u8]) {
     }
 }
 
-/// Whether everything is sent but what the hardware holds.
+/// Whether everything has been sent except the bytes that the hardware holds.
 pub fn is_sent() -> bool {
     LINE.with(Line::is_sent) == Some(true)
 }
 
-/// Bytes that were lost.
+/// Returns the number of bytes that were lost in either direction.
 pub fn lost() -> u32 {
     LINE.with(|line| line.lost).unwrap_or(0)
 }

@@ -1,15 +1,15 @@
-//! Feeds the watchdog while the cycle and the background both live, and notes why the board will have restarted.
+//! Feeds the watchdog while both the cycle and the background are alive, and notes the reason for the next restart.
 //!
 //! ```text
-//!  background   beat: once in each pass, before each call of the flash driver, while it waits for the line
+//!  background   beat: in each pass, before each erase or write of flash, while it waits for the line
 //!       │
 //!       v  not older than BACKGROUND_LIMIT_S
 //!  cycle        an answered cyclic request   ──> feeds while cycles are expected
-//!  SysTick      every 10 ms                  ──> feeds while none are; notes what a restart would be due to
+//!  SysTick      every 10 ms                  ──> feeds while none are; notes the reason for a restart
 //! ```
 //!
-//! The age of the beat is measured with the counter of the board, so a background that gets no time at all is one that
-//! does not live. Nothing else feeds the watchdog. Panics and faults do not wait for it: they note themselves and restart.
+//! The age of a beat is measured with the counter of the board, so a background that gets no processor time counts as hung.
+//! Nothing else feeds the watchdog. Panics and faults do not wait for it: they note their reason and restart at once.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -19,27 +19,28 @@ use poegp_protocol::link::StartReason;
 use crate::board::{Board, Chosen};
 use crate::hal_unsafe::{Retained, reset, retain, retained};
 
-/// Oldest beat in seconds of a background that lives. The longest that it takes from one beat to the next is an erase of
-/// one sector of the STM32F405, 4 s, or the check of a signature with cycles on top of it, about as long.
+/// Maximum age of the last beat of a background that is alive, in s. The longest time between two beats is an erase of one
+/// sector of the STM32F405, 4 s, or the check of a signature while cycles run, about as long.
 const BACKGROUND_LIMIT_S: u32 = 10;
-/// Seconds without an expected cycle after which a restart is put down to that: less than any watchdog waits. That of the
-/// STM32F405 takes 5.4 s when its clock is at its fastest.
+/// Time without an expected cycle after which a restart is attributed to the missing cycles, in s. It is shorter than the
+/// timeout of any watchdog; that of the STM32F405 is 5.4 s at the fastest watchdog clock.
 const CYCLE_LIMIT_S: u32 = 4;
 
 const BACKGROUND_LIMIT: u32 = BACKGROUND_LIMIT_S * Chosen::TICK_HZ;
 const CYCLE_LIMIT: u32 = CYCLE_LIMIT_S * Chosen::TICK_HZ;
-// The counter must not wrap around, and an old beat look new, before the watchdog has restarted the board.
+// The counter must not wrap around before the watchdog has restarted the board, or an old beat would look new.
 const _: () = assert!(
     Chosen::TICK_HZ <= u32::MAX / (2 * BACKGROUND_LIMIT_S),
     "the counter of the board is too fast for the age of a beat"
 );
 
-/// When the background gave its last sign of life.
+/// Time of the background's last beat, in ticks.
 static BEAT: AtomicU32 = AtomicU32::new(0);
-/// When the last cyclic request was answered.
+/// Time of the last answer to a cyclic request, in ticks.
 static COMPLETED: AtomicU32 = AtomicU32::new(0);
 
-/// The background lives. Not to be called in a loop that may have no end, except where the line has to become empty.
+/// Records that the background is alive. A loop that may not end must not call this, except the one that waits for an
+/// empty line.
 pub fn beat() {
     BEAT.store(Chosen::ticks(), Ordering::Relaxed);
 }
@@ -48,7 +49,7 @@ fn background_lives(now: u32) -> bool {
     now.wrapping_sub(BEAT.load(Ordering::Relaxed)) <= BACKGROUND_LIMIT
 }
 
-/// A cyclic request was answered. Called by the cycle.
+/// Records the answer to a cyclic request and feeds the watchdog if the background is alive. Called by the cycle.
 pub fn cycle_completed() {
     let now = Chosen::ticks();
     COMPLETED.store(now, Ordering::Relaxed);
@@ -59,7 +60,8 @@ pub fn cycle_completed() {
     }
 }
 
-/// Time has passed. Called by SysTick, at the priority of the cycle; `running`: cyclic requests are expected.
+/// Checks cycle and background, and feeds the watchdog while no cyclic requests are expected (`running` is false). Called
+/// by SysTick, at the priority of the cycle.
 pub fn look(running: bool) {
     let now = Chosen::ticks();
     let silence = now.wrapping_sub(COMPLETED.load(Ordering::Relaxed));
@@ -77,7 +79,7 @@ pub fn look(running: bool) {
     }
 }
 
-/// The reasons that are noted, in numbers.
+// Numbers that stand for the noted reasons.
 const REQUESTED: u32 = 1;
 const CYCLES: u32 = 2;
 const BACKGROUND: u32 = 3;
@@ -85,7 +87,7 @@ const PANIC: u32 = 4;
 const FAULT: u32 = 5;
 const UNEXPLAINED: u32 = 6;
 
-/// Notes what the next start will have been due to, should it come now.
+/// Notes `reason` as the reason for the next start.
 fn note(reason: StartReason) {
     let number = match reason {
         StartReason::Requested => REQUESTED,
@@ -99,13 +101,13 @@ fn note(reason: StartReason) {
             retain(Retained::Where, address);
             FAULT
         }
-        // Power that comes finds no note.
+        // `PowerOn` is never noted: a power-on finds no valid note.
         StartReason::PowerOn | StartReason::Unexplained => UNEXPLAINED,
     };
     retain(Retained::Reason, number);
 }
 
-/// Why this start came. Counts it; to be called once, before anything else can go wrong.
+/// Returns the reason for this start, and counts the start. To be called once, before anything else can fail.
 pub fn start_reason() -> StartReason {
     let reason = if let Some(before) = retained(Retained::Restarts) {
         retain(Retained::Restarts, before.saturating_add(1));
@@ -127,16 +129,17 @@ pub fn start_reason() -> StartReason {
     reason
 }
 
-/// Restarts the board at once.
+/// Notes `reason` and restarts the board at once.
 pub fn restart(reason: StartReason) -> ! {
-    // Or SysTick could note something else in between.
+    // With interrupts disabled, SysTick cannot note another reason in between.
     cortex_m::interrupt::disable();
     note(reason);
     reset()
 }
 
-// No message: formatting costs flash, and nothing here is meant to panic. Inlined, or the linker keeps the messages for the
-// sake of the line; the compiler warns that it ignores this, and obeys (`tests/tests/device/image.rs`).
+// The handler prints no message: formatting costs flash, and nothing is meant to panic. It is inlined, or else the linker
+// keeps the messages along with the line. The compiler warns that it ignores the attribute, but obeys it
+// (`tests/tests/device/image.rs`).
 #[panic_handler]
 #[allow(unused_attributes)]
 #[inline(always)]
@@ -146,8 +149,8 @@ fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
     })
 }
 
-/// The flash of the board, of which each operation is a sign of life before it begins. A controller that stays busy ends
-/// the beats: the operation does not return.
+/// The board's flash with a beat before each erase and write. If the flash controller stays busy, the operation does not
+/// return and the beats end.
 pub struct WatchedFlash<F>(pub F);
 
 impl<F: ErrorType> ErrorType for WatchedFlash<F> {
@@ -157,7 +160,7 @@ impl<F: ErrorType> ErrorType for WatchedFlash<F> {
 impl<F: ReadNorFlash> ReadNorFlash for WatchedFlash<F> {
     const READ_SIZE: usize = F::READ_SIZE;
 
-    // No beat: what is read only takes no time.
+    // A read takes no noticeable time and needs no beat.
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
         self.0.read(offset, bytes)
     }
@@ -171,7 +174,7 @@ impl<F: NorFlash> NorFlash for WatchedFlash<F> {
     const WRITE_SIZE: usize = F::WRITE_SIZE;
     const ERASE_SIZE: usize = F::ERASE_SIZE;
 
-    // The store calls this for one unit at a time.
+    // The store erases one unit per call.
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
         beat();
         #[cfg(feature = "planted-faults")]
@@ -179,7 +182,7 @@ impl<F: NorFlash> NorFlash for WatchedFlash<F> {
         self.0.erase(from, to)
     }
 
-    // And this for 256 bytes.
+    // The store writes 256 bytes per call.
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
         beat();
         self.0.write(offset, bytes)

@@ -1,4 +1,4 @@
-//! What can be wrong with measurements, by name: the trainer says it, a blob and the identity of a device keep it.
+//! Named causes of bad measurements: the trainer reports them; a blob and the identity of a device store them.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,65 +6,65 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cause {
-    /// Fewer equations than the unknowns need.
+    /// The measurements give fewer equations than the unknowns need.
     Few,
     /// A joint does not move.
     Still,
-    /// Rows repeat earlier rows.
+    /// Some rows repeat earlier rows.
     Copies,
-    /// The same pose stands at other joints.
+    /// The same pose is recorded for different joint values.
     Stuck,
-    /// A value that stands for a missing one.
+    /// A placeholder such as 9999 stands for a missing value.
     Placeholder,
     /// Several rows share the extreme value of a column.
     Clip,
-    /// Another unit than the column's name says.
+    /// A column is in a different unit than its name says.
     Unit,
-    /// A joint counts the other way.
+    /// The sign of a joint is reversed.
     Sign,
-    /// Columns are exchanged.
+    /// Columns are swapped.
     Swap,
-    /// The zero of a joint is elsewhere.
+    /// The zero of a joint differs from the robot's description.
     Offset,
-    /// A joint moves with another.
+    /// A joint is coupled to another one.
     Coupling,
-    /// The quaternion is in another order, or describes another rotation.
+    /// The quaternion has a different component order, or describes another rotation.
     Quaternion,
-    /// The pose is that of the instrument as the target sees it.
+    /// The poses are inverted: they are those of the instrument seen from the target.
     Inverse,
     /// One axis of the instrument is reversed.
     Mirror,
-    /// The axes of the instrument are exchanged.
+    /// The axes of the instrument are swapped.
     Axes,
-    /// Another robot.
+    /// The measurements are of another robot.
     Robot,
-    /// Poses belong to other rows of joints.
+    /// The poses belong to other rows of joint values.
     Rows,
-    /// Two populations of rows.
+    /// The rows belong to two populations: some fit one base and tool, the others do not.
     Mixed,
-    /// The robot moved when it was measured.
+    /// The robot moved while it was measured.
     Lag,
-    /// The orientations are not those of the robot.
+    /// The orientations do not fit the robot.
     Orientation,
-    /// Nothing that was tried explains the poses.
+    /// No tested explanation fits the poses.
     NoFit,
-    /// The controller computed the poses.
+    /// The poses were computed by the controller, not measured.
     Readout,
-    /// The set-up changed at one row.
+    /// The set-up changed abruptly at one row.
     Step,
-    /// The set-up moves through the file.
+    /// The set-up moved slowly during the measurement.
     Drift,
-    /// Rows that do not belong.
+    /// Some rows contradict all others.
     Outlier,
-    /// The payloads do not explain how the arm sags.
+    /// The stated payloads do not explain how the arm sags.
     Payload,
-    /// The stated uncertainty is not the scatter.
+    /// The stated uncertainty does not match the observed scatter.
     Noise,
-    /// Too few digits.
+    /// The values have too few digits.
     Rounding,
-    /// A link is not as drawn.
+    /// A link differs from the drawing.
     Frames,
-    /// The order of the rows is not that of time.
+    /// The rows are not in chronological order.
     Time,
     /// A richer model is worse than a simpler one on held-out rows.
     Model,
@@ -72,7 +72,7 @@ pub enum Cause {
     Gain,
 }
 
-/// Every cause with the name that `--accept` takes, in the order of [`Cause`].
+/// Each cause with its name for `--accept`, in the order of [`Cause`].
 #[rustfmt::skip]
 const NAMES: [(Cause, &str); 32] = [
     (Cause::Few, "few"), (Cause::Still, "still"), (Cause::Copies, "copies"), (Cause::Stuck, "stuck"),
@@ -86,7 +86,7 @@ const NAMES: [(Cause, &str); 32] = [
 ];
 
 impl Cause {
-    /// All of them.
+    /// All causes in the order of their declaration.
     pub const ALL: [Self; NAMES.len()] = {
         let mut all = [Self::Few; NAMES.len()];
         let mut i = 0;
@@ -97,12 +97,13 @@ impl Cause {
         all
     };
 
-    /// Whether the file reads well in another way: units, signs, order, zeros, conventions, another robot.
+    /// Whether this cause means that the file makes sense when it is read differently: with other units, signs, order,
+    /// zeros or conventions, or for another robot.
     pub fn is_a_reading(self) -> bool {
         (Self::Unit..=Self::Rows).contains(&self) || self == Self::Lag
     }
 
-    /// The name on the command line, in JSON and in a blob.
+    /// Returns the name of the cause on the command line, in JSON and in a blob.
     pub fn name(self) -> &'static str {
         NAMES[self as usize].1
     }
@@ -114,7 +115,7 @@ impl core::fmt::Display for Cause {
     }
 }
 
-/// A name that no cause has.
+/// The error for a name that no cause has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UnknownCause;
 
@@ -140,7 +141,7 @@ impl core::str::FromStr for Cause {
     }
 }
 
-/// A set of causes: bit i is that of cause i of [`Cause::ALL`]. As bytes it has always four, the lowest bits first.
+/// Set of causes: bit i stands for cause i of [`Cause::ALL`]. Its encoding always has four bytes, lowest bits first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(from = "[u8; 4]", into = "[u8; 4]")]
 pub struct Causes(u32);
@@ -158,20 +159,20 @@ impl From<Causes> for [u8; 4] {
 }
 
 impl Causes {
-    /// No cause.
+    /// The empty set.
     pub const NONE: Self = Self(0);
 
-    /// Adds a cause.
+    /// Adds a cause to the set.
     pub fn insert(&mut self, cause: Cause) {
         self.0 |= Self::bit(cause);
     }
 
-    /// Whether a cause is in it.
+    /// Whether the set contains a cause.
     pub fn contains(self, cause: Cause) -> bool {
         self.0 & Self::bit(cause) != 0
     }
 
-    /// Its causes in the order of [`Cause::ALL`].
+    /// Returns an iterator over the causes in the set, in the order of [`Cause::ALL`].
     pub fn iter(self) -> impl Iterator<Item = Cause> {
         Cause::ALL.into_iter().filter(move |c| self.contains(*c))
     }

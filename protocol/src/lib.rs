@@ -1,11 +1,12 @@
-//! What the trainer and the device exchange, and no arithmetic.
+//! Data formats that the trainer and the device exchange. This crate contains no arithmetic.
 //!
-//! [`blob`] is a calibrated arm at rest, with its versioned and perhaps signed [envelope](blob::envelope). [`link`] has the
-//! messages between workstation and device, and the [frames](link::frame) that carry them over a serial line. [`cause`]
-//! names what can be wrong with measurements. [`limits`] has the sizes that both sides rely on.
+//! [`blob`] defines the stored form of a calibrated arm, with its versioned and optionally signed
+//! [envelope](blob::envelope). [`link`] defines the messages between workstation and device, and the
+//! [frames](link::frame) that carry them over a serial line. [`cause`] names the defects that measurements can have.
+//! [`limits`] defines the sizes that both sides rely on.
 //!
-//! Nothing here allocates, panics or computes: a value that decodes may still be nonsense, and the checked constructor
-//! of `poegp-runtime` is the only way from these bytes to numbers that move a robot.
+//! Nothing in this crate allocates, panics or computes. A value that decodes may still be nonsense; only the checked
+//! constructor of `poegp-runtime` turns these bytes into numbers that move a robot.
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -17,14 +18,14 @@ pub mod link;
 
 use serde::{Deserialize, Serialize};
 
-/// What a joint does. Its axis is the z axis of its own frame.
+/// Kind of motion of a joint. The joint's axis is the z axis of its own frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum JointKind {
-    /// Turns about z; its value is an angle in radians.
+    /// Rotates about z; the joint value is an angle in radians.
     Revolute,
-    /// Moves along z; its value is a length in metres.
+    /// Translates along z; the joint value is a length in metres.
     Prismatic,
 }
 
-/// A rigid transform as a 3×4 matrix [R | t], row by row; metres.
+/// Rigid transform as a 3×4 matrix [R | t] in row-major order; t in metres.
 pub type Transform<N> = [N; 12];

@@ -1,17 +1,18 @@
-//! Arm MPS2 with FPGA image AN386 (Cortex-M4F) or AN500 (Cortex-M7), and MPS3 with AN547 (Cortex-M55), as QEMU emulates
-//! them.
+//! Board support for the Arm MPS2 with FPGA image AN386 (Cortex-M4F) or AN500 (Cortex-M7), and the MPS3 with AN547
+//! (Cortex-M55), as QEMU emulates them.
 //!
-//! Registers from the application notes of the images, the "Cortex-M System Design Kit TRM" (ARM DDI 0479: APB UART, ch. 4.3,
-//! APB timer, ch. 4.1, APB watchdog, ch. 4.5) and, for AN547, the "SSE-300 TRM" (ARM 101773: system counter). The clock of
-//! the MPS2 is 25 MHz. That of the MPS3 is 32 MHz; its UARTs have 25 MHz and its watchdog 32 768 Hz. It starts in secure
-//! state and stays there.
+//! Sources of the registers: the application notes of the images, the "Cortex-M System Design Kit TRM" (ARM DDI 0479: APB
+//! UART, ch. 4.3, APB timer, ch. 4.1, APB watchdog, ch. 4.5) and, for AN547, the "SSE-300 TRM" (ARM 101773: system counter).
+//!
+//! The clock of the MPS2 is 25 MHz. That of the MPS3 is 32 MHz; its UARTs run at 25 MHz and its watchdog at 32 768 Hz. The
+//! MPS3 starts in secure state and stays there.
 //!
 //! ```text
 //!  MPS2         MPS3
 //!  0x4000_0000  -            TIMER0    CTRL +0  VALUE +4  RELOAD +8                       Board::ticks
 //!  -            0x5810_0000  COUNTER   CNTCR +0  CNTCV +8                                 Board::ticks
 //!  0x4000_4000  0x5930_3000  UART0     DATA +0  STATE +4  CTRL +8  INT +12  BAUDDIV +16   link; two interrupts
-//!  0x4000_5000  0x5930_4000  UART1     the same                                           defmt
+//!  0x4000_5000  0x5930_4000  UART1     as UART0                                           defmt
 //!  0x4000_8000  0x5802_e000  WATCHDOG  LOAD +0  CTRL +8  INTCLR +12  LOCK +0xc00
 //!  0x4002_8000  0x5930_2000  FPGAIO    LED +0                                             strobe
 //!  0x2100_0000  0x6000_0000  PSRAM     (AN500: 0x6000_0000) stands for NOR flash: QEMU can keep it in a file
@@ -65,7 +66,7 @@ mod addresses {
     }
 }
 
-/// Those of the MPS3.
+/// Addresses and clocks of the MPS3.
 #[cfg(feature = "mps3-an547")]
 mod addresses {
     use crate::hal_unsafe::Register;
@@ -90,7 +91,7 @@ mod addresses {
 
     #[inline(always)]
     pub fn counter() -> u32 {
-        // The lower half of 64 bits.
+        // This is the lower half of a 64-bit counter.
         COUNTER_VALUE.read()
     }
 }
@@ -98,7 +99,7 @@ mod addresses {
 use addresses::{CLOCK_HZ, FPGAIO, PSRAM, UART_HZ, UART0, UART0_INTERRUPTS, UART1, WATCHDOG};
 
 const BAUD: u32 = 115_200;
-/// Not fed for this long, and as long again, it restarts the board.
+/// Timeout of the watchdog. It restarts the board when it was not fed for twice this time.
 const WATCHDOG_TICKS: u32 = 4 * addresses::WATCHDOG_HZ;
 
 const WATCHDOG_LOAD: Register = Register::at(WATCHDOG);
@@ -183,8 +184,8 @@ impl Link for Uart {
     }
 }
 
-/// The external RAM under the rules of NOR flash: bits are only cleared, and set by the page. It holds the complement, so
-/// that RAM which was never written reads as erased.
+/// The external RAM with the rules of NOR flash: a write only clears bits, and an erase sets all bits of a page. The RAM
+/// holds the complement of the data, so that RAM that was never written reads as erased.
 pub struct PsramFlash;
 
 const PAGE: u32 = 4_096;
@@ -192,7 +193,7 @@ const SLOT: u32 = 16 * PAGE;
 const FLASH_BYTES: u32 = 2 * SLOT + 2 * PAGE;
 const FLASH: Region = Region::at(PSRAM, FLASH_BYTES as usize / 4);
 
-/// Not aligned, or beyond the end.
+/// The error for an access that is not aligned or beyond the end.
 #[derive(Clone, Copy, Debug)]
 pub struct BadAddress;
 
@@ -244,7 +245,7 @@ impl NorFlash for PsramFlash {
     }
 }
 
-/// The first LED.
+/// The first LED, which serves as strobe.
 pub struct Led;
 
 impl embedded_hal::digital::ErrorType for Led {
@@ -262,7 +263,7 @@ impl embedded_hal::digital::OutputPin for Led {
     }
 }
 
-/// The board.
+/// The MPS2 or MPS3 board.
 pub struct Mps2;
 
 impl Board for Mps2 {
@@ -274,12 +275,12 @@ impl Board for Mps2 {
     const NAME: &'static str = "mps3-an547";
     const TICK_HZ: u32 = CLOCK_HZ;
     const CLOCK_HZ: u32 = CLOCK_HZ;
-    // 4 ms: at 25 MHz a correction with 100 inducing points takes over one.
+    // 4 ms: at 25 MHz a correction with 100 inducing points takes more than 1 ms.
     const DEADLINE_TICKS: u32 = CLOCK_HZ / 250;
-    // QEMU counts 64 ns for each.
+    // QEMU counts 64 ns for each instruction.
     const MAX_INSTRUCTIONS: u32 = 4_000_000 / 64;
     const FLASH_BLOCKS: bool = false;
-    // Memory that does not wear.
+    // RAM does not wear, so the number of changes is unlimited.
     const SLOT_WRITES: u32 = u32::MAX;
     type Link = Uart;
     type Log = Uart;

@@ -1,8 +1,9 @@
-//! STM32F405 with stm32f4xx-hal and a crystal of 8 MHz, for instance an Olimex STM32-H405. With another crystal (12 MHz on
-//! an Adafruit Feather, 25 MHz on a Netduino Plus 2) change `CRYSTAL_MHZ` first, or the clock is wrong.
+//! Board support for the STM32F405 with stm32f4xx-hal and a crystal of 8 MHz, for instance on an Olimex STM32-H405. For
+//! another crystal (12 MHz on an Adafruit Feather, 25 MHz on a Netduino Plus 2) change `CRYSTAL_MHZ` first, or the clock is
+//! wrong.
 //!
 //! ```text
-//!  PA9, PA10   USART1   link, 1 Mbaud, by DMA            168 MHz from the crystal. Without it 16 MHz: no model is taken
+//!  PA9, PA10   USART1   link, 1 Mbaud, by DMA            168 MHz from the crystal; without it 16 MHz and no model
 //!  PA4 to PA7  SPI1     link with feature spi-link       NSS, SCK, MISO, MOSI
 //!  PA2, PA3    USART2   defmt, 115 200 baud
 //!  PB0         output   strobe
@@ -11,14 +12,14 @@
 //!                       slot takes one)
 //! ```
 //!
-//! Feature `fast-link`: 4 Mbaud, with the crystal only.
+//! The feature `fast-link` sets the link to 4 Mbaud, which needs the crystal.
 //!
-//! The flash has one bank: while it erases or writes, the processor waits. So the service refuses to touch it while
+//! The flash has one bank: while it erases or writes, the processor stalls. So the service refuses to touch the flash while
 //! cyclic requests are expected ([`Board::FLASH_BLOCKS`]).
 //!
 //! QEMU's `netduinoplus2` runs the same image. It models neither the clock tree (the crystal never starts), nor DMA (the
-//! link takes an interrupt for each byte), nor the flash controller (nothing can be stored). Feature `stated-clock`, which
-//! no product has, takes the clock to be right.
+//! link takes an interrupt for each byte), nor the flash controller (nothing can be stored). The feature `stated-clock`,
+//! which no product has, assumes that the clock is right.
 
 mod dma;
 mod serial;
@@ -38,9 +39,9 @@ use crate::hal_unsafe::{Region, Register, enable_interrupt};
 
 const CRYSTAL_MHZ: u32 = 8;
 const CORE_MHZ: u32 = 168;
-/// Looks at the crystal before it is taken to be missing: some milliseconds; it starts within two.
+/// Number of polls of the crystal before it counts as missing: some milliseconds; a crystal starts within 2 ms.
 const CRYSTAL_LOOKS: u32 = 20_000;
-/// Without the crystal always the lower one: the internal oscillator has no other.
+/// Baud rates of the link without and with the crystal. Without it, only the lower one works on the internal oscillator.
 #[cfg(not(feature = "spi-link"))]
 const LINK_BAUD: [u32; 2] = [1_000_000, FAST_BAUD];
 #[cfg(all(feature = "fast-link", not(feature = "spi-link")))]
@@ -58,7 +59,7 @@ const IWDG_RELOAD: Register = Register::at(0x4000_3008);
 const IWDG_START: u32 = 0xcccc;
 const IWDG_UNLOCK: u32 = 0x5555;
 const IWDG_FEED: u32 = 0xaaaa;
-/// 32 kHz / 256: 8 s. Erasing one sector takes up to 4.
+/// Timeout of the watchdog in ticks of 32 kHz / 256: 8 s. An erase of one sector takes up to 4 s.
 const IWDG_TICKS: u32 = 1_000;
 
 const RCC_AHB2_ENABLE: Register = Register::at(0x4002_3834);
@@ -68,7 +69,7 @@ const RNG_STATUS: Register = Register::at(0x5006_0804);
 const RNG_DATA: Register = Register::at(0x5006_0808);
 const RNG_RUN: u32 = 1 << 2;
 const RNG_READY: u32 = 1;
-/// Ready, and the two errors: of the clock, of the noise.
+/// Status bits of the random number generator: ready, clock error and noise error.
 const RNG_STATES: u32 = RNG_READY | 0b110;
 const RNG_LOOKS: u32 = 10_000;
 
@@ -77,13 +78,13 @@ const STORE: Region = Region::at(
     0x0800_0000 + flash::START_OFFSET as usize,
     flash::BYTES as usize / 4,
 );
-/// Looks at the busy flag, each of some eight cycles: longer than any erase, shorter than the watchdog waits.
+/// Number of polls of the busy flag, about eight cycles each: longer than any erase, shorter than the watchdog's timeout.
 const FLASH_LOOKS: u32 = 100_000_000;
 
 const RCC_AHB1_ENABLE: Register = Register::at(0x4002_3830);
 const DMA2_CLOCK: u32 = 1 << 22;
 
-/// The flash controller at 0x4002_3c00, and its sectors behind the image.
+/// The flash controller at 0x4002_3c00, and the sectors after the image.
 pub struct Controller;
 
 const fn register(register: FlashRegister) -> Register {
@@ -114,10 +115,10 @@ impl FlashRegisters for Controller {
     }
 }
 
-/// The board.
+/// The STM32F405 board.
 pub struct Stm32F405;
 
-/// 168 MHz from the crystal, when it starts.
+/// Sets the clock to 168 MHz from the crystal, or to the internal oscillator if the crystal does not start.
 fn start_clock(rcc: pac::RCC) -> Rcc {
     rcc.cr().modify(|_, w| w.hseon().set_bit());
     let starts = (0..CRYSTAL_LOOKS).any(|_| rcc.cr().read().hserdy().bit_is_set());
@@ -138,7 +139,7 @@ fn start_ticks(timer: TIM2, rcc: &mut Rcc) {
         .psc()
         .write(|w| w.psc().set(prescaler.saturating_sub(1) as u16));
     timer.arr().write(|w| w.arr().set(u32::MAX));
-    // Takes the prescaler over.
+    // The update event loads the prescaler.
     timer.egr().write(|w| w.ug().set_bit());
     timer.cr1().modify(|_, w| w.cen().set_bit());
 }
@@ -155,12 +156,12 @@ impl Board for Stm32F405 {
     const NAME: &'static str = "stm32f405";
     const TICK_HZ: u32 = TICK_HZ;
     const DEADLINE_TICKS: u32 = TICK_HZ / 1_000;
-    // In 1 ms at 1.75 cycles per instruction: loads, divisions and roots take several cycles, and so does flash that has to
-    // be waited for. Not measured on a board. Without the crystal the device takes no model.
+    // The limit is for 1 ms at 1.75 cycles per instruction: loads, divisions and roots take several cycles, and so do wait
+    // states of the flash. It was not measured on a board. Without the crystal the device accepts no model.
     const CLOCK_HZ: u32 = CORE_MHZ * 1_000_000;
     const MAX_INSTRUCTIONS: u32 = CORE_MHZ * 1_000 * 4 / 7;
     const FLASH_BLOCKS: bool = true;
-    // One hundredth of the 10 000 erases per sector that the data sheet promises.
+    // One hundredth of the 10 000 erases per sector that the data sheet guarantees.
     const SLOT_WRITES: u32 = 100;
     #[cfg(not(feature = "spi-link"))]
     type Link = serial::Uart;
@@ -170,7 +171,7 @@ impl Board for Stm32F405 {
     type Flash = SectorFlash<Controller>;
     type Strobe = PB0<Output>;
 
-    // Not inlined: the background must not keep its stack frame.
+    // Not inlined, so that the background does not keep the stack frame of this function.
     #[inline(never)]
     fn start() -> Option<Parts<Self>> {
         let parts = pac::Peripherals::take()?;
@@ -189,7 +190,7 @@ impl Board for Stm32F405 {
         };
         #[cfg(feature = "spi-link")]
         let link = {
-            // The pins keep their function when these are gone.
+            // The pins keep their function after these values are dropped.
             gpioa.pa4.into_alternate::<5>();
             gpioa.pa5.into_alternate::<5>();
             gpioa.pa6.into_alternate::<5>();
@@ -238,7 +239,7 @@ impl Board for Stm32F405 {
     fn random() -> Option<u32> {
         RCC_AHB2_ENABLE.write(RCC_AHB2_ENABLE.read() | RNG_ENABLE);
         RNG_CONTROL.write(RNG_RUN);
-        // 40 clocks of 48 MHz each; none without the crystal, whose PLL makes that clock.
+        // A number takes 40 clocks of 48 MHz. Without the crystal there is none, because its PLL generates that clock.
         let ready = (0..RNG_LOOKS).any(|_| RNG_STATUS.read() & RNG_STATES == RNG_READY);
         ready.then(|| RNG_DATA.read())
     }

@@ -1,44 +1,45 @@
-//! Bytes that a DMA controller sends from a ring, over and over, whenever the other side clocks: a peripheral on SPI.
+//! A send ring for an SPI peripheral: a DMA controller sends it endlessly, whenever the other side clocks.
 //!
 //! ```text
-//!            position = what is read next
+//!            position = index of the next read
 //!          sent v  AHEAD  frames               end
-//!  | 0 0 0 x x x 0 0 0 0 b y t e s b y t e s 0 0 0 |      look: what was sent becomes zero again
+//!  | 0 0 0 x x x 0 0 0 0 b y t e s b y t e s 0 0 0 |      look: clears the sent bytes
 //! ```
 //!
-//! A peripheral has to send something whenever it is clocked. The ring holds zeros but for the frames, and a zero between
-//! frames means nothing. What was sent has to be cleared before the controller comes round again; if nobody looks for a
-//! whole lap, frames may have been sent twice: their receiver drops an answer with a sequence number that it had.
+//! A peripheral has to send something whenever it is clocked. Outside of the frames the ring holds zeros, and a zero between
+//! frames means nothing. Sent bytes have to be cleared before the controller comes round again. If nobody looks for a whole
+//! lap, frames may be sent twice; the receiver drops an answer whose sequence number it has already received.
 
 use super::Passed;
 use super::line::Sender;
 
-/// A circular transfer from memory to a line.
+/// A circular DMA transfer from memory to a line.
 pub trait FillDma {
-    /// Bytes of the ring.
+    /// Length of the ring in bytes.
     const LENGTH: usize;
-    /// What the controller has passed since this was last asked. A passing during the call is seen now or next time.
+    /// Returns the marks that the controller has passed since the last call. One passed during the call is reported by this
+    /// call or the next.
     fn passed(&mut self) -> Passed;
-    /// What it reads next, less than `LENGTH`.
+    /// Returns the index that the controller reads next, less than `LENGTH`.
     fn position(&mut self) -> usize;
-    /// Sets a byte of the ring.
+    /// Writes the byte at index `at` of the ring.
     fn put(&mut self, at: usize, byte: u8);
 }
 
-/// The controller is this far from bytes that are written now: longer than writing one takes.
+/// Minimum distance of new bytes from the controller's position: it covers more time than writing one byte takes.
 pub const AHEAD: usize = 4;
 
-/// The writer of such a ring.
+/// Writer of a ring that a [`FillDma`] sends.
 pub struct FilledRing<D> {
     dma: D,
-    /// Where the controller was last seen.
+    /// Last seen position of the controller.
     position: usize,
-    /// From there to the end of what is queued; 0 when nothing is.
+    /// Number of bytes from `position` to the end of the queued bytes; 0 if none are queued.
     queued: usize,
 }
 
 impl<D: FillDma> FilledRing<D> {
-    /// Over a running transfer of zeros.
+    /// Creates the writer over a running transfer of zeros.
     pub fn new(mut dma: D) -> Self {
         dma.passed();
         let position = dma.position();
@@ -49,7 +50,7 @@ impl<D: FillDma> FilledRing<D> {
         }
     }
 
-    /// Clears what was sent.
+    /// Clears the bytes that were sent since the last call.
     fn look(&mut self) {
         let lapped = self.dma.passed().may_be_a_lap();
         let position = self.dma.position().min(D::LENGTH - 1);
@@ -58,7 +59,7 @@ impl<D: FillDma> FilledRing<D> {
         } else {
             position + D::LENGTH - self.position
         };
-        // A lap has sent everything that is queued. Half a lap looks like one sometimes; what is queued is cut then.
+        // A whole lap has sent all queued bytes. Half a lap sometimes looks like one; then the queued bytes are cut short.
         let clear = if lapped {
             self.queued
         } else {
@@ -79,7 +80,7 @@ impl<D: FillDma> FilledRing<D> {
 impl<D: FillDma> Sender for FilledRing<D> {
     fn room(&mut self) -> usize {
         self.look();
-        // One byte is left free, or the end could not be told from the beginning.
+        // One byte stays free, or the end could not be distinguished from the beginning.
         D::LENGTH - 1 - self.queued.max(AHEAD)
     }
 
@@ -104,7 +105,7 @@ impl<D: FillDma> Sender for FilledRing<D> {
     }
 }
 
-/// An index below twice the length.
+/// Wraps an index below twice the length into the ring.
 const fn wrapped(at: usize, length: usize) -> usize {
     if at < length { at } else { at - length }
 }

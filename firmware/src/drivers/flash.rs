@@ -1,35 +1,36 @@
-//! The flash of the STM32F4 (RM0090, chapter 3): its sectors of 128 kB behind the trait of embedded-storage.
+//! Driver for the flash of the STM32F4 (RM0090, chapter 3): its sectors of 128 kB behind the trait of embedded-storage.
 //!
 //! ```text
 //!  unlock, wait, clear errors ─> erase a sector, or program units ─> wait, errors? ─> lock ─> flush the data cache
 //! ```
 //!
-//! The controller changes 32 bits at a time if the supply is above 2.7 V, else 8 (RM0090, 3.6.2), and nothing says how
-//! high the supply is. The option bytes can promise it: at brown-out level 3 the processor is held in reset below 2.7 V.
-//! So the driver takes 32 bits at that level, and 8 at all others: an erase takes up to 4 s instead of 2 (DS8626, table 40).
+//! The controller changes 32 bits at a time if the supply is above 2.7 V, else 8 (RM0090, 3.6.2), and nothing reports the
+//! supply voltage. The option bytes can guarantee it: at brown-out level 3 the processor is held in reset below 2.7 V. So
+//! the driver uses 32 bits at that level and 8 at all others; an erase then takes up to 4 s instead of 2 (DS8626, table
+//! 40).
 //!
-//! While the controller is busy, the processor waits for its next instruction from the same flash.
+//! While the controller is busy, the processor stalls, because it fetches its instructions from the same flash.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// A register of the controller, with its offset.
+/// A register of the flash controller; the value is its offset in bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashRegister {
-    /// `ACR`: the caches.
+    /// `ACR`, access control: the caches.
     Access = 0x00,
-    /// `KEYR`.
+    /// `KEYR`, key register: unlocks the controller.
     Key = 0x04,
-    /// `SR`.
+    /// `SR`, status register.
     Status = 0x0c,
-    /// `CR`.
+    /// `CR`, control register.
     Control = 0x10,
-    /// `OPTCR`: the option bytes, as they were loaded at the start.
+    /// `OPTCR`, option control: the option bytes as loaded at the start.
     Options = 0x14,
 }
 
-/// The controller and its memory; offsets from the beginning of the flash.
+/// The flash controller and its memory. All offsets are from the start of the flash.
 pub trait FlashRegisters {
     /// Reads a register.
     fn get(&mut self, register: FlashRegister) -> u32;
@@ -39,7 +40,7 @@ pub trait FlashRegisters {
     fn load(&mut self, offset: u32) -> Option<u32>;
     /// Writes 32 bits at `offset`, a multiple of 4, in one access.
     fn store_word(&mut self, offset: u32, value: u32);
-    /// Writes 8 bits.
+    /// Writes 8 bits at `offset` in one access.
     fn store_byte(&mut self, offset: u32, value: u8);
 }
 
@@ -55,34 +56,34 @@ const BY_WORD: u32 = 0b10 << 8;
 const START: u32 = 1 << 16;
 const LOCK: u32 = 1 << 31;
 
-/// Sequence, parallelism, alignment, write protection, operation: cleared by writing ones.
+/// Error bits of `SR`: sequence, parallelism, alignment, write protection, operation. Writing ones clears them.
 const ERRORS: u32 = 0b1111_0010;
 const BUSY: u32 = 1 << 16;
 
-/// The brown-out level of `OPTCR`: 0 is level 3, 3 is off. (The SVD file of the manufacturer has it the other way round.)
+/// Bits of the brown-out level in `OPTCR`: 0 is level 3, 3 is off. (The manufacturer's SVD file states the reverse.)
 const BROWN_OUT: u32 = 0b11 << 2;
 
-/// Bytes of a sector.
+/// Size of a sector in bytes.
 pub const SECTOR: u32 = 128 * 1_024;
-/// The first of these sectors that the driver has; it begins as far from the start of the flash. The image has those before.
+/// Number of the first sector that belongs to the driver. The image occupies the sectors before it.
 const FIRST_SECTOR: u32 = 6;
-/// Offset of the first byte that the driver has, from the start of the flash.
+/// Offset of the driver's first byte from the start of the flash.
 pub const START_OFFSET: u32 = 2 * SECTOR;
-/// Bytes that the driver has: sectors 6 to 11.
+/// Number of bytes that belong to the driver: sectors 6 to 11.
 pub const BYTES: u32 = 6 * SECTOR;
 
-/// What went wrong.
+/// The reason why a flash operation failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashFault {
-    /// Beyond the end.
+    /// The range goes beyond the end.
     OutOfBounds,
-    /// Not a whole word or sector.
+    /// The range does not consist of whole words or sectors.
     NotAligned,
-    /// The controller stays locked: it has seen a wrong key, and takes none before the next reset.
+    /// The controller stays locked: it has seen a wrong key and accepts none before the next reset.
     Locked,
     /// The controller stays busy.
     Busy,
-    /// The controller has refused: bits of `SR`.
+    /// The controller has reported errors: the error bits of `SR`.
     Refused(u32),
 }
 
@@ -96,20 +97,20 @@ impl NorFlashError for FlashFault {
     }
 }
 
-/// Sectors 6 to 11.
+/// The flash of the driver, sectors 6 to 11.
 pub struct SectorFlash<R> {
     registers: R,
-    /// Looks at the busy flag before it is given up.
+    /// Maximum number of polls of the busy flag for one operation.
     looks: u32,
 }
 
 impl<R: FlashRegisters> SectorFlash<R> {
-    /// Gives up when the controller is busy for so many looks.
+    /// Creates the driver. An operation fails if the controller is still busy after `looks` polls of the busy flag.
     pub fn new(registers: R, looks: u32) -> Self {
         Self { registers, looks }
     }
 
-    /// Whether the option bytes promise a supply of 2.7 V (brown-out level 3).
+    /// Whether the option bytes guarantee a supply above 2.7 V (brown-out level 3).
     pub fn supply_is_sure(&mut self) -> bool {
         self.registers.get(FlashRegister::Options) & BROWN_OUT == 0
     }
@@ -133,12 +134,12 @@ impl<R: FlashRegisters> SectorFlash<R> {
         if self.registers.get(FlashRegister::Control) & LOCK != 0 {
             return Err(FlashFault::Locked);
         }
-        // An old error would be taken for one of this operation, and may keep the controller from it.
+        // An old error would be mistaken for one of this operation, and may keep the controller from carrying it out.
         self.registers.set(FlashRegister::Status, ERRORS);
         Ok(())
     }
 
-    /// Waits for the end of an operation: whether it went well.
+    /// Waits for the end of an operation and checks its errors.
     fn finish(&mut self) -> Result<(), FlashFault> {
         self.wait()?;
         match self.registers.get(FlashRegister::Status) & ERRORS {
@@ -147,12 +148,12 @@ impl<R: FlashRegisters> SectorFlash<R> {
         }
     }
 
-    /// Locks the controller, whatever happened, and empties the data cache: it does not know of an erase.
+    /// Locks the controller, whatever happened, and resets the data cache, which does not notice an erase.
     fn lock(&mut self) {
         self.registers.set(FlashRegister::Control, LOCK);
         let access = self.registers.get(FlashRegister::Access) & !DATA_CACHE_RESET;
         let off = access & !DATA_CACHE;
-        // It is reset only while it is off.
+        // The data cache can only be reset while it is off.
         for value in [off, off | DATA_CACHE_RESET, off, access] {
             self.registers.set(FlashRegister::Access, value);
         }
@@ -202,7 +203,7 @@ impl<R: FlashRegisters> SectorFlash<R> {
     }
 }
 
-/// Whether `length` bytes from `offset` on are units of `unit` bytes inside the flash.
+/// Checks that `length` bytes from `offset` on are whole units of `unit` bytes inside the driver's flash.
 fn check(offset: u32, length: usize, unit: u32) -> Result<(), FlashFault> {
     let length = u32::try_from(length).map_err(|_| FlashFault::OutOfBounds)?;
     if !offset.is_multiple_of(unit) || !length.is_multiple_of(unit) {

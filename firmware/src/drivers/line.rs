@@ -1,4 +1,4 @@
-//! Both directions of a line with DMA, behind the traits of embedded-io. Nothing waits.
+//! A line with DMA in both directions, behind the traits of embedded-io. No call blocks.
 
 use core::convert::Infallible;
 
@@ -6,17 +6,17 @@ use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
 
 use super::receive::{ReceiveDma, ReceiveRing};
 
-/// What sends.
+/// The sending direction of a line.
 pub trait Sender {
-    /// Bytes for which there is room.
+    /// Returns the number of bytes for which there is room.
     fn room(&mut self) -> usize;
-    /// Takes what there is room for, and says how much.
+    /// Takes as many bytes as there is room for and returns their number.
     fn put(&mut self, bytes: &[u8]) -> usize;
-    /// Whether everything is sent but what the hardware holds.
+    /// Whether everything has been sent except the bytes that the hardware holds.
     fn is_sent(&mut self) -> bool;
 }
 
-/// A line.
+/// A line with DMA in both directions.
 pub struct DmaLine<R, S> {
     received: ReceiveRing<R>,
     sender: S,
@@ -28,12 +28,12 @@ impl<R: ReceiveDma, S: Sender> DmaLine<R, S> {
         Self { received, sender }
     }
 
-    /// Received bytes that were lost since this was last asked.
+    /// Returns the number of received bytes that were lost since the last call.
     pub fn lost(&mut self) -> u32 {
         self.received.lost()
     }
 
-    /// Whether everything is sent but what the hardware holds.
+    /// Whether everything has been sent except the bytes that the hardware holds.
     pub fn is_sent(&mut self) -> bool {
         self.sender.is_sent()
     }

@@ -1,13 +1,13 @@
-//! What is worth a test of a board's drivers: no register and no address is in here, so it runs on a PC, too.
+//! The testable part of the board drivers. It contains no registers and no addresses, so it also runs on a PC.
 //!
 //! ```text
-//!  line ────> receive    a ring that a DMA controller fills        ReceiveDma: where it is, what it has passed
-//!   │  └────> send       a queue that it sends in pieces           SendDma: start of a piece
-//!   └───────> fill       a ring that it sends for ever (SPI)       FillDma: where it is, what it has passed
+//!  line ────> receive    a ring that a DMA controller fills        ReceiveDma: its position, what it has passed
+//!   │  └────> send       a queue that DMA sends in pieces          SendDma: start of a piece
+//!   └───────> fill       a ring that DMA sends endlessly (SPI)     FillDma: its position, what it has passed
 //!  flash                 the flash of the STM32F4                  FlashRegisters: its registers and its memory
 //! ```
 //!
-//! The traits are what a board provides. `firmware/tests/drivers` provides models of them instead.
+//! A board implements the traits. The tests in `firmware/tests/drivers` implement them with simulated hardware.
 
 pub mod fill;
 pub mod flash;
@@ -15,17 +15,17 @@ pub mod line;
 pub mod receive;
 pub mod send;
 
-/// What a circular transfer has passed since it was last asked.
+/// The marks that a circular transfer has passed since the last query.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Passed {
-    /// The middle of the ring.
+    /// Whether it has passed the middle of the ring.
     pub middle: bool,
-    /// Its end.
+    /// Whether it has passed the end of the ring.
     pub end: bool,
 }
 
 impl Passed {
-    /// Whether a whole lap may have passed unseen: one does not without passing both.
+    /// Whether a whole lap may have passed unnoticed. A whole lap always passes both marks.
     pub const fn may_be_a_lap(self) -> bool {
         self.middle && self.end
     }

@@ -1,42 +1,43 @@
-//! Bytes that a DMA controller writes into a ring, over and over, whether they are read or not.
+//! A receive ring that a DMA controller fills endlessly, whether its bytes are read or not.
 //!
 //! ```text
-//!        tail            head = where the controller was last seen
+//!        tail            head = last seen position of the controller
 //!          v              v
-//!  | . . . b y t e s b y t . . . . |          look: what came since; take: from the tail on
+//!  | . . . b y t e s b y t . . . . |          look: counts new bytes; take: from the tail on
 //!                  ^ middle        ^ end      the controller notes that it has passed them
 //! ```
 //!
-//! A controller that laps the reader overwrites bytes. That is noticed in every case: a controller that writes a whole lap passes
-//! the middle and the end. Then everything unread is dropped and counted. Half a lap is enough to look like one, if it
-//! begins before the middle and ends behind the end; so somebody has to look once in half a lap.
+//! A controller that laps the reader overwrites bytes. The reader always notices this, because a whole lap passes both the
+//! middle and the end. It then drops and counts all unread bytes. Half a lap can look like a whole one if it begins before
+//! the middle and ends after the end, so the reader has to look at least once every half lap.
 
 use super::Passed;
 
 /// A circular transfer from a line into memory.
 pub trait ReceiveDma {
-    /// Bytes of the ring.
+    /// Length of the ring in bytes.
     const LENGTH: usize;
-    /// What the controller has passed since this was last asked. A passing during the call is seen now or next time.
+    /// Returns the marks that the controller has passed since the last call. One passed during the call is reported by this
+    /// call or the next.
     fn passed(&mut self) -> Passed;
-    /// Where it writes next, less than `LENGTH`.
+    /// Returns the index at which the controller writes next, less than `LENGTH`.
     fn position(&mut self) -> usize;
-    /// What is there.
+    /// Reads the byte at index `at` of the ring.
     fn byte(&mut self, at: usize) -> u8;
 }
 
-/// The reader of such a ring.
+/// Reader of a ring that a [`ReceiveDma`] fills.
 pub struct ReceiveRing<D> {
     dma: D,
     tail: usize,
     head: usize,
-    /// From tail to head.
+    /// Number of unread bytes, from tail to head.
     waiting: usize,
     lost: u32,
 }
 
 impl<D: ReceiveDma> ReceiveRing<D> {
-    /// Over a running transfer; what came before is dropped.
+    /// Creates the reader over a running transfer. Bytes received earlier are dropped.
     pub fn new(mut dma: D) -> Self {
         dma.passed();
         let head = dma.position();
@@ -49,9 +50,9 @@ impl<D: ReceiveDma> ReceiveRing<D> {
         }
     }
 
-    /// Sees what came; whether everything that waits is intact. If not, nothing waits any more.
+    /// Counts the new bytes and returns whether all unread bytes are intact. If not, all of them are dropped.
     fn look(&mut self) -> bool {
-        // In this order: a passing after the first line is seen next time, and so is its part of the way.
+        // The order matters: a mark passed after the first line is seen by the next call, and so is that part of the way.
         let passed = self.dma.passed();
         let head = self.dma.position().min(D::LENGTH - 1);
         let came = if head >= self.head {
@@ -69,13 +70,13 @@ impl<D: ReceiveDma> ReceiveRing<D> {
         false
     }
 
-    /// Bytes that wait.
+    /// Returns the number of unread bytes.
     pub fn waiting(&mut self) -> usize {
         self.look();
         self.waiting
     }
 
-    /// Moves waiting bytes to `out` and returns how many; 0 also when they were overwritten meanwhile.
+    /// Moves unread bytes to `out` and returns their number; 0 if the controller has overwritten them meanwhile.
     pub fn take(&mut self, out: &mut [u8]) -> usize {
         self.look();
         let mut at = self.tail;
@@ -85,7 +86,7 @@ impl<D: ReceiveDma> ReceiveRing<D> {
             at = if at + 1 < D::LENGTH { at + 1 } else { 0 };
             taken += 1;
         }
-        // The controller has not stood still.
+        // The controller may have overwritten the bytes while they were copied.
         if !self.look() {
             return 0;
         }
@@ -94,7 +95,7 @@ impl<D: ReceiveDma> ReceiveRing<D> {
         taken
     }
 
-    /// Bytes that were lost since this was last asked; of more than a lap, one lap.
+    /// Returns the number of bytes lost since the last call. A loss of more than one lap counts as one lap.
     pub fn lost(&mut self) -> u32 {
         core::mem::take(&mut self.lost)
     }

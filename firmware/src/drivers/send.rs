@@ -1,36 +1,37 @@
-//! Bytes that a DMA controller sends in pieces.
+//! A send queue that a DMA controller sends in pieces.
 //!
 //! ```text
-//!        tail      being sent      next piece         one piece ends with the ring
+//!        tail      being sent      next piece         a piece ends at the ring's end
 //!          v     <------------><------------------>
 //!  | . . . b y t e s b y t e s b y t e s b y t e s . . |
 //! ```
 
 use super::line::Sender;
 
-/// A transfer from memory to a line.
+/// A DMA transfer from memory to a line.
 pub trait SendDma {
-    /// Bytes of the memory.
+    /// Length of the memory in bytes.
     const LENGTH: usize;
-    /// Sets a byte of the memory.
+    /// Writes the byte at index `at` of the memory.
     fn put(&mut self, at: usize, byte: u8);
-    /// Starts to send so many bytes from `from` on. They are inside, at least one, and nothing else is being sent.
+    /// Starts to send `length` bytes from index `from` on. There is at least one byte, all are inside the memory, and no
+    /// other transfer is running.
     fn start(&mut self, from: usize, length: usize);
-    /// Whether what was started is done, if anything was.
+    /// Whether no started transfer is still running.
     fn is_done(&mut self) -> bool;
 }
 
-/// A queue over such a memory.
+/// Queue in the memory of a [`SendDma`].
 pub struct SendQueue<D> {
     dma: D,
     tail: usize,
-    /// In the queue, those that are being sent among them.
+    /// Number of bytes in the queue, with those that are being sent.
     queued: usize,
     started: usize,
 }
 
 impl<D: SendDma> SendQueue<D> {
-    /// Empty.
+    /// Creates an empty queue.
     pub fn new(dma: D) -> Self {
         Self {
             dma,
@@ -40,7 +41,7 @@ impl<D: SendDma> SendQueue<D> {
         }
     }
 
-    /// Takes note of what was sent, and starts the next piece.
+    /// Removes a piece that was sent from the queue and starts the next one.
     fn pump(&mut self) {
         if self.started > 0 {
             if !self.dma.is_done() {
@@ -82,7 +83,7 @@ impl<D: SendDma> Sender for SendQueue<D> {
     }
 }
 
-/// An index below twice the length.
+/// Wraps an index below twice the length into the ring.
 const fn wrapped(at: usize, length: usize) -> usize {
     if at < length { at } else { at - length }
 }

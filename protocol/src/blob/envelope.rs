@@ -1,69 +1,70 @@
-//! The envelope of a model blob: what is checked before anything in it is believed.
+//! The envelope of a model blob: it is checked before the payload is decoded.
 //!
 //! ```text
 //!  offset   size  field, integers little endian
 //!  ------   ----  -----------------------------------------------------------------
 //!       0      8  magic, the ASCII letters "POEGPARM"
 //!       8      2  format version
-//!      10      2  flags: bit 0 says that the blob is signed; the others are reserved, 0
+//!      10      2  flags: bit 0 is set in a signed blob; the others are reserved, 0
 //!      12      4  length n of the payload in bytes
 //!      16      4  CRC-32C (Castagnoli) of bytes 0..16 and the payload
 //!      20      n  payload: the postcard encoding of [`Blob`](crate::blob::Blob)
-//!  ------   ----  of a signed blob only: the trailer ---------------------------------
+//!  ------   ----  the trailer, only in a signed blob ---------------------------------
 //!    20+n      8  key id: the first eight bytes of the public key
 //!    28+n      4  revision
 //!    32+n     64  Ed25519 signature over bytes 0..32+n
 //!    96+n      4  CRC-32C of bytes 20+n..96+n
 //! ```
 //!
-//! [`open`] refuses a foreign file, another version, a length that does not fit, any changed bit and any byte too few or
-//! too many, each by name. It does not verify signatures: that is arithmetic, and the runtime's. The key id is part of
-//! the key itself, not a hash: a public key is as random as a hash of it, and nobody has to compute one. It only shows
-//! which key to take; that the key is the right one is what the signature says.
+//! [`open`] rejects a foreign file, another version, a wrong length, any changed bit and any missing or extra byte, each by
+//! its own error. It does not verify signatures: that is arithmetic, which the runtime does. The key id is the beginning of
+//! the key itself, not a hash: a public key is as random as its hash, and nobody has to compute one. The key id only
+//! selects a key; the signature proves that the key is the right one.
 //!
-//! The *revision* orders what a key has signed: a device that has a model of some revision takes no lower one.
+//! The *revision* orders the models that a key has signed: a device does not accept a lower revision than it has.
 
 use crc::{CRC_32_ISCSI, Crc};
 use serde::{Deserialize, Serialize};
 
-/// The format version that is written and read.
+/// Format version that this crate writes and reads.
 pub const FORMAT_VERSION: u16 = 1;
 /// First bytes of every blob.
 pub const MAGIC: [u8; 8] = *b"POEGPARM";
-/// Bytes before the payload.
+/// Number of bytes before the payload.
 pub const HEADER_LENGTH: usize = 20;
-/// Bytes after the payload of a signed blob.
+/// Number of bytes after the payload of a signed blob.
 pub const TRAILER_LENGTH: usize = SIGNED_TRAILER_LENGTH + SIGNATURE_LENGTH + 4;
-/// Bytes of the trailer that are signed: key id and revision.
+/// Number of signed bytes of the trailer: key id and revision.
 pub const SIGNED_TRAILER_LENGTH: usize = KEY_ID_LENGTH + 4;
-/// Bytes of a key id.
+/// Length of a key id in bytes.
 pub const KEY_ID_LENGTH: usize = 8;
-/// Bytes of an Ed25519 signature.
+/// Length of an Ed25519 signature in bytes.
 pub const SIGNATURE_LENGTH: usize = 64;
 
-/// The flag of a signed blob.
+/// Header flag that marks a signed blob.
 const SIGNED: u16 = 1;
 
-/// CRC-32C, the checksum of blobs and of link frames.
+/// CRC-32C algorithm, the checksum of blobs and link frames.
 pub const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
 
-/// A blob whose envelope is intact.
+/// The parts of a blob whose envelope is intact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Envelope<'a> {
-    /// The payload, not looked into.
+    /// The payload, not yet decoded.
     pub payload: &'a [u8],
     /// All bytes before the trailer.
     pub before_trailer: &'a [u8],
-    /// What the signature is over: these and the first [`SIGNED_TRAILER_LENGTH`] bytes of the trailer. Without one, the same.
+    /// Signed bytes: `before_trailer` and the first [`SIGNED_TRAILER_LENGTH`] bytes of the trailer. Equals `before_trailer`
+    /// for an unsigned blob.
     pub signed: &'a [u8],
-    /// The trailer of a signed blob. Intact, not verified.
+    /// Trailer of a signed blob. Its CRC is checked, its signature is not.
     pub trailer: Option<Trailer>,
 }
 
-/// What follows the payload of a signed blob, without its CRC.
+/// The trailer, which follows the payload of a signed blob, without its CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trailer {
-    /// The first bytes of the public key.
+    /// First bytes of the public key.
     pub key_id: [u8; KEY_ID_LENGTH],
     /// Revision of the model.
     pub revision: u32,
@@ -72,7 +73,7 @@ pub struct Trailer {
 }
 
 impl Trailer {
-    /// The bytes at the end of a signed blob.
+    /// Encodes the trailer, with its CRC, as the last bytes of a signed blob.
     pub fn to_bytes(&self) -> [u8; TRAILER_LENGTH] {
         let mut bytes = [0; TRAILER_LENGTH];
         let revision = self.revision.to_le_bytes();
@@ -86,7 +87,7 @@ impl Trailer {
         bytes
     }
 
-    /// Its bytes that are signed behind those of the blob.
+    /// Returns the bytes of the trailer that the signature covers, after those of header and payload.
     pub fn signed_part(&self) -> [u8; SIGNED_TRAILER_LENGTH] {
         let mut part = [0; SIGNED_TRAILER_LENGTH];
         for (byte, field) in part.iter_mut().zip(self.to_bytes()) {
@@ -113,52 +114,52 @@ impl Trailer {
     }
 }
 
-/// The key id of a public key.
+/// Returns the key id of a public key: its first eight bytes.
 pub const fn key_id(public_key: &[u8; 32]) -> [u8; KEY_ID_LENGTH] {
     let [a, b, c, d, e, f, g, h, ..] = *public_key;
     [a, b, c, d, e, f, g, h]
 }
 
-/// Why bytes are not a blob.
+/// The reason why bytes are not a blob.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DecodeError {
-    /// Fewer bytes than the header, or than it announces.
+    /// There are fewer bytes than a header has, or than the header announces.
     Truncated {
-        /// Bytes needed.
+        /// Number of bytes needed.
         expected: u32,
-        /// Bytes there.
+        /// Number of bytes present.
         found: u32,
     },
     /// The first eight bytes are not [`MAGIC`].
     WrongMagic,
-    /// Written in a format that this version does not know.
+    /// The blob has a format version that this software does not know.
     UnknownVersion {
-        /// Version of the blob.
+        /// Format version of the blob.
         found: u16,
-        /// The version that can be read.
+        /// Format version that can be read.
         supported: u16,
     },
     /// A reserved bit of the flags is not zero.
     ReservedBitsSet,
-    /// More bytes than the header announces.
+    /// There are more bytes than the header announces.
     TrailingBytes {
-        /// Bytes announced.
+        /// Number of bytes announced.
         expected: u32,
-        /// Bytes there.
+        /// Number of bytes present.
         found: u32,
     },
-    /// Some bit has changed, of header and payload or of the trailer.
+    /// A bit has changed in the header, the payload or the trailer.
     CrcMismatch {
-        /// CRC that the header or the trailer has.
+        /// CRC stored in the header or the trailer.
         stored: u32,
-        /// CRC of the bytes.
+        /// CRC computed from the bytes.
         computed: u32,
     },
-    /// The checksum is right and the payload is not: written by another program.
+    /// The checksum is right but the payload cannot be decoded: another program has written it.
     MalformedPayload,
 }
 
-/// What was found, as a noun.
+/// Describes what was found as a noun phrase.
 impl core::fmt::Display for DecodeError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
@@ -203,7 +204,7 @@ impl core::fmt::Display for DecodeError {
 
 impl core::error::Error for DecodeError {}
 
-/// The buffer given to an encoder is too small.
+/// The error of an encoder whose output buffer is too small.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BufferTooSmall;
 
@@ -215,7 +216,7 @@ impl core::fmt::Display for BufferTooSmall {
 
 impl core::error::Error for BufferTooSmall {}
 
-/// The CRC that the header of a blob stores: over the header before it and the payload.
+/// Computes the CRC that the header of a blob stores. It covers the header before the CRC, and the payload.
 pub fn blob_crc(header: &[u8], payload: &[u8]) -> u32 {
     let mut digest = CRC.digest();
     digest.update(header);
@@ -223,12 +224,13 @@ pub fn blob_crc(header: &[u8], payload: &[u8]) -> u32 {
     digest.finalize()
 }
 
-/// The CRC in the header of `bytes`, which identifies a blob; `None` when there is no header.
+/// Returns the CRC stored in the header of `bytes`, which identifies a blob; `None` if `bytes` is too short for it.
 pub fn stored_crc(bytes: &[u8]) -> Option<u32> {
     bytes.get(16..20)?.try_into().ok().map(u32::from_le_bytes)
 }
 
-/// Writes the header of an unsigned blob before the `length` bytes of payload that `buffer` has behind it.
+/// Writes the header of an unsigned blob to the front of `buffer`, which already holds `length` bytes of payload after it.
+/// Returns the bytes of the blob.
 ///
 /// # Errors
 /// [`BufferTooSmall`].
@@ -248,8 +250,8 @@ pub(crate) fn seal(length: usize, buffer: &mut [u8]) -> Result<&[u8], BufferTooS
     Ok(bytes)
 }
 
-/// Sets or clears the flag of a signed blob in `bytes`, a header and its payload without trailer, and renews the CRC.
-/// These bytes, and behind them the first ones of its [`Trailer`], are to be signed.
+/// Sets or clears the signed flag in `bytes`, a header and its payload without a trailer, and recomputes the CRC.
+/// The signature covers these bytes, followed by [`Trailer::signed_part`].
 pub fn set_signed(bytes: &mut [u8], signed: bool) {
     if let Some(flags) = bytes.get_mut(10..12) {
         flags.copy_from_slice(&(if signed { SIGNED } else { 0 }).to_le_bytes());
@@ -265,7 +267,7 @@ fn renew_crc(bytes: &mut [u8]) {
     }
 }
 
-/// The fields of the header.
+/// Fields of the header after the magic.
 struct Header {
     version: u16,
     flags: u16,
@@ -288,12 +290,12 @@ impl Header {
     }
 }
 
-/// The envelope that `bytes` are, which must hold it exactly.
+/// Opens the envelope in `bytes`, which must contain exactly one blob, and checks it.
 ///
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, flags, length, CRC of header and
 /// payload, CRC of the trailer. Never `MalformedPayload`.
-// Not inlined: what decodes the payload needs a large stack frame and must not share this one.
+// Not inlined: the function that decodes the payload needs a large stack frame and must not share this one.
 #[inline(never)]
 pub fn open(bytes: &[u8]) -> Result<Envelope<'_>, DecodeError> {
     let found = bytes.len() as u32;

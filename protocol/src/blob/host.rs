@@ -1,6 +1,6 @@
-//! The section of a blob for the host: provenance, gauge and tools.
+//! The host section of a blob: provenance, gauge and tools.
 //!
-//! The device skips it by its length, so that a change here changes nothing that the device computes.
+//! The device skips this section by its length, so its content does not affect what the device computes.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
@@ -10,81 +10,82 @@ use crate::Transform;
 use crate::cause::Causes;
 use crate::limits::{MAX_JOINTS, MAX_TOOLS};
 
-/// Everything about a model that the host shows or uses and the device does not.
+/// Information about a model that only the host shows or uses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Host<'a> {
-    /// Where the model comes from.
+    /// Provenance of the model.
     #[serde(borrow)]
     pub provenance: Provenance<'a>,
-    /// The base and tool frames that the model is stated in.
+    /// Base and tool frames in which the model is stated.
     pub gauge: Gauge,
-    /// The tools that were measured with (sessions, targets). The chain ends at the first. Empty for one tool without a
-    /// name.
+    /// Tools of the measurements, one for each session and target. The chain ends at the first one. Empty for a single tool
+    /// without a name.
     #[serde(borrow)]
     pub tools: Vec<Tool<'a>, MAX_TOOLS>,
-    /// Causes of refusals and warnings that the user of the trainer accepted.
+    /// Causes of refusals and warnings that the trainer's user accepted.
     pub accepted: Causes,
 }
 
-/// Where a model comes from.
+/// Provenance of a model: method, software, date and data.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Provenance<'a> {
     /// Name of the calibration method, as given to `--method`.
     pub method: &'a str,
     /// Version of the trainer.
     pub trainer_version: &'a str,
-    /// Day of the calibration, ISO 8601 (`2026-11-20`), UTC.
+    /// Date of the calibration in UTC, as ISO 8601 (`2026-11-20`).
     pub date: &'a str,
     /// SHA-256 of the measurement file.
     pub data_sha256: [u8; 32],
-    /// Poses that were trained on.
+    /// Number of poses in the training set.
     pub training_poses: u32,
 }
 
-/// Where the calibrated chain begins and ends. A model says the same in every gauge; the commands that it corrects move with
-/// it.
+/// The base and tool frames at which the calibrated chain begins and ends. A model predicts the same measurements in every
+/// gauge, but the commands that it corrects move with the gauge.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Gauge {
-    /// `instrument_from_base`.
+    /// Transform `instrument_from_base`.
     pub instrument_from_base: Transform<f64>,
-    /// `flange_from_target` of the first tool.
+    /// Transform `flange_from_target` of the first tool.
     pub flange_from_target: Transform<f64>,
-    /// Where the base comes from.
+    /// Source of the base frame.
     pub base: FrameSource,
-    /// Where the tool comes from.
+    /// Source of the tool frame.
     pub tool: FrameSource,
-    /// Joint ranges of the grid of poses, rad or m.
+    /// Joint ranges of the grid of poses, in rad or m.
     pub ranges: Vec<(f32, f32), MAX_JOINTS>,
-    /// Payload at the grid in kg, where the model knows payloads.
+    /// Payload at the grid poses in kg, if the model depends on the payload.
     pub payload_kg: Option<f32>,
 }
 
-/// Where a frame of the gauge comes from.
+/// Source of a frame of the gauge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FrameSource {
-    /// The drawing fitted to the measured poses.
+    /// Fit of the nominal robot to the measured poses.
     Poses,
-    /// The drawing fitted to the model over the grid.
+    /// Fit of the nominal robot to the model over the grid.
     Grid,
-    /// The model before this one.
+    /// The previous model.
     Previous,
-    /// The user stated it.
+    /// The user's statement.
     Stated,
 }
 
-/// A tool: where its target sits seen from the target of the first.
+/// A tool, described by the pose of its target relative to the target of the first tool.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tool<'a> {
-    /// The session in which it was mounted; empty when the data have none.
+    /// Session in which the tool was mounted; empty if the data have none.
     pub session: &'a str,
-    /// The name of the target; empty when the data have none.
+    /// Name of the target; empty if the data have none.
     pub target: &'a str,
-    /// `first_target_from_target`.
+    /// Transform `first_target_from_target`.
     pub first_from_target: Transform<f32>,
 }
 
 impl<'a> Host<'a> {
-    /// Writes the section to the front of `buffer`, for [`Blob::host`](super::Blob::host), and returns the bytes used.
+    /// Writes the section, the content of [`Blob::host`](super::Blob::host), to the front of `buffer` and returns the bytes
+    /// used.
     ///
     /// # Errors
     /// [`BufferTooSmall`].
@@ -94,7 +95,7 @@ impl<'a> Host<'a> {
             .map_err(|_| BufferTooSmall)
     }
 
-    /// The section in `bytes`, which must hold it exactly.
+    /// Decodes the section from `bytes`, which must contain nothing else.
     ///
     /// # Errors
     /// [`DecodeError::MalformedPayload`].

@@ -1,16 +1,16 @@
-//! The model blob: a calibrated arm at rest.
+//! The model blob: the stored form of a calibrated arm.
 //!
-//! This file has the payload, the postcard encoding of [`Blob`]; the [`envelope`] around it has the magic, the format
-//! version, the length, the checksum and, if somebody signed it, the signature. [`host`] has the section that the device
+//! This file defines the payload, the postcard encoding of [`Blob`]. The [`envelope`] around it holds the magic, the format
+//! version, the length, the checksum and, for a signed blob, the signature. [`host`] defines the section that the device
 //! skips by its length.
 //!
-//! [`decode`] rejects a foreign file, another version, a length that does not fit, any changed bit and any byte too few or
-//! too many, each with an error of its own. It does *not* judge the numbers: that is
-//! the checked constructor of the runtime. `docs/reference/blob-format.md` has a worked example in hex.
+//! [`decode`] rejects a foreign file, another version, a wrong length, any changed bit and any missing or extra byte, each
+//! with an error of its own. It does *not* check the numbers; the checked constructor of the runtime does.
+//! `docs/reference/blob-format.md` has a worked example in hex.
 //!
-//! What the device would have to precompute is stored ready made: frames are exponentiated, inputs scaled by their
-//! reciprocal length scales, the constant and linear parts of the kernel collapsed into an affine map. All numbers of
-//! the cyclic path are `f32`; the transform to the instrument's frame is `f64`, because the host applies it.
+//! The blob stores precomputed values, so that the device need not compute them: frames are exponentiated, inputs are scaled
+//! by their reciprocal lengthscales, and the constant and linear parts of the kernel are collapsed into an affine map. All
+//! numbers of the cyclic path are `f32`; the transform to the instrument's frame is `f64`, because the host applies it.
 
 pub mod envelope;
 pub mod host;
@@ -25,7 +25,7 @@ use crate::limits::{
     MAX_FRAMES, MAX_GROUPS, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS, MAX_RIPPLE, OUTPUTS,
 };
 
-/// Most bytes that the payload takes beside the rows of inducing points; generous (the largest seen is below 3 kB).
+/// Maximum size of the payload in bytes without the rows of inducing points; generous (the largest seen is below 3 kB).
 pub const MAX_LENGTH_WITHOUT_ROWS: usize = 4_096;
 
 pub use envelope::{
@@ -33,40 +33,40 @@ pub use envelope::{
 };
 pub use host::{FrameSource, Gauge, Host, Provenance, Tool};
 
-/// A calibrated arm. Borrowed from the bytes it was decoded from.
+/// A calibrated arm. It borrows from the bytes that it was decoded from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Blob<'a> {
-    /// Which arm this is.
+    /// The identity and joints of the arm.
     #[serde(borrow)]
     pub robot: Robot<'a>,
-    /// What the numbers are measured in.
+    /// Units of all numbers in the blob.
     pub units: Units,
-    /// Inputs that the training data covered.
+    /// Input ranges that the training data covered.
     pub ranges: Ranges,
-    /// The chain, before and after calibration.
+    /// The nominal and the calibrated chain.
     pub geometry: Geometry,
-    /// What geometry does not explain.
+    /// Model of the errors that the geometry does not explain.
     #[serde(borrow)]
     pub correction: Correction<'a>,
-    /// How well the position is known, of an elastic correction with processes.
+    /// Predictive variance of the position, for an elastic correction or a model without a correction.
     #[serde(borrow)]
     pub variance: Option<Variance<'a>>,
-    /// Causes of the warnings about the measurements that the model was calibrated with.
+    /// Causes of warnings about the measurements from which the model was calibrated.
     pub warnings: Causes,
-    /// The encoding of [`Host`]; the device does not read it. Empty in a blob for the device alone.
+    /// The encoded [`Host`] section, which the device does not read. Empty in a blob for the device alone.
     pub host: &'a [u8],
 }
 
-/// Which arm this is.
+/// Identity, joints and joint coupling of an arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Robot<'a> {
     /// Name of the robot model.
     pub name: &'a str,
-    /// Serial number of this very arm; empty when nobody gave one.
+    /// Serial number of this individual arm; empty if none was stated.
     pub serial_number: &'a str,
-    /// The controller's joints, base first.
+    /// The controller's joints, from the base outwards.
     pub joints: Vec<Joint, MAX_JOINTS>,
-    /// q_serial = C q, n×n row by row; empty for the identity.
+    /// Joint coupling C of q_serial = C q, an n×n matrix in row-major order; empty for the identity.
     pub coupling: Vec<f32, { MAX_JOINTS * MAX_JOINTS }>,
 }
 
@@ -75,11 +75,11 @@ pub struct Robot<'a> {
 pub struct Joint {
     /// Revolute (radians) or prismatic (metres).
     pub kind: JointKind,
-    /// Mechanical limits, rad or m; absent when the joint turns without end.
+    /// Mechanical limits (lower, upper) in rad or m; `None` for a joint that turns without end.
     pub limits: Option<(f32, f32)>,
 }
 
-/// Units of everything in the blob, spelled out so that a reader need not guess.
+/// Units of all numbers in the blob, stated explicitly so that a reader need not guess.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Units {
     /// Unit of angles.
@@ -91,7 +91,7 @@ pub struct Units {
 }
 
 impl Units {
-    /// Radian, metre, kilogram: the only units there are.
+    /// Radian, metre and kilogram, the only supported units.
     pub const SI: Self = Self {
         angle: AngleUnit::Radian,
         length: LengthUnit::Metre,
@@ -102,54 +102,54 @@ impl Units {
 /// Unit of angles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AngleUnit {
-    /// rad.
+    /// Radian (rad).
     Radian,
 }
 
 /// Unit of lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum LengthUnit {
-    /// m.
+    /// Metre (m).
     Metre,
 }
 
 /// Unit of masses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum MassUnit {
-    /// kg.
+    /// Kilogram (kg).
     Kilogram,
 }
 
-/// Inputs that the training data covered. Outside them the status says so.
+/// Input ranges that the training data covered. The status reports inputs outside them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ranges {
-    /// Smallest and largest value of each of the controller's joints, rad or m.
+    /// Smallest and largest trained value of each of the controller's joints, in rad or m.
     pub joints: Vec<(f32, f32), MAX_JOINTS>,
-    /// Lightest and heaviest payload in kg; absent when the model does not know the payload.
+    /// Lightest and heaviest trained payload in kg; `None` if the model does not depend on the payload.
     pub payload_kg: Option<(f32, f32)>,
 }
 
-/// The chain, before and after calibration: n + 1 frames each, every joint about or along the z axis of its frame.
+/// The nominal and the calibrated chain: n + 1 fixed frames each. Every joint acts about or along the z axis of its frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
-    /// `parent_from_joint` of the calibrated chain, e^p̂_i of the paper, already exponentiated. The first starts at the
-    /// base of the base-tool calibration, the last ends at the target.
+    /// `parent_from_joint` transforms of the calibrated chain, e^p̂_i of the paper, already exponentiated. The first starts
+    /// at the base of the base-tool calibration, the last ends at the target.
     pub calibrated: Vec<Transform<f32>, MAX_FRAMES>,
-    /// The same for the nominal chain with the target of the base-tool calibration.
+    /// `parent_from_joint` transforms of the nominal chain, with the target of the base-tool calibration.
     pub nominal: Vec<Transform<f32>, MAX_FRAMES>,
 }
 
-/// What geometry does not explain.
+/// Model of the errors that the geometry does not explain.
 // The variants differ in size and nothing can be boxed: there is no heap.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Correction<'a> {
-    /// Nothing: the model is the chain alone.
+    /// No correction: the model is the calibrated chain alone.
     None,
     /// The paper's Gaussian process on the residual twist in the base frame (eq. 4–13).
     #[serde(borrow)]
     TaskSpace(TaskSpace<'a>),
-    /// Deflection of the joints: gravity, gear ripple and a Gaussian process for each joint.
+    /// Joint deflections from gravity, gear ripple and one Gaussian process for each joint.
     #[serde(borrow)]
     Elastic(Elastic<'a>),
 }
@@ -159,125 +159,128 @@ pub enum Correction<'a> {
 /// g_c(x) = affine_c · (1, x) + Σ_j weight_jc · 2^(−rate_c · |scale∘x − u_j|²), c = 1…6 in the order (v, ω).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TaskSpace<'a> {
-    /// The correction is scaled back to these.
+    /// Limit to which a larger correction is scaled back.
     pub limit: CorrectionLimit,
-    /// θ₀, θ₁, θ₂, θ₃, noise variance as fitted: one entry when shared, else one for each output. Beside landmarks θ₀ and the
-    /// noise are part of the predictive variance; the rest is for the reader only.
+    /// Fitted θ₀, θ₁, θ₂, θ₃ and noise variance: one entry if shared, else one for each output. With landmarks, θ₀ and the
+    /// noise variance enter the predictive variance; all other values are for the reader only.
     pub hyperparameters: Vec<[f32; 5], OUTPUTS>,
-    /// RMS of each output before scaling, m and rad. It is in the weights, and beside landmarks a part of the predictive variance.
+    /// RMS of each output before scaling, in m and rad. The weights include it; with landmarks, it also enters the
+    /// predictive variance.
     pub output_scale: [f32; OUTPUTS],
-    /// Reciprocal length scale of each input, √(θ₁ log₂e / 2) when shared; its length is the number of inputs D:
-    /// the joints, then the payload if the model knows it.
+    /// Reciprocal lengthscale of each input, √(θ₁ log₂e / 2) if shared. Its length is the number of inputs D: the joints,
+    /// then the payload if the model depends on it.
     pub input_scale: Vec<f32, MAX_INPUTS>,
-    /// Exponent rate of each output; absent when shared (all 1).
+    /// Exponent rate of each output; `None` if shared (all 1).
     pub rates: Option<[f32; OUTPUTS]>,
-    /// Constant and linear part of the posterior mean of each output: first the constant, then D slopes.
+    /// Affine part of the posterior mean of each output: the constant, then D slopes.
     pub affine: [Vec<f32, { MAX_INPUTS + 1 }>; OUTPUTS],
-    /// Rows of inducing points, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights; folded ones with
-    /// [`TaskSpace::centre`].
+    /// Rows of the inducing points, `f32` little endian, 4·(D + 6) bytes each: D scaled inputs u_j, then six weights. With a
+    /// [`TaskSpace::centre`] the rows are folded.
     pub rows: &'a [u8],
-    /// Centre of a folded mean in the units of the inputs, rad, m and kg; empty unless it is folded:
+    /// Centre of a folded posterior mean in the units of the inputs (rad, m and kg); empty unless the mean is folded:
     ///
-    /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j in the rows.
+    /// g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight_jc · 2^(2 v · v_j) with v = scale ∘ (x − centre), v_j from rows.
     pub centre: Vec<f32, MAX_INPUTS>,
-    /// Number of landmarks L of the predictive variance (eq. 7); 0 for none. The runtime's module `gp::quadratic_variance` has
-    /// its formula.
+    /// Number of landmarks L of the predictive variance (eq. 7); 0 for none. The runtime's module `gp::quadratic_variance`
+    /// states its formula.
     pub landmarks: u8,
-    /// Their rows, `f32` little endian. Of each landmark its D scaled inputs z_j, −|z_j|² and zeros up to 8 words (16 from 8
-    /// inputs on). Then of each four landmarks the coefficients of their four kernels, and 16 for each four up to themselves:
-    /// those of the products of the first kernel with the four, of the second with the four, …; zeros above the diagonal.
+    /// Rows of the landmarks, `f32` little endian. For each landmark: its D scaled inputs z_j, −|z_j|², and zeros up to 8
+    /// words (16 words from 8 inputs on). Then for each block of four landmarks: the coefficients of its four kernels, and
+    /// 16 coefficients for each block up to and including itself. These belong to the products of the first kernel with the
+    /// four, of the second with the four, …; zeros above the diagonal.
     pub landmark_rows: &'a [u8],
 }
 
-/// The elastic correction; the runtime's room `elastic` has its formulas.
+/// The elastic correction. The runtime's module `elastic` states its formulas.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Elastic<'a> {
-    /// The correction is scaled back to these.
+    /// Limit to which a larger correction is scaled back.
     pub limit: CorrectionLimit,
     /// Gravity in the base frame, m/s².
     pub gravity: [f32; 3],
-    /// Gravity coefficients of joint c and link j ≥ c, joint by joint: n(n + 1)/2 of three; empty when there are none.
+    /// Gravity coefficients of joint c and link j ≥ c, joint by joint: n(n + 1)/2 triples; empty if there are none.
     pub links: Vec<[f32; 3], MAX_LINK_TERMS>,
-    /// Lever and offset coefficients of the payload for each joint; empty when the payload has no such effect.
+    /// Lever and offset coefficients of the payload for each joint; empty if the payload has no such effect.
     pub payload: Vec<[f32; 4], MAX_JOINTS>,
-    /// Gear ripple.
+    /// Gear-ripple terms.
     pub ripple: Vec<Ripple, MAX_RIPPLE>,
-    /// The kernel of each joint; empty when there is no process.
+    /// Kernel of each joint's Gaussian process; empty if there is none.
     pub kernels: Vec<JointKernel, MAX_JOINTS>,
-    /// The payload of each group of inducing points, kg.
+    /// Payload of each group of inducing points, in kg.
     pub group_payloads_kg: Vec<f32, MAX_GROUPS>,
-    /// How many inducing points of each payload group each joint has; empty when there is no process.
+    /// Number of inducing points of each joint in each payload group; empty if there is no Gaussian process.
     pub sets: Vec<SetPoints, MAX_JOINTS>,
-    /// The inducing points joint by joint, sorted by payload group, `f32` little endian. Of joint c 4·(2D + 1) bytes each:
-    /// sine and cosine (value and 0 of a prismatic one) of each of the D joints whose rate in kernel c is not zero, then the
-    /// weight.
+    /// Inducing points joint by joint, sorted by payload group, `f32` little endian. Each point of joint c takes 4·(2D + 1)
+    /// bytes: sine and cosine (for a prismatic joint, value and 0) of each of the D joints whose rate in kernel c is not
+    /// zero, then the weight.
     pub rows: &'a [u8],
     /// Own-joint curves, `f32` little endian: for every joint the amplitudes of sin q and cos q, of sin 2q and cos 2q, … in
-    /// rad, as many orders for each joint, at most 64. Empty when there are none.
+    /// rad. All joints have the same number of orders, at most 64. Empty if there are no curves.
     pub curves: &'a [u8],
 }
 
-/// One sine and cosine of gear ripple.
+/// One sine and cosine term of gear ripple.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Ripple {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: u8,
-    /// Cycles per turn.
+    /// Cycles per turn of the joint.
     pub cycles: f32,
-    /// Amplitude of the sine, rad or m.
+    /// Amplitude of the sine in rad or m.
     pub sin: f32,
-    /// Amplitude of the cosine.
+    /// Amplitude of the cosine in rad or m.
     pub cos: f32,
 }
 
-/// The kernel of one joint.
+/// Kernel of one joint's Gaussian process.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointKernel {
-    /// Exponent rate of each joint.
+    /// Exponent rate for each input joint.
     pub rates: Vec<f32, MAX_JOINTS>,
-    /// Exponent rate of the squared payload difference, 1/kg².
+    /// Exponent rate for the squared payload difference, in 1/kg².
     pub payload_rate: f32,
-    /// Amplitude.
+    /// Constant part of the kernel's amplitude.
     pub amplitude: f32,
-    /// Amplitude by the product of the payloads, 1/kg².
+    /// Part of the kernel's amplitude that multiplies the product of the two payloads, in 1/kg².
     pub payload_amplitude: f32,
 }
 
-/// Inducing points of each payload group of one joint.
+/// Number of inducing points of one joint in each payload group.
 pub type SetPoints = Vec<u16, MAX_GROUPS>;
 
-/// How well the position of the target is known; the runtime's module `elastic::position_variance` has its formula.
+/// Predictive variance of the target's position. The runtime's module `elastic::position_variance` states its formula.
 ///
-/// A model without processes has no rates, and the variance is `floor_m2` for all poses.
+/// A model without Gaussian processes has no rates, and its variance is `floor_m2` for all poses.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Variance<'a> {
-    /// Variance of one position component where the processes are known, m²: parameters and noise.
+    /// Variance of one position component where the Gaussian processes are known, in m²: parameters and noise.
     pub floor_m2: f32,
-    /// The share of it that is the noise of the measurements, m². For the reader only.
+    /// Part of `floor_m2` that is measurement noise, in m². For the reader only.
     pub noise_m2: f32,
-    /// Factor of what the processes do not know; has the third that makes a mean of three axes.
+    /// Factor of the variance that the Gaussian processes leave unexplained. It includes the factor 1/3 that averages over
+    /// the three axes.
     pub gain: f32,
     /// Exponent rate of each joint in the correlation with a landmark.
     pub rates: Vec<f32, MAX_JOINTS>,
-    /// Exponent rate of the squared payload difference in it, 1/kg².
+    /// Exponent rate for the squared payload difference in the correlation with a landmark, in 1/kg².
     pub payload_rate: f32,
     /// Number of landmarks.
     pub landmarks: u8,
-    /// Landmark j = 0, 1, …, `f32` little endian: two words of each joint (sine and cosine; of a prismatic one its value q
-    /// and −q²/2), the payload in kg, then j + 1 words of the triangular factor: 4·(2n + 2 + j) bytes.
+    /// Rows of the landmarks j = 0, 1, …, `f32` little endian, 4·(2n + 2 + j) bytes each: two words for each joint (sine and
+    /// cosine; for a prismatic joint its value q and −q²/2), the payload in kg, then j + 1 words of the triangular factor.
     pub rows: &'a [u8],
 }
 
-/// The largest correction that is believed.
+/// Correction limit: the largest correction that is believed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CorrectionLimit {
-    /// Displacement of the target in metres.
+    /// Largest displacement of the target, in m.
     pub position_m: f32,
-    /// Rotation in radians.
+    /// Largest rotation, in rad.
     pub angle_rad: f32,
 }
 
-/// Writes `blob` with its envelope to the front of `buffer` and returns the bytes used.
+/// Writes `blob` in an unsigned envelope to the front of `buffer` and returns the bytes used.
 ///
 /// # Errors
 /// [`BufferTooSmall`].
@@ -291,7 +294,7 @@ pub fn encode<'b>(blob: &Blob<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], Buf
     envelope::seal(length, buffer)
 }
 
-/// The blob in `bytes`, which must hold it exactly, signed or not. The signature is not verified.
+/// Decodes a blob, signed or unsigned, from `bytes`, which must contain nothing else. Does not verify the signature.
 ///
 /// # Errors
 /// [`DecodeError`], in the order of its variants: length of the header, magic, version, length, CRC, payload.
@@ -302,10 +305,10 @@ pub fn decode(bytes: &[u8]) -> Result<Blob<'_>, DecodeError> {
     }
 }
 
-// Not inlined, and called last: the blob is decoded where the caller wants it.
+// Not inlined, and called last, so that the blob is decoded directly into the caller's memory.
 #[inline(never)]
 fn decode_payload(payload: &[u8]) -> Result<Blob<'_>, DecodeError> {
-    // Not `postcard::take_from_bytes`: its pair of blob and rest is one more copy of the blob on the device's stack.
+    // `postcard::take_from_bytes` returns a pair of blob and rest: one more copy of the blob on the device's stack.
     let mut deserializer = postcard::Deserializer::from_bytes(payload);
     let decoded = Blob::deserialize(&mut deserializer);
     if deserializer.finalize().is_ok_and(<[u8]>::is_empty) {

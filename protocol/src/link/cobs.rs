@@ -1,21 +1,22 @@
-//! Consistent overhead byte stuffing (Cheshire and Baker, 1999): bytes without zeros, so that a zero can end a frame.
+//! Consistent overhead byte stuffing (COBS; Cheshire and Baker, 1999): it removes all zeros from a frame, so that a zero can
+//! end it.
 //!
 //! ```text
-//!  data      11 22 00 33 00              each code byte says how far the next zero is;
+//!  data      11 22 00 33 00              each code byte gives the distance to the next zero;
 //!  encoded   03 11 22 02 33 01           0xff: 254 bytes follow and no zero is implied
 //! ```
 //!
-//! Our own, because the decoders that there are index unchecked and with that link the machinery of panics into the
-//! firmware. The tests compare it with one of them.
+//! This is our own implementation, because the existing decoders index slices in a way that can panic, which links the
+//! panic machinery into the firmware. The tests compare it with one of them.
 
 use crate::blob::BufferTooSmall;
 
-/// Most bytes that so many take when encoded.
+/// Returns the maximum encoded size of `length` bytes, without the final zero.
 pub const fn max_encoded(length: usize) -> usize {
     length + length / 254 + 1
 }
 
-/// Encodes `data` to the front of `out` and returns the bytes used.
+/// Encodes `data` to the front of `out` and returns the number of bytes used.
 ///
 /// # Errors
 /// [`BufferTooSmall`].
@@ -40,12 +41,12 @@ pub fn encode(data: &[u8], out: &mut [u8]) -> Result<usize, BufferTooSmall> {
         put(out, &[run as u8 + 1])?;
         put(out, block)?;
         rest = match after {
-            // The end, or the zero that the block implies.
+            // The end of the data, or the zero that the block implies.
             [] => None,
             [0, after @ ..] => Some(after),
             after => Some(after),
         };
-        // A full block that ends the data implies no zero; the zero that follows one is a block of its own.
+        // A full block of 254 bytes implies no zero; a zero that follows it is a block of its own.
         if run == 254 && !after.is_empty() {
             rest = Some(after);
         }
@@ -53,10 +54,10 @@ pub fn encode(data: &[u8], out: &mut [u8]) -> Result<usize, BufferTooSmall> {
     Ok(used)
 }
 
-/// Decodes in place and returns the bytes that are left, or `None` when `frame` is no encoding.
+/// Decodes `frame` in place and returns the number of decoded bytes, or `None` if `frame` is not a valid encoding.
 #[inline]
 pub fn decode_in_place(frame: &mut [u8]) -> Option<usize> {
-    // Even of nothing the encoding is one byte.
+    // The encoding of empty data has one byte, so an empty frame is invalid.
     if frame.is_empty() {
         return None;
     }

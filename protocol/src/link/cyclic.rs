@@ -1,8 +1,8 @@
-//! The frame of a controller's cycle: fixed fields instead of a message. For six joints, command and answer take 83 bytes on
-//! the line, where those of [`Request::Command`] take 101.
+//! The cyclic frame, which has fixed fields instead of a message. For six joints, command and answer together take 83 bytes
+//! on the line, instead of 101 with [`Request::Command`].
 //!
 //! ```text
-//!            +------+----------+------------+------------+-------------+   COBS of it and the final zero:
+//!            +------+----------+------------+------------+-------------+   with COBS and the final zero:
 //!  command   | 0x81 | sequence | payload_kg | joints     | CRC-32C     |   13 + 4 n bytes, 37 for six joints
 //!            +------+----------+--------+---+------------+-------------+
 //!  answer    | 0x81 | sequence | status | applied, position_error,     |
@@ -10,9 +10,9 @@
 //!            +------+----------+--------+------------------------------+
 //! ```
 //!
-//! All numbers are little endian; those without a type above are f32, the CRC is a u32. The length says how many joints there
-//! are. What is damaged, of another length or repeated is dropped: a cycle that waits for an answer to be asked again has
-//! missed its period anyway.
+//! All numbers are little endian. Numbers without a type above are f32, the CRC is a u32. The length of the frame gives the
+//! number of joints. A damaged or repeated frame, or one of another length, is dropped: a controller that repeats its
+//! command has missed its period anyway.
 //!
 //! [`Request::Command`]: super::Request::Command
 
@@ -24,35 +24,35 @@ use super::request::Query;
 use crate::blob::BufferTooSmall;
 use crate::limits::MAX_JOINTS;
 
-/// Bytes of a command beside its joints and [`OVERHEAD`].
+/// Number of bytes of a command without its joints and [`OVERHEAD`].
 const COMMAND_FIELDS: usize = 4;
-/// Bytes of an answer beside its joints and [`OVERHEAD`].
+/// Number of bytes of an answer without its joints and [`OVERHEAD`].
 const ANSWER_FIELDS: usize = 13;
-/// Most bytes of a cyclic frame, COBS and the final zero included.
+/// Maximum number of bytes of a cyclic frame, COBS and the final zero included.
 pub const MAX_CYCLIC: usize = answer_length(MAX_JOINTS);
 
-/// Bytes of a command for so many joints on the line, COBS and the final zero included.
+/// Returns the number of bytes of a command for `joints` joints on the line, COBS and the final zero included.
 pub const fn command_length(joints: usize) -> usize {
     cobs::max_encoded(OVERHEAD + COMMAND_FIELDS + 4 * joints) + 1
 }
 
-/// Bytes of an answer for so many joints on the line, COBS and the final zero included.
+/// Returns the number of bytes of an answer for `joints` joints on the line, COBS and the final zero included.
 pub const fn answer_length(joints: usize) -> usize {
     cobs::max_encoded(OVERHEAD + ANSWER_FIELDS + 4 * joints) + 1
 }
 
-/// The command to send on. Its fields are those of [`Commanded`](super::Commanded).
+/// The answer of the device: the corrected command to pass on. Its fields are those of [`Commanded`](super::Commanded).
 #[derive(Clone, Debug, PartialEq)]
 pub struct CyclicAnswer {
-    /// The command for the controller's joints, rad or m. Never steps against that of the request.
+    /// Command for the controller's joints, in rad or m. Its difference from the requested command never steps.
     pub joints: Vec<f32, MAX_JOINTS>,
-    /// How much of the arm's error the model corrects here at weight 1, 0 to 1.
+    /// Share of the arm's error that the model corrects at this command with weight 1, 0 to 1.
     pub applied: f32,
-    /// What the model leaves of it at weight 1, in m.
+    /// Position error that remains with weight 1, as predicted by the model, in m.
     pub position_error: f32,
-    /// The rotation error that remains, in rad.
+    /// Rotation error that remains with weight 1, as predicted by the model, in rad.
     pub rotation_error: f32,
-    /// Bits of the runtime's `Status`.
+    /// Status bits, those of the runtime's `Status`.
     pub status: u8,
 }
 
@@ -87,17 +87,17 @@ pub fn encode_answer<'b>(
     encode(&header, numbers, &answer.joints, out)
 }
 
-/// Sequence number and answer in `frame`, which is without its final zero and is decoded in place.
+/// Decodes the sequence number and the answer of `frame`, in place. `frame` excludes the final zero.
 ///
 /// # Errors
-/// [`FrameError`]: what is no cyclic frame has another version or is damaged.
+/// [`FrameError`]: a frame that is not cyclic has another version or is damaged.
 pub fn decode_answer(frame: &mut [u8]) -> Result<(u16, CyclicAnswer), FrameError> {
     let (sequence, fields) = frame::open_cyclic(frame)?;
     let answer = answer(fields).ok_or(FrameError::UnknownMessage { sequence })?;
     Ok((sequence, answer))
 }
 
-/// The command in the fields of an opened frame; `None` when they have another length.
+/// Reads the command from the fields of an opened frame; `None` if they have a wrong length.
 #[inline]
 pub fn command(fields: &[u8]) -> Option<Query> {
     let ([payload_kg], joints) = numbers(fields)?;
@@ -139,7 +139,7 @@ fn encode<'b, const N: usize>(
     frame::close(header.len() + 4 * (N + joints.len()), &mut raw, out)
 }
 
-/// So many numbers and the joints behind them, at least one.
+/// Reads `N` numbers and the joints after them; `None` unless there is at least one joint.
 #[inline(always)]
 fn numbers<const N: usize>(fields: &[u8]) -> Option<([f32; N], Vec<f32, MAX_JOINTS>)> {
     let (chunks, []) = fields.as_chunks::<4>() else {

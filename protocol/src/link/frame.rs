@@ -1,4 +1,4 @@
-//! How one message travels over a serial line.
+//! The frame that carries one message over a serial line.
 //!
 //! ```text
 //!  COBS of:                                                                then
@@ -8,10 +8,11 @@
 //!  +---------+--------------+------------------------+--------------+     +------+
 //! ```
 //!
-//! COBS leaves no zero byte inside a frame, so the zero ends it and a receiver that lost its place finds it again at
-//! the next one. The CRC is over everything before it. An answer repeats the sequence number of its request.
+//! COBS leaves no zero byte inside a frame. The zero therefore ends the frame, and a receiver that has lost synchronisation
+//! finds it again at the next zero. The CRC covers everything before it. An answer repeats the sequence number of its
+//! request.
 //!
-//! The frames of [`cyclic`](super::cyclic) travel on the same line; another byte in place of the version tells them apart.
+//! The frames of [`cyclic`](super::cyclic) use the same line; the byte [`CYCLIC`] in place of the version marks them.
 
 use serde::{Deserialize, Serialize};
 
@@ -19,30 +20,30 @@ use super::cobs;
 use super::{MAX_CHUNK, PROTOCOL_VERSION, Refusal};
 use crate::blob::{BufferTooSmall, CRC};
 
-/// What a cyclic frame has in place of a protocol version.
+/// First byte of a cyclic frame, in place of the protocol version.
 pub const CYCLIC: u8 = 0x81;
-/// Bytes of a frame beside its message, before COBS: version, sequence number, CRC.
+/// Number of bytes of a frame without its message, before COBS: version, sequence number, CRC.
 pub const OVERHEAD: usize = 7;
-/// Most bytes of a frame, COBS and the final zero included.
+/// Maximum number of bytes of a frame, COBS and the final zero included.
 pub const MAX_FRAME: usize = {
-    // `UploadChunk` is the longest message: a number, an offset, a length.
+    // `UploadChunk` is the longest message: number, offset and length take 8 bytes.
     let raw = MAX_CHUNK + 8 + OVERHEAD;
     cobs::max_encoded(raw) + 1
 };
 
-/// Why bytes are not a frame.
+/// The reason why bytes are not a frame that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FrameError {
-    /// COBS or CRC are wrong: damaged on the way.
+    /// The COBS encoding or the CRC is wrong: the frame was damaged in transit.
     Damaged,
-    /// Another protocol version; the sequence number is that of the frame.
+    /// The frame has another protocol version.
     Version {
-        /// Version of the frame.
+        /// Protocol version of the frame.
         found: u8,
         /// Sequence number of the frame.
         sequence: u16,
     },
-    /// An intact frame with a message that cannot be read.
+    /// The frame is intact, but its message cannot be read.
     UnknownMessage {
         /// Sequence number of the frame.
         sequence: u16,
@@ -69,7 +70,7 @@ impl core::fmt::Display for FrameError {
 impl core::error::Error for FrameError {}
 
 impl FrameError {
-    /// What a device answers, and to which sequence number.
+    /// Returns the refusal with which a device answers this error, and the sequence number of that answer.
     pub const fn refusal(self) -> (u16, Refusal) {
         match self {
             Self::Damaged => (0, Refusal::BadFrame),
@@ -83,7 +84,7 @@ impl FrameError {
 }
 
 /// Writes one frame, its final zero included, to the front of `out` and returns the bytes used. `scratch` holds the
-/// frame before COBS; both need [`MAX_FRAME`] bytes for the longest message.
+/// frame before COBS. Both buffers need [`MAX_FRAME`] bytes for the longest message.
 ///
 /// # Errors
 /// [`BufferTooSmall`].
@@ -97,7 +98,8 @@ pub fn encode<'b, M: Serialize>(
     seal(sequence, length, scratch, out)
 }
 
-/// Writes a message where [`seal`] expects it, and returns its bytes: the first half of [`encode`].
+/// Writes a message to the position in `scratch` where [`seal`] expects it, and returns its length in bytes: the first half
+/// of [`encode`].
 ///
 /// # Errors
 /// [`BufferTooSmall`].
@@ -111,7 +113,7 @@ pub fn write_message<M: Serialize>(
     Ok(written.len())
 }
 
-/// Frames the message of `length` bytes that [`write_message`] has written: the second half of [`encode`].
+/// Frames the message of `length` bytes that [`write_message`] has written to `scratch`: the second half of [`encode`].
 ///
 /// # Errors
 /// [`BufferTooSmall`].
@@ -145,7 +147,7 @@ pub(super) fn close<'b>(
     out.get(..=used).ok_or(BufferTooSmall)
 }
 
-/// The sequence number and message of a frame; `frame` is without its final zero and is decoded in place.
+/// Decodes the sequence number and the message of `frame`, in place. `frame` excludes the final zero.
 ///
 /// # Errors
 /// [`FrameError`].
@@ -155,7 +157,7 @@ pub fn decode<'b, M: Deserialize<'b>>(frame: &'b mut [u8]) -> Result<(u16, M), F
     Ok((opened.sequence, opened.message(bytes)?))
 }
 
-/// Sequence number and fields of a cyclic frame, which is decoded in place.
+/// Decodes a cyclic frame in place and returns its sequence number and fields.
 pub(super) fn open_cyclic(frame: &mut [u8]) -> Result<(u16, &[u8]), FrameError> {
     let Opened {
         sequence,
@@ -168,16 +170,16 @@ pub(super) fn open_cyclic(frame: &mut [u8]) -> Result<(u16, &[u8]), FrameError> 
     }
 }
 
-/// Where the message begins in an opened frame.
+/// Offset of the message in an opened frame.
 const MESSAGE: usize = 3;
 
-/// A frame that is intact and of this version.
+/// Header of an opened frame: it is intact, and cyclic or of this protocol version.
 #[derive(Clone, Copy, Debug)]
 struct Opened {
     sequence: u16,
-    /// Where the message ends.
+    /// Offset of the end of the message.
     end: usize,
-    /// Whether there are the fields of a cyclic frame instead of a message.
+    /// Whether the frame is cyclic: it has fixed fields instead of a message.
     cyclic: bool,
 }
 
@@ -227,14 +229,14 @@ pub struct Receiver {
     opened: Option<Opened>,
 }
 
-/// What a byte did to a [`Receiver`].
+/// The effect of one byte on a [`Receiver`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Received {
-    /// Nothing is complete yet.
+    /// No frame is complete yet.
     More,
-    /// A frame is complete: [`Receiver::open`] it, read it, then call [`Receiver::clear`].
+    /// A frame is complete: call [`Receiver::open`], read it, then call [`Receiver::clear`].
     Frame,
-    /// A frame longer than any that is sent: dropped.
+    /// The frame was longer than [`MAX_FRAME`] allows and was dropped.
     TooLong,
 }
 
@@ -245,7 +247,7 @@ impl Default for Receiver {
 }
 
 impl Receiver {
-    /// Empty.
+    /// Creates an empty receiver.
     pub const fn new() -> Self {
         Self {
             buffer: heapless::Vec::new(),
@@ -254,7 +256,7 @@ impl Receiver {
         }
     }
 
-    /// Takes one byte from the line.
+    /// Adds one byte from the line.
     pub fn push(&mut self, byte: u8) -> Received {
         if byte != 0 {
             self.overrun |= self.buffer.push(byte).is_err();
@@ -264,7 +266,7 @@ impl Receiver {
             self.clear();
             return Received::TooLong;
         }
-        // A lone zero separates nothing: senders may put one in front to end what came before.
+        // A lone zero means nothing: senders may put one in front of a frame to end an earlier, incomplete one.
         if self.buffer.is_empty() {
             Received::More
         } else {
@@ -272,12 +274,12 @@ impl Receiver {
         }
     }
 
-    /// The bytes of the complete frame, without the final zero.
+    /// Returns the bytes of the complete frame, without the final zero.
     pub fn frame(&mut self) -> &mut [u8] {
         &mut self.buffer
     }
 
-    /// Opens the complete frame and returns its sequence number; once for each frame.
+    /// Opens the complete frame and returns its sequence number. Call it once for each frame: it decodes in place.
     ///
     /// # Errors
     /// [`FrameError`].
@@ -289,7 +291,7 @@ impl Receiver {
         Ok(opened.sequence)
     }
 
-    /// The message of the opened frame, with its sequence number.
+    /// Returns the sequence number and the message of the opened frame.
     ///
     /// # Errors
     /// [`FrameError::UnknownMessage`]; [`FrameError::Damaged`] when no frame was opened.
@@ -300,26 +302,26 @@ impl Receiver {
         Ok((opened.sequence, message))
     }
 
-    /// The number of the message in the opened frame: its first byte.
+    /// Returns the number of the message in the opened frame: its first byte. `None` for a cyclic frame.
     #[inline]
     pub fn number(&self) -> Option<u8> {
         let opened = self.opened.filter(|opened| !opened.cyclic)?;
         self.buffer.get(MESSAGE..opened.end)?.first().copied()
     }
 
-    /// The fields of the opened frame, if it is cyclic.
+    /// Returns the fields of the opened frame if it is cyclic.
     #[inline]
     pub fn cyclic(&self) -> Option<&[u8]> {
         let opened = self.opened.filter(|opened| opened.cyclic)?;
         self.buffer.get(MESSAGE..opened.end)
     }
 
-    /// The sequence number of the opened frame; 0 without one.
+    /// Returns the sequence number of the opened frame; 0 if no frame is open.
     pub fn sequence(&self) -> u16 {
         self.opened.map_or(0, |opened| opened.sequence)
     }
 
-    /// Forgets the frame.
+    /// Discards the frame, so that the next one can be received.
     pub fn clear(&mut self) {
         self.buffer.clear();
         self.overrun = false;

@@ -1,18 +1,18 @@
-//! What a controller or a workstation and the device say to each other.
+//! The messages between a controller or workstation and the device.
 //!
-//! One [`Request`] is answered by one [`Response`] with the same sequence number; [`frame`] carries both. Every
-//! request may be repeated: what was done is not done again, and the answer says what is. A request that asks for a
-//! change names what it expects ([`Request::Activate`] the model to run, [`Request::RollBack`] the model to leave), so
-//! that a second copy changes nothing.
+//! The device answers each [`Request`] with one [`Response`] that has the same sequence number; [`frame`] carries both.
+//! Every request may be repeated: the device does not repeat the work, and its answer reports the current state. A request
+//! for a change states what it expects ([`Request::Activate`] the model to run, [`Request::RollBack`] the model to leave),
+//! so that a second copy changes nothing.
 //!
-//! The *cyclic* requests are answered by the cycle, which pre-empts everything else; the others are *services*, carried
-//! out one at a time in the background. A service that comes while another one is being carried out is answered
-//! [`Refusal::Busy`] and is to be sent again.
+//! The cycle, which pre-empts everything else, answers the *cyclic* requests. All other requests are *services*: the
+//! background carries them out one at a time. A service that arrives during another one is answered with
+//! [`Refusal::Busy`] and has to be sent again.
 //!
-//! A controller that sends a command every period may use the shorter frame of [`cyclic`] for it.
+//! A controller that sends a command in every period may use the shorter frame of [`cyclic`] for it.
 //!
-//! [`REQUESTS`] and [`RESPONSES`] list every message; `docs/reference/link.md` has the same tables with the bytes. Variants are
-//! append-only within a protocol version: their order is their number on the wire.
+//! [`REQUESTS`] and [`RESPONSES`] list every message; `docs/reference/link.md` has the same tables with the bytes. Within a
+//! protocol version, variants are only appended: the position of a variant is its number on the wire.
 
 pub mod cobs;
 pub mod cyclic;
@@ -30,9 +30,9 @@ pub use response::{
 };
 pub use table::{Message, REQUESTS, RESPONSES};
 
-/// Version of messages and frames. Both sides must have the same.
+/// Version of messages and frames. Both sides must have the same version.
 pub const PROTOCOL_VERSION: u8 = 1;
-/// Most bytes of a blob in one `UploadChunk`: short, so that a correction never waits long behind one on the line.
+/// Maximum number of blob bytes in one `UploadChunk`: few, so that a correction never waits long behind a chunk on the line.
 pub const MAX_CHUNK: usize = 256;
-/// Most bytes of a name in an [`Identity`]; longer ones are cut.
+/// Maximum length in bytes of a name in an [`Identity`]; longer names are cut.
 pub const MAX_NAME: usize = 32;

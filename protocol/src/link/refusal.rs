@@ -1,100 +1,100 @@
-//! Why the device will not.
+//! The reasons for which the device refuses a request.
 
 use serde::{Deserialize, Serialize};
 
 use crate::blob::DecodeError;
 
-/// Why a request was not carried out.
+/// The reason why a request was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Refusal {
-    /// The frame was damaged; its sequence number is not known and 0 is answered.
+    /// The frame was damaged. Its sequence number is unknown, so the answer has number 0.
     BadFrame,
-    /// The peer speaks another version.
+    /// The peer uses another protocol version.
     ProtocolVersion {
         /// Protocol version of the frame.
         found: u8,
         /// Protocol version of this device.
         expected: u8,
     },
-    /// The message cannot be read: not one of this version.
+    /// The message cannot be read: this protocol version does not define it.
     UnknownMessage,
-    /// Another service is being carried out: ask again.
+    /// Another service is being carried out: send the request again.
     Busy,
     /// The blob is longer than the device can hold.
     BlobTooLong {
-        /// Announced.
+        /// Announced length of the blob, in bytes.
         length: u32,
-        /// There is room for.
+        /// Longest blob that the device can hold, in bytes.
         capacity: u32,
     },
-    /// There is no upload: none was begun, or a roll-back or a restart has ended it.
+    /// There is no upload: none was begun, or a rollback or a restart has ended it.
     NoUpload,
-    /// A piece that does not continue what is there.
+    /// The chunk does not continue the bytes received so far.
     UnexpectedOffset {
-        /// Offset of the piece.
+        /// Offset of the chunk.
         found: u32,
-        /// Bytes that are there.
+        /// Number of bytes received so far.
         expected: u32,
     },
-    /// A piece that goes beyond the announced length.
+    /// The chunk goes beyond the announced length.
     ChunkTooLong {
-        /// Bytes with this piece.
+        /// Number of bytes received, with this chunk.
         end: u32,
-        /// Announced.
+        /// Announced length of the blob, in bytes.
         length: u32,
     },
-    /// `VerifyUpload` before the last byte.
+    /// `VerifyUpload` came before the last byte of the blob.
     Incomplete {
-        /// Bytes that are there.
+        /// Number of bytes received so far.
         received: u32,
-        /// Announced.
+        /// Announced length of the blob, in bytes.
         length: u32,
     },
-    /// The bytes are not those that were announced.
+    /// The received bytes do not have the announced CRC.
     TransferCrc {
         /// Announced CRC.
         stored: u32,
-        /// CRC of the bytes.
+        /// CRC computed from the received bytes.
         computed: u32,
     },
-    /// The bytes are not a blob.
+    /// The received bytes are not a blob.
     Blob(DecodeError),
-    /// The blob is not a model that this device can run; the code is `LoadError::code` of the runtime.
+    /// The blob is not a model that this device can run.
     Model {
-        /// Explicit number, append-only.
+        /// `LoadError::code` of the runtime: an explicit number, append-only.
         code: u8,
     },
-    /// The signature is missing or wrong; the code is `SignatureError::code` of the runtime.
+    /// The signature is missing or wrong.
     Signature {
-        /// Explicit number, append-only.
+        /// `SignatureError::code` of the runtime: an explicit number, append-only.
         code: u8,
     },
     /// The upload was not verified.
     NotVerified,
     /// Neither the active nor the verified model has this CRC.
     UnknownModel {
-        /// Asked for.
+        /// CRC of the requested model.
         blob_crc: u32,
     },
     /// There is no other stored model to go back to.
     NoOtherModel,
-    /// The flash did not do what was asked; the code is `StoreError::code` of the runtime.
+    /// A flash operation failed.
     Store {
-        /// Explicit number, append-only.
+        /// `StoreError::code` of the runtime: an explicit number, append-only.
         code: u8,
     },
-    /// A key is provisioned already, and it is another one.
+    /// A different public key is already provisioned.
     KeyIsFixed,
-    /// The bytes are no public key that could verify anything.
+    /// The bytes are not a public key that can verify signatures.
     NotAKey,
-    /// This would delay cycles, as writing the flash does on some boards and a trace does on all: stop them and say so with
-    /// `StopCyclic` first.
+    /// The request would delay cycles, as a flash write does on some boards and a trace does on all boards. Stop the cycles
+    /// first and announce it with `StopCyclic`.
     CyclesRunning,
-    /// The model may take more instructions than there are in a cycle.
+    /// The model may take more instructions than a cycle allows.
     TooSlow {
-        /// Bound on the instructions of one command with the model.
+        /// Upper bound on the instructions of one command with the model.
         instructions: u32,
-        /// `CycleSettings::max_instructions`.
+        /// Allowed number of instructions, `CycleSettings::max_instructions`.
         allowed: u32,
     },
     /// The device runs or has stored a model of a higher revision.
@@ -104,31 +104,31 @@ pub enum Refusal {
         /// Lowest revision that the device takes.
         lowest: u32,
     },
-    /// The uploaded model is of another robot than the active one, by name or serial number.
+    /// The uploaded model has another robot name or serial number than the active model.
     AnotherRobot,
-    /// The device has a key, and takes this request only when it is signed.
+    /// The device has a key and accepts this request only with a signature.
     NotSigned,
-    /// The signature of the request is not one of this request and the nonce by the provisioned key, or no nonce holds.
+    /// The signature was not made by the provisioned key for this request and the nonce, or no nonce is valid.
     WrongSignature,
-    /// A setting of the cycle is out of range, or a correction is applied; the code is `FilterError::code` of the runtime.
+    /// A setting of the cycle is out of range, or cannot change while a correction is applied.
     CycleSetting {
-        /// Explicit number, append-only.
+        /// `FilterError::code` of the runtime: an explicit number, append-only.
         code: u8,
     },
-    /// The slots were changed as often as this board allows between two starts, so that no loop wears out the flash: restart
-    /// the device first.
+    /// The slots were changed as often as this board allows between two starts. The limit keeps a loop from wearing out the
+    /// flash: restart the device first.
     TooManyWrites {
-        /// That many.
+        /// Allowed number of changes between two starts.
         allowed: u32,
     },
-    /// The device does not compute what it should: it takes no model, and corrects nothing.
+    /// The self-test failed: the device does not compute correctly, so it accepts no model and corrects nothing.
     SelfTest,
-    /// The processor's clock is slower than the board's deadline needs, for instance because the crystal did not start: the
-    /// device takes no model, and corrects nothing.
+    /// The processor's clock is slower than the board's deadline needs, for instance because the crystal did not start. The
+    /// device accepts no model and corrects nothing.
     SlowClock {
-        /// As it is.
+        /// Actual frequency of the processor's clock, in Hz.
         hz: u32,
-        /// At least.
+        /// Lowest frequency that meets the deadline, in Hz.
         needed: u32,
     },
 }

@@ -1,98 +1,100 @@
-//! What the device is asked.
+//! The requests to the device.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
 use crate::limits::MAX_JOINTS;
 
-/// Asked by the controller or the workstation.
+/// A request from the controller or the workstation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Request<'a> {
-    /// Who are you?
+    /// Asks for the device's identity and state.
     Identify,
-    /// T_gp(q, m)·f(q). Cyclic.
+    /// Evaluates the compensated pose T_gp(q, m)·f(q). Cyclic.
     Evaluate(Query),
-    /// The joint command that brings the calibrated arm where the nominal arm would be: a question, not for the motion of
-    /// an arm. Every answer stands alone, and steps when the model does; [`Request::Command`] never does. Cyclic.
+    /// Computes the joint command that brings the calibrated arm to the pose of the nominal arm. A stateless question, not
+    /// for moving an arm: the answers step when the model does, which those of [`Request::Command`] never do. Cyclic.
     Correct(Query),
-    /// `Evaluate` with its intermediate results, to compare bits. Cyclic.
+    /// Evaluates as `Evaluate` does and returns the intermediate results, for bitwise comparison. Cyclic.
     Trace(Query),
-    /// No more cyclic requests will come: from now on their absence is no fault. The next one takes it back. With a key,
-    /// and once a [`Request::Command`] has come, it has to be signed.
+    /// Announces that no more cyclic requests will come, so that their absence is no fault. The next cyclic request revokes
+    /// this. On a device with a key it must be signed once a [`Request::Command`] has come.
     StopCyclic,
-    /// A blob follows.
+    /// Begins the upload of a blob.
     BeginUpload {
-        /// Its length in bytes, envelope included.
+        /// Length of the blob in bytes, envelope included.
         length: u32,
-        /// CRC-32C of all of its bytes.
+        /// CRC-32C of all bytes of the blob.
         crc: u32,
-        /// Whether it may be the model of another robot than the active one. With a key, this has to be signed.
+        /// Whether the model may be of another robot than the active one. On a device with a key, `true` must be signed.
         replaces_robot: bool,
     },
-    /// The bytes of the blob from `offset` on.
+    /// Uploads the bytes of the blob from `offset` on.
     UploadChunk {
-        /// Position of the first byte.
+        /// Offset of the first byte in the blob.
         offset: u32,
-        /// At most [`super::MAX_CHUNK`] bytes.
+        /// The bytes, at most [`super::MAX_CHUNK`].
         #[serde(borrow)]
         bytes: &'a [u8],
     },
-    /// The blob is complete: verify all of it. Nothing changes yet.
+    /// Verifies the complete blob. The active model does not change yet.
     VerifyUpload,
-    /// Write the verified blob into the slot that does not hold the active model.
+    /// Writes the verified blob into the slot that does not hold the active model.
     CommitUpload,
-    /// Run the verified model: at once, or, while commands are corrected, when the correction by the model before it has
-    /// been taken back. It survives a restart only when it was committed.
+    /// Runs the verified model: at once or, while commands are corrected, as soon as the correction of the previous model
+    /// has been removed. The model runs after a restart only if it was committed.
     Activate {
-        /// CRC in the header of its blob.
+        /// CRC in the header of the model's blob.
         blob_crc: u32,
     },
-    /// Run the stored model that is not active, now and after a restart. With a key, it has to be signed.
+    /// Runs the stored model that is not active, now and after a restart. On a device with a key, it must be signed.
     RollBack {
-        /// CRC in the header of the active model's blob; when another one is active, nothing is done.
+        /// CRC in the header of the active model's blob. If another model is active, nothing is done.
         from_crc: u32,
     },
-    /// While on, `Correct` answers the command as it came, and `Command` does so when the correction has been taken back.
-    /// Lasts until it is switched off or the power fails. With a key, switching it off has to be signed.
+    /// Switches the bypass. While it is on, `Correct` returns the command unchanged, and so does `Command` once the
+    /// correction has been removed. The bypass lasts until it is switched off or the power fails. On a device with a key,
+    /// switching it off must be signed.
     SetBypass {
-        /// On or off.
+        /// Whether corrections are bypassed.
         on: bool,
     },
-    /// Take this Ed25519 public key, once and for all: from now on only models signed by it run.
+    /// Provisions an Ed25519 public key, once and for all: from then on, only models signed by it run.
     Provision {
-        /// The key.
+        /// The public key.
         public_key: [u8; 32],
     },
-    /// What was counted since the start.
+    /// Reads the counters since the start.
     ReadStatistics,
-    /// Restart from the stored models. With a key, it has to be signed.
+    /// Restarts the device from the stored models. On a device with a key, it must be signed.
     Restart,
-    /// The command of a controller's cycle, corrected: what is added to it never steps. Each has a new sequence number.
-    /// Cyclic.
+    /// Corrects the command of a controller's cycle; the correction that is added to it never steps. Each command has a new
+    /// sequence number. Cyclic.
     Command(Query),
-    /// Take these settings of the cycle, now and after a restart. With a key, it has to be signed.
+    /// Sets the settings of the cycle, now and after a restart. On a device with a key, it must be signed.
     ProvisionCycle(CycleSettings),
-    /// A nonce to sign a request with. It holds until the next service but this one has come.
+    /// Asks for a nonce with which to sign a request. The nonce is valid until another service than this one comes.
     Challenge,
-    /// A request signed by the holder of the secret key.
+    /// Carries a request signed by the holder of the secret key.
     Signed {
-        /// Ed25519 over [`order`], 64 bytes.
+        /// Ed25519 signature over the bytes of [`order`], 64 bytes.
         #[serde(borrow)]
         signature: &'a [u8],
-        /// The request without a frame, at most [`MAX_SIGNED`] bytes.
+        /// Encoded request without a frame, at most [`MAX_SIGNED`] bytes.
         #[serde(borrow)]
         request: &'a [u8],
     },
 }
 
-/// Bytes of the nonce of a [`Request::Challenge`].
+/// Length of the nonce of a [`Request::Challenge`], in bytes.
 pub const NONCE_LENGTH: usize = 16;
-/// Most bytes of a request that is signed.
+/// Maximum length of a signed request, in bytes.
 pub const MAX_SIGNED: usize = 32;
-/// What is signed begins with this, so that it is never taken for a blob.
+/// First bytes of everything that signs a request, so that it is never mistaken for a blob.
 const ORDER: [u8; 8] = *b"POEGPREQ";
 
-/// What [`Request::Signed`] signs: eight letters, the nonce, the request. `None` when the request is too long.
+/// Returns the bytes that [`Request::Signed`] signs: eight letters, the nonce, the request. `None` if the request is too
+/// long.
 pub fn order(
     nonce: &[u8; NONCE_LENGTH],
     request: &[u8],
@@ -105,7 +107,8 @@ pub fn order(
 }
 
 impl<'a> Request<'a> {
-    /// The request in the bytes of [`Request::Signed`]; `None` when it is none, or is signed itself.
+    /// Decodes the request inside a [`Request::Signed`]; `None` if the bytes are not a request or that request is itself
+    /// signed.
     pub fn decode(bytes: &'a [u8]) -> Option<Self> {
         match postcard::take_from_bytes(bytes) {
             Ok((Self::Signed { .. }, _)) => None,
@@ -114,11 +117,11 @@ impl<'a> Request<'a> {
         }
     }
 
-    /// The bytes to be signed, in the front of `buffer`; `None` when they do not fit.
+    /// Encodes the request for signing to the front of `buffer`; `None` if it does not fit.
     pub fn encode<'b>(&self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
         postcard::to_slice(self, buffer).ok().map(|used| &*used)
     }
-    /// Whether the cycle answers it.
+    /// Whether the cycle answers this request.
     pub const fn is_cyclic(&self) -> bool {
         matches!(
             self,
@@ -126,8 +129,8 @@ impl<'a> Request<'a> {
         )
     }
 
-    /// Whether a device with a key carries it out only when it is [`Request::Signed`]. What the others change, a signed
-    /// model does, or it makes the device do less.
+    /// Whether a device with a key carries out this request only as a [`Request::Signed`]. A request that needs no signature
+    /// changes nothing, changes it by means of a signed model, or makes the device do less.
     pub const fn needs_signature(&self) -> bool {
         matches!(
             self,
@@ -144,7 +147,7 @@ impl<'a> Request<'a> {
     }
 }
 
-/// The cyclic requests by their numbers on the wire, each with a [`Query`]: all that the cycle reads of a [`Request`].
+/// The cyclic requests, each with a [`Query`]: the only part of [`Request`] that the cycle decodes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cyclic {
     /// [`Request::Evaluate`].
@@ -158,7 +161,7 @@ pub enum Cyclic {
 }
 
 impl Cyclic {
-    /// The one of this number.
+    /// Returns the cyclic request with this number on the wire.
     pub const fn of(number: u8) -> Option<Self> {
         match number {
             1 => Some(Self::Evaluate),
@@ -170,26 +173,26 @@ impl Cyclic {
     }
 }
 
-/// Joints and payload of a command.
+/// Joints and payload of a cyclic request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Query {
-    /// The controller's joints, rad or m.
+    /// The controller's joints, in rad or m.
     pub joints: Vec<f32, MAX_JOINTS>,
-    /// Payload in kg; 0 when the model knows none.
+    /// Payload in kg; 0 if the model does not depend on the payload.
     pub payload_kg: f32,
 }
 
-/// Time and limits of the cycle in which [`Request::Command`] comes. The runtime's `FilterSettings` has their ranges.
+/// Period and limits of the cycle in which [`Request::Command`] comes. The runtime's `FilterSettings` states their ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CycleSettings {
-    /// Time between two commands in µs.
+    /// Period between two commands, in µs.
     pub period_us: u32,
-    /// Largest rate of the correction beyond what the path explains, rad/s.
+    /// Largest rate of the correction beyond what the path explains, in rad/s.
     pub rate: f32,
-    /// Largest acceleration of it, rad/s².
+    /// Largest acceleration of the correction beyond what the path explains, in rad/s².
     pub acceleration: f32,
-    /// Shortest time in s in which a correction is switched on or off.
+    /// Shortest time in which a correction is switched on or off, in s.
     pub blend_s: f32,
-    /// Most instructions from a command to its answer. A model that may take more, by its bound, is refused.
+    /// Maximum number of instructions from a command to its answer. A model whose bound is higher is refused.
     pub max_instructions: u32,
 }

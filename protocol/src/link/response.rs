@@ -1,4 +1,4 @@
-//! What the device answers.
+//! The responses of the device.
 
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -9,50 +9,50 @@ use crate::blob::envelope::KEY_ID_LENGTH;
 use crate::cause::Causes;
 use crate::limits::{MAX_JOINTS, OUTPUTS};
 
-/// First bytes of a public key: enough to distinguish keys.
+/// Key id: the first bytes of a public key, enough to distinguish keys.
 pub type KeyId = [u8; KEY_ID_LENGTH];
 
-/// Answered by the device.
+/// A response of the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant)] // nothing can be boxed
 pub enum Response {
-    /// Who the device is.
+    /// The identity and state of the device.
     Identity(Identity),
     /// The compensated pose.
     Evaluation(Evaluation),
     /// The corrected joint command.
     Corrected(Corrected),
-    /// The compensated pose and how it came about.
+    /// The compensated pose with its intermediate results.
     Trace(Trace),
-    /// The absence of cyclic requests is no fault from now on.
+    /// From now on the absence of cyclic requests is no fault.
     CyclicStopped,
-    /// So many bytes of the announced blob are there.
+    /// The upload of a blob is in progress.
     Uploading {
-        /// Bytes received so far.
+        /// Number of bytes received so far.
         received: u32,
     },
     /// The uploaded blob is a model that this device may run.
     Verified(ModelIdentity),
-    /// The verified blob is in a slot and will run after the next start.
+    /// The verified blob is stored in a slot and will run after the next start.
     Committed(StoredModel),
-    /// What was counted.
+    /// The counters since the start.
     Statistics(Statistics),
-    /// The device restarts once this answer is on the line.
+    /// The device restarts as soon as this answer has been sent.
     Restarting,
     /// The request was not carried out; nothing has changed.
     Refused(Refusal),
     /// The command to send on.
     Commanded(Commanded),
-    /// The nonce to sign the next request with.
+    /// The nonce with which to sign the next request.
     Challenge {
-        /// Never the same twice.
+        /// The nonce, which never repeats.
         nonce: [u8; NONCE_LENGTH],
     },
 }
 
-/// What the cycle answers: encoded by itself, so that the other responses cost the cycle nothing.
+/// A response of the cycle. It is encoded on its own, so that the other responses cost the cycle nothing.
 pub trait CyclicResponse: Serialize {
-    /// The number of its [`Response`] on the wire.
+    /// Number of the corresponding [`Response`] variant on the wire.
     const NUMBER: u8;
 }
 
@@ -76,227 +76,227 @@ impl CyclicResponse for Commanded {
     const NUMBER: u8 = 11;
 }
 
-/// Who the device is and which model it runs.
+/// The identity of the device, its settings and its models.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
-    /// [`super::PROTOCOL_VERSION`] of the firmware.
+    /// Protocol version of the firmware, [`super::PROTOCOL_VERSION`].
     pub protocol_version: u8,
     /// Version of the firmware.
     pub firmware_version: String<MAX_NAME>,
-    /// CRC-32C of the image in flash: which build it is.
+    /// CRC-32C of the image in flash, which identifies the build.
     pub image_crc: u32,
     /// Name of the board.
     pub board: String<MAX_NAME>,
-    /// Words (`f32`) of rows of inducing points that fit.
+    /// Capacity for rows of inducing points, in words (`f32`).
     pub capacity_words: u32,
-    /// Bytes of a blob that fit.
+    /// Capacity for a blob, in bytes.
     pub capacity_bytes: u32,
-    /// Frequency of the tick counter in hertz.
+    /// Frequency of the tick counter, in Hz.
     pub tick_hz: u32,
-    /// Ticks in which a cyclic request is to be answered.
+    /// Deadline for the answer to a cyclic request, in ticks.
     pub deadline_ticks: u32,
-    /// Whose models are taken.
+    /// The key whose models the device accepts.
     pub key: Key,
     /// Whether corrections are bypassed.
     pub bypass: bool,
-    /// Settings of the cycle that are in force.
+    /// Current settings of the cycle.
     pub cycle: CycleSettings,
-    /// The active model, or the one that was ordered and is about to be.
+    /// The active model, or a model that was ordered and is about to become active.
     pub model: Option<ModelIdentity>,
-    /// Whether it still waits: the correction by the model before it is being taken back.
+    /// Whether `model` still waits, because the correction of the previous model is being removed.
     pub pending: bool,
-    /// What the two slots hold, by their headers.
+    /// Contents of the two slots, according to their headers.
     pub slots: [Option<StoredModel>; 2],
-    /// How often something was written to the slots since their flash was first used, to its end.
+    /// Number of completed writes to the slots since their flash was first used.
     pub slot_writes: u32,
-    /// Why the device started the last time.
+    /// Reason of the device's last start.
     pub start: StartReason,
 }
 
-/// Why the device started. All but the first keep the memory, in which the firmware notes the reason before it restarts or
-/// while its watchdog waits.
+/// The reason why the device started. All starts but a power-on preserve the memory in which the firmware notes the reason
+/// before it restarts, or while its watchdog waits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StartReason {
-    /// The power came, or was away for so long that the memory lost the note.
+    /// The power was switched on, or was off for so long that the memory lost the note.
     PowerOn,
-    /// By `Restart`.
+    /// A `Restart` request.
     Requested,
-    /// By the watchdog: cyclic requests were expected and none was answered.
+    /// The watchdog: cyclic requests were expected and none was answered.
     Cycles,
-    /// By the watchdog: the background made no progress.
+    /// The watchdog: the background made no progress.
     Background,
-    /// The firmware found itself wrong and gave up.
+    /// A panic of the firmware.
     Panic {
-        /// The line of the source that did.
+        /// Source line of the panic.
         line: u32,
     },
-    /// The processor could not execute an instruction.
+    /// A fault: the processor could not execute an instruction.
     Fault {
-        /// The address of the instruction.
+        /// Address of the instruction.
         address: u32,
     },
-    /// Nothing was noted: the watchdog, because a cycle did not end or interrupts stayed off; or the reset line.
+    /// No noted reason: the watchdog, because a cycle did not end or interrupts stayed off; or the reset line.
     Unexplained,
 }
 
-/// Whose models a device takes.
+/// The public key that decides which models a device accepts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Key {
-    /// No public key is provisioned: everybody's.
+    /// No public key is provisioned: the device accepts every intact model.
     None,
-    /// Those that are signed by this key.
+    /// The device accepts only models signed by this key.
     Provisioned(KeyId),
-    /// Nobody's: the page of the key is damaged, or was not written to its end. Provisioning may be repeated.
+    /// The page of the key is damaged or incompletely written: the device accepts no model. Provisioning may be repeated.
     Unusable,
 }
 
-/// A model that runs or may run.
+/// The identity of a model that runs or may run on the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelIdentity {
     /// Name of the robot.
     pub robot: String<MAX_NAME>,
     /// Serial number of the arm.
     pub serial_number: String<MAX_NAME>,
-    /// CRC in the header of its blob.
+    /// CRC in the header of the model's blob.
     pub blob_crc: u32,
-    /// Joints of the arm.
+    /// Number of joints of the arm.
     pub joints: u8,
-    /// Inducing points of its correction.
+    /// Number of inducing points of the correction.
     pub inducing_points: u32,
-    /// Upper bound for one command, frames included.
+    /// Upper bound on the instructions of one command, with its frames.
     pub instructions: u32,
-    /// The revision under its signature, if the device has verified that. It takes no lower one.
+    /// Revision under the model's signature, if the device has verified that signature. The device accepts no lower one.
     pub revision: Option<u32>,
-    /// Causes of the warnings about the measurements that it was calibrated with.
+    /// Causes of warnings about the measurements from which the model was calibrated.
     pub warnings: Causes,
 }
 
-/// What the header of a slot says.
+/// The contents of a slot, according to its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoredModel {
-    /// 0 or 1.
+    /// Number of the slot, 0 or 1.
     pub slot: u8,
-    /// Whether it is the one that runs after the next start.
+    /// Whether this model runs after the next start.
     pub first: bool,
-    /// Bytes of its blob.
+    /// Length of the blob in bytes.
     pub length: u32,
-    /// CRC-32C of all of them.
+    /// CRC-32C of all bytes of the blob.
     pub crc: u32,
 }
 
-/// T_gp(q, m)·f(q) as the device computed it.
+/// The compensated pose T_gp(q, m)·f(q) as computed by the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Evaluation {
-    /// CRC in the header of the blob that answered; 0 without a model.
+    /// CRC in the header of the blob of the model that answered; 0 without a model.
     pub blob_crc: u32,
-    /// `base_from_target`.
+    /// Compensated pose `base_from_target`.
     pub pose: Transform<f32>,
-    /// The correction twist g (v, ω) in the base frame, after bounding; m and rad.
+    /// Correction twist g (v, ω) in the base frame after bounding, in m and rad.
     pub correction: [f32; OUTPUTS],
-    /// How much of the prior the training data explain here, 0 to 1.
+    /// Share of the prior that the training data explain at this input, 0 to 1.
     pub trust: f32,
-    /// Standard deviation of the position in m, per axis; `None` when the model has none.
+    /// Predictive standard deviation of the position per axis, in m; `None` if the model has none.
     pub position_sigma: Option<f32>,
-    /// Bits of the runtime's `Status`.
+    /// Status bits, those of the runtime's `Status`.
     pub status: u8,
-    /// Ticks that the evaluation took.
+    /// Duration of the evaluation, in ticks.
     pub ticks: u32,
 }
 
-/// The corrected joint command: the answer to a question.
+/// The corrected joint command, in answer to a stateless [`Correct`](super::Request::Correct).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Corrected {
-    /// CRC in the header of the blob that answered; 0 without a model.
+    /// CRC in the header of the blob of the model that answered; 0 without a model.
     pub blob_crc: u32,
-    /// The command for the controller's joints, rad or m; those of the request when nothing is corrected.
+    /// Command for the controller's joints, in rad or m; the requested joints if nothing is corrected.
     pub joints: Vec<f32, MAX_JOINTS>,
-    /// How much of the arm's error is corrected, 0 to 1; 0 when nothing is.
+    /// Share of the arm's error that is corrected, 0 to 1; 0 if nothing is corrected.
     pub applied: f32,
-    /// What remains between the calibrated arm at this command and the nominal one, in m.
+    /// Distance that remains between the calibrated arm at this command and the nominal arm at the requested one, in m.
     pub position_error: f32,
-    /// The rotation error that remains, in rad.
+    /// Rotation that remains between the two, in rad.
     pub rotation_error: f32,
-    /// Bits of the runtime's `Status`.
+    /// Status bits, those of the runtime's `Status`.
     pub status: u8,
-    /// Ticks that the correction took.
+    /// Duration of the correction, in ticks.
     pub ticks: u32,
 }
 
-/// The command to send on: the answer to the command of a cycle.
+/// The corrected command to pass on, in answer to the command of a cycle.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Commanded {
-    /// CRC in the header of the blob that answered; 0 without a model.
+    /// CRC in the header of the blob of the model that answered; 0 without a model.
     pub blob_crc: u32,
-    /// The command for the controller's joints, rad or m. Never steps against that of the request.
+    /// Command for the controller's joints, in rad or m. Its difference from the requested command never steps.
     pub joints: Vec<f32, MAX_JOINTS>,
-    /// How much of the arm's error the model corrects here at weight 1, 0 to 1.
+    /// Share of the arm's error that the model corrects at this command with weight 1, 0 to 1.
     pub applied: f32,
-    /// What the model leaves of it at weight 1, in m.
+    /// Position error that remains with weight 1, as predicted by the model, in m.
     pub position_error: f32,
-    /// The rotation error that remains, in rad.
+    /// Rotation error that remains with weight 1, as predicted by the model, in rad.
     pub rotation_error: f32,
-    /// Weight of the model in `joints`: 0 on start and with the bypass, 1 when it is wholly applied.
+    /// Weight of the model's correction in `joints`: 0 at the start and with the bypass, 1 when it is fully applied.
     pub weight: f32,
-    /// Bits of the runtime's `Status`.
+    /// Status bits, those of the runtime's `Status`.
     pub status: u8,
-    /// Ticks that correction and filter took.
+    /// Duration of correction and filter, in ticks.
     pub ticks: u32,
 }
 
 /// Intermediate results of one evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trace {
-    /// Sine and cosine of each revolute joint of the serial chain, in turn; (0, 1) for a prismatic one.
+    /// Sine and cosine of each revolute joint of the serial chain, one joint after the other; (0, 1) for a prismatic joint.
     pub sin_cos: Vec<f32, { 2 * MAX_JOINTS }>,
-    /// Posterior mean before bounding.
+    /// Posterior mean of the correction before bounding.
     pub mean: [f32; OUTPUTS],
-    /// f(q), the calibrated chain alone.
+    /// Pose f(q) of the calibrated chain alone.
     pub chain: Transform<f32>,
-    /// The result.
+    /// The result of the evaluation.
     pub evaluation: Evaluation,
 }
 
-/// What was counted since the start. Counters saturate.
+/// Counters since the start of the device. They saturate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Statistics {
-    /// Frames that arrived whole.
+    /// Frames that arrived complete.
     pub frames: u32,
     /// Frames that were damaged, too long or unreadable.
     pub bad_frames: u32,
-    /// Bytes that were lost because nobody took them in time.
+    /// Bytes that were lost because they were not read in time.
     pub lost_bytes: u32,
     /// Requests that were refused.
     pub refused: u32,
-    /// Cyclic requests answered, `StopCyclic` aside.
+    /// Cyclic requests that were answered, without `StopCyclic`.
     pub cycles: u32,
     /// Cycles whose status was not `ok`.
     pub flagged: u32,
     /// Cycles whose correction was scaled back to its bound.
     pub limited: u32,
-    /// Corrections that answered the command as it came.
+    /// Corrections that returned the command unchanged.
     pub uncorrected: u32,
     /// Cycles that took longer than the deadline.
     pub missed_deadlines: u32,
-    /// Most ticks that the computation of one cycle took.
+    /// Longest computation of one cycle, in ticks.
     pub max_ticks: u32,
-    /// Most ticks from the last byte of a cyclic request to its answer being ready to send.
+    /// Longest time from the last byte of a cyclic request until its answer was ready to send, in ticks.
     pub max_latency_ticks: u32,
     /// Models that became active.
     pub activations: u32,
-    /// Starts without a power failure in between, whatever their reason.
+    /// Restarts since the power was switched on, whatever their reason.
     pub restarts: u32,
     /// Log messages that were dropped.
     pub lost_logs: u32,
-    /// Deepest use of the stack in bytes.
+    /// Maximum stack usage, in bytes.
     pub stack_bytes: u32,
     /// Commands of the cycle that jumped instead of moving.
     pub jumps: u32,
     /// Commands of the cycle that came after a gap.
     pub gaps: u32,
-    /// Commands of the cycle that came again, or less than half a period after the one before.
+    /// Commands of the cycle that were repeated, or came less than half a period after the previous one.
     pub repeats: u32,
-    /// Commands of the cycle that were none: the last answer was given again.
+    /// Commands of the cycle that were invalid, so that the last answer was sent again.
     pub bad_commands: u32,
-    /// Steps of the model that the path does not explain and the filter has taken up.
+    /// Steps of the model that the path does not explain and that the filter has absorbed.
     pub model_steps: u32,
 }

@@ -1,17 +1,17 @@
-//! Every message of the link in one place. A test compares these rows with the types and with `docs/reference/link.md`.
+//! A table of all messages of the link. A test compares its rows with the types and with `docs/reference/link.md`.
 
 /// One kind of message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Message {
-    /// Its variant; the number on the wire is the position in the table.
+    /// Name of the enum variant. The number on the wire is the position of the message in its table.
     pub name: &'static str,
-    /// Fields in their order, as postcard writes them.
+    /// Fields in the order in which postcard writes them.
     pub fields: &'static str,
-    /// Most bytes of the message, number included and frame excluded.
+    /// Maximum number of bytes of the message, with its number and without the frame.
     pub max_bytes: usize,
-    /// For a request, the response that is not a refusal; empty for a response.
+    /// For a request, the response unless it is refused; empty for a response.
     pub answer: &'static str,
-    /// Whether the cycle answers it.
+    /// Whether the cycle answers the message.
     pub cyclic: bool,
 }
 
@@ -35,7 +35,7 @@ const fn response(name: &'static str, fields: &'static str, max_bytes: usize) ->
     request(name, fields, max_bytes, "", false)
 }
 
-/// The requests.
+/// All requests, in the order of their numbers on the wire.
 #[rustfmt::skip] // a table
 pub const REQUESTS: [Message; 19] = [
     request("Identify", "", 1, "Identity", false),
@@ -59,7 +59,7 @@ pub const REQUESTS: [Message; 19] = [
     request("Signed", "signature: list of 64 u8, request: list of at most 32 u8", 99, "that of the request", false),
 ];
 
-/// The responses.
+/// All responses, in the order of their numbers on the wire.
 #[rustfmt::skip] // a table
 pub const RESPONSES: [Message; 13] = [
     response("Identity", "protocol_version: u8, firmware_version: text, image_crc: u32, board: text, capacity_words: u32, capacity_bytes: u32, tick_hz: u32, deadline_ticks: u32, key: a key, bypass: bool, cycle: cycle settings, model: option of a model, pending: bool, slots: 2 options of a stored model, slot_writes: u32, start: a start", 256),

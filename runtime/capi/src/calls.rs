@@ -1,7 +1,8 @@
-//! What the functions of both precisions do: look at the pointers, ask the runtime, write the answer.
+//! The implementation of the C functions for both precisions: each one checks the pointers, calls the runtime and writes the
+//! answer.
 //!
-//! Where an answer can be written it is written, even beside an error code: a caller who does not look at the code commands
-//! uncorrected joints and no garbage.
+//! If an answer can be written, it is written even with an error code. A caller that ignores the code then commands
+//! uncorrected joints instead of garbage.
 
 use core::ffi::{c_char, c_void};
 
@@ -38,7 +39,8 @@ pub(crate) unsafe fn init<T: Number>(
     } else if bytes < size_of::<Model<T>>() {
         POEGP_ERROR_TOO_SMALL
     } else {
-        // Cleared where it is: `write(Model::new())` may lay 27 kB on the stack first, and does when built for size.
+        // The memory is cleared in place: `write(Model::new())` may put 27 kB on the stack first, and does so when built for
+        // size.
         // SAFETY: not null, aligned, large enough, the caller's by the contract of this function. All zeros are a resident
         // without a model: an empty slot (its discriminant is 0 by `repr(u8)`), vectors and texts of length 0, numbers; a
         // test compares it with `Model::new()`.
@@ -196,7 +198,7 @@ pub(crate) unsafe fn correct<T: Number>(
     code
 }
 
-/// The answer must not overwrite the model. What `model` leads to is looked at later.
+/// Refuses an answer that would overlap the model. This function does not read `model`, which is checked later.
 #[inline(always)]
 pub(crate) fn answer_apart<T, A>(model: *const Model<T>, out: *mut A) -> Result<(), i32> {
     apart((model, size_of::<Model<T>>()), (out, size_of::<A>()))
@@ -212,7 +214,7 @@ fn as_it_came<T: Number>(command: &[T], status: u32) -> Corrected<T> {
     }
 }
 
-/// The command, zeros in place of what is not finite.
+/// Returns the command with zeros in place of numbers that are not finite, and after its end.
 pub(crate) fn finite<T: Number>(command: &[T]) -> [T; MAX_JOINTS] {
     let mut joints = [T::ZERO; MAX_JOINTS];
     for (slot, value) in joints.iter_mut().zip(command) {
@@ -263,7 +265,7 @@ pub(crate) unsafe fn identify<T: Number>(model: *const Model<T>, out: *mut Ident
     code
 }
 
-/// A text with a zero behind it: no text here is as long as its room.
+/// Converts a text to a C string with a final zero. Every text here is shorter than the array.
 fn name(text: &str) -> [c_char; POEGP_NAME_BYTES] {
     let mut out = [0; POEGP_NAME_BYTES];
     for (slot, byte) in out.iter_mut().zip(text.as_bytes()) {

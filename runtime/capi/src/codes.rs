@@ -1,13 +1,13 @@
-//! The numbers that functions return. Append-only; a number never changes its meaning.
+//! The codes that the functions return. They are append-only; a number never changes its meaning.
 //!
-//! | numbers | say |
+//! | numbers | meaning |
 //! |---|---|
 //! | 0 | done |
-//! | 1 to 99 | what is wrong with an argument |
+//! | 1 to 99 | an argument is wrong |
 //! | 100 + n | the blob is damaged or foreign |
-//! | 200 + n | the blob is intact, and no robot may be moved by its numbers; n is the wire code of `LoadError` |
-//! | 300 + n | the signature; n is the wire code of `SignatureError` |
-//! | 400 + n | a setting of the filter |
+//! | 200 + n | the blob is intact, but its numbers must not move a robot; n is the wire code of `LoadError` |
+//! | 300 + n | the signature is missing or wrong; n is the wire code of `SignatureError` |
+//! | 400 + n | a setting of the filter is out of range |
 
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::link::Refusal;
@@ -100,12 +100,12 @@ pub const POEGP_FILTER_ACCELERATION: i32 = 403;
 /// The blend time is not within 0.01 s and 10 s, or below ten periods.
 pub const POEGP_FILTER_BLEND: i32 = 404;
 
-/// What the numbers of `LoadError` begin after.
+/// Offset of the codes for a `LoadError`.
 const MODEL: i32 = 200;
-/// What the numbers of `SignatureError` begin after.
+/// Offset of the codes for a `SignatureError`.
 const SIGNATURE: i32 = 300;
 
-/// The number of what is wrong with bytes.
+/// Returns the code for bytes that are not a blob.
 pub(crate) fn of_decoding(error: DecodeError) -> i32 {
     match error {
         DecodeError::Truncated { .. } => POEGP_BLOB_TRUNCATED,
@@ -118,7 +118,7 @@ pub(crate) fn of_decoding(error: DecodeError) -> i32 {
     }
 }
 
-/// The number of why a load was refused.
+/// Returns the code for a refused load.
 pub(crate) fn of_refusal(refusal: &Refusal) -> i32 {
     match refusal {
         Refusal::Blob(error) => of_decoding(*error),
@@ -128,19 +128,19 @@ pub(crate) fn of_refusal(refusal: &Refusal) -> i32 {
     }
 }
 
-/// The number of what is wrong with a signature.
+/// Returns the code for a wrong or missing signature.
 pub(crate) fn of_signature(code: u8) -> i32 {
     SIGNATURE + i32::from(code)
 }
 
-/// The number of what is wrong with settings.
+/// Returns the code for wrong filter settings.
 pub(crate) fn of_settings(error: FilterError) -> i32 {
     match error {
         FilterError::Period => POEGP_FILTER_PERIOD,
         FilterError::Rate => POEGP_FILTER_RATE,
         FilterError::Acceleration => POEGP_FILTER_ACCELERATION,
         FilterError::Blend => POEGP_FILTER_BLEND,
-        // A new filter is not.
+        // This cannot happen: a new filter is never engaged.
         FilterError::Engaged => POEGP_ERROR_OTHER,
     }
 }

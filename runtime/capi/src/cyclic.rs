@@ -1,4 +1,4 @@
-//! The functions for a controller whose compensation runs on a device: the frames of a cycle.
+//! The functions for a controller whose compensation runs on a device: they write and read cyclic frames.
 
 use poegp_protocol::link::Query;
 use poegp_protocol::link::cyclic;

@@ -1,7 +1,8 @@
-//! The functions that C calls, in double precision, for hosts: from the same blob, with answers of the same meaning.
+//! The functions that C calls, in double precision, for hosts. They use the same blobs, and their answers have the same
+//! meaning as in single precision.
 //!
-//! The library for a device has none of them unless it is built with the feature `double`. Cyclic frames are in single
-//! precision, as the link is.
+//! The library for a device contains them only with the feature `double`. Cyclic frames are in single precision, as the
+//! link is.
 
 use core::ffi::c_void;
 

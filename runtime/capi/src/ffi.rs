@@ -1,4 +1,5 @@
-//! The functions that C calls, in single precision: on a device there is no other. `double.rs` has their twins.
+//! The functions that C calls, in single precision, the only one on a device by default. `double.rs` has their
+//! double-precision counterparts.
 
 use core::ffi::{c_char, c_void};
 

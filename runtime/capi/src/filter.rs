@@ -1,4 +1,4 @@
-//! The functions of the filter, in single precision: a corrected command that never steps.
+//! The functions of the filter, in single precision. Its corrections of a command never step.
 
 use core::ffi::c_void;
 

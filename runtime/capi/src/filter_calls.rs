@@ -1,4 +1,4 @@
-//! What the functions of the filter do, in both precisions; see `calls.rs`.
+//! The implementation of the filter functions for both precisions; see `calls.rs`.
 
 use core::ffi::c_void;
 
@@ -149,7 +149,7 @@ pub(crate) unsafe fn command<T: Number>(
     code
 }
 
-/// The correction, filtered.
+/// Passes a correction through the filter and returns the joints to send.
 fn filtered<T: Number>(
     filter: &mut CommandFilter<T>,
     command: &[T],
@@ -157,7 +157,7 @@ fn filtered<T: Number>(
     engage: bool,
     cycles: u32,
 ) -> Commanded<T> {
-    // What a model refuses holds the arm only where a model has a say: not when it is switched off.
+    // A command that the model refuses holds the arm only while the correction is used, not when it is switched off.
     let status = if !engage & filter.disengaged() {
         Status::OK
     } else {
@@ -178,7 +178,7 @@ fn filtered<T: Number>(
     }
 }
 
-/// What a model without a blob answers.
+/// Returns the answer of a model without a blob: the command without a correction.
 fn uncorrected<T: Number>(command: &[T]) -> correct::Corrected<T> {
     correct::Corrected {
         joints: finite(command),
@@ -189,7 +189,7 @@ fn uncorrected<T: Number>(command: &[T]) -> correct::Corrected<T> {
     }
 }
 
-/// The answer without a filter.
+/// Returns the answer when the filter cannot be used: the command itself, with `POEGP_STATUS_BAD_INPUT`.
 fn unfiltered<T: Number>(command: &[T]) -> Commanded<T> {
     Commanded {
         joints: finite(command),

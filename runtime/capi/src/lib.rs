@@ -1,17 +1,18 @@
-//! The runtime for programs in C: load a blob, evaluate, correct, command, identify, in memory that the caller owns.
+//! The C interface of the runtime: it loads a blob, evaluates, corrects, commands and identifies, in memory that the caller
+//! owns.
 //!
 //! ```text
-//!  C program ── poegp.h ──> this crate: looks at every pointer ──> poegp-runtime
+//!  C program ── poegp.h ──> this crate: checks every pointer ──> poegp-runtime
 //!     └─ POEGP_MODEL_BYTES of memory, aligned to POEGP_MODEL_ALIGN, hold one model
 //! ```
 //!
-//! It promises what the runtime promises (no heap, no panic, no NaN out, the same bits on every machine, an answer for
-//! every input), and that null, misaligned, overlapping and too small memory is refused with a code instead of used.
-//! It refuses to compute anything itself. What no callee can see, that a pointer leads to as many bytes as it is said
-//! to, remains the caller's promise.
+//! This crate gives the guarantees of the runtime (no heap, no panic, no NaN in the output, the same bits on every machine,
+//! an answer for every input). In addition, it refuses memory that is null, misaligned, overlapping or too small with a
+//! code. It computes nothing itself. One condition cannot be checked by any callee and remains the caller's promise: that a
+//! pointer leads to as many bytes as stated.
 //!
-//! `include/poegp.h` is generated from these files by `tests/header.rs`, which also compares it with the committed one.
-//! This is the only crate of the host with unsafe code; all of it is in `memory.rs` and at the border functions.
+//! `tests/header.rs` generates `include/poegp.h` from these files and compares it with the committed file. This is the only
+//! host crate with unsafe code; all of it is in `memory.rs` and in the functions that C calls or that carry them out.
 #![cfg_attr(target_os = "none", no_std)]
 #![deny(unsafe_op_in_unsafe_fn)]
 #![deny(

@@ -1,7 +1,7 @@
-//! Pointers of C, looked at before they are used.
+//! Checks of C pointers before they are used.
 //!
-//! Seen here: null, misaligned, too long, overlapping, not initialised. Not to be seen by any callee: whether as much
-//! memory is there as the caller says. That is the one condition of every unsafe function below.
+//! The functions below detect memory that is null, misaligned, too long, overlapping or not initialised. No callee can
+//! detect whether there is as much memory as the caller says. That is the one condition of every unsafe function below.
 
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::se3::Pose;
@@ -24,7 +24,7 @@ pub(crate) fn usable<T>(pointer: *const T) -> Result<(), i32> {
     }
 }
 
-/// Refuses two pieces of memory, by address and length in bytes, that share a byte.
+/// Refuses two pieces of memory that share a byte. Each is given by its address and its length in bytes.
 #[inline(always)]
 pub(crate) fn apart<A, B>(
     (a, a_bytes): (*const A, usize),
@@ -43,7 +43,7 @@ pub(crate) fn apart<A, B>(
     }
 }
 
-/// The model behind a pointer.
+/// Returns the model behind a pointer, if it was initialised.
 ///
 /// # Safety
 /// If `model` is neither null nor misaligned, it leads to the bytes of a model that were written once and that nobody
@@ -59,7 +59,7 @@ pub(crate) unsafe fn model<'a, T: Number>(model: *const Model<T>) -> Result<&'a 
     Ok(unsafe { &*model })
 }
 
-/// The same, to be changed.
+/// Returns the model behind a pointer for changes, if it was initialised.
 ///
 /// # Safety
 /// As [`model`], and nobody reads it during `'a` either.
@@ -72,7 +72,7 @@ pub(crate) unsafe fn model_mut<'a, T: Number>(
     Ok(unsafe { &mut *pointer })
 }
 
-/// The filter behind a pointer.
+/// Returns the filter behind a pointer, if it was initialised.
 ///
 /// # Safety
 /// If `filter` is neither null nor misaligned, it leads to the bytes of a filter that were written once and that nobody
@@ -87,7 +87,7 @@ pub(crate) unsafe fn filter<'a, T: Number>(filter: *const Filter<T>) -> Result<&
     Ok(unsafe { &*filter })
 }
 
-/// The same, to be changed.
+/// Returns the filter behind a pointer for changes, if it was initialised.
 ///
 /// # Safety
 /// As [`filter`], and nobody reads it during `'a` either.
@@ -100,7 +100,7 @@ pub(crate) unsafe fn filter_mut<'a, T: Number>(
     Ok(unsafe { &mut *pointer })
 }
 
-/// Refuses another word than `expected`.
+/// Refuses memory whose mark is not `expected`.
 ///
 /// # Safety
 /// `mark` leads to a word that was written once.
@@ -114,7 +114,7 @@ unsafe fn marked(mark: *const u32, expected: u32) -> Result<(), i32> {
     }
 }
 
-/// `length` bytes.
+/// Returns the `length` bytes from `start` on.
 ///
 /// # Safety
 /// If `start` is not null, it leads to `length` readable bytes that nobody changes during `'a`.
@@ -127,7 +127,7 @@ pub(crate) unsafe fn bytes<'a>(start: *const u8, length: usize) -> Result<&'a [u
     Ok(unsafe { core::slice::from_raw_parts(start, length) })
 }
 
-/// A transform of twelve numbers, copied so that it may lie in the memory of the answer.
+/// Reads a transform of twelve numbers. It is copied, so the argument may overlap the answer.
 ///
 /// # Safety
 /// If `start` is neither null nor misaligned, it leads to twelve readable numbers.
@@ -138,7 +138,7 @@ pub(crate) unsafe fn pose<T: Number>(start: *const T) -> Result<Pose<T>, i32> {
     Ok(Pose::from_rows(&rows))
 }
 
-/// The same; null stands for the identity.
+/// Reads a transform as [`pose`] does; null stands for the identity.
 ///
 /// # Safety
 /// As [`pose`].
@@ -150,14 +150,14 @@ pub(crate) unsafe fn pose_or_none<T: Number>(start: *const T) -> Result<Pose<T>,
     unsafe { pose(start) }
 }
 
-/// Joints, copied so that they may lie in the memory of the answer.
+/// Joint values. They are copied, so the argument may overlap the answer.
 pub(crate) struct Joints<T> {
     values: [T; MAX_JOINTS + 1],
     count: usize,
 }
 
 impl<T: Number> Joints<T> {
-    /// `count` numbers, or one more than any arm has joints: which is as wrong, and the runtime says so.
+    /// Reads `count` numbers, but at most one more than an arm can have joints: the runtime refuses any such count.
     ///
     /// # Safety
     /// If `start` is neither null nor misaligned, it leads to `count` readable numbers.
@@ -180,7 +180,7 @@ impl<T: Number> Joints<T> {
         Ok(joints)
     }
 
-    /// `count` numbers that are none, in place of joints that cannot be read.
+    /// Returns `count` NaNs in place of joints that cannot be read.
     pub(crate) fn unreadable(count: usize) -> Self {
         Self {
             values: [T::from_f32(f32::NAN); MAX_JOINTS + 1],
@@ -188,7 +188,7 @@ impl<T: Number> Joints<T> {
         }
     }
 
-    /// The numbers.
+    /// Returns the joint values.
     #[inline(always)]
     pub(crate) fn as_slice(&self) -> &[T] {
         self.values.get(..self.count).unwrap_or(&[])

@@ -1,8 +1,8 @@
-//! What a static library without `std` must have, and what no program that links it should contain.
+//! The panic handler. A static library without `std` must have one, but no program that links it should contain it.
 //!
-//! Nothing of the runtime can panic; `tests/tests/capi` finds neither this function nor `core::panicking` in the linked
-//! example. A program that links several Rust libraries needs one of their panic handlers only: it has to build them as
-//! one.
+//! Nothing in the runtime can panic: `tests/tests/capi` checks that the linked example contains neither this function nor
+//! `core::panicking`. A program that links several Rust libraries may contain only one panic handler: build the libraries
+//! as one.
 
 use core::panic::PanicInfo;
 

@@ -1,10 +1,10 @@
-//! Codes in words.
+//! Texts for codes and warnings.
 
 use core::ffi::CStr;
 
 use crate::codes::*;
 
-/// What a code says; a sentence of its own for numbers that this version does not know.
+/// Returns the meaning of a code as text; a general text for numbers that this version does not know.
 pub fn of(code: i32) -> &'static CStr {
     match code {
         POEGP_OK => c"done",
@@ -60,7 +60,7 @@ pub fn of(code: i32) -> &'static CStr {
     }
 }
 
-/// What was wrong with the measurements, in the order of [`poegp_protocol::cause::Cause::ALL`].
+/// Texts for the causes of warnings about measurements, in the order of [`poegp_protocol::cause::Cause::ALL`].
 const WARNINGS: [&CStr; 32] = [
     c"few: fewer equations than the unknowns need",
     c"still: a joint does not move",
@@ -96,7 +96,7 @@ const WARNINGS: [&CStr; 32] = [
     c"gain: the calibration is not expected to be better than the nominal arm",
 ];
 
-/// What a bit of the warnings stands for; a sentence of its own for bits that this version does not know.
+/// Returns the meaning of a bit of the warnings as text; a general text for bits that this version does not know.
 pub fn of_warning(bit: u32) -> &'static CStr {
     let known = usize::try_from(bit).ok().and_then(|bit| WARNINGS.get(bit));
     known.copied().unwrap_or(c"not a warning of this version")

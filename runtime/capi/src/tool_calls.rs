@@ -1,4 +1,4 @@
-//! What the functions of a tool do, in both precisions; see `calls.rs`.
+//! The implementation of the tool functions for both precisions; see `calls.rs`.
 
 use poegp_runtime::math::se3::Pose;
 
@@ -138,7 +138,7 @@ pub(crate) unsafe fn jacobian<T: Number>(
     code
 }
 
-/// What is asked of a tool.
+/// The checked arguments of a tool function.
 struct ToolQuestion<'a, T> {
     model: &'a Model<T>,
     tool: Pose<T>,
@@ -146,7 +146,7 @@ struct ToolQuestion<'a, T> {
 }
 
 impl<T: Number> ToolQuestion<'_, T> {
-    /// Copies joints and tool; an error code, and the status beside it, for what cannot be used.
+    /// Copies the joints and the tool. If an argument cannot be used, returns an error code and the status to answer with.
     ///
     /// # Safety
     /// As `poegp_forward`.

@@ -1,4 +1,4 @@
-//! What C sees of a model and of its answers.
+//! The constants and structures of the C interface.
 
 use core::ffi::c_char;
 
@@ -60,16 +60,16 @@ pub const POEGP_STATUS_BYPASSED: u32 = 64;
 /// Status bit of `poegp_command`: the joints are on their way to those that were asked for.
 pub const POEGP_STATUS_BLENDING: u32 = 128;
 
-/// Inducing points of the longest row that fit; a model of six joints has room for half as many again and more.
+/// Capacity in inducing points with the longest row. A model of six joints has room for more than half as many again.
 const POINTS: usize = 400;
-/// Room for their rows.
+/// Capacity for the rows of inducing points, in words.
 pub(crate) const WORDS: usize = words_for(POINTS);
 
 /// A number type that C may compute with: `float` or `double`.
 pub(crate) trait Number: CompiledCorrection + CompiledFilter + CompiledInverse {
-    /// What an initialised model begins with: `poegp_load` on a variable that was only zeroed is refused.
+    /// First word of an initialised model, by which `poegp_load` refuses a variable that was only zeroed.
     const MODEL_MARK: u32;
-    /// What an initialised filter begins with. No mark is another one: nothing is taken for something else.
+    /// First word of an initialised filter. All marks differ, so that no object is mistaken for another kind.
     const FILTER_MARK: u32;
 }
 
@@ -89,7 +89,7 @@ impl Number for f64 {
 /// another one, or evaluate this one at the same time.
 #[derive(Debug)]
 pub struct Model<T = f32> {
-    /// [`Number::MODEL_MARK`] once it is a model.
+    /// [`Number::MODEL_MARK`] once the model is initialised.
     pub(crate) mark: u32,
     pub(crate) resident: ModelSlot<WORDS, T>,
 }
@@ -100,7 +100,7 @@ pub struct Model<T = f32> {
 /// One for each arm; it belongs to the thread or interrupt that commands.
 #[derive(Debug)]
 pub struct Filter<T = f32> {
-    /// [`Number::FILTER_MARK`] once it is a filter.
+    /// [`Number::FILTER_MARK`] once the filter is initialised.
     pub(crate) mark: u32,
     pub(crate) filter: CommandFilter<T>,
 }
@@ -295,13 +295,13 @@ pub struct Identity {
     pub warnings: u32,
 }
 
-/// Whether `bytes` are enough, and no more than `spare` too many.
+/// Whether `bytes` are enough for `size` and exceed it by less than `spare`.
 const fn is_close(size: usize, bytes: usize, spare: usize) -> bool {
     size <= bytes && size + spare > bytes
 }
 
 const _: () = {
-    // Raise or lower what fails.
+    // If an assertion fails, raise or lower the constant in it.
     assert!(is_close(size_of::<Model<f32>>(), POEGP_MODEL_BYTES, 1_024));
     assert!(is_close(
         size_of::<Model<f64>>(),

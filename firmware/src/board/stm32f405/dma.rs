@@ -1,4 +1,4 @@
-//! Streams of DMA2 (RM0090, chapter 10): one that fills a ring, one that sends pieces, one that sends a ring.
+//! The streams of DMA2 (RM0090, chapter 10): one fills a receive ring, one sends pieces, one sends a ring.
 //!
 //! ```text
 //!  0x4002_6400  LISR +0  HISR +4  LIFCR +8  HIFCR +12       flags of streams 0 to 3 and 4 to 7
@@ -13,12 +13,12 @@ use crate::drivers::receive::ReceiveDma;
 use crate::drivers::send::SendDma;
 use crate::hal_unsafe::{DmaMemory, Register};
 
-/// Room for half a millisecond at 4 Mbaud; an interrupt comes each half.
+/// Length of the receive ring in bytes: half a millisecond at 4 Mbaud. An interrupt comes at each half.
 const RECEIVED: usize = 256;
-/// A piece that is sent.
+/// Length of the memory for pieces to send, in bytes.
 #[cfg(not(feature = "spi-link"))]
 const SENT: usize = 128;
-/// The longest answer of the background, and several of the cycle.
+/// Length of the send ring in bytes: the longest answer of the background and several of the cycle.
 #[cfg(feature = "spi-link")]
 const FILLED: usize = 512;
 
@@ -37,7 +37,7 @@ const NEXT_ADDRESS: u32 = 1 << 10;
 const HIGH_PRIORITY: u32 = 0b10 << 16;
 const CHANNEL: u32 = 25;
 
-/// Flags of a stream, before they are shifted to its bits: errors, half, end.
+/// Flags of a stream (errors, half, end), before the shift to its bits in the register.
 const ALL_FLAGS: u32 = 0b11_1101;
 const HALF: u32 = 1 << 4;
 const END: u32 = 1 << 5;
@@ -54,7 +54,7 @@ pub struct Stream {
 }
 
 impl Stream {
-    /// Number 0 to 7.
+    /// Returns stream `number`, 0 to 7.
     pub const fn of(number: usize) -> Self {
         const BASE: usize = 0x4002_6400;
         let registers = BASE + 0x10 + 0x18 * number;
@@ -66,12 +66,12 @@ impl Stream {
             memory: Register::at(registers + 12),
             flags: Register::at(BASE + high),
             clear: Register::at(BASE + 8 + high),
-            // Two streams in each half of the register.
+            // Each half of a flag register has the flags of two streams.
             shift: 16 * (number as u32 % 4 / 2) + 6 * (number as u32 % 2),
         }
     }
 
-    /// The flags, which are cleared.
+    /// Reads and clears the flags of the stream.
     fn take_flags(&self) -> u32 {
         let flags = (self.flags.read() >> self.shift) & ALL_FLAGS;
         self.clear.write(flags << self.shift);
@@ -97,12 +97,12 @@ impl Stream {
         }
     }
 
-    /// Index of the next byte of a circular transfer.
+    /// Returns the index of the next byte of a circular transfer.
     fn position(&self, length: usize) -> usize {
         length.saturating_sub(self.left.read() as usize) % length
     }
 
-    /// Whether there is a controller at all: QEMU has none, and reads zeros.
+    /// Whether a DMA controller exists: QEMU has none, and its registers read as zeros.
     #[cfg(not(feature = "spi-link"))]
     pub fn answers(&self) -> bool {
         self.peripheral.write(0x4001_1004);
@@ -110,11 +110,11 @@ impl Stream {
     }
 }
 
-/// Receives for ever.
+/// An endless transfer into the receive ring.
 pub struct Receiver(Stream);
 
 impl Receiver {
-    /// From the data register of a peripheral, on a channel of the stream.
+    /// Starts to receive from the data register `peripheral` on a channel of the stream.
     pub fn start(stream: Stream, channel: u32, peripheral: u32) -> Self {
         stream.start(
             (channel << CHANNEL) | CIRCULAR | HALF_INTERRUPT | END_INTERRUPT,
@@ -142,7 +142,7 @@ impl ReceiveDma for Receiver {
     }
 }
 
-/// Sends pieces.
+/// Transfers that send pieces.
 #[cfg(not(feature = "spi-link"))]
 pub struct Pieces {
     stream: Stream,
@@ -152,7 +152,7 @@ pub struct Pieces {
 
 #[cfg(not(feature = "spi-link"))]
 impl Pieces {
-    /// To the data register of a peripheral, on a channel of the stream.
+    /// Prepares transfers to the data register `peripheral` on a channel of the stream.
     pub fn new(stream: Stream, channel: u32, peripheral: u32) -> Self {
         Self {
             stream,
@@ -180,19 +180,19 @@ impl SendDma for Pieces {
     }
 
     fn is_done(&mut self) -> bool {
-        // Clears what made the interrupt run. The stream disables itself behind the last byte.
+        // Clears the cause of the interrupt. The stream disables itself after the last byte.
         self.stream.take_flags();
         self.stream.control.read() & ENABLE == 0
     }
 }
 
-/// Sends a ring for ever.
+/// An endless transfer from the send ring.
 #[cfg(feature = "spi-link")]
 pub struct Filler(Stream);
 
 #[cfg(feature = "spi-link")]
 impl Filler {
-    /// To the data register of a peripheral, on a channel of the stream. Zeros at first.
+    /// Starts to send to the data register `peripheral` on a channel of the stream. The ring holds zeros at first.
     pub fn start(stream: Stream, channel: u32, peripheral: u32) -> Self {
         stream.start(
             (channel << CHANNEL) | FROM_MEMORY | CIRCULAR | HALF_INTERRUPT | END_INTERRUPT,

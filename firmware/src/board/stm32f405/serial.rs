@@ -1,4 +1,4 @@
-//! The serial lines: by interrupts for each byte, or by DMA.
+//! The serial lines, with an interrupt for each byte or with DMA.
 
 use core::convert::Infallible;
 
@@ -23,7 +23,7 @@ where
     Serial<U>: embedded_hal_nb::serial::Read<u8>,
 {
     fn read(&mut self, buffer: &mut [u8]) -> Result<usize, Infallible> {
-        // A byte that the hardware finds wrong is as good as lost: the frame's CRC shows it.
+        // A byte with a hardware error is dropped: the CRC of the frame reveals the loss.
         match (
             buffer.first_mut(),
             embedded_hal_nb::serial::Read::read(&mut self.0),
@@ -49,7 +49,7 @@ where
 {
     fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
         Ok(bytes.first().map_or(0, |byte| {
-            // It is ready: the writer has asked.
+            // The line is ready, because the caller has checked `write_ready`.
             usize::from(embedded_hal_nb::serial::Write::write(&mut self.0, *byte).is_ok())
         }))
     }
@@ -79,7 +79,7 @@ mod link {
     use crate::drivers::send::SendQueue;
     use crate::hal_unsafe::Register;
 
-    /// DMA2: stream 5 receives, stream 7 sends, both on channel 4 (RM0090, 10.3.3).
+    /// Stream of DMA2 that receives. Stream 7 sends; both use channel 4 (RM0090, 10.3.3).
     const RECEIVE: Stream = Stream::of(5);
     const SEND: Stream = Stream::of(7);
     const CHANNEL: u32 = 4;
@@ -88,19 +88,19 @@ mod link {
     const DATA_ADDRESS: u32 = 0x4001_1004;
     const CONTROL_3: Register = Register::at(0x4001_1014);
     const DMA_BOTH_WAYS: u32 = 0b1100_0000;
-    /// The line is idle; a byte was lost, with noise, or framed wrongly. All are cleared by reading status and data.
+    /// Status bits: idle line, lost byte, noise, framing and parity errors. Reading status and data clears all of them.
     const IDLE_OR_ERROR: u32 = 0b1_1111;
 
-    /// The line, as it can be had.
+    /// The link's line, with DMA where it exists.
     pub enum Uart {
-        /// By DMA.
+        /// A line with DMA.
         Dma(DmaLine<Receiver, SendQueue<Pieces>>),
-        /// Where no DMA answers: in QEMU.
+        /// A line with an interrupt for each byte, where no DMA controller exists (QEMU).
         Interrupts(Line<USART1>),
     }
 
     impl Uart {
-        /// Over a started line, with the clock of DMA2 on.
+        /// Creates the link over a started line. The clock of DMA2 must be on.
         pub fn new(mut serial: Serial<USART1>) -> Self {
             if !RECEIVE.answers() {
                 serial.listen(Event::RxNotEmpty);
@@ -162,18 +162,18 @@ mod link {
         const IN_BULK: bool = true;
 
         fn acknowledge(&mut self) {
-            // Without DMA, reading and writing the data register byte by byte clear everything.
+            // Without DMA, reading and writing bytes in the data register clears all flags.
             if let Self::Dma(_) = self
                 && STATUS.read() & IDLE_OR_ERROR != 0
             {
-                // DMA has taken the byte long ago: at 4 Mbaud the next one takes 2.5 µs.
+                // DMA has taken the byte long before: at 4 Mbaud the next byte takes 2.5 µs.
                 DATA.read();
             }
         }
 
         fn notify_writable(&mut self, wanted: bool) {
             match self {
-                // Its stream says when it is done.
+                // With DMA, the stream's interrupt signals the end of a piece.
                 Self::Dma(_) => {}
                 Self::Interrupts(line) if wanted => line.0.listen(Event::TxEmpty),
                 Self::Interrupts(line) => line.0.unlisten(Event::TxEmpty),

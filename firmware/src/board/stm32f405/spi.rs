@@ -1,7 +1,7 @@
 //! The link over SPI1 as a peripheral (RM0090, chapter 28): mode 0, bytes, most significant bit first, NSS by hardware.
 //!
-//! What the controller clocks in and has nothing for, it sends as zeros, and reads zeros where there is no answer. The end
-//! of each transfer, NSS rising, is the event that the idle line is on a UART.
+//! The controller fills transfers with zeros when it has nothing to send, and reads zeros where there is no answer. The end
+//! of each transfer, NSS rising, is the event that corresponds to the idle line of a UART.
 
 use core::convert::Infallible;
 
@@ -14,7 +14,7 @@ use crate::drivers::line::DmaLine;
 use crate::drivers::receive::ReceiveRing;
 use crate::hal_unsafe::Register;
 
-/// DMA2: stream 0 receives, stream 3 sends, both on channel 3 (RM0090, 10.3.3).
+/// Stream of DMA2 that receives. Stream 3 sends; both use channel 3 (RM0090, 10.3.3).
 const RECEIVE: Stream = Stream::of(0);
 const SEND: Stream = Stream::of(3);
 const CHANNEL: u32 = 3;
@@ -31,17 +31,17 @@ const DMA_BOTH_WAYS: u32 = 0b11;
 const EXTI_MASK: Register = Register::at(0x4001_3c00);
 const EXTI_RISING: Register = Register::at(0x4001_3c08);
 const EXTI_PENDING: Register = Register::at(0x4001_3c14);
-/// PA4: line 4 is that of port A after a reset.
+/// Bit of EXTI line 4, the NSS pin PA4: after a reset, line 4 belongs to port A.
 const NSS: u32 = 1 << 4;
 
-/// The link.
+/// The link over SPI1.
 pub struct Spi(DmaLine<Receiver, FilledRing<Filler>>);
 
 impl Spi {
-    /// Over the pins of SPI1, with the clock of DMA2 on.
+    /// Starts the link over the pins of SPI1. The clock of DMA2 must be on.
     pub fn start() -> Self {
         APB2_ENABLE.write(APB2_ENABLE.read() | SPI1_CLOCK);
-        // In the order of RM0090, 28.3.9: receive requests, streams, transmit requests, peripheral.
+        // RM0090, 28.3.9 prescribes this order: receive requests, streams, transmit requests, peripheral.
         SPI_CONTROL_1.write(0);
         SPI_CONTROL_2.write(DMA_RECEIVE);
         let received = Receiver::start(RECEIVE, CHANNEL, SPI_DATA);
@@ -92,7 +92,7 @@ impl Link for Spi {
     const IN_BULK: bool = true;
 
     fn acknowledge(&mut self) {
-        // The flags of the streams are cleared where they are read.
+        // Reading the flags of the streams clears them.
         EXTI_PENDING.write(NSS);
     }
     fn notify_writable(&mut self, _wanted: bool) {}
