@@ -1,4 +1,5 @@
-//! From the axes of one cycle to the correction that the controller adds: the device's model, filter and bound, in `f64`.
+//! Computes the correction that a controller adds to the axes of one cycle, with the device's model, filter and bound in
+//! `f64`.
 
 use poegp_calibration::blob::commander::{Commander, Joints};
 use poegp_protocol::limits::MAX_JOINTS;
@@ -8,19 +9,19 @@ use poegp_runtime::guard::status::Status;
 use crate::bridge::message::{MicroDegrees, Setpoint, micro_degrees};
 use crate::bridge::{AXES, Axes};
 
-/// A millionth of a degree, to which an answer is rounded.
+/// A millionth of a degree, in degrees: answers are rounded to it.
 const MICRO_DEGREE: f64 = 1e-6;
 
-/// What the user decides.
+/// Settings that the user chooses.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     /// Payload in kg.
     pub payload_kg: f64,
     /// Which axis values are corrected.
     pub setpoint: Setpoint,
-    /// Largest correction of an axis in degrees.
+    /// Largest correction of an axis, in degrees.
     pub limit_deg: f64,
-    /// Largest change of it from one answer to the next in degrees.
+    /// Largest change of the correction of an axis from one answer to the next, in degrees.
     pub ramp_deg: f64,
 }
 
@@ -29,13 +30,13 @@ pub struct Settings {
 pub struct Correction {
     /// Correction of each axis in millionths of a degree.
     pub axes: MicroDegrees,
-    /// What the model says of it.
+    /// Status of the model.
     pub status: Status,
-    /// The axes could not be used: this is the last correction again.
+    /// Whether the axes could not be used and this is the last correction again.
     pub held: bool,
-    /// A bound acts: on the size, and on the change.
+    /// Whether the bound limits the size of the correction.
     pub limited: bool,
-    /// See `limited`.
+    /// Whether the bound limits the change of the correction.
     pub slowed: bool,
 }
 
@@ -46,16 +47,16 @@ pub struct Corrector {
     settings: Settings,
     filter: CommandFilter<f64>,
     bound: CorrectionBound<f64>,
-    /// Whether the filter has its settings.
+    /// Whether the filter is configured.
     is_configured: bool,
-    /// Cycles since the last one that was computed.
+    /// Cycles since the last one whose correction was computed.
     missed: u32,
 }
 
 impl Corrector {
-    /// At zero.
+    /// Creates a corrector whose correction is zero.
     pub fn new(commander: Commander, settings: Settings) -> Self {
-        // Rounding of both ends stays within the limits.
+        // With this margin, both ends of a change stay within the limits after rounding.
         let within = |degrees: f64| (degrees - MICRO_DEGREE).to_radians();
         Self {
             bound: CorrectionBound::new(within(settings.limit_deg), within(settings.ramp_deg)),
@@ -67,7 +68,7 @@ impl Corrector {
         }
     }
 
-    /// A session begins: the controller has no correction.
+    /// Begins a session, in which the controller has no correction yet.
     pub fn reset(&mut self) {
         self.filter = CommandFilter::new();
         self.bound.reset();
@@ -75,7 +76,7 @@ impl Corrector {
         self.missed = 0;
     }
 
-    /// Takes the cycle time in ms. Until then nothing is corrected.
+    /// Sets the cycle time in ms. Nothing is corrected before that.
     ///
     /// # Errors
     /// [`FilterError`] for a cycle time that no controller has.
@@ -93,13 +94,13 @@ impl Corrector {
         Ok(())
     }
 
-    /// Whether nothing is applied any more.
+    /// Returns whether the applied correction is zero.
     pub fn is_at_zero(&self) -> bool {
         self.bound.at_zero()
     }
 
-    /// The correction of these axes in rad, `cycles` after the last; `engage`: whether they are to be corrected. Axes that are
-    /// none hold the correction.
+    /// Returns the correction of these axes (rad), `cycles` after the last one. `engage` says whether they are to be
+    /// corrected. Axes that cannot be used, `None`, hold the last correction.
     pub fn correct(&mut self, axes: Option<&Axes>, cycles: u32, engage: bool) -> Correction {
         let cycles = self.missed.saturating_add(cycles);
         let Some(axes) = axes else {
@@ -117,7 +118,7 @@ impl Corrector {
         let payload_kg = self.filter.payload(self.settings.payload_kg, cycles);
         let corrected = self.commander.correct(&joints, payload_kg);
         let command = &joints[..AXES];
-        // What a model refuses holds the arm only where a model has a say.
+        // While the filter is disengaged, a refusal by the model has no effect.
         let is_idle = !engage && self.filter.disengaged();
         let status = if is_idle {
             Status::OK
@@ -126,7 +127,8 @@ impl Corrector {
         };
         let sent = (self.filter).step(command, &corrected.joints, status, engage, cycles);
         if sent.status.contains(Status::BAD_INPUT) {
-            // The filter has counted the cycles. It holds the arm where it was, RSI adds to a setpoint that moves on.
+            // The filter has counted the cycles. It holds the arm where it was, but RSI adds to a setpoint that moves on:
+            // hold the correction instead.
             self.missed = 0;
             return self.hold(sent.status.with(corrected.status));
         }
@@ -155,7 +157,7 @@ impl Corrector {
         }
     }
 
-    /// The last correction as it is written.
+    /// Returns the last correction as it is written.
     fn applied(&self) -> MicroDegrees {
         let mut axes = [0.0; AXES];
         axes.copy_from_slice(&self.bound.last()[..AXES]);

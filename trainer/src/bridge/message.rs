@@ -1,24 +1,24 @@
-//! The two messages of RSI: what the controller sends, and what it is answered.
+//! The two messages of RSI: the packet of the controller, and the answer to it.
 //!
 //! ```text
 //! <Rob Type="KUKA"><RIst X="…" …/><ASPos A1="0.0" … A6="0.0"/><Delay D="0"/><IPOC>123645634563</IPOC></Rob>
 //! <Sen Type="ImFree"><AK A1="0.000000" … A6="0.000000"/><IPOC>123645634563</IPOC></Sen>
 //! ```
 //!
-//! Elements and attributes come in any order, and those with other names are ignored. ("KUKA.RobotSensorInterface", RSI 3 and
-//! 4.)
+//! Elements and attributes come in any order, and those with other names are ignored. ("KUKA.RobotSensorInterface", RSI 3
+//! and 4.)
 
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 use crate::bridge::{AXES, Axes};
 
-/// The largest datagram that is read, bytes. Those of a controller have some hundred.
+/// Largest size of a datagram that is read, in bytes. Those of a controller have a few hundred.
 pub const MAX_PACKET: usize = 4096;
 
-/// Names of the axes' attributes.
+/// Names of the attributes with the axes.
 const NAMES: [&str; AXES] = ["A1", "A2", "A3", "A4", "A5", "A6"];
-/// Parts of a degree in an answer: six decimals.
+/// Parts of a degree in an answer, which has six decimals.
 const PARTS: u64 = 1_000_000;
 
 /// Which axis values are corrected.
@@ -26,12 +26,12 @@ const PARTS: u64 = 1_000_000;
 pub enum Setpoint {
     /// `ASPos`: the setpoints without a correction.
     Commanded,
-    /// `AIPos`: the actual values, in which the correction is contained.
+    /// `AIPos`: the actual values, which contain the correction.
     Actual,
 }
 
 impl Setpoint {
-    /// The name of the element.
+    /// Returns the name of the element with these values.
     pub fn element(self) -> &'static str {
         match self {
             Self::Commanded => "ASPos",
@@ -43,13 +43,13 @@ impl Setpoint {
 /// A packet that has an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Packet {
-    /// The controller's time stamp, to be sent back.
+    /// Time stamp of the controller, which the answer sends back.
     pub ipoc: u64,
     /// Axis values in rad; `None` where one is missing, repeated or no finite number.
     pub axes: Option<Axes>,
 }
 
-/// Reads a packet. `None`: no XML, another root, or not exactly one IPOC, so that there is nothing to answer.
+/// Reads a packet. Returns `None` where there is nothing to answer: no XML, another root, or not exactly one IPOC.
 pub fn read(bytes: &[u8], setpoint: Setpoint) -> Option<Packet> {
     if bytes.len() > MAX_PACKET {
         return None;
@@ -73,7 +73,7 @@ pub fn read(bytes: &[u8], setpoint: Setpoint) -> Option<Packet> {
             Event::Text(text) => contents.text(&text)?,
             Event::Decl(_) | Event::Comment(_) => {}
             Event::Eof => break,
-            // No packet has any, and entities could hide anything.
+            // No packet has any of these, and entities could hide anything.
             Event::CData(_) | Event::PI(_) | Event::DocType(_) | Event::GeneralRef(_) => {
                 return None;
             }
@@ -87,7 +87,7 @@ pub fn read(bytes: &[u8], setpoint: Setpoint) -> Option<Packet> {
     })
 }
 
-/// What was read so far.
+/// Contents of a packet that were read so far.
 #[derive(Default)]
 struct Contents {
     depth: usize,
@@ -118,7 +118,7 @@ impl Contents {
             }
             _ => {}
         }
-        // The other elements are not used, but they have to be XML.
+        // The other elements are not used, but they must be valid XML.
         tag.attributes().all(|a| a.is_ok()).then_some(())
     }
 
@@ -133,7 +133,7 @@ impl Contents {
     }
 }
 
-/// The axis values of an element in rad.
+/// Returns the axis values of an element, in rad.
 fn axes(tag: &BytesStart<'_>) -> Option<Axes> {
     let mut axes = [None; AXES];
     for attribute in tag.attributes() {
@@ -152,12 +152,12 @@ fn axes(tag: &BytesStart<'_>) -> Option<Axes> {
     Some(whole)
 }
 
-/// A correction as it is written: millionths of a degree, which are exact.
+/// A correction as it is written: integer millionths of a degree, which are exact.
 pub type MicroDegrees = [i64; AXES];
 
-/// Radians as they are written.
+/// Converts radians to millionths of a degree.
 pub fn micro_degrees(axes: &Axes) -> MicroDegrees {
-    // A correction has some degrees, far within the integers of `f64`.
+    // A correction is a few degrees, far within the exact integers of `f64`.
     axes.map(|rad| (rad.to_degrees() * PARTS as f64).round() as i64)
 }
 
@@ -183,7 +183,7 @@ pub fn write(ipoc: u64, correction: &MicroDegrees, out: &mut Vec<u8>) {
     out.extend_from_slice(b"</IPOC></Sen>");
 }
 
-/// Appends a number with at least `least` digits.
+/// Appends a number, with leading zeros up to `least` digits.
 fn digits(mut number: u64, least: usize, out: &mut Vec<u8>) {
     // 2⁶⁴ has 20 digits.
     let mut reversed = [b'0'; 20];

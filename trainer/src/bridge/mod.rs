@@ -1,7 +1,7 @@
-//! Live correction: a controller sends its setpoints in every cycle and adds the correction that it is answered.
+//! Live correction: a controller sends its setpoints in every cycle, and adds the correction that the bridge answers.
 //!
-//! [`rsi`] is KUKA's interface for that, the Robot Sensor Interface. Transport, timing and the XML are here; what is
-//! computed is the runtime's: model, filter and bound, in `f64`.
+//! [`rsi`] implements KUKA's interface for that, the Robot Sensor Interface. Transport, timing and XML are in this module;
+//! the computation is the runtime's: model, filter and bound, in `f64`.
 //!
 //! ```text
 //!  datagram ──> message ──> sequence ──> corrector: correct ──> filter ──> bound ──> message ──> datagram
@@ -14,7 +14,7 @@ pub mod sequence;
 pub mod server;
 pub mod statistics;
 
-/// Axes that RSI reports and corrects: A1 to A6.
+/// Number of axes that RSI reports and corrects: A1 to A6.
 pub const AXES: usize = 6;
 
 /// One value for each axis.

@@ -1,11 +1,11 @@
-//! KUKA RSI without its transport: a datagram in, the answer out.
+//! KUKA RSI without its transport: takes a datagram and returns the answer.
 //!
-//! - The answer has the time stamp of the packet. A packet that comes again is answered with the same bytes; one that comes
-//!   after its successor has no answer, for the controller no longer waits for it.
-//! - What cannot be read has no answer, and the controller holds its correction. A packet whose axes cannot be used is answered
-//!   with the last correction.
-//! - The correction begins at zero in each session and goes to zero after [`Rsi::stop`], and while half of the packets are
-//!   lost.
+//! - The answer has the time stamp of the packet. A repeated packet is answered with the same bytes; a packet that comes
+//!   after its successor has no answer, because the controller no longer waits for it.
+//! - A datagram that cannot be read has no answer, and the controller holds its correction. A packet whose axes cannot be
+//!   used is answered with the last correction.
+//! - The correction begins at zero in each session. It returns to zero after [`Rsi::stop`], and while half of the packets
+//!   are lost.
 
 use poegp_runtime::guard::status::Status;
 
@@ -14,7 +14,7 @@ use crate::bridge::message::{self, MicroDegrees, Setpoint};
 use crate::bridge::sequence::{Order, Sequence};
 use crate::bridge::statistics::Counts;
 
-/// One controller's partner.
+/// Answers the packets of one controller.
 #[derive(Debug)]
 pub struct Rsi {
     corrector: Corrector,
@@ -22,13 +22,13 @@ pub struct Rsi {
     sequence: Sequence,
     counts: Counts,
     stops: bool,
-    /// The last answer, and its correction.
+    /// Last answer, and below it the correction that it contains.
     answer: Vec<u8>,
     correction: MicroDegrees,
 }
 
 impl Rsi {
-    /// Before the first packet.
+    /// Creates a partner that has not received a packet yet.
     pub fn new(corrector: Corrector, setpoint: Setpoint) -> Self {
         Self {
             corrector,
@@ -41,7 +41,7 @@ impl Rsi {
         }
     }
 
-    /// What was counted.
+    /// Returns the counters.
     pub fn counts(&self) -> Counts {
         Counts {
             lost: self.sequence.lost(),
@@ -49,34 +49,34 @@ impl Rsi {
         }
     }
 
-    /// The cycle time in ms, once it is known.
+    /// Returns the cycle time in ms, once it is known.
     pub fn cycle_ms(&self) -> Option<u64> {
         self.sequence.cycle_ms()
     }
 
-    /// The correction goes to zero.
+    /// Lets the correction go to zero.
     pub fn stop(&mut self) {
         self.stops = true;
     }
 
-    /// Whether it has gone to zero after [`Rsi::stop`].
+    /// Returns whether the correction has gone to zero after [`Rsi::stop`].
     pub fn is_at_zero(&self) -> bool {
         self.stops && self.corrector.is_at_zero()
     }
 
-    /// The largest correction of an axis in the last answer, degrees.
+    /// Returns the largest correction of an axis in the last answer, in degrees.
     pub fn applied_deg(&self) -> f64 {
         let largest = self.correction.iter().map(|value| value.unsigned_abs());
         1e-6 * largest.max().unwrap_or(0) as f64
     }
 
-    /// A datagram from another address than the controller's.
+    /// Counts a datagram from another address than the controller's.
     pub fn count_foreign(&mut self) {
         self.counts.received += 1;
         self.counts.foreign += 1;
     }
 
-    /// The answer to a datagram, if it has one.
+    /// Returns the answer to a datagram, if it has one.
     pub fn answer(&mut self, datagram: &[u8]) -> Option<&[u8]> {
         self.counts.received += 1;
         let Some(packet) = message::read(datagram, self.setpoint) else {

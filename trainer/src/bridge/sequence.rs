@@ -1,42 +1,42 @@
-//! Which packet comes next: time stamps in order, repeated, late, missing, or of another session.
+//! Classifies packets by their time stamps: in order, repeated, late, missing, or of another session.
 //!
-//! IPOC is the controller's clock in milliseconds and grows by the cycle time, 4 or 12. [`Sequence`] learns the cycle time from the
-//! first packets. A session ends without notice; a controller whose packets are not answered for 100 cycles (`Timeout` of
-//! RSI's ETHERNET object) has ended it. What does not continue a session therefore begins one, once [`CONFIRMED`] packets in
-//! a row continue each other.
+//! IPOC is the controller's clock in milliseconds and grows by the cycle time, 4 or 12. [`Sequence`] learns the cycle time
+//! from the first packets. A session ends without notice: a controller whose packets are not answered for 100 cycles
+//! (`Timeout` of RSI's ETHERNET object) has ended it. Packets that do not continue a session therefore begin another one,
+//! once [`CONFIRMED`] packets in a row continue each other.
 
 use std::collections::VecDeque;
 
-/// Cycles beyond which a packet no longer continues a session.
+/// Number of cycles beyond which a packet no longer continues a session.
 pub const WINDOW: u64 = 100;
-/// Packets in a row that begin another session.
+/// Number of packets in a row that begin another session.
 pub const CONFIRMED: u32 = 3;
-/// Steps from which the cycle time is learned.
+/// Number of steps from which the cycle time is learned.
 const LEARNED: u32 = 10;
-/// The longest usual cycle in ms, until one is learned.
+/// Longest usual cycle in ms, which is assumed until the cycle time is learned.
 const LONGEST: u64 = 12;
-/// Time stamps that are remembered: those of a window and some more.
+/// Number of remembered time stamps: those of a window and some more.
 const REMEMBERED: usize = 128;
-/// Packets in a row whose time is looked at, the cycles in which they have come when half of all are lost, and those from which
-/// on few are.
+/// Number of last packets whose span of cycles is checked. A span above `MANY_LOST` means that half of all packets are lost;
+/// a span up to `FEW_LOST`, that few are.
 const RECENT: usize = 32;
 const MANY_LOST: u64 = 64;
 const FEW_LOST: u64 = 40;
 
-/// What a packet is.
+/// Relation of a packet to those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// The first of a session: the controller applies no correction.
+    /// First packet of a session: the controller applies no correction.
     First,
-    /// In order, so many cycles after the one before; 1 until the cycle time is known.
+    /// Packet in order, this many cycles after the one before; 1 until the cycle time is known.
     Next(u32),
-    /// The last one again.
+    /// The last packet again.
     Repeated,
-    /// An earlier one again.
+    /// An earlier packet again.
     RepeatedLate,
-    /// Later than its successor.
+    /// Packet that comes after its successor.
     Late,
-    /// Belongs to no known session.
+    /// Packet that belongs to no known session.
     Stray,
 }
 
@@ -45,32 +45,32 @@ pub enum Order {
 pub struct Sequence {
     first: u64,
     last: Option<u64>,
-    /// Least step, ms.
+    /// Smallest step between two time stamps, in ms.
     least: Option<u64>,
     steps: u32,
-    /// Packets of this session, each once.
+    /// Number of packets of this session, each counted once.
     came: u64,
     seen: VecDeque<u64>,
     recent: VecDeque<u64>,
     thins: bool,
-    /// The last stray packet, and how many in a row continue each other.
+    /// Last stray packet, and the number of stray packets in a row that continue each other.
     stray: Option<(u64, u32)>,
-    /// Cycles without a packet in sessions before.
+    /// Number of cycles without a packet in earlier sessions.
     lost_before: u64,
 }
 
 impl Sequence {
-    /// Before the first packet.
+    /// Creates a sequence without packets.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// The cycle time in ms, once it is known.
+    /// Returns the cycle time in ms, once it is known.
     pub fn cycle_ms(&self) -> Option<u64> {
         self.least.filter(|_| self.steps >= LEARNED)
     }
 
-    /// Cycles of all sessions whose packet has not come.
+    /// Returns the number of cycles whose packet has not come, in all sessions.
     pub fn lost(&self) -> u64 {
         let Some((last, least)) = self.last.zip(self.least) else {
             return self.lost_before;
@@ -79,12 +79,13 @@ impl Sequence {
         self.lost_before + cycles.saturating_sub(self.came)
     }
 
-    /// Whether half of the last cycles or more had no packet; until few have none.
+    /// Returns whether many packets are lost: true once half of the last cycles or more had no packet, until few of them
+    /// have none.
     pub fn loses_many(&self) -> bool {
         self.thins
     }
 
-    /// Takes the next packet.
+    /// Takes the next packet, and returns its relation to those before.
     pub fn take(&mut self, ipoc: u64) -> Order {
         let Some(last) = self.last else {
             return self.begin(ipoc);
@@ -106,7 +107,7 @@ impl Sequence {
         }
         self.stray = None;
         if ipoc < self.first {
-            // A packet from before the session, which counts for nothing in it.
+            // A packet sent before the session began: it counts for nothing in this session.
             return Order::Late;
         }
         self.came += 1;
@@ -129,7 +130,7 @@ impl Sequence {
             let cycles = (ipoc - self.recent[0]) / cycle;
             self.thins = cycles > if self.thins { FEW_LOST } else { MANY_LOST };
         }
-        // Within the window.
+        // The step is within the window, so the number of cycles fits.
         cycle.map_or(1, |cycle| (step / cycle) as u32)
     }
 

@@ -10,31 +10,32 @@ use crate::bridge::message::MAX_PACKET;
 use crate::bridge::rsi::Rsi;
 use crate::bridge::statistics::{Counts, Spread, Times};
 
-/// Longest wait for a packet before the stop is looked at.
+/// Longest wait for a packet before `stop` is checked.
 const WAIT: Duration = Duration::from_millis(100);
-/// Silence after which another controller may come.
+/// Silence after which another controller may take over.
 const SILENCE: Duration = Duration::from_secs(1);
 /// Silence after which a correction that is being withdrawn is left to the controller.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// Time between two reports.
 const INTERVAL: Duration = Duration::from_secs(10);
 
-/// What is reported now and then, and at the end.
+/// State of a bridge, reported from time to time and at the end.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// What was counted.
+    /// Counters since the start.
     pub counts: Counts,
-    /// The cycle time in ms, if it is known.
+    /// Cycle time in ms, if it is known.
     pub cycle_ms: Option<u64>,
-    /// CPU time of a cycle with its system calls, where the system counts it.
+    /// CPU times of a cycle with its system calls, where the system counts them.
     pub cpu_us: Option<Spread>,
-    /// Largest correction of the last answer, degrees.
+    /// Largest correction of an axis in the last answer, in degrees.
     pub applied_deg: f64,
 }
 
-/// Answers packets until `stop` is set or `cycles` are answered, and then until the correction is zero or no packet comes.
+/// Answers packets until `stop` is set or `cycles` cycles are answered, and then until the correction is zero or no packet
+/// comes.
 ///
-/// A report that nobody takes is dropped: a cycle never waits for it.
+/// A report that the receiver does not take is dropped: a cycle never waits for it.
 ///
 /// # Errors
 /// What the socket cannot do.
@@ -49,7 +50,7 @@ pub fn serve(
     let mut buffer = [0; MAX_PACKET + 1];
     let mut times = Times::default();
     let mut peer: Option<IpAddr> = None;
-    // When a packet was answered last.
+    // Time of the last answer.
     let mut heard = Instant::now();
     let mut reported = heard;
     let mut cpu = cpu_time();
@@ -71,13 +72,13 @@ pub fn serve(
             }
             Ok((length, from)) => {
                 if let Some(answer) = rsi.answer(&buffer[..length]) {
-                    // A full queue or a cable that is out: the controller takes it for a lost answer.
+                    // The queue is full or the cable is out: for the controller, the answer is lost.
                     let _ = socket.send_to(answer, from);
                     peer = Some(from.ip());
                     heard = Instant::now();
                 }
             }
-            // An answer before has found nobody (of Windows), or nothing has come.
+            // No packet has come, or (on Windows) an earlier answer found no receiver.
             Err(error) if is_pause(error.kind()) => {}
             Err(error) => return Err(error),
         }
@@ -116,7 +117,7 @@ fn report(rsi: &Rsi, times: &Times) -> Report {
     }
 }
 
-/// CPU time of this thread in ns.
+/// Returns the CPU time of this thread, in ns.
 #[cfg(target_os = "linux")]
 fn cpu_time() -> Option<u64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
@@ -124,7 +125,7 @@ fn cpu_time() -> Option<u64> {
     Some(seconds * 1_000_000_000 + u64::try_from(time.tv_nsec).ok()?)
 }
 
-/// CPU time of this thread: not counted here.
+/// Returns `None`: this system does not count the CPU time of the thread.
 #[cfg(not(target_os = "linux"))]
 fn cpu_time() -> Option<u64> {
     None

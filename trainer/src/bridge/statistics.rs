@@ -1,19 +1,19 @@
-//! What a bridge has counted.
+//! Counters and CPU times of a bridge.
 
-/// Steps of the histogram of CPU times, ns, and their number: up to 2 ms.
+/// Width of a step in the histogram of CPU times, in ns, and below it the number of steps: up to 2 ms.
 const STEP_NS: u64 = 100;
 const STEPS: usize = 20_000;
 
 /// Counters since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
-    /// Datagrams.
+    /// Received datagrams.
     pub received: u64,
-    /// Cycles that were answered.
+    /// Answered cycles.
     pub cycles: u64,
     /// Sessions of the controller.
     pub sessions: u64,
-    /// Packets with a time stamp that had come.
+    /// Packets whose time stamp had come before.
     pub duplicates: u64,
     /// Packets that came after their successor; they have no answer.
     pub late: u64,
@@ -29,13 +29,13 @@ pub struct Counts {
     pub limited: u64,
     /// Cycles in which an axis was at the limit of its change.
     pub slowed: u64,
-    /// Cycles whose axes or payload are outside of what was trained.
+    /// Cycles whose axes or payload are outside the trained ranges.
     pub outside: u64,
-    /// Cycles that were corrected in part, beside a singularity.
+    /// Cycles that were corrected in part, near a singularity.
     pub partly: u64,
     /// Cycles in which the correction was withdrawn, because too many packets were lost.
     pub withdrawn: u64,
-    /// Largest correction of an axis in degrees.
+    /// Largest correction of an axis, in degrees.
     pub largest_deg: f64,
 }
 
@@ -60,16 +60,16 @@ impl Default for Times {
 /// CPU times of cycles in µs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spread {
-    /// Mean.
+    /// Mean CPU time.
     pub mean: f64,
-    /// Median.
+    /// Median CPU time.
     pub p50: f64,
-    /// 99th percentile.
+    /// 99th percentile of the CPU time.
     pub p99: f64,
 }
 
 impl Times {
-    /// One cycle more.
+    /// Adds the CPU time of one cycle.
     pub fn add(&mut self, nanoseconds: u64) {
         let step = (nanoseconds / STEP_NS).min(STEPS as u64 - 1);
         self.steps[step as usize] += 1;
@@ -77,7 +77,7 @@ impl Times {
         self.sum_ns += nanoseconds;
     }
 
-    /// `None` before the first cycle. Percentiles are upper bounds, to 0.1 µs.
+    /// Returns mean and percentiles; `None` before the first cycle. Percentiles are upper bounds, to 0.1 µs.
     pub fn spread(&self) -> Option<Spread> {
         let percentile = |percent: u64| {
             let wanted = (self.count * percent).div_ceil(100);

@@ -29,7 +29,7 @@ impl Board {
         Self::Stm32F405,
     ];
 
-    /// Name of the board.
+    /// Returns the name of the board.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Mps2An386 => "mps2-an386",
@@ -39,7 +39,7 @@ impl Board {
         }
     }
 
-    /// QEMU's name of the machine.
+    /// Returns QEMU's name of the machine.
     pub const fn machine(self) -> &'static str {
         match self {
             Self::Mps2An386 | Self::Mps2An500 | Self::Mps3An547 => self.name(),
@@ -47,7 +47,7 @@ impl Board {
         }
     }
 
-    /// Processor, as compiler and QEMU name it.
+    /// Returns the processor's name, as compiler and QEMU have it.
     pub const fn cpu(self) -> &'static str {
         match self {
             Self::Mps2An386 | Self::Stm32F405 => "cortex-m4",
@@ -56,17 +56,17 @@ impl Board {
         }
     }
 
-    /// Size in MiB of the memory that stands for the flash, where QEMU can keep that in a file.
+    /// Returns the size in MiB of the memory that stands for the flash, where QEMU can keep that memory in a file.
     pub const fn memory_mib(self) -> Option<u32> {
         match self {
             Self::Mps2An386 | Self::Mps2An500 => Some(16),
-            // All of its DDR: QEMU takes no less. Of the file only what was written takes room.
+            // All of its DDR, because QEMU accepts no less. The file takes disk space only for what was written.
             Self::Mps3An547 => Some(2_048),
             Self::Stm32F405 => None,
         }
     }
 
-    /// Address and bytes of the flash behind the image, where QEMU reads zeros and erased flash reads ones.
+    /// Returns address and size in bytes of the flash behind the image. QEMU reads zeros there, but erased flash reads ones.
     pub const fn erased_flash(self) -> Option<(u32, usize)> {
         match self {
             Self::Mps2An386 | Self::Mps2An500 | Self::Mps3An547 => None,

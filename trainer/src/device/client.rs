@@ -1,9 +1,9 @@
-//! The workstation's side of the device link: one request, one answer, whatever the line does in between.
+//! The workstation's side of the device link: one request, one answer, whatever happens on the line.
 //!
-//! Every request of the protocol may be repeated, so a lost, damaged or late answer is asked for again a bounded number
-//! of times, under the same sequence number; answers to other requests are passed over. It promises an end within
-//! [`Options`], and an error that distinguishes silence, noise, another protocol version and a device that will not. What can be
-//! asked, request by request, is in `requests.rs`.
+//! Every request of the protocol may be repeated. The client therefore repeats a request whose answer is lost, damaged or
+//! late, a bounded number of times and under the same sequence number, and skips answers to other requests. Every request
+//! ends within the limits of [`Options`], if necessary with an error that distinguishes silence, noise, another protocol
+//! version and a device that refuses. The single requests are in `requests.rs`.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -19,25 +19,25 @@ use crate::device::error::ClientError;
 use crate::device::port;
 use crate::device::port::{Address, Stream};
 
-/// How patient a client is.
+/// Limits and settings of a client.
 #[derive(Clone, Copy, Debug)]
 pub struct Options {
     /// Longest wait for one answer.
     pub timeout: Duration,
-    /// How often a request is sent at most.
+    /// Largest number of times that one request is sent.
     pub attempts: u32,
-    /// How long a device may be busy with something else.
+    /// Longest time that a device may be busy with something else.
     pub busy_limit: Duration,
     /// Bytes of a blob in one request, at most [`MAX_CHUNK`]. Small chunks let corrections through sooner.
     pub chunk_size: usize,
-    /// How often an upload that the device has given up is started again.
+    /// Largest number of times that an upload is started again after the device has given it up.
     pub uploads: u32,
     /// Whether an uploaded model may be of another robot than the active one.
     pub replaces_robot: bool,
 }
 
 impl Default for Options {
-    /// Two seconds for an answer: verifying a signature takes the slowest board one tenth of that.
+    /// Two seconds for an answer: the slowest board needs a tenth of that to verify a signature.
     fn default() -> Self {
         Self {
             timeout: Duration::from_secs(2),
@@ -50,10 +50,10 @@ impl Default for Options {
     }
 }
 
-/// Between two questions to a busy device.
+/// Pause between two requests to a busy device.
 const BUSY_PAUSE: Duration = Duration::from_millis(10);
 
-/// What has come over the line.
+/// Counts of what was received.
 #[derive(Clone, Copy, Debug, Default)]
 struct Heard {
     bytes: u64,
@@ -85,7 +85,7 @@ impl std::fmt::Debug for Client {
 }
 
 impl Client {
-    /// Opens the port of a device. Nothing is asked yet.
+    /// Opens the port of a device. Sends no request yet.
     ///
     /// # Errors
     /// [`ClientError::Open`].
@@ -97,12 +97,12 @@ impl Client {
         };
         let stream = port::open(address).map_err(failed)?;
         let mut client = Self::over(stream, address.to_string(), options);
-        // Ends what a program before this one may have left half-way.
+        // Ends a frame that an earlier program may have left incomplete.
         client.send_bytes(&[0])?;
         Ok(client)
     }
 
-    /// Over an open stream; `port` is its name in errors.
+    /// Creates a client over an open stream; `port` is its name in errors.
     pub fn over(stream: Box<dyn Stream>, port: String, options: Options) -> Self {
         Self {
             port,
@@ -116,17 +116,17 @@ impl Client {
         }
     }
 
-    /// Uses other limits and chunks from now on.
+    /// Sets limits and chunk size for all later requests.
     pub fn set_options(&mut self, options: Options) {
         self.options = options;
     }
 
-    /// Has everything signed that the device takes only so, from now on.
+    /// Sets the signer of all later requests that the device accepts only with a signature.
     pub fn set_signer(&mut self, signer: Signer) {
         self.signer = Some(signer);
     }
 
-    /// The name of the port.
+    /// Returns the name of the port.
     pub fn port(&self) -> &str {
         &self.port
     }
@@ -138,7 +138,7 @@ impl Client {
         }
     }
 
-    /// Sends bytes as they are.
+    /// Sends bytes unchanged.
     ///
     /// # Errors
     /// [`ClientError::Lost`].
@@ -150,7 +150,7 @@ impl Client {
         sent.map_err(|error| self.lost(error))
     }
 
-    /// The next intact answer and its sequence number, or `None` when none comes in time.
+    /// Returns the next intact answer and its sequence number, or `None` when none comes in time.
     ///
     /// # Errors
     /// [`ClientError::Lost`], [`ClientError::Version`].
@@ -171,14 +171,14 @@ impl Client {
                         found,
                     });
                 }
-                // Damaged on the way: it is asked for again.
+                // Damaged on the way: the request is repeated.
                 Err(_) => {}
             }
         }
         Ok(None)
     }
 
-    /// The bytes of the next frame without its zero, or `None` when none comes in time.
+    /// Returns the bytes of the next frame without its zero, or `None` when none comes in time.
     fn frame_until(&mut self, deadline: Instant) -> Result<Option<Vec<u8>>, ClientError> {
         loop {
             if let Some(frame) = self.pending_frame() {
@@ -188,7 +188,7 @@ impl Client {
             if left.is_zero() {
                 return Ok(None);
             }
-            // A timeout of a fraction of a millisecond is none at all for some serial drivers.
+            // Some serial drivers take a timeout of a fraction of a millisecond for no timeout.
             let limited = self.stream.limit_reads(left.max(Duration::from_millis(1)));
             limited.map_err(|error| self.lost(error))?;
             let mut buffer = [0; MAX_FRAME];
@@ -204,7 +204,7 @@ impl Client {
         }
     }
 
-    /// The first frame of the bytes that are there.
+    /// Returns the first complete frame of the received bytes.
     fn pending_frame(&mut self) -> Option<Vec<u8>> {
         let bytes = std::mem::take(&mut self.pending);
         for (index, byte) in bytes.iter().enumerate() {
@@ -219,7 +219,7 @@ impl Client {
         None
     }
 
-    /// Sends the command of a cycle in a cyclic frame, once, and returns the answer to it; `None` when none comes in time.
+    /// Sends the command of a cycle once, in a cyclic frame, and returns the answer; `None` when none comes in time.
     ///
     /// # Errors
     /// [`ClientError::Lost`].
@@ -239,7 +239,7 @@ impl Client {
         Ok(None)
     }
 
-    /// The frame of a request, its final zero included, under the next sequence number.
+    /// Encodes a request under the next sequence number. Returns that number and the frame, its final zero included.
     ///
     /// # Panics
     /// When the request is longer than any that may be sent.
@@ -252,12 +252,12 @@ impl Client {
     }
 
     fn next_sequence(&mut self) -> u16 {
-        // Never 0: that is answered to damaged frames.
+        // Never 0: the device answers damaged frames with 0.
         self.sequence = self.sequence.checked_add(1).unwrap_or(1);
         self.sequence
     }
 
-    /// Asks, and asks again when the answer does not come, when the frame was damaged, or when the device is busy.
+    /// Sends a request, and repeats it when no answer comes, when the frame was damaged, or when the device is busy.
     ///
     /// # Errors
     /// [`ClientError`]; a refusal is an answer.
@@ -276,7 +276,7 @@ impl Client {
                             port: self.port.clone(),
                         });
                     }
-                    // It has heard us: this attempt does not count.
+                    // The device has received the request: this attempt does not count.
                     attempts -= 1;
                     std::thread::sleep(BUSY_PAUSE);
                     break;
@@ -293,7 +293,7 @@ impl Client {
         Err(self.unanswered(request, damaged))
     }
 
-    /// [`Client::request`], signed if the device wants that and there is a signer.
+    /// Sends a request as [`Client::request`] does, but signed if the device requires it and there is a signer.
     ///
     /// # Errors
     /// [`ClientError`]; a refusal is an answer.
@@ -304,7 +304,7 @@ impl Client {
             && self.signer.is_some()
             && attempts > 0
         {
-            // A wrong signature: something else came between nonce and request.
+            // A wrong signature means that something else came between nonce and request.
             attempts -= 1;
             let nonce = match self.request(&Request::Challenge)? {
                 Response::Challenge { nonce } => nonce,
@@ -351,13 +351,13 @@ fn is_timeout(error: &io::Error) -> bool {
     )
 }
 
-/// Another one each time, so that an answer to a program before this one is not taken for an answer to this one.
+/// Returns another number each time, so that an answer to an earlier program is not taken for an answer to this one.
 fn first_sequence() -> u16 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
     now.map_or(0, |now| (now.as_micros() % 0xffff) as u16)
 }
 
-/// The variant of a request, without its numbers.
+/// Returns the name of a request's variant, without its fields.
 pub(super) fn name(request: &Request<'_>) -> String {
     let text = format!("{request:?}");
     let end = text.find(|c: char| !c.is_alphanumeric());

@@ -1,7 +1,7 @@
-//! Reads what the firmware has logged with defmt.
+//! Decodes the log that the firmware writes with defmt.
 //!
-//! Ours, not `defmt-decoder`: that crate turns on `arbitrary_precision` of `serde_json`, and features of one member of
-//! the workspace are features of all. The firmware logs strings and small integers only, and no time:
+//! This replaces `defmt-decoder`: that crate turns on `arbitrary_precision` of `serde_json`, and features of one member of
+//! the workspace are features of all. The firmware logs only strings and small integers, and no time:
 //!
 //! ```text
 //!  stream:  frame 0x00 frame 0x00 …            each frame rzCOBS-encoded, to be read from its end
@@ -18,23 +18,23 @@ use object::{Object, ObjectSection, ObjectSymbol};
 /// Why a log cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
-    /// The image that wrote it cannot be read.
+    /// The image that wrote the log cannot be read.
     #[error("{0}")]
     File(#[from] std::io::Error),
-    /// The image that wrote it is none.
+    /// The image that wrote the log is no ELF image.
     #[error("not an ELF image: {0}")]
     Image(#[from] object::Error),
-    /// The log.
+    /// A frame of the log cannot be decoded.
     #[error("frame {frame:02x?} of the log: {problem}")]
     Frame {
-        /// Its bytes, decoded.
+        /// Decoded bytes of the frame.
         frame: Vec<u8>,
-        /// What is wrong.
+        /// Description of the problem.
         problem: String,
     },
 }
 
-/// The lines of `log`, written by the image `elf`: level, colon, message. A last frame that is not complete is left out.
+/// Returns the lines of `log`, written by the image `elf`: level, colon, message. An incomplete last frame is left out.
 ///
 /// # Errors
 /// [`LogError`].
@@ -62,7 +62,7 @@ impl Decoder {
         })
     }
 
-    /// The lines that these bytes complete.
+    /// Returns the lines that these bytes complete.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Result<String, LogError>> {
         let mut lines = Vec::new();
         for byte in bytes {
@@ -99,13 +99,13 @@ fn strings(elf: &Path) -> Result<Strings, LogError> {
     Ok(strings)
 }
 
-/// A string of a flat JSON object without escapes.
+/// Returns a string of a flat JSON object without escapes.
 fn field<'a>(json: &'a str, key: &str) -> Option<&'a str> {
     let (_, rest) = json.split_once(&format!("\"{key}\":\""))?;
     rest.split('"').next()
 }
 
-/// Undoes rzCOBS; zeros at the end may be too many. Cut frames give fewer bytes.
+/// Decodes rzCOBS. The result may have too many zeros at its end; truncated frames give fewer bytes.
 fn unstuffed(frame: &[u8]) -> Vec<u8> {
     let mut from_end = frame.iter().rev().copied();
     let mut out = Vec::new();

@@ -1,10 +1,10 @@
-//! A board without hardware: QEMU, with the firmware on it.
+//! Emulates a board: QEMU, with the firmware on it.
 //!
-//! The command link is a socket that QEMU inherits as its standard input, so there is no moment when it is not there.
-//! [`Emulator`] is for one program that owns the machine: when QEMU ends, the link ends, and a hard time limit ends
-//! QEMU. [`serve`] turns this program into a machine for others, which connect to a listening socket.
+//! The command link is a socket that QEMU inherits as its standard input, so it exists at every moment. [`Emulator`] is for
+//! one program that owns the machine: when QEMU ends, the link ends, and a hard time limit ends QEMU. [`serve`] turns this
+//! program into a machine for others, which connect to a listening socket.
 //!
-//! With a flash image the board's flash survives whatever happens to QEMU: a power cut that can be repeated.
+//! With a flash image, the board's flash survives whatever happens to QEMU, so that a power cut can be repeated.
 
 use std::fs;
 use std::io;
@@ -25,13 +25,13 @@ use crate::device::port::Address;
 const PROGRAM: &str = "qemu-system-arm";
 const LOG: &str = "defmt.bin";
 const COMPLAINTS: &str = "stderr.txt";
-/// Flash that was never written: QEMU has zeros there.
+/// Name of the file with erased flash, which replaces the zeros that QEMU has there.
 const ERASED: &str = "poegp-erased-flash.bin";
 
-/// How time passes in the machine.
+/// Clock of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
-    /// As on the wall.
+    /// Real time.
     Real,
     /// 64 ns for each instruction, whatever the load of the host: tick counts repeat exactly.
     Counting,
@@ -40,12 +40,12 @@ pub enum Clock {
 /// Nanoseconds of one instruction under [`Clock::Counting`]: `-icount shift=6`.
 const NANOSECONDS_PER_INSTRUCTION: f64 = 64.0;
 
-/// Instructions in so many ticks of a counter with `tick_hz` under [`Clock::Counting`].
+/// Returns the number of instructions in `ticks` of a counter with `tick_hz` under [`Clock::Counting`].
 pub fn instructions(ticks: u32, tick_hz: u32) -> f64 {
     f64::from(ticks) * (1e9 / f64::from(tick_hz)) / NANOSECONDS_PER_INSTRUCTION
 }
 
-/// Why the machine did not start.
+/// Reason why the machine did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum EmulatorError {
     /// QEMU is not installed.
@@ -56,7 +56,7 @@ pub enum EmulatorError {
     /// QEMU cannot keep the flash of this board.
     #[error("QEMU cannot keep the flash of the board {0} in a file\nhelp: take --board mps2-an386")]
     NoMemory(&'static str),
-    /// The system refused.
+    /// The operating system reports an error.
     #[error("{PROGRAM} does not start: {0}")]
     System(#[from] io::Error),
 }
@@ -68,22 +68,22 @@ fn not_started(error: io::Error) -> EmulatorError {
     }
 }
 
-/// A board and what is on it.
+/// A board with its firmware, clock and flash.
 #[derive(Clone, Copy, Debug)]
 pub struct Machine<'a> {
-    /// Which board.
+    /// Board to emulate.
     pub board: Board,
-    /// The firmware.
+    /// ELF file of the firmware.
     pub elf: &'a Path,
-    /// How its time passes.
+    /// Clock of the machine.
     pub clock: Clock,
-    /// The file that keeps its flash; made when it is not there.
+    /// File that keeps the flash; created when it does not exist.
     pub flash_image: Option<&'a Path>,
 }
 
 impl Machine<'_> {
-    /// QEMU, with standard input for the link; the second serial line is not named yet. What QEMU has to read at its
-    /// start goes to `folder`.
+    /// Returns the command that starts QEMU, with standard input for the link and without the second serial line. Writes the
+    /// files that QEMU reads at its start to `folder`.
     fn command(&self, link: &str, folder: &Path) -> Result<Command, EmulatorError> {
         let mut machine = self.board.machine().to_owned();
         let mut command = Command::new(PROGRAM);
@@ -119,12 +119,12 @@ impl Machine<'_> {
     }
 }
 
-/// A path in an option of QEMU, where a comma ends a value and two are one.
+/// Escapes a path for an option of QEMU, where a comma ends a value and two commas stand for one.
 fn escaped(path: &Path) -> String {
     path.display().to_string().replace(',', ",,")
 }
 
-/// A running machine. Dropping it switches it off, as a power cut does.
+/// A running machine. Dropping it switches it off, like a power cut.
 #[derive(Debug)]
 pub struct Emulator {
     child: Arc<Mutex<Child>>,
@@ -133,7 +133,7 @@ pub struct Emulator {
 }
 
 impl Emulator {
-    /// Switches on a machine, and off after `time_limit` at the latest. Returns the command link.
+    /// Switches on a machine, and switches it off after `time_limit` at the latest. Returns it with the command link.
     ///
     /// # Errors
     /// [`EmulatorError`].
@@ -144,7 +144,8 @@ impl Emulator {
         Self::start_with(machine, time_limit, &[])
     }
 
-    /// The same with further arguments for QEMU, which watch the machine and do not change it.
+    /// Starts a machine as [`Emulator::start`] does, with further arguments for QEMU that watch the machine but do not
+    /// change it.
     ///
     /// # Errors
     /// [`EmulatorError`].
@@ -170,7 +171,7 @@ impl Emulator {
         let watched = Arc::clone(&child);
         let watchdog = thread::spawn(move || {
             if dropped.recv_timeout(time_limit) == Err(RecvTimeoutError::Timeout) {
-                // The reader of the link sees its end.
+                // The reader of the link then sees the end of the stream.
                 let _ = lock(&watched).kill();
             }
         });
@@ -182,12 +183,12 @@ impl Emulator {
         Ok((emulator, link))
     }
 
-    /// What the firmware has logged so far, in defmt's encoding.
+    /// Returns what the firmware has logged so far, in defmt's encoding.
     pub fn log(&self) -> Vec<u8> {
         fs::read(self.directory.path().join(LOG)).unwrap_or_default()
     }
 
-    /// What QEMU has complained about.
+    /// Returns the messages that QEMU has printed.
     pub fn complaints(&self) -> String {
         fs::read_to_string(self.directory.path().join(COMPLAINTS)).unwrap_or_default()
     }
@@ -210,7 +211,7 @@ impl Drop for Emulator {
     }
 }
 
-/// A socket that others connect to.
+/// A socket to which other programs connect.
 #[derive(Debug)]
 pub struct Listener {
     socket: OwnedFd,
@@ -218,7 +219,8 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Listens at a socket address; port 0 of TCP is any that is free. A socket file of a program that is gone is replaced.
+    /// Listens at a socket address; port 0 of TCP stands for any free port. Replaces the socket file of a program that has
+    /// ended.
     ///
     /// # Errors
     /// What the system says; `Unsupported` for a serial line.
@@ -231,7 +233,7 @@ impl Listener {
                 {
                     fs::remove_file(path)?;
                 }
-                // By the name that was given: a socket's may not be longer than a hundred letters.
+                // Bind to the path as given: the path of a socket may not be longer than a hundred letters.
                 let socket = UnixListener::bind(path)?;
                 (socket.into(), Address::Unix(std::path::absolute(path)?))
             }
@@ -244,15 +246,15 @@ impl Listener {
         Ok(Self { socket, address })
     }
 
-    /// Where to connect to.
+    /// Returns the address to connect to.
     pub fn address(&self) -> &Address {
         &self.address
     }
 }
 
-/// Becomes the machine, with the link at one socket and the log at another: this program is QEMU from here on, so
-/// whatever ends it ends the machine. One client at a time; the next is let in when it has gone. Both sockets are there
-/// before this is called, and who connects early waits.
+/// Turns this process into the machine, with the link at one socket and the log at another: the process is QEMU from here
+/// on, so whatever ends it ends the machine. It serves one client at a time, and the next one when that has gone. Both
+/// sockets exist before the call, so clients that connect early wait.
 ///
 /// Returns only when QEMU does not start.
 pub fn serve(machine: &Machine<'_>, link: Listener, log: Listener) -> EmulatorError {

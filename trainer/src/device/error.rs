@@ -1,4 +1,4 @@
-//! What can go wrong between a workstation and a device, and what to do about it.
+//! Errors between a workstation and a device, with advice.
 
 use std::io;
 
@@ -6,46 +6,46 @@ use poegp_protocol::link::{PROTOCOL_VERSION, Refusal};
 
 use crate::device::messages;
 
-/// Why there is no answer, or not the one that was hoped for.
+/// Reason why there is no answer, or not the expected one.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
     /// The port does not open.
     #[error("{port} does not open: {error}\nhelp: {advice}")]
     Open {
-        /// Its name.
+        /// Name of the port.
         port: String,
-        /// What the system says.
+        /// Error of the operating system.
         error: io::Error,
-        /// What to try.
+        /// Advice for the user.
         advice: String,
     },
-    /// The port was open and is no longer.
+    /// The port was open and has closed.
     #[error(
         "the link to the device at {port} ended: {error}\nhelp: was it unplugged or switched off?"
     )]
     Lost {
-        /// Its name.
+        /// Name of the port.
         port: String,
-        /// What the system says.
+        /// Error of the operating system.
         error: io::Error,
     },
-    /// Not one byte came.
+    /// No byte was received.
     #[error(
         "no answer at {port}\nhelp: is the board powered, and is this its port? Another one may have the log"
     )]
     Nobody {
-        /// Its name.
+        /// Name of the port.
         port: String,
     },
-    /// Bytes came, and no frame was intact.
+    /// Bytes were received, but no intact frame.
     #[error(
         "{port} sent {bytes} bytes and no intact frame\n\
          help: wrong baud rate (--baud), or the port of the log, or no device of this kind"
     )]
     Noise {
-        /// Its name.
+        /// Name of the port.
         port: String,
-        /// Bytes that came.
+        /// Number of bytes that were received.
         bytes: u64,
     },
     /// The device speaks another version of the protocol.
@@ -54,49 +54,49 @@ pub enum ClientError {
          help: {}", version_help(*.found)
     )]
     Version {
-        /// Its name.
+        /// Name of the port.
         port: String,
         /// Protocol version of the device.
         found: u8,
     },
-    /// What is sent arrives damaged, every time.
+    /// Requests arrive damaged at the device, every time.
     #[error(
         "what is sent to the device at {port} arrives damaged, every time\nhelp: check the cable and its ground"
     )]
     Damaged {
-        /// Its name.
+        /// Name of the port.
         port: String,
     },
-    /// The device has answered, and does not any more.
+    /// The device has answered before, but does not any more.
     #[error(
         "the device at {port} has answered before, and not to {request} ({attempts} attempts)\n\
          help: was it switched off? A bad line loses answers, too: `trainer device statistics`"
     )]
     NoAnswer {
-        /// Its name.
+        /// Name of the port.
         port: String,
-        /// What was asked.
+        /// Name of the request.
         request: String,
-        /// How often.
+        /// Number of attempts.
         attempts: u32,
     },
     /// The device is busy with another service for too long.
     #[error("the device at {port} stays busy\nhelp: is another workstation using it?")]
     Busy {
-        /// Its name.
+        /// Name of the port.
         port: String,
     },
-    /// The device will not.
+    /// The device refused the request.
     #[error("the device refused: {}", messages::refusal(.0))]
     Refused(Refusal),
-    /// The device answered something else.
+    /// The device sent an answer that does not belong to the request.
     #[error(
         "the device answered {request} with {response}\nhelp: firmware and trainer do not belong together"
     )]
     Unexpected {
-        /// What was asked.
+        /// Name of the request.
         request: String,
-        /// What was answered.
+        /// Received answer.
         response: String,
     },
 }

@@ -1,4 +1,4 @@
-//! What the numbers in a device's answers mean, in words.
+//! Texts for the codes in a device's answers.
 
 use poegp_protocol::link::Refusal;
 use poegp_runtime::filter::FilterError;
@@ -6,7 +6,7 @@ use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::signature::SignatureError;
 use poegp_runtime::store::StoreError;
 
-/// Why the device will not.
+/// Describes why the device refused a request.
 pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
         Refusal::BadFrame => "the frame was damaged on the way".to_owned(),
@@ -92,7 +92,7 @@ pub fn refusal(refusal: &Refusal) -> String {
     }
 }
 
-/// A setting of the cycle that is not taken.
+/// Describes a setting of the cycle that the device refused.
 fn cycle_setting(code: u8) -> String {
     let out_of_range = [
         FilterError::Period,
@@ -111,7 +111,7 @@ fn cycle_setting(code: u8) -> String {
     }
 }
 
-/// A model that the device cannot run. The numbers in a [`LoadError`] do not travel; the words do.
+/// Describes why the device cannot run a model. The link transmits the kind of a [`LoadError`], but not its numbers.
 fn model(code: u8) -> String {
     let plain = [
         LoadError::Chain,
@@ -160,7 +160,8 @@ fn model(code: u8) -> String {
     }
 }
 
-/// A model that nobody the device trusts has signed. The key ids in a [`SignatureError`] do not travel.
+/// Describes why no key that the device trusts has signed a model. The link does not transmit the key ids in a
+/// [`SignatureError`].
 fn signature(code: u8) -> String {
     let known = [
         (SignatureError::Malformed, "the model is damaged"),
@@ -185,7 +186,7 @@ fn signature(code: u8) -> String {
     }
 }
 
-/// A flash that did not do what was asked.
+/// Describes an error of the flash.
 fn store(code: u8) -> String {
     let known = [
         (

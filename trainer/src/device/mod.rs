@@ -1,8 +1,8 @@
-//! The device as the workstation sees it: the link, the texts of its refusals, and a device without hardware.
+//! The device as the workstation sees it: the link, the texts of its refusals, and an emulated device.
 //!
 //! ```text
-//!  port ──> client ──> identity, upload, corrections, statistics        error, words: what went wrong
-//!  image, board ──> emulator ══ socket ══> client                       log: the device's messages
+//!  port ──> client ──> identity, upload, corrections, statistics        error, messages: what went wrong
+//!  image, board ──> emulator ══ socket ══> client                       defmt_log: the device's log
 //! ```
 //!
 //! The commands of the program and the tests of the workspace share this client and this driver of the emulator.

@@ -1,8 +1,8 @@
-//! Where a device is: a serial line, or a socket that stands for one.
+//! Ports of devices: serial lines, and sockets that stand for one.
 //!
 //! ```text
 //!  /dev/ttyUSB0      a serial line, 115 200 baud by default; eight bits, no parity, one stop bit
-//!  /dev/ttyUSB0@BAUD the same at another speed
+//!  /dev/ttyUSB0@BAUD a serial line at another speed
 //!  unix:PATH         a socket in the file system (an emulated device, socat)
 //!  tcp:HOST:PORT     a TCP socket (a terminal server)
 //! ```
@@ -14,10 +14,10 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Speed of a serial line when nobody names one: what the boards of this workspace start with.
+/// Default speed of a serial line, in bits per second, with which the boards of this workspace start.
 pub const DEFAULT_BAUD: u32 = 115_200;
 
-/// The name of a port, as a user types it.
+/// Address of a port, as a user types it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Address {
     /// A serial line.
@@ -89,7 +89,7 @@ impl fmt::Display for Address {
 }
 
 impl Address {
-    /// The same, at `baud` when it is a serial line that names no speed of its own.
+    /// Returns the address with the speed `baud`, where it is a serial line without a speed of its own.
     #[must_use]
     pub fn with_baud(self, baud: Option<u32>) -> Self {
         match self {
@@ -104,7 +104,7 @@ impl Address {
 
 /// Bytes to and from a device.
 pub trait Stream: Read + Write + Send {
-    /// From now on a read that finds nothing for so long ends with `WouldBlock` or `TimedOut`.
+    /// Limits reads from now on: a read that receives nothing for `limit` ends with `WouldBlock` or `TimedOut`.
     ///
     /// # Errors
     /// What the system says.
@@ -148,7 +148,7 @@ impl Stream for Serial {
     }
 }
 
-/// How long a socket may take to be there.
+/// Longest time that a socket may take to appear.
 const CONNECT_LIMIT: Duration = Duration::from_secs(5);
 
 /// Opens a port.
@@ -173,7 +173,7 @@ pub fn open(address: &Address) -> io::Result<Box<dyn Stream>> {
             for location in location.to_socket_addrs()? {
                 match TcpStream::connect_timeout(&location, CONNECT_LIMIT) {
                     Ok(stream) => {
-                        // A request is one small packet; waiting for more would cost 40 ms each.
+                        // A request is one small packet; waiting for more bytes would cost 40 ms for each.
                         stream.set_nodelay(true)?;
                         return Ok(Box::new(stream));
                     }
@@ -185,13 +185,13 @@ pub fn open(address: &Address) -> io::Result<Box<dyn Stream>> {
     }
 }
 
-/// What to try when a port does not open.
+/// Returns advice for a port that does not open.
 pub fn advice(address: &Address, error: &io::Error) -> &'static str {
     match (address, error.kind()) {
         (Address::Serial { .. }, io::ErrorKind::PermissionDenied) => {
             "your user may not use it: join its group (dialout on Debian), log in again"
         }
-        // A line that is locked is reported like one that is missing.
+        // A locked line is reported like a missing one.
         (Address::Serial { path, .. }, io::ErrorKind::NotFound) if !Path::new(path).exists() => {
             "is it plugged in? `ls /dev/tty*` before and after shows its name"
         }
@@ -200,7 +200,7 @@ pub fn advice(address: &Address, error: &io::Error) -> &'static str {
     }
 }
 
-/// What to look at when a device's port does not open: the same, and where there is a device without hardware.
+/// Returns advice for a device's port that does not open: [`advice`], and where to find an emulated device.
 pub fn device_advice(address: &Address, error: &io::Error) -> String {
     let own = match address {
         Address::Serial { .. } => "",

@@ -1,4 +1,4 @@
-//! What can be asked of a device, request by request: each with the answer that belongs to it, and an error for any other.
+//! The requests to a device, each with the answer that belongs to it and an error for any other answer.
 
 use std::time::{Duration, Instant};
 
@@ -11,11 +11,11 @@ use poegp_protocol::link::{
 use crate::device::client::{Client, name};
 use crate::device::error::ClientError;
 
-/// How long a device may take to restart.
+/// Longest time that a device may take to restart.
 const RESTART_LIMIT: Duration = Duration::from_secs(10);
 
 impl Client {
-    /// Who the device is.
+    /// Returns the identity of the device.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -37,8 +37,8 @@ impl Client {
         }
     }
 
-    /// Sends a blob and has it verified; `progress` hears how many bytes are there. The active model stays. When the
-    /// device has given the upload up (a restart, a roll-back, another workstation), it is started again.
+    /// Sends a blob and has it verified; calls `progress` with the number of bytes that have arrived. The active model
+    /// stays. The upload starts again when the device has given it up (a restart, a roll-back, another workstation).
     ///
     /// # Errors
     /// [`ClientError`].
@@ -50,8 +50,8 @@ impl Client {
         self.starting_again(|client| client.upload_once(blob, progress))
     }
 
-    /// Sends a blob, has it verified and stored, and runs it: all of it again when the device has given the upload up, for
-    /// instance because it restarted before the model was stored.
+    /// Sends a blob, has it verified and stored, and runs it. All of it is repeated when the device has given the upload up,
+    /// for instance because it restarted before the model was stored.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -107,7 +107,7 @@ impl Client {
         self.verify_upload()
     }
 
-    /// Announces a blob.
+    /// Announces the upload of a blob.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -126,7 +126,7 @@ impl Client {
         }
     }
 
-    /// Has the device look at the uploaded blob in every respect.
+    /// Has the device verify the uploaded blob in every respect.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -137,7 +137,7 @@ impl Client {
         }
     }
 
-    /// Has the verified blob written to flash; it runs after the next start.
+    /// Has the device write the verified blob to flash; the model runs after the next start.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -148,7 +148,7 @@ impl Client {
         }
     }
 
-    /// Runs the verified model: at once, or, while commands are corrected, as soon as nothing steps (`pending`).
+    /// Runs the verified model: at once, or, while commands are corrected, as soon as the change causes no step (`pending`).
     ///
     /// # Errors
     /// [`ClientError`].
@@ -156,7 +156,7 @@ impl Client {
         self.identity(&Request::Activate { blob_crc })
     }
 
-    /// Leaves the active model, if it is the one with `from_crc`, for the other stored one.
+    /// Switches from the active model, if it is the one with `from_crc`, to the other stored model.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -164,7 +164,7 @@ impl Client {
         self.identity(&Request::RollBack { from_crc })
     }
 
-    /// Has commands answered as they come, or corrected again.
+    /// Turns the bypass on or off; while it is on, commands are answered as they come.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -172,7 +172,7 @@ impl Client {
         self.identity(&Request::SetBypass { on })
     }
 
-    /// Gives the device the public key that models have to be signed by, once and for all.
+    /// Gives the device, once and for all, the public key that verifies the signatures of its models.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -190,7 +190,7 @@ impl Client {
         self.identity(&Request::ProvisionCycle(*settings))
     }
 
-    /// T_gp(q, m)·f(q).
+    /// Evaluates the calibrated pose T_gp(q, m)·f(q).
     ///
     /// # Errors
     /// [`ClientError`].
@@ -206,7 +206,7 @@ impl Client {
         }
     }
 
-    /// The corrected joint command: a question, not for the motion of an arm.
+    /// Returns the corrected joint command for inspection, not for the motion of an arm.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -223,7 +223,7 @@ impl Client {
         }
     }
 
-    /// The command of a cycle, corrected without a step.
+    /// Returns the command of a cycle, corrected without a step.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -235,7 +235,7 @@ impl Client {
         }
     }
 
-    /// [`Client::evaluate`] with intermediate results.
+    /// Evaluates the model as [`Client::evaluate`] does, with intermediate results.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -247,7 +247,7 @@ impl Client {
         }
     }
 
-    /// Says that no more cyclic requests will come; without it the device's watchdog waits for them in vain.
+    /// Announces that no more cyclic requests will come; otherwise the device's watchdog waits for them in vain.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -258,7 +258,7 @@ impl Client {
         }
     }
 
-    /// What the device has counted.
+    /// Returns the counters of the device.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -289,7 +289,7 @@ impl Client {
     }
 }
 
-/// Refuses an answer with a number that is none.
+/// Refuses an answer with a number that is not finite.
 fn check_finite<'a>(
     request: &Request<'_>,
     mut numbers: impl Iterator<Item = &'a f32>,

@@ -1,4 +1,4 @@
-//! The model as constants in C: the blob's bytes for `runtime/capi`, and the chain for programs without it.
+//! The model as C constants: the bytes of the blob for `runtime/capi`, and the chain for programs that do not use it.
 
 use std::fmt::Write;
 
@@ -8,13 +8,14 @@ use crate::export::CalibratedChain;
 use crate::export::describe::accuracy;
 use poegp_calibration::blob::predict::BlobModel;
 
-/// Bytes on a line.
+/// Number of bytes on a line.
 const BYTES: usize = 16;
 
-/// The header; `stem` names what it defines: lower case, made of it what C allows in a name.
+/// Returns the text of the header. The names that it defines begin with `stem`, in lower case and reduced to the characters
+/// that C allows.
 ///
-/// C99 and later, and C++. Everything is `static const`, so a header that is included in several files costs each what it
-/// uses.
+/// The header is valid in C99 and later, and in C++. Everything is `static const`, so that each file that includes the
+/// header pays only for what it uses.
 pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
     let name = identifier(stem);
     let upper = name.to_uppercase();
@@ -23,7 +24,7 @@ pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
     let n = chain.joints.len();
     let mut out = String::from("/*\n");
     for line in chain.provenance.iter().chain(&accuracy(chain)) {
-        // Nothing that a user named may end the comment.
+        // No name given by a user may end the comment.
         let _ = writeln!(out, " * {}", line.replace("*/", "* /").replace("/*", "/ *"));
     }
     let _ = write!(
@@ -111,7 +112,7 @@ pub fn text(loaded: &BlobModel, chain: &CalibratedChain, stem: &str) -> String {
     out
 }
 
-/// Debug formatting has a point or an exponent always, and digits enough to come back to the bit.
+/// Formats numbers with debug formatting, which always has a point or an exponent, and digits enough to restore every bit.
 fn floats(numbers: &[f32]) -> String {
     let texts: Vec<String> = numbers.iter().map(|x| format!("{x:?}f")).collect();
     texts.join(", ")
@@ -122,7 +123,7 @@ fn doubles(numbers: &[f64]) -> String {
     texts.join(", ")
 }
 
-/// A name that C allows: letters, digits, underscores, no digit or underscore first.
+/// Returns a name that C allows: letters, digits, underscores, no digit or underscore first.
 fn identifier(stem: &str) -> String {
     let mut name: String = stem
         .chars()

@@ -13,19 +13,19 @@ use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 
-/// Largest distance between two descriptions of one nominal arm, metres. What is exported does not depend on it: the
-/// nominal arm only says where links are drawn.
+/// Largest distance between two descriptions of one nominal arm, in metres. Exports do not depend on it: the nominal arm
+/// only determines where links are drawn.
 const SAME_ARM_M: f64 = 1e-3;
-/// Largest rotation between two descriptions of one nominal arm, radians.
+/// Largest rotation between two descriptions of one nominal arm, in radians.
 const SAME_ARM_RAD: f64 = 1e-3;
 
-/// Why a chain of a blob can be made.
+/// Why the frames of a loaded blob always form a chain, as a message of `expect`.
 const HAS_JOINTS: &str = "a blob that loads has 1 to 8 joints and a frame more";
 
-/// How far the chain and the drawing are from the predictions of the whole model, at poses that nothing was fitted to.
+/// Distances of the chain and of the drawing from the predictions of the whole model, at poses to which nothing was fitted.
 #[derive(Clone, Debug)]
 pub struct Distance {
-    /// Where the poses are.
+    /// Region that contains the poses.
     pub region: Region,
     /// Distance of the chain from the predictions.
     pub chain: ErrorSummary,
@@ -35,47 +35,47 @@ pub struct Distance {
 
 /// The calibrated chain of a blob, without its correction.
 ///
-/// Without correction a blob is its chain. Of any other blob the frames are fitted again, to the poses of the whole model.
+/// A blob without correction is its chain. For any other blob, the frames are fitted again to the poses of the whole model.
 ///
-/// The frames of a blob are `f32`: their rotations are some to seven digits only. Here they are the nearest rotations in
-/// `f64`, and every export gives the poses of these frames. A device with a blob without correction, which goes on in `f32`,
-/// differs from them by tenths of a micrometre.
+/// The frames of a blob are `f32`, so their rotations are orthonormal to about seven digits only. This chain has the nearest
+/// rotations in `f64`, and every export gives the poses of these frames. A device that evaluates a blob without correction
+/// in `f32` differs from them by tenths of a micrometre.
 #[derive(Clone, Debug)]
 pub struct CalibratedChain {
-    /// The robot's name.
+    /// Name of the robot.
     pub name: String,
-    /// What is said of the calibration in comments, a line each.
+    /// Lines on the origin of the calibration, for comments.
     pub provenance: Vec<String>,
-    /// The joints, base first; names are made up where the robot is not a built-in one.
+    /// Joints, base first; their names are made up where the robot is not a built-in one.
     pub joints: Vec<Joint>,
-    /// `parent_from_joint`, n + 1, metres; the last leads to the target of the first tool.
+    /// Calibrated frames `parent_from_joint`, n + 1, in metres; the last leads to the target of the first tool.
     pub frames: Vec<Pose<f64>>,
-    /// `parent_from_joint` of the nominal arm.
+    /// Nominal frames `parent_from_joint`, in the order of `frames`.
     pub nominal: Vec<Pose<f64>>,
-    /// `flange_from_target`: what is "flange" of the calibrated arm.
+    /// `flange_from_target`, which defines the flange of the calibrated arm.
     pub flange_from_target: Pose<f64>,
     /// `instrument_from_base`.
     pub instrument_from_base: Pose<f64>,
     /// C of q_serial = C q, by rows; `None` is the identity.
     pub coupling: Option<Vec<Vec<f64>>>,
-    /// What fitted the frames of a blob with a correction.
+    /// Fit of the frames to the poses of the model; `None` for a blob without correction.
     pub fit: Option<NearestChain>,
-    /// How far chain and drawing are from the model.
+    /// Distances of chain and drawing from the model.
     pub distance: Distance,
-    /// What a chain cannot hold, each as part of a sentence.
+    /// Parts of the model that no chain can hold, each as part of a sentence.
     pub not_carried: Vec<String>,
-    /// Names of tools beyond the first.
+    /// Names of the tools after the first.
     pub other_tools: Vec<String>,
 }
 
 impl CalibratedChain {
-    /// The chain of a blob, for all that was trained.
+    /// Returns the chain of a blob for its whole trained region.
     pub fn of(loaded: &BlobModel) -> Self {
         let region = Region::trained(loaded.blob());
         Self::nearest(loaded, &PredictedPoses::new(loaded, region))
     }
 
-    /// The chain of a blob that is nearest to its predictions over a region.
+    /// Returns the chain that is nearest to the predictions of a blob over a region.
     pub fn nearest(loaded: &BlobModel, predicted: &PredictedPoses) -> Self {
         let blob = loaded.blob();
         let frame = |rows: &[f32; 12]| {
@@ -165,17 +165,17 @@ impl CalibratedChain {
         chain
     }
 
-    /// The runtime's chain from base to target.
+    /// Returns the calibrated chain from base to target, as the runtime evaluates it.
     pub fn poe(&self) -> Poe<f64> {
         chain_of(&self.joints, &self.frames)
     }
 
-    /// The drawing from base to target.
+    /// Returns the nominal chain from base to target.
     pub fn drawing(&self) -> Poe<f64> {
         chain_of(&self.joints, &self.nominal)
     }
 
-    /// The limits of joint `i`, rad or m. Those of a coupled joint are the controller's, and none of the chain's.
+    /// Returns the limits of joint `i`, in rad or m; `None` for a coupled joint, whose limits are those of the controller.
     pub fn limits(&self, i: usize) -> Option<(f64, f64)> {
         let alone = self.coupling.as_ref().is_none_or(|rows| {
             let row = rows[i].iter().enumerate();
@@ -185,18 +185,19 @@ impl CalibratedChain {
         self.joints[i].limits.filter(|_| alone)
     }
 
-    /// The fixed frames from base to flange, calibrated.
+    /// Returns the calibrated fixed frames from base to flange.
     pub fn to_flange(&self) -> Vec<Pose<f64>> {
         shortened(&self.frames, &self.flange_from_target)
     }
 
-    /// The fixed frames from base to flange, nominal.
+    /// Returns the nominal fixed frames from base to flange.
     pub fn nominal_to_flange(&self) -> Vec<Pose<f64>> {
         shortened(&self.nominal, &self.flange_from_target)
     }
 
-    /// How far the nominal arm is from another description of an arm: largest distance of the flanges in metres and
-    /// radians, and whether that is the same arm. At joint values within ±1.5 that reach every joint.
+    /// Compares the nominal arm with another description of an arm: returns the largest distance of the flanges in metres
+    /// and in radians, and whether both are the same arm. The joint values are within ±1.5 and move every joint. Returns
+    /// `None` where the joints differ in number or kind.
     pub fn distance_to(&self, robot: &Robot) -> Option<(f64, f64, bool)> {
         let same_kinds = robot.joints.len() == self.joints.len()
             && robot
@@ -224,7 +225,7 @@ impl CalibratedChain {
         Some((apart, turned, apart <= SAME_ARM_M && turned <= SAME_ARM_RAD))
     }
 
-    /// The built-in robot that this arm is, for its names.
+    /// Returns the built-in robot that this arm is, which has the names of the joints.
     fn built_in(&self) -> Option<Robot> {
         let name = BUILT_IN.iter().find(|name| **name == self.name)?;
         let robot = Robot::load(name, &LoadOptions::default()).ok()?;
@@ -234,7 +235,7 @@ impl CalibratedChain {
     }
 }
 
-/// What of a model no chain can hold.
+/// Returns the parts of a model that no chain can hold.
 fn not_carried(correction: &Correction<'_>) -> Vec<String> {
     let out: Vec<&str> = match correction {
         Correction::None => Vec::new(),
@@ -257,7 +258,7 @@ fn elastic_terms(e: &Elastic<'_>) -> Vec<&'static str> {
     .collect()
 }
 
-/// The decimal number that an `f32` was written as, so that limits of ±2.87979 do not become 2.879790067…
+/// Returns the decimal number that an `f32` was written as, so that limits of ±2.87979 do not become 2.879790067…
 fn decimal(x: f32) -> f64 {
     x.to_string().parse().unwrap_or(f64::from(x))
 }
@@ -270,13 +271,13 @@ fn shortened(frames: &[Pose<f64>], flange_from_target: &Pose<f64>) -> Vec<Pose<f
     frames
 }
 
-/// The runtime's chain of joints and frames that a blob or a robot holds.
+/// Returns the runtime's chain for the joints and frames of a blob or a robot.
 pub(super) fn chain_of(joints: &[Joint], frames: &[Pose<f64>]) -> Poe<f64> {
     let kinds: Vec<JointKind> = joints.iter().map(|j| j.kind).collect();
     Poe::new(&kinds, frames).expect(HAS_JOINTS)
 }
 
-/// `base_from_joint` at joint values zero, and `base_from_end`: n + 1 poses.
+/// Returns `base_from_joint` at joint values zero, and `base_from_end`: n + 1 poses.
 pub(super) fn at_zero(frames: &[Pose<f64>]) -> Vec<Pose<f64>> {
     let mut pose = Pose::identity();
     frames

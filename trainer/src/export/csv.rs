@@ -1,4 +1,5 @@
-//! Tables of a chain as CSV, for spreadsheets and controllers' tools: comments that begin with `#`, a header, a row for each frame.
+//! Tables of a chain as CSV, for spreadsheets and controllers' tools: comments that begin with `#`, a header, a row for each
+//! frame.
 
 use csv::{Writer, WriterBuilder};
 use poegp_protocol::JointKind;
@@ -14,7 +15,7 @@ const FRAME: [&str; 6] = ["x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad
 /// Columns of a Denavit-Hartenberg row.
 const DH: [&str; 5] = ["a_m", "d_m", "alpha_rad", "theta_offset_rad", "beta_rad"];
 
-/// The table: from the base over the joints to the flange, then the two frames beside the arm.
+/// Returns the table: from the base over the joints to the flange, then the two frames beside the arm.
 pub fn table(chain: &CalibratedChain, table: &Table) -> String {
     let has_rows = table.rows.iter().any(|row| matches!(row, Row::Dh(_)));
     let dh: &[&str] = if has_rows { &DH } else { &[] };
@@ -64,7 +65,7 @@ pub fn table(chain: &CalibratedChain, table: &Table) -> String {
     file.text
 }
 
-/// The six frames of a Universal Robots driver, and the TCP that belongs to them.
+/// Returns the six frames of a Universal Robots driver, and the TCP that belongs to them.
 pub fn universal_robots(chain: &CalibratedChain, kinematics: &UrKinematics) -> String {
     let comments = kinematics.comments(chain);
     let mut file = File::new(&comments, ["name"].into_iter().chain(FRAME));
@@ -98,7 +99,7 @@ impl File {
 
     fn row(&mut self, fields: impl IntoIterator<Item = String>) {
         let mut writer: Writer<Vec<u8>> = WriterBuilder::new().from_writer(Vec::new());
-        // Memory takes every byte, and fields are text.
+        // Writing to memory cannot fail, and all fields are text.
         let written = writer.write_record(fields).ok();
         let bytes = written.and_then(|()| writer.into_inner().ok());
         self.text += &String::from_utf8_lossy(&bytes.unwrap_or_default());

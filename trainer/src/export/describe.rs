@@ -1,4 +1,4 @@
-//! What is said of an export: in the command's output, in the comments of each file and in JSON.
+//! Describes an export in the command's output, in the comments of each file and in JSON.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -12,7 +12,7 @@ use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::Joint;
 use poegp_calibration::robot::normal_form::roll_pitch_yaw;
 
-/// How near a chain is to the model, a line each.
+/// Describes how near a chain is to the model, in lines.
 pub fn accuracy(chain: &CalibratedChain) -> Vec<String> {
     let region = region(&chain.distance.region, &chain.joints);
     let first = match &chain.fit {
@@ -28,7 +28,7 @@ pub fn accuracy(chain: &CalibratedChain) -> Vec<String> {
     out
 }
 
-/// How far something is from the model, beside the drawing.
+/// Describes distances from the model, beside those of the drawing.
 pub(super) fn against_drawing(error: &ErrorSummary, distance: &Distance) -> [String; 2] {
     let (own, drawing) = (self::distance(error), self::distance(&distance.drawing));
     [
@@ -37,7 +37,7 @@ pub(super) fn against_drawing(error: &ErrorSummary, distance: &Distance) -> [Str
     ]
 }
 
-/// What every exported text says at its beginning.
+/// Returns the lines at the beginning of every exported text.
 pub(super) fn comments(chain: &CalibratedChain) -> Vec<String> {
     let mut out = chain.provenance.clone();
     out.extend(accuracy(chain));
@@ -48,7 +48,7 @@ pub(super) fn comments(chain: &CalibratedChain) -> Vec<String> {
     out
 }
 
-/// Distances from the model.
+/// Describes distances from the model.
 pub fn distance(errors: &ErrorSummary) -> String {
     let mm = &errors.position_mm;
     format!(
@@ -57,7 +57,7 @@ pub fn distance(errors: &ErrorSummary) -> String {
     )
 }
 
-/// A region of the arm with these joints.
+/// Describes a region of the arm with these joints.
 pub fn region(region: &Region, joints: &[Joint]) -> String {
     let is_revolute = |joint: &Joint| joint.kind == JointKind::Revolute;
     let reach = |near: f64| match joints.iter().all(is_revolute) {
@@ -87,7 +87,7 @@ pub fn region(region: &Region, joints: &[Joint]) -> String {
     joints + &payload
 }
 
-/// Joint values in degrees and millimetres.
+/// Formats joint values in degrees and millimetres.
 fn pose(values: &[f64], joints: &[Joint]) -> String {
     let text = |(value, joint): (&f64, &Joint)| match joint.kind {
         JointKind::Revolute => format!("{}°", short(value.to_degrees())),
@@ -97,12 +97,12 @@ fn pose(values: &[f64], joints: &[Joint]) -> String {
     texts.join(" ")
 }
 
-/// Four decimals without trailing zeros.
+/// Rounds a number to four decimals; it prints without trailing zeros.
 fn short(value: f64) -> f64 {
     (value * 1e4).round() / 1e4 + 0.0
 }
 
-/// Distances from the model as JSON.
+/// Returns the distances from the model as JSON.
 pub fn distance_json(chain: &CalibratedChain) -> Value {
     let distance = &chain.distance;
     json!({
@@ -113,7 +113,7 @@ pub fn distance_json(chain: &CalibratedChain) -> Value {
     })
 }
 
-/// A pose: millimetres, and degrees of roll, pitch and yaw.
+/// Describes a pose: position in millimetres; roll, pitch and yaw in degrees.
 pub fn describe(pose: &Pose<f64>) -> String {
     let t: Vector3<f64> = 1e3 * pose.translation;
     let rpy = roll_pitch_yaw(&pose.rotation).map(f64::to_degrees);

@@ -1,10 +1,10 @@
-//! The chain as Denavit-Hartenberg rows, with Hayati's for axes that are parallel but for an error.
+//! The chain as Denavit-Hartenberg rows, with Hayati's rows between axes that are nominally parallel.
 //!
-//! Between two axes that are nearly parallel the common normal runs away: an error of a milliradian moves its foot by
-//! metres, and d with it. There the row has d = 0 and a second rotation instead, R_z(θ) T_x(a) R_x(α) R_y(β) (Hayati and
-//! Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", 1985): the next frame's origin is where
-//! the next axis pierces the plane z = 0. Both kinds of rows are exact, and a frame before and one behind the rows take
-//! what four numbers cannot say.
+//! The common normal of two nearly parallel axes is ill-conditioned: an error of a milliradian moves its foot by metres,
+//! and d with it. The row between such axes has d = 0 and a second rotation instead, R_z(θ) T_x(a) R_x(α) R_y(β) (Hayati
+//! and Mirmirani, "Improving the absolute positioning accuracy of robot manipulators", 1985): the next frame's origin is
+//! where the next axis pierces the plane z = 0. Both kinds of rows are exact. A frame before the rows and one behind them
+//! take what four numbers cannot express.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -15,14 +15,14 @@ use crate::export::{CalibratedChain, gauge};
 use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::robot::normal_form::rotation_about;
 
-/// Sine of the angle below which axes count as parallel. Errors of arms are a few milliradians, and with the common
-/// normal they are multiplied by no more than one over this.
+/// Sine of the angle below which axes count as parallel. Errors of arms are a few milliradians; above this angle the common
+/// normal multiplies them by no more than the inverse of this sine.
 pub const PARALLEL: f64 = 0.02;
-/// Distances below are none: which way the common normal of two axes points that meet they do not determine.
+/// Distance in metres below which two axes count as meeting: so short a common normal has no defined direction.
 const MEET_M: f64 = 1e-6;
 
-/// The table of a calibrated chain. The convention leaves the sign of every x axis open: it is taken as for the nominal
-/// arm, whose θ are within ±90° where that can be had.
+/// Returns the table of a calibrated chain. The convention leaves the sign of every x axis open: each is chosen as for the
+/// nominal arm, whose θ are within ±90° where possible.
 pub fn table(chain: &CalibratedChain) -> Table {
     let (_, (base, rows, flange)) = beside_drawing(chain, &chain.to_flange());
     Table {
@@ -33,29 +33,29 @@ pub fn table(chain: &CalibratedChain) -> Table {
     }
 }
 
-/// First frame, rows and last frame.
+/// First frame, rows and last frame of a table.
 type RowsBetween = (Pose<f64>, Vec<DhRow>, Pose<f64>);
 
-/// The rows of the drawing, and first frame, rows and last frame of an arm with the frames `to_flange`.
+/// Returns the rows of the drawing; and first frame, rows and last frame of an arm with the frames `to_flange`.
 fn beside_drawing(chain: &CalibratedChain, to_flange: &[Pose<f64>]) -> (Vec<DhRow>, RowsBetween) {
     let nominal = at_zero(&chain.nominal_to_flange());
-    // Nominal frames first: they say which way the axes of the calibrated arm shall point.
+    // The nominal rows come first: they determine which way the axes of the calibrated arm point.
     let (_, nominal_rows, _) = rows(&nominal, &nominal[0], None);
     let calibrated = rows(&at_zero(to_flange), &nominal[0], Some(&nominal_rows));
     (nominal_rows, calibrated)
 }
 
-/// The rows of the drawing and of the calibrated arm, joint by joint.
+/// Returns the rows of the drawing and those of the calibrated arm, joint by joint.
 pub fn rows_beside_drawing(chain: &CalibratedChain) -> (Vec<DhRow>, Vec<DhRow>) {
     let (drawing, (_, calibrated, _)) = beside_drawing(chain, &chain.to_flange());
     (drawing, calibrated)
 }
 
-/// Step of a frame in the derivative of the rows, m and rad.
+/// Step of a frame in the numerical derivative of the rows, in m and rad.
 const STEP: f64 = 1e-6;
 
-/// Standard deviations of the rows of the calibrated arm: a, d, α, θ and β of each. `covariance` is that of the frames, six
-/// numbers each that multiply it from the left.
+/// Returns the standard deviations of a, d, α, θ and β for each row of the calibrated arm. `covariance` is the covariance of
+/// the frames: six numbers for each frame, a twist whose Exp multiplies the frame from the left.
 pub fn deviations(chain: &CalibratedChain, covariance: &Mat<f64>) -> Vec<[f64; 5]> {
     let frames = chain.to_flange();
     let with = |k: usize, step: f64| {
@@ -90,18 +90,18 @@ pub fn deviations(chain: &CalibratedChain, covariance: &Mat<f64>) -> Vec<[f64; 5
     (0..rows).map(of).collect()
 }
 
-/// a, d, α, θ and β, which is 0 where there is none.
+/// Returns a, d, α, θ and β of a row; β is 0 where the row has none.
 pub fn numbers(row: &DhRow) -> [f64; 5] {
     [row.a, row.d, row.alpha, row.theta, row.beta.unwrap_or(0.0)]
 }
 
-/// An angle within ±π.
+/// Wraps an angle to ±π.
 pub fn wrapped(angle: f64) -> f64 {
     let turn = 2.0 * std::f64::consts::PI;
     angle - turn * (angle / turn).round()
 }
 
-/// The same arm in Craig's convention: a, α and β of a row are those before its joint.
+/// Returns the arm in Craig's convention, in which a, α and β of a row come before its joint.
 pub fn modified_table(chain: &CalibratedChain) -> Table {
     let distal = table(chain);
     let mut before = DhRow::default();
@@ -119,13 +119,13 @@ pub fn modified_table(chain: &CalibratedChain) -> Table {
     Table {
         convention: "modified-dh",
         rows,
-        // The last distal row has neither a nor α: its frame stands at the end of both.
+        // The last distal row has neither a nor α, so the frame behind it is the same in both conventions.
         ..distal
     }
 }
 
-/// First frame, rows and last frame of a chain whose joints stand at `at_zero` (the last is its end). `first` is where
-/// the frame of joint 1 is wanted, `like` the rows whose θ are to be come near to.
+/// Returns first frame, rows and last frame of a chain whose joints are at `at_zero` (the last pose is the chain's end).
+/// `first` is the wanted frame of joint 1; θ of every row is chosen as near as possible to that of the row in `like`.
 fn rows(
     at_zero: &[Pose<f64>],
     first: &Pose<f64>,
@@ -150,7 +150,7 @@ fn rows(
         frame = frame * row.frame();
         out.push(row);
     }
-    // The end has no axis: what θ and d can do is done, and the rest is the last frame.
+    // The end has no axis: θ and d of the last row come as near to it as they can, and the last frame takes the rest.
     let end = at_zero[n];
     let turned = gauge::nearest_on_axis(&frame, &end);
     let apart = frame.inverse() * turned;
@@ -163,12 +163,12 @@ fn rows(
     (base, out, (frame * last.frame()).inverse() * end)
 }
 
-/// The row that leads from z, here, to the axis along `direction` (a unit vector) through `point`.
+/// Returns the row from the z axis of the current frame to the axis along `direction` (a unit vector) through `point`.
 fn row(direction: &Vector3<f64>, point: &Vector3<f64>, theta_like: Option<f64>) -> DhRow {
     let across = direction[0].hypot(direction[1]);
     if across < PARALLEL {
         let pierced = point - direction * (point[2] / direction[2]);
-        // Where the axes coincide θ is arbitrary, and exact all the same.
+        // Where the axes coincide, θ is arbitrary, but the row is exact all the same.
         let theta = pierced[1].atan2(pierced[0]);
         let (theta, sign) = nearest_theta(theta, theta_like, true);
         let turned = rotation_about(2, -theta).rotation * direction;
@@ -180,14 +180,14 @@ fn row(direction: &Vector3<f64>, point: &Vector3<f64>, theta_like: Option<f64>) 
             beta: Some(turned[0].atan2(turned[1].hypot(turned[2]))),
         };
     }
-    // x is along z × direction, or against it; the common normal is that line through both axes.
+    // x is along z × direction, or against it; the common normal is the line along x that meets both axes.
     let normal = Vector3::new(-direction[1], direction[0], 0.0) / across;
     let a = normal.dot(point);
-    // Foot on our axis: the point p + s u − a x has x = y = 0; s from the part across the normal.
+    // Foot on the current z axis: p + s u − a x has x = y = 0; s comes from the component across the normal.
     let s = -(point[0] * direction[0] + point[1] * direction[1]) / (across * across);
     let d = point[2] + s * direction[2];
     let theta = normal[1].atan2(normal[0]);
-    // Prefer a > 0 to begin with where the axes do not meet.
+    // Start with a > 0 where the axes do not meet.
     let (theta, a) = if a < -MEET_M {
         (theta + std::f64::consts::PI, -a)
     } else {
@@ -204,12 +204,13 @@ fn row(direction: &Vector3<f64>, point: &Vector3<f64>, theta_like: Option<f64>) 
     }
 }
 
-/// θ or θ + π, whichever is nearer to `like` (else to 0, and at ±90° as it came), within ±π; and −1 where it is turned.
+/// Returns θ or θ + π within ±π, whichever is nearer to `like` (without `like`: nearer to 0, and θ itself at ±90°), and the
+/// sign that a takes: −1 for θ + π.
 fn nearest_theta(theta: f64, like: Option<f64>, apart: bool) -> (f64, f64) {
     let pi = std::f64::consts::PI;
     let near = |x: f64| wrapped(x - like.unwrap_or(0.0)).abs();
     let (kept, turned) = (wrapped(theta), wrapped(theta + pi));
-    // A right angle of the nominal arm, give or take: a > 0 where the axes are apart.
+    // θ of the nominal arm is about ±90°: keep a > 0 where the axes are apart.
     let tie = like.is_none() && (near(kept) - near(turned)).abs() < 2e-3 && apart;
     if tie || near(kept) <= near(turned) {
         (kept, 1.0)

@@ -1,12 +1,12 @@
-//! Numbers as text: enough digits for a nanometre, and no more than there are.
+//! Formats numbers with digits enough for a nanometre, and no more than necessary.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::robot::normal_form::roll_pitch_yaw;
 
-/// Fifteen decimals without trailing zeros, in metres or radians: femtometres, far below what eight joints can add up
-/// to a nanometre.
+/// Formats a number in metres or radians with up to fifteen decimals, without trailing zeros. The last digit is a
+/// femtometre, far below what eight joints can add up to a nanometre.
 pub fn decimals(x: f64) -> String {
     let text = format!("{x:.15}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -16,23 +16,23 @@ pub fn decimals(x: f64) -> String {
     }
 }
 
-/// The same as a number.
+/// Rounds a number to the digits of [`decimals`].
 pub fn rounded(x: f64) -> f64 {
     decimals(x).parse().unwrap_or(x)
 }
 
-/// Three numbers and what is between them.
+/// Formats three numbers, separated by `between`.
 pub fn three(v: [f64; 3], between: &str) -> String {
     v.map(decimals).join(between)
 }
 
-/// x, y, z in metres.
+/// Returns x, y, z in metres.
 pub fn xyz(pose: &Pose<f64>) -> [f64; 3] {
     let t: &Vector3<f64> = &pose.translation;
     [t[0], t[1], t[2]]
 }
 
-/// Roll, pitch, yaw in radians, as in a URDF.
+/// Returns roll, pitch, yaw in radians, as in a URDF.
 pub fn rpy(pose: &Pose<f64>) -> [f64; 3] {
     roll_pitch_yaw(&pose.rotation)
 }

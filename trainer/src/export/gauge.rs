@@ -1,16 +1,16 @@
-//! The freedom of a chain's frames, and what it is used for: links stay where they are drawn.
+//! The freedom of a chain's frames, which is used to keep links where they are drawn.
 //!
-//! With G a rotation about and a translation along the joint's own z, Z(q) G = G Z(q): a joint's frame C may be written
-//! C G, whatever stands before and behind it takes G⁻¹ and G, and every pose of the end stays as it was.
+//! If G is a rotation about and a translation along the joint's own z, then Z(q) G = G Z(q). A joint's frame C may therefore
+//! be replaced by C G if G⁻¹ multiplies the frame behind it from the left: every pose of the end stays as it was.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::robot::normal_form::{rotation_about, translation};
 
-/// The frame nearest to `wanted` among all whose z axis is that of `base_from_joint` (both as points and direction).
-/// Its origin is the point of the axis closest to the origin of `wanted`, and its x and y axes are turned towards those
-/// of `wanted`.
+/// Returns the frame nearest to `wanted` among all frames whose z axis is the z axis of `base_from_joint`, in position and
+/// direction. Its origin is the point of the axis closest to the origin of `wanted`, and its x and y axes are turned
+/// towards those of `wanted`.
 pub fn nearest_on_axis(base_from_joint: &Pose<f64>, wanted: &Pose<f64>) -> Pose<f64> {
     let apart = base_from_joint.inverse() * *wanted;
     let along = apart.translation[2];
@@ -20,7 +20,7 @@ pub fn nearest_on_axis(base_from_joint: &Pose<f64>, wanted: &Pose<f64>) -> Pose<
     *base_from_joint * translation(0.0, 0.0, along) * rotation_about(2, angle)
 }
 
-/// Distance in metres and angle in radians between two poses.
+/// Returns the distance in metres and the angle in radians between two poses.
 pub fn distance(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     let apart: Vector3<f64> = a.translation - b.translation;
     let turned = (a.inverse() * *b).log().angular;

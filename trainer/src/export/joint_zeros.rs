@@ -1,4 +1,4 @@
-//! Joint zeros, base and tool: what a controller takes that takes no other frames.
+//! Joint zeros, base and tool, for controllers that take no other frames.
 
 use std::fmt::Write;
 
@@ -13,11 +13,11 @@ use crate::export::gauge;
 use crate::export::tables::{origin, pose, quoted};
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 
-/// What the numbers mean.
+/// Meaning of the numbers, for the comments of a file.
 const MEANING: &str =
     "Where the controller says q, the arm stands as the drawing does at q + offset.";
 
-/// What was fitted and how near it is to the model, a line each.
+/// Describes what was fitted and how near it is to the model, in lines.
 pub fn accuracy(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
     let region = region(&chain.distance.region, &chain.joints);
     let mut out = vec![format!(
@@ -33,7 +33,7 @@ pub fn accuracy(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
     out
 }
 
-/// How far each of them moves, a line each.
+/// Describes how far each joint zero, the base and the tool move, in lines.
 pub fn moves(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
     let own = chain.joints.iter().zip(&zeros.offsets);
     let mut out: Vec<String> = own
@@ -59,7 +59,7 @@ pub fn moves(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
     out
 }
 
-/// The file as TOML.
+/// Returns the file as TOML.
 pub fn to_toml(chain: &CalibratedChain, zeros: &JointOffsets) -> String {
     let mut out = String::new();
     for line in chain.provenance.iter().chain(&accuracy(chain, zeros)) {
@@ -90,7 +90,7 @@ pub fn to_toml(chain: &CalibratedChain, zeros: &JointOffsets) -> String {
     out
 }
 
-/// The same as JSON.
+/// Returns joint zeros, base and tool as JSON.
 pub fn to_json(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
     let joints = chain.joints.iter().zip(&zeros.offsets);
     let joints = joints.map(|(joint, offset)| {
@@ -111,7 +111,7 @@ pub fn to_json(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
     })
 }
 
-/// Distances from the model, beside those of the whole chain and of the drawing.
+/// Returns the distances from the model as JSON, beside those of the whole chain and of the drawing.
 pub fn distances(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
     let mut out = distance_json(chain);
     out["joint_offsets"] = json!(zeros.error);

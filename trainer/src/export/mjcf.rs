@@ -1,7 +1,7 @@
 //! A calibrated arm as an MJCF model for MuJoCo: one body for each joint, the flange and the target as sites.
 //!
-//! A calibration knows no mass, and MuJoCo takes no moving body without one: each gets a small mass and inertia, and the file
-//! says so. Numbers have all their digits; MuJoCo itself saves six.
+//! A calibration knows no masses, but MuJoCo accepts no moving body without one: each body gets a small mass and inertia,
+//! and the file says so. Numbers have all their digits; MuJoCo itself saves six.
 
 use std::fmt::Write;
 
@@ -15,7 +15,7 @@ use crate::export::poe;
 use crate::export::tables::Row;
 use crate::export::xml::{comment_lines, escaped};
 
-/// The model. Names are those of the joints; bodies are `base_link`, `link_1` …, sites `tool0` (the flange) and `target`.
+/// Returns the model. Joints keep their names; bodies are `base_link`, `link_1` …, sites `tool0` (the flange) and `target`.
 pub fn text(chain: &CalibratedChain) -> String {
     let mut about = comments(chain);
     about.push(
@@ -64,7 +64,7 @@ pub fn text(chain: &CalibratedChain) -> String {
     out
 }
 
-/// Position and quaternion, scalar first.
+/// Returns position and quaternion as attributes, the quaternion with its scalar first.
 fn at(pose: &Pose<f64>) -> String {
     let (w, v) = pose.quaternion();
     format!(

@@ -4,8 +4,8 @@ use crate::export::calibrated_chain::at_zero;
 use crate::export::tables::{Row, Table};
 use crate::export::{CalibratedChain, gauge};
 
-/// The table of a calibrated chain: for each joint its frame in the one before, and the axis z. The frames are as near to
-/// those of the nominal chain as the calibrated axes allow.
+/// Returns the table of a calibrated chain: for each joint its frame in the one before, and the axis z. The frames are as
+/// near to those of the nominal chain as the calibrated axes allow.
 pub fn table(chain: &CalibratedChain) -> Table {
     let nominal = at_zero(&chain.nominal_to_flange());
     let calibrated = at_zero(&chain.to_flange());

@@ -11,24 +11,24 @@ use crate::export::describe::{comments, distance_json};
 use crate::export::format::{decimals, rounded, rpy, three, xyz};
 use poegp_calibration::robot::normal_form::{rotation_about, translation};
 
-/// One row, metres and radians; one of d and β is 0. In the distal convention R_z(q + θ) T_z(d) T_x(a) R_x(α) R_y(β), in the
-/// proximal one T_x(a) R_x(α) R_y(β) R_z(q + θ) T_z(d), with a, α and β before the joint.
+/// A Denavit-Hartenberg row in metres and radians; one of d and β is 0. The distal convention is R_z(q + θ) T_z(d) T_x(a)
+/// R_x(α) R_y(β). The proximal one is T_x(a) R_x(α) R_y(β) R_z(q + θ) T_z(d), with a, α and β before the joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DhRow {
-    /// Angle about z where the controller says 0.
+    /// Angle about z at joint value 0.
     pub theta: f64,
-    /// Along z.
+    /// Translation along z.
     pub d: f64,
-    /// Along the new x.
+    /// Translation along the new x.
     pub a: f64,
-    /// About the new x.
+    /// Rotation about the new x.
     pub alpha: f64,
-    /// About the new y, between parallel axes.
+    /// Rotation about the new y, between parallel axes.
     pub beta: Option<f64>,
 }
 
 impl DhRow {
-    /// The frame behind the joint of this row, at joint value 0.
+    /// Returns the frame behind the joint of this row, at joint value 0.
     pub fn frame(&self) -> Pose<f64> {
         rotation_about(2, self.theta)
             * translation(0.0, 0.0, self.d)
@@ -38,30 +38,31 @@ impl DhRow {
     }
 }
 
-/// What stands for a joint.
+/// Row of a table that stands for a joint.
 #[derive(Clone, Copy, Debug)]
 pub enum Row {
-    /// The joint's frame in the one before it; the joint acts on its z.
+    /// Frame of the joint in the one before it; the joint acts on its z.
     Frame(Pose<f64>),
-    /// Its Denavit-Hartenberg row; the joint acts on the z before it, or on that of the row where a and α come first.
+    /// Denavit-Hartenberg row of the joint. The joint acts on the z axis before the row, or, where a and α come first, on
+    /// the z axis of the row.
     Dh(DhRow),
 }
 
 /// A chain in one convention.
 #[derive(Clone, Debug)]
 pub struct Table {
-    /// The name of the convention in a robot description.
+    /// Name of the convention in a robot description.
     pub convention: &'static str,
-    /// The frame before the first row.
+    /// Frame before the first row.
     pub base: Option<Pose<f64>>,
-    /// A row for each joint.
+    /// Rows, one for each joint.
     pub rows: Vec<Row>,
-    /// From behind the last row to the flange.
+    /// Frame from the last row to the flange.
     pub flange: Pose<f64>,
 }
 
 impl Table {
-    /// What a file of this table says before its numbers, a line each.
+    /// Returns the lines before the numbers of a file.
     pub(super) fn comments(&self, chain: &CalibratedChain) -> Vec<String> {
         let meaning = match self.convention {
             "dh" => "Rows: R_z(q + theta_offset) T_z(d) T_x(a) R_x(alpha) R_y(beta).",
@@ -75,7 +76,7 @@ impl Table {
         out
     }
 
-    /// The table as a robot description that `--robot` reads.
+    /// Returns the table as a robot description that `--robot` reads.
     pub fn to_toml(&self, chain: &CalibratedChain) -> String {
         let mut out = String::new();
         for line in self.comments(chain) {
@@ -137,7 +138,7 @@ impl Table {
         out
     }
 
-    /// The same as JSON, lengths in metres and angles in radians.
+    /// Returns the table as JSON, with lengths in metres and angles in radians.
     pub fn to_json(&self, chain: &CalibratedChain) -> Value {
         let joints = chain.joints.iter().zip(&self.rows).map(|(joint, row)| {
             let (kind, unit) = match joint.kind {

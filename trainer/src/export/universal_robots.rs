@@ -7,10 +7,10 @@
 //!   hash: calib_…
 //! ```
 //!
-//! The description package puts each of the six into the origin of a joint with axis z, and behind wrist_3 only fixed
-//! turns: tool0 stands where wrist_3_link does. base_link_inertia is turned by π about z from base_link, so it stands as
-//! the controller's base does. The six frames can hold every calibrated axis, but not where the flange is tilted or off
-//! from the last one; that part has to go into the TCP, and is printed.
+//! The description package uses each of the six frames as the origin of a joint with axis z. Behind wrist_3 it has only
+//! fixed rotations, so tool0 has the origin of wrist_3_link. base_link_inertia is turned by π about z from base_link, so it
+//! coincides with the controller's base. The six frames can hold every calibrated axis, but no tilt or offset of the flange
+//! from the last axis; that part has to go into the TCP, and is printed.
 
 use std::fmt::Write;
 
@@ -25,7 +25,7 @@ use crate::export::format::{decimals, rpy, xyz};
 use crate::export::{CalibratedChain, gauge};
 use poegp_calibration::robot::normal_form::{origin, rotation_about};
 
-/// The names of the six frames, base first.
+/// Names of the six frames, base first.
 pub const LINKS: [&str; 6] = [
     "shoulder",
     "upper_arm",
@@ -34,7 +34,7 @@ pub const LINKS: [&str; 6] = [
     "wrist_2",
     "wrist_3",
 ];
-/// How far a nominal arm may be from the layout, metres and radians: descriptions round.
+/// Largest deviation of a nominal arm from the layout, in metres and radians: descriptions round their numbers.
 const LAYOUT: f64 = 1e-4;
 
 /// The kinematics of an arm in the driver's convention.
@@ -42,33 +42,33 @@ const LAYOUT: f64 = 1e-4;
 pub struct UrKinematics {
     /// `base_link_inertia_from_shoulder`, `shoulder_from_upper_arm`, …, `wrist_2_from_wrist_3`.
     pub frames: [Pose<f64>; 6],
-    /// `tool0_from_target`: the TCP at which the driver's chain ends where the calibrated one does.
+    /// `tool0_from_target`: the TCP with which the driver's chain ends where the calibrated one does.
     pub tool0_from_target: Pose<f64>,
-    /// `tool0_from_flange`: what the six frames could not hold of the calibrated flange.
+    /// `tool0_from_flange`: the part of the calibrated flange that the six frames could not hold.
     pub tool0_from_flange: Pose<f64>,
     /// Whether the blob's base is `base_link`, turned by π from the controller's base.
     pub base_is_base_link: bool,
 }
 
-/// Why an arm has no such file.
+/// Reason why an arm has no kinematics file.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum UrError {
-    /// Not six turning joints.
+    /// The joints are not six revolute ones.
     #[error("{0} joints, not all of them six revolute ones")]
     Joints(usize),
-    /// A coupling of the joints.
+    /// The joints are coupled.
     #[error("coupled joints")]
     Coupled,
-    /// Nominal frames that are not those of the layout.
+    /// The nominal frames are not those of the layout.
     #[error("nominal axes of another layout: {0}")]
     Layout(String),
 }
 
-/// The lengths of the layout, metres: d1, a2, a3, d4, d5, d6 as Universal Robots publishes them.
+/// Lengths of the layout in metres: d1, a2, a3, d4, d5, d6 as Universal Robots publishes them.
 struct Lengths([f64; 6]);
 
 impl Lengths {
-    /// `base_from_link` at joint values zero, of the six links.
+    /// Returns `base_from_link` of the six links at joint values zero.
     fn links(&self) -> [Pose<f64>; 6] {
         let [d1, a2, a3, d4, d5, d6] = self.0;
         let (quarter, half) = (std::f64::consts::FRAC_PI_2, std::f64::consts::PI);
@@ -84,7 +84,7 @@ impl Lengths {
         std::array::from_fn(|i| placed[i])
     }
 
-    /// Those of a nominal arm that has the layout, from its joints and tool at joint values zero.
+    /// Returns the lengths of a nominal arm that has the layout, from the poses of its joints and tool at joint values zero.
     fn of(at_zero: &[Pose<f64>]) -> Result<Self, UrError> {
         let axis = |i: usize| -> Vector3<f64> {
             let r: &Matrix3<f64> = &at_zero[i].rotation;
@@ -115,7 +115,7 @@ impl Lengths {
         let d5 = d1 - point(5)[2];
         let lengths = Self([d1, a2, a3, d4, d5, -tool[1] - d4]);
         for (i, link) in lengths.links().iter().enumerate() {
-            // A joint's frame may be anywhere on its axis; the tool has one place.
+            // A joint's frame may be anywhere on its axis; the tool has one position.
             let (placed, what) = if i == 5 {
                 (at_zero[6], "tool0".to_owned())
             } else {
@@ -138,7 +138,7 @@ impl Lengths {
 }
 
 impl UrKinematics {
-    /// The kinematics of a calibrated arm.
+    /// Returns the kinematics of a calibrated arm.
     ///
     /// # Errors
     /// [`UrError`] when the nominal arm does not have the layout of a Universal Robots arm from `base` or `base_link` to
@@ -186,7 +186,7 @@ impl UrKinematics {
         })
     }
 
-    /// What a file says before its numbers, a line each.
+    /// Returns the lines before the numbers of a file.
     pub(super) fn comments(&self, chain: &CalibratedChain) -> Vec<String> {
         let mut out = comments(chain);
         out.push(
@@ -200,7 +200,7 @@ impl UrKinematics {
         out
     }
 
-    /// The file.
+    /// Returns the file as YAML.
     pub fn to_yaml(&self, chain: &CalibratedChain) -> String {
         let mut body = String::new();
         for (name, frame) in LINKS.iter().zip(&self.frames) {

@@ -1,9 +1,9 @@
 //! A calibrated arm as a URDF: the nominal file with corrected transforms, or a file of links and joints alone.
 //!
 //! Every link between base and tip stays where the nominal file has it, as near as the calibrated axes allow, and joint
-//! axes stay what they are in their links; so what is attached to the links (meshes, inertias, cameras) stays valid. Only
-//! the `<origin>` of each moving joint changes, and that of the first fixed joint behind the last of them, which brings
-//! the tip to the calibrated flange. Where there is no such joint, a link and a fixed joint for it are added.
+//! axes stay unchanged in their links; so what is attached to the links (meshes, inertias, cameras) stays valid. Only
+//! the `<origin>` of each moving joint changes, and that of the first fixed joint behind the last moving one, which brings
+//! the tip to the calibrated flange. Where there is no such fixed joint, a link and a fixed joint are added.
 
 use std::fmt::Write;
 
@@ -18,42 +18,42 @@ use crate::export::xml::{comment_lines, escaped};
 use crate::export::{CalibratedChain, gauge};
 use poegp_calibration::robot::normal_form::{origin, rotation_to_axis};
 
-/// The link that is added where the tip cannot be the calibrated flange.
+/// Name of the link that is added where the tip cannot be the calibrated flange.
 pub const FLANGE_LINK: &str = "calibrated_flange";
 
 /// A new origin of a joint.
 #[derive(Clone, Debug)]
 pub struct Corrected {
-    /// The joint's name.
+    /// Name of the joint.
     pub joint: String,
-    /// Its origin in the nominal file, `parent_from_child`.
+    /// Origin in the nominal file, `parent_from_child`.
     pub before: Pose<f64>,
-    /// The calibrated one.
+    /// Calibrated origin, `parent_from_child`.
     pub after: Pose<f64>,
 }
 
-/// A link that is added, held by a fixed joint.
+/// An added link, held by a fixed joint.
 #[derive(Clone, Debug)]
 pub struct Added {
-    /// The link it is fixed to.
+    /// Link that it is fixed to.
     pub parent: String,
-    /// Its name; the joint's is this with `_joint`.
+    /// Name of the link; the name of its joint is this with `_joint`.
     pub link: String,
-    /// `parent_from_link`.
+    /// Pose of the link, `parent_from_link`.
     pub pose: Pose<f64>,
 }
 
-/// What has to change in a nominal file.
+/// Changes to a nominal file.
 #[derive(Clone, Debug)]
 pub struct Changes {
     /// New origins, base first.
     pub corrected: Vec<Corrected>,
-    /// New links.
+    /// Added links.
     pub added: Vec<Added>,
 }
 
-/// The changes that make the chain of `joints` (base to tip, fixed ones too) the calibrated one. `target_link` names a
-/// link to be added at the target.
+/// Returns the changes that turn the chain of `joints` (base to tip, fixed ones too) into the calibrated one. `target_link`
+/// names a link to be added at the target.
 pub fn changes(
     chain: &CalibratedChain,
     joints: &[urdf_rs::Joint],
@@ -67,7 +67,7 @@ pub fn changes(
         .rposition(|joint| joint.joint_type != urdf_rs::JointType::Fixed)
         .unwrap_or(0);
     let mut corrected = Vec::new();
-    // Where the links are at joint values zero, in the nominal file and in the new one.
+    // Poses of the links at joint values zero, in the nominal file and in the new one.
     let (mut nominal, mut new) = (Pose::identity(), Pose::identity());
     let mut moving = 0;
     for (i, joint) in joints.iter().enumerate() {
@@ -75,7 +75,7 @@ pub fn changes(
         nominal = nominal * before;
         let mut after = before;
         if joint.joint_type != urdf_rs::JointType::Fixed {
-            // The calibrated axis, seen by a frame whose z it is, and from there by the link.
+            // A frame with the calibrated axis as its z, and from that frame the pose of the link.
             let link_from_normal = rotation_to_axis(&Vector3::from(*joint.axis.xyz));
             let normal = gauge::nearest_on_axis(&calibrated[moving], &(nominal * link_from_normal));
             after = new.inverse() * (normal * link_from_normal.inverse());
@@ -118,7 +118,8 @@ pub fn changes(
     Changes { corrected, added }
 }
 
-/// A URDF of links without shapes, for arms that have none: base_link, a link behind every joint, tool0 (the flange).
+/// Returns a URDF of links without shapes, for arms without a URDF: base_link, a link behind every joint, tool0 (the
+/// flange).
 pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
     let nominal = at_zero(&chain.nominal_to_flange());
     let calibrated = at_zero(&chain.to_flange());
@@ -152,7 +153,7 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
             link(i + 1),
             origin_tag(&(before.inverse() * frame), "/")
         );
-        // A URDF without effort and velocity is refused by most readers; 0 stands for "not stated".
+        // Most readers refuse a URDF without effort and velocity; 0 stands for "not stated".
         match (limits, kind) {
             (Some((lower, upper)), _) => {
                 let _ = writeln!(
@@ -189,7 +190,7 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
     out
 }
 
-/// A comment of XML with what is known of the calibration.
+/// Returns an XML comment on the calibration.
 pub(super) fn comment(chain: &CalibratedChain) -> String {
     let mut lines = comments(chain);
     lines.push(format!(
@@ -200,7 +201,7 @@ pub(super) fn comment(chain: &CalibratedChain) -> String {
     comment_lines(&lines)
 }
 
-/// `<origin …/>`, closed by `end`.
+/// Returns an `<origin …/>` tag, closed by `end`.
 pub(super) fn origin_tag(pose: &Pose<f64>, end: &str) -> String {
     format!(
         "<origin xyz=\"{}\" rpy=\"{}\"{end}>",
@@ -209,7 +210,7 @@ pub(super) fn origin_tag(pose: &Pose<f64>, end: &str) -> String {
     )
 }
 
-/// The fixed joint that holds an added link.
+/// Returns the fixed joint that holds an added link.
 pub(super) fn added_joint(indent: &str, added: &Added) -> String {
     let (parent, link) = (escaped(&added.parent), escaped(&added.link));
     format!(

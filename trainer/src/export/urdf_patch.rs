@@ -1,7 +1,7 @@
-//! The nominal URDF with its origins exchanged, and every other byte as it was.
+//! Replaces the origins of a nominal URDF and keeps every other byte.
 //!
-//! The file is not parsed and written again, which would lose comments, order and what this program does not know: the
-//! places of the `<origin>` tags are found by an XML reader, and only they are replaced.
+//! The file is not parsed and written again, which would lose comments, order and what this program does not know: an XML
+//! reader finds the positions of the `<origin>` tags, and only they are replaced.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -15,28 +15,28 @@ use crate::export::urdf::{Changes, added_joint, comment, origin_tag};
 use crate::export::xml::escaped;
 use poegp_calibration::input_error::InputError;
 
-/// Where something stands in the text of a joint.
+/// Position of the origin in the text of a joint.
 #[derive(Clone, Debug)]
 struct Location {
-    /// The `<origin …>` tag; empty, behind the joint's start tag, where there is none.
+    /// Bytes of the `<origin …>` tag; where there is none, an empty range behind the joint's start tag.
     origin: Range<usize>,
-    /// Whether it is closed in itself.
+    /// Whether the tag is self-closing.
     closed: bool,
-    /// Whether there is one.
+    /// Whether the joint has an `<origin …>` tag.
     there: bool,
 }
 
-/// The places of a file.
+/// Positions of the elements in a file.
 struct Locations {
     joints: HashMap<String, Location>,
     links: Vec<String>,
-    /// Before `<robot …>`.
+    /// Position before `<robot …>`.
     robot: usize,
-    /// Before `</robot>`.
+    /// Position before `</robot>`.
     end: usize,
 }
 
-/// The text of the nominal file `text` with `changes` made in it; `file` is for messages.
+/// Returns the nominal file `text` with `changes` made in it; `file` is for messages.
 ///
 /// # Errors
 /// [`InputError`] where a joint cannot be found, a name for a new link is taken, or the text is no XML.
@@ -107,7 +107,7 @@ fn locations(file: &Path, text: &str) -> Result<Locations, InputError> {
         robot: 0,
         end: text.len(),
     };
-    // Names of the elements that are open, and the joint among them.
+    // Names of the open elements, and the joint among them.
     let mut open: Vec<Vec<u8>> = Vec::new();
     let mut joint: Option<String> = None;
     loop {

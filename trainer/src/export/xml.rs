@@ -1,8 +1,8 @@
-//! Text within XML.
+//! Escapes text for XML.
 
 use std::fmt::Write;
 
-/// Text as the value of an attribute.
+/// Escapes text as the value of an attribute.
 pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
@@ -10,11 +10,11 @@ pub(super) fn escaped(text: &str) -> String {
         .replace('"', "&quot;")
 }
 
-/// A comment of these lines.
+/// Returns an XML comment of these lines.
 pub(super) fn comment_lines(lines: &[String]) -> String {
     let mut out = String::from("<!--\n");
     for line in lines {
-        // Two hyphens would end it.
+        // Two hyphens would end the comment.
         let _ = writeln!(out, "  {}", line.replace("--", "- -"));
     }
     out + "-->\n"

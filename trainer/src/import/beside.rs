@@ -1,4 +1,4 @@
-//! What a row has beside its joints and its pose.
+//! The columns of a row other than its joints and its pose: payload, session, target, uncertainties and references.
 
 use nalgebra::Vector3;
 
@@ -10,7 +10,7 @@ use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
 
-/// What every row has beside the pose.
+/// Columns of a map other than joints and pose, located in a file.
 pub struct Beside<'a> {
     map: &'a Map,
     payload: Option<(usize, MassUnit)>,
@@ -22,7 +22,7 @@ pub struct Beside<'a> {
 }
 
 impl<'a> Beside<'a> {
-    /// Finds the columns; that of the payload is beside the joints.
+    /// Locates the columns. The payload's column is in `joints`, the file of the joints; all others are in `table`.
     pub fn find(map: &'a Map, table: &Table, joints: &Table) -> Result<Self, InputError> {
         let of = |label: &Option<Label>, key: &str| {
             let column = label.as_ref().and_then(|label| label.column.as_ref());
@@ -64,12 +64,12 @@ impl<'a> Beside<'a> {
         })
     }
 
-    /// The column of the payload, beside the joints.
+    /// Returns the index of the payload's column, which is in the file of the joints.
     pub fn payload_column(&self) -> Option<usize> {
         self.payload.map(|p| p.0)
     }
 
-    /// The other columns that it reads.
+    /// Returns the indices of all columns except the payload's.
     pub fn columns(&self) -> Vec<usize> {
         let mut out: Vec<usize> = [self.session, self.target].into_iter().flatten().collect();
         out.extend(self.sigma_position.map(|s| s.0));
@@ -78,7 +78,7 @@ impl<'a> Beside<'a> {
         out
     }
 
-    /// Fills in a row.
+    /// Fills in session, target, payload, uncertainties and reference points of a row.
     pub fn read(
         &self,
         fields: &RowValues<'_>,

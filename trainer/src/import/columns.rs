@@ -1,4 +1,4 @@
-//! Where the columns of a map are in a file.
+//! Locates the columns of a map in a file.
 
 use nalgebra::Vector3;
 use toml::Spanned;
@@ -12,7 +12,7 @@ use crate::import::units::{shared_unit, unit_of};
 use crate::import::value::RowValues;
 use poegp_calibration::input_error::{InputError, counted};
 
-/// Where x, y and z are.
+/// Column indices of x, y and z, and their unit of length.
 pub struct Triple(pub [usize; 3], pub LengthUnit);
 
 impl Triple {
@@ -36,12 +36,12 @@ impl Triple {
     }
 }
 
-/// Where the joints are, and their units.
+/// Returns the column index and the unit of each joint, base first.
 pub fn joint_columns(map: &Map, table: &Table) -> Result<Vec<(usize, JointUnit)>, InputError> {
     let (columns, driver) = match &map.joints.source {
         JointSource::Columns(columns) => (all(map, table, columns, "joints.columns")?, None),
         JointSource::Driver(name) => {
-            // The map was checked.
+            // The map was checked: a driver with this name exists.
             let driver = Driver::named(name.get_ref());
             let has = |name: &str| table.find(&ColumnName::Name(name.to_owned())).is_ok();
             let names = driver.map_or_else(Vec::new, |driver| driver.columns(has));
@@ -76,7 +76,8 @@ pub fn joint_columns(map: &Map, table: &Table) -> Result<Vec<(usize, JointUnit)>
         .collect()
 }
 
-/// The joints of a row, in degrees or millimetres.
+/// Returns the joint values of a row with the units of their columns: degrees for revolute joints, millimetres for
+/// prismatic ones.
 pub fn joint_values(
     fields: &RowValues<'_>,
     columns: &[(usize, JointUnit)],
@@ -87,7 +88,7 @@ pub fn joint_values(
         .collect()
 }
 
-/// Refuses a column that is two things, and notes those that are nothing.
+/// Refuses a column that the map uses twice, and returns a note that lists the columns that it does not use.
 pub fn twice_or_unused(
     map: &Map,
     table: &Table,
@@ -123,7 +124,7 @@ pub fn twice_or_unused(
     })
 }
 
-/// The place of one column.
+/// Returns the index of one column.
 pub fn one(
     map: &Map,
     table: &Table,
@@ -149,7 +150,7 @@ pub fn all(
     columns.get_ref().iter().map(find).collect()
 }
 
-/// The places of N columns, whose number the map's reader has checked.
+/// Returns the indices of N columns. The reader of the map has checked their number.
 pub fn columns<const N: usize>(
     map: &Map,
     table: &Table,

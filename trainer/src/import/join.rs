@@ -1,6 +1,7 @@
-//! Which row of the joints' file belongs to which row of the poses' file: by order, by an index, or by time.
+//! Joins the rows of a joints' file to the rows of a poses' file: by order, by an index, or by time.
 //!
-//! Every pose gets exactly one row of joints, and no row of joints two poses. What is not so is refused with the lines.
+//! Every pose gets exactly one row of joints, and no row of joints belongs to two poses. Files that violate this are
+//! refused, and the error names the lines.
 
 use std::collections::BTreeMap;
 
@@ -11,21 +12,21 @@ use crate::import::units::unit_of;
 use crate::import::value::RowValues;
 use poegp_calibration::input_error::InputError;
 
-/// The rows of joints of all poses.
+/// The rows of joints that belong to the poses.
 pub struct Joined<'a> {
     /// For each row of poses, its row of joints; `None` where the pose is left out.
     pub lines: Vec<Option<&'a Line>>,
-    /// The column of the poses that they were joined by.
+    /// Column of the poses' file by which the files were joined.
     pub pose_column: Option<usize>,
-    /// The column of the joints that they were joined by.
+    /// Column of the joints' file by which the files were joined.
     pub joint_column: Option<usize>,
-    /// How many rows of joints belong to no pose.
+    /// Number of rows of joints that belong to no pose.
     pub unused: usize,
 }
 
 const LEAVE_OUT: &str = "incomplete = \"leave-out\" in the map leaves such rows out and lists them";
 
-/// Joins two files; what is left out is added to `left_out`.
+/// Joins two files, and adds the lines of the rows that it leaves out to `left_out`.
 pub fn joined<'a>(
     map: &Map,
     how: &FileJoin,
@@ -42,7 +43,7 @@ pub fn joined<'a>(
     let lines = match (how.by, pose_column, joint_column) {
         (JoinBy::Index, Some(p), Some(j)) => by_index(map, (poses, p), (joints, j), left_out)?,
         (JoinBy::Time, Some(p), Some(j)) => by_time(map, how, (poses, p), (joints, j), left_out)?,
-        // The map was checked: this is by order.
+        // The map was checked: only the join by order is left.
         _ => by_order(poses, joints)?,
     };
     let used = lines.iter().flatten().count();
@@ -118,7 +119,7 @@ fn by_index<'a>(
     Ok(out)
 }
 
-/// The rows of a file by their index, which no two of them share.
+/// Returns the rows of a file by their index, and refuses an index that occurs twice.
 fn indexed(table: &Table, column: usize) -> Result<BTreeMap<&str, &Line>, InputError> {
     let mut out: BTreeMap<&str, &Line> = BTreeMap::new();
     for line in &table.rows {
@@ -136,7 +137,8 @@ fn indexed(table: &Table, column: usize) -> Result<BTreeMap<&str, &Line>, InputE
     Ok(out)
 }
 
-/// The times of all rows in seconds, and whether they are without a time zone; `expected` is what other rows are.
+/// Returns the times of all rows in seconds, and whether they lack a time zone. `expected` says whether the rows of the
+/// other file lack one.
 fn times(
     (table, column): (&Table, usize),
     unit: TimeUnit,

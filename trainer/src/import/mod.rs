@@ -1,17 +1,17 @@
-//! Measurement files as they come, by a map of their columns, into the measurement file of this project.
+//! Converts measurement files as instruments write them into measurement files of this project, by a map of their columns.
 //!
 //! ```text
-//! raw files ──> text (encoding, separator, header) ──> cells by the map ──> rows ──> CSV of poegp_calibration::measurement
-//!                                                       points, joints ──> rigid fit ──┘
+//! raw files ──> text (encoding, separator, header) ──> fields by the map ──> rows ──> CSV of poegp_calibration::measurement
+//!                                                        points, joints ──> rigid fit ──┘
 //! ```
 //!
-//! `docs/reference/column-map.md` has the map's keys, `docs/guide/import.md` has examples. Nothing is dropped in silence: a cell that is not
-//! what the map says is refused with file, line and column, a row without a measurement is refused unless the map says
-//! `incomplete = "leave-out"` and then listed, and columns that the map does not name are listed.
+//! `docs/reference/column-map.md` has the map's keys, `docs/guide/import.md` has examples. Nothing is dropped in silence:
+//! a field that is not what the map says is refused with file, line and column; a row without a measurement is refused
+//! unless the map says `incomplete = "leave-out"`, and is then listed; and columns that the map does not name are listed.
 //!
-//! **Rounding.** Whatever the shape, what is written is rounded once, at the end: positions to 1e-6 mm, joints to 1e-10
-//! degrees (1e-6 mm), quaternions to 1e-10, all below a nanometre at the tool. Two shapes of one measurement give the same
-//! rows to the last character as long as the raw file has the digits for it.
+//! **Rounding.** Whatever the shape of the input, written numbers are rounded once, at the end: positions to 1e-6 mm,
+//! joints to 1e-10 degrees (1e-6 mm), quaternions to 1e-10, all below a nanometre at the tool. Two shapes of one
+//! measurement give the same rows to the last character as long as the raw file has enough digits.
 
 mod beside;
 pub mod column_map;
@@ -41,18 +41,18 @@ use poegp_calibration::measurement as measurements;
 
 pub use crate::import::write::Row;
 
-/// What came out of an import.
+/// Result of an import.
 #[derive(Debug)]
 pub struct Imported {
     /// The measurement file.
     pub csv: String,
     /// The rows in it.
     pub rows: Vec<Row>,
-    /// What its user should see.
+    /// Notes for the user.
     pub notes: Vec<String>,
 }
 
-/// Reads `raws` as `map` says: one file of rows, or points and then joints.
+/// Imports `raws` as `map` says: one file of rows; or two files, first the points or poses, then the joints.
 ///
 /// # Errors
 /// [`InputError`] names file, line and column of the first thing that is not as the map says.
@@ -68,10 +68,10 @@ pub fn import(raws: &[PathBuf], map: &Map) -> Result<Imported, InputError> {
     import_bytes(raws, &bytes, map)
 }
 
-/// The same with the bytes of the files; `raws` are their names.
+/// Imports files whose contents are `bytes`; `raws` are their names.
 ///
 /// # Errors
-/// As [`import`].
+/// See [`import`].
 pub fn import_bytes(
     raws: &[PathBuf],
     bytes: &[Vec<u8>],
@@ -117,7 +117,7 @@ pub fn import_bytes(
         })
         .collect();
     let csv = write::csv(&rows, &sources);
-    // What is written is read again: a file that no other command takes is no import.
+    // Read the output again: an import that no other command accepts is no use.
     let set = measurements::parse(Path::new("<imported>"), csv.as_bytes())?;
     notes.extend(set.notes);
     Ok(Imported { csv, rows, notes })

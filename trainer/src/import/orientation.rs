@@ -1,4 +1,4 @@
-//! Rotations as files have them: quaternions, Euler angles, rotation vectors, matrices.
+//! Rotations in the notations of measurement files: quaternions, Euler angles, rotation vectors, matrices.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::{Pose, Twist};
@@ -9,16 +9,17 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::robot::normal_form::rotation_about;
 
-/// How far a quaternion's norm or a matrix may be off what it should be; [`poegp_calibration::measurement`] has the same.
+/// Largest deviation of a quaternion's norm from 1, or of a matrix from an orthonormal one;
+/// [`poegp_calibration::measurement`] uses the same limit.
 const TOLERANCE: f64 = 1e-3;
 
-/// A rotation, and how far what stood in the file was off one.
+/// A rotation, and by how much the numbers in the file deviated from a rotation.
 pub struct ReadOrientation {
     pub rotation: Matrix3<f64>,
     pub off: f64,
 }
 
-/// Where the columns of an orientation are, and how they are to be read.
+/// Column indices of an orientation, and its notation.
 pub enum Reader {
     Quaternion([usize; 4], QuaternionOrder),
     Euler([usize; 3], [usize; 3], EulerAxes, AngleUnit),
@@ -27,7 +28,7 @@ pub enum Reader {
 }
 
 impl Reader {
-    /// The columns that it reads.
+    /// Returns the indices of the columns that this reader reads.
     pub fn columns(&self) -> &[usize] {
         match self {
             Self::Quaternion(columns, _) => columns,
@@ -79,7 +80,7 @@ impl Reader {
     }
 }
 
-/// The axes of a stated order, as 0 to 2.
+/// Returns the axes of an order such as `zyx` as numbers from 0 to 2; `None` where it is no order of Euler angles.
 pub fn axes(order: &str) -> Option<[usize; 3]> {
     let axis = |c: char| "xyz".find(c.to_ascii_lowercase());
     let axes: Vec<usize> = order.chars().map(axis).collect::<Option<_>>()?;
@@ -119,7 +120,7 @@ fn quaternion(
     })
 }
 
-/// The rotation nearest to a matrix of a file; `column` is where it begins.
+/// Returns the rotation nearest to a matrix of a file. `column` is the first column of the matrix, for messages.
 pub fn matrix(
     fields: &RowValues<'_>,
     column: usize,

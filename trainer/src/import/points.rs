@@ -1,8 +1,8 @@
-//! A list of points as Leica's programs and SpatialAnalyzer write it, with the joints in another file.
+//! Lists of points as Leica's programs and SpatialAnalyzer write them, with the joints in another file.
 //!
-//! Points that belong to one pose are joined by their names. Where the map knows the places of the targets on the tool,
-//! three or more points give the whole pose: the rigid motion that takes the places to the points, in least squares. Else
-//! every point is a measurement of a position.
+//! Points that belong to one pose are grouped by their names. Where the map has the positions of the targets on the tool,
+//! three or more points give the whole pose: the rigid motion that maps those positions to the points, in least squares.
+//! Otherwise every point is a measurement of a position.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
 
-/// One point.
+/// One measured point, in millimetres.
 struct Point<'a> {
     line: &'a Line,
     target: String,
@@ -33,7 +33,7 @@ struct Group<'a> {
     points: Vec<Point<'a>>,
 }
 
-/// The rows of two files, and what their user should see.
+/// Returns the rows from a file of points and a file of joints, and the notes for the user.
 pub fn rows(
     points: &Table,
     joints: &Table,
@@ -218,7 +218,7 @@ fn groups<'a>(
     Ok(out)
 }
 
-/// The row of joints of every pose; `None` where it is left out.
+/// Returns the row of joints of every pose; `None` where the pose is left out.
 fn joined<'a>(
     points: &Path,
     groups: &[Group<'_>],
@@ -296,7 +296,8 @@ fn joined<'a>(
     Ok(out)
 }
 
-/// `instrument_from_tool` from the points of a pose, and the line of the worst; `None` when they do not span a plane.
+/// Fits `instrument_from_tool` to the points of a pose. Returns the fit and the line of the point with the largest
+/// residual; `None` when the points do not span a plane.
 fn fit_of(
     table: &Table,
     group: &Group<'_>,

@@ -1,4 +1,4 @@
-//! How the pose of a row is read: a position with or without an orientation, one matrix, or reflectors.
+//! Reads the pose of a row: a position with or without an orientation, one matrix, or reflectors.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -12,25 +12,26 @@ use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
 use poegp_calibration::input_error::InputError;
 
-/// How the pose is read.
+/// Notation of the pose, with the indices of its columns.
 pub enum PoseReader {
     Apart(Triple, Option<Reader>),
     Matrix(Vec<usize>, LengthUnit, MatrixLayout),
     Reflectors(Reflected),
 }
 
-/// Points as seen and on the tool, and which reflectors they are.
+/// Pairs of a point as seen by the instrument and on the tool, and the indices of these reflectors.
 type Seen = (Vec<(Vector3<f64>, Vector3<f64>)>, Vec<usize>);
 
-/// Three reflectors or more in a row.
+/// Three or more reflectors in a row.
 pub struct Reflected {
-    /// Columns, and the location on the tool in mm.
+    /// Columns of each reflector, and its position on the tool in mm.
     reflectors: Vec<(Triple, Vector3<f64>)>,
     max_residual_mm: f64,
 }
 
 impl Reflected {
-    /// The reflectors that the instrument saw in this row, and which they are; one that it missed is empty or `0 0 0`.
+    /// Returns the reflectors that the instrument saw in this row, and their indices. The fields of a missed reflector are
+    /// empty or `0 0 0`.
     fn seen(&self, fields: &RowValues<'_>) -> Result<Seen, InputError> {
         let mut pairs = (Vec::new(), Vec::new());
         for (i, (columns, location)) in self.reflectors.iter().enumerate() {
@@ -86,7 +87,7 @@ impl Reflected {
 }
 
 impl PoseReader {
-    /// The columns that it reads.
+    /// Returns the indices of the columns that this reader reads.
     pub fn columns(&self) -> Vec<usize> {
         match self {
             Self::Apart(position, orientation) => {
@@ -102,7 +103,7 @@ impl PoseReader {
         }
     }
 
-    /// How many reflectors the instrument missed in a row that is a measurement.
+    /// Returns how many reflectors the instrument missed in a row with a measurement.
     pub fn missed(&self, fields: &RowValues<'_>) -> Result<usize, InputError> {
         match self {
             Self::Reflectors(how) => Ok(how.reflectors.len() - how.seen(fields)?.1.len()),
@@ -110,7 +111,7 @@ impl PoseReader {
         }
     }
 
-    /// Position in mm and orientation of a row, and the first column of the position.
+    /// Returns position (mm) and orientation of a row, and the first column of the position.
     pub fn read(
         &self,
         fields: &RowValues<'_>,
@@ -132,7 +133,8 @@ impl PoseReader {
     }
 }
 
-/// Whether a cell that is read is empty, or the position is 0 0 0.
+/// Returns whether the instrument missed the target: a field of the pose is empty, the position is 0 0 0, or the
+/// reflectors that it saw do not span a plane.
 pub fn is_miss(fields: &RowValues<'_>, pose: &PoseReader) -> bool {
     let zero = |columns: &[usize], unit| {
         columns
@@ -202,7 +204,7 @@ pub fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
             axes,
             unit,
         }) => {
-            // The map was checked.
+            // The map was checked: the order is valid.
             let order = orientation::axes(order.get_ref()).unwrap_or([2, 1, 0]);
             let columns = columns(map, table, c, key)?;
             let unit = shared_unit(map, table, &columns, *unit, "orientation.unit")?;
@@ -220,7 +222,7 @@ pub fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
     Ok(PoseReader::Apart(position, orientation))
 }
 
-/// Where element (row, column) of a 3×4 or 4×4 matrix is.
+/// Returns the column of element (row, column) of a 3×4 or 4×4 matrix.
 fn element(columns: &[usize], layout: MatrixLayout, row: usize, column: usize) -> usize {
     let rows = columns.len() / 4;
     match layout {
@@ -233,7 +235,7 @@ fn translation(columns: &[usize], layout: MatrixLayout) -> Vec<usize> {
     (0..3).map(|row| element(columns, layout, row, 3)).collect()
 }
 
-/// Position in mm and rotation of a whole matrix.
+/// Reads a 3×4 or 4×4 matrix, and returns position (mm) and rotation.
 fn whole(
     fields: &RowValues<'_>,
     columns: &[usize],

@@ -1,4 +1,4 @@
-//! A file with one pose a row.
+//! Files with one pose in each row.
 
 use nalgebra::Vector3;
 
@@ -12,10 +12,11 @@ use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::{InputError, counted};
 
-/// What is off a rotation by more is noted when it is made one.
+/// A larger deviation from a rotation is noted when it is removed.
 const NOTED: f64 = 1e-6;
 
-/// The rows of a file, and what its user should see; `join` has the file of joints, where they are in one of their own.
+/// Returns the rows of a file, and the notes for the user. `join` is the file of joints, where they have a file of their
+/// own, and how to join it.
 pub fn rows(
     table: &Table,
     join: Option<(&Table, &FileJoin)>,
@@ -131,7 +132,7 @@ pub fn rows(
     Ok((out, notes))
 }
 
-/// The note on what was left out, which the map asked for.
+/// Returns the note on rows that were left out at the map's request.
 pub fn left_out_note(what: &[String]) -> Option<String> {
     (!what.is_empty()).then(|| {
         let rows = counted(what.len(), "row");

@@ -1,8 +1,8 @@
-//! Presets: maps of columns for known files, in `import_presets/`.
+//! Presets: maps of columns for files of known layouts, in `import_presets/`.
 //!
 //! A preset states the meaning and the unit of every column. Only the separator, the decimal mark and the encoding are
-//! detected in the file itself. A preset lists the drivers whose columns of joints it takes, and the tables
-//! listed under `optional` are left out where the header lacks their columns.
+//! detected in the file itself. A preset lists the drivers whose joint columns it accepts; the tables listed under
+//! `optional` are left out where the header lacks their columns.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::import::text::{Table, decoded, fields, heading};
 use crate::import::units::Unit;
 use poegp_calibration::input_error::InputError;
 
-/// Lines that the layout is detected from.
+/// Number of lines from which the layout is detected.
 const LOOKED_AT: usize = 50;
 
 /// A map of columns for files of one kind.
@@ -52,14 +52,14 @@ impl Preset {
         PRESETS.into_iter().find(|preset| preset.name == name)
     }
 
-    /// One line on the files that it is for.
+    /// Returns one line that describes the files of this preset.
     pub fn about(self) -> String {
         let about = self.table().remove("about");
         about.map_or_else(String::new, |about| about.as_str().unwrap_or("").to_owned())
     }
 
-    /// The preset whose columns are all in the header of `path`, where there is exactly one. A list of points has no header,
-    /// so its preset has to be named.
+    /// Returns the only preset whose columns are all in the header of `path`; `None` where no preset or several match. A
+    /// list of points has no header, so its preset has to be named.
     pub fn matching(path: &Path, bytes: &[u8]) -> Option<Self> {
         let fits = |preset: &Self| {
             preset
@@ -73,7 +73,7 @@ impl Preset {
         fitting.next().filter(|_| fitting.next().is_none())
     }
 
-    /// The map for these files as TOML.
+    /// Returns the map for these files as TOML.
     ///
     /// # Errors
     /// [`InputError`] when a file is not a table of text.
@@ -87,7 +87,7 @@ impl Preset {
         self.text.parse().unwrap_or_default()
     }
 
-    /// The map with what was detected, and the header of the last file.
+    /// Returns the map with the detected layout, and the header of the last file.
     fn resolved(self, files: &[(&Path, &[u8])]) -> Result<(Toml, Vec<String>), InputError> {
         let mut map = self.table();
         map.remove("about");
@@ -156,7 +156,7 @@ impl Preset {
     }
 }
 
-/// The columns that a table of a map names.
+/// Returns the columns that a table of a map names.
 fn names(table: &Value) -> Vec<&str> {
     let one = ["column", "name"]
         .into_iter()
@@ -167,7 +167,8 @@ fn names(table: &Value) -> Vec<&str> {
         .collect()
 }
 
-/// Detects encoding, separator and decimal mark: those that make the most rows of one width, and in them the most numbers.
+/// Detects encoding, separator and decimal mark: the combination with the most rows of equal width, and among those the
+/// one with the most numbers.
 fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     if is_zip(bytes) {
         return Ok(());

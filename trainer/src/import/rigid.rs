@@ -1,27 +1,27 @@
-//! The rigid motion that takes points of a tool to where an instrument sees them.
+//! Fits the rigid motion that maps points on a tool to the points that an instrument measured.
 
 use nalgebra::{Matrix3, Vector3};
 
 use poegp_calibration::numeric::rotation::nearest_rotation;
 
-/// A point farther from where the fit puts it is no noise, unless the map says more.
+/// Default largest residual of a point, in mm: a larger one is no noise.
 pub const MAX_RESIDUAL_MM: f64 = 1.0;
 
-/// Points that lie within this share of their extent of a line do not span a plane.
+/// Points span no plane when their distance from a line is less than this share of their extent.
 const FLAT: f64 = 1e-3;
 
-/// Where a rigid motion puts the targets.
+/// The fitted rigid motion, `instrument_from_tool`.
 pub struct Fit {
     pub translation: Vector3<f64>,
     pub rotation: Matrix3<f64>,
-    /// Largest distance of a point from where the motion puts it, and which point.
+    /// Largest residual of a point; `worst` is the index of that point.
     pub residual: f64,
     pub worst: usize,
 }
 
-/// `instrument_from_tool` from pairs of a point as seen and on the tool: the rotation nearest to their correlation (K. S.
-/// Arun, T. S. Huang and S. D. Blostein, "Least-squares fitting of two 3-D point sets", 1987; the sign by S. Umeyama).
-/// `None` when they do not span a plane.
+/// Fits `instrument_from_tool` to pairs of a point as measured and on the tool: the rotation nearest to their correlation
+/// (K. S. Arun, T. S. Huang and S. D. Blostein, "Least-squares fitting of two 3-D point sets", 1987; the sign by
+/// S. Umeyama). Returns `None` when the points do not span a plane.
 pub fn fitted(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Option<Fit> {
     let there: Vec<[f64; 3]> = pairs.iter().map(|(_, t)| [t[0], t[1], t[2]]).collect();
     if !spans_a_plane(&there) {
@@ -57,7 +57,7 @@ pub fn fitted(pairs: &[(Vector3<f64>, Vector3<f64>)]) -> Option<Fit> {
     })
 }
 
-/// Whether points are three or more and not on one line.
+/// Returns whether there are three or more points that are not on one line.
 pub fn spans_a_plane(points: &[[f64; 3]]) -> bool {
     let Some(first) = points.first() else {
         return false;

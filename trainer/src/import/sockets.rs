@@ -1,39 +1,40 @@
-//! Folders of socket touches as MUKCa records them: PLACE/hole_0.csv, PLACE/hole_1.csv …, the joints of a touch a row, in
-//! radians, base first, no header.
+//! Folders of socket touches as MUKCa records them: PLACE/hole_0.csv, PLACE/hole_1.csv …, with the joints of one touch in each
+//! row, in radians, base first, without a header.
 //!
-//! Each file is one socket, so the folders become a touch file with a feature PLACE/0, PLACE/1 … and its description. The
-//! distance between the first two sockets of every place is that of the printed base, where it is stated.
+//! Each file is one socket, so the folders become a touch file with the features PLACE/0, PLACE/1 … and its description. The
+//! distance between the first two sockets of every site is that of the printed base, where it is stated.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use poegp_calibration::input_error::InputError;
 
-/// What a folder is called in messages.
+/// What messages call the expected folder.
 const WHOLE: &str = "a folder with hole_0.csv …, or with folders of such files";
-/// Files of a place at most, each named by one digit.
+/// Largest number of files of a site, each numbered by one digit.
 const MOST_HOLES: usize = 10;
-/// No joint of an arm turns farther, rad: such numbers are degrees.
+/// Largest angle of a joint, in rad: larger numbers are taken for degrees.
 const FARTHEST: f64 = 4.0 * std::f64::consts::PI;
 
-/// Touches that were read from folders.
+/// Touches read from folders.
 #[derive(Debug)]
 pub struct Sockets {
     /// The touch file.
     pub csv: String,
     /// The description of its features.
     pub toml: String,
-    /// The features with the numbers of their rows.
+    /// The features with their numbers of rows.
     pub features: Vec<(String, usize)>,
 }
 
-/// One socket of a place.
+/// One socket of a site.
 struct Hole {
     feature: String,
     rows: Vec<Vec<String>>,
 }
 
-/// Reads `folder`: one place with its files, or a folder of places. `distance_mm` is between hole 0 and hole 1 of each.
+/// Reads `folder`: one site with its files, or a folder of sites. `distance_mm` is the distance between hole 0 and hole 1
+/// of each site.
 ///
 /// # Errors
 /// [`InputError`] names file, line and column of the first thing that is not as it should be.
@@ -79,7 +80,7 @@ pub fn read(folder: &Path, distance_mm: Option<f64>) -> Result<Sockets, InputErr
     })
 }
 
-/// The folder itself where it has a file of touches, else those in it, by name.
+/// Returns the folder itself where it has a file of touches, else its subfolders that have one, by name.
 fn sites(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     let has_touches = |folder: &Path| folder.join("hole_0.csv").is_file();
     if has_touches(folder) {
@@ -102,7 +103,7 @@ fn sites(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
     Ok(out)
 }
 
-/// The touches of a file, digits as they are; as many joints as in the file before.
+/// Returns the touches of a file, with their digits unchanged. Refuses another number of joints than in `before`.
 fn rows(file: &Path, before: Option<&Hole>) -> Result<Vec<Vec<String>>, InputError> {
     let text = std::fs::read_to_string(file)
         .map_err(|error| InputError::unreadable(file, &error, "the joints of a touch a row"))?;
@@ -153,7 +154,7 @@ fn rows(file: &Path, before: Option<&Hole>) -> Result<Vec<Vec<String>>, InputErr
     }
 }
 
-/// The features, and the length of the printed base.
+/// Returns the description of the features, with the length of the printed base.
 fn description(holes: &[Hole], distance_mm: Option<f64>) -> String {
     let mut out = "version = 1\n\n[noise]\ntouch_mm = 0.05\n\n\
                    # Where the ball is in the flange frame, as drawn: the better it is known, the fewer touches are needed.\n\

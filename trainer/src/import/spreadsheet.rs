@@ -1,10 +1,10 @@
-//! Sheets of an xlsx file as rows of cells.
+//! Sheets of an xlsx file as rows of fields.
 //!
-//! Cells are read as a stream, so that a sheet with one cell far out is not a table of that size. A number becomes the text
-//! that has it with the decimal mark of the map; a date stays a date, which is no number of anything.
+//! The sheet is read as a stream, so that a single field far out does not allocate a table of that size. A number becomes
+//! text with the decimal mark of the map; a date stays a date, which no reader accepts as a number.
 //!
-//! A small file can hold gigabytes: zeros that are compressed, one long text that all cells share, one cell in each of a million
-//! rows far out. All three are counted, and refused before they take the memory.
+//! A small file can expand to gigabytes: compressed zeros, one long text that all fields share, or one far-out field in each
+//! of a million rows. All three are counted, and refused before they take the memory.
 
 use std::io::{Cursor, Read as _};
 use std::path::Path;
@@ -15,21 +15,21 @@ use zip::ZipArchive;
 use crate::import::column_map::{Decimal, Layout};
 use poegp_calibration::input_error::InputError;
 
-/// Columns beyond are no table of measurements.
+/// Largest number of columns of a table of measurements.
 const MOST_COLUMNS: usize = 1000;
-/// Rows times columns of a table of measurements, at most.
+/// Largest number of fields (rows times columns) of a table of measurements.
 const LARGEST_TABLE: usize = 10_000_000;
-/// Bytes of a file once it is decompressed, and of the texts of all cells, at most.
+/// Largest size in bytes of a decompressed file, and of the texts of all its fields.
 const MOST_BYTES: u64 = 1 << 28;
 
-/// Whether a file is a spreadsheet, or any other zip file.
+/// Returns whether a file is a zip file, as every xlsx file is.
 pub fn is_zip(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
 }
 
-/// Refuses a file that would become too large: every part of it is decompressed once, and nothing of it kept.
+/// Refuses a file that would become too large: decompresses every part once and discards it.
 fn bounded(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
-    // What is no zip file is named by its reader.
+    // A file that is no zip file is reported by its reader.
     let Ok(mut archive) = ZipArchive::new(Cursor::new(bytes)) else {
         return Ok(());
     };
@@ -57,7 +57,7 @@ fn bounded(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     Ok(())
 }
 
-/// The rows of the sheet that the map names, or of the only one, with their numbers.
+/// Returns the rows of the sheet that the map names, or of the only sheet, with their numbers.
 pub fn rows(
     path: &Path,
     bytes: &[u8],
@@ -136,7 +136,7 @@ pub fn rows(
             fields[column] = text;
         }
     }
-    // Empty cells at the end of a row are not stored.
+    // A file does not store empty fields at the end of a row.
     let width = out.iter().map(|(_, fields)| fields.len()).max();
     for (_, fields) in &mut out {
         fields.resize(width.unwrap_or(0), String::new());

@@ -1,4 +1,4 @@
-//! From bytes to cells: letters, lines that are skipped, a header, rows of its width.
+//! From bytes to fields: decodes text, skips lines, splits off the header, and checks the width of the rows.
 
 use std::path::{Path, PathBuf};
 
@@ -6,34 +6,34 @@ use crate::import::column_map::{ColumnName, Decimal, Encoding, Layout, Separator
 use crate::import::spreadsheet::{self, is_zip};
 use poegp_calibration::input_error::InputError;
 
-/// A row of cells, trimmed.
+/// A row of trimmed fields.
 #[derive(Clone, Debug)]
 pub struct Line {
-    /// Number in the file, from 1.
+    /// Line number in the file, from 1.
     pub number: usize,
-    /// Its cells.
+    /// Fields of the row.
     pub fields: Vec<String>,
 }
 
-/// The cells of a file.
+/// The fields of a file.
 #[derive(Debug)]
 pub struct Table {
-    /// The file, for messages.
+    /// Path of the file, for messages.
     pub path: PathBuf,
-    /// The decimal point of its numbers.
+    /// Decimal mark of the numbers.
     pub decimal: Decimal,
-    /// What groups their digits.
+    /// Character that groups the digits of the numbers.
     pub thousands: Option<char>,
-    /// The header: its line and its names.
+    /// The first line of the header, with the names of the columns.
     pub header: Option<Line>,
     /// The second line of the header, with units.
     units: Option<Line>,
-    /// The rows, all as wide as the header or the first of them.
+    /// The rows, all as wide as the header, or as the first row where there is no header.
     pub rows: Vec<Line>,
 }
 
 impl Table {
-    /// Takes a file apart; `path` is for messages.
+    /// Splits a file into header and rows; `path` is for messages.
     pub fn parse(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Self, InputError> {
         let mut kept = lines(path, bytes, layout)?.into_iter();
         let (mut header, mut units) = (None, None);
@@ -60,7 +60,7 @@ impl Table {
                 "one measurement a row after the header",
             ));
         };
-        // A separator at the end of every row makes a cell that is none.
+        // A separator at the end of a row makes an empty field that is no column.
         if let Some(header) = &mut header {
             while header.fields.len() > 1 && header.fields.last().is_some_and(String::is_empty) {
                 header.fields.pop();
@@ -113,7 +113,7 @@ impl Table {
             .map_or(0, |line| line.fields.len())
     }
 
-    /// The name of column `index` (from 0), or "".
+    /// Returns the name of column `index` (from 0), or "".
     pub fn name(&self, index: usize) -> &str {
         let fields = self
             .header
@@ -123,7 +123,8 @@ impl Table {
         fields.get(index).map_or("", String::as_str)
     }
 
-    /// The unit that the header has for column `index`, and its line: in brackets behind the name, or on the second line.
+    /// Returns the unit that the header states for column `index`, and the line of that statement: in brackets behind the
+    /// name, or on the second line.
     pub fn unit(&self, index: usize) -> Option<(usize, &str)> {
         let header = self.header.as_ref()?;
         let behind = heading(self.name(index)).1;
@@ -134,7 +135,7 @@ impl Table {
         })
     }
 
-    /// Where a column is, from 0; else what was found and expected.
+    /// Returns the index of a column, from 0; else what was found and what was expected.
     pub fn find(&self, column: &ColumnName) -> Result<usize, (String, String)> {
         let width = self.width();
         let name = match column {
@@ -194,7 +195,7 @@ impl Table {
     }
 }
 
-/// The rows of a file, with those of its header, without what the layout skips.
+/// Returns the lines of a file, header included, without those that the layout skips.
 fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputError> {
     let is_comment = |text: &str| {
         let mut comments = layout.comments.iter();
@@ -227,7 +228,7 @@ fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputE
         .collect()
 }
 
-/// A name of a header, and the unit in brackets behind it: `X [mm]`, `X (mm)`.
+/// Splits a name of a header from the unit in brackets behind it: `X [mm]`, `X (mm)`.
 pub fn heading(text: &str) -> (&str, Option<&str>) {
     for (open, close) in [('[', ']'), ('(', ')')] {
         if let Some((name, unit)) = text.strip_suffix(close).and_then(|t| t.rsplit_once(open)) {
@@ -240,7 +241,7 @@ pub fn heading(text: &str) -> (&str, Option<&str>) {
     (text, None)
 }
 
-/// The letters of a file.
+/// Decodes the bytes of a file into text.
 pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, InputError> {
     let is_utf16 = bytes.starts_with(&[0xff, 0xfe]) || bytes.starts_with(&[0xfe, 0xff]);
     if is_utf16 != (encoding == Encoding::Utf16) {
@@ -295,7 +296,7 @@ pub fn decoded(path: &Path, bytes: &[u8], encoding: Encoding) -> Result<String, 
     }
 }
 
-/// The cells of a line, trimmed.
+/// Splits a line into trimmed fields.
 pub fn fields(
     path: &Path,
     number: usize,

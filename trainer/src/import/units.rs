@@ -1,24 +1,24 @@
-//! Units of columns: stated by the map, or by the header of the file, `X [mm]`, `X (mm)` or a second line of it.
+//! Units of columns, stated by the map or by the header of the file: `X [mm]`, `X (mm)`, or a second line of the header.
 //!
-//! One statement is enough. Two that differ are refused: which of them is right is not to be guessed.
+//! One statement is enough. Two that differ are refused, because nothing says which of them is right.
 
 use crate::import::column_map::{AngleUnit, JointUnit, LengthUnit, Map, MassUnit, TimeUnit};
 use crate::import::text::Table;
 use poegp_calibration::input_error::InputError;
 
-/// A kind of unit that a header can name.
+/// A kind of units that a header can state.
 pub trait Unit: Copy + PartialEq + 'static {
-    /// Every unit, with its names; the first name is that of the map.
+    /// Every unit with its names; a map uses the first name.
     const UNITS: &'static [(Self, &'static [&'static str])];
 
-    /// The unit with this name.
+    /// Returns the unit with this name.
     fn named(text: &str) -> Option<Self> {
         let mut units = Self::UNITS.iter();
         let found = units.find(|(_, names)| names.contains(&text));
         found.map(|(unit, _)| *unit)
     }
 
-    /// Its name in a map.
+    /// Returns the unit's name in a map.
     fn name(self) -> &'static str {
         let mut units = Self::UNITS.iter();
         let found = units.find(|(unit, _)| *unit == self);
@@ -65,7 +65,7 @@ impl Unit for MassUnit {
         &[(Self::Kg, &["kg"]), (Self::G, &["g"])];
 }
 
-/// Whether a text is the name of any unit.
+/// Returns whether a text is the name of any unit.
 fn is_unit(text: &str) -> bool {
     LengthUnit::named(text).is_some()
         || AngleUnit::named(text).is_some()
@@ -73,7 +73,7 @@ fn is_unit(text: &str) -> bool {
         || TimeUnit::named(text).is_some()
 }
 
-/// The unit of a column: that of the map, which is `stated` under `key`, or that of the header.
+/// Returns the unit of a column: the one that the map states under `key` (`stated`), or the one of the header.
 pub fn unit_of<U: Unit>(
     map: &Map,
     table: &Table,
@@ -122,7 +122,7 @@ pub fn unit_of<U: Unit>(
         .at_column(column + 1, table.name(column)))
 }
 
-/// The unit that several columns share.
+/// Returns the unit that several columns share.
 pub fn shared_unit<U: Unit>(
     map: &Map,
     table: &Table,

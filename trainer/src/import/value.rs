@@ -1,4 +1,4 @@
-//! One cell: a number in the unit that the map says, or an error that names the place.
+//! Reads one field: a number in the unit of the map, or an error that names line and column.
 
 use time::format_description::well_known::Iso8601;
 use time::{OffsetDateTime, PrimitiveDateTime};
@@ -7,16 +7,16 @@ use crate::import::column_map::{AngleUnit, Decimal, JointUnit, LengthUnit, TimeU
 use crate::import::text::{Line, Table};
 use poegp_calibration::input_error::InputError;
 
-/// When something was measured.
+/// Time of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// By its clock; of a date and time since 1970.
+    /// Seconds of the file's own clock; of a date and time, seconds since 1970.
     pub seconds: f64,
-    /// Whether it is a date and time without a time zone, which no other clock has.
+    /// Whether it is a date and time without a time zone, which cannot be compared with any other clock.
     pub is_local: bool,
 }
 
-/// A row with its table.
+/// A row together with its table.
 #[derive(Clone, Copy)]
 pub struct RowValues<'a> {
     pub table: &'a Table,
@@ -24,12 +24,12 @@ pub struct RowValues<'a> {
 }
 
 impl<'a> RowValues<'a> {
-    /// The text of a column, from 0.
+    /// Returns the text of a column, counted from 0.
     pub fn text(&self, index: usize) -> &'a str {
         self.line.fields.get(index).map_or("", String::as_str)
     }
 
-    /// An error at a column.
+    /// Returns an error at a column of this row.
     pub fn error(
         &self,
         index: usize,
@@ -41,7 +41,7 @@ impl<'a> RowValues<'a> {
             .at_column(index + 1, self.table.name(index))
     }
 
-    /// A text that is not empty.
+    /// Returns the text of a column, and refuses an empty one.
     pub fn label(&self, index: usize) -> Result<String, InputError> {
         match self.text(index) {
             "" => Err(self.error(index, "an empty cell", "a name")),
@@ -49,7 +49,7 @@ impl<'a> RowValues<'a> {
         }
     }
 
-    /// The number of a cell as it stands there, with a decimal point.
+    /// Returns the digits of a number as they are in the file, but with a decimal point.
     fn digits(&self, index: usize, expected: &str) -> Result<String, InputError> {
         let text = self.text(index);
         let error = |help: &str| {
@@ -90,7 +90,7 @@ impl<'a> RowValues<'a> {
         if self.table.decimal == Decimal::Comma {
             digits = digits.replace(',', ".");
         }
-        // What `parse` takes and no instrument writes: "inf", "nan", "infinity".
+        // `parse` accepts "inf", "nan" and "infinity", which no instrument writes.
         let numeric = digits
             .bytes()
             .all(|b| b.is_ascii_digit() || b"+-.eE".contains(&b));
@@ -100,12 +100,12 @@ impl<'a> RowValues<'a> {
         }
     }
 
-    /// A plain number.
+    /// Returns a number without a unit.
     pub fn number(&self, index: usize, expected: &str) -> Result<f64, InputError> {
         Ok(shifted(&self.digits(index, expected)?, 0))
     }
 
-    /// A length in millimetres, rounded once.
+    /// Returns a length in millimetres, rounded once.
     pub fn millimetres(&self, index: usize, unit: LengthUnit) -> Result<f64, InputError> {
         let (name, locations) = match unit {
             LengthUnit::Mm => ("a number in millimetres", 0),
@@ -116,7 +116,7 @@ impl<'a> RowValues<'a> {
         Ok(shifted(&self.digits(index, name)?, locations))
     }
 
-    /// A time.
+    /// Returns a time.
     pub fn moment(&self, index: usize, unit: TimeUnit) -> Result<Moment, InputError> {
         let (name, locations) = match unit {
             TimeUnit::S => ("a time in seconds", 0),
@@ -129,9 +129,9 @@ impl<'a> RowValues<'a> {
         })
     }
 
-    /// A date and a time of day, with a time zone or without one.
+    /// Returns a date and a time of day, with or without a time zone.
     fn date_and_time(&self, index: usize) -> Result<Moment, InputError> {
-        // A blank in place of the T is as common.
+        // Many programs write a blank in place of the T.
         let text = self.text(index).replacen(' ', "T", 1);
         let seconds = |at: OffsetDateTime| {
             let whole = at.unix_timestamp() as f64;
@@ -159,7 +159,7 @@ impl<'a> RowValues<'a> {
         }
     }
 
-    /// An angle in radians.
+    /// Returns an angle in radians.
     pub fn radians(&self, index: usize, unit: AngleUnit) -> Result<f64, InputError> {
         Ok(match unit {
             AngleUnit::Deg => self.number(index, "a number in degrees")?.to_radians(),
@@ -168,7 +168,7 @@ impl<'a> RowValues<'a> {
         })
     }
 
-    /// A joint in degrees, or in millimetres.
+    /// Returns a joint value in degrees, or in millimetres.
     pub fn joint(&self, index: usize, unit: JointUnit) -> Result<f64, InputError> {
         match unit {
             JointUnit::Deg => self.number(index, "a number in degrees"),
@@ -179,7 +179,8 @@ impl<'a> RowValues<'a> {
     }
 }
 
-/// A decimal number with its point moved in the text: the nearest `f64`, without a multiplication that rounds again.
+/// Moves the point of a decimal number by `locations` digits in its text. Returns the nearest `f64`, without the second
+/// rounding of a multiplication.
 fn shifted(digits: &str, locations: i64) -> f64 {
     let (mantissa, exponent) = digits.split_once(['e', 'E']).unwrap_or((digits, "0"));
     let exponent = exponent

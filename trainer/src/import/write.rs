@@ -1,4 +1,4 @@
-//! The rows of an import as a measurement file.
+//! Writes the rows of an import as a measurement file.
 
 use std::fmt::Write;
 
@@ -10,33 +10,33 @@ use crate::import::column_map::JointUnit;
 /// One measurement in the units of the measurement file.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
-    /// Degrees, or millimetres of a prismatic joint, with the unit of the raw file.
+    /// Joint values in degrees, or in millimetres for a prismatic joint, each with the unit of the raw file.
     pub joints: Vec<(f64, JointUnit)>,
-    /// Mass at the flange.
+    /// Mass at the flange, in kg.
     pub payload_kg: Option<f64>,
-    /// Mounting of the tool.
+    /// Name of the mounting of the tool.
     pub session: Option<String>,
-    /// Which target.
+    /// Name of the target.
     pub target: Option<String>,
-    /// instrument_from_target, millimetres.
+    /// Position of `instrument_from_target`, in millimetres.
     pub position_mm: Vector3<f64>,
-    /// instrument_from_target.
+    /// Rotation of `instrument_from_target`.
     pub orientation: Option<Matrix3<f64>>,
-    /// Standard uncertainty, millimetres.
+    /// Standard uncertainty of a position component, in millimetres.
     pub sigma_mm: Option<f64>,
-    /// Standard uncertainty, milliradians.
+    /// Standard uncertainty of a rotation component, in milliradians.
     pub sigma_mrad: Option<f64>,
-    /// Fixed points, millimetres; `None` where one was missed.
+    /// Fixed points beside the robot, in millimetres; `None` where the instrument missed one.
     pub references_mm: Vec<Option<Vector3<f64>>>,
 }
 
-/// Decimals of millimetres and milliradians.
+/// Number of decimals of millimetres and milliradians.
 const LENGTH: usize = 6;
-/// Decimals of degrees and of quaternions.
+/// Number of decimals of degrees and of quaternion components.
 const ANGLE: usize = 10;
 
 impl Row {
-    /// Names and texts of the columns, in order.
+    /// Returns name and text of each column, in order.
     pub fn fields(&self) -> Vec<(String, String)> {
         let mut out = Vec::new();
         let mut push = |name: String, text: String| out.push((name, text));
@@ -84,7 +84,7 @@ impl Row {
     }
 }
 
-/// The measurement file; `sources` are said in a comment.
+/// Returns the text of the measurement file; a comment in it names `sources`.
 pub fn csv(rows: &[Row], sources: &[String]) -> String {
     let mut out = format!(
         "# imported by trainer {} from {}\n",
@@ -103,7 +103,7 @@ pub fn csv(rows: &[Row], sources: &[String]) -> String {
     out
 }
 
-/// A number rounded to so many decimals, without trailing zeros and never −0.
+/// Rounds a number to `decimals` decimals, without trailing zeros and never −0.
 fn decimal(x: f64, decimals: usize) -> String {
     let text = format!("{x:.decimals$}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -114,8 +114,8 @@ fn decimal(x: f64, decimals: usize) -> String {
     }
 }
 
-/// w, x, y, z with the sign that makes the first of them that is not 0, once rounded, positive: half a turn has two
-/// quaternions, and which one comes out must not depend on the last bit of w.
+/// Returns w, x, y, z with the sign that makes the first component positive that is not 0 once rounded. Half a turn has two
+/// quaternions, and the last bit of w must not decide between them.
 fn quaternion(pose: &Pose<f64>) -> [String; 4] {
     let (w, v) = pose.quaternion();
     let numbers = [w, v[0], v[1], v[2]];
@@ -131,7 +131,7 @@ fn quaternion(pose: &Pose<f64>) -> [String; 4] {
     }
 }
 
-/// A text of a CSV file.
+/// Returns a text quoted for a CSV file where it needs quotes.
 fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '#']) {
         return format!("\"{}\"", text.replace('"', "\"\""));

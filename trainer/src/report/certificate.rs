@@ -1,4 +1,4 @@
-//! Whether an arm conforms to a tolerance, who measured it with what, and what is missing of that.
+//! The certificate: whether an arm conforms to a tolerance, who measured it with which instrument, and what is missing.
 
 use std::collections::BTreeMap;
 
@@ -17,38 +17,38 @@ use crate::report::{FileSummary, ReportData, Row};
 /// Coverage factor of the expanded uncertainty that a certificate states.
 const CERTIFICATE_FACTOR: f64 = 2.0;
 
-/// What measured the poses; the table `[instrument]` of a project file.
+/// Instrument that measured the poses; the table `[instrument]` of a project file.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(
     deny_unknown_fields,
     expecting = "a table [instrument] with name, certificate, expanded_uncertainty_mm and expanded_uncertainty_mrad"
 )]
 pub struct Instrument {
-    /// Its type and serial number.
+    /// Type and serial number of the instrument.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Number and day of its certificate.
+    /// Number and day of the instrument's certificate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certificate: Option<String>,
-    /// Expanded uncertainty (k = 2) of a position, common to all poses, by the certificate.
+    /// Expanded uncertainty (k = 2) of a position by the instrument's certificate, common to all poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expanded_uncertainty_mm: Option<f64>,
-    /// Expanded uncertainty (k = 2) of a rotation.
+    /// Expanded uncertainty (k = 2) of a rotation by the instrument's certificate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expanded_uncertainty_mrad: Option<f64>,
 }
 
-/// Who measured, where; the table `[record]` of a project file.
+/// Operator and site of the measurement; the table `[record]` of a project file.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(
     deny_unknown_fields,
     expecting = "a table [record] with operator, site and temperature_c"
 )]
 pub struct Record {
-    /// Who measured.
+    /// Name of the operator.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
-    /// Where.
+    /// Site of the measurement.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<String>,
     /// Temperature of the air in °C.
@@ -56,27 +56,27 @@ pub struct Record {
     pub temperature_c: Option<f64>,
 }
 
-/// Everything that is asked for and stated.
+/// Tolerances and statements on the measurement, for a certificate.
 #[derive(Clone, Debug, Default)]
 pub struct Statement {
-    /// What the arm is to meet.
+    /// Tolerances that the arm has to meet.
     pub tolerances: Tolerances,
-    /// The noise of rows that declare none.
+    /// Noise of rows that declare none.
     pub noise: InstrumentNoise,
-    /// With what it was measured.
+    /// Instrument that measured the poses.
     pub instrument: Instrument,
-    /// By whom and where.
+    /// Operator and site of the measurement.
     pub record: Record,
 }
 
-/// A pose that was measured several times, by its first row.
+/// A pose that was measured several times, identified by its first row.
 #[derive(Clone, Debug, Serialize)]
 pub struct ListedPose {
     /// Name of the file.
     pub file: String,
-    /// Line of its first measurement.
+    /// Line of the first measurement.
     pub line: usize,
-    /// AP and RP.
+    /// Accuracy AP and repeatability RP of the pose.
     #[serde(flatten)]
     pub found: RepeatedPose,
 }
@@ -84,16 +84,16 @@ pub struct ListedPose {
 /// The part `certificate` of a JSON document.
 #[derive(Clone, Debug, Serialize)]
 pub struct Certificate {
-    /// Errors, uncertainties and the verdict; absent of too few poses.
+    /// Errors, uncertainties and the verdict; absent when there are too few poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub conformity: Option<Conformity>,
     /// Accuracy and repeatability of poses that were measured several times (ISO 9283).
     pub repeated_poses: Vec<ListedPose>,
-    /// With what the poses were measured.
+    /// Instrument that measured the poses.
     pub instrument: Instrument,
-    /// By whom and where.
+    /// Operator and site of the measurement.
     pub record: Record,
-    /// What nobody stated.
+    /// Statements that are missing.
     pub missing: Vec<&'static str>,
     /// SHA-256 of the program; present with a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -103,16 +103,16 @@ pub struct Certificate {
 /// Poses that a model was not trained on.
 #[derive(Clone, Copy, Debug)]
 pub struct Judged<'a> {
-    /// What the model made of them.
+    /// Errors of the model at these poses.
     pub poses: &'a [HeldOutPose],
-    /// Their rows.
+    /// Rows of the poses.
     pub rows: &'a [Row],
     /// Kinds of the joints.
     pub kinds: &'a [JointKind],
 }
 
 impl ReportData {
-    /// What the model of the report made of the rows.
+    /// Returns the rows with the errors of the report's model.
     pub fn judged(&self) -> Judged<'_> {
         Judged {
             poses: &self.calibrated().poses,
@@ -189,7 +189,7 @@ impl Certificate {
     }
 }
 
-/// What nobody stated.
+/// Returns the statements that are missing.
 fn missing(statement: &Statement, serial_number: &str) -> Vec<&'static str> {
     let Statement {
         instrument, record, ..
@@ -213,7 +213,8 @@ fn missing(statement: &Statement, serial_number: &str) -> Vec<&'static str> {
     missing.map(|(what, _)| *what).collect()
 }
 
-/// The number of the pose that each row measures: rows of the same file with the same joints, payload and tool measure one.
+/// Returns for each row the number of the pose that it measures: rows of one file with equal joints, payload and tool
+/// measure one pose.
 fn repeats(judged: Judged<'_>) -> Vec<usize> {
     let joints: Vec<&[f64]> = judged.rows.iter().map(|r| r.joints.as_slice()).collect();
     let configurations = same_configurations(&joints, judged.kinds);

@@ -1,4 +1,4 @@
-//! What the engineer of a controller asks for: the arm's numbers beside those of the drawing, and errors with their signs.
+//! Results for the engineer of a controller: the arm's parameters beside those of the drawing, and errors with their signs.
 
 use csv::WriterBuilder;
 use poegp_protocol::JointKind;
@@ -18,21 +18,21 @@ use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::signed_residuals::{Row, Signed, SignedResiduals, weights};
 
-/// A number of the drawing and what it is of the calibrated arm.
+/// A parameter of the drawing and of the calibrated arm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Changed {
     /// Value in the drawing.
     pub drawing: f64,
     /// Value of the calibrated arm.
     pub calibrated: f64,
-    /// Calibrated less drawing; an angle within ±180°.
+    /// Calibrated value minus drawing value; an angle is within ±180°.
     pub difference: f64,
-    /// Standard deviation of the difference; absent where the model does not say it.
+    /// Standard deviation of the difference; absent where the model does not state it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub std: Option<f64>,
 }
 
-/// A row of the Denavit-Hartenberg table.
+/// A row of the Denavit-Hartenberg table, compared with the drawing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DhChange {
     /// Name of the joint.
@@ -40,47 +40,48 @@ pub struct DhChange {
     /// Unit of the signed errors of the joint.
     #[serde(skip)]
     pub residual_unit: &'static str,
-    /// Along the new x.
+    /// Translation along the new x, in mm.
     pub a_mm: Changed,
-    /// Along z.
+    /// Translation along z, in mm.
     pub d_mm: Changed,
-    /// About the new x.
+    /// Rotation about the new x, in degrees.
     pub alpha_deg: Changed,
-    /// About z where the controller says 0.
+    /// Rotation about z at joint value 0, in degrees.
     pub theta_deg: Changed,
-    /// About the new y: only where the axis is parallel to the one before, but for an error.
+    /// Rotation about the new y, in degrees: only where the axis is nominally parallel to the one before.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beta_deg: Option<Changed>,
 }
 
-/// The zero of a joint.
+/// Offset of the zero of a joint.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct JointZero {
     /// Name of the joint.
     pub joint: String,
-    /// Offset of the zero in degrees, for a revolute joint.
+    /// Offset in degrees, for a revolute joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_deg: Option<f64>,
-    /// Offset of the zero in mm, for a prismatic joint.
+    /// Offset in mm, for a prismatic joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub offset_mm: Option<f64>,
-    /// Standard deviation in the same unit; absent where the model does not say it, and of the first and the last joint.
+    /// Standard deviation in the unit of the offset; absent where the model does not state it, and for the first and the
+    /// last joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub std: Option<f64>,
 }
 
-/// Mean distances from the whole model over the trained joint ranges, mm.
+/// Mean distances from the whole model over the trained joint ranges, in mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Distances {
-    /// Mean distance of the drawing with the model's base and tool, mm.
+    /// Mean distance of the drawing with the model's base and tool, in mm.
     pub drawing_mm: f64,
-    /// Mean distance of the drawing with the joint zeros and the base and tool that belong to them, mm.
+    /// Mean distance of the drawing with the joint zeros and the base and tool that belong to them, in mm.
     pub joint_zeros_mm: f64,
-    /// Mean distance of the Denavit-Hartenberg table, mm.
+    /// Mean distance of the Denavit-Hartenberg table, in mm.
     pub dh_mm: f64,
 }
 
-/// Signed errors of the poses that were held out.
+/// Signed errors of the held-out poses.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BeforeAndAfter {
     /// Signed errors of the drawing with base and tool fitted.
@@ -92,20 +93,20 @@ pub struct BeforeAndAfter {
 /// The part `controller` of a JSON document.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ControllerSummary {
-    /// The table, distal, joint by joint.
+    /// Rows of the distal Denavit-Hartenberg table, joint by joint.
     pub dh: Vec<DhChange>,
-    /// The zeros of the joints; empty where the drawing is as near to the model without them.
+    /// Joint zeros; empty where the drawing without them is as near to the model.
     pub joint_zeros: Vec<JointZero>,
-    /// How much of the model either holds.
+    /// Distances from the whole model.
     pub distance: Distances,
-    /// Absent where no pose was held out.
+    /// Signed errors; absent where no pose was held out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residuals: Option<BeforeAndAfter>,
 }
 
 impl ControllerSummary {
-    /// Creates the summary of a blob of `robot`. `known` is the covariance of the model's predictions, with the whole
-    /// poses that are its first ones; `held_out` are the poses that were held out.
+    /// Creates the summary of a blob of `robot`. `known` is the covariance of the model's predictions, with the whole poses
+    /// to which its first entries belong; `held_out` are the held-out poses.
     pub fn new(
         blob: &BlobModel,
         robot: &Robot,
@@ -146,7 +147,7 @@ impl ControllerSummary {
             }
         };
         let joints = 0..kinds.len();
-        // `trainer export` refuses them otherwise.
+        // `trainer export` also refuses joint zeros that are no nearer to the model than the drawing.
         let drawn = &chain.distance.drawing.position_mm;
         let is_nearer = zeros.error.position_mm.mean < drawn.mean;
         Self {
@@ -176,7 +177,7 @@ impl ControllerSummary {
         }
     }
 
-    /// The same as CSV, a row for each number.
+    /// Returns the summary as CSV, with a row for each number.
     pub fn to_csv(&self) -> String {
         let mut out = CsvText::new();
         for row in &self.dh {
@@ -313,7 +314,7 @@ impl CsvText {
 
     fn fields(&mut self, fields: impl IntoIterator<Item = String>) {
         let mut writer = WriterBuilder::new().from_writer(Vec::new());
-        // Memory takes every byte, and fields are text.
+        // Writing to memory cannot fail, and all fields are text.
         let written = writer.write_record(fields).ok();
         let bytes = written.and_then(|()| writer.into_inner().ok());
         self.0 += &String::from_utf8_lossy(&bytes.unwrap_or_default());

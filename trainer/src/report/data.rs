@@ -1,4 +1,4 @@
-//! What a report is made of: what several models made of the same held-out poses.
+//! Data of a report: the errors of several models at the same held-out poses.
 
 use poegp_protocol::JointKind;
 use serde::Serialize;
@@ -9,46 +9,46 @@ use poegp_calibration::validation::cross_validation::ModelComparison;
 use poegp_calibration::validation::held_out::{Coverage, HeldOutPose, coverage, summary};
 use poegp_calibration::validation::learning_curve::Point;
 
-/// Where held-out poses come from.
+/// How poses are held out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum HoldOutMethod {
-    /// Every training pose, predicted by a model that was trained without it.
+    /// Every training pose is predicted by a model that was trained without it.
     CrossValidation {
         /// Number of folds.
         folds: usize,
-        /// Seed of their draw.
+        /// Seed of the draw of the folds.
         seed: u64,
     },
-    /// Files that were not trained on.
+    /// The poses are in files that are not trained on.
     TestSets,
 }
 
-/// One held-out pose as its file has it.
+/// A held-out pose as in its file.
 #[derive(Clone, Debug)]
 pub struct Row {
     /// Name of the file.
     pub file: String,
-    /// Line in it, from 1.
+    /// Line in the file, from 1.
     pub line: usize,
-    /// The controller's joints, rad or m.
+    /// Joints of the controller, in rad or m.
     pub joints: Vec<f64>,
     /// Payload in kg.
     pub payload_kg: Option<f64>,
-    /// Session and target where there are several; empty where not.
+    /// Session and target where there are several; else empty.
     pub tool: String,
 }
 
-/// What one model made of all rows.
+/// Errors of one model at all rows.
 #[derive(Clone, Debug)]
 pub struct Method {
-    /// Its name.
+    /// Name of the method.
     pub name: String,
-    /// In the order of the rows.
+    /// Errors in the order of the rows.
     pub poses: Vec<HeldOutPose>,
 }
 
 impl Method {
-    /// The position errors in mm.
+    /// Returns the position errors in mm.
     pub fn errors(&self) -> Vec<f64> {
         self.poses.iter().map(|p| p.error.position_mm).collect()
     }
@@ -57,41 +57,41 @@ impl Method {
 /// Held-out errors, pose by pose.
 #[derive(Clone, Debug)]
 pub struct ReportData {
-    /// Where they come from.
+    /// How the poses were held out.
     pub how: HoldOutMethod,
-    /// The poses.
+    /// Rows of the held-out poses.
     pub rows: Vec<Row>,
-    /// What each model made of them, simplest first; every one has as many poses as there are rows.
+    /// Errors of each model, simplest model first; every model has as many poses as there are rows.
     pub methods: Vec<Method>,
-    /// Index of the model that stands for "before".
+    /// Index of the model that the report calls "before".
     pub nominal: usize,
     /// Index of the model that the report is about.
     pub calibrated: usize,
     /// Kinds of the joints.
     pub kinds: Vec<JointKind>,
-    /// Held-out errors of that model with fewer training poses; empty when they were not looked at.
+    /// Held-out errors of the calibrated model with fewer training poses; empty when they were not computed.
     pub learning: Vec<Point>,
 }
 
 /// The errors of one model.
 #[derive(Clone, Debug, Serialize)]
 pub struct MethodSummary {
-    /// Its name.
+    /// Name of the method.
     pub method: String,
-    /// Its errors.
+    /// Errors of the model.
     #[serde(flatten)]
     pub errors: ErrorSummary,
-    /// Whether its predicted standard deviations were true.
+    /// Coverage of its predicted standard deviations.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<Coverage>,
 }
 
-/// The errors of the model of the report on some of the poses.
+/// Errors of the report's model at some of the poses.
 #[derive(Clone, Debug, Serialize)]
 pub struct SubsetSummary {
-    /// Which: a file, a session and target, or a payload in kg.
+    /// Name of the subset: a file, a session and target, or a payload in kg.
     pub name: String,
-    /// Its errors.
+    /// Errors at these poses.
     #[serde(flatten)]
     pub errors: ErrorSummary,
 }
@@ -107,27 +107,27 @@ pub struct HeldOutSummary {
     /// Seed of the draw of folds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// Before the calibration: base and tool fitted, the arm as it is drawn.
+    /// Errors before the calibration: base and tool fitted, the arm as drawn.
     pub nominal: MethodSummary,
-    /// By the model of the report.
+    /// Errors of the report's model.
     pub calibrated: MethodSummary,
-    /// All models, simplest first.
+    /// Errors of all models, simplest first.
     pub methods: Vec<MethodSummary>,
-    /// By file, where there are several.
+    /// Errors by file, where there are several.
     pub files: Vec<SubsetSummary>,
-    /// By session and target, where there are several.
+    /// Errors by session and target, where there are several.
     pub tools: Vec<SubsetSummary>,
-    /// By payload, where there are several.
+    /// Errors by payload, where there are several.
     pub payloads: Vec<SubsetSummary>,
-    /// With fewer training poses.
+    /// Errors with fewer training poses.
     pub learning_curve: Vec<Point>,
 }
 
-/// Poses that have dots in plots and a row in the table of the poses at most: the page stays below 1 MB.
+/// Largest number of poses with dots in plots and a row in the table of the poses: the page stays below 1 MB.
 pub const DRAWN: usize = 700;
 
-/// Which of so many rows are drawn, in their order: all, or [`DRAWN`] of them. A tenth of these are the rows with the largest
-/// errors; the others are evenly spread over the rows that remain.
+/// Returns the indices of the rows that are drawn, in order: all, or [`DRAWN`] of them. A tenth of these are the rows with
+/// the largest errors; the others are evenly spread over the remaining rows.
 pub fn drawn(errors: &[f64]) -> Vec<usize> {
     if errors.len() <= DRAWN {
         return (0..errors.len()).collect();
@@ -143,13 +143,13 @@ pub fn drawn(errors: &[f64]) -> Vec<usize> {
     out
 }
 
-/// Payloads that are listed separately at most; more are gathered to steps of a kilogram.
+/// Largest number of payloads that are listed separately; more are grouped in steps of a kilogram.
 const PAYLOADS: usize = 12;
 
 impl ReportData {
-    /// From what a comparison found, on the training rows (`sets` has their file) or on its test sets (`sets` has those);
-    /// "before" is `base-tool`, else the first model. The report is about the model of least mean error, or the last one if `about_last`.
-    /// `None` when there is no model or no held-out pose.
+    /// Creates the data from a comparison, on the training rows (`sets` has their file) or on its test sets (`sets` has
+    /// those). "Before" is `base-tool`, else the first model. The report is about the model of least mean error, or the last
+    /// one if `about_last`. Returns `None` when there is no model or no held-out pose.
     pub fn new(
         how: HoldOutMethod,
         sets: &[&MeasurementSet],
@@ -195,22 +195,22 @@ impl ReportData {
         })
     }
 
-    /// What "before" made of the rows.
+    /// Returns the errors of the model that the report calls "before".
     pub fn nominal(&self) -> &Method {
         &self.methods[self.nominal]
     }
 
-    /// What the model of the report made of the rows.
+    /// Returns the errors of the report's model.
     pub fn calibrated(&self) -> &Method {
         &self.methods[self.calibrated]
     }
 
-    /// The rows that plots and the table of the poses show.
+    /// Returns the indices of the rows that plots and the table of the poses show.
     pub fn drawn(&self) -> Vec<usize> {
         drawn(&self.calibrated().errors())
     }
 
-    /// The rows by a name, in the order of their first; each with the indices of its rows.
+    /// Groups the rows by a name: returns the names in the order of their first row, each with the indices of its rows.
     pub fn parts(&self, name: impl Fn(&Row) -> String) -> Vec<(String, Vec<usize>)> {
         let mut out: Vec<(String, Vec<usize>)> = Vec::new();
         for (i, row) in self.rows.iter().enumerate() {
@@ -223,7 +223,7 @@ impl ReportData {
         out
     }
 
-    /// The rows by payload in kg, lightest first; empty where a payload is not known.
+    /// Groups the rows by payload in kg, lightest first; empty where a payload is not known.
     pub fn payloads(&self) -> Vec<(String, Vec<usize>)> {
         if self.rows.iter().any(|row| row.payload_kg.is_none()) {
             return Vec::new();
@@ -245,7 +245,7 @@ impl ReportData {
         parts
     }
 
-    /// What the JSON document says of it.
+    /// Returns the part `held_out` of the JSON document.
     pub fn summary(&self) -> HeldOutSummary {
         let method = |m: &Method| MethodSummary {
             method: m.name.clone(),
@@ -284,7 +284,7 @@ impl ReportData {
     }
 }
 
-/// The rows of a file.
+/// Returns the rows of a file.
 pub fn rows(set: &MeasurementSet) -> Vec<Row> {
     let file = set.path.file_name().map_or_else(
         || set.path.display().to_string(),

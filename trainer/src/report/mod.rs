@@ -1,22 +1,22 @@
 //! Reports: one self-contained HTML page about a calibration.
 //!
 //! A [`Page`] is a title and sections; a [`Section`] is text, figures and tables, or a sentence that says why there is
-//! nothing to show. The sections that several commands share are in [`sections`]; they are made of [`ReportData`], held-out
-//! errors pose by pose, so `trainer check` or another command needs an [`ReportData`] and picks its sections:
+//! nothing to show. The sections that several commands share are in [`sections`]. They are made from [`ReportData`],
+//! held-out errors pose by pose, so that `trainer check` or another command only creates [`ReportData`] and picks its
+//! sections:
 //!
 //! ```text
-//! ReportData ──> facts (the part `held_out` of --json) ──┐
+//! ReportData ──> summary (part `held_out` of --json) ────┐
 //!     └───────────────────────────────────────────> sections::* ──> Page ──> bytes
 //! ```
 //!
-//! The page asks for nothing from a network. A page with plots of poses has one script, `script.js`, which lets these plots
-//! answer when they are pointed at; it reads the table of the poses ([`Section::poses`]), adds no number of its own to the
-//! text, and all else is there without it. The content security policy of the page (`policy.rs`) allows this script and the
-//! style sheet by their hashes and nothing else. Colours are CSS variables, also inside the SVG, so that
-//! it follows the reader's light or dark scheme and prints in light. Everything that a user named (files, sessions,
-//! robots) goes through the escaping of `maud`. A number that is in the JSON document, too, is a `data` element with its
-//! exact value and its place there (a JSON pointer): [`Number`]; a test compares them all. The same input gives
-//! the same bytes.
+//! The page requests nothing from a network. A page with plots of poses has one script, `script.js`, which makes these plots
+//! react to the pointer; it reads the table of the poses ([`Section::poses`]) and adds no number of its own to the text, and
+//! everything else works without it. The content security policy of the page (`policy.rs`) allows this script and the style
+//! sheet by their hashes and nothing else. Colours are CSS variables, also inside the SVG, so that the page follows the
+//! reader's light or dark scheme and prints in light. Every name given by a user (files, sessions, robots) goes through the
+//! escaping of `maud`. A number that is also in the JSON document is a `data` element with its exact value and its position
+//! there (a JSON pointer): [`Number`]; a test compares them all. The same input gives the same bytes.
 
 pub mod certificate;
 pub mod chart;
@@ -39,13 +39,13 @@ const SCRIPT: &str = include_str!("script.js");
 /// A column of the table of the poses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Column {
-    /// The file's name for the row: its line.
+    /// Name of the row in its file: its line.
     Name(String),
     /// The error of the pose, by which marked poses are compared.
     Error(String),
-    /// A joint from 1, and its unit.
+    /// Number of a joint, from 1, and its unit.
     Joint(usize, &'static str),
-    /// Anything else.
+    /// Any other column.
     Other(String),
 }
 
@@ -58,7 +58,7 @@ pub struct Number {
 }
 
 impl Number {
-    /// `value` with so many decimals; `pointer` (RFC 6901) is its place in the document that `--json` writes.
+    /// Creates a number with this many decimals; `pointer` (RFC 6901) is its position in the document that `--json` writes.
     pub fn new(value: f64, decimals: usize, pointer: impl Into<String>) -> Self {
         Self {
             value,
@@ -67,17 +67,17 @@ impl Number {
         }
     }
 
-    /// A length in mm, to the micrometre.
+    /// Creates a length in mm, to the micrometre.
     pub fn mm(value: f64, pointer: impl Into<String>) -> Self {
         Self::new(value, 3, pointer)
     }
 
-    /// A count.
+    /// Creates a count.
     pub fn count(value: usize, pointer: impl Into<String>) -> Self {
         Self::new(value as f64, 0, pointer)
     }
 
-    /// A share in per cent, without its sign.
+    /// Creates a share in per cent, without the per cent sign.
     pub fn percent(share: f64, pointer: impl Into<String>) -> Self {
         Self {
             text: format!("{:.0}", 100.0 * share),
@@ -92,7 +92,7 @@ impl maud::Render for Number {
     }
 }
 
-/// A number with so many decimals; what rounds to zero has no sign.
+/// Formats a number with this many decimals; a number that rounds to zero has no sign.
 pub fn rounded(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -113,7 +113,7 @@ pub struct Section {
 }
 
 impl Section {
-    /// An empty section; `id` is its anchor.
+    /// Creates an empty section; `id` is its anchor.
     pub fn new(id: &'static str, heading: impl Into<String>) -> Self {
         Self {
             id,
@@ -125,7 +125,7 @@ impl Section {
         }
     }
 
-    /// With a paragraph.
+    /// Adds a paragraph.
     #[must_use]
     pub fn text(mut self, text: Markup) -> Self {
         self.close_figures();
@@ -133,7 +133,7 @@ impl Section {
         self
     }
 
-    /// With a sentence that says why something is not shown.
+    /// Adds a sentence that says why something is not shown.
     #[must_use]
     pub fn missing(mut self, why: impl AsRef<str>) -> Self {
         self.close_figures();
@@ -142,7 +142,7 @@ impl Section {
         self
     }
 
-    /// With a plot. `finding` is its title, what it shows in one sentence; `note` explains its marks.
+    /// Adds a plot. `finding` is its title, which says in one sentence what it shows; `note` explains its marks.
     #[must_use]
     pub fn figure(mut self, finding: Markup, svg: Markup, note: &str) -> Self {
         self.figures.push(html! {
@@ -155,14 +155,14 @@ impl Section {
         self
     }
 
-    /// With plots in three columns where there is room, instead of two.
+    /// Shows the plots in three columns where there is room, instead of two.
     #[must_use]
     pub fn small_figures(mut self) -> Self {
         self.small = true;
         self
     }
 
-    /// With a table: the first column is of words, the others are of numbers.
+    /// Adds a table: the first column has text, the others have numbers.
     #[must_use]
     pub fn table(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
         self.close_figures();
@@ -170,15 +170,15 @@ impl Section {
         self
     }
 
-    /// With a table of a few columns beside the plots before it.
+    /// Adds a table of a few columns beside the plots before it.
     #[must_use]
     pub fn table_beside(mut self, header: &[&str], rows: Vec<Vec<Markup>>) -> Self {
         self.figures.push(table(header, rows));
         self
     }
 
-    /// With the table of the poses: one row for each pose that has dots in plots ([`Plot::poses`](chart::Plot::poses)), in
-    /// their order. `folded` is what stands in its place until it is opened. A page has one at most.
+    /// Adds the table of the poses: one row for each pose that has dots in plots ([`Plot::poses`](chart::Plot::poses)), in
+    /// their order. `folded` is the text that is shown until the table is opened. A page has at most one such table.
     #[must_use]
     pub fn poses(
         mut self,
@@ -205,7 +205,7 @@ impl Section {
         self
     }
 
-    /// With a sentence that says how its plots answer; it is shown where the script runs.
+    /// Adds a sentence that says how the section's plots react; it is shown where the script runs.
     #[must_use]
     pub fn answers(mut self) -> Self {
         self.close_figures();
@@ -218,7 +218,7 @@ impl Section {
         self
     }
 
-    /// With anything else.
+    /// Adds any other block.
     #[must_use]
     pub fn block(mut self, block: Markup) -> Self {
         self.close_figures();
@@ -249,7 +249,7 @@ fn table(header: &[&str], rows: Vec<Vec<Markup>>) -> Markup {
     }
 }
 
-/// A page.
+/// A page of a report.
 #[derive(Debug)]
 pub struct Page {
     title: String,
@@ -258,7 +258,7 @@ pub struct Page {
 }
 
 impl Page {
-    /// An empty page.
+    /// Creates an empty page.
     pub fn new(title: impl Into<String>, subtitle: impl Into<String>) -> Self {
         Self {
             title: title.into(),
@@ -267,7 +267,7 @@ impl Page {
         }
     }
 
-    /// With one more section.
+    /// Adds a section.
     #[must_use]
     pub fn with(mut self, mut section: Section) -> Self {
         section.close_figures();
@@ -275,16 +275,16 @@ impl Page {
         self
     }
 
-    /// Adds those sections that there are.
+    /// Adds all sections of an iterator.
     pub fn with_all(self, sections: impl IntoIterator<Item = Section>) -> Self {
         sections.into_iter().fold(self, Self::with)
     }
 
-    /// The bytes of the HTML file.
+    /// Returns the text of the HTML file.
     pub fn render(&self) -> String {
         let scripted = self.sections.iter().any(|section| section.scripted);
         let script = scripted.then_some(SCRIPT);
-        // Behind them: what else there is.
+        // The table of contents comes behind the leading sections.
         let leading = self
             .sections
             .iter()
@@ -300,7 +300,7 @@ impl Page {
                     meta name="viewport" content="width=device-width, initial-scale=1";
                     meta name="color-scheme" content="light dark";
                     meta name="generator" content=(concat!("poegp trainer ", env!("CARGO_PKG_VERSION")));
-                    // Without one a browser asks the server for its icon.
+                    // Without this line, a browser asks the server for an icon.
                     link rel="icon" href="data:,";
                     title { (self.title) }
                     style { (PreEscaped(STYLE)) }

@@ -1,8 +1,8 @@
-//! What a browser may do with the page: its own style sheet and script, both by their hash, and nothing else.
+//! The content security policy of the page: it allows its own style sheet and script, both by their hash, and nothing else.
 
 use sha2::{Digest, Sha256};
 
-/// The content security policy of a page with this style sheet and, perhaps, this script.
+/// Returns the content security policy of a page with this style sheet and, optionally, this script.
 pub fn policy(style: &str, script: Option<&str>) -> String {
     let script = script.map_or_else(|| "'none'".to_owned(), source);
     // The icon is an empty `data:` address.
@@ -12,14 +12,14 @@ pub fn policy(style: &str, script: Option<&str>) -> String {
     )
 }
 
-/// The text between the tags of an element, as a policy names it.
+/// Returns the hash of the text between the tags of an element, as a policy states it.
 fn source(text: &str) -> String {
     format!("'sha256-{}'", base64(&Sha256::digest(text)))
 }
 
 const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
-/// RFC 4648, padded.
+/// Encodes bytes in padded base64 (RFC 4648).
 fn base64(bytes: &[u8]) -> String {
     let mut out = String::new();
     for group in bytes.chunks(3) {

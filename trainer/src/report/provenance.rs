@@ -1,4 +1,4 @@
-//! Where a result comes from, so that it can be made again.
+//! Provenance of a result, so that it can be reproduced.
 
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -9,13 +9,13 @@ use poegp_calibration::measurement::touch::TouchSet;
 /// A file that was read or written.
 #[derive(Clone, Debug, Serialize)]
 pub struct FileSummary {
-    /// What it was used for.
+    /// Use of the file.
     pub role: &'static str,
-    /// Its path as it was typed.
+    /// Path as it was typed.
     pub file: String,
-    /// SHA-256 of its bytes.
+    /// SHA-256 of the bytes.
     pub sha256: String,
-    /// Rows of a measurement file.
+    /// Number of rows of a measurement file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rows: Option<usize>,
 }
@@ -69,21 +69,21 @@ pub struct Provenance {
     pub command: String,
     /// Version of the trainer.
     pub version: &'static str,
-    /// Day, as the blob has it.
+    /// Day of the calibration, as in the blob.
     pub date: String,
-    /// Seed of everything that was drawn.
+    /// Seed of all random draws.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
     /// Name of the robot.
     pub robot: String,
-    /// Serial number of the arm, perhaps empty.
+    /// Serial number of the arm, possibly empty.
     pub serial_number: String,
-    /// What was read and written.
+    /// Files that were read or written.
     pub files: Vec<FileSummary>,
 }
 
-/// The command line of this process as a shell would take it, its program called `trainer`, without `--json`, which says
-/// where the same facts go and changes none.
+/// Returns the command line of this process as for a shell, with the program called `trainer`. It leaves out `--json`, which
+/// only says where the results go and changes none.
 pub fn command_line() -> String {
     let arguments = std::env::args_os().skip(1);
     command(arguments.map(|word| word.to_string_lossy().into_owned()))

@@ -1,4 +1,4 @@
-//! ABB RAPID.
+//! Writes ABB RAPID.
 //!
 //! `MoveAbsJ target\NoEOffs, speed, zone, tool;` moves to axis values; `fine` is an exact stop. A `jointtarget` is
 //! `[robax, extax]`: six robot axes in degrees and six external ones in degrees or millimetres, 9E9 where there is none.
@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 
 use crate::robot_programs::script::{ARM_AXES, Script, decimals};
 
-/// External axes of a jointtarget.
+/// Number of external axes of a jointtarget.
 const EXTERNAL_AXES: usize = 6;
 
 pub(super) fn write(script: &Script) -> String {

@@ -1,4 +1,4 @@
-//! Units and orientations of the controllers' languages, for programs that are written and programs that are corrected.
+//! Units and orientations of the controllers' languages, for writing programs and for correcting them.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_calibration::robot::normal_form::{roll_pitch_yaw, rotation_about};
@@ -6,26 +6,26 @@ use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::robot_programs::Language;
 
-/// Below this angle in radians nothing was turned.
+/// Angle in radians below which nothing counts as turned.
 const NOT_TURNED: f64 = 1e-12;
 
-/// How a language writes an orientation.
+/// Notation of an orientation in a language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Orientation {
-    /// w, x, y, z.
+    /// Quaternion w, x, y, z.
     Quaternion,
     /// Degrees about the fixed axes x, y, z: R = Rz(c) Ry(b) Rx(a).
     FixedXyz,
-    /// The same in the order z, y, x: R = Rz(a) Ry(b) Rx(c).
+    /// Degrees about z, the new y, the new x: R = Rz(a) Ry(b) Rx(c).
     TurnedZyx,
     /// Degrees about x, the new y, the new z: R = Rx(a) Ry(b) Rz(c).
     TurnedXyz,
-    /// Axis times angle in radians.
+    /// Rotation vector: axis times angle, in radians.
     RotationVector,
 }
 
 impl Orientation {
-    /// Numbers of an orientation.
+    /// Returns the number of components of an orientation.
     pub fn count(self) -> usize {
         match self {
             Self::Quaternion => 4,
@@ -33,12 +33,12 @@ impl Orientation {
         }
     }
 
-    /// The rotation that the numbers say; `None` for too few, or a quaternion that is none.
+    /// Returns the rotation of these numbers; `None` for too few numbers, or for a quaternion that is not of unit length.
     pub fn rotation(self, numbers: &[f64]) -> Option<Matrix3<f64>> {
         Some(match (self, numbers) {
             (Self::Quaternion, [w, x, y, z]) => {
                 let norm = (w * w + x * x + y * y + z * z).sqrt();
-                // Four decimals and a little more.
+                // The tolerance allows for four decimals and a little more.
                 let is_unit = (norm - 1.0).abs() < 1e-2;
                 if !is_unit {
                     return None;
@@ -62,8 +62,8 @@ impl Orientation {
         })
     }
 
-    /// The numbers of `old`, turned by the small rotation `turn` in the tool's frame. Angles stay on the same turn, a
-    /// quaternion keeps its sign and length; without a turn the numbers are the old ones to the bit.
+    /// Turns the orientation `old` by the small rotation `turn` in the tool's frame, and returns its numbers. Angles stay on
+    /// their turn, a quaternion keeps its sign and length; without a rotation the numbers are the old ones to the bit.
     pub fn turned(self, old: &[f64], turn: &Matrix3<f64>) -> Option<Vec<f64>> {
         let as_pose = |rotation| Pose {
             rotation,
@@ -85,7 +85,7 @@ impl Orientation {
                 let old = Vector3::new(*x0, *y0, *z0);
                 let vector = as_pose(new).log().angular;
                 let angle = vector.norm();
-                // The same rotation a turn on, either way, or the other way round.
+                // Candidates: the same rotation a whole turn on, either way, or about the opposite axis.
                 let axis = match angle > 1e-9 {
                     true => vector / angle,
                     false => old / old.norm().max(1e-9),
@@ -96,7 +96,7 @@ impl Orientation {
             }
             (_, [a0, b0, c0]) => {
                 let [a, b, c] = self.angles(&new);
-                // Every rotation has two such triples.
+                // Every rotation has two triples of angles.
                 let near = |old: f64, new: f64| new + 360.0 * ((old - new) / 360.0).round();
                 let triples = [[a, b, c], [a + 180.0, 180.0 - b, c + 180.0]]
                     .map(|[a, b, c]| [near(*a0, a), near(*b0, b), near(*c0, c)]);
@@ -113,7 +113,7 @@ impl Orientation {
         })
     }
 
-    /// The numbers of a rotation.
+    /// Returns the numbers of a rotation in this notation.
     pub fn numbers(self, rotation: &Matrix3<f64>) -> Vec<f64> {
         let pose = Pose {
             rotation: *rotation,
@@ -129,7 +129,7 @@ impl Orientation {
         }
     }
 
-    /// One of the two triples of angles of a rotation, in degrees.
+    /// Returns one of the two triples of angles of a rotation, in degrees.
     fn angles(self, rotation: &Matrix3<f64>) -> [f64; 3] {
         match self {
             Self::FixedXyz => roll_pitch_yaw(rotation),
@@ -142,7 +142,7 @@ impl Orientation {
         .map(f64::to_degrees)
     }
 
-    /// Decimals that show 1 µrad.
+    /// Returns the number of decimals that shows 1 µrad.
     pub fn decimals(self) -> usize {
         match self {
             Self::Quaternion => 7,
@@ -152,24 +152,24 @@ impl Orientation {
     }
 }
 
-/// Units of a language, and what its formats hold.
+/// Units of a language, and the decimals of its formats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dialect {
-    /// Metres of a unit of length.
+    /// Metres in a unit of length.
     pub metre: f64,
-    /// Decimals that show 1 µm.
+    /// Number of decimals of a length that shows 1 µm.
     pub length_decimals: usize,
-    /// Radians of a unit of a joint.
+    /// Radians in a unit of a joint.
     pub radian: f64,
-    /// Decimals of a joint that show 1 µrad.
+    /// Number of decimals of a joint that shows 1 µrad.
     pub joint_decimals: usize,
-    /// How orientations are written.
+    /// Notation of orientations.
     pub orientation: Orientation,
-    /// The most decimals that the format has, of lengths, and of joints and angles.
+    /// Largest number of decimals that the format allows: for lengths, and for joints and angles.
     pub most_decimals: Option<(usize, usize)>,
 }
 
-/// Millimetres and degrees.
+/// Dialect of millimetres and degrees.
 pub const MILLIMETRES: Dialect = Dialect {
     metre: 1e-3,
     length_decimals: 3,
@@ -193,7 +193,7 @@ pub const VAL3: Dialect = Dialect {
 };
 
 impl Language {
-    /// Its units.
+    /// Returns the dialect of this language.
     pub fn dialect(self) -> Dialect {
         match self {
             Self::Rapid => Dialect {

@@ -1,4 +1,4 @@
-//! Fanuc TP, as the listing (`.ls`) that a controller with ASCII upload takes, or that MakeTP compiles.
+//! Writes Fanuc TP as a listing (`.ls`), which a controller with ASCII upload takes, or which MakeTP compiles.
 //!
 //! Sections `/PROG`, `/ATTR`, `/MN` (numbered lines, each ended by `;`), `/POS`, `/END`. `J P[i] 20% FINE` moves joints to
 //! a position by an exact stop. A position in joint representation has `J1=` … in deg and extended axes `E1=` in mm.
@@ -10,9 +10,9 @@ use std::fmt::Write as _;
 
 use crate::robot_programs::script::{Script, Stop, ascii, decimals};
 
-/// Longest comment of a line.
+/// Largest number of characters of a comment.
 const COMMENT: usize = 32;
-/// Joints on one line of a position.
+/// Number of joints on one line of a position.
 const JOINTS_A_LINE: usize = 3;
 
 pub(super) fn write(script: &Script) -> String {

@@ -1,4 +1,4 @@
-//! KUKA KRL, one `.src` file; what it needs of a `.dat` file is in its lines.
+//! Writes KUKA KRL as one `.src` file, whose lines contain what would be in a `.dat` file.
 //!
 //! `PTP {A1 …, A6 …}` moves to axis values in degrees, `E1 …` are external axes in degrees or millimetres; components that
 //! are left out keep their value. Without `C_PTP` it is an exact stop. `BAS (#INITMOV,0 )` sets the defaults of motion,
@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 
 use crate::robot_programs::script::{Script, decimals};
 
-/// Percent of the largest axis velocities.
+/// Speed in percent of the largest axis velocities.
 const SPEED_PERCENT: u32 = 20;
 
 pub(super) fn write(script: &Script) -> String {

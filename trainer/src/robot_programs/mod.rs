@@ -1,12 +1,12 @@
-//! A plan as a program of the robot's controller.
+//! Writes a plan as a program of the robot's controller.
 //!
-//! Every program does the same: it moves to each pose by an exact stop, lets the arm settle, calls a marker where the
+//! Every program does the same: it moves to each pose with an exact stop, lets the arm settle, calls a marker at which the
 //! measurement is triggered, and stops for the operator before the first pose and wherever the payload changes. Joints are
-//! as the controller counts them, with the three decimals that the CSV file has (URScript: radians, nine decimals), so
-//! that what is driven is what is written down.
+//! as the controller counts them, with the three decimals of the CSV file (URScript: radians, nine decimals), so that the
+//! arm moves to exactly the written poses.
 //!
 //! No program was ever run on a controller: the formats are those of the makers' manuals and of programs that controllers
-//! wrote. Every one begins by saying that it is to be tried slowly.
+//! wrote. Every program begins with the advice to try it slowly.
 
 pub(crate) mod abb_rapid;
 pub mod correction;
@@ -24,24 +24,24 @@ use crate::robot_programs::script::{ARM_AXES, Script};
 use poegp_calibration::planning::Plan;
 use poegp_calibration::robot::Robot;
 
-/// A controller's language.
+/// Programming language of a controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Language {
-    /// ABB.
+    /// ABB RAPID.
     Rapid,
-    /// KUKA.
+    /// KUKA KRL.
     Krl,
-    /// Universal Robots.
+    /// URScript of Universal Robots.
     UrScript,
     /// Fanuc TP, as a listing.
     Fanuc,
 }
 
 impl Language {
-    /// All of them.
+    /// All languages.
     pub const ALL: [Self; 4] = [Self::Rapid, Self::Krl, Self::UrScript, Self::Fanuc];
 
-    /// Its name.
+    /// Returns the name of the language.
     pub fn name(self) -> &'static str {
         match self {
             Self::Rapid => "ABB RAPID",
@@ -51,21 +51,21 @@ impl Language {
         }
     }
 
-    /// Most characters of a program's name.
+    /// Returns the largest number of characters of a program's name.
     fn longest_name(self) -> usize {
         match self {
             // "Identifiers … a maximum of 32 characters" (RAPID reference, lexical elements).
             Self::Rapid => 32,
-            // Module names of KSS 8.
+            // Names of modules in KSS 8.
             Self::Krl => 24,
             Self::UrScript => 64,
-            // R-30iB; older controllers have 8.
+            // Limit of the R-30iB; older controllers allow 8.
             Self::Fanuc => 36,
         }
     }
 }
 
-/// A robot that a language has no program for.
+/// Error for a robot for which a language has no program.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{language} moves {expected}, and {robot} has {found}")]
 pub struct NoProgram {
@@ -75,7 +75,7 @@ pub struct NoProgram {
     found: String,
 }
 
-/// The program of a plan; `name` is what it should be called, changed where the controller would not take it.
+/// Returns the program of a plan. `name` is its wanted name, which is changed where the controller would not accept it.
 ///
 /// # Errors
 /// [`NoProgram`] for an arm that the language's controllers do not move.
@@ -118,14 +118,14 @@ pub fn program(
     };
     Ok(match language {
         Language::Rapid => abb_rapid::write(&script),
-        // Controllers that run on Windows, or write such files, end lines as it does.
+        // Controllers that run on Windows, or write such files, use its line ends.
         Language::Krl => kuka_krl::write(&script).replace('\n', "\r\n"),
         Language::UrScript => urscript::write(&script),
         Language::Fanuc => fanuc_tp::write(&script).replace('\n', "\r\n"),
     })
 }
 
-/// Letters, digits and underscores, a letter first.
+/// Returns a name of letters, digits and underscores that begins with a letter.
 fn program_name(wanted: &str, longest: usize) -> String {
     let mut name: String = wanted
         .chars()

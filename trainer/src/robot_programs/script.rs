@@ -1,4 +1,4 @@
-//! What every language needs of a plan.
+//! The parts of a plan that every language needs.
 
 use poegp_protocol::JointKind;
 
@@ -6,28 +6,28 @@ use poegp_calibration::planning::Plan;
 use poegp_calibration::planning::candidates::in_file_units;
 use poegp_calibration::robot::Robot;
 
-/// Axes of the arm that a controller moves as one group.
+/// Number of axes that a controller moves as one group.
 pub const ARM_AXES: usize = 6;
 
-/// What a language needs of a plan.
+/// A plan with a program name, as input for every language.
 pub struct Script<'a> {
-    /// Name of the program, letters that every controller takes.
+    /// Name of the program, in letters that every controller accepts.
     pub name: String,
     pub robot: &'a Robot,
     pub plan: &'a Plan,
 }
 
-/// A pose for a program.
+/// A pose of a program.
 pub struct Stop {
-    /// From 1, as in the CSV file.
+    /// Number from 1, as in the CSV file.
     pub number: usize,
     /// Revolute joints in degrees, base first.
     pub arm: Vec<f64>,
-    /// Slides in mm, base first.
+    /// Prismatic joints in mm, base first.
     pub slides: Vec<f64>,
     /// Joints in rad.
     pub radians: Vec<f64>,
-    /// The payload to mount before it, where it is another one.
+    /// Payload to mount before the pose, in kg, where it changes.
     pub mount_kg: Option<f64>,
 }
 
@@ -56,7 +56,7 @@ impl Script<'_> {
         out
     }
 
-    /// What every program says of itself.
+    /// Returns the comments at the beginning of every program.
     pub fn header(&self) -> [String; 4] {
         [
             format!(
@@ -71,7 +71,7 @@ impl Script<'_> {
     }
 }
 
-/// Names of users in a file that has to be ASCII, without what could end a comment or a string.
+/// Returns a user's name in ASCII, without characters that could end a comment or a string.
 pub fn ascii(text: &str) -> String {
     text.chars()
         .map(|c| match c {
@@ -82,7 +82,7 @@ pub fn ascii(text: &str) -> String {
         .collect()
 }
 
-/// Numbers with three decimals.
+/// Formats numbers with three decimals.
 pub fn decimals(values: &[f64]) -> Vec<String> {
     values
         .iter()

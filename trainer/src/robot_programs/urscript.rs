@@ -1,4 +1,4 @@
-//! URScript of Universal Robots.
+//! Writes URScript of Universal Robots.
 //!
 //! `movej(q, a, v)` with a list of six joints in rad, rad/s² and rad/s; without a blend radius the arm stops at the pose.
 //! `popup(s, title, warning, error, blocking)` with `blocking=True` waits for the operator, `sleep(s)` waits,

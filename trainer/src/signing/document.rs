@@ -1,4 +1,4 @@
-//! Signatures of documents: reports and JSON, in a file beside them.
+//! Signatures of documents (reports and JSON), each in a file beside the document.
 //!
 //! ```text
 //! poegp signature of a document, Ed25519
@@ -6,8 +6,8 @@
 //! 128 hexadecimal digits: the signature
 //! ```
 //!
-//! What is signed begins with eight letters, so that it is never taken for a model or a request, and goes on with the bytes
-//! of the document.
+//! The signed message begins with eight letters, so that it is never taken for a model or a request, and continues with the
+//! bytes of the document.
 
 use std::path::Path;
 
@@ -19,10 +19,10 @@ use crate::signing::{PublicKey, SecretKey, id_text};
 const TITLE: &str = "poegp signature of a document, Ed25519";
 const DOCUMENT: [u8; 8] = *b"POEGPDOC";
 
-/// Why a signature is not that of a document and a key.
+/// Reason why a signature does not belong to a document and a key.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DocumentError {
-    /// It is by another key.
+    /// The signature is by another key.
     #[error("it was signed by key {0}")]
     OtherKey(String),
     /// The document is another one, or the signature was changed.
@@ -30,14 +30,14 @@ pub enum DocumentError {
     Changed,
 }
 
-/// The signature file of `document`.
+/// Returns the text of the signature file of `document`.
 pub fn sign(key: &SecretKey, document: &[u8]) -> String {
     let signature = key.0.sign(&message(document)).to_bytes();
     let digits: String = signature.iter().map(|byte| format!("{byte:02x}")).collect();
     format!("{TITLE}\n{}\n{digits}\n", id_text(&key.public().id()))
 }
 
-/// Whether `text`, read from `path`, is the signature of `document` by `key`.
+/// Checks whether `text`, read from `path`, is the signature of `document` by `key`.
 ///
 /// # Errors
 /// [`InputError`] where it is no signature file.

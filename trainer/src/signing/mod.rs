@@ -7,9 +7,9 @@
 //! 64 hexadecimal digits: the 32 bytes of RFC 8032
 //! ```
 //!
-//! and `poegp public key, Ed25519` the public one. Nothing here prints or returns key material in an error; secrets are wiped
-//! from memory when they go out of scope. What is signed is all of the blob before its trailer, flag and checksum
-//! included (`docs/reference/blob-format.md`).
+//! A public key has the title `poegp public key, Ed25519`. Nothing in this module prints or returns key material in an
+//! error; secrets are wiped from memory when they go out of scope. The signature covers all of the blob before its trailer,
+//! flag and checksum included (`docs/reference/blob-format.md`).
 
 pub mod document;
 
@@ -28,16 +28,16 @@ use crate::device::client;
 const SECRET_TITLE: &str = "poegp secret key, Ed25519: it signs models, keep it secret";
 const PUBLIC_TITLE: &str = "poegp public key, Ed25519";
 
-/// The key that signs.
+/// Secret key, which signs.
 #[derive(Clone)]
 pub struct SecretKey(SigningKey);
 
-/// The key that verifies.
+/// Public key, which verifies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PublicKey([u8; 32]);
 
 impl SecretKey {
-    /// A new key from the randomness of the operating system.
+    /// Generates a key from the randomness of the operating system.
     ///
     /// # Errors
     /// What the operating system says when it has none.
@@ -57,18 +57,18 @@ impl SecretKey {
         Ok(Self(SigningKey::from_bytes(&bytes)))
     }
 
-    /// The file of this key.
+    /// Returns the text of the key file.
     pub fn to_text(&self) -> Zeroizing<String> {
         let seed = Zeroizing::new(self.0.to_bytes());
         key_text(SECRET_TITLE, &seed)
     }
 
-    /// The other half.
+    /// Returns the public key that belongs to this key.
     pub fn public(&self) -> PublicKey {
         PublicKey(self.0.verifying_key().to_bytes())
     }
 
-    /// `blob`, signed by this key as this revision; a signature that it has is replaced.
+    /// Returns `blob` signed by this key with this revision; replaces a signature that it has.
     ///
     /// # Errors
     /// [`DecodeError`] when `blob` is none.
@@ -86,13 +86,13 @@ impl SecretKey {
         Ok(bytes)
     }
 
-    /// What signs requests for a client of a device.
+    /// Returns the signer of requests for a client of a device.
     pub fn signer(&self) -> client::Signer {
         let key = self.clone();
         Box::new(move |nonce, request| key.sign_request(nonce, request))
     }
 
-    /// The signature of a request with the device's nonce; `None` when the request is too long to be signed.
+    /// Returns the signature of a request with the device's nonce; `None` when the request is too long to be signed.
     pub fn sign_request(
         &self,
         nonce: &[u8; NONCE_LENGTH],
@@ -117,29 +117,29 @@ impl PublicKey {
         Ok(Self(*key))
     }
 
-    /// The file of this key.
+    /// Returns the text of the key file.
     pub fn to_text(&self) -> String {
         key_text(PUBLIC_TITLE, &self.0).to_string()
     }
 
-    /// Its bytes, as a device wants them.
+    /// Returns the bytes of the key, as a device expects them.
     pub fn bytes(&self) -> &[u8; 32] {
         &self.0
     }
 
-    /// Its name in the trailer of a blob.
+    /// Returns the key id, which names this key in the trailer of a blob.
     pub fn id(&self) -> [u8; KEY_ID_LENGTH] {
         envelope::key_id(&self.0)
     }
 }
 
-/// A key id as people see it: sixteen hexadecimal digits.
+/// Formats a key id as sixteen hexadecimal digits, for people.
 pub fn id_text(id: &[u8; KEY_ID_LENGTH]) -> String {
     id.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 fn key_text(title: &str, key: &[u8; 32]) -> Zeroizing<String> {
-    // All the room at once: a string that grows would leave copies behind.
+    // Allocate all the room at once: a string that grows would leave copies behind.
     let mut text = Zeroizing::new(String::with_capacity(title.len() + 2 + 64));
     text.push_str(title);
     text.push('\n');

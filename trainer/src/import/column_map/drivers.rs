@@ -1,26 +1,26 @@
-//! Names and units that robot drivers give the columns of joints.
+//! Names and units of the joint columns that robot drivers write.
 
 use crate::import::column_map::tables::JointUnit;
 
-/// A driver and its columns.
+/// A robot driver and its joint columns.
 #[derive(Clone, Copy, Debug)]
 pub struct Driver {
-    /// Name in a map.
+    /// Name of the driver in a map.
     pub name: &'static str,
     names: Names,
-    /// The unit that the driver writes.
+    /// Unit in which the driver writes joints.
     pub unit: JointUnit,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Names {
-    /// These, all of them, base first.
+    /// All of these names, base first.
     Fixed(&'static [&'static str]),
-    /// As many as the header has; `#` is the number, from the one given.
+    /// As many as the header has; `#` stands for the number of the joint, which starts at the given one.
     Numbered(&'static str, usize),
 }
 
-/// All drivers. Those with the names of a controller have its unit, those of ROS radians.
+/// All drivers. Those named after a controller use its unit, those of ROS use radians.
 const DRIVERS: [Driver; 10] = [
     Driver {
         name: "poegp",
@@ -91,19 +91,19 @@ const DRIVERS: [Driver; 10] = [
 ];
 
 impl Driver {
-    /// The driver with this name.
+    /// Returns the driver with this name.
     pub fn named(name: &str) -> Option<Self> {
         DRIVERS.into_iter().find(|driver| driver.name == name)
     }
 
-    /// The names of all drivers.
+    /// Returns the names of all drivers as a list for messages.
     pub fn all() -> String {
         DRIVERS
             .map(|driver| format!("{:?}", driver.name))
             .join(", ")
     }
 
-    /// Its columns in a header, the first at least: what the header lacks is to be named.
+    /// Returns the driver's columns in a header, at least the first one, so that an error names what the header lacks.
     pub fn columns(self, has: impl Fn(&str) -> bool) -> Vec<String> {
         match self.names {
             Names::Fixed(names) => names.iter().map(|name| (*name).to_owned()).collect(),

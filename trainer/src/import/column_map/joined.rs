@@ -1,4 +1,4 @@
-//! Checks of the tables that join points or files to poses.
+//! Checks the tables of a map that join points or files to poses.
 
 use toml::Spanned;
 
@@ -79,7 +79,7 @@ impl Map {
         Ok(())
     }
 
-    /// Which keys a join needs, and which it must not have.
+    /// Checks that a join has the keys that it needs and no others.
     pub(super) fn check_join(&self, join: &FileJoin) -> Result<(), InputError> {
         for (key, column) in [("join.poses", &join.poses), ("join.joints", &join.joints)] {
             match (join.by, column) {
@@ -127,7 +127,7 @@ impl Map {
         }
     }
 
-    /// Whether the reflectors of a row can give a pose.
+    /// Checks that the reflectors of a row can give a pose.
     pub(super) fn check_reflectors(&self, how: &Reflectors) -> Result<(), InputError> {
         let locations = how.at.get_ref();
         if how.columns.get_ref().len() != locations.len() {

@@ -1,4 +1,4 @@
-//! The map of columns: which column of a raw file is what, and in what unit.
+//! The map of columns: the meaning and the unit of each column of a raw file.
 
 pub mod drivers;
 mod joined;
@@ -21,43 +21,43 @@ pub use crate::import::column_map::tables::{
     SigmaOrientation, SigmaPosition, TimeUnit,
 };
 
-/// A map that was read; which tables go together has been checked.
+/// A map as read; which tables go together has been checked.
 #[derive(Debug)]
 pub struct Map {
-    /// The file, for messages.
+    /// Path of the map, for messages.
     pub path: PathBuf,
     text: String,
     /// Layout of the first file.
     pub file: Layout,
-    /// Layout of the file of joints; when it is absent, `file` applies to it, too.
+    /// Layout of the file of joints; `None` where `file` applies to it, too.
     pub joints_file: Option<Layout>,
-    /// What is done with rows that are not whole.
+    /// What happens to incomplete rows.
     pub incomplete: Incomplete,
-    /// The joints.
+    /// Columns of the joints.
     pub joints: Joints,
-    /// The position; there is one of this, `pose` and `points`.
+    /// Columns of the position. A map has exactly one of this, `pose`, `points` and `reflectors`.
     pub position: Option<Position>,
-    /// The orientation beside `position`.
+    /// Columns of the orientation that belongs to `position`.
     pub orientation: Option<Orientation>,
-    /// The whole pose.
+    /// Columns of the whole pose as a matrix.
     pub pose: Option<PoseMatrix>,
-    /// A list of points.
+    /// Columns of a list of points.
     pub points: Option<Points>,
-    /// Reflectors in a row.
+    /// Columns of the reflectors in a row.
     pub reflectors: Option<Reflectors>,
-    /// How a file of joints is joined, where there is one beside poses.
+    /// How a file of joints is joined to the file of poses; `None` where one file has both.
     pub join: Option<FileJoin>,
-    /// The payload.
+    /// Payload at the flange.
     pub payload: Option<Payload>,
-    /// The session.
+    /// Session of a row.
     pub session: Option<Label>,
-    /// The target.
+    /// Target of a row.
     pub target: Option<Label>,
-    /// Uncertainty of the position.
+    /// Standard uncertainty of the position.
     pub sigma_position: Option<SigmaPosition>,
-    /// Uncertainty of the orientation.
+    /// Standard uncertainty of the orientation.
     pub sigma_orientation: Option<SigmaOrientation>,
-    /// Fixed points beside the robot.
+    /// Columns of the reference points beside the robot.
     pub references: Vec<Position>,
 }
 
@@ -75,7 +75,7 @@ impl Map {
     /// Reads the text of a map; `path` is for messages.
     ///
     /// # Errors
-    /// As [`Map::read`].
+    /// See [`Map::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
         let tables: Tables = toml::from_str(text).map_err(|error| {
             TomlSource { file: path, text }
@@ -115,7 +115,7 @@ impl Map {
         Ok(map)
     }
 
-    /// An error at a place of the map.
+    /// Returns an error at a position of the map.
     pub fn error(
         &self,
         span: Range<usize>,
@@ -130,7 +130,7 @@ impl Map {
         .error(span, key, found, expected)
     }
 
-    /// Whether rows will have an orientation.
+    /// Returns whether imported rows have an orientation.
     pub fn has_orientation(&self) -> bool {
         self.orientation.is_some()
             || self.pose.is_some()
@@ -141,7 +141,7 @@ impl Map {
                 .is_some_and(|points| points.targets.is_some())
     }
 
-    /// The orientation that a table describes; keys of another kind are refused.
+    /// Returns the orientation that a table describes, and refuses keys of another kind.
     fn orientation(&self, table: Spanned<OrientationTable>) -> Result<Orientation, InputError> {
         use OrientationKind::{Euler, Matrix, Quaternion, RotationVector};
         let span = table.span();
@@ -340,7 +340,7 @@ impl Map {
     }
 }
 
-/// What a table of joints says, or where it is wrong: the key, what was found and what was expected.
+/// Returns the joints that a table describes; where the table is wrong, the key, what was found and what was expected.
 fn joints(
     table: Spanned<JointTable>,
 ) -> Result<Joints, (Range<usize>, &'static str, String, String)> {

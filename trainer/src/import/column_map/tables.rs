@@ -1,4 +1,4 @@
-//! The tables of a map as they stand in its TOML.
+//! The tables of a map as its TOML has them.
 
 use std::collections::BTreeMap;
 
@@ -12,33 +12,33 @@ use toml::Spanned;
     expecting = "no name and no number of a column, expected one or the other"
 )]
 pub enum ColumnName {
-    /// From 1.
+    /// Number of the column, from 1.
     Number(usize),
-    /// As the header has it, spaces around it aside.
+    /// Name as in the header, without the spaces around it.
     Name(String),
 }
 
-/// How the text of a file is laid out.
+/// Layout of the text of a file.
 #[derive(Clone, Debug, Deserialize, Serialize, PartialEq, Eq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Layout {
-    /// What is between two cells.
+    /// Separator of two fields.
     pub separator: Separator,
-    /// The decimal point.
+    /// Decimal mark.
     pub decimal: Decimal,
-    /// What groups digits of thousands, and is taken out.
+    /// Character that groups digits in thousands; it is removed.
     pub thousands: Option<char>,
-    /// How bytes are letters.
+    /// Character encoding.
     pub encoding: Encoding,
-    /// The sheet of a spreadsheet that has several.
+    /// Name of the sheet, for a spreadsheet that has several.
     pub sheet: Option<String>,
-    /// Lines at the beginning that are not looked at.
+    /// Number of lines to skip at the beginning.
     pub skip_lines: usize,
-    /// Lines at the end that are not looked at.
+    /// Number of lines to skip at the end.
     pub skip_last_lines: usize,
-    /// Lines of the header: the first has names, the second units. 0: columns are numbers.
+    /// Number of lines of the header: the first has names, the second units. With 0, columns are named by their numbers.
     pub header_lines: usize,
-    /// Lines that begin so are not looked at.
+    /// Beginnings of lines that are skipped as comments.
     pub comments: Vec<String>,
 }
 
@@ -58,7 +58,7 @@ impl Default for Layout {
     }
 }
 
-/// What is between two cells.
+/// Separator of two fields.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Separator {
@@ -68,15 +68,15 @@ pub enum Separator {
     /// `;`
     #[serde(alias = ";")]
     Semicolon,
-    /// One tabulator.
+    /// One tab.
     #[serde(alias = "\t")]
     Tab,
-    /// Any number of spaces and tabulators.
+    /// Any number of spaces and tabs.
     #[serde(alias = " ")]
     Space,
 }
 
-/// The decimal point.
+/// Decimal mark.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, PartialEq, Eq)]
 pub enum Decimal {
     /// `.`
@@ -87,16 +87,16 @@ pub enum Decimal {
     Comma,
 }
 
-/// How bytes are letters.
+/// Character encoding.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, PartialEq, Eq)]
 pub enum Encoding {
-    /// With or without byte order mark.
+    /// UTF-8 with or without byte order mark.
     #[serde(rename = "utf-8")]
     Utf8,
-    /// ISO 8859-1, and near enough Windows-1252: only names and comments have such letters.
+    /// ISO 8859-1. It is near enough to Windows-1252: only names and comments have the letters that differ.
     #[serde(rename = "latin-1", alias = "windows-1252")]
     Latin1,
-    /// With byte order mark.
+    /// UTF-16 with byte order mark.
     #[serde(rename = "utf-16")]
     Utf16,
 }
@@ -116,7 +116,7 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
-    /// Millimetres of one.
+    /// Returns the length of one unit, in millimetres.
     pub fn in_mm(self) -> f64 {
         match self {
             Self::Mm => 1.0,
@@ -147,9 +147,9 @@ pub enum JointUnit {
     Deg,
     /// Radian.
     Rad,
-    /// Millimetre, of a prismatic joint.
+    /// Millimetre, for a prismatic joint.
     Mm,
-    /// Metre, of a prismatic joint.
+    /// Metre, for a prismatic joint.
     M,
 }
 
@@ -160,13 +160,13 @@ pub enum JointUnit {
     expecting = "another unit, expected \"deg\", \"rad\", \"mm\", \"m\", or a list of them for the joints"
 )]
 pub enum JointUnits {
-    /// For all.
+    /// One unit for all joints.
     All(JointUnit),
-    /// Base first.
+    /// One unit for each joint, base first.
     Each(Vec<JointUnit>),
 }
 
-/// The joints as they stand in the map; which keys go together is checked afterwards.
+/// The joints as the TOML has them; which keys go together is checked afterwards.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct JointTable {
@@ -176,37 +176,37 @@ pub(super) struct JointTable {
     pub(super) name: Option<Spanned<ColumnName>>,
 }
 
-/// The joints as commanded.
+/// The commanded joints.
 #[derive(Clone, Debug)]
 pub struct Joints {
-    /// Where they are.
+    /// Where the columns of the joints are.
     pub source: JointSource,
-    /// Their units; without them the header or the driver has them.
+    /// Units of the joints; `None` where the header or the driver states them.
     pub unit: Option<Spanned<JointUnits>>,
-    /// The column with the pose's name, in a file of joints beside a list of points.
+    /// Column with the name of the pose, in a file of joints that belongs to a list of points.
     pub name: Option<Spanned<ColumnName>>,
 }
 
-/// Where the joints are.
+/// Where the columns of the joints are.
 #[derive(Clone, Debug)]
 pub enum JointSource {
-    /// Base first.
+    /// Columns by name or number, base first.
     Columns(Spanned<Vec<ColumnName>>),
-    /// Where the driver with this name writes them.
+    /// Columns that the driver with this name writes.
     Driver(Spanned<String>),
 }
 
-/// x, y, z.
+/// Columns of a position.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Position {
-    /// x, y, z.
+    /// Columns of x, y and z.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Their unit; without it the header has it.
+    /// Unit of the position; `None` where the header states it.
     pub unit: Option<LengthUnit>,
 }
 
-/// How an orientation is written.
+/// Notation of an orientation.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum OrientationKind {
@@ -216,7 +216,7 @@ pub(super) enum OrientationKind {
     Matrix,
 }
 
-/// The keys of all kinds; which of them belong is checked afterwards, so that messages have a place.
+/// The keys of all notations; which of them belong together is checked afterwards, so that messages can name a line.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct OrientationTable {
@@ -228,49 +228,49 @@ pub(super) struct OrientationTable {
     pub(super) layout: Option<Spanned<MatrixLayout>>,
 }
 
-/// instrument_from_target, rotation.
+/// Columns of the rotation of `instrument_from_target`.
 #[derive(Clone, Debug)]
 pub enum Orientation {
     /// A unit quaternion.
     Quaternion {
-        /// In the order of `order`.
+        /// Columns in the order that `order` says.
         columns: Spanned<Vec<ColumnName>>,
-        /// Where w stands.
+        /// Position of w among the components.
         order: QuaternionOrder,
     },
     /// Three angles.
     Euler {
-        /// In the order of `order`.
+        /// Columns in the order that `order` says.
         columns: Spanned<Vec<ColumnName>>,
-        /// The axes, three letters.
+        /// The three axes, one letter each.
         order: Spanned<String>,
         /// Whether the axes turn with the body.
         axes: EulerAxes,
-        /// Unit of the angles; without it the header has it.
+        /// Unit of the angles; `None` where the header states it.
         unit: Option<AngleUnit>,
     },
-    /// Axis times angle.
+    /// A rotation vector: axis times angle.
     RotationVector {
-        /// x, y, z.
+        /// Columns of x, y and z.
         columns: Spanned<Vec<ColumnName>>,
-        /// Unit of its length; without it the header has it.
+        /// Unit of the vector's length; `None` where the header states it.
         unit: Option<AngleUnit>,
     },
-    /// Nine numbers.
+    /// Nine elements of a rotation matrix.
     Matrix {
-        /// Row by row, unless `layout` says otherwise.
+        /// Columns row by row, unless `layout` says otherwise.
         columns: Spanned<Vec<ColumnName>>,
-        /// Which way they are counted.
+        /// Order of the elements.
         layout: MatrixLayout,
     },
 }
 
-/// Where w stands.
+/// Position of w among the components of a quaternion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum QuaternionOrder {
-    /// First.
+    /// w comes first.
     Wxyz,
-    /// Last.
+    /// w comes last.
     Xyzw,
 }
 
@@ -278,13 +278,13 @@ pub enum QuaternionOrder {
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum EulerAxes {
-    /// They turn: each angle is about an axis that the angles before have turned.
+    /// The axes turn: each angle is about an axis that the angles before have turned.
     Intrinsic,
-    /// They stay.
+    /// The axes stay fixed.
     Extrinsic,
 }
 
-/// Which way the numbers of a matrix are counted.
+/// Order of the elements of a matrix.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum MatrixLayout {
@@ -295,26 +295,26 @@ pub enum MatrixLayout {
     Columns,
 }
 
-/// instrument_from_target as one matrix.
+/// `instrument_from_target` as one matrix.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PoseMatrix {
-    /// Twelve or sixteen numbers: 3×4, or 4×4 with 0 0 0 1.
+    /// Columns of twelve or sixteen elements: 3×4, or 4×4 with the last row 0 0 0 1.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Unit of the translation; without it the header has it.
+    /// Unit of the translation; `None` where the header states it.
     pub unit: Option<LengthUnit>,
-    /// Which way they are counted.
+    /// Order of the elements.
     #[serde(default)]
     pub layout: MatrixLayout,
 }
 
-/// A text: a column, or the same in every row.
+/// A text: from a column, or one text for every row.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Label {
-    /// The column.
+    /// Column with the text.
     pub column: Option<Spanned<ColumnName>>,
-    /// The text of every row.
+    /// Text that every row has.
     pub value: Option<Spanned<String>>,
 }
 
@@ -322,11 +322,11 @@ pub struct Label {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Payload {
-    /// The column.
+    /// Column with the mass.
     pub column: Option<Spanned<ColumnName>>,
-    /// The same in every row.
+    /// Mass that every row has.
     pub value: Option<Spanned<f64>>,
-    /// Its unit; without it the header has it.
+    /// Unit of the mass; `None` where the header states it.
     pub unit: Option<MassUnit>,
 }
 
@@ -344,9 +344,9 @@ pub enum MassUnit {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SigmaPosition {
-    /// The column.
+    /// Column with the uncertainty.
     pub column: Spanned<ColumnName>,
-    /// Its unit; without it the header has it.
+    /// Unit of the uncertainty; `None` where the header states it.
     pub unit: Option<LengthUnit>,
 }
 
@@ -354,59 +354,59 @@ pub struct SigmaPosition {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SigmaOrientation {
-    /// The column.
+    /// Column with the uncertainty.
     pub column: Spanned<ColumnName>,
-    /// Its unit; without it the header has it.
+    /// Unit of the uncertainty; `None` where the header states it.
     pub unit: Option<AngleUnit>,
 }
 
-/// A list of points, several to a pose.
+/// Columns of a list of points, several of them for each pose.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Points {
-    /// The column with the point's name, or with the pose's.
+    /// Column with the name of the point, or with the name of the pose.
     pub name: Spanned<ColumnName>,
-    /// The column with the name of the target, where it is not part of `name`.
+    /// Column with the name of the target, where it is not part of `name`.
     pub target: Option<Spanned<ColumnName>>,
-    /// What is between pose and target in `name`: `P12_A` is target A of pose P12 by "_". The last one counts.
+    /// Separator of pose and target in `name`: with "_", `P12_A` is target A of pose P12. The last occurrence counts.
     pub split: Option<Spanned<String>>,
-    /// x, y, z.
+    /// Columns of x, y and z.
     pub columns: Spanned<Vec<ColumnName>>,
-    /// Unit of the points; without it the header has it.
+    /// Unit of the points; `None` where the header states it.
     pub unit: Option<LengthUnit>,
-    /// How poses find their joints.
+    /// How poses are joined to their joints.
     pub join: Join,
-    /// Largest distance of a point from where the fit puts it.
+    /// Largest residual of a point in the fit of a pose, in mm.
     pub max_residual_mm: Option<Spanned<f64>>,
-    /// Where the targets are on the tool; without it every point is a measurement of a position alone.
+    /// Positions of the targets on the tool; without them every point is a measurement of a position alone.
     pub targets: Option<Spanned<BTreeMap<String, [f64; 3]>>>,
     /// Unit of `targets`.
     pub targets_unit: Option<LengthUnit>,
 }
 
-/// How poses find their joints.
+/// How poses are joined to their joints.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum Join {
-    /// By the name of the pose, which is in `joints.name`, too.
+    /// By the name of the pose, which is also in the column `joints.name`.
     Name,
-    /// The first pose of the points has the first row of the joints, and so on.
+    /// By order: the first pose of the points has the first row of the joints, and so on.
     Order,
 }
 
-/// Three reflectors or more in every row.
+/// Columns of three or more reflectors in every row.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reflectors {
-    /// x, y, z of each.
+    /// Columns of x, y and z of each reflector.
     pub columns: Spanned<Vec<Vec<ColumnName>>>,
-    /// Unit of the columns; without it the header has it.
+    /// Unit of the columns; `None` where the header states it.
     pub unit: Option<LengthUnit>,
-    /// Where each is on the tool.
+    /// Position of each reflector on the tool.
     pub at: Spanned<Vec<[f64; 3]>>,
     /// Unit of `at`.
     pub at_unit: LengthUnit,
-    /// Largest distance of a reflector from where the fit puts it.
+    /// Largest residual of a reflector in the fit of a pose, in mm.
     pub max_residual_mm: Option<Spanned<f64>>,
 }
 
@@ -414,29 +414,29 @@ pub struct Reflectors {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FileJoin {
-    /// What decides.
+    /// Criterion of the join.
     pub by: JoinBy,
-    /// The column of the poses.
+    /// Index or time column of the file of poses.
     pub poses: Option<Spanned<ColumnName>>,
-    /// The column of the joints.
+    /// Index or time column of the file of joints.
     pub joints: Option<Spanned<ColumnName>>,
-    /// Unit of the poses' time; without it the header has it.
+    /// Unit of the poses' time; `None` where the header states it.
     pub poses_unit: Option<TimeUnit>,
-    /// Unit of the joints' time; without it the header has it.
+    /// Unit of the joints' time; `None` where the header states it.
     pub joints_unit: Option<TimeUnit>,
-    /// Largest time between a pose and its joints.
+    /// Largest time between a pose and its joints, in seconds.
     pub tolerance_s: Option<Spanned<f64>>,
 }
 
-/// What decides which row of joints belongs to a pose.
+/// Criterion that decides which row of joints belongs to a pose.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum JoinBy {
-    /// The first row has the first, and so on.
+    /// By order: the first row of poses has the first row of joints, and so on.
     Order,
-    /// A number or a name in both.
+    /// By an index: a number or a name that both files have.
     Index,
-    /// The clock, which both share.
+    /// By time: both files have the same clock.
     Time,
 }
 
@@ -448,22 +448,22 @@ pub enum TimeUnit {
     S,
     /// Millisecond.
     Ms,
-    /// No unit: date and time of day, `2026-11-23T14:05:09.125Z`.
+    /// Date and time of day as `2026-11-23T14:05:09.125Z`, which has no unit.
     Iso8601,
 }
 
-/// What is done with rows that are not whole.
+/// What happens to incomplete rows.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Incomplete {
-    /// They are refused.
+    /// Incomplete rows are refused.
     #[default]
     Refuse,
-    /// They are left out and listed.
+    /// Incomplete rows are left out and listed.
     LeaveOut,
 }
 
-/// The whole file.
+/// The whole TOML file of a map.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Tables {

@@ -1,36 +1,36 @@
-//! From values to places: linear and logarithmic axes with ticks that people like.
+//! Maps values to positions: linear and logarithmic axes with round ticks.
 
-/// How values are spread over an axis.
+/// Spacing of the values on an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Scale {
-    /// Evenly.
+    /// Linear spacing.
     Linear,
-    /// By their logarithm; for values above 0.
+    /// Logarithmic spacing, for values above 0.
     Log,
 }
 
 /// One axis of a plot.
 #[derive(Clone, Debug)]
 pub struct Axis {
-    /// What it shows, with its unit.
+    /// Quantity on the axis, with its unit.
     pub label: String,
-    /// How.
+    /// Spacing of the values.
     pub scale: Scale,
-    /// Smallest value.
+    /// Value at the lower end.
     pub lower: f64,
-    /// Largest value.
+    /// Value at the upper end.
     pub upper: f64,
 }
 
 /// Steps between ticks, as multiples of a power of ten.
 const STEPS: [f64; 4] = [1.0, 2.0, 5.0, 10.0];
-/// Ticks of a linear axis, about.
+/// Approximate number of ticks on a linear axis.
 const TICKS: f64 = 5.0;
-/// Values of an axis of errors that are further apart than this go on a logarithmic one.
+/// Ratio of the largest error to the median error above which an axis of errors is logarithmic.
 const WIDE: f64 = 12.0;
 
 impl Axis {
-    /// A linear axis over `lower` … `upper`; an empty range is widened.
+    /// Creates a linear axis over `lower` … `upper`; an empty range is widened.
     pub fn linear(label: impl Into<String>, lower: f64, upper: f64) -> Self {
         let (lower, upper) = if upper > lower && (upper - lower).is_finite() {
             (lower, upper)
@@ -46,7 +46,7 @@ impl Axis {
         }
     }
 
-    /// A logarithmic axis over `lower` … `upper`, widened to 1, 2 or 5 times a power of ten.
+    /// Creates a logarithmic axis over `lower` … `upper`, widened to 1, 2 or 5 times a power of ten.
     pub fn log(label: impl Into<String>, lower: f64, upper: f64) -> Self {
         let upper = if upper > 0.0 && upper.is_finite() {
             upper
@@ -62,7 +62,7 @@ impl Axis {
         }
     }
 
-    /// An axis for errors, from 0 or, where a few are much larger than most, logarithmic.
+    /// Creates an axis for errors: linear from 0 or, where a few errors are much larger than most, logarithmic.
     pub fn errors(label: impl Into<String>, values: &[f64]) -> Self {
         let mut sorted: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
@@ -81,7 +81,7 @@ impl Axis {
         }
     }
 
-    /// Where a value lies: 0 at the lower end, 1 at the upper one; values beyond are at the ends.
+    /// Returns the position of a value: 0 at the lower end, 1 at the upper one; values beyond are at the ends.
     pub fn location(&self, value: f64) -> f64 {
         let share = match self.scale {
             Scale::Linear => (value - self.lower) / (self.upper - self.lower),
@@ -93,7 +93,7 @@ impl Axis {
         share.clamp(0.0, 1.0)
     }
 
-    /// Values that get a line, and what is written there: multiples of a step, or 1, 2 and 5 in every decade.
+    /// Returns the ticks with their labels: multiples of a step, or 1, 2 and 5 in every decade.
     pub fn ticks(&self) -> Vec<(f64, String)> {
         match self.scale {
             Scale::Linear => {
@@ -116,8 +116,8 @@ impl Axis {
     }
 }
 
-/// Which labels have room: `locations` are along the axis, `lengths` what each takes of it. Powers of ten come
-/// first, then fives, then twos.
+/// Returns which labels have room. `locations` are along the axis, `lengths` is the length of each label on it. Powers of
+/// ten come first, then fives, then twos.
 pub fn with_room(texts: &[String], locations: &[f64], lengths: &[f64]) -> Vec<bool> {
     let rank = |text: &String| {
         let digit = text.chars().find(|c| ('1'..='9').contains(c));
@@ -134,7 +134,7 @@ pub fn with_room(texts: &[String], locations: &[f64], lengths: &[f64]) -> Vec<bo
     shown
 }
 
-/// The next 1, 2 or 5 times a power of ten, upwards or downwards.
+/// Rounds upwards or downwards to 1, 2 or 5 times a power of ten.
 pub fn round_125(value: f64, upwards: bool) -> f64 {
     let power = 10f64.powf(value.log10().floor());
     let multiple = value / power;
@@ -153,7 +153,7 @@ pub fn round_125(value: f64, upwards: bool) -> f64 {
     step.copied().unwrap_or(1.0) * power
 }
 
-/// A number without needless digits: 0.05, 2, 100.
+/// Formats a number without needless digits: 0.05, 2, 100.
 pub fn plain(x: f64) -> String {
     let decimals = (1.0 - x.abs().max(1e-12).log10().floor()).clamp(0.0, 9.0) as usize;
     let text = format!("{x:.decimals$}");

@@ -1,12 +1,12 @@
 //! Plots as inline SVG.
 //!
-//! What is drawn has a class and no colour: colours, also of dark pages and of paper, are the style sheet's. Marks are one
-//! `path` for each series, not an element for each point, so that a thousand poses stay small. Coordinates have one
+//! Drawn elements have a class and no colour: the style sheet has the colours, also for dark pages and for paper. Marks are
+//! one `path` for each series, not an element for each point, so that a thousand poses stay small. Coordinates have one
 //! decimal of a unit that is about a pixel.
 //!
-//! Dots that are poses have the attribute `data-poses`, and the plot of them says where its plane is (`data-plane`: left,
-//! top, width, height) and which values lie at its left and right ends (`data-x`). From that and the path itself
-//! `script.js` finds the pose under the pointer; no coordinate is written twice.
+//! Dots of poses have the attribute `data-poses`, and their plot states where its plane is (`data-plane`: left, top, width,
+//! height) and which values are at its left and right ends (`data-x`). From these and the path itself, `script.js` finds the
+//! pose under the pointer; no coordinate is written twice.
 
 mod axis;
 
@@ -15,16 +15,16 @@ use maud::{Markup, html};
 use crate::report::chart::axis::with_room;
 pub use crate::report::chart::axis::{Axis, Scale, plain, round_125};
 
-/// What a mark belongs to: its colour.
+/// Series of a mark, which determines its colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
     /// The nominal robot.
     Nominal,
     /// The calibrated robot.
     Calibrated,
-    /// What is neither.
+    /// Neither of the two.
     Other,
-    /// What the others are compared with.
+    /// Reference with which the others are compared.
     Reference,
 }
 
@@ -39,14 +39,14 @@ impl Series {
     }
 }
 
-/// Five numbers of a box plot.
+/// A box of a box plot.
 #[derive(Clone, Debug)]
 pub struct BoxOf {
-    /// What is written beside it.
+    /// Name beside the box.
     pub name: String,
-    /// Its colour.
+    /// Series, which determines the colour.
     pub series: Series,
-    /// 5, 25, 50, 75 and 95 % of the values lie below.
+    /// Quantiles below which 5, 25, 50, 75 and 95 % of the values are.
     pub quantiles: [f64; 5],
     /// Arithmetic mean.
     pub mean: f64,
@@ -71,21 +71,21 @@ impl BoxOf {
     }
 }
 
-/// Room around the plane, in units of the drawing.
+/// Margins around the plane, in units of the drawing.
 const RIGHT: f64 = 12.0;
 const TOP: f64 = 10.0;
 const BOTTOM: f64 = 40.0;
 const LEFT: f64 = 54.0;
-/// Width of a character of the labels, about.
+/// Approximate width of a character of the labels.
 const CHARACTER: f64 = 6.3;
-/// Height of a label's characters, about.
+/// Approximate height of the characters of a label.
 const LINE: f64 = 11.5;
-/// Dots that are smaller where there are more of them.
+/// Number of dots above which the dots are drawn smaller.
 const MANY: usize = 350;
-/// Characters of a name beside a box.
+/// Largest number of characters of a name beside a box.
 const NAME: usize = 20;
 
-/// A plane with two axes, and what is drawn on it.
+/// A plane with two axes, and the marks on it.
 #[derive(Debug)]
 pub struct Plot {
     x: Axis,
@@ -95,11 +95,11 @@ pub struct Plot {
     left: f64,
     y_ticks: bool,
     marks: Vec<Markup>,
-    /// Whether there are dots of poses, and whether they are marked in a box rather than between two values of x.
+    /// How dots of poses are marked; `None` without such dots.
     poses: Option<Brush>,
 }
 
-/// What dragging over a plot marks.
+/// Poses that dragging over a plot marks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Brush {
     /// The poses between two values of x.
@@ -109,7 +109,7 @@ pub enum Brush {
 }
 
 impl Plot {
-    /// An empty plane of the usual size.
+    /// Creates an empty plane of the usual size.
     pub fn new(x: Axis, y: Axis) -> Self {
         Self {
             x,
@@ -123,7 +123,7 @@ impl Plot {
         }
     }
 
-    /// This chart in another size.
+    /// Sets the size of this chart.
     #[must_use]
     pub fn sized(mut self, width: f64, height: f64) -> Self {
         (self.width, self.height) = (width, height);
@@ -142,7 +142,7 @@ impl Plot {
         )
     }
 
-    /// A dot for each point.
+    /// Draws a dot for each point.
     pub fn dots(&mut self, series: Series, points: impl IntoIterator<Item = (f64, f64)>) {
         let mut d = String::new();
         for (x, y) in points {
@@ -153,7 +153,7 @@ impl Plot {
         self.marks.push(html! { path class=(class) d=(d) {} });
     }
 
-    /// A dot for each pose, with its row in the table of the poses (see [`Section::poses`](super::Section::poses)).
+    /// Draws a dot for each pose, with its row in the table of the poses (see [`Section::poses`](super::Section::poses)).
     pub fn poses(
         &mut self,
         series: Series,
@@ -170,7 +170,7 @@ impl Plot {
             return;
         }
         let many = rows.len() > MANY;
-        // Most plots have all rows in their order: nothing needs to be said of that.
+        // Most plots have all rows in their order and need not list them.
         let in_order = rows.iter().enumerate().all(|(i, row)| i == *row);
         let rows: Vec<String> = rows.iter().map(ToString::to_string).collect();
         let rows = if in_order {
@@ -185,7 +185,7 @@ impl Plot {
         self.poses = Some(brush);
     }
 
-    /// A line through the points, with a dot at each when `dotted`.
+    /// Draws a line through the points, with a dot at each when `dotted`.
     pub fn line(&mut self, series: Series, points: &[(f64, f64)], dotted: bool) {
         let mut d = String::new();
         for (i, (x, y)) in points.iter().enumerate() {
@@ -198,7 +198,7 @@ impl Plot {
             );
         }
         let class = format!("line {}", series.class());
-        // Behind it a rim in the colour of the page, so that it stands out from dots.
+        // A rim behind the line, in the colour of the page, makes it stand out from dots.
         self.marks
             .push(html! { path class="rim" d=(d) {} path class=(class) d=(d) {} });
         if dotted {
@@ -206,7 +206,7 @@ impl Plot {
         }
     }
 
-    /// Bars from the lower end of the y axis: left, right, height.
+    /// Draws bars from the lower end of the y axis; each has left, right and height.
     pub fn bars(&mut self, series: Series, bars: &[(f64, f64, f64)]) {
         let mut d = String::new();
         for (from, to, height) in bars.iter().filter(|b| b.2 > 0.0) {
@@ -225,7 +225,7 @@ impl Plot {
         self.marks.push(html! { path class=(class) d=(d) {} });
     }
 
-    /// A line across the plane at `x`, with a few words at its upper end.
+    /// Draws a line across the plane at `x`, with a short text at its upper end.
     pub fn upright(&mut self, series: Series, x: f64, texts: &str) {
         let ((x, top), (_, bottom)) = (self.at(x, self.y.upper), self.at(x, self.y.lower));
         let class = format!("rule {}", series.class());
@@ -240,7 +240,7 @@ impl Plot {
         });
     }
 
-    /// A line across the plane at `y`, with a few words below its left end.
+    /// Draws a line across the plane at `y`, with a short text below its left end.
     pub fn level(&mut self, series: Series, y: f64, texts: &str) {
         let ((left, y), (right, _)) = (self.at(self.x.lower, y), self.at(self.x.upper, y));
         let class = format!("rule {}", series.class());
@@ -250,7 +250,7 @@ impl Plot {
         });
     }
 
-    /// A thick arrow from a point by a displacement in the units of the axes; `title` says what it is.
+    /// Draws a thick arrow from a point by a displacement in the units of the axes; `title` describes it.
     pub fn arrow(&mut self, series: Series, [x, y, dx, dy]: [f64; 4], title: &str) {
         let ((x, y), (u, v)) = (self.at(x, y), self.at(x + dx, y + dy));
         let (length, angle) = ((u - x).hypot(v - y), (v - y).atan2(u - x));
@@ -269,7 +269,7 @@ impl Plot {
             .push(html! { path class=(class) d=(d) { title { (title) } } });
     }
 
-    /// A frame around a part of the plane, with a few words inside its upper left corner.
+    /// Draws a frame around a part of the plane, with a short text inside its upper left corner.
     pub fn frame(&mut self, series: Series, low: (f64, f64), high: (f64, f64), texts: &str) {
         let ((left, bottom), (right, top)) = (self.at(low.0, low.1), self.at(high.0, high.1));
         let class = format!("rule {}", series.class());
@@ -287,7 +287,7 @@ impl Plot {
         });
     }
 
-    /// The drawing; `aria_label` describes it for screen readers.
+    /// Returns the drawing; `aria_label` describes it for screen readers.
     pub fn render(&self, aria_label: &str) -> Markup {
         let (width, height) = self.plane();
         let (right, bottom) = (self.left + width, TOP + height);
@@ -342,8 +342,8 @@ impl Plot {
     }
 }
 
-/// Boxes lying on one axis, one below the other: quartiles, whiskers at 5 and 95 %, a diamond at the mean, a dot at the
-/// largest.
+/// Returns boxes on one axis, one below the other: quartiles, whiskers at 5 and 95 %, a diamond at the mean, a dot at the
+/// largest value.
 pub fn boxes(label: &str, boxes: &[BoxOf], aria_label: &str) -> Markup {
     let ends = boxes.iter().flat_map(|b| [b.quantiles[0], b.max]);
     let largest = ends.clone().fold(0.0, f64::max);
@@ -398,7 +398,7 @@ pub fn boxes(label: &str, boxes: &[BoxOf], aria_label: &str) -> Markup {
     plot.render(aria_label)
 }
 
-/// The ticks of an axis whose label has room; `length` is what a label takes of it.
+/// Returns the ticks of an axis whose labels have room; `length` returns the length of a label on the axis.
 fn labelled<'a>(
     axis: &Axis,
     ticks: &'a [(f64, String)],
@@ -415,7 +415,7 @@ fn labelled<'a>(
     kept.map(|t| t.0).collect()
 }
 
-/// A name of at most [`NAME`] characters; names differ mostly at their ends.
+/// Shortens a name in its middle to at most [`NAME`] characters and keeps more of its end, where names differ most.
 fn shortened(name: &str) -> String {
     let all: Vec<char> = name.chars().collect();
     if all.len() <= NAME {
@@ -425,7 +425,7 @@ fn shortened(name: &str) -> String {
     head.iter().chain(['…'].iter()).chain(tail).collect()
 }
 
-/// A coordinate with one decimal, none when it is 0.
+/// Formats a coordinate with one decimal, or without decimals when this is 0.
 fn short(x: f64) -> String {
     let text = format!("{x:.1}");
     match text.strip_suffix(".0") {

@@ -1,5 +1,5 @@
-//! What the calibration itself found and made: parameters, outliers, the choice of the model, the file for the controller,
-//! and where all of it comes from.
+//! Results of the calibration itself: parameters, outliers, the choice of the model, the file for the controller, and the
+//! provenance of all of it.
 
 use maud::{Markup, html};
 use serde::Serialize;
@@ -12,30 +12,30 @@ use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection as select;
 
-/// Held-out poses that are listed.
+/// Number of held-out poses that are listed.
 const WORST: usize = 10;
-/// Standard deviations beyond which a change is called certain.
+/// Number of standard deviations beyond which a change is called certain.
 const CERTAIN: f64 = 3.0;
 
-/// A training measurement that does not belong, in the JSON document and on the page.
+/// An outlier of the training, in the JSON document and on the page.
 #[derive(Clone, Debug, Serialize)]
 pub struct ListedOutlier {
     /// Line in the training file.
     pub line: usize,
     /// How it was found.
     pub reason: &'static str,
-    /// How far it is.
+    /// Distance of the measurement, as χ².
     pub chi_squared: f64,
     /// Distance of its position in standard deviations.
     pub position_sigmas: f64,
-    /// Distance of its rotation in standard deviations; `None` where none was measured.
+    /// Distance of its rotation in standard deviations; `None` where no rotation was measured.
     pub rotation_sigmas: Option<f64>,
-    /// Whether it was left out.
+    /// Whether the measurement was left out.
     pub rejected: bool,
 }
 
 impl ListedOutlier {
-    /// Which of position and rotation is farther, and by how many standard deviations.
+    /// Describes the larger of the distances of position and rotation, in standard deviations.
     pub fn distance(&self) -> String {
         let rotation = self.rotation_sigmas.unwrap_or(0.0);
         match rotation > self.position_sigmas {
@@ -48,7 +48,7 @@ impl ListedOutlier {
 /// Gear ripple of one joint, in the order of the JSON document's `elastic.ripple`.
 #[derive(Clone, Copy, Debug)]
 pub struct Ripple {
-    /// Joint from 1.
+    /// Number of the joint, from 1.
     pub joint: usize,
     /// Cycles per turn of the joint.
     pub cycles_per_turn: f64,
@@ -56,7 +56,8 @@ pub struct Ripple {
     pub amplitude_urad: f64,
 }
 
-/// Deviations of the frames from the drawing with their uncertainty, unidentified directions, own-joint curve, warm-up and gear ripple.
+/// Returns the section on the arm's parameters: deviations of the frames from the drawing with their uncertainty,
+/// unidentified directions, own-joint curve, warm-up and gear ripple.
 pub fn parameters(
     identifiability: Option<&IdentifyReport>,
     changes: &[FrameChange],
@@ -185,8 +186,8 @@ pub fn parameters(
     section
 }
 
-/// Outliers of the training with their lines, and the largest held-out errors. `found` is an error where
-/// there is no training, with the sentence that says so.
+/// Returns the section on outliers of the training with their lines, and on the largest held-out errors. Without a training,
+/// `found` is an error with the sentence that says so.
 pub fn outliers(
     evidence: &ReportData,
     summary: &HeldOutSummary,
@@ -256,7 +257,7 @@ pub fn outliers(
         )
 }
 
-/// What the model and a budget were decided by, and what is to be looked at.
+/// Returns the section on the selection of the model and a budget, with the warnings.
 pub fn choice(
     candidates: Option<(&str, &[select::Row])>,
     warnings: &[Finding],
@@ -325,24 +326,24 @@ pub fn choice(
     section
 }
 
-/// What the controller gets.
+/// Summary of the file for the controller.
 #[derive(Clone, Debug)]
 pub struct DeviceSummary {
     /// Name of the file.
     pub file: String,
-    /// Its bytes, which it takes of flash, too.
+    /// Size in bytes, of the file and in flash.
     pub bytes: usize,
-    /// Inducing points.
+    /// Number of inducing points.
     pub inducing_points: usize,
     /// Instructions of one evaluation on a Cortex-M4F by the cost model; unknown for the paper's process.
     pub instructions: u32,
-    /// Bound of the correction in mm and mrad.
+    /// Limits of the correction, in mm and mrad.
     pub limit: (f64, f64),
-    /// What single precision costs, mean and largest, µm.
+    /// Mean and largest loss of single precision, in µm.
     pub single_precision_loss_um: (f64, f64),
 }
 
-/// The file for the controller, and what it costs there.
+/// Returns the section on the file for the controller and its cost on the device.
 pub fn device(summary: &DeviceSummary) -> Section {
     let (mm, mrad) = summary.limit;
     let (mean, max) = summary.single_precision_loss_um;
@@ -367,7 +368,7 @@ pub fn device(summary: &DeviceSummary) -> Section {
     })
 }
 
-/// Files with their checksums, command, version, seed and date.
+/// Returns the section with files and their checksums, command, version, seed and date.
 pub fn provenance(provenance: &Provenance) -> Section {
     let row = |f: &crate::report::FileSummary| {
         vec![

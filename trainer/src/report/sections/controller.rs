@@ -1,4 +1,4 @@
-//! For the engineer of the controller: the arm's numbers beside those of the drawing, and errors with their signs.
+//! The section for the engineer of the controller: the arm's parameters beside those of the drawing, and signed errors.
 
 use maud::{Markup, html};
 
@@ -6,10 +6,10 @@ use crate::report::controller::{BeforeAndAfter, Changed, ControllerSummary};
 use crate::report::{Number, Section};
 use poegp_calibration::validation::signed_residuals::Signed;
 
-/// Decimals of degrees: a hundredth of a milliradian is 0.0006°.
+/// Number of decimals of degrees: a hundredth of a milliradian is 0.0006°.
 const DEGREES: usize = 4;
 
-/// Denavit-Hartenberg table, joint zeros and signed residuals.
+/// Returns the section with Denavit-Hartenberg table, joint zeros and signed residuals.
 pub fn controller(summary: Option<&ControllerSummary>) -> Section {
     let section = Section::new("controller", "For the controller's engineer");
     let Some(summary) = summary else {

@@ -1,50 +1,50 @@
-//! Mean errors over cubes of the workspace, and over squares of a view of it: what is alike adds up, noise averages out.
+//! Mean errors over cubes of the workspace, and over squares of a view of it: systematic errors add up, noise averages out.
 
 use poegp_calibration::validation::held_out::HeldOutPose;
 
-/// Poses that a cube needs for its mean to be shown.
+/// Least number of poses of a cube whose mean is shown.
 pub const FEWEST: usize = 3;
-/// Poses that share a cube with the median pose, at least: smaller cubes would show noise.
+/// Least number of poses in the cube of the median pose: smaller cubes would show noise.
 const TOGETHER: usize = 6;
 /// Sides of cubes, as multiples of a power of ten.
 const SIDES: [f64; 9] = [1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0];
-/// Along the widest side of the workspace there are this many cubes at least.
+/// Least number of cubes along the widest side of the workspace.
 const FEWEST_ALONG: f64 = 2.0;
-/// Along it there are this many cubes, or squares of a view, at most.
+/// Largest number of cubes along the widest side, and below it that of squares of a view.
 const MOST_CUBES: f64 = 6.0;
 const MOST_SQUARES: f64 = 14.0;
 
 /// Index of a cube in the grid of all cubes.
 type Index = [i64; 3];
 
-/// One cube, in mm and in the base's axes; or a square with all that is behind it.
+/// One cube, in mm and in the axes of the base; or a square with the whole depth behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cube {
-    /// Its lower corner; 0 along the axis that a view is seen along.
+    /// Lower corner; 0 along the viewing direction of a view.
     pub low: [f64; 3],
-    /// Its poses.
+    /// Indices of the poses in the cube.
     pub members: Vec<usize>,
-    /// Mean of their positions.
+    /// Mean of the poses' positions.
     pub position: [f64; 3],
 }
 
 /// The mean error of a cube by one model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeanError {
-    /// Along the axes, mm.
+    /// Mean error along the axes, in mm.
     pub vector: [f64; 3],
-    /// Its length, mm.
+    /// Length of the mean error, in mm.
     pub length: f64,
-    /// Standard error of it, mm.
+    /// Standard error of the mean, in mm.
     pub standard_error: f64,
 }
 
 /// The cubes with [`FEWEST`] poses or more, and their side in mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cubes {
-    /// Side.
+    /// Side of the cubes, in mm.
     pub side: f64,
-    /// In the order of their first pose.
+    /// Cubes in the order of their first pose.
     pub cubes: Vec<Cube>,
 }
 
@@ -55,7 +55,7 @@ impl Cubes {
         Self::along(&[0, 1, 2], MOST_CUBES, poses, widest)
     }
 
-    /// The same with squares of the view that has these axes, through its whole depth.
+    /// Divides the positions into squares of the view with these axes, through its whole depth.
     pub fn of_view(axes: [usize; 2], poses: &[HeldOutPose], widest: f64) -> Self {
         Self::along(&axes, MOST_SQUARES, poses, widest)
     }
@@ -99,7 +99,7 @@ impl Cubes {
         }
     }
 
-    /// Indices of the cubes with errors of `poses`, the largest first.
+    /// Returns the indices of the cubes by their mean errors of `poses`, the largest first.
     pub fn by_error(&self, poses: &[HeldOutPose]) -> Vec<usize> {
         let lengths: Vec<f64> = self
             .cubes
@@ -112,7 +112,7 @@ impl Cubes {
     }
 }
 
-/// The poses by the cube that they are in.
+/// Groups the poses by the cube that contains them.
 fn divided(axes: &[usize], poses: &[HeldOutPose], side: f64) -> Vec<(Index, Vec<usize>)> {
     let mut out: Vec<(Index, Vec<usize>)> = Vec::new();
     let mut known = std::collections::HashMap::new();
@@ -131,7 +131,7 @@ fn divided(axes: &[usize], poses: &[HeldOutPose], side: f64) -> Vec<(Index, Vec<
 }
 
 impl Cube {
-    /// What a model misses by in it, in the mean.
+    /// Returns the mean error of a model in this cube.
     pub fn mean_error(&self, poses: &[HeldOutPose]) -> MeanError {
         let n = self.members.len() as f64;
         let values = |i: usize| {
@@ -152,7 +152,7 @@ impl Cube {
 }
 
 impl MeanError {
-    /// Along which axis it points most.
+    /// Returns the axis along which the error points most, with its sign.
     pub fn direction(&self) -> String {
         let size = |i: &usize| self.vector[*i].abs();
         let axis = (0..3)

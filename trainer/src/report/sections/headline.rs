@@ -1,11 +1,11 @@
-//! What a customer reads: one sentence and a few numbers.
+//! The headline for a customer: one sentence and a few numbers.
 
 use maud::{Markup, html};
 
 use crate::report::{HeldOutSummary, HoldOutMethod, Number, ReportData, Section};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 
-/// The sentence, and tiles with mean and 95 % of position and orientation, before and after.
+/// Returns the section with the sentence, and tiles with mean and 95 % of position and orientation, before and after.
 pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let (before, after) = (&summary.nominal.errors, &summary.calibrated.errors);
     let mean = |which: &str| format!("/held_out/{which}/position_mm/mean");
@@ -82,7 +82,7 @@ fn error_tile(
     }
 }
 
-/// A number that matters, and what it was before.
+/// Returns a tile with a number, and with its value before the calibration.
 pub fn tile(name: &str, unit: &str, after: Number, before: Option<Number>) -> Markup {
     let times = before.as_ref().map(|b| (b.value, after.value));
     let times = times.filter(|(b, a)| *a > 0.0 && b > a);

@@ -10,12 +10,12 @@ use crate::report::sections::poses::{joint_unit, left_out};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::identification::identifiability::{STILL_PRISMATIC, STILL_REVOLUTE};
 
-/// Bins of a joint's range.
+/// Number of bins of a joint's range.
 const BINS: usize = 8;
-/// Poses of a bin that has a mean.
+/// Least number of poses of a bin whose mean is shown.
 const FEWEST: usize = 3;
 
-/// Means over bins of `x`: middle of the bin, mean of `y` and how many poses it is of.
+/// Returns means over bins of `x`: middle of the bin, mean of `y` and number of poses.
 fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64, usize)> {
     let low = x.iter().copied().fold(f64::INFINITY, f64::min);
     let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -31,7 +31,7 @@ fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64, usize)> {
         .collect()
 }
 
-/// Whether the means of bins differ by more than errors at random do: χ² beyond three standard deviations of itself.
+/// Returns whether the means of bins differ by more than random errors do: χ² beyond three standard deviations of itself.
 fn depends(bins: &[(f64, f64, usize)], y: &[f64]) -> bool {
     let (mean, standard_error) = mean_and_error(y);
     let variance = standard_error.powi(2) * y.len() as f64;
@@ -43,7 +43,7 @@ fn depends(bins: &[(f64, f64, usize)], y: &[f64]) -> bool {
     variance > 0.0 && chi_squared > freedom + 3.0 * (2.0 * freedom).sqrt()
 }
 
-/// One plot for each joint, with dots and the means of bins, before and after.
+/// Returns the section with one plot for each joint, with dots and the means of bins, before and after.
 pub fn joints(evidence: &ReportData) -> Section {
     let both = evidence.nominal != evidence.calibrated;
     let (before, after) = (evidence.nominal().errors(), evidence.calibrated().errors());
@@ -127,7 +127,7 @@ pub fn joints(evidence: &ReportData) -> Section {
     }
 }
 
-/// Boxes for each payload.
+/// Returns the section with boxes for each payload.
 pub fn payloads(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let section = Section::new("payload", "Against the payload");
     let parts = evidence.payloads();

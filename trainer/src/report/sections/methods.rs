@@ -1,11 +1,11 @@
-//! Errors of each model, their distribution, and what more poses bring.
+//! Errors of each model, their distribution, and the gain of more poses.
 
 use maud::{Markup, html};
 
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 
-/// Bins of the histogram for each factor of ten.
+/// Number of bins of the histogram for each factor of ten.
 const BINS_PER_DECADE: f64 = 10.0;
 
 fn series(evidence: &ReportData, method: usize) -> Series {
@@ -18,7 +18,7 @@ fn series(evidence: &ReportData, method: usize) -> Series {
     }
 }
 
-/// Box plots of all models, as the paper's Figures 1, 3 and 4, and their numbers.
+/// Returns the section with box plots of all models, as in the paper's Figures 1, 3 and 4, and their numbers.
 pub fn methods(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let section = Section::new("models", "Model comparison");
     let of = evidence.methods.iter().enumerate();
@@ -78,7 +78,7 @@ pub fn methods(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         })
 }
 
-/// Histogram and cumulative curve, before and after.
+/// Returns the section with histogram and cumulative curve, before and after.
 pub fn distribution(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let (before, after) = (evidence.nominal().errors(), evidence.calibrated().errors());
     let all = || before.iter().chain(&after).copied();
@@ -128,7 +128,7 @@ pub fn distribution(evidence: &ReportData, summary: &HeldOutSummary) -> Section 
         )
 }
 
-/// What the colours are.
+/// Returns the key of the colours.
 pub fn keys(both: bool) -> Markup {
     html! {
         @if both { span class="key nominal" { "● nominal" } "  " }
@@ -150,7 +150,7 @@ fn histogram(x: &Axis, values: &[f64]) -> Vec<(f64, f64, f64)> {
         .collect()
 }
 
-/// Steps of the cumulative curve, at most two hundred of them.
+/// Returns the steps of the cumulative curve, at most two hundred.
 fn cumulated(values: &[f64]) -> Vec<(f64, f64)> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -165,7 +165,7 @@ fn cumulated(values: &[f64]) -> Vec<(f64, f64)> {
     (0..points).map(point).collect()
 }
 
-/// Held-out error with a growing part of the training poses.
+/// Returns the section with the held-out error for a growing part of the training poses.
 pub fn learning(summary: &HeldOutSummary) -> Section {
     let section = Section::new("learning", "Learning curve");
     let curve = &summary.learning_curve;

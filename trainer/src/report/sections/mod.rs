@@ -1,7 +1,8 @@
-//! The sections of a report; each is one function from what is known to a [`Section`](super::Section).
+//! The sections of a report; each is one function that returns a [`Section`](super::Section).
 //!
-//! Those of held-out errors take an [`ReportData`] and its [`HeldOutSummary`], which the JSON document has as `held_out`, so
-//! that a number and its place there are written side by side. What a run does not know is said in a sentence.
+//! The sections on held-out errors take a [`ReportData`] and its [`HeldOutSummary`], which the JSON document has as
+//! `held_out`, so that a number and its position there are written side by side. Where a run does not know something, the
+//! section says so in a sentence.
 
 mod calibration;
 mod controller;
@@ -38,7 +39,7 @@ pub use crate::report::sections::workspace::workspace;
 
 use crate::report::{HeldOutSummary, Page, ReportData};
 
-/// The sections about held-out errors alone, in their order.
+/// Adds the sections on held-out errors alone, in their order.
 #[must_use]
 pub fn held_out(page: Page, evidence: &ReportData, summary: &HeldOutSummary) -> Page {
     page.with(methods(evidence, summary))
@@ -52,7 +53,7 @@ pub fn held_out(page: Page, evidence: &ReportData, summary: &HeldOutSummary) -> 
         .with(poses(evidence))
 }
 
-/// Mean and the standard error of it.
+/// Returns the mean of values and its standard error.
 fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let n = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / n;

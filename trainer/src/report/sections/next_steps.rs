@@ -1,11 +1,11 @@
-//! What to do next, for a reader who knows no statistics.
+//! The next steps, for a reader who knows no statistics.
 
 use maud::{Markup, html};
 
 use crate::report::{Number, Section};
 use poegp_calibration::validation::next_steps::{NextSteps, Step};
 
-/// The steps in order of their gain, or the sentence that says that none pays.
+/// Returns the section with the steps in order of their gain, or with a sentence that none is worthwhile.
 pub fn next_steps(found: Option<&NextSteps>) -> Section {
     let mut section = Section::new("next", "What to do next");
     let Some(found) = found else {
@@ -31,7 +31,7 @@ pub fn next_steps(found: Option<&NextSteps>) -> Section {
     })
 }
 
-/// The first step, for the first screen.
+/// Returns the first step, for the first screen.
 pub fn first_step(found: &NextSteps) -> Markup {
     html! {
         @match found.steps.first() {

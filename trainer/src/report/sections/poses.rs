@@ -1,4 +1,4 @@
-//! The table of the poses, which is what the plots say of a dot.
+//! The table of the poses, from which plots take the description of a dot.
 
 use maud::{Markup, html};
 use poegp_protocol::JointKind;
@@ -6,7 +6,7 @@ use poegp_protocol::JointKind;
 use crate::report::data::DRAWN;
 use crate::report::{Column, ReportData, Section, rounded};
 
-/// Unit of a joint, its factor from rad or m, and its decimals.
+/// Returns the unit of a joint, its factor from rad or m, and its number of decimals.
 pub fn joint_unit(kind: JointKind) -> (&'static str, f64, usize) {
     match kind {
         JointKind::Revolute => ("deg", 180.0 / std::f64::consts::PI, 2),
@@ -14,13 +14,13 @@ pub fn joint_unit(kind: JointKind) -> (&'static str, f64, usize) {
     }
 }
 
-/// One column for each joint.
+/// Returns one column for each joint.
 pub fn joint_columns(kinds: &[JointKind]) -> impl Iterator<Item = Column> {
     let unit = |(i, kind): (usize, &JointKind)| Column::Joint(i + 1, joint_unit(*kind).0);
     kinds.iter().enumerate().map(unit)
 }
 
-/// The values of these columns.
+/// Returns the values of the columns of [`joint_columns`].
 pub fn joint_fields(kinds: &[JointKind], joints: &[f64]) -> impl Iterator<Item = Markup> {
     let value = |(value, kind): (&f64, &JointKind)| {
         let (_, factor, decimals) = joint_unit(*kind);
@@ -29,7 +29,7 @@ pub fn joint_fields(kinds: &[JointKind], joints: &[f64]) -> impl Iterator<Item =
     joints.iter().zip(kinds).map(value)
 }
 
-/// A sentence for plots that leave poses out; empty where they have all.
+/// Returns a sentence for plots that leave poses out; empty where they show all.
 pub fn left_out(all: usize) -> String {
     if all <= DRAWN {
         return String::new();
@@ -40,7 +40,7 @@ pub fn left_out(all: usize) -> String {
     )
 }
 
-/// Every pose that the plots show: line, errors, joints, payload, session.
+/// Returns the section with every pose that the plots show: line, errors, joints, payload, session.
 pub fn poses(evidence: &ReportData) -> Section {
     let both = evidence.nominal != evidence.calibrated;
     let several = evidence.parts(|row| row.file.clone()).len() > 1;

@@ -1,4 +1,4 @@
-//! Errors in the order of the rows, and by session.
+//! Errors in the order of the rows, and errors by session.
 
 use maud::html;
 
@@ -7,13 +7,13 @@ use crate::report::sections::mean_and_error;
 use crate::report::sections::poses::left_out;
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 
-/// Rows of the running median, at least, and as a share of all.
+/// Least number of rows of the running median, and below it the divisor that makes it a share of all rows.
 const WINDOW: usize = 7;
 const WINDOW_SHARE: usize = 15;
-/// Sessions and files that are separated by lines, at most.
+/// Largest number of sessions and files that are separated by lines.
 const SEPARATED: usize = 8;
 
-/// Errors in row order with a running median, and boxes by session, target or file.
+/// Returns the section with errors in row order, a running median, and boxes by session, target or file.
 pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let errors = evidence.calibrated().errors();
     let n = errors.len();

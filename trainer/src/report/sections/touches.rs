@@ -1,4 +1,5 @@
-//! What a calibration by touches found: what is to be expected of the arm, what was touched, and what stays unseen.
+//! Results of a calibration by touches: the expected error of the arm, the touched features, and what the touches cannot
+//! see.
 
 use maud::{Markup, html};
 
@@ -8,10 +9,10 @@ use crate::report::{Number, Section};
 use poegp_calibration::model::touches::summary::{FeatureSummary, TouchSummary};
 use poegp_calibration::validation::touches::TouchResidual;
 
-/// Features of one unit beyond which the drawing's boxes are left out.
+/// Number of features of one unit beyond which the boxes of the drawing are left out.
 const MOST_PAIRS: usize = 8;
 
-/// The expected error before and after, and how it was found.
+/// Returns the section with the expected error before and after, and how it was found.
 pub fn touch_headline(summary: &TouchSummary) -> Section {
     let at = |name: &str| format!("/touches/{name}");
     let (before, after) = (&summary.before, &summary.after);
@@ -46,7 +47,7 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
     section.block(lead).block(tiles).block(how)
 }
 
-/// The table of what was touched, and what each touch misses by.
+/// Returns the section with the table of the touched features, and the residual of each touch.
 pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
     let row = |list: &str, (i, f): (usize, &FeatureSummary)| {
         let at = |name: &str| format!("/touches/{list}/{i}/{name}");
@@ -76,7 +77,7 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
             rows.collect(),
         );
     let mut units: Vec<&str> = residuals.iter().map(|r| r.unit).collect();
-    // Lengths first.
+    // Lengths come first.
     units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
     units.dedup();
     for unit in units {
@@ -101,7 +102,7 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
         )
 }
 
-/// Boxes of what the rows of each feature with this unit miss by.
+/// Adds boxes of the residuals of each feature with this unit.
 fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section {
     let own = || residuals.iter().filter(|r| r.unit == unit && r.belongs);
     let name = |r: &TouchResidual| r.feature.clone().unwrap_or_else(|| "tracker".to_owned());
@@ -139,7 +140,7 @@ fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section
     )
 }
 
-/// Known distances as stated, as drawn, as calibrated, and as everything else has them.
+/// Returns the section with known distances: as stated, as drawn, as calibrated, and as all other touches give them.
 pub fn distances(summary: &TouchSummary) -> Section {
     let section = Section::new("distances", "Known distances");
     if summary.distances.is_empty() {
@@ -183,7 +184,7 @@ pub fn distances(summary: &TouchSummary) -> Section {
         })
 }
 
-/// What the touches cannot tell, in words and mm.
+/// Returns the section on what the touches cannot identify, in text and mm.
 pub fn unseen(summary: &TouchSummary) -> Section {
     let section = Section::new("unseen", "What stays unseen");
     let always = html! {
@@ -207,7 +208,7 @@ pub fn unseen(summary: &TouchSummary) -> Section {
         .text(always)
 }
 
-/// Touches that contradict the others, and the arm against its class.
+/// Returns the section on touches that contradict the others, and on the arm compared with its class.
 pub fn touch_outliers(summary: &TouchSummary) -> Section {
     let section = Section::new("outliers", "Touches that stand out");
     if summary.outliers.is_empty() {
@@ -232,7 +233,7 @@ pub fn touch_outliers(summary: &TouchSummary) -> Section {
         )
 }
 
-/// How far the arm is from its drawing.
+/// Returns the section on how far the arm is from its drawing.
 pub fn class(summary: &TouchSummary) -> Section {
     let field = |which: usize, i: usize| -> Markup {
         let pointer = format!("/touches/class/{which}/{i}");

@@ -1,4 +1,4 @@
-//! Whether the model knows how wrong it is: errors in units of their predicted standard deviations.
+//! Whether the predicted standard deviations are right: errors in units of their predicted standard deviations.
 
 use maud::html;
 
@@ -6,10 +6,10 @@ use crate::report::chart::{Axis, Plot, Series};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
-/// Largest |z| of the histogram, and its bins.
+/// Largest |z| of the histogram, and below it the number of bins.
 const WIDEST: f64 = 4.0;
 const BINS: usize = 32;
-/// A share that is this far from what it should be is called wrong.
+/// Difference of a share from its expected value above which the share is called wrong.
 const TOLERANCE: f64 = 0.05;
 
 fn standardised(poses: &[HeldOutPose]) -> Vec<f64> {
@@ -26,7 +26,7 @@ fn standardised(poses: &[HeldOutPose]) -> Vec<f64> {
     poses.iter().flat_map(of).collect()
 }
 
-/// Histogram of z-scores beside the normal distribution, and predicted against actual coverage.
+/// Returns the section with a histogram of z-scores beside the normal distribution, and predicted against actual coverage.
 pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let section = Section::new("uncertainty", "Predictive uncertainty");
     let z = standardised(&evidence.calibrated().poses);
@@ -104,7 +104,7 @@ pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         })
 }
 
-/// Shares of a normal distribution within ± the second number.
+/// Shares of a normal distribution (first) within ± the second number.
 const TWO_SIDED: [(f64, f64); 8] = [
     (0.1, 0.125_661),
     (0.3, 0.385_320),

@@ -1,4 +1,4 @@
-//! Whether the arm conforms to its tolerance, how certain that is, and who measured it with what.
+//! Whether the arm conforms to its tolerance, how certain that is, and who measured it with which instrument.
 
 use maud::{Markup, html};
 use poegp_calibration::trust::Finding;
@@ -13,13 +13,14 @@ use crate::report::certificate::{Certificate, ListedPose};
 use crate::report::sections::next_steps::first_step;
 use crate::report::{Number, Section};
 
-/// Repeated poses that are listed.
+/// Number of repeated poses that are listed.
 const LISTED: usize = 20;
 
 const OF_POSITION: &str = "/certificate/conformity/position";
 const OF_ROTATION: &str = "/certificate/conformity/orientation";
 
-/// What a customer reads first: what somebody must look at, whether the arm is good enough, how sure that is, what to do.
+/// Returns the section that a customer reads first: the warnings, whether the arm is good enough, how certain that is, and
+/// what to do next.
 pub fn verdict(
     certificate: &Certificate,
     warnings: &[Finding],
@@ -69,14 +70,14 @@ pub fn verdict(
         }
     };
     section = section.block(lead).text(sure);
-    // What is not known is said in its own section.
+    // What is not known is stated in its own section.
     match next.filter(|next| next.expected_mm.is_some() || !next.steps.is_empty()) {
         Some(next) => section.text(html! { "What to do next: " (first_step(next)) }),
         None => section,
     }
 }
 
-/// "95 of 100 poses are within 0.312 ± 0.058 mm; 0.400 mm are allowed."
+/// Returns a sentence such as "95 of 100 poses are within 0.312 ± 0.058 mm; 0.400 mm are allowed."
 fn sentence(found: &Characteristic, what: &str, at: &str) -> Markup {
     let number = |value: f64, name: &str| Number::new(value, 3, format!("{at}/{name}"));
     html! {
@@ -89,7 +90,7 @@ fn sentence(found: &Characteristic, what: &str, at: &str) -> Markup {
     }
 }
 
-/// The uncertainty budget, and poses that were measured several times.
+/// Returns the section with the uncertainty budget, and with poses that were measured several times.
 pub fn uncertainty_budget(certificate: &Certificate) -> Section {
     let mut section = Section::new("budget", "How certain the verdict is");
     let Some(conformity) = &certificate.conformity else {
@@ -118,7 +119,7 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
     repeated(section, &certificate.repeated_poses)
 }
 
-/// What states a tolerance.
+/// Returns the flags that state a tolerance.
 fn flags(conformity: &Conformity) -> &'static str {
     match conformity.evidence {
         Evidence::HeldOutPoses => "--tolerance-mm, --tolerance-mrad",
@@ -126,7 +127,7 @@ fn flags(conformity: &Conformity) -> &'static str {
     }
 }
 
-/// What narrows the range.
+/// Returns what narrows the range of the uncertainty.
 fn evidence(conformity: &Conformity) -> &'static str {
     match conformity.evidence {
         Evidence::HeldOutPoses => "poses that are not trained on",
@@ -167,7 +168,7 @@ fn budget(section: Section, what: &str, found: &Characteristic, at: &str) -> Sec
         })
 }
 
-/// ISO 9283.
+/// Adds accuracy and repeatability of repeated poses (ISO 9283).
 fn repeated(section: Section, poses: &[ListedPose]) -> Section {
     if poses.is_empty() {
         return section.missing(
@@ -224,7 +225,7 @@ fn repeated(section: Section, poses: &[ListedPose]) -> Section {
         .table(&header, rows)
 }
 
-/// Who measured with what, and what nobody stated.
+/// Returns the section on who measured with which instrument, and which statements are missing.
 pub fn record(certificate: &Certificate, serial_number: &str) -> Section {
     let (instrument, record) = (&certificate.instrument, &certificate.record);
     let text = |value: &Option<String>| value.clone().unwrap_or_else(|| "not stated".to_owned());
@@ -264,7 +265,7 @@ pub fn record(certificate: &Certificate, serial_number: &str) -> Section {
     }
 }
 
-/// The verdict in words for a terminal; `None` without a tolerance.
+/// Returns the verdict as text for a terminal; `None` without a tolerance.
 pub fn line(conformity: &Conformity) -> Option<String> {
     let verdict = match conformity.verdict? {
         Verdict::Conforms => "conforms",

@@ -1,4 +1,4 @@
-//! Where in the workspace the errors are: three projections, before and after, with mean errors as arrows.
+//! Errors in the workspace: three projections, before and after, with mean errors as arrows.
 
 use maud::{Markup, html};
 
@@ -11,25 +11,25 @@ use poegp_calibration::validation::held_out::HeldOutPose;
 
 /// Length of the longest arrow, as a share of the side of a square.
 const ARROW: f64 = 2.0;
-/// Cubes that are listed.
+/// Number of cubes that are listed.
 const LISTED: usize = 3;
-/// Sides of a drawing, and what its labels take of them.
+/// Side of a drawing, and below it the part of width and height that its labels take.
 const SIDE: f64 = 300.0;
 const LABELS: (f64, f64) = (66.0, 50.0);
-/// Room around the poses, as a share of the widest side.
+/// Margin around the poses, as a share of the widest side.
 const MARGIN: f64 = 0.06;
-/// The views: the two axes that are seen, and from where.
+/// The views: the two visible axes, and the direction of view.
 const VIEWS: [(usize, usize, &str); 3] = [
     (0, 1, "from above"),
     (0, 2, "from the side"),
     (1, 2, "from the front"),
 ];
-/// Poses that are needed to say something about neighbours.
+/// Least number of poses for a statement about neighbours.
 const FEWEST: usize = 20;
 /// Mean cosine between neighbours' errors above which the errors are called systematic.
 const SYSTEMATIC: f64 = 0.3;
 
-/// Three projections, before and after.
+/// Returns the section with three projections, before and after.
 pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let both = evidence.nominal != evidence.calibrated;
     let section = Section::new("workspace", "Where in the workspace").small_figures();
@@ -80,7 +80,7 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         let largest = cubes.by_error(&method.poses).first().copied();
         for ((u, v, view), squares) in VIEWS.into_iter().zip(&squares) {
             let names = ["x", "y", "z"];
-            // One scale for both axes and all views: as many mm to a unit along as across.
+            // One scale for both axes and all views: a unit is as many mm along as across.
             let axis = |i: usize, length: f64| {
                 let middle = 0.5 * (low[i] + high[i]);
                 Axis::linear(
@@ -137,7 +137,7 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     listed(section, evidence, &cubes)
 }
 
-/// The cubes with the largest mean errors, in words and in a table.
+/// Adds the cubes with the largest mean errors, in text and in a table.
 fn listed(section: Section, evidence: &ReportData, cubes: &Cubes) -> Section {
     let both = evidence.nominal != evidence.calibrated;
     let (before, after) = (&evidence.nominal().poses, &evidence.calibrated().poses);
@@ -190,7 +190,8 @@ fn listed(section: Section, evidence: &ReportData, cubes: &Cubes) -> Section {
         .table(&header, order.iter().take(LISTED).map(row).collect())
 }
 
-/// Whether errors of neighbouring poses point the same way: what is systematic could still be learnt, noise could not.
+/// Returns a sentence on whether errors of neighbouring poses point the same way: systematic errors could still be learnt,
+/// noise could not.
 fn neighbours(evidence: &ReportData) -> Markup {
     let agreement = |poses: &[HeldOutPose]| -> Option<f64> {
         let distance = |a: &HeldOutPose, b: &HeldOutPose| -> f64 {
@@ -227,7 +228,7 @@ fn neighbours(evidence: &ReportData) -> Markup {
     }
 }
 
-/// The next smaller number with one digit that is not 0.
+/// Returns the next smaller number with one digit that is not 0.
 fn one_digit(x: f64) -> f64 {
     let power = 10f64.powf(x.log10().floor());
     (x / power).floor().max(1.0) * power
@@ -239,7 +240,7 @@ fn capitalised(word: &str) -> String {
     first.into_iter().flatten().chain(letters).collect()
 }
 
-/// Smallest and largest measured coordinates in mm.
+/// Returns the smallest and the largest measured coordinates, in mm.
 fn extent(poses: &[HeldOutPose]) -> ([f64; 3], [f64; 3]) {
     let fold = |start: f64, take: fn(f64, f64) -> f64| {
         [0, 1, 2].map(|i| poses.iter().map(|p| 1e3 * p.position[i]).fold(start, take))

@@ -1,7 +1,7 @@
-//! What stays between the ends of lines and arcs.
+//! The error that remains between the corrected ends of lines and arcs.
 //!
-//! A controller goes straight, or on a circle, between the ends that are written, by the drawing. The ends are corrected; in
-//! between the arm's own error is another one. It is computed by the model at some points of each move.
+//! A controller moves on a line or a circle between the written ends, computed by the drawing. The ends are corrected, but
+//! the arm's own error differs between them. The model computes it at some points of each move.
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::commander::{Commander, Joints};
@@ -13,22 +13,23 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use crate::robot_programs::correction::program::{Program, Way, frames_of};
 use crate::robot_programs::correction::replacement::Solved;
 
-/// Points of a move, and of all moves together, at most.
+/// Largest number of points of a move, and below it that of all moves together.
 pub const POINTS: usize = 20;
 const ALL_POINTS: usize = 20_000;
-/// Less than this share of the chord squared, twice the area of three points is none: they are on a line.
+/// Three points are on a line when the squared cross product of two sides of their triangle is below this share of the
+/// product of these squared sides.
 const FLAT: f64 = 1e-9;
 
 /// A line or an arc between corrected targets.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stretch<'a> {
-    /// Index of the move.
+    /// Index of the move in [`Program::moves`].
     pub step: usize,
-    /// The target that it begins at.
+    /// Target at which the move begins.
     pub start: &'a Solved,
-    /// The target between the ends of an arc; `None` for a line.
+    /// Target between the ends of an arc; `None` for a line.
     pub via: Option<&'a Solved>,
-    /// The target that it ends at.
+    /// Target at which the move ends.
     pub end: &'a Solved,
 }
 
@@ -41,18 +42,18 @@ impl Stretch<'_> {
     }
 }
 
-/// The error between the ends of one move.
+/// Remaining error between the ends of one move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Between {
-    /// Index of the target that the move ends at.
+    /// Index of the target at which the move ends.
     pub target: usize,
-    /// Points of it that were looked at.
+    /// Number of points of the move that were evaluated.
     pub points: usize,
-    /// Largest distance of the real tool from the way between the wanted ends, m.
+    /// Largest distance of the real tool from the path between the wanted ends, in m.
     pub largest: f64,
 }
 
-/// The lines and arcs whose targets were all corrected, in the order of the moves.
+/// Returns the lines and arcs whose targets were all corrected, in the order of the moves.
 pub fn stretches<'a>(program: &Program, solved: &'a [Solved]) -> Vec<Stretch<'a>> {
     let mut by_target: Vec<Option<&Solved>> = vec![None; program.targets.len()];
     for one in solved {
@@ -84,7 +85,7 @@ pub fn stretches<'a>(program: &Program, solved: &'a [Solved]) -> Vec<Stretch<'a>
     out
 }
 
-/// Looks between the ends of lines and arcs.
+/// Computes the remaining errors between the ends of lines and arcs.
 pub fn between(
     program: &Program,
     commander: &Commander,
@@ -98,7 +99,7 @@ pub fn between(
     })
 }
 
-/// The largest error at points of a move, m.
+/// Returns the largest position error at points of a move, in m.
 pub fn error(
     program: &Program,
     commander: &Commander,
@@ -131,7 +132,7 @@ pub fn error(
     largest
 }
 
-/// The pose at a share of the way from the first to the last of two poses, or three on a circle.
+/// Returns the pose at `share` of the path from the first to the last pose: a line for two poses, an arc for three.
 pub fn at(poses: &[Pose<f64>], share: f64) -> Pose<f64> {
     let (Some(a), Some(b)) = (poses.first(), poses.last()) else {
         return Pose::identity();
@@ -152,7 +153,7 @@ pub fn at(poses: &[Pose<f64>], share: f64) -> Pose<f64> {
     }
 }
 
-/// The point at a share of the arc from `a` through `via` to `b`.
+/// Returns the point at `share` of the arc from `a` through `via` to `b`.
 fn on_circle(a: &Vector3<f64>, via: &Vector3<f64>, b: &Vector3<f64>, share: f64) -> Vector3<f64> {
     let (u, v) = (via - a, b - a);
     let normal = u.cross(&v);
@@ -160,7 +161,7 @@ fn on_circle(a: &Vector3<f64>, via: &Vector3<f64>, b: &Vector3<f64>, share: f64)
     if area < FLAT * u.norm_squared() * v.norm_squared() || area == 0.0 {
         return a + v * share;
     }
-    // The centre of the circle about a triangle.
+    // The centre of the circumscribed circle of the triangle.
     let centre = a
         + (v.cross(&normal) * -u.norm_squared() + u.cross(&normal) * v.norm_squared())
             / (-2.0 * area);

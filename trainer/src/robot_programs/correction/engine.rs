@@ -1,14 +1,14 @@
-//! The targets of a program, corrected.
+//! Corrects the targets of a program.
 //!
-//! A target is where the controller believes its tool: base · target · tool⁻¹ is the flange, and the drawing has the joints q
-//! of that flange. The joints q* bring the real flange there. A joint target becomes q*. A pose becomes the one at which the
-//! controller's own drawing answers q*:
+//! A target is where the controller believes its tool to be: base · target · tool⁻¹ is the flange, and the drawing gives the
+//! joints q of that flange. The joints q* bring the real flange there. A joint target becomes q*. A pose target becomes the
+//! pose at which the controller's own drawing answers q*:
 //!
 //! ```text
 //! target* = target · tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool
 //! ```
 //!
-//! This is a small motion of what was written. Without a correction it is none, and no number changes.
+//! This is a small motion of the written pose. Without a correction the motion is zero, and no number changes.
 
 use poegp_calibration::blob::commander::{Commander, pose_distance};
 use poegp_calibration::input_error::InputError;
@@ -20,31 +20,31 @@ use crate::robot_programs::correction::planning::{Payload, Planned, plan};
 use crate::robot_programs::correction::program::{Left, Program, frames_of};
 use crate::robot_programs::correction::replacement::{Replacement, Solved, replace};
 
-/// Below this a target is too far from what was trained: less than half of the correction's prior is explained there.
+/// Least trust of a target. Below it, less than half of the correction's prior is explained by the training data.
 pub const TRUSTED: f64 = 0.5;
-/// Which way a program is brought.
+/// Direction in which a program is converted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
-    /// To what the real arm needs.
+    /// To the commands that the real arm needs.
     Correct,
-    /// From there back to the drawing.
+    /// From these commands back to the drawing.
     Inverse,
 }
 
-/// What comes of a program.
+/// Result of correcting a program.
 #[derive(Clone, Debug, Default)]
 pub struct Outcome {
     /// The targets that were corrected, in the order of the moves.
     pub solved: Vec<Solved>,
-    /// All that is left, in the order of the files.
+    /// Everything that is left as it is, in the order of the files.
     pub left: Vec<Left>,
-    /// The numbers that change, in the order of the files.
+    /// Numbers that change, in the order of the files.
     pub replacements: Vec<Replacement>,
-    /// Largest error of the format's decimals, m.
+    /// Largest error caused by the decimals of the format, in m.
     pub rounding: f64,
 }
 
-/// Corrects all targets.
+/// Corrects all targets of a program.
 ///
 /// # Errors
 /// [`InputError`] for a program of another robot, and for a configuration that no joints have.
@@ -81,7 +81,7 @@ pub fn solve(
     Ok(out)
 }
 
-/// No target could be reached.
+/// Returns the error for a program of which no target could be corrected.
 fn other_robot(program: &Program, left: &[Left]) -> InputError {
     let Some(first) = left.iter().find(|l| !program.left.contains(l)) else {
         return InputError::new("", "nothing", "a program");
@@ -96,7 +96,7 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
         .with_help("is this the model of the robot that runs the program, and are tool and base the right ones?")
 }
 
-/// The corrected joints of a target, or why it is left.
+/// Returns the corrected joints of a target, or why the target is left as it is.
 fn answer(
     program: &Program,
     commander: &Commander,
@@ -110,7 +110,7 @@ fn answer(
     })
 }
 
-/// The same, or the reason alone.
+/// Returns the corrected joints of a target, or only the reason why it is left as it is.
 pub fn corrected(
     program: &Program,
     commander: &Commander,

@@ -1,7 +1,8 @@
-//! A reader of Fanuc TP listings (`.ls`): the positions of `/POS` that motions of `/MN` go to.
+//! Reads Fanuc TP listings (`.ls`): the positions of `/POS` to which motions of `/MN` go.
 //!
-//! A listing names user frame and tool of each position by number alone; their values come from variables of the controller
-//! ([`fanuc_frames`](super::fanuc_frames)) or a frame file. Joint positions need neither. Only group 1 is the arm; other groups stay. (Lines and sections as in listings that controllers write.)
+//! A listing names user frame and tool of each position only by number; their values come from variables of the controller
+//! ([`fanuc_frames`](super::fanuc_frames)) or a frame file. Joint positions need neither. Only group 1 is the arm; other
+//! groups stay as they are. (Lines and sections as in listings that controllers write.)
 
 use std::collections::BTreeMap;
 
@@ -24,7 +25,7 @@ const LEXICON: Lexicon = Lexicon {
     has_pairs: false,
 };
 
-/// Options of a motion with which its end is no target.
+/// Options of a motion that make its end no target.
 const MODIFIED: [&str; 9] = [
     "inc",
     "offset",
@@ -88,16 +89,16 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
     Ok(program)
 }
 
-/// Where frames and tools are looked for.
+/// Sources of frames and tools.
 struct Known<'a> {
     variables: Numbered,
     file: &'a FrameFile,
 }
 
-/// A position of `/POS`.
+/// A taught position of `/POS`.
 struct Taught {
     target: Option<usize>,
-    /// User frame and tool, where they are numbers.
+    /// Names of user frame and tool, where they are numbers.
     frames: Option<(String, String)>,
 }
 
@@ -124,7 +125,7 @@ fn find_positions(text: &Text<'_>, program: &mut Program) -> BTreeMap<u32, Taugh
     out
 }
 
-/// What stands between the braces.
+/// Reads the position between two braces.
 fn position(
     text: &Text<'_>,
     from: usize,
@@ -132,7 +133,7 @@ fn position(
     location: Location,
     program: &mut Program,
 ) -> Taught {
-    // The first group alone is the arm.
+    // Only the first group is the arm.
     let is_next = |at: &usize| text.name(*at).starts_with("gp") && text.name(*at) != "gp1";
     let end = (from..close).find(is_next).unwrap_or(close);
     let mut named: BTreeMap<String, Number> = BTreeMap::new();
@@ -201,7 +202,8 @@ fn position(
     Taught { target, frames }
 }
 
-/// `'N U T, 0, 0, 0'`: is the wrist flipped (F or N), elbow, front or back, and whole turns of joints 1, 4 and 6.
+/// Reads a configuration such as `'N U T, 0, 0, 0'`: wrist flipped (F or N), elbow, front or back, whole turns of joints
+/// 1, 4 and 6.
 fn configuration(text: &str) -> Option<Configuration> {
     let mut parts = text.trim_matches(['\'', '"']).split(',');
     let is_wrist_flipped = match parts.next()?.split_whitespace().next()? {
@@ -227,7 +229,7 @@ fn find_motions(
     let mut from = 0;
     while from < end {
         let stop = text.find(from, end, b";");
-        // A line has its number and a colon in front.
+        // A line begins with its number and a colon.
         let start =
             from + usize::from(text.number(from).is_some()) + usize::from(text.is(from + 1, b':'));
         motion(text, start, stop, taught, program, given)?;
@@ -298,7 +300,7 @@ fn motion(
     Ok(())
 }
 
-/// A frame by its number; number 0 is none, and joints need none.
+/// Returns a frame by its number. Number 0 is no frame, and joint positions need none.
 fn frame(
     text: &Text<'_>,
     location: Location,
@@ -315,7 +317,7 @@ fn frame(
     let own = own.and_then(|n| given.variables.get(&(is_tool, n)));
     let weight = in_file.and_then(|found| found.payload_kg);
     let (pose, payload_kg, origin) = match (own, in_file) {
-        // Variables have no weights.
+        // Variables of the controller have no weights.
         (Some((own, origin)), _) => (own.pose, weight, origin.clone()),
         (None, Some(found)) => (found.pose, weight, given.file.origin()),
         (None, None) if number == "0" || is_joints => {

@@ -1,7 +1,9 @@
-//! Tools and user frames of a Fanuc controller, from the text of its variables (`SYSFRAME.VA`, or `SYSTEM.VA` of older ones).
+//! Reads tools and user frames of a Fanuc controller from the text of its variables (`SYSFRAME.VA`, or `SYSTEM.VA` of older
+//! controllers).
 //!
-//! A variable begins with `[*SYSTEM*]$MNUTOOL  Storage: …` or `$MNUFRAME`. Behind `[1,3] =`, number 3 of the first group, come
-//! lines with `X:`, `Y:` and `Z:` in mm and `W:`, `P:` and `R:` in degrees. Other variables and other groups are not used.
+//! A variable begins with `[*SYSTEM*]$MNUTOOL  Storage: …` or `$MNUFRAME`. After `[1,3] =`, number 3 of the first group,
+//! come lines with `X:`, `Y:` and `Z:` in mm and `W:`, `P:` and `R:` in degrees. Other variables and other groups are not
+//! used.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -10,13 +12,13 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::{Given, Numbered};
 use crate::robot_programs::correction::source::Source;
 
-/// Names of the files, in capital letters.
+/// Names of the files, in upper case.
 pub const NAMES: [&str; 2] = ["SYSFRAME.VA", "SYSTEM.VA"];
 
-/// The labels of a frame's numbers.
+/// Labels of the numbers of a frame.
 const LABELS: [&str; 6] = ["X:", "Y:", "Z:", "W:", "P:", "R:"];
 
-/// What files of variables say; the first that has a number keeps it.
+/// Returns the frames of all variable files; where two files have the same number, the first file counts.
 pub fn frames(sources: &[Source]) -> Numbered {
     let mut out = Numbered::new();
     for source in sources {
@@ -52,14 +54,14 @@ pub fn frames(sources: &[Source]) -> Numbered {
     out
 }
 
-/// The second index of `[1,3] =`.
+/// Returns the second index of `[1,3] =`; `None` for another group than the first.
 fn index(line: &str) -> Option<u32> {
     let (inside, _) = line.strip_prefix('[')?.split_once(']')?;
     let (group, number) = inside.split_once(',')?;
     (group.trim() == "1").then_some(number.trim().parse().ok()?)
 }
 
-/// The number behind a label.
+/// Returns the number behind a label.
 fn labelled(line: &str, label: &str) -> Option<f64> {
     let (before, behind) = line.split_once(label)?;
     let is_word = before.is_empty() || before.ends_with(char::is_whitespace);

@@ -1,4 +1,4 @@
-//! Tools and bases that a program does not say: a TOML file.
+//! Reads a TOML file with the tools and bases that a program does not contain.
 //!
 //! ```toml
 //! pulses_per_degree = [1435.6, 1422.2, 1244.4, 1031.1, 980.0, 568.9]   # of INFORM joints
@@ -25,7 +25,7 @@ use serde::Deserialize;
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::dialect::Orientation;
 
-/// One entry.
+/// One entry of the file.
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Entry {
@@ -49,11 +49,11 @@ struct Entries {
 pub struct Given {
     /// `flange_from_tool` or `base_from_frame`.
     pub pose: Pose<f64>,
-    /// kg.
+    /// Payload of a tool, in kg.
     pub payload_kg: Option<f64>,
 }
 
-/// Tools (true) and frames by number, with the file that they come from.
+/// Tools (true) and frames (false) by number, each with the name of its file.
 pub type Numbered = BTreeMap<(bool, u32), (Given, String)>;
 
 /// Tools and bases by name, in lower case.
@@ -79,7 +79,7 @@ impl FrameFile {
     /// Parses the text of a file.
     ///
     /// # Errors
-    /// As [`FrameFile::read`].
+    /// See [`FrameFile::read`].
     pub fn parse(path: &Path, text: &str) -> Result<Self, InputError> {
         let entries: Entries = toml::from_str(text).map_err(|error| {
             let whole = "[tool.\"NAME\"] and [base.\"NAME\"] with xyz_mm = [x, y, z] and quaternion = [w, x, y, z]";
@@ -123,29 +123,29 @@ impl FrameFile {
         })
     }
 
-    /// Pulses of each joint's encoder in a degree.
+    /// Returns the number of encoder pulses in a degree, for each joint.
     pub fn pulses_per_degree(&self) -> Option<&[f64]> {
         self.pulses_per_degree.as_deref()
     }
 
-    /// A tool.
+    /// Returns a tool by its name.
     pub fn tool(&self, name: &str) -> Option<Given> {
         self.tools.get(name).copied()
     }
 
-    /// A frame that targets are in.
+    /// Returns a frame of targets by its name.
     pub fn base(&self, name: &str) -> Option<Given> {
         self.bases.get(name).copied()
     }
 
-    /// Where its frames come from, for people.
+    /// Returns the path of the file, to show users where a frame comes from.
     pub fn origin(&self) -> String {
         self.path
             .as_ref()
             .map_or_else(String::new, |path| path.display().to_string())
     }
 
-    /// The error for a frame that is nowhere; `data` is what the language calls it.
+    /// Returns the error for a frame that is defined nowhere; `data` is the language's own name for such data.
     pub fn unknown(
         &self,
         source: &Source,

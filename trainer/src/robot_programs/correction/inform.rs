@@ -1,9 +1,9 @@
-//! A reader of Yaskawa INFORM jobs (`.jbi`): the positions of `//POS` that motions of `//INST` go to.
+//! Reads Yaskawa INFORM jobs (`.jbi`): the positions of `//POS` to which motions of `//INST` go.
 //!
 //! Lines of `//POS` say what the positions below them are: `///PULSE`, or `///RECTAN` in the robot's frame, its base or
-//! `///USER n`, with `///TOOL n`. How many pulses make a degree is in the controller: a
-//! frame file has it, or pulses are left. Values of tools and user frames are
-//! in the controller, too: its condition files have them, or a frame file.
+//! `///USER n`, with `///TOOL n`. The number of pulses in a degree is a setting of the controller: a frame file states it,
+//! or positions in pulses are left as they are. Tools and user frames are settings of the controller, too: its condition
+//! files or a frame file state them.
 
 use std::collections::BTreeMap;
 
@@ -43,7 +43,7 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         .split_inclusive(|byte| matches!(byte, b'\n' | b'\r'))
     {
         let text = String::from_utf8_lossy(line);
-        // Letters that are not UTF-8 stand in comments alone.
+        // Only comments have letters that are not UTF-8.
         let text = text.trim_end();
         if let Some(rest) = text.strip_prefix("//") {
             is_code |= rest.starts_with("INST");
@@ -58,7 +58,7 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
     Ok(reader.program)
 }
 
-/// What the lines above a position say.
+/// Settings that the lines above a position state.
 #[derive(Clone, Debug, Default)]
 struct Header {
     tool: String,
@@ -81,7 +81,8 @@ impl Header {
     }
 }
 
-/// `0,0,0,0,0,0,…`: is the wrist flipped, elbow, front or back, and do joints 4, 6 and 1 stay within half a turn.
+/// Reads a configuration `0,0,0,0,0,0,…`: wrist flipped, elbow, front or back, and whether joints 4, 6 and 1 stay within
+/// half a turn.
 fn configuration(text: &str) -> Option<Configuration> {
     let numbers: Vec<u8> = text
         .split(',')
@@ -107,7 +108,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// `C00002=1430.701,416.002,600.807,144.15,1.24,159.14`.
+    /// Reads a position such as `C00002=1430.701,416.002,600.807,144.15,1.24,159.14`.
     fn position(&mut self, text: &str, at: usize, header: &Header) {
         let Some((name, values)) = text.split_once('=') else {
             return;
@@ -206,7 +207,8 @@ impl Reader<'_> {
         self.move_to(parts.next().unwrap_or(""), way, at, *is_shifted)
     }
 
-    /// The points of circles come one by one, three or more: each is a target, and the way between them is not looked at.
+    /// Reads a circular motion. The points of circles come one by one, three or more: each is a target, and the path between
+    /// them is not checked.
     fn arc(&mut self, text: &str, at: usize, is_shifted: bool) -> Result<(), InputError> {
         let name = text.split_whitespace().nth(1).unwrap_or("");
         self.move_to(name, Way::Joints, at, is_shifted)
@@ -234,7 +236,7 @@ impl Reader<'_> {
         let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
         let tool = match self.frame(location, &header.tool, true) {
             Ok(tool) => tool,
-            // Joints need none.
+            // Joint positions need no frame.
             Err(_) if is_joints => Frame {
                 name: format!("TOOL {}", header.tool),
                 is_tool: true,
@@ -255,7 +257,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// A tool or user frame by its number; positions in the base have none.
+    /// Returns a tool or user frame by its number; positions in the base have none.
     fn frame(&self, at: usize, number: &str, is_tool: bool) -> Result<Frame, InputError> {
         let given = if is_tool {
             self.given.tool(number)

@@ -1,7 +1,7 @@
-//! Condition files of Yaskawa controllers: tools (`TOOL.CND`) and user frames (`UFRAME.CND`).
+//! Reads condition files of Yaskawa controllers: tools (`TOOL.CND`) and user frames (`UFRAME.CND`).
 //!
-//! `//TOOL n` is followed by a line of six numbers (mm and degrees from the flange), the centre of gravity, the weight in kg and
-//! the inertia. `//UFRAME n` has its frame in the line `////BUSER`. Other lines are not used.
+//! `//TOOL n` is followed by a line of six numbers (mm and degrees from the flange), the centre of gravity, the weight in kg
+//! and the inertia. `//UFRAME n` has its frame in the line `////BUSER`. Other lines are not used.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -10,10 +10,10 @@ use crate::robot_programs::correction::frames::{Given, Numbered};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::dialect::INFORM;
 
-/// Names of the files, in capital letters.
+/// Names of the files, in upper case.
 pub const NAMES: [&str; 2] = ["TOOL.CND", "UFRAME.CND"];
 
-/// What the files that are no jobs say.
+/// Returns the tools and user frames of the files that are no jobs.
 pub fn conditions(sources: &[Source]) -> Numbered {
     let mut out = Numbered::new();
     for source in sources {
@@ -49,7 +49,7 @@ fn numbers(text: &str) -> Vec<f64> {
     finite.collect::<Option<Vec<f64>>>().unwrap_or_default()
 }
 
-/// A line of numbers: six are the pose, which comes first, one is the weight.
+/// Notes a line of numbers: six numbers are the pose, which comes first; one number is the weight.
 fn note(out: &mut Numbered, key: (bool, u32), numbers: &[f64], origin: &str) {
     match (numbers, out.get_mut(&key)) {
         ([x, y, z, angles @ ..], None) => {

@@ -1,8 +1,8 @@
-//! Programs of controllers whose targets are corrected where they stand.
+//! Corrects the targets in existing programs of controllers.
 //!
-//! A reader finds the numbers of the targets and where they are; the [`engine`] corrects them; nothing but these numbers is
-//! written. So every other byte stays: comments, line ends, letters of any encoding. A reader never guesses: what it does not
-//! understand it leaves and names.
+//! A reader finds the numbers of the targets and their positions in the file; the [`engine`] corrects them; only these
+//! numbers are written. Every other byte stays: comments, line ends, letters of any encoding. A reader never guesses: what
+//! it does not understand, it leaves as it is and names.
 
 pub mod between;
 pub mod engine;
@@ -32,7 +32,7 @@ use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::Program;
 use crate::robot_programs::correction::source::Source;
 
-/// A format of programs that are corrected.
+/// A program format whose targets can be corrected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// ABB: modules.
@@ -52,7 +52,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// All of them.
+    /// All formats.
     pub const ALL: [Self; 7] = [
         Self::Rapid,
         Self::UrScript,
@@ -63,7 +63,7 @@ impl Format {
         Self::Table,
     ];
 
-    /// Endings of its files, in lower case.
+    /// Returns the endings of the format's files, in lower case.
     pub fn endings(self) -> &'static [&'static str] {
         match self {
             Self::Rapid => &["mod", "prg", "sys", "modx", "sysx"],
@@ -76,7 +76,7 @@ impl Format {
         }
     }
 
-    /// By the ending of a file's name, and of a table by its header: one of joints is no program.
+    /// Returns the format of a file by its ending; for a table, by its header, too: a table of joints is no program.
     pub fn of(path: &Path) -> Option<Self> {
         let ending = path.extension()?.to_str()?.to_ascii_lowercase();
         Self::ALL
@@ -85,7 +85,7 @@ impl Format {
             .filter(|format| *format != Self::Table || table::has_poses(path))
     }
 
-    /// The data list beside a source, which is a part of it.
+    /// Returns the path of the data list beside a source, which belongs to the program.
     pub fn companion(self, path: &Path) -> Option<PathBuf> {
         let ending = path.extension()?.to_str()?;
         let other = match (self, ending) {
@@ -96,7 +96,7 @@ impl Format {
         Some(path.with_extension(other)).filter(|path| path.exists())
     }
 
-    /// Files beside a file that say how its targets are used, or what its frames are; they are not corrected.
+    /// Returns the files beside a file that say how its targets are used or what its frames are; they are not corrected.
     pub fn beside(self, path: &Path) -> Vec<PathBuf> {
         let folder = match path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -121,7 +121,7 @@ impl Format {
         found
     }
 
-    /// Reads files that belong together.
+    /// Reads the files of one program.
     ///
     /// # Errors
     /// [`InputError`] for a frame that is nowhere, and for what is no program of this format.
@@ -144,20 +144,20 @@ impl Format {
     }
 }
 
-/// Whether a file has one of these names, in letters of any case.
+/// Returns whether a file has one of these names; upper and lower case are equal.
 fn is_named(path: &Path, names: &[&str]) -> bool {
     let name = path.file_name();
     name.is_some_and(|name| names.iter().any(|known| name.eq_ignore_ascii_case(known)))
 }
 
-/// The only file that is corrected, and those that are read with it.
+/// Returns the only file that is corrected, and the files that are read with it.
 fn with_others(sources: Vec<Source>) -> Result<(Source, Vec<Source>), InputError> {
     let (corrected, others): (Vec<_>, Vec<_>) =
         sources.into_iter().partition(|source| source.is_corrected);
     Ok((one(corrected)?, others))
 }
 
-/// The only file of a program.
+/// Returns the only file of a program, and refuses several.
 fn one(mut sources: Vec<Source>) -> Result<Source, InputError> {
     match (sources.pop(), sources.last()) {
         (Some(source), None) => Ok(source),

@@ -1,4 +1,4 @@
-//! The joints of targets as the drawing has them, on the branch that the controller takes.
+//! Computes the joints of targets by the drawing, on the branch that the controller takes.
 
 use std::collections::BTreeSet;
 
@@ -12,43 +12,43 @@ use crate::robot_programs::correction::program::{
 };
 use crate::robot_programs::correction::source::Number;
 
-/// A search that ends farther from where it began, in rad or m, may be on another branch.
+/// A search that ends farther than this from its start, in rad or m, may be on another branch.
 pub const NEAR: f64 = 0.6;
 
-/// Index of the joint that turns the wrist over.
+/// Index of the joint whose sign flips the wrist.
 const WRIST: usize = 4;
 
-/// Where the payload comes from.
+/// Source of the payload.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Payload {
-    /// The same everywhere, kg.
+    /// One payload for all targets, in kg.
     Fixed(f64),
-    /// What the program says of each tool.
+    /// Payload that the program states for each tool.
     FromProgram,
 }
 
-/// Joints of a target, before they are corrected.
+/// Joints of a target before the correction.
 pub struct Planned {
     /// Index of the target.
     pub target: usize,
-    /// Rad or m.
+    /// Joints in rad or m.
     pub joints: Joints,
-    /// kg.
+    /// Payload in kg.
     pub payload_kg: f64,
 }
 
-/// Why a target has no joints.
+/// Reason why a target has no joints.
 enum Refused {
-    /// It is left.
+    /// The target is left as it is, for this reason.
     Left(String),
-    /// Nothing is written.
+    /// The whole program is refused, and nothing is written.
     Program(InputError),
 }
 
-/// A way that the wrist is turned, and whether joint 5 is negative then.
+/// Whether the wrist is flipped in the language's sense, and whether joint 5 is negative in that case.
 type Wrist = (bool, bool);
 
-/// The joints of every target that a move uses, on the controller's branch.
+/// Returns the joints of every target that a move uses, on the branch that the controller takes.
 pub fn plan(
     program: &Program,
     commander: &Commander,
@@ -107,7 +107,7 @@ pub fn plan(
     Ok(out)
 }
 
-/// The first joints that the program says: the branch of poses without a configuration.
+/// Returns the first joints that the program states: they give the branch of poses without a configuration.
 fn first_joints(program: &Program, commander: &Commander) -> Option<Joints> {
     program
         .moves
@@ -130,7 +130,7 @@ fn payload_of(program: &Program, target: &Target, payload: Payload) -> Result<f6
     }
 }
 
-/// Joints of a joint target; `None` for another number of joints.
+/// Returns the joints of a joint target; `None` when the number of joints differs.
 fn in_radians(program: &Program, commander: &Commander, numbers: &[Number]) -> Option<Joints> {
     if numbers.len() != commander.kinds().len() {
         return None;

@@ -1,4 +1,4 @@
-//! What a reader finds in a program: targets, the frames and tools that they are in, and what cannot be corrected.
+//! The contents of a program as its reader found them: targets with their frames and tools, and what cannot be corrected.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -6,50 +6,50 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::Dialect;
 
-/// A byte of a file.
+/// Position of a byte in the files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Location {
     /// Index of the file.
     pub file: usize,
-    /// Byte in it.
+    /// Index of the byte in the file.
     pub at: usize,
 }
 
-/// What a target says.
+/// The numbers of a target.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
-    /// Joints in the language's unit.
+    /// Joints in the unit of the language.
     Joints(Vec<Number>),
     /// A pose of the tool in its base.
     Pose {
-        /// x, y, z.
+        /// Position x, y, z.
         position: [Number; 3],
-        /// As the language writes it.
+        /// Orientation in the notation of the language.
         orientation: Vec<Number>,
     },
 }
 
-/// A joint and the range in rad that a target's configuration leaves it.
+/// Index of a joint, and the lower and upper end in rad of the range that a configuration leaves it.
 pub type Bound = (usize, f64, f64);
 
-/// Which of the branches a controller takes.
+/// Branch of the inverse kinematics that a controller takes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Configuration {
-    /// Ranges of joints.
+    /// Ranges of the joints.
     pub bounds: Vec<Bound>,
-    /// Joints in rad or m that the branch is near; those of the target before where it is not known.
+    /// Joints in rad or m near the branch; `None` where they are not known, and those of the target before are used.
     pub near: Option<Vec<f64>>,
-    /// Which of two ways the wrist is turned. What a language calls either way depends on how its robot counts joint 5, so that
-    /// the first pose of a program says which sign of joint 5 is meant.
+    /// Which of two ways the wrist is turned. What a language calls flipped depends on how its robot counts joint 5, so the
+    /// first pose of a program determines which sign of joint 5 is meant.
     pub is_wrist_flipped: Option<bool>,
-    /// A number of it that says no joint's range; targets that are inserted on the way there get it, too.
+    /// Number of the configuration that limits no joint; targets inserted on the way to this target get it, too.
     pub rest: Option<Number>,
-    /// Whether the controller stops where no branch is within them; otherwise it takes the nearest.
+    /// Whether the controller stops where no branch is within `bounds`; otherwise it takes the nearest branch.
     pub is_monitored: bool,
 }
 
 impl Configuration {
-    /// Creates one for a controller that stops where no solution is within `bounds`.
+    /// Creates the configuration of a controller that stops where no solution is within `bounds`.
     pub fn monitored(bounds: Vec<Bound>) -> Self {
         Self {
             bounds,
@@ -59,10 +59,10 @@ impl Configuration {
     }
 }
 
-/// How far a joint may be beyond the end of a range, rad: a corrected target stays in its own.
+/// Largest distance of a joint from its range, in rad, so that a corrected target stays in its range.
 pub const SLACK: f64 = 0.02;
 
-/// The range of a joint on a side of zero.
+/// Returns the range of a joint on one side of zero.
 pub fn of_sign(joint: usize, is_negative: bool) -> Bound {
     let far = 4.0 * std::f64::consts::TAU;
     match is_negative {
@@ -71,59 +71,59 @@ pub fn of_sign(joint: usize, is_negative: bool) -> Bound {
     }
 }
 
-/// The range of a joint within half a turn of so many whole turns.
+/// Returns the range of a joint within half a turn of `turn` whole turns.
 pub fn of_turn(joint: usize, turn: f64) -> Bound {
     let (middle, half) = (std::f64::consts::TAU * turn, std::f64::consts::PI + SLACK);
     (joint, middle - half, middle + half)
 }
 
-/// One target.
+/// A target of a program.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// Where it is.
+    /// Position of the target in the files.
     pub location: Location,
-    /// Its numbers.
+    /// Numbers of the target.
     pub goal: Goal,
     /// Index of its tool in [`Program::frames`], once a move uses it.
     pub tool: Option<usize>,
-    /// Index of its base frame.
+    /// Index of its base frame in [`Program::frames`].
     pub base: Option<usize>,
-    /// Its configuration.
+    /// Configuration of the controller at the target.
     pub configuration: Option<Configuration>,
 }
 
-/// A tool, or a frame that targets are in.
+/// A tool, or a base frame of targets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// Its name in the program.
+    /// Name in the program.
     pub name: String,
-    /// Whether it is a tool.
+    /// Whether the frame is a tool.
     pub is_tool: bool,
     /// `flange_from_tool` or `base_from_frame`.
     pub pose: Pose<f64>,
-    /// What the program says that it weighs, kg.
+    /// Weight of the tool that the program states, in kg.
     pub payload_kg: Option<f64>,
-    /// Where it comes from, for people.
+    /// Origin of the values, for users.
     pub origin: String,
 }
 
-/// Something that is left as it is.
+/// A part of a program that is left as it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Left {
-    /// Where.
+    /// Position in the files.
     pub location: Location,
-    /// Why.
+    /// Reason why it is left.
     pub reason: String,
 }
 
-/// How the tool moves to a target.
+/// Path of the tool to a target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Way {
-    /// Any way.
+    /// Joint motion, whose path is not used.
     Joints,
-    /// Straight.
+    /// Straight line.
     Line,
-    /// On a circle through the point before.
+    /// Circle through the point before.
     Arc,
 }
 
@@ -132,11 +132,11 @@ pub enum Way {
 pub struct Move {
     /// Index of the target.
     pub target: usize,
-    /// The way there.
+    /// Path to the target.
     pub way: Way,
 }
 
-/// How an instruction has a target written into it.
+/// Notation in which an instruction has its target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Literal {
     /// `[[x,y,z],[q1,q2,q3,q4],[cf1,cf4,cf6,cfx],[9E9,…]]`
@@ -147,48 +147,48 @@ pub enum Literal {
     Pose,
 }
 
-/// A straight move that others can be inserted before: copies of its instruction with other targets.
+/// A straight move before which moves can be inserted as copies of its instruction with other targets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Line {
     /// Index of the move. Nothing moves the arm between the move before and this one.
     pub step: usize,
     /// Index of the file.
     pub file: usize,
-    /// First byte of the instruction, and the one behind its last.
+    /// First byte of the instruction, and the byte behind its last.
     pub instruction: (usize, usize),
-    /// The bytes of its target.
+    /// First byte of the target, and the byte behind its last.
     pub target: (usize, usize),
-    /// How a target is written.
+    /// Notation of the target.
     pub literal: Literal,
 }
 
-/// A program, as far as it concerns a correction.
+/// The parts of a program that concern a correction.
 #[derive(Clone, Debug)]
 pub struct Program {
     /// Name of the language.
     pub language: &'static str,
-    /// Its units.
+    /// Units and orientations of the language.
     pub dialect: Dialect,
-    /// Radians of a unit of each joint, where these are not [`Dialect::radian`].
+    /// Radians in a unit of each joint, where they differ from [`Dialect::radian`].
     pub joint_units: Option<Vec<f64>>,
-    /// Its files.
+    /// Files of the program.
     pub sources: Vec<Source>,
     /// All targets.
     pub targets: Vec<Target>,
-    /// All frames and tools that moves use.
+    /// All frames and tools that the moves use.
     pub frames: Vec<Frame>,
-    /// In the order of the text.
+    /// Moves in the order of the text.
     pub moves: Vec<Move>,
-    /// Moves that others can be inserted before, in their order.
+    /// Straight moves before which moves can be inserted, in their order.
     pub lines: Vec<Line>,
-    /// What is left, found by the reader.
+    /// Parts that the reader leaves as they are.
     pub left: Vec<Left>,
-    /// What else should be known.
+    /// Other remarks for the user.
     pub remarks: Vec<String>,
 }
 
 impl Program {
-    /// Nothing yet.
+    /// Creates a program without contents.
     pub fn new(language: &'static str, dialect: Dialect, sources: Vec<Source>) -> Self {
         Self {
             language,
@@ -204,13 +204,13 @@ impl Program {
         }
     }
 
-    /// Radians of a unit of a joint.
+    /// Returns the radians in a unit of a joint.
     pub fn radian(&self, joint: usize) -> f64 {
         let own = self.joint_units.as_ref().and_then(|units| units.get(joint));
         own.copied().unwrap_or(self.dialect.radian)
     }
 
-    /// The index of a frame, which is added if it is new.
+    /// Returns the index of a frame, and adds the frame if it is new.
     pub fn frame(&mut self, frame: Frame) -> usize {
         let same = |other: &Frame| {
             (&other.name, other.is_tool) == (&frame.name, frame.is_tool)
@@ -225,7 +225,7 @@ impl Program {
         }
     }
 
-    /// Leaves what is at a location.
+    /// Leaves the target or move at a location as it is, for a reason.
     pub fn leave(&mut self, location: Location, reason: impl Into<String>) {
         let reason = reason.into();
         let is_said = self
@@ -239,20 +239,21 @@ impl Program {
         }
     }
 
-    /// `part.mod:17` of a location.
+    /// Returns file and line of a location, such as `part.mod:17`.
     pub fn line_of(&self, location: Location) -> String {
         let source = &self.sources[location.file];
         let (line, _) = source.line_and_column(location.at);
         format!("{}:{line}", source.path.display())
     }
 
-    /// Notes that a move goes to a target with a tool in a base. A target that others use with other frames is left.
+    /// Notes that a move goes to a target with a tool in a base. A target that other moves use with other frames is left as
+    /// it is.
     pub fn move_to(&mut self, target: usize, way: Way, tool: usize, base: usize) {
         let found = &mut self.targets[target];
         let location = found.location;
         let kg = |index: usize| self.frames[index].payload_kg;
         let is_other = match found.goal {
-            // The frames do not matter, but what the tool weighs may.
+            // The frames do not matter, but the weight of the tool may.
             Goal::Joints(_) => found.tool.is_some_and(|t| kg(t) != kg(tool)),
             Goal::Pose { .. } => {
                 found.tool.is_some_and(|t| t != tool) || found.base.is_some_and(|b| b != base)
@@ -276,7 +277,7 @@ impl Program {
     }
 }
 
-/// The written pose of a target; `None` for an orientation that is none.
+/// Returns the written pose of a target; `None` where the numbers are no orientation.
 pub fn written_pose(program: &Program, target: &Target) -> Option<Pose<f64>> {
     let Goal::Pose {
         position,
@@ -294,7 +295,7 @@ pub fn written_pose(program: &Program, target: &Target) -> Option<Pose<f64>> {
     })
 }
 
-/// `flange_from_tool` and `base_from_frame` of a target.
+/// Returns `flange_from_tool` and `base_from_frame` of a target.
 pub fn frames_of(program: &Program, target: &Target) -> (Pose<f64>, Pose<f64>) {
     let of = |index: Option<usize>| {
         let frame = index.and_then(|index| program.frames.get(index));

@@ -1,4 +1,4 @@
-//! The numbers of corrected targets, and the files with them.
+//! Computes the new numbers of corrected targets, and writes the files with them.
 
 use poegp_calibration::blob::commander::{Commander, Joints};
 use poegp_runtime::math::se3::Pose;
@@ -6,37 +6,37 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::program::{Goal, Program, frames_of};
 use crate::robot_programs::correction::source::{Decimals, Number, rewritten};
 
-/// A target and its joints.
+/// A corrected target with its joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Solved {
     /// Index of the target.
     pub target: usize,
-    /// As the drawing has it.
+    /// Joints by the drawing.
     pub joints: Joints,
-    /// To command instead.
+    /// Joints to command instead.
     pub command: Joints,
-    /// kg.
+    /// Payload in kg.
     pub payload_kg: f64,
-    /// How far the tool's written pose moves, m and rad.
+    /// Distance by which the written pose of the tool moves, in m and rad.
     pub moved: (f64, f64),
-    /// Distance of the real tool from its target without correction, by the model, in m.
+    /// Distance of the real tool from its target without correction, predicted by the model, in m.
     pub before: f64,
-    /// What stays of it by the model, in m.
+    /// Distance that remains with correction, predicted by the model, in m.
     pub after: f64,
 }
 
-/// A number to be replaced, or, of an empty span, a text to be inserted.
+/// A number to be replaced, or, where the span is empty, a text to be inserted.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Replacement {
     /// Index of the file.
     pub file: usize,
-    /// First byte and the one behind the last.
+    /// First byte, and the byte behind the last.
     pub span: (usize, usize),
-    /// The new number, or what is inserted.
+    /// New number, or inserted text.
     pub text: Vec<u8>,
 }
 
-/// tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool, and nothing at all where q* is q.
+/// Returns tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool, exactly the identity where q* is q.
 fn motion(program: &Program, commander: &Commander, solved: &Solved) -> Pose<f64> {
     if solved.command == solved.joints {
         return Pose::identity();
@@ -46,7 +46,7 @@ fn motion(program: &Program, commander: &Commander, solved: &Solved) -> Pose<f64
     tool.inverse() * from.inverse() * to * tool
 }
 
-/// Writes a solved target. Returns how far its decimals leave it from where it should be, in m, roughly.
+/// Writes a solved target. Returns roughly how far, in m, its rounded decimals leave it from where it should be.
 pub fn replace(
     program: &Program,
     commander: &Commander,
@@ -88,10 +88,10 @@ pub fn replace(
     match &target.goal {
         Goal::Joints(numbers) => {
             for (i, number) in numbers.iter().enumerate() {
-                // From the number as it is written, which a joint that stays keeps.
+                // Adds to the number as it is written, so that a joint without a change keeps its number.
                 let radian = program.radian(i);
                 let change = (solved.command[i] - solved.joints[i]) / radian;
-                // An arm's length for a radian.
+                // A joint error of 1 rad moves the tool by an arm's length.
                 put(number, number.value + change, joints, 2.0 * radian.abs());
             }
         }
@@ -119,10 +119,10 @@ pub fn replace(
     rounding
 }
 
-/// A file with its new numbers, and where in it inserted texts are.
+/// A file with its new numbers, and the spans of the inserted texts in it.
 pub type Rewritten = (Vec<u8>, Vec<(usize, usize)>);
 
-/// The files with their new numbers; `replacements` are in their order.
+/// Returns the files with their new numbers; `replacements` are in the order of the files.
 pub fn rewrite(program: &Program, replacements: &[Replacement]) -> Vec<Rewritten> {
     let mut out: Vec<Rewritten> = Vec::new();
     for (file, source) in program.sources.iter().enumerate() {

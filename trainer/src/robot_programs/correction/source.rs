@@ -5,24 +5,24 @@ use std::path::{Path, PathBuf};
 
 use poegp_calibration::input_error::InputError;
 
-/// Longest part of a file that an error quotes.
+/// Largest number of characters of a file that an error quotes.
 const QUOTED: usize = 40;
 
 /// A file of a program.
 #[derive(Clone, Debug)]
 pub struct Source {
-    /// As it was given.
+    /// Path as it was given.
     pub path: PathBuf,
-    /// Every byte of it.
+    /// All bytes of the file.
     pub bytes: Vec<u8>,
-    /// Whether its targets are corrected; otherwise only its frames are used.
+    /// Whether the targets of the file are corrected; otherwise only its frames are used.
     pub is_corrected: bool,
-    /// Where each line begins.
+    /// First byte of each line.
     lines: Vec<usize>,
 }
 
 impl Source {
-    /// Creates one for a file that consists of these bytes.
+    /// Creates a source from the bytes of a file.
     pub fn new(path: &Path, bytes: Vec<u8>, is_corrected: bool) -> Self {
         let mut lines = vec![0];
         for (at, byte) in bytes.iter().enumerate() {
@@ -56,19 +56,19 @@ impl Source {
         Ok(Self::new(path, bytes, is_corrected))
     }
 
-    /// Line and column of a byte, from 1.
+    /// Returns line and column of a byte, from 1.
     pub fn line_and_column(&self, at: usize) -> (usize, usize) {
         let line = self.lines.partition_point(|start| *start <= at).max(1);
         (line, 1 + at - self.lines[line - 1])
     }
 
-    /// The first byte of the line that a byte is in.
+    /// Returns the first byte of the line that contains a byte.
     pub fn line_start(&self, at: usize) -> usize {
         let line = self.lines.partition_point(|start| *start <= at).max(1);
         self.lines[line - 1]
     }
 
-    /// Without some spans, which must be in their order; `None` where they are not, or beyond the end.
+    /// Returns the file without some spans; `None` where these are not in order, or go beyond the end.
     pub fn without(&self, spans: &[(usize, usize)]) -> Option<Self> {
         let (mut bytes, mut from) = (Vec::with_capacity(self.bytes.len()), 0);
         for (start, end) in spans {
@@ -79,12 +79,12 @@ impl Source {
         Some(Self::new(&self.path, bytes, self.is_corrected))
     }
 
-    /// The bytes of a span.
+    /// Returns the bytes of a span.
     pub fn slice(&self, span: &Range<usize>) -> &[u8] {
         self.bytes.get(span.clone()).unwrap_or(&[])
     }
 
-    /// The bytes of a span as text, shortened, for messages.
+    /// Returns the bytes of a span as shortened text, for messages.
     pub fn quoted(&self, span: &Range<usize>) -> String {
         let text = String::from_utf8_lossy(self.slice(span));
         let text: String = text.split_whitespace().collect::<Vec<_>>().join(" ");
@@ -94,7 +94,7 @@ impl Source {
         }
     }
 
-    /// An error about the byte `at`.
+    /// Returns an error at the byte `at`.
     pub fn error(
         &self,
         at: usize,
@@ -111,18 +111,18 @@ impl Source {
 /// A number of a program that a correction may replace.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Number {
-    /// Index of its file.
+    /// Index of the file.
     pub file: u32,
-    /// Where it begins and ends, its sign included.
+    /// First byte, the sign included.
     pub start: u32,
-    /// One behind its last byte.
+    /// Byte behind the last one.
     pub end: u32,
-    /// What it says, in the unit of the file.
+    /// Value in the unit of the file.
     pub value: f64,
 }
 
 impl Number {
-    /// The number that is the whole of a span; `None` for text that is no finite decimal number.
+    /// Parses a whole span as a number; `None` for text that is no finite decimal number.
     pub fn parse(file: usize, source: &Source, span: &Range<usize>) -> Option<Self> {
         let text = std::str::from_utf8(source.slice(span)).ok()?;
         let plain = |c: char| c.is_ascii_digit() || "+-.eE".contains(c);
@@ -138,30 +138,30 @@ impl Number {
         })
     }
 
-    /// Where it is.
+    /// Returns the bytes of the number in its file.
     pub fn span(&self) -> Range<usize> {
         self.start as usize..self.end as usize
     }
 }
 
-/// How many decimals a number gets.
+/// Number of decimals with which a number is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Decimals {
-    /// At least these.
+    /// Least number of decimals.
     pub least: usize,
-    /// No more than these, unless there are more.
+    /// Largest number of decimals, unless the old number has more.
     pub most: Option<usize>,
 }
 
 impl Decimals {
-    /// The decimals of a number that was written like `text`.
+    /// Returns the number of decimals for a number that was written as `text`.
     pub fn of(&self, text: &[u8]) -> usize {
         let least = self.most.map_or(self.least, |most| self.least.min(most));
         decimals_of(text).max(least).min(15)
     }
 }
 
-/// Decimals that are written, the exponent counted.
+/// Returns the number of written decimals, with the exponent taken into account.
 fn decimals_of(text: &[u8]) -> usize {
     let exponent_at = text.iter().position(|b| matches!(b, b'e' | b'E'));
     let (mantissa, exponent) = match exponent_at {
@@ -179,7 +179,7 @@ fn decimals_of(text: &[u8]) -> usize {
     fraction.saturating_sub(exponent).clamp(0, 15) as usize
 }
 
-/// The text of a new value in the stead of `old`, or `None` when at its decimals the number is what it was.
+/// Returns the text of a new value in place of `old`; `None` when at these decimals the number does not change.
 pub fn rewritten(old: &[u8], was: f64, value: f64, decimals: Decimals) -> Option<String> {
     let count = decimals.of(old);
     let text = |value: f64| {

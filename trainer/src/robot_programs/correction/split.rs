@@ -1,7 +1,7 @@
-//! Targets that are inserted on straight lines, where the real tool would leave the way between corrected ends.
+//! Inserts targets on straight lines where the real tool would leave the path between the corrected ends.
 //!
-//! Each is a copy of the line's instruction with another target, before it; speed and zone are those of the copy. No other
-//! byte changes, so that taking the copies out again brings back what was there.
+//! Each inserted target is a copy of the line's instruction with another target, before the instruction; speed and zone are
+//! those of the copied instruction. No other byte changes, so that removing the copies restores the file.
 
 use std::collections::HashMap;
 
@@ -19,24 +19,24 @@ use crate::robot_programs::correction::replacement::{Replacement, Solved};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::dialect::Orientation;
 
-/// Pieces of one line, at most.
+/// Largest number of pieces of one line.
 const MOST: usize = 200;
 
-/// What comes of all lines.
+/// Result of dividing lines.
 #[derive(Clone, Debug, Default)]
 pub struct Division {
-    /// Lines that have targets inserted.
+    /// Number of lines with inserted targets.
     pub lines: usize,
-    /// Targets that are inserted.
+    /// Number of inserted targets.
     pub targets: usize,
-    /// The texts of them.
+    /// Texts of the inserted targets.
     pub insertions: Vec<Replacement>,
-    /// Lines and arcs that stay beyond the tolerance.
+    /// Lines and arcs whose error remains above the tolerance.
     pub left: Vec<Left>,
 }
 
-/// Divides the lines that leave their way by more than `tolerance` in m. `between` has the error of each of `stretches`, and
-/// gets what stays of it.
+/// Divides the lines on which the tool leaves its path by more than `tolerance`, in m. `between` has the error of each of
+/// `stretches`, and receives the error that remains.
 pub fn split(
     program: &Program,
     commander: &Commander,
@@ -86,7 +86,7 @@ pub fn split(
     out
 }
 
-/// The targets between the ends of a line, and the error that stays between all of them.
+/// Returns the targets between the ends of a line, and the largest error that remains between them.
 fn divided(
     program: &Program,
     commander: &Commander,
@@ -94,7 +94,7 @@ fn divided(
     tolerance: f64,
     largest: f64,
 ) -> Result<(Vec<Solved>, f64), String> {
-    // An error that bends alike everywhere falls with the square of the length.
+    // The error of a constant curvature falls with the square of the length.
     let mut pieces = ((largest / tolerance).sqrt().ceil() as usize).clamp(2, MOST);
     loop {
         let targets = targets(program, commander, stretch, pieces)?;
@@ -121,7 +121,7 @@ fn divided(
     }
 }
 
-/// The targets at the ends of equal pieces, corrected.
+/// Returns the corrected targets at the ends of equal pieces.
 fn targets(
     program: &Program,
     commander: &Commander,
@@ -156,7 +156,7 @@ fn targets(
     Ok(out)
 }
 
-/// Copies of the instruction with the targets, before it.
+/// Returns the insertion before an instruction: copies of it with the targets.
 fn insertion(
     program: &Program,
     commander: &Commander,
@@ -181,7 +181,7 @@ fn insertion(
     }
 }
 
-/// What stands between two instructions: the end of the line and the blanks before the next, or a blank within a line.
+/// Returns what separates two instructions: the end of the line and the indentation of the next, or a blank within a line.
 fn separator(source: &Source, at: usize) -> Vec<u8> {
     let indentation = source.slice(&(source.line_start(at)..at));
     if !indentation.iter().all(|b| matches!(b, b' ' | b'\t')) {
@@ -197,7 +197,7 @@ fn separator(source: &Source, at: usize) -> Vec<u8> {
     [line_end, indentation].concat()
 }
 
-/// A target as the instruction has it.
+/// Formats a target in the notation of the instruction.
 fn literal(program: &Program, commander: &Commander, line: &Line, solved: &Solved) -> String {
     let target = &program.targets[solved.target];
     let (tool, base) = frames_of(program, target);

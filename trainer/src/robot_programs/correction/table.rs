@@ -1,4 +1,4 @@
-//! A reader of CSV files with poses: what a post processor of any other controller can be fed from.
+//! Reads CSV files with poses, from which a post processor for any other controller can be fed.
 //!
 //! ```text
 //! x_mm y_mm z_mm         the wanted position of the tool in its base; also _m
@@ -8,8 +8,8 @@
 //! seed_q1_deg … _qn_deg  optional: joints near the wanted ones, also _rad; without them the row before
 //! ```
 //!
-//! A file with joint columns (`q1_deg` …) is one of joint targets, whatever else it has. Columns of other names stay as they
-//! are.
+//! A file with joint columns (`q1_deg` …) has joint targets, whatever its other columns are. Columns of other names stay as
+//! they are.
 
 use std::ops::Range;
 use std::path::Path;
@@ -24,7 +24,7 @@ use crate::robot_programs::correction::program::{
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::{Dialect, MILLIMETRES, Orientation};
 
-/// Whether the header of a file has poses and no joints.
+/// Returns whether the header of a file has poses and no joints.
 pub fn has_poses(path: &Path) -> bool {
     let Ok(bytes) = std::fs::read(path) else {
         return false;
@@ -39,7 +39,7 @@ pub fn has_poses(path: &Path) -> bool {
     })
 }
 
-/// `q1_deg` and the like.
+/// Returns whether a column is a joint, such as `q1_deg`.
 fn is_joint(name: &str) -> bool {
     let number = name.strip_prefix('q').and_then(|rest| rest.split_once('_'));
     number.is_some_and(|(number, _)| number.parse::<u8>().is_ok())
@@ -57,7 +57,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     let mut program = Program::new("CSV with poses", columns.dialect, vec![source]);
     let titles = names(&copy, &header);
     for fields in rows {
-        // A row is where its line begins.
+        // The location of a row is the beginning of its line.
         let first = fields.first().map_or(0, |field| field.start);
         let (line, column) = copy.line_and_column(first);
         let at = first + 1 - column;
@@ -122,7 +122,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     Ok(program)
 }
 
-/// A tool or a base by its name; no name is the flange and the robot's base.
+/// Returns a tool or a base by its name; an empty name is the flange or the robot's base.
 fn frame(given: &FrameFile, is_tool: bool, name: &str, payload_kg: Option<f64>) -> Option<Frame> {
     if name.is_empty() {
         let (own, kind) = if is_tool {
@@ -152,14 +152,14 @@ fn frame(given: &FrameFile, is_tool: bool, name: &str, payload_kg: Option<f64>) 
     })
 }
 
-/// The columns that mean something, by their index.
+/// Indices of the columns with a meaning.
 struct Columns {
     position: [usize; 3],
     orientation: Vec<usize>,
     tool: Option<usize>,
     base: Option<usize>,
     payload: Option<usize>,
-    /// With the radians or metres of a unit.
+    /// Columns of the seed, and the radians or metres in their unit.
     seed: Option<(Vec<usize>, f64)>,
     dialect: Dialect,
 }
@@ -213,7 +213,7 @@ impl Columns {
     }
 }
 
-/// The texts of a header.
+/// Returns the names in a header.
 fn names(source: &Source, header: &[Range<usize>]) -> Vec<String> {
     header.iter().map(|span| text(source, span)).collect()
 }
@@ -222,9 +222,10 @@ fn text(source: &Source, span: &Range<usize>) -> String {
     String::from_utf8_lossy(source.slice(span)).into_owned()
 }
 
-/// The fields of every record, without spaces and quotation marks around them; lines that are empty or begin with # are none.
+/// Returns the fields of every record, without the spaces and quotation marks around them. Skips lines that are empty or
+/// begin with #.
 fn records(bytes: &[u8]) -> impl Iterator<Item = Vec<Range<usize>>> {
-    // A byte order mark.
+    // Skips a byte order mark.
     let mut at = if bytes.starts_with(&[0xef, 0xbb, 0xbf]) {
         3
     } else {
@@ -234,7 +235,7 @@ fn records(bytes: &[u8]) -> impl Iterator<Item = Vec<Range<usize>>> {
         while at < bytes.len() {
             let line = bytes[at..].iter().position(|b| matches!(b, b'\n' | b'\r'));
             let line = at..line.map_or(bytes.len(), |end| at + end);
-            // What is quoted in a remark ends with its line.
+            // A quotation in a comment ends with its line.
             let span = trimmed(bytes, line.clone());
             if span.is_empty() || bytes[span.start] == b'#' {
                 at = line.end + 1;
@@ -248,7 +249,7 @@ fn records(bytes: &[u8]) -> impl Iterator<Item = Vec<Range<usize>>> {
     })
 }
 
-/// One record from `at`, and where the next begins.
+/// Returns one record from `at`, and the beginning of the next.
 fn record(bytes: &[u8], mut at: usize) -> (Vec<Range<usize>>, usize) {
     let mut fields = Vec::new();
     let (mut start, mut is_quoted) = (at, false);
@@ -268,7 +269,7 @@ fn record(bytes: &[u8], mut at: usize) -> (Vec<Range<usize>>, usize) {
     (fields, at + 1)
 }
 
-/// A span without spaces and then one pair of quotation marks around it.
+/// Removes the spaces around a span, and then one pair of quotation marks.
 fn trimmed(bytes: &[u8], span: Range<usize>) -> Range<usize> {
     let (mut start, mut end) = (span.start, span.end);
     while start < end && matches!(bytes[start], b' ' | b'\t') {

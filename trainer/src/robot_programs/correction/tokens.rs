@@ -1,28 +1,28 @@
-//! What the textual languages have in common: names, numbers, strings, comments, lists. Every byte keeps where it is.
+//! Splits textual languages into names, numbers, strings, comments and lists, all of which keep their positions in bytes.
 
 use std::ops::Range;
 
 use crate::robot_programs::correction::source::{Number, Source};
 
-/// What a language's comments, strings and names look like.
+/// Lexical rules of a language: comments, strings and names.
 #[derive(Clone, Copy, Debug)]
 pub struct Lexicon {
-    /// A comment goes from here to the end of its line.
+    /// Byte that begins a comment, which goes to the end of its line.
     pub comment: u8,
-    /// What a string begins and ends with.
+    /// Bytes that begin and end a string.
     pub quotes: &'static [u8],
-    /// Bytes of names beside letters, digits and underscores.
+    /// Bytes that names contain besides letters, digits and underscores.
     pub in_names: &'static [u8],
     /// Whether a number with a sign may follow a name: `A -5`.
     pub has_pairs: bool,
 }
 
-/// What a token is.
+/// Kind of a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// A name or keyword.
     Name,
-    /// A number, with its sign where it is one.
+    /// A number, with its sign if it has one.
     Number,
     /// A string.
     Text,
@@ -32,33 +32,33 @@ pub enum Kind {
     LineEnd,
 }
 
-/// A part of a file.
+/// A token of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Token {
-    /// What it is.
+    /// Kind of the token.
     pub kind: Kind,
-    /// Where it begins.
+    /// First byte.
     pub start: u32,
-    /// One behind its last byte.
+    /// Byte behind the last one.
     pub end: u32,
 }
 
 impl Token {
-    /// Where it is.
+    /// Returns the bytes of the token.
     pub fn span(&self) -> Range<usize> {
         self.start as usize..self.end as usize
     }
 
-    /// Whether it is this byte.
+    /// Returns whether the token is this mark.
     pub fn is(&self, mark: u8) -> bool {
         self.kind == Kind::Mark(mark)
     }
 }
 
-/// The tokens of a file, comments and blanks left out.
+/// Returns the tokens of a file, without comments and blanks.
 pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
     let mut out: Vec<Token> = Vec::new();
-    // A byte order mark is no part of the program.
+    // Skips a byte order mark, which is no part of the program.
     let mut at = if bytes.starts_with(b"\xef\xbb\xbf") {
         3
     } else {
@@ -69,7 +69,7 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
         let length_of = |is: &dyn Fn(u8) -> bool| rest.iter().take_while(|b| is(**b)).count();
         let is_name =
             |b: u8| b.is_ascii_alphanumeric() || b == b'_' || lexicon.in_names.contains(&b);
-        // Behind an operand a sign is an operation.
+        // After an operand, a sign is an operator.
         let is_operand = out.last().is_some_and(|last: &Token| match last.kind {
             Kind::Number | Kind::Mark(b')' | b']' | b'}') => true,
             Kind::Name => !lexicon.has_pairs || last.end as usize == at,
@@ -102,7 +102,7 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
     out
 }
 
-/// To the next quote of the same line; a quote that is doubled is a part of the string.
+/// Returns the length of a string up to the next quote on the same line; a doubled quote belongs to the string.
 fn text_length(rest: &[u8], quote: u8) -> usize {
     let mut at = 1;
     while let Some(byte) = rest.get(at) {
@@ -116,7 +116,8 @@ fn text_length(rest: &[u8], quote: u8) -> usize {
     at
 }
 
-/// Bytes of the number at the beginning; 0 for none. A name may begin with no digit, so that `2x` is a number and a name.
+/// Returns the number of bytes of the number at the beginning; 0 for none. No name begins with a digit, so `2x` is a number
+/// and a name.
 pub fn number_length(rest: &[u8], with_sign: bool) -> usize {
     let digits = |from: usize| {
         rest[from..]
@@ -150,29 +151,29 @@ pub fn number_length(rest: &[u8], with_sign: bool) -> usize {
 pub struct Text<'a> {
     /// Index of the file.
     pub file: usize,
-    /// The file.
+    /// Source of the tokens.
     pub source: &'a Source,
-    /// Its tokens.
+    /// Tokens of the file.
     pub tokens: &'a [Token],
 }
 
-/// A value that is written out: numbers, and lists of values.
+/// A written value: a number, or a list of values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Value {
     /// A number.
     Number(Number),
-    /// A name alone, in lower case.
+    /// A single name, in lower case.
     Name(String),
     /// A string.
     Text,
     /// A list.
     List(Vec<Value>),
-    /// Anything that a controller computes.
+    /// Anything that the controller computes.
     Computed,
 }
 
 impl Value {
-    /// The values of a list with as many.
+    /// Returns the values of a list with this length.
     pub fn list(&self, length: usize) -> Option<&[Value]> {
         match self {
             Self::List(values) if values.len() == length => Some(values),
@@ -180,7 +181,7 @@ impl Value {
         }
     }
 
-    /// As many numbers.
+    /// Returns the numbers of a list of N numbers.
     pub fn numbers<const N: usize>(&self) -> Option<[Number; N]> {
         let mut all = self.list(N)?.iter().map(|value| match value {
             Self::Number(number) => Some(*number),
@@ -198,7 +199,7 @@ impl Value {
         Some(out)
     }
 
-    /// The name that it is.
+    /// Returns the name, if the value is one.
     pub fn name(&self) -> Option<&str> {
         match self {
             Self::Name(name) => Some(name),
@@ -208,17 +209,17 @@ impl Value {
 }
 
 impl<'a> Text<'a> {
-    /// The token, or none behind the last.
+    /// Returns a token; `None` behind the last one.
     pub fn at(&self, at: usize) -> Option<&'a Token> {
         self.tokens.get(at)
     }
 
-    /// Whether there is this mark.
+    /// Returns whether a token is this mark.
     pub fn is(&self, at: usize, mark: u8) -> bool {
         self.at(at).is_some_and(|token| token.is(mark))
     }
 
-    /// The name at a token in lower case; empty for anything else.
+    /// Returns the name at a token in lower case; empty for any other token.
     pub fn name(&self, at: usize) -> String {
         match self.at(at) {
             Some(token) if token.kind == Kind::Name => {
@@ -228,31 +229,31 @@ impl<'a> Text<'a> {
         }
     }
 
-    /// The name at a token as it is written.
+    /// Returns the text of a token as it is written.
     pub fn spelling(&self, at: usize) -> String {
         let span = self.at(at).map_or(0..0, Token::span);
         String::from_utf8_lossy(self.source.slice(&span)).into_owned()
     }
 
-    /// The first byte of a token, or the end of the file.
+    /// Returns the first byte of a token, or the end of the file.
     pub fn byte(&self, at: usize) -> usize {
         self.at(at)
             .map_or(self.source.bytes.len(), |token| token.start as usize)
     }
 
-    /// The byte behind a token, or the end of the file.
+    /// Returns the byte behind a token, or the end of the file.
     pub fn end_of(&self, at: usize) -> usize {
         self.at(at)
             .map_or(self.source.bytes.len(), |token| token.end as usize)
     }
 
-    /// The number that a token is.
+    /// Returns the number at a token.
     pub fn number(&self, at: usize) -> Option<Number> {
         let token = self.at(at).filter(|token| token.kind == Kind::Number)?;
         Number::parse(self.file, self.source, &token.span())
     }
 
-    /// The first token from `from` on, outside all brackets, that one of `marks` is; or `end`.
+    /// Returns the first token from `from` on, outside all brackets, that is one of `marks`; `end` if there is none.
     pub fn find(&self, from: usize, end: usize, marks: &[u8]) -> usize {
         let mut depth = 0_usize;
         for at in from..end {
@@ -275,7 +276,7 @@ impl<'a> Text<'a> {
         end
     }
 
-    /// The tokens from `from` to `end`, split at commas outside all brackets.
+    /// Splits the tokens from `from` to `end` at commas outside all brackets.
     pub fn arguments(&self, from: usize, end: usize) -> Vec<(usize, usize)> {
         let mut out = Vec::new();
         let mut start = from;
@@ -287,13 +288,13 @@ impl<'a> Text<'a> {
         out
     }
 
-    /// The value that the tokens from `from` to `end` are; lists are in square brackets.
+    /// Returns the value of the tokens from `from` to `end`; lists are in square brackets.
     pub fn value(&self, from: usize, end: usize) -> Value {
         self.nested(from, end, 0)
     }
 
     fn nested(&self, from: usize, end: usize, depth: usize) -> Value {
-        // No list of a target is deeper.
+        // No list of a target is deeper than this.
         if depth > 6 {
             return Value::Computed;
         }

@@ -1,8 +1,8 @@
-//! A reader of URScript: joints and poses that stand in a move, and variables that are set once and that a move goes to.
+//! Reads URScript: joints and poses that are written in a move, and variables that are set once and to which a move goes.
 //!
-//! The tool is that of `set_tcp` before the move. A pose is in the base, or by `pose_trans` in a feature that is written out.
-//! Poses of `set_tcp`, features and offsets are no targets: only what reaches a move is. ("The URScript Programming
-//! Language", module motion.)
+//! The tool is that of `set_tcp` before the move. A pose is in the base, or, with `pose_trans`, in a written feature. Poses
+//! of `set_tcp`, features and offsets are no targets: only what reaches a move is. ("The URScript Programming Language",
+//! module motion.)
 
 use std::collections::HashMap;
 
@@ -28,7 +28,7 @@ const LEXICON: Lexicon = Lexicon {
     has_pairs: false,
 };
 
-/// Motions that no target of is corrected.
+/// Motions whose targets are not corrected.
 const OTHER_MOTIONS: [&str; 8] = [
     "servoj",
     "servol",
@@ -40,7 +40,7 @@ const OTHER_MOTIONS: [&str; 8] = [
     "force_mode",
 ];
 
-/// Lines at which the arm stays, so that the next begins where the move before has ended.
+/// Calls that leave the arm where it is, so that the next line begins where the move before has ended.
 const STAYS: [&str; 9] = [
     "set_tcp",
     "set_payload",
@@ -60,7 +60,7 @@ const STAYS: [&str; 9] = [
 pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     let mut depth = 0_usize;
     let mut all = tokens(&source.bytes, &LEXICON);
-    // Brackets go on over the ends of lines.
+    // Expressions in brackets go on over the ends of lines.
     all.retain(|token| {
         match token.kind {
             Kind::Mark(b'(' | b'[') => depth += 1,
@@ -93,9 +93,9 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     Ok(reader.program)
 }
 
-/// What a name is set to.
+/// Value of a variable.
 enum Variable {
-    /// Written out once: the tokens of its value, and its target once a move goes there.
+    /// Written once: the tokens of its value, and its target once a move goes there.
     Written {
         from: usize,
         end: usize,
@@ -105,7 +105,7 @@ enum Variable {
     Unknown,
 }
 
-/// A tool, or why it is not known.
+/// A tool, or the reason why it is not known.
 type Tool = Result<Pose<f64>, String>;
 
 struct Reader<'a> {
@@ -113,7 +113,7 @@ struct Reader<'a> {
     text: Text<'a>,
     given: &'a FrameFile,
     set: HashMap<String, Variable>,
-    /// What every `set_tcp` sets.
+    /// The tool of every `set_tcp`.
     tools: Vec<Tool>,
     lines: Vec<Line>,
 }
@@ -139,7 +139,7 @@ impl Reader<'_> {
                 self.set
                     .insert(name, if is_first { written } else { Variable::Unknown });
             } else if text.name(line.from) == "def" {
-                // Parameters are set by calls.
+                // Calls set the parameters of a function.
                 for at in line.from + 2..line.end {
                     if text.at(at).is_some_and(|token| token.kind == Kind::Name) {
                         self.set.insert(text.spelling(at), Variable::Unknown);
@@ -149,7 +149,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The first argument of a call that is the whole line.
+    /// Returns the arguments of a call that is the whole line.
     fn first(&self, line: &Line) -> Vec<(usize, usize)> {
         let text = self.text;
         match text.is(line.from + 1, b'(') {
@@ -158,7 +158,7 @@ impl Reader<'_> {
         }
     }
 
-    /// What a `set_tcp` sets.
+    /// Returns the tool that a `set_tcp` sets.
     fn tool(&self, line: &Line) -> (Tool, usize) {
         let at = self.text.byte(line.from);
         let unknown = || {
@@ -170,7 +170,7 @@ impl Reader<'_> {
         (pose.map_or_else(unknown, Ok), at)
     }
 
-    /// `p[x, y, z, rx, ry, rz]`, written out or by a name.
+    /// Returns the numbers of `p[x, y, z, rx, ry, rz]`, written directly or referred to by a name.
     fn numbers(&self, from: usize, end: usize) -> Option<[Number; 6]> {
         let text = self.text;
         if text.name(from) == "p" && text.is(from + 1, b'[') {
@@ -214,7 +214,7 @@ impl Reader<'_> {
                 function = line.function;
                 tool = self.tool_of_all().map(|tool| (tool, Vec::new()));
             }
-            // Set under a condition, a tool is known there alone.
+            // A tool that is set under a condition is known only there.
             if let Some((known, blocks)) = &mut tool
                 && !line.blocks.starts_with(blocks)
             {
@@ -266,7 +266,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Notes that others can be inserted before a line, which must have no time of its own.
+    /// Notes that moves can be inserted before a line, which must state no time of its own.
     fn note_line(&mut self, line: &Line, step: usize) {
         let text = self.text;
         let arguments = self.first(line);
@@ -275,7 +275,7 @@ impl Reader<'_> {
         let mut positional = arguments
             .iter()
             .filter(|(from, _)| !text.is(from + 1, b'='));
-        // The fourth is a time, and 0 is none.
+        // The fourth argument is a time; 0 stands for none.
         let is_timed = positional.nth(3).is_some_and(|(from, end)| {
             let is_zero = text.number(*from).is_some_and(|n| n.value == 0.0);
             !(is_zero && *end == from + 1)
@@ -286,7 +286,7 @@ impl Reader<'_> {
         let Some((mut from, mut end)) = arguments.first().copied() else {
             return;
         };
-        // The pose in its feature.
+        // Unwraps the pose in its feature.
         while text.is(from + 1, b'(') {
             let inner = text.arguments(from + 2, end - 1);
             let at = usize::from(text.name(from) == "pose_trans");
@@ -304,7 +304,7 @@ impl Reader<'_> {
         });
     }
 
-    /// The tool where a function begins: the one that all of the script set.
+    /// Returns the tool at the beginning of a function: the one that all `set_tcp` of the script set.
     fn tool_of_all(&self) -> Option<Tool> {
         let first = self.tools.first()?;
         let is_one = self.tools.iter().all(|tool| tool == first);
@@ -373,7 +373,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The target that an argument is, and what it is in.
+    /// Returns the target of an argument, and its base frame.
     fn target(&mut self, from: usize, end: usize) -> Result<(usize, Frame), String> {
         let text = self.text;
         let base = Frame {
@@ -442,7 +442,7 @@ impl Reader<'_> {
         }
     }
 
-    /// A target that is written out.
+    /// Reads a written target.
     fn written(&self, from: usize, end: usize) -> Option<Target> {
         let goal = match self.numbers(from, end) {
             Some([x, y, z, rx, ry, rz]) => Goal::Pose {

@@ -1,20 +1,20 @@
-//! The lines of a URScript, each with the function and the conditions that it stands in.
+//! Splits a URScript into lines, each with its function and the conditions around it.
 
 use crate::robot_programs::correction::tokens::{Kind, Text};
 
-/// One line, with the function and the conditions that it stands in.
+/// One line, with its function and the conditions around it.
 #[derive(Clone)]
 pub struct Line {
-    /// Its first token, and the one behind its last.
+    /// First token, and below it the token behind the last one.
     pub from: usize,
     pub end: usize,
-    /// Which function, in the order of the script; 0 outside of all.
+    /// Number of the function in the order of the script; 0 outside all functions.
     pub function: usize,
-    /// The conditions and loops, from the outermost.
+    /// Conditions and loops around the line, outermost first.
     pub blocks: Vec<usize>,
 }
 
-/// All lines of a script that are not empty.
+/// Returns all lines of a script that are not empty.
 pub fn lines_of(text: &Text<'_>) -> Vec<Line> {
     let mut lines = Vec::new();
     let (mut functions, mut count) = (vec![0], 0);

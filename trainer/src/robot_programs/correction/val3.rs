@@ -1,8 +1,9 @@
-//! A reader of Stäubli VAL3 data (`.dtx`): joint targets (`jointRx`) and points (`pointRx`) that motions of the programs beside
-//! it use.
+//! Reads Stäubli VAL3 data (`.dtx`): joint targets (`jointRx`) and points (`pointRx`) that motions of the programs beside
+//! the data use.
 //!
-//! Angles of points, frames and tools are about x, the new y and the new z. A point is in the frame that its `fatherId` names.
-//! Which tool a point is used with is in the programs (`.pgx`), which are read and not changed: `movej(jJoint[0],tTool[0],…)`.
+//! Angles of points, frames and tools are about x, the new y and the new z. A point is in the frame that its `fatherId`
+//! names. The programs (`.pgx`) say with which tool a point is used (`movej(jJoint[0],tTool[0],…)`); they are read but not
+//! changed.
 
 use std::collections::HashMap;
 
@@ -18,7 +19,7 @@ use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
 use crate::robot_programs::dialect::{Orientation, VAL3};
 
-/// Most frames that stand in each other.
+/// Largest depth of nested frames.
 const DEEPEST: usize = 16;
 
 const LEXICON: Lexicon = Lexicon {
@@ -60,7 +61,7 @@ fn is_data(source: &Source) -> bool {
     ending.eq_ignore_ascii_case("dtx")
 }
 
-/// A frame or tool as the data have it.
+/// A frame or tool of the data.
 struct FrameData {
     pose: Option<Pose<f64>>,
     father: String,
@@ -70,21 +71,21 @@ struct Reader<'a> {
     program: Program,
     sources: &'a [Source],
     given: &'a FrameFile,
-    /// Targets by `name[key]`, with the frame that a point is in.
+    /// Targets by `name[key]`, each with the frame of a point.
     named: HashMap<String, (Option<usize>, String)>,
     frames: HashMap<String, FrameData>,
     /// Frames that the programs change.
     changed: Vec<String>,
 }
 
-/// A start tag: its name, and where the values of its attributes are.
+/// A start tag: its name, and the positions of its attributes' values.
 struct Tag {
     name: String,
     at: usize,
     attributes: Vec<(String, std::ops::Range<usize>)>,
 }
 
-/// The start tags of an XML file, comments left out.
+/// Returns the start tags of an XML file, without comments.
 fn tags(source: &Source) -> Vec<Tag> {
     let bytes = &source.bytes;
     let mut out = Vec::new();
@@ -221,7 +222,7 @@ impl Reader<'_> {
             tokens: &all,
         };
         for at in 0..all.len() {
-            // fPart.trsf = …: the frame is another one from here on.
+            // fPart.trsf = …: the program changes the frame.
             if text.is(at, b'.') && text.name(at + 1) == "trsf" && at > 0 {
                 let of = (0..at)
                     .rev()
@@ -252,7 +253,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// `name[key]` of an argument; a name alone is its first element.
+    /// Returns `name[key]` of an argument; a name alone stands for its first element.
     fn element(text: &Text<'_>, (from, end): (usize, usize)) -> Option<String> {
         let name = text.spelling(from);
         if end == from + 1 {
@@ -307,7 +308,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// A tool or frame with all that it stands in.
+    /// Returns a tool or frame, with all frames around it applied.
     fn frame(
         &self,
         text: &Text<'_>,
@@ -362,7 +363,7 @@ impl Reader<'_> {
     }
 }
 
-/// `//` to the end of the line.
+/// Returns whether a token is in a comment, from `//` to the end of the line.
 fn is_comment(source: &Source, token: &Token) -> bool {
     let before = &source.bytes[..token.start as usize];
     let start = before

@@ -1,9 +1,9 @@
-//! A reader of KUKA KRL: points of a data list, and points that stand in a motion of the source.
+//! Reads KUKA KRL: points of a data list, and points that are written in a motion of the source.
 //!
-//! Tool and base of a motion are those of its frame data (`FDAT_ACT=FP1`, `STOOL2(FP1)`), or what `$TOOL`, `$BASE` and `BAS`
-//! have set until then. Their values are `TOOL_DATA[n]` and `BASE_DATA[n]` in the program, in files beside it or in a frame
-//! file. Points with components missing, relative motions and computed points are left. ("Operating and Programming
-//! Instructions for System Integrators", KSS 8.)
+//! Tool and base of a motion are those of its frame data (`FDAT_ACT=FP1`, `STOOL2(FP1)`), or those that `$TOOL`, `$BASE` and
+//! `BAS` have set before. Their values are `TOOL_DATA[n]` and `BASE_DATA[n]` in the program, in files beside it or in a
+//! frame file. Points with missing components, relative motions and computed points are left as they are. ("Operating and
+//! Programming Instructions for System Integrators", KSS 8.)
 
 mod motion;
 
@@ -29,7 +29,7 @@ const LEXICON: Lexicon = Lexicon {
     has_pairs: true,
 };
 
-/// Reads a source with its data list, and files whose frames it uses.
+/// Reads a source with its data list, and the files whose frames it uses.
 ///
 /// # Errors
 /// [`InputError`] for a frame that is nowhere.
@@ -68,7 +68,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     Ok(reader.program)
 }
 
-/// The lines of a file that are not empty.
+/// Returns the token ranges of the lines that are not empty.
 fn lines(text: &Text<'_>) -> Vec<(usize, usize)> {
     let mut out = Vec::new();
     let mut from = 0;
@@ -86,15 +86,15 @@ fn lines(text: &Text<'_>) -> Vec<(usize, usize)> {
 /// A tool or base as a line names it.
 #[derive(Clone, Debug, PartialEq)]
 enum Named {
-    /// By its number.
+    /// Number of the tool or base.
     Number(u32),
-    /// Written out at a line.
+    /// Pose that is written in the line.
     Written(Pose<f64>),
-    /// Not known, and why.
+    /// The tool or base is not known, for this reason.
     Unknown(String),
 }
 
-/// Tool, base, and whether the robot holds the part.
+/// Frame data of a motion: tool, base, and whether the robot holds the part.
 #[derive(Clone, Debug)]
 struct FrameData {
     tool: Named,
@@ -102,13 +102,13 @@ struct FrameData {
     is_fixed_tool: bool,
 }
 
-/// What holds at a line.
+/// State of the program at a line.
 #[derive(Debug, Default)]
 struct State {
     tool: Option<Named>,
     base: Option<Named>,
     is_fixed_tool: bool,
-    /// Index of the move before, while nothing else may have moved the arm.
+    /// Index of the previous move, as long as nothing else may have moved the arm since.
     before: Option<usize>,
 }
 
@@ -116,10 +116,10 @@ struct Reader<'a> {
     program: Program,
     texts: Vec<Text<'a>>,
     given: &'a FrameFile,
-    /// Targets of points by name; `None` for what is left.
+    /// Targets of points by name; `None` for points that are left as they are.
     points: HashMap<String, Option<usize>>,
     frame_data: HashMap<String, FrameData>,
-    /// Values of `TOOL_DATA` (true) and `BASE_DATA` by number.
+    /// Values of `TOOL_DATA` (true) and `BASE_DATA` (false) by number.
     numbered: BTreeMap<(bool, u32), Result<Pose<f64>, String>>,
 }
 
@@ -131,13 +131,13 @@ impl Reader<'_> {
         }
     }
 
-    /// A list in braces: the component of each name, and its token.
+    /// Returns the components of a list in braces: the token of each value by the component's name.
     fn components(&self, file: usize, from: usize, end: usize) -> Option<HashMap<String, usize>> {
         let text = self.texts[file];
         if !text.is(from, b'{') || text.find(from + 1, end, b"}") + 1 != end {
             return None;
         }
-        // {E6POS: X 1, …}
+        // The type may come first: {E6POS: X 1, …}
         let colon = (from + 1..end).find(|at| text.is(*at, b':'));
         let first = colon
             .filter(|at| *at <= from + 2)
@@ -172,7 +172,7 @@ impl Reader<'_> {
         })
     }
 
-    /// A point that is written out, or why it cannot be corrected.
+    /// Reads a written point; the error says why it cannot be corrected.
     fn point(&self, file: usize, from: usize, end: usize) -> Result<Target, String> {
         let map = self
             .components(file, from, end)
@@ -212,14 +212,14 @@ impl Reader<'_> {
         })
     }
 
-    /// The index of the element that `NAME[n]` is, and the token behind it.
+    /// Returns the index n of an element `NAME[n]`, and the token behind it.
     fn element(&self, file: usize, at: usize) -> Option<(u32, usize)> {
         let text = self.texts[file];
         let number = text.number(at + 2)?;
         (text.is(at + 1, b'[') && text.is(at + 3, b']')).then_some((number.value as u32, at + 4))
     }
 
-    /// Points, frame data and frames that a line declares or sets.
+    /// Notes the points, frame data and frames that a line declares or sets.
     fn declare(&mut self, file: usize, from: usize, end: usize) {
         let text = self.texts[file];
         let mut at = from;
@@ -269,7 +269,7 @@ impl Reader<'_> {
                 .get(&(is_tool, number))
                 .is_some_and(|old| *old != found);
             let found = if other && !text.source.is_corrected {
-                // The program itself comes first.
+                // The values of the program itself take precedence.
                 return;
             } else if other && !is_declared {
                 Err(format!("it is set again at {line}"))
@@ -397,7 +397,7 @@ impl Reader<'_> {
     }
 }
 
-/// Whether the arm stays at a line of this name, so that the next begins where the move before has ended.
+/// Returns whether a line of this name leaves the arm where it is, so that the next move begins where the last one ended.
 fn stays(name: &str) -> bool {
     matches!(
         name,
@@ -424,7 +424,7 @@ fn stays(name: &str) -> bool {
     .any(|start| name.starts_with(start))
 }
 
-/// The signs of the joints in the turn bits of a point.
+/// Returns the configuration from the turn bits of a point, which are the signs of the joints.
 fn turns(bits: u32) -> Configuration {
     let bound = |joint: usize| of_sign(joint, bits >> joint & 1 == 1);
     Configuration::monitored((0..6).map(bound).collect())

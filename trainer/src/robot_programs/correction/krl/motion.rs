@@ -1,4 +1,4 @@
-//! KRL's motions: their points, tools and bases.
+//! Reads KRL's motions with their points, tools and bases.
 
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
@@ -8,7 +8,7 @@ use crate::robot_programs::correction::program::{Frame, Goal, Line, Literal, Loc
 use crate::robot_programs::correction::tokens::Kind;
 
 impl Reader<'_> {
-    /// A motion, and the points that it goes to.
+    /// Notes a motion and the points to which it goes.
     pub(super) fn motion(
         &mut self,
         file: usize,
@@ -18,7 +18,7 @@ impl Reader<'_> {
         state: &mut State,
     ) -> Result<(), InputError> {
         let text = self.texts[file];
-        // SPTP XP1 WITH $TOOL = STOOL2(FP1), …
+        // A motion may set its frames: SPTP XP1 WITH $TOOL = STOOL2(FP1), …
         let with = (from..end)
             .find(|at| text.name(*at) == "with")
             .unwrap_or(end);
@@ -65,7 +65,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Notes that others can be inserted before a line, if the move before it is known.
+    /// Notes that moves can be inserted before a line, if the move before it is known.
     pub(super) fn note_line(
         &mut self,
         file: usize,
@@ -115,7 +115,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// A tool or base; joints need none.
+    /// Returns a tool or base; joint targets need none.
     fn frame(
         &self,
         location: Location,

@@ -1,4 +1,4 @@
-//! RAPID's data: targets, tools and work objects, by name, and what the code assigns to them.
+//! RAPID's data by name: targets, tools and work objects, with what the code assigns to them.
 
 use std::collections::HashMap;
 
@@ -12,12 +12,12 @@ use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
 use crate::robot_programs::dialect::Orientation;
 
-/// An external axis that a robot does not have is 9E9.
+/// RAPID writes 9E9 for an external axis that a robot does not have; larger values than this count as 9E9.
 const NO_AXIS: f64 = 8.9e9;
-/// Index of the joint that turns the wrist over.
+/// Index of the joint whose sign flips the wrist.
 const WRIST: usize = 4;
 
-/// A pose of tool or work object, or why it has none.
+/// A value, or the reason why it is not known.
 pub type Known<T> = Result<T, String>;
 
 /// A tool or work object.
@@ -29,7 +29,7 @@ pub enum FrameData {
         is_held: bool,
         /// `tframe`.
         pose: Known<Pose<f64>>,
-        /// kg.
+        /// Mass in kg.
         mass: Option<f64>,
     },
     /// `wobjdata`.
@@ -46,7 +46,7 @@ pub enum FrameData {
 }
 
 impl FrameData {
-    /// `tooldata` as it is written.
+    /// Reads a written `tooldata`.
     pub fn tool(value: &Value) -> Option<Self> {
         let [is_held, pose, load] = value.list(3)? else {
             return None;
@@ -65,7 +65,7 @@ impl FrameData {
         })
     }
 
-    /// `wobjdata` as it is written.
+    /// Reads a written `wobjdata`.
     pub fn object(value: &Value) -> Option<Self> {
         let [is_held, is_fixed, _, user, object] = value.list(5)? else {
             return None;
@@ -81,7 +81,7 @@ impl FrameData {
         })
     }
 
-    /// After `name.component := value`, with the line for people.
+    /// Applies the assignment `name.component := value`; `line` names its position for users.
     pub fn assign(&mut self, component: &str, value: &Value, line: &str) {
         let pose = pose_of(value).ok_or_else(|| format!("it is computed at {line}"));
         match (self, component) {
@@ -93,7 +93,7 @@ impl FrameData {
         }
     }
 
-    /// Nothing is known any more.
+    /// Marks the pose as unknown, for a reason.
     pub fn forget(&mut self, reason: &str) {
         match self {
             Self::Tool { pose, .. } => *pose = Err(reason.to_owned()),
@@ -102,7 +102,7 @@ impl FrameData {
     }
 }
 
-/// `[[x, y, z], [q1, q2, q3, q4]]`.
+/// Reads a pose `[[x, y, z], [q1, q2, q3, q4]]`.
 pub fn pose_of(value: &Value) -> Option<Pose<f64>> {
     let [position, orientation] = value.list(2)? else {
         return None;
@@ -115,17 +115,17 @@ pub fn pose_of(value: &Value) -> Option<Pose<f64>> {
     })
 }
 
-/// What a list is, as a target.
+/// Result of reading a list as a target.
 pub enum Read {
     /// A target.
     Target(Box<Target>),
-    /// One that cannot be corrected, and why.
+    /// A target that cannot be corrected, and the reason.
     Left(&'static str),
-    /// Nothing like a target.
+    /// The list is no target.
     Nothing,
 }
 
-/// A `robtarget` `[[3], [4], [4], [6]]` or a `jointtarget` `[[6], [6]]` as it is written.
+/// Reads a written `robtarget` `[[3], [4], [4], [6]]` or `jointtarget` `[[6], [6]]`; the digits are lengths of lists.
 pub fn target(value: &Value, location: Location) -> Read {
     let Value::List(parts) = value else {
         return Read::Nothing;
@@ -169,14 +169,14 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
         orientation: orientation.to_vec(),
     };
     let [first, fourth, sixth, rest] = parts[2].numbers::<4>()?;
-    // The quarter turns of axes 1, 4 and 6.
+    // The configuration counts the quarter turns of axes 1, 4 and 6.
     let quarter = std::f64::consts::FRAC_PI_2;
     let bound = |(joint, number): (usize, Number)| {
         let lower = quarter * number.value;
         (joint, lower - SLACK, lower + quarter + SLACK)
     };
     let mut bounds = [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec();
-    // cfx counts 4 behind axis 1, 2 behind the lower arm, 1 for a negative axis 5. Robots that do not use it have 0.
+    // cfx is a sum: 4 behind axis 1, 2 behind the lower arm, 1 for a negative axis 5. Robots that do not use it have 0.
     if (1..=7).any(|cfx| rest.value == f64::from(cfx)) {
         bounds.push(of_sign(WRIST, rest.value % 2.0 == 1.0));
     }
@@ -187,7 +187,7 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     Some((goal, Some(configuration)))
 }
 
-/// Data by module file, routine and name; a routine's own hide those of its module, and these those of other modules.
+/// Data by module file, routine and name. Data of a routine hide those of its module, which hide those of other modules.
 #[derive(Clone, Debug)]
 pub struct Names<T>(HashMap<String, Vec<(usize, usize, T)>>);
 
@@ -206,7 +206,7 @@ impl<T> Names<T> {
             .push((file, routine, value));
     }
 
-    /// What a name means in a routine of a file.
+    /// Returns the data to which a name refers in a routine of a file.
     pub fn find(&self, name: &str, file: usize, routine: usize) -> Option<&T> {
         let all = self.0.get(name)?;
         let own = all.iter().find(|(f, r, _)| *f == file && *r == routine);
@@ -215,7 +215,7 @@ impl<T> Names<T> {
         own.or_else(module).or_else(others).map(|(.., value)| value)
     }
 
-    /// The same, to be changed.
+    /// Returns the data to which a name refers in a routine of a file, to be changed.
     pub fn find_mut(&mut self, name: &str, file: usize, routine: usize) -> Option<&mut T> {
         let all = self.0.get_mut(name)?;
         let own = |f: usize, r: usize| f == file && r == routine;

@@ -1,8 +1,8 @@
-//! A reader of ABB RAPID: `robtarget` and `jointtarget` data, and targets that stand in their moves.
+//! Reads ABB RAPID: `robtarget` and `jointtarget` data, and targets that are written in their moves.
 //!
-//! Tool and work object of a move are those of the program, with what the code has assigned to them until then, of files
-//! beside it or of a frame file. Computed targets, external axes, displacements and tools that the robot does not hold are
-//! left. ("RAPID Instructions, Functions and Data types", 3HAC050917.)
+//! Tool and work object of a move come from the program, with what the code has assigned to them before, from files beside
+//! it or from a frame file. Computed targets, external axes, displacements and tools that the robot does not hold are left
+//! as they are. ("RAPID Instructions, Functions and Data types", 3HAC050917.)
 
 mod data;
 mod motion;
@@ -31,7 +31,7 @@ const LEXICON: Lexicon = Lexicon {
     has_pairs: false,
 };
 
-/// Reads modules that belong together.
+/// Reads the modules of one program.
 ///
 /// # Errors
 /// [`InputError`] for a tool or work object that is nowhere.
@@ -85,7 +85,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     Ok(reader.program)
 }
 
-/// What the code assigns to a tool or work object.
+/// An assignment of the code to a tool or work object.
 #[derive(Clone, Debug)]
 struct Assignment {
     name: String,
@@ -101,22 +101,22 @@ struct Reader<'a> {
     program: Program,
     texts: Vec<Text<'a>>,
     given: &'a FrameFile,
-    /// Indices of the targets of each name, several for an array.
+    /// Indices of the targets of each name; an array has several.
     named: Names<Vec<usize>>,
     frames: Names<FrameData>,
     assigned: Vec<Assignment>,
     routines: HashMap<String, Routine>,
 }
 
-/// What holds at a statement.
+/// State of the program at a statement.
 struct State {
     frames: Names<FrameData>,
-    /// Assignments under a condition, which hold there alone.
+    /// Assignments under a condition, with the blocks in which alone they hold.
     conditional: Vec<(Vec<usize>, Assignment)>,
     is_displaced: bool,
     /// Whether configurations are monitored: in joint moves, and in straight moves.
     is_monitored: [bool; 2],
-    /// Index of the move before, and the conditions that it stands under, while nothing else may have moved the arm.
+    /// Index of the previous move and the conditions around it, as long as nothing else may have moved the arm since.
     before: Option<(usize, Vec<usize>)>,
 }
 
@@ -128,7 +128,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The data that a statement declares.
+    /// Notes the data that a statement declares.
     fn declare(&mut self, s: &Statement) {
         let text = self.texts[s.file];
         let mut at = s.from;
@@ -176,7 +176,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// The assignment that a statement is: name, component, its value's first token.
+    /// Returns name, component and first token of the value, if a statement is an assignment.
     fn assignment(&self, s: &Statement) -> Option<(String, String, usize)> {
         let text = self.texts[s.file];
         let equals = text.find(s.from, s.end, b":");
@@ -223,7 +223,8 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Tools and work objects where a routine begins: as declared, or as any routine sets them if all set the same.
+    /// Returns tools and work objects at the beginning of a routine: as declared, or as the routines set them if all set the
+    /// same value.
     fn at_routine(&self, file: usize, routine: usize) -> Names<FrameData> {
         let mut frames = self.frames.clone();
         for (i, first) in self.assigned.iter().enumerate() {
@@ -279,7 +280,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// What was assigned under a condition is not known behind it.
+    /// Marks as unknown, behind a condition, what was assigned under it.
     fn end_conditions(&self, s: &Statement, state: &mut State) {
         let (inside, behind): (Vec<_>, Vec<_>) = std::mem::take(&mut state.conditional)
             .into_iter()
@@ -362,7 +363,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Names every target that is written out in a statement.
+    /// Leaves every target that is written in a statement as it is, for a reason.
     fn leave_literals(&mut self, s: &Statement, reason: &str) {
         let text = self.texts[s.file];
         for at in s.from..s.end {

@@ -1,4 +1,4 @@
-//! RAPID's motions: their targets, tools and work objects.
+//! Reads RAPID's motions with their targets, tools and work objects.
 
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
@@ -10,7 +10,7 @@ use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
 use crate::robot_programs::correction::rapid::{Reader, State};
 
 impl Reader<'_> {
-    /// A motion, and the targets that it goes to.
+    /// Notes a motion and the targets to which it goes.
     pub(super) fn motion(
         &mut self,
         s: &Statement,
@@ -77,7 +77,7 @@ impl Reader<'_> {
         };
         let mut tool = tool;
         if switch("tload").is_some() {
-            // Another load than the tool's own.
+            // The motion states another load than that of the tool.
             tool.payload_kg = None;
         }
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
@@ -93,7 +93,7 @@ impl Reader<'_> {
             }
         }
         let last = self.program.moves.len();
-        // An element of an array that is computed is several targets, and one that is left is none.
+        // A computed element of an array stands for several targets, and a target that is left for none.
         if last == first + points {
             let is_plain = switches.iter().all(|(s, _)| s == "wobj" || s == "tload");
             let is_line = name == "movel" && positional.len() == 4 && is_plain;
@@ -114,7 +114,7 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The targets that an argument may be.
+    /// Returns the targets to which an argument may refer.
     fn targets_of(&mut self, s: &Statement, (from, end): (usize, usize)) -> Vec<usize> {
         let text = self.texts[s.file];
         let location = self.location(s, from);
@@ -174,7 +174,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The tool that an argument is, or why it is none that is known.
+    /// Returns the tool of an argument, or the reason why it is not known.
     fn tool(
         &self,
         s: &Statement,
@@ -224,7 +224,7 @@ impl Reader<'_> {
         }
     }
 
-    /// The work object that an argument is: name, `base_from_object`, where from.
+    /// Returns the work object of an argument: its name, `base_from_object`, and the origin of its values.
     #[allow(clippy::type_complexity)]
     fn object(
         &self,

@@ -1,4 +1,4 @@
-//! RAPID's statements, each with its routine and the conditions that it stands under.
+//! Splits RAPID into statements, each with its routine and the conditions around it.
 
 use crate::robot_programs::correction::tokens::{Kind, Text};
 
@@ -7,28 +7,28 @@ use crate::robot_programs::correction::tokens::{Kind, Text};
 pub struct Statement {
     /// Index of the file.
     pub file: usize,
-    /// From 1 in each file; 0 is the module.
+    /// Number of the routine in its file, from 1; 0 for the module itself.
     pub routine: usize,
-    /// The conditions and loops around it, from the outside.
+    /// Conditions and loops around the statement, outermost first.
     pub blocks: Vec<usize>,
-    /// Its first token.
+    /// Index of the first token.
     pub from: usize,
-    /// One behind its last token.
+    /// Index of the token behind the last one.
     pub end: usize,
 }
 
 /// A routine of a file.
 #[derive(Clone, Debug)]
 pub struct Routine {
-    /// Its name in lower case.
+    /// Name in lower case.
     pub name: String,
     /// Index of the file.
     pub file: usize,
-    /// Its number there.
+    /// Number in its file, from 1.
     pub number: usize,
 }
 
-/// All statements of a file; line ends must not be among its tokens.
+/// Returns all statements and routines of a file. Its tokens must not contain line ends.
 pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
     let (mut out, mut routines) = (Vec::new(), Vec::new());
     let (mut routine, mut count) = (0, 0);
@@ -36,14 +36,14 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
     let mut next_block = 0;
     let mut at = 0;
     let end = text.tokens.len();
-    // The first token behind a keyword from `from` on, before a semicolon.
+    // Returns the first token behind a keyword, searched from `from` up to a semicolon.
     let behind = |from: usize, keyword: &str| {
         let stop = text.find(from, end, b";");
         (from..stop)
             .find(|i| text.name(*i) == keyword)
             .map(|i| i + 1)
     };
-    // %%% VERSION:1 LANGUAGE:ENGLISH %%%
+    // Skips the header: %%% VERSION:1 LANGUAGE:ENGLISH %%%
     if text.is(at, b'%') {
         let is_mark = |i: &usize| text.is(*i, b'%');
         let next = (at..end).filter(is_mark).nth(5);
@@ -93,7 +93,7 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                     open(&mut blocks);
                     at = next;
                 }
-                // One statement on the same line, under a condition.
+                // One statement on the same line under a condition.
                 None => {
                     let stop = text.find(at, end, b";");
                     let from = (at + 1..stop)
@@ -148,7 +148,7 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                     && text.is(at + 1, b':')
                     && !text.is(at + 2, b'=');
                 if is_label {
-                    // A jump may lead here from anywhere.
+                    // A label: a jump may lead here from anywhere.
                     out.push(Statement {
                         file: text.file,
                         routine,
@@ -176,7 +176,7 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
     (out, routines)
 }
 
-/// Whether a name is that of a motion.
+/// Returns whether a name is that of a motion.
 pub fn is_instruction(name: &str) -> bool {
     ["move", "trigg"]
         .iter()

@@ -1,10 +1,10 @@
-//! The forms of RAPID's motions and lists.
+//! Syntax of RAPID's motions and lists.
 
 use crate::robot_programs::correction::program::{Location, Way};
 use crate::robot_programs::correction::rapid::data::{Read, target};
 use crate::robot_programs::correction::tokens::{Text, Value};
 
-/// How a motion goes, its points, and which argument is its tool.
+/// Returns the path of a motion, its number of points, and the index of its tool argument.
 pub fn shape(name: &str) -> Option<(Way, usize, usize)> {
     let known = |start: &str, tool: usize| {
         let rest = name.strip_prefix(start)?;
@@ -23,7 +23,7 @@ pub fn shape(name: &str) -> Option<(Way, usize, usize)> {
     known("move", 3).or_else(|| known("trigg", 4))
 }
 
-/// Whether the arm stays at an instruction, so that a line begins where the move before it has ended.
+/// Returns whether an instruction leaves the arm where it is, so that a line begins where the move before has ended.
 pub fn stays(name: &str) -> bool {
     matches!(
         name,
@@ -53,7 +53,7 @@ pub fn stays(name: &str) -> bool {
     )
 }
 
-/// Positional arguments, and optional ones with the tokens of their values.
+/// Returns the positional arguments, and the optional ones with the tokens of their values.
 #[allow(clippy::type_complexity)]
 pub fn arguments(
     text: &Text<'_>,
@@ -76,7 +76,7 @@ pub fn arguments(
     (positional, switches)
 }
 
-/// The elements of a list in `depth` dimensions, as tokens; the list itself for none.
+/// Returns the token ranges of the elements of a list with `depth` dimensions; for depth 0, that of the list itself.
 pub fn list_starts(text: &Text<'_>, from: usize, end: usize, depth: usize) -> Vec<(usize, usize)> {
     let is_list = text.is(from, b'[') && text.is(end.max(1) - 1, b']');
     if depth == 0 || !is_list {
@@ -97,7 +97,7 @@ pub fn list_starts(text: &Text<'_>, from: usize, end: usize, depth: usize) -> Ve
         .collect()
 }
 
-/// The same numbers and names, wherever they stand.
+/// Returns whether two values have the same numbers and names, wherever in the file they are.
 pub fn is_equal(a: &Value, b: &Value) -> bool {
     match (a, b) {
         (Value::Number(a), Value::Number(b)) => a.value == b.value,
