@@ -1,4 +1,4 @@
-//! One error for all verbs of the library.
+//! The error type that all verbs of the library share.
 
 use crate::blob::predict::BlobError;
 use crate::blob::write::{DeviceError, ExportError};
@@ -8,13 +8,13 @@ use crate::model::config::ConfigError;
 use crate::validation::cross_validation::CompareError;
 use crate::verification::CheckError;
 
-/// Any error of the verbs of [`crate::prelude`].
+/// Any error that a verb of [`crate::prelude`] returns.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A file that cannot be read as what it should be.
+    /// An input file that cannot be read or has invalid contents.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// A setting out of its range.
+    /// A setting that is out of its range.
     #[error(transparent)]
     Config(#[from] ConfigError),
     /// A fit that failed or was cancelled.
@@ -23,7 +23,7 @@ pub enum Error {
     /// A model that cannot be stored in a blob.
     #[error(transparent)]
     Export(#[from] ExportError),
-    /// Bytes that are not a model.
+    /// Bytes that are not a valid blob.
     #[error(transparent)]
     Blob(#[from] BlobError),
     /// Measurements that cannot verify a model.

@@ -1,35 +1,35 @@
 //! The error for bad input: which file, which line, which column, what was found and what was expected.
 //!
-//! A person repairs bad input, so every reader of the trainer answers with the same five facts and, where one is known,
-//! with the next step. Nothing here is about failures of the program itself.
+//! A person repairs bad input, so every reader of the trainer reports these five items and, where it is known, the next
+//! step. Failures of the program itself are not reported as [`InputError`].
 
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// An input error that its author can repair. The binary ends with exit code 2 on it.
+/// An error that the author of the input can repair. The binary exits with code 2 on it.
 ///
 /// Displayed as `train.csv:17: column 4 (q4_deg): found "abc", expected a number in degrees`, with a second line
-/// `help: …` where there is help.
+/// `help: …` if there is a help text.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[error("{}found {found}, expected {expected}{}", location(.file, .line, .column), help_line(.help))]
 pub struct InputError {
-    /// The file, as it was given; for a built-in robot `<built-in NAME>`.
+    /// Path of the file as the user gave it; for a built-in robot `<built-in NAME>`.
     pub file: PathBuf,
-    /// Line in the file, from 1.
+    /// Line in the file, counted from 1.
     pub line: Option<usize>,
-    /// Column, from 1, and its name: a field's number and header in a CSV file, a character and a key in a TOML file.
+    /// Column, counted from 1, and its name: field number and header in a CSV file, character and key in a TOML file.
     pub column: Option<(usize, String)>,
-    /// What is there; text from the file is in double quotes.
+    /// What was found; text from the file is in double quotes.
     pub found: String,
-    /// What would be right there.
+    /// What was expected instead.
     pub expected: String,
-    /// What to do next.
+    /// What the user can do next.
     pub help: Option<String>,
 }
 
 impl InputError {
-    /// An error about the file as a whole.
+    /// Creates an error about the file as a whole.
     pub fn new(
         file: impl AsRef<Path>,
         found: impl Into<String>,
@@ -45,28 +45,28 @@ impl InputError {
         }
     }
 
-    /// The same error about line `line`, from 1.
+    /// Sets the line of the error, counted from 1.
     #[must_use]
     pub fn at_line(mut self, line: usize) -> Self {
         self.line = Some(line);
         self
     }
 
-    /// The same error about column `column`, from 1, with the column's name or "".
+    /// Sets the column of the error, counted from 1, and the column's name or "".
     #[must_use]
     pub fn at_column(mut self, column: usize, name: impl Into<String>) -> Self {
         self.column = Some((column, name.into()));
         self
     }
 
-    /// The same error with the next step for its reader.
+    /// Adds a help text: what the user can do next.
     #[must_use]
     pub fn with_help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
         self
     }
 
-    /// The error for a file that cannot be read at all.
+    /// Creates the error for a file that cannot be read at all.
     pub fn unreadable(file: &Path, error: &std::io::Error, expected: &str) -> Self {
         let found = match error.kind() {
             std::io::ErrorKind::NotFound => "no such file".to_owned(),
@@ -96,7 +96,7 @@ fn help_line(help: &Option<String>) -> String {
         .map_or_else(String::new, |help| format!("\nhelp: {help}"))
 }
 
-/// `1 row`, `2 rows`: so many of what the noun names, whose plural ends with an s.
+/// Returns a count and a noun, such as `1 row` or `2 rows`; the plural of `noun` must end with an s.
 pub fn counted(count: usize, noun: &str) -> String {
     let s = if count == 1 { "" } else { "s" };
     format!("{count} {noun}{s}")

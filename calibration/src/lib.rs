@@ -9,13 +9,14 @@
 //! [`Config`] holds every setting of a calibration; a project file deserialises to it. [`FitContext`] has a listener for
 //! the progress of a fit and a flag that cancels it. [`prelude`] has all of these names.
 //!
-//! Below the verbs are the layers, each of which uses those before it alone: [`numeric`], [`robot`], [`measurement`],
-//! [`identification`] (base-tool, POE), [`trust`] (whether measurements can be believed), [`learning`] (the Gaussian processes), [`model`] (the methods and their registry),
-//! [`blob`], [`validation`], [`simulation`], [`planning`], [`verification`].
+//! Below the verbs are the layers; each uses only those listed before it: [`numeric`], [`robot`], [`measurement`],
+//! [`identification`] (base-tool, POE), [`trust`] (whether measurements can be believed), [`learning`] (the Gaussian
+//! processes), [`model`] (the methods and their registry), [`blob`], [`validation`], [`simulation`], [`planning`],
+//! [`verification`].
 //!
-//! Everything up to [`blob`] is `f64`, and every formula is the runtime's. Every reported error comes from the bytes of a
-//! blob, through the `f32` runtime, as the device will have it. There is no terminal, no serial port and no page here:
-//! those are the program's.
+//! Every layer before [`blob`] computes in `f64` with the runtime's own formulas. Every reported error is computed from the
+//! bytes of a blob by the `f32` runtime, so it is the error that the device will have. The library uses no terminal, serial
+//! port or web page; those belong to the command-line program.
 //!
 //! [`Samples::read`]: prelude::Samples::read
 //! [`cross_validate`]: prelude::cross_validate
@@ -45,7 +46,7 @@ pub mod trust;
 pub mod validation;
 pub mod verification;
 
-/// The names of a calibration from a file to a blob.
+/// The names that a calibration needs, from a measurement file to a blob.
 pub mod prelude {
     pub use crate::blob::predict::BlobModel;
     pub use crate::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};

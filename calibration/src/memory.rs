@@ -1,6 +1,7 @@
-//! The memory that this process may still take.
+//! The memory that this process may still allocate.
 
-/// Bytes that are free for this process, by the kernel and by its control group; `None` where neither says.
+/// Returns the number of bytes that are free for this process: the smaller of the kernel's and its control group's figure,
+/// or `None` if neither is known.
 pub fn available() -> Option<u64> {
     let read = |path: &str| std::fs::read_to_string(path).ok();
     let free = read("/proc/meminfo").and_then(|text| mem_available(&text));
@@ -9,7 +10,7 @@ pub fn available() -> Option<u64> {
     free.into_iter().chain(group).min()
 }
 
-/// `MemAvailable` of `/proc/meminfo`, which is in kB.
+/// Returns `MemAvailable` of `/proc/meminfo` in bytes; the file states it in kB.
 fn mem_available(meminfo: &str) -> Option<u64> {
     let line = meminfo
         .lines()
@@ -18,7 +19,7 @@ fn mem_available(meminfo: &str) -> Option<u64> {
     kilobytes.checked_mul(1024)
 }
 
-/// What a control group leaves; `None` without a limit.
+/// Returns the bytes that a control group's limit leaves; `None` if the group has no limit.
 fn left_in_group(most: &str, used: &str) -> Option<u64> {
     let number = |text: &str| text.trim().parse::<u64>().ok();
     Some(number(most)?.saturating_sub(number(used)?))

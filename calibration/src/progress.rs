@@ -1,22 +1,23 @@
-//! What a fit gets beside its data: a listener for its progress, a flag that cancels it, and the threads that it may use.
+//! The context of a fit: a listener for its progress, a flag that cancels it, and the number of threads that it may use.
 //!
-//! The unit of progress is one evaluation of a likelihood. A search has no known number of evaluations, so each phase
-//! announces the usual number: progress stands still at the end of a phase that needs more, and jumps there after one that
-//! needs fewer. Nothing here changes what is computed.
+//! The unit of progress is one evaluation of a likelihood. The number of evaluations of a search is not known beforehand, so
+//! each phase announces the usual number. If a phase needs more, progress stops at the announced end of the phase; if it
+//! needs fewer, progress jumps to that end. Nothing in this module changes what is computed.
 
 use std::cell::Cell;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
-/// What [`limit_threads`] was given.
+/// The limit that [`limit_threads`] set.
 static LIMIT: AtomicUsize = AtomicUsize::new(usize::MAX);
 
-/// Limits what [`threads`] says from now on, in the whole process.
+/// Limits the number that [`threads`] returns from now on, in the whole process.
 pub fn limit_threads(most: NonZeroUsize) {
     LIMIT.store(most.get(), Ordering::Relaxed);
 }
 
-/// The number of threads to work with: one for each core that this process may use, within the limit.
+/// Returns the number of threads to work with: one for each core that this process may use, but at most the limit of
+/// [`limit_threads`].
 pub fn threads() -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     cores.min(LIMIT.load(Ordering::Relaxed))
@@ -24,7 +25,7 @@ pub fn threads() -> usize {
 
 /// A listener for the progress of a fit.
 pub trait Progress {
-    /// `done` units of work are done, of `expected` in all as far as is known.
+    /// Reports that `done` units of work are done, of `expected` units in total as far as is known.
     fn advance(&self, done: u64, expected: u64);
 }
 
@@ -33,7 +34,7 @@ impl Progress for () {
     fn advance(&self, _: u64, _: u64) {}
 }
 
-/// The error of a fit that was cancelled.
+/// The error that a cancelled fit returns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the calibration was cancelled")]
 pub struct Cancelled;
@@ -48,11 +49,12 @@ pub struct FitContext<'a> {
     threads: usize,
 }
 
-/// The flag of what nobody cancels.
+/// The cancellation flag of a fit that nobody cancels.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 impl<'a> FitContext<'a> {
-    /// Reports to `progress`, and ends with [`Cancelled`] soon after another thread sets `cancel`.
+    /// Creates a context that reports to `progress` and ends the fit with [`Cancelled`] soon after another thread sets
+    /// `cancel`.
     pub fn new(progress: &'a dyn Progress, cancel: &'a AtomicBool) -> Self {
         Self {
             progress,
@@ -64,23 +66,24 @@ impl<'a> FitContext<'a> {
         }
     }
 
-    /// The same on at most this many threads, all cores else. No result depends on it.
+    /// Limits the fit to at most `threads` threads; without this call it uses [`threads`]. The number does not change any
+    /// result.
     pub fn with_threads(self, threads: usize) -> Self {
         Self { threads, ..self }
     }
 
-    /// Threads that a step may use.
+    /// Number of threads that a step may use.
     pub(crate) fn threads(&self) -> usize {
         self.threads
     }
 
-    /// Announces `units` of work more.
+    /// Announces `units` more units of work.
     pub(crate) fn expect(&self, units: u64) {
         self.expected.set(self.expected.get() + units);
         self.report();
     }
 
-    /// Does `work`, which is `units` of what was announced.
+    /// Runs `work` as a phase that takes `units` of the announced units.
     pub(crate) fn phase<R>(&self, units: u64, work: impl FnOnce() -> R) -> Result<R, Cancelled> {
         self.check()?;
         self.end_of_phase.set(self.done.get() + units);
@@ -90,7 +93,7 @@ impl<'a> FitContext<'a> {
         Ok(out)
     }
 
-    /// One unit of a phase is done.
+    /// Counts one unit of the current phase as done.
     pub(crate) fn step(&self) -> Result<(), Cancelled> {
         let done = (self.done.get() + 1).min(self.end_of_phase.get());
         self.done.set(done);
@@ -111,7 +114,7 @@ impl<'a> FitContext<'a> {
     }
 }
 
-/// No listener, no cancellation.
+/// A context without a listener, which nobody cancels.
 impl Default for FitContext<'_> {
     fn default() -> Self {
         Self::new(&(), &NEVER)

@@ -1,4 +1,4 @@
-//! A line that damages, drops or doubles one byte of a hundred, both ways, from a seed.
+//! A serial line that damages, drops or doubles one byte of a hundred in both directions, at random from a seed.
 
 use std::io::{self, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -7,20 +7,20 @@ use std::time::Duration;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What has become of the bytes.
+/// Counts of the bytes that passed the line and of those that were changed.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Harm {
-    /// Bytes that went in, both ways.
+    /// Number of bytes that entered the line, in both directions.
     pub bytes: u64,
-    /// Came out as others.
+    /// Number of bytes that were changed to another value.
     pub damaged: u64,
-    /// Did not come out.
+    /// Number of bytes that were lost.
     pub dropped: u64,
-    /// Came out twice.
+    /// Number of bytes that were sent twice.
     pub doubled: u64,
 }
 
-/// The line.
+/// A bad line over a stream.
 #[derive(Debug)]
 pub struct BadLine {
     stream: UnixStream,
@@ -28,11 +28,11 @@ pub struct BadLine {
     harm: Harm,
 }
 
-/// Share of the bytes that something happens to.
+/// Share of the bytes that are damaged, dropped or doubled.
 const SHARE: f64 = 0.01;
 
 impl BadLine {
-    /// Over a good one; reading ends after `patience` at the latest.
+    /// Creates a bad line over a good stream; a read ends after `patience` at the latest.
     ///
     /// # Errors
     /// What the system says.
@@ -45,7 +45,7 @@ impl BadLine {
         })
     }
 
-    /// What has become of the bytes so far.
+    /// Returns the counts so far.
     pub fn harm(&self) -> Harm {
         self.harm
     }
@@ -73,7 +73,7 @@ impl BadLine {
         out
     }
 
-    /// Sends bytes, or what is left of them.
+    /// Sends bytes, some of them damaged, dropped or doubled.
     ///
     /// # Errors
     /// What the system says.
@@ -82,7 +82,7 @@ impl BadLine {
         self.stream.write_all(&bytes)
     }
 
-    /// What has come; nothing when nothing came in time.
+    /// Returns the bytes that have arrived; empty if none arrive in time.
     ///
     /// # Errors
     /// What the system says; `UnexpectedEof` when nobody is there any more.

@@ -1,4 +1,4 @@
-//! The demonstration with a device: models on an emulated co-processor, and the simulated arm under its commands.
+//! The demonstration with a device: an emulated co-processor runs models, and the simulated arm executes its commands.
 //!
 //! ```text
 //!  q, m ──> nominal chain ──────────────────────────────────────────> where the target should be
@@ -6,8 +6,8 @@
 //!    └──> device: corrected joints ─> the simulated arm ────────────> where it is then      calibrated error
 //! ```
 //!
-//! The simulated arm is the truth, without the tracker's noise; the model comes from noisy measurements of it. The
-//! nominal chain is the robot's description, with base and target from the base-tool calibration.
+//! The simulated arm is the ground truth, without the tracker's noise; the model is fitted to noisy measurements of it. The
+//! nominal chain is that of the robot's description, with base and target from the base-tool calibration.
 
 use std::error::Error;
 use std::io::Write;
@@ -33,17 +33,17 @@ use poegp_trainer::device::emulator::{Clock, Machine};
 use crate::device::Device;
 use crate::firmware_build::{Board, firmware_of};
 
-/// The demonstration takes a minute, on a busy machine several.
+/// Time limit of the demonstration, which takes a minute, or several minutes on a busy machine.
 const TIME_LIMIT: Duration = Duration::from_secs(3_600);
 
-/// Robot and payloads in kg: those of `trainer demo`.
+/// Robot and payloads in kg, the same as in `trainer demo`.
 const ROBOT: &str = "abb-irb4400-serial";
 const PAYLOADS: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 
-/// Errors of the arm's pose under all commands, in mm and mrad.
+/// Errors of the arm's pose over all commands, in mm and mrad.
 #[derive(Debug)]
 pub struct ArmErrors {
-    /// Whose commands these were.
+    /// Name of the source of the commands.
     pub name: &'static str,
     /// Position errors in mm.
     pub position_mm: Summary,
@@ -63,7 +63,7 @@ impl ArmErrors {
     }
 }
 
-/// Shows the demonstration on `out`. Returns the errors without a device, then those with each model.
+/// Runs the demonstration and writes its text to `out`. Returns the errors without a device, then those with each model.
 ///
 /// # Errors
 /// Anything that ends it early.
@@ -167,7 +167,7 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
     Ok(results)
 }
 
-/// Outcome of the commands under one model.
+/// Results of the commands with one model.
 struct Run {
     before: Vec<PoseError>,
     after: Vec<PoseError>,
@@ -175,7 +175,7 @@ struct Run {
     predicted: Summary,
     max_ticks: u32,
     flagged: usize,
-    /// Commands that the device corrected in part.
+    /// Number of commands that the device corrected only in part.
     partly: usize,
 }
 
@@ -220,7 +220,7 @@ fn run_one(
     })
 }
 
-/// The nominal chain of a blob, base to target.
+/// Returns the nominal chain of a blob, from base to target.
 fn nominal(loaded: &BlobModel) -> Result<Poe<f64>, Box<dyn Error>> {
     let blob = loaded.blob();
     let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();

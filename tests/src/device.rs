@@ -1,4 +1,4 @@
-//! A device to test: an emulated board and the trainer's client of its link.
+//! A device under test: an emulated board and the trainer's client of its link.
 
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
@@ -13,11 +13,12 @@ use poegp_trainer::device::client::{Client, Options};
 use poegp_trainer::device::emulator::{Clock, Emulator, EmulatorError, Machine};
 use poegp_trainer::device::error::ClientError;
 
-/// No machine of a test runs longer.
+/// Time limit of an emulated machine.
 const TIME_LIMIT: Duration = Duration::from_secs(300);
 
-/// An answer takes milliseconds; a loaded machine may take long to get to it. There, a watchdog in real time may restart
-/// the device during an upload; where time counts instructions, it may not.
+/// Returns the options of the client. An answer takes milliseconds, but a loaded workstation may answer late. With a clock
+/// in real time the watchdog may then restart the device during an upload, so uploads are repeated; with a clock that counts
+/// instructions that cannot happen.
 fn options(clock: Clock) -> Options {
     Options {
         timeout: Duration::from_secs(10),
@@ -32,24 +33,24 @@ fn options(clock: Clock) -> Options {
     }
 }
 
-/// Why there is no answer.
+/// Why a device gave no answer.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
-    /// There is no image.
+    /// The image could not be built.
     #[error(transparent)]
     Firmware(#[from] FirmwareError),
-    /// There is no machine.
+    /// The emulated machine could not be started.
     #[error(transparent)]
     Emulator(#[from] EmulatorError),
-    /// The device will not.
+    /// The device refused the request.
     #[error("the device refused: {0:?}")]
     Refused(Refusal),
-    /// Anything else; the link ends when the machine stops, or when its time is up.
+    /// The link failed; it ends when the machine stops or its time is up.
     #[error("{error}; {complaints}")]
     Link {
-        /// What went wrong.
+        /// The error of the client.
         error: ClientError,
-        /// What QEMU says.
+        /// Messages of QEMU.
         complaints: String,
     },
 }
@@ -62,7 +63,7 @@ pub struct Device {
 }
 
 impl Device {
-    /// Builds the firmware if need be and switches a device on.
+    /// Builds the firmware if necessary and switches a device on.
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -76,7 +77,7 @@ impl Device {
         })
     }
 
-    /// Switches on a machine of one's own making.
+    /// Switches on a device on the given machine.
     ///
     /// # Errors
     /// [`DeviceError::Emulator`].
@@ -84,7 +85,7 @@ impl Device {
         Self::watched(machine, &[])
     }
 
-    /// A machine with a time limit of its own.
+    /// Switches on a device on the given machine, with its own time limit.
     ///
     /// # Errors
     /// [`DeviceError::Emulator`].
@@ -92,7 +93,7 @@ impl Device {
         Self::over(Emulator::start(machine, time_limit)?, machine.clock)
     }
 
-    /// A machine with further arguments for QEMU.
+    /// Switches on a device on the given machine, with further arguments for QEMU.
     ///
     /// # Errors
     /// [`DeviceError::Emulator`].
@@ -108,17 +109,17 @@ impl Device {
         Ok(Self { emulator, client })
     }
 
-    /// The machine and the client apart, for a test that switches one off under the other.
+    /// Separates the machine and the client, for a test that switches the machine off while the client is in use.
     pub fn into_parts(self) -> (Emulator, Client) {
         (self.emulator, self.client)
     }
 
-    /// The machine.
+    /// Returns the emulated machine.
     pub fn emulator(&self) -> &Emulator {
         &self.emulator
     }
 
-    /// The client.
+    /// Returns the client.
     pub fn client(&mut self) -> &mut Client {
         &mut self.client
     }
@@ -133,7 +134,7 @@ impl Device {
         }
     }
 
-    /// Sends bytes as they are.
+    /// Sends raw bytes.
     ///
     /// # Errors
     /// [`DeviceError::Link`].
@@ -142,7 +143,7 @@ impl Device {
         sent.map_err(|error| self.failed(error))
     }
 
-    /// The next intact answer and its sequence number, or `None` when none comes in time.
+    /// Returns the next intact answer and its sequence number, or `None` if none arrives in time.
     ///
     /// # Errors
     /// [`DeviceError::Link`].
@@ -151,12 +152,12 @@ impl Device {
         received.map_err(|error| self.failed(error))
     }
 
-    /// The frame of a request, its final zero included, under the next sequence number.
+    /// Returns the frame of a request with the next sequence number, including its final zero.
     pub fn frame(&mut self, request: &Request<'_>) -> (u16, Vec<u8>) {
         self.client.frame(request)
     }
 
-    /// Asks, and asks again when the answer does not come.
+    /// Sends a request, and repeats it if no answer arrives.
     ///
     /// # Errors
     /// [`DeviceError`]; a refusal is an answer.
@@ -165,7 +166,7 @@ impl Device {
         answered.map_err(|error| self.failed(error))
     }
 
-    /// Who the device is.
+    /// Asks the device for its identity.
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -177,7 +178,7 @@ impl Device {
     /// Sends a blob in pieces, has it verified and written, and makes it the active model.
     ///
     /// # Errors
-    /// [`DeviceError`]; after [`DeviceError::Refused`] the active model is what it was.
+    /// [`DeviceError`]; after [`DeviceError::Refused`] the active model is unchanged.
     pub fn load(&mut self, blob: &[u8]) -> Result<Identity, DeviceError> {
         let loaded = self
             .allow(blob)
@@ -187,7 +188,7 @@ impl Device {
             .map_err(|error| self.failed(error))
     }
 
-    /// Allows any model, whatever time it takes.
+    /// Provisions cycle settings that allow any model, however long it takes.
     ///
     /// # Errors
     /// [`ClientError`].
@@ -200,7 +201,7 @@ impl Device {
         self.client.provision_cycle(&settings).map(|_| ())
     }
 
-    /// The same for a model that takes longer than is allowed: most tests ask for bits.
+    /// Allows any time if the model in `blob` takes longer than the device allows; most tests compare bits, not time.
     fn allow(&mut self, blob: &[u8]) -> Result<(), ClientError> {
         let mut model = Box::new(Model400::new());
         let size = model.load(blob).ok().and_then(|()| model.size());
@@ -211,7 +212,7 @@ impl Device {
         self.allow_any_time()
     }
 
-    /// T_gp(q, m)·f(q).
+    /// Asks the device for the corrected pose T_gp(q, m)·f(q).
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -220,7 +221,7 @@ impl Device {
         evaluation.map_err(|error| self.failed(error))
     }
 
-    /// The corrected command.
+    /// Asks the device for the corrected command.
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -229,7 +230,7 @@ impl Device {
         corrected.map_err(|error| self.failed(error))
     }
 
-    /// The command of a cycle, corrected without a step.
+    /// Sends the command of a cycle; the device corrects it without a step.
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -238,7 +239,7 @@ impl Device {
         commanded.map_err(|error| self.failed(error))
     }
 
-    /// [`Device::evaluate`] with intermediate results.
+    /// Evaluates as [`Device::evaluate`] does, and returns the intermediate results, too.
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -247,7 +248,7 @@ impl Device {
         trace.map_err(|error| self.failed(error))
     }
 
-    /// What the device has counted.
+    /// Asks the device for its statistics.
     ///
     /// # Errors
     /// [`DeviceError`].

@@ -1,8 +1,8 @@
-//! Every instruction that a device executes between two moments, as QEMU tells it.
+//! Records every instruction that a device executes between two moments, with QEMU.
 //!
-//! The image that is measured is the one that ships: nothing in it knows that it is watched. QEMU translates one
-//! instruction at a time, which costs it speed and the machine nothing, and writes down where it is while a recording
-//! lasts (`log exec,nochain` in its monitor).
+//! The measured image is the one that ships; it contains no instrumentation. QEMU translates one instruction at a time,
+//! which slows QEMU but does not change the emulated machine, and logs every address during a recording (`log exec,nochain`
+//! in its monitor).
 
 use std::fs;
 use std::io::{self, Read, Write};
@@ -17,32 +17,32 @@ use poegp_trainer::device::emulator::{Clock, Machine};
 
 use crate::device::{Device, DeviceError};
 
-/// QEMU opens its monitor at once; a loaded machine may take long to get to it.
+/// Time limit for QEMU's monitor, which opens at once unless the workstation is loaded.
 const PATIENCE: Duration = Duration::from_secs(60);
 const PROMPT: &[u8] = b"(qemu) ";
 
-/// The monitor of a machine.
+/// A recorder that controls the monitor of an emulated machine.
 #[derive(Debug)]
 pub struct Recorder {
     monitor: UnixStream,
     folder: tempfile::TempDir,
 }
 
-/// Why nothing was recorded.
+/// Why a recording failed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// There is no device.
+    /// The device could not be started.
     #[error(transparent)]
     Device(#[from] DeviceError),
-    /// The monitor or the log.
+    /// The monitor or the log could not be used.
     #[error("QEMU's monitor or log: {0}")]
     System(#[from] io::Error),
-    /// A line of the log.
+    /// A line of the log has an unknown format.
     #[error("QEMU's log has another format: {0:?}")]
     Format(String),
 }
 
-/// QEMU's way to say "one instruction at a time", which changed in version 8.1.
+/// Returns QEMU's option for "one instruction at a time", which changed in version 8.1.
 fn one_at_a_time() -> io::Result<&'static [&'static str]> {
     let help = Command::new("qemu-system-arm").arg("--help").output()?;
     let help = String::from_utf8_lossy(&help.stdout).into_owned();
@@ -54,7 +54,7 @@ fn one_at_a_time() -> io::Result<&'static [&'static str]> {
 }
 
 impl Recorder {
-    /// A device of the usual board that is watched, with time that counts instructions.
+    /// Starts a device of the default board, with a recorder and a clock that counts instructions.
     ///
     /// # Errors
     /// [`RecordError`].
@@ -109,7 +109,7 @@ impl Recorder {
         self.wait()
     }
 
-    /// Addresses of all instructions that are executed while `work` is done, in their order.
+    /// Runs `work` and returns the addresses of all instructions that are executed meanwhile, in order.
     ///
     /// # Errors
     /// [`RecordError`].
@@ -133,7 +133,7 @@ impl Recorder {
             if line.starts_with("Trace ") {
                 addresses.push(address().ok_or_else(bad)?);
             } else if line.starts_with("Stopped execution of TB chain before ") {
-                // It was announced and not executed; it comes again.
+                // The instruction was announced but not executed; it is announced again later.
                 if addresses.last() == Some(&address().ok_or_else(bad)?) {
                     addresses.pop();
                 }

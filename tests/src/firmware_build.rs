@@ -1,17 +1,17 @@
 //! Builds the device image with an installed compiler, once for each program and board.
 //!
-//! Two ways lead to an image, and both give the same bits:
+//! There are two ways to build an image, and both give the same bits:
 //!
 //! | way | needs | searched |
 //! |---|---|---|
 //! | prebuilt | a toolchain with the target's `core`: `rustup target add thumbv7em-none-eabihf` | first |
 //! | build-std | a compiler with its library's source and `ld.lld`: Debian's `rustc-web cargo-web rust-web-src lld` | then |
 //!
-//! `POEGP_TOOLCHAIN=prebuilt` or `build-std` asks for one of them. The nested cargo gets none of the outer one's
-//! settings: flags for coverage or another processor must not reach the device.
+//! `POEGP_TOOLCHAIN=prebuilt` or `build-std` selects one of them. The nested cargo gets no settings of the outer one: flags
+//! for coverage or another processor must not reach the device.
 //!
 //! The image does not depend on where it was built: the folders of the sources, of the crates and of the build have
-//! fixed names in it (`tests/tests/device/reproducible.rs` compares two).
+//! fixed names in it (`tests/tests/device/reproducible.rs` compares two images).
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -21,14 +21,14 @@ use std::{env, fs};
 
 pub use poegp_trainer::device::board::Board;
 
-/// The target of the default board, and of every Cortex-M4F and M7.
+/// Target triple of the default board, and of every Cortex-M4F and M7.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
-/// Variable that asks for one of the toolchains.
+/// Environment variable that selects one of the toolchains.
 pub const TOOLCHAIN_VARIABLE: &str = "POEGP_TOOLCHAIN";
 const PACKAGE: &str = "poegp-firmware";
 const PROFILE: &str = "firmware";
 
-/// The target of a board.
+/// Returns the target triple of a board.
 pub const fn target_of(board: Board) -> &'static str {
     match board {
         Board::Mps2An386 | Board::Mps2An500 | Board::Stm32F405 => TARGET,
@@ -36,8 +36,9 @@ pub const fn target_of(board: Board) -> &'static str {
     }
 }
 
-/// Flags of the compiler for a board. It is not told that a Cortex-M55 has Helium: vectors that it made would take denormal numbers
-/// for zero (`docs/decisions/arithmetic.md`), and its scalar code for that processor takes a tenth more instructions.
+/// Returns the compiler flags for a board. The compiler does not learn that a Cortex-M55 has Helium, because its vector code
+/// would flush denormal numbers to zero (`docs/decisions/arithmetic.md`), and its scalar code for that processor takes a
+/// tenth more instructions.
 fn flags(board: Board) -> Vec<String> {
     let cpu = match board {
         Board::Mps3An547 => None,
@@ -47,24 +48,25 @@ fn flags(board: Board) -> Vec<String> {
     flag.into_iter().flatten().collect()
 }
 
-/// What distinguishes images of one board.
+/// The variants of the image of a board.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Variant {
-    /// The product.
+    /// The image that ships.
     #[default]
     Product,
-    /// The innermost loops from portable source instead of assembly for a Cortex-M4F; the same bits.
+    /// The innermost loops are compiled from portable source instead of assembly for a Cortex-M4F; the results are
+    /// bit-identical.
     PortableKernels,
-    /// With faults that a test asks for.
+    /// The image contains planted faults that a test can request.
     PlantedFaults,
-    /// Takes the clock to be right: QEMU has no clock tree of the STM32F405.
+    /// The image assumes that the clock is right, because QEMU does not emulate the clock tree of the STM32F405.
     StatedClock,
-    /// The link of the STM32F405 over SPI.
+    /// The link of the STM32F405 runs over SPI.
     SpiLink,
 }
 
 impl Variant {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 5] = [
         Self::Product,
         Self::PortableKernels,
@@ -73,7 +75,7 @@ impl Variant {
         Self::SpiLink,
     ];
 
-    /// The firmware's feature.
+    /// Returns the firmware's cargo feature for this variant, if it has one.
     fn feature(self) -> Option<&'static str> {
         match self {
             Self::Product => None,
@@ -85,7 +87,7 @@ impl Variant {
     }
 }
 
-/// The root of the workspace.
+/// Returns the root of the workspace.
 fn workspace() -> &'static Path {
     let package = Path::new(env!("CARGO_MANIFEST_DIR"));
     package.parent().unwrap_or(package)
@@ -96,12 +98,12 @@ fn workspace() -> &'static Path {
 pub enum Toolchain {
     /// The `core` of the target is installed.
     Prebuilt {
-        /// Its compiler.
+    /// Path of the compiler.
         rustc: PathBuf,
     },
     /// `core` is built from source.
     BuildStd {
-        /// Its compiler.
+    /// Path of the compiler.
         rustc: PathBuf,
     },
 }
@@ -115,16 +117,16 @@ impl fmt::Display for Toolchain {
     }
 }
 
-/// The device image.
+/// A built device image.
 #[derive(Clone, Debug)]
 pub struct Firmware {
     /// The ELF file.
     pub elf: PathBuf,
-    /// What built it.
+    /// The toolchain that built it.
     pub toolchain: Toolchain,
 }
 
-/// Each image has its own build folder.
+/// Returns the name of the build folder; each image has its own.
 fn folder(board: Board, variant: Variant, toolchain: &Toolchain) -> String {
     let way = match toolchain {
         Toolchain::Prebuilt { .. } => "device",
@@ -143,7 +145,7 @@ fn folder(board: Board, variant: Variant, toolchain: &Toolchain) -> String {
     }
 }
 
-/// Why there is no image.
+/// Why an image could not be built.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum FirmwareError {
     /// No compiler can build for the device.
@@ -153,25 +155,25 @@ pub enum FirmwareError {
         .asked.as_ref().map(|way| format!(" ({TOOLCHAIN_VARIABLE}={way})")).unwrap_or_default()
     )]
     NoToolchain {
-        /// The target.
+        /// The target triple.
         target: &'static str,
-        /// The way that was asked for.
+        /// The toolchain that was requested.
         asked: Option<String>,
     },
-    /// The variable has another value.
+    /// [`TOOLCHAIN_VARIABLE`] has an unknown value.
     #[error("{TOOLCHAIN_VARIABLE} is {0:?}; it can be `prebuilt` or `build-std`")]
     UnknownToolchain(String),
     /// The build failed.
     #[error("the firmware does not build with {toolchain}:\n{output}")]
     Build {
-        /// What was used.
+        /// The toolchain that was used.
         toolchain: String,
         /// Output of cargo.
         output: String,
     },
 }
 
-/// The image of a board, built at the first call. Programs that run at the same time wait for one another in cargo.
+/// Returns the image of a board, built at the first call. Programs that run at the same time wait for one another in cargo.
 ///
 /// # Errors
 /// [`FirmwareError`].
@@ -179,7 +181,7 @@ pub fn firmware_of(board: Board) -> Result<&'static Firmware, FirmwareError> {
     firmware_with(board, Variant::default())
 }
 
-/// The image of a board in one of its variants.
+/// Returns one variant of the image of a board.
 ///
 /// # Errors
 /// [`FirmwareError`].
@@ -198,7 +200,7 @@ pub fn firmware_with(board: Board, variant: Variant) -> Result<&'static Firmware
         .map_err(Clone::clone)
 }
 
-/// The image of the default board.
+/// Returns the image of the default board.
 ///
 /// # Errors
 /// [`FirmwareError`].
@@ -206,7 +208,7 @@ pub fn firmware() -> Result<&'static Firmware, FirmwareError> {
     firmware_of(Board::default())
 }
 
-/// The image of a board from a copy of the sources in `source`, built below `target`, which may be new.
+/// Builds the image of a board from a copy of the sources in `source`, in a folder below `target`, which need not exist.
 ///
 /// # Errors
 /// [`FirmwareError`].
@@ -230,7 +232,7 @@ fn find_toolchain(target: &'static str) -> Result<Toolchain, FirmwareError> {
     found.ok_or(FirmwareError::NoToolchain { target, asked })
 }
 
-/// Compilers to try: what the user calls `rustc`, then the distribution's.
+/// Compilers to try: the user's `rustc`, then the distribution's.
 const COMPILERS: [&str; 2] = ["rustc", "/usr/bin/rustc"];
 
 fn prebuilt(target: &str) -> Option<Toolchain> {
@@ -247,7 +249,7 @@ fn prebuilt(target: &str) -> Option<Toolchain> {
 }
 
 fn build_std() -> Option<Toolchain> {
-    // Without rustup's linker in its sysroot the compiler needs this one.
+    // The compiler has no linker of rustup in its sysroot, so it needs this one.
     succeeds(Command::new("ld.lld").arg("--version"))?;
     COMPILERS.iter().find_map(|rustc| {
         let sysroot = printed(rustc, &["--print", "sysroot"])?;
@@ -272,7 +274,7 @@ fn printed(program: &str, arguments: &[&str]) -> Option<String> {
     Some(String::from_utf8(output.stdout).ok()?.trim().to_owned())
 }
 
-/// Takes away what the outer cargo or its caller has set.
+/// Removes the environment variables that the outer cargo or its caller has set.
 fn clean(command: &mut Command) -> &mut Command {
     const PREFIXES: [&str; 5] = [
         "CARGO_TARGET_",
@@ -291,15 +293,15 @@ fn clean(command: &mut Command) -> &mut Command {
     command.current_dir(workspace())
 }
 
-/// What the compiler calls the folders of this machine, so that nothing of them is in the image. Of two that fit a path
-/// the compiler takes the last.
+/// Returns the names by which the compiler replaces folders of this machine, so that the image does not contain their paths.
+/// If two entries match a path, the compiler uses the last.
 fn renamed_folders(source: &Path, target: &Path, rustc: &Path) -> Vec<(PathBuf, &'static str)> {
     let mut renamed = vec![(source.to_owned(), "/poegp")];
     let cargo = env::var_os("CARGO_HOME")
         .map(PathBuf::from)
         .or_else(|| env::home_dir().map(|home| home.join(".cargo")));
     if let Some(cargo) = cargo {
-        // The folder below is named after the registry's address, and that may be a mirror.
+        // The folder of a registry is named after its address, which may be that of a mirror.
         let registries = fs::read_dir(cargo.join("registry/src"));
         let mut folders: Vec<_> = registries
             .into_iter()
@@ -343,15 +345,15 @@ fn build(
         .args(["build", "--locked", "--package", PACKAGE])
         .args(["--profile", PROFILE, "--target", triple])
         .args(["--no-default-features", "--features", board.name()])
-        // Here, so that no configuration file of the workspace is needed.
+        // Flags are passed as an argument so that the workspace needs no configuration file.
         .arg("--config")
-        // A list of strings is written alike in Rust and in TOML. Without quotes, also where the name has a dot: cargo looks for
-        // tables in tables, and would ignore the flags without a word.
+        // A list of strings is written the same way in Rust and in TOML. The triple is not quoted, even if it has a dot:
+        // cargo looks for tables in tables, and would silently ignore the flags.
         .arg(format!("target.{triple}.rustflags={flags:?}"))
         .arg("--target-dir")
         .arg(&directory)
         .env("RUSTC", rustc)
-        // Without this, defmt compiles in nothing but errors.
+        // Without this variable, defmt compiles in only errors.
         .env("DEFMT_LOG", "info");
     if let Some(feature) = variant.feature() {
         command.args(["--features", feature]);

@@ -1,4 +1,4 @@
-//! What is in a device image: how much memory it takes, and which functions can panic.
+//! The contents of a device image: the memory that it takes, and the functions that can panic.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use object::elf::SHF_ALLOC;
 use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind};
 use poegp_protocol::blob::CRC;
 
-/// First address of RAM; everything below is flash.
+/// First address of RAM; all lower addresses are flash.
 const RAM: u64 = 0x2000_0000;
 
 /// A device image.
@@ -15,22 +15,22 @@ const RAM: u64 = 0x2000_0000;
 pub struct Image {
     /// Bytes of flash: vectors, code, constants and initial values.
     pub flash: u64,
-    /// Bytes of RAM that are always taken: initialised and zeroed variables. The stack is not among them.
+    /// Bytes of RAM that are always in use: initialised and zeroed variables, without the stack.
     pub static_ram: u64,
-    /// CRC-32C of vectors, code, constants and initial values, as the device computes it of its flash.
+    /// CRC-32C of vectors, code, constants and initial values, as the device computes it from its flash.
     pub crc: u32,
-    /// Every function, sorted by address.
+    /// All functions, sorted by address.
     pub functions: Vec<Function>,
 }
 
-/// One function.
+/// A function of an image.
 #[derive(Clone, Debug)]
 pub struct Function {
-    /// Its mangled name.
+    /// Mangled name.
     pub name: String,
-    /// Its size in bytes.
+    /// Size in bytes.
     pub size: u64,
-    /// Where it begins.
+    /// Address of its first instruction.
     pub address: u64,
     calls: Vec<u64>,
 }
@@ -38,10 +38,10 @@ pub struct Function {
 /// Why an image cannot be read.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// The file.
+    /// The file cannot be read.
     #[error("cannot read the image: {0}")]
     File(#[from] std::io::Error),
-    /// Its contents.
+    /// The file is not an ELF file.
     #[error("not an ELF file: {0}")]
     Elf(#[from] object::Error),
 }
@@ -65,7 +65,7 @@ impl Image {
                 continue;
             }
             let stored = section.kind() != SectionKind::UninitializedData;
-            // Initial values lie in flash and are copied to RAM.
+            // Initial values are stored in flash and copied to RAM.
             flash += if stored { section.size() } else { 0 };
             if stored {
                 crc.update(section.data()?);
@@ -101,7 +101,7 @@ impl Image {
         })
     }
 
-    /// Names of the functions that contain one of `parts`.
+    /// Returns the names of the functions whose name contains one of `parts`.
     pub fn named(&self, parts: &[&str]) -> Vec<&str> {
         let names = self.functions.iter().map(|function| &*function.name);
         names
@@ -109,7 +109,7 @@ impl Image {
             .collect()
     }
 
-    /// Pairs (caller, callee) of direct calls to functions whose name contains `part`.
+    /// Returns the pairs (caller, callee) of direct calls to functions whose name contains `part`.
     pub fn callers(&self, part: &str) -> Vec<(&str, &str)> {
         let mut pairs = Vec::new();
         for callee in self
@@ -127,7 +127,7 @@ impl Image {
     }
 }
 
-/// Targets of the BL and B.W instructions (encodings T1 and T4, ARMv7-M ARM A7.7.18 and A7.7.12) in a function.
+/// Returns the targets of the BL and B.W instructions (encodings T1 and T4, ARMv7-M ARM A7.7.18 and A7.7.12) in a function.
 fn calls((base, text): (u64, &[u8]), address: u64, size: u64) -> Vec<u64> {
     let Some(start) = address.checked_sub(base) else {
         return Vec::new();

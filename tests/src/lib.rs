@@ -1,4 +1,4 @@
-//! What tests need that span more than one crate: the device image, the machine it runs on, and arms to run.
+//! Helpers for tests that span more than one crate: the device image, the machine that runs it, and sample arms.
 //!
 //! ```text
 //!  firmware ──> ELF ──> emulator ══ link ══> device ──┐
@@ -9,7 +9,7 @@
 //!     └──> fuzzing ──> everything that reads
 //! ```
 //!
-//! Nothing here is skipped when a tool is missing: the tests fail, and the message names the remedy.
+//! No test is skipped when a tool is missing: it fails, and the message names the remedy.
 #![deny(unsafe_code)]
 
 pub mod bad_line;
@@ -29,7 +29,7 @@ use std::path::Path;
 
 pub use poegp_trainer::device::{defmt_log as log, emulator};
 
-/// The root of the workspace.
+/// Returns the root of the workspace.
 ///
 /// # Panics
 /// When this package was moved out of it.

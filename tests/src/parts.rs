@@ -1,9 +1,10 @@
-//! What an evaluation spends its instructions on, from a recording of a device and the debug information of its image.
+//! The parts of the runtime on which an evaluation spends its instructions, from a recording of a device and the debug
+//! information of its image.
 //!
-//! Most of the runtime is inlined into two functions, so symbols alone say little. For every address `addr2line` has the
-//! chain of functions that were inlined there; the innermost that `RULES` know decides which part it belongs to. What
-//! they do not know, like a product of rotations, belongs to the part that uses it, and what was called to the part that
-//! called. A new file of the runtime needs a line in `RULES` and nothing else; without one it is shown under its name.
+//! Most of the runtime is inlined into two functions, so symbols alone say little. For every address, `addr2line` returns
+//! the chain of functions that were inlined at it; the innermost function that `RULES` contain determines the part. Code
+//! that no rule covers, such as a product of rotations, counts for the part that uses it, and a called function counts for
+//! the part of its caller. A new file of the runtime needs only a line in `RULES`; without one it is shown under its name.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -15,7 +16,7 @@ use crate::image::{Image, ImageError};
 
 const PROGRAM: &str = "arm-none-eabi-addr2line";
 
-/// Part, end of the file's path, part of the function's name. The first that fits counts.
+/// Rules: name of the part, end of the file's path, substring of the function's name. The first rule that matches applies.
 const RULES: [(&str, &str, &str); 34] = [
     ("sines and cosines", "math/scalar.rs", "sin_cos"),
     (
@@ -57,39 +58,39 @@ const RULES: [(&str, &str, &str); 34] = [
     ("checks of the input, status", "model/task_space.rs", ""),
 ];
 
-/// Functions of the compiler's library.
+/// Part of the functions of the compiler's library that copy and clear memory.
 const COPYING: &str = "copying and clearing";
 const LIBRARY: [&str; 3] = ["memcpy", "memset", "memclr"];
 const INTERRUPTS: &str = "interrupts";
 
-/// Instructions of each part.
+/// Number of instructions of each part.
 #[derive(Clone, Debug, Default)]
 pub struct Parts {
-    /// In the order in which they were met first.
+    /// Parts with their number of instructions, in the order of their first occurrence.
     pub counts: Vec<(String, usize)>,
 }
 
 /// Why a recording cannot be attributed.
 #[derive(Debug, thiserror::Error)]
 pub enum PartsError {
-    /// The image.
+    /// The image cannot be read.
     #[error(transparent)]
     Image(#[from] ImageError),
-    /// The program that reads debug information.
+    /// The program that reads debug information failed.
     #[error("{PROGRAM}: {0}\nhelp: apt-get install binutils-arm-none-eabi")]
     Program(#[from] io::Error),
-    /// The function does not occur.
+    /// The function does not occur in the recording.
     #[error("no function that contains {0:?} was executed from its beginning to its end")]
     NotThere(String),
 }
 
 impl Parts {
-    /// Instructions of all parts.
+    /// Returns the number of instructions of all parts.
     pub fn whole(&self) -> usize {
         self.counts.iter().map(|(_, count)| count).sum()
     }
 
-    /// Instructions of one part; 0 when it does not occur.
+    /// Returns the number of instructions of one part; 0 if it does not occur.
     pub fn count(&self, part: &str) -> usize {
         let found = self.counts.iter().find(|(name, _)| name == part);
         found.map_or(0, |(_, count)| *count)
@@ -102,8 +103,8 @@ impl Parts {
         }
     }
 
-    /// Counts the instructions of the last execution of the function whose mangled name contains all of `function`,
-    /// everything that it calls included.
+    /// Counts the instructions of the last execution of the function whose mangled name contains all strings of `function`,
+    /// including everything that it calls.
     ///
     /// # Errors
     /// [`PartsError`].
@@ -175,7 +176,7 @@ impl Parts {
     }
 }
 
-/// Whether `address` follows a call at `from`, which has two or four bytes.
+/// Returns whether `address` follows a call at `from`, which has two or four bytes.
 fn returns_to(address: u32, from: u32) -> bool {
     is_next(address, from)
 }
@@ -184,7 +185,7 @@ fn is_next(address: u32, before: u32) -> bool {
     address == before + 2 || address == before + 4
 }
 
-/// Which part every address belongs to by itself.
+/// The part of every address according to `RULES` alone.
 struct Places(HashMap<u32, Option<String>>);
 
 impl Places {
@@ -226,7 +227,7 @@ impl Places {
     }
 }
 
-/// Files of the runtime that serve others: the part is that of their user.
+/// Utility files of the runtime: their instructions count for the part that uses them.
 const SERVING: [&str; 5] = [
     "scalar.rs",
     "se3.rs",
@@ -251,7 +252,7 @@ fn rule(name: &str, path: &str) -> Option<String> {
 mod tests {
     use super::*;
 
-    /// A file that was renamed would be shown under its name, and its part would shrink.
+    /// If a file were renamed without its rule, it would be shown under its name, and its part would shrink.
     #[test]
     fn every_rule_names_a_file_of_the_runtime() {
         let runtime = Path::new(env!("CARGO_MANIFEST_DIR")).join("../runtime/src");

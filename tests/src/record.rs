@@ -1,12 +1,12 @@
-//! The device's figures that documents quote: the table "Record" of `docs/evidence/performance.md`.
+//! Checks the device's figures that documents quote: the table "Record" of `docs/evidence/performance.md`.
 
 use std::fs;
 
 use crate::firmware_build::{Toolchain, firmware};
 use crate::workspace;
 
-/// Compares a measured figure with its row of the record. Another compiler makes other code of the same source: 2 % with
-/// the prebuilt `core`, 15 % otherwise.
+/// Compares a measured figure with its row of the record. Compilers generate different code from the same source, so the
+/// tolerance is 2 % with the prebuilt `core` and 15 % otherwise.
 ///
 /// # Panics
 /// When the record has no such row, or another number.

@@ -1,8 +1,8 @@
-//! Arms that never were: plausible chains with random corrections, from a seed.
+//! Synthetic arms: plausible chains with random corrections, from a seed.
 //!
-//! The chain is that of a six-axis arm of 2 m reach (frames in the manner of an ABB IRB 4400, modified
-//! Denavit–Hartenberg), calibrated by a few millimetres. The correction has random inducing points and weights, so that
-//! every bit of the arithmetic is exercised without a calibration.
+//! The chain is that of a six-axis arm of 2 m reach (frames similar to those of an ABB IRB 4400, modified
+//! Denavit–Hartenberg), with calibrated frames that differ by a few millimetres. The correction has random inducing points
+//! and weights, so that every bit of the arithmetic is exercised without a calibration.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -28,55 +28,55 @@ mod elastic;
 
 pub use elastic::Elastic;
 
-/// Joints of the usual arm, and of every arm with a task-space correction.
+/// Number of joints of the usual arm, and of every arm with a task-space correction.
 pub const JOINTS: usize = 6;
-/// Inputs of its correction: the joints and the payload.
+/// Number of inputs of the task-space correction: the joints and the payload.
 pub const INPUTS: usize = JOINTS + 1;
-/// Joints of the longest arm here.
+/// Number of joints of the longest sample arm.
 const MAX_SAMPLE_JOINTS: usize = MAX_JOINTS;
 
-/// Lengths of its texts: robot name, serial number, model, trainer version, date.
+/// Lengths of the texts in a sample's blob: robot name, serial number, model, trainer version, date.
 pub const TEXTS: [usize; 5] = [15, 9, 6, 5, 10];
 
-/// The warnings in its blobs.
+/// Returns the warnings in the blobs of samples.
 pub fn warnings() -> Causes {
     [Cause::Still, Cause::Unit].into_iter().collect()
 }
 
-/// What arm to make.
+/// The description of a sample arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sample {
-    /// Decides every random number.
+    /// Seed of all random numbers.
     pub seed: u64,
     /// The correction.
     pub correction: SampleCorrection,
-    /// Joints, one to eight; at least three when one slides or is coupled.
+    /// Number of joints, one to eight; at least three if a joint slides or is coupled.
     pub joints: usize,
     /// Whether q3 of the serial chain is q3 − q2 of the controller, as in a parallelogram arm.
     pub coupled: bool,
-    /// How many joints slide instead of turning: joints 3, 1 and 2 first, then 4, 5, ….
+    /// Number of joints that slide instead of turning: joints 3, 1 and 2 first, then 4, 5, ….
     pub sliding: usize,
-    /// Landmarks of the variance of a correction in task space; 0 for none.
+    /// Number of variance landmarks of a task-space correction; 0 for none.
     pub landmarks: usize,
 }
 
-/// Inducing points of the correction.
+/// The correction of a sample arm, with its number of inducing points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleCorrection {
     /// No correction.
     None,
-    /// So many, one set of hyperparameters, in the difference form.
+    /// A task-space correction with one set of hyperparameters, in the difference form.
     Shared(usize),
-    /// The same mean in the folded form.
+    /// The same mean as [`SampleCorrection::Shared`], in the folded form.
     Folded(usize),
-    /// So many, hyperparameters for each output.
+    /// A task-space correction with hyperparameters for each output.
     PerOutput(usize),
-    /// In joint space.
+    /// An elastic correction, in joint space.
     Elastic(Elastic),
 }
 
 impl Sample {
-    /// A six-axis arm with revolute joints and no coupling.
+    /// Creates a six-axis arm with revolute joints and no coupling.
     pub const fn plain(seed: u64, correction: SampleCorrection) -> Self {
         Self {
             seed,
@@ -94,7 +94,7 @@ impl Sample {
         generator
     }
 
-    /// Trained range of a joint in rad or m.
+    /// Returns the trained range of a joint, in rad or m.
     fn range(&self, joint: usize) -> (f32, f32) {
         if self.kind(joint) == JointKind::Prismatic {
             return (0.0, 0.8);
@@ -120,7 +120,7 @@ impl Sample {
         }
     }
 
-    /// Inducing points.
+    /// Returns the number of inducing points.
     pub fn points(&self) -> usize {
         match self.correction {
             SampleCorrection::None => 0,
@@ -131,7 +131,7 @@ impl Sample {
         }
     }
 
-    /// Bytes of its rows of inducing points.
+    /// Returns the number of bytes of the rows of inducing points.
     fn row_bytes(&self) -> usize {
         4 * match self.correction {
             SampleCorrection::Elastic(elastic) => elastic.row_words(self.joints),
@@ -139,7 +139,7 @@ impl Sample {
         }
     }
 
-    /// Bytes of its landmarks.
+    /// Returns the number of bytes of the landmarks.
     fn landmark_bytes(&self) -> usize {
         match self.correction {
             SampleCorrection::Elastic(elastic) => (0..elastic.landmarks)
@@ -149,7 +149,7 @@ impl Sample {
         }
     }
 
-    /// The blob.
+    /// Creates the blob of the arm.
     ///
     /// # Panics
     /// With more inducing points than a blob can describe.
@@ -251,15 +251,15 @@ impl Sample {
             .to_vec()
     }
 
-    /// The sizes of its model.
+    /// Returns the sizes of the arm's model.
     ///
     /// # Panics
-    /// When it is none.
+    /// When the blob is not a usable model.
     pub fn size(&self) -> ModelSize {
         size_of(&self.blob())
     }
 
-    /// A task-space correction with `count` inducing points, whose bytes go to `rows`.
+    /// Creates a task-space correction with `count` inducing points and writes the bytes of their rows to `rows`.
     fn task_space<'a>(
         &self,
         generator: &mut ChaCha8Rng,
@@ -288,7 +288,7 @@ impl Sample {
                 rows.extend(u.to_le_bytes());
             }
             for output in 0..OUTPUTS {
-                // Millimetres and milliradians: now and then more than the bound allows.
+                // Millimetres and milliradians, so that the sum sometimes exceeds the correction limit.
                 let size: f32 = if output < 3 { 2e-3 } else { 1e-3 };
                 rows.extend(generator.random_range(-size..size).to_le_bytes());
             }
@@ -322,7 +322,7 @@ impl Sample {
         }
     }
 
-    /// With its landmarks, whose bytes go to `rows`.
+    /// Adds the variance landmarks to a task-space correction and writes their bytes to `rows`.
     fn with_variance<'a>(&self, process: TaskSpace<'a>, rows: &'a mut Vec<u8>) -> TaskSpace<'a> {
         let mut generator = self.generator(2);
         let inputs = self.joints + 1;
@@ -333,7 +333,7 @@ impl Sample {
             rows.extend(words.into_iter().flat_map(f32::to_le_bytes));
         }
         while rows.len() < 4 * variance_words(inputs, self.landmarks) {
-            // Kernels of poses that are drawn like these are small.
+            // The kernels between poses that are drawn like this are small.
             rows.extend(generator.random_range(-6.0_f32..4.0).to_le_bytes());
         }
         TaskSpace {
@@ -344,7 +344,7 @@ impl Sample {
         }
     }
 
-    /// So many queries: three of four within the trained ranges, the rest beyond them.
+    /// Returns `count` queries: three of four within the trained ranges, the rest beyond them.
     pub fn queries(&self, count: usize) -> Vec<Query> {
         let mut generator = self.generator(1);
         (0..count)
@@ -364,17 +364,17 @@ impl Sample {
     }
 }
 
-/// The sizes of the model in a blob.
+/// Returns the sizes of the model in a blob.
 ///
 /// # Panics
-/// When it is none.
+/// When the blob is not a usable model.
 pub fn size_of(blob: &[u8]) -> ModelSize {
     let mut model = Box::new(Model::<f32, { words_for(600) }>::new());
     model.load(blob).unwrap_or_else(|error| panic!("{error}"));
     model.size().expect("it was loaded")
 }
 
-/// Folds the mean in `rows`; its centre.
+/// Converts the mean in `rows` to the folded form and returns its centre.
 fn fold(input_scale: &[f32], rows: &mut [u8]) -> heapless::Vec<f32, MAX_INPUTS> {
     let words = rows.as_chunks::<4>().0.iter();
     let mut values: Vec<f64> = words
@@ -399,10 +399,10 @@ fn fold(input_scale: &[f32], rows: &mut [u8]) -> heapless::Vec<f32, MAX_INPUTS> 
         .collect()
 }
 
-/// Lightest and heaviest payload.
+/// Lightest and heaviest payload, in kg.
 const PAYLOAD_KG: (f32, f32) = (0.0, 45.0);
 
-/// Queries that are none, or hardly.
+/// Returns invalid and extreme queries.
 pub fn odd_queries() -> Vec<Query> {
     let usual = [0.1, -0.2, 0.3, -0.4, 0.5, -0.6];
     let with = |joint: usize, value: f32| {
@@ -441,7 +441,8 @@ fn query(joints: &[f32], payload_kg: f32) -> Query {
     }
 }
 
-/// `parent_from_joint` of the nominal chain of the first `joints` joints: turn about x, shift along x, shift along z.
+/// Returns `parent_from_joint` of the nominal chain with `joints` joints, and its tool: rotation about x, then translation
+/// along x and z.
 fn nominal_frames(joints: usize) -> Vec<Pose<f64>> {
     let chain: [(f64, f64, f64); MAX_SAMPLE_JOINTS] = [
         (0.0, 0.0, 0.68),
@@ -463,7 +464,7 @@ fn nominal_frames(joints: usize) -> Vec<Pose<f64>> {
         .collect()
 }
 
-/// A few millimetres and milliradians.
+/// Returns a random twist of up to two millimetres and milliradians in each component.
 fn error(generator: &mut ChaCha8Rng) -> Twist<f64> {
     Twist::from_array(&std::array::from_fn(|_| {
         generator.random_range(-2e-3..2e-3)

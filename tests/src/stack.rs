@@ -1,14 +1,14 @@
-//! The deepest stack that an image can need, by its call graph.
+//! An upper bound on the stack that an image needs, computed from its call graph.
 //!
-//! Every function of the image is disassembled. Its frame is everything that it ever takes off the stack pointer; its
-//! callees are the targets of its branches. The deepest chain of frames below a root is then a bound, whatever the
+//! Every function of the image is disassembled. Its frame is the sum of everything that it subtracts from the stack pointer;
+//! its callees are the targets of its branches. The deepest chain of frames below a root is then a bound that holds for all
 //! data: nothing is measured, so no path can be missed.
 //!
 //! - **Calls by register.** The compiler keeps the address of a function that it calls several times in a register, and
-//!   passes closures. Such a call is taken to reach every function whose address its own function loads, and where that
-//!   loads none, its callers do. Addresses of functions in constants (tables of methods) are refused.
-//! - **Refused** is what would make the sum wrong: recursion, a stack pointer that is computed, a jump into another
-//!   function, a call of an unknown function. None of them is in the image.
+//!   passes closures. Such a call is assumed to reach every function whose address the calling function loads or, if it
+//!   loads none, whose address its callers load. Addresses of functions in constants (tables of methods) are rejected.
+//! - **Rejected** is everything that would make the sum wrong: recursion, a computed stack pointer, a jump into another
+//!   function, a call of an unknown function. The image contains none of these.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -23,17 +23,17 @@ mod instruction;
 
 const PROGRAM: &str = "arm-none-eabi-objdump";
 
-/// The section of the vectors, by the beginning of its name.
+/// Prefix of the name of the section that contains the exception vectors.
 const VECTORS: &str = ".vector";
 
-/// The largest frame that an exception of an ARMv7-M processor with a floating-point unit stores, in bytes: 26 words, and
-/// one to align the stack (Architecture Reference Manual, B1.5.7).
+/// Largest frame that an exception of an ARMv7-M processor with a floating-point unit stores, in bytes: 26 words of four
+/// bytes, and one to align the stack (Architecture Reference Manual, B1.5.7).
 pub const EXCEPTION_FRAME: u64 = 4 * 27;
 
-/// The calls of an image.
+/// The call graph of an image.
 #[derive(Clone, Debug)]
 pub struct CallGraph {
-    /// What the processor calls, by number of the exception: 1 is the reset. Zero where there is no handler.
+    /// Address of each exception's handler, by the number of the exception: 1 is the reset. Zero if there is no handler.
     pub vectors: Vec<u64>,
     functions: BTreeMap<u64, Node>,
 }
@@ -41,10 +41,10 @@ pub struct CallGraph {
 #[derive(Clone, Debug, Default)]
 struct Node {
     name: String,
-    /// Bytes of stack.
+    /// Size of the stack frame, in bytes.
     frame: u64,
     calls: BTreeSet<u64>,
-    /// Functions whose address is loaded.
+    /// Functions whose address this function loads.
     addresses: BTreeSet<u64>,
     calls_by_register: bool,
 }
@@ -52,39 +52,39 @@ struct Node {
 /// The deepest chain of calls below a function.
 #[derive(Clone, Debug)]
 pub struct Deepest {
-    /// Bytes of stack that all of it takes.
+    /// Bytes of stack that the whole chain takes.
     pub bytes: u64,
-    /// The functions, outermost first, with the bytes of their frames.
+    /// Functions of the chain, outermost first, with the bytes of their frames.
     pub chain: Vec<(String, u64)>,
 }
 
-/// Why no bound can be given.
+/// Why no bound can be computed.
 #[derive(Debug, thiserror::Error)]
 pub enum StackError {
-    /// The image or the disassembler.
+    /// The image cannot be read or the disassembler cannot be started.
     #[error("cannot disassemble: {0} (is {PROGRAM} of gcc-arm-none-eabi installed?)")]
     File(#[from] std::io::Error),
-    /// The image.
+    /// The image is not an ELF file.
     #[error("not an ELF file: {0}")]
     Elf(#[from] object::Error),
     /// The disassembler failed.
     #[error("{PROGRAM} failed: {0}")]
     Disassembler(String),
-    /// A computed stack pointer, or a jump that cannot be followed.
+    /// A function computes the stack pointer or has a jump that cannot be followed.
     #[error("{function}: cannot follow `{instruction}`")]
     Instruction {
-        /// Where.
+        /// Name of the function.
         function: String,
-        /// What.
+        /// The instruction.
         instruction: String,
     },
-    /// A call by register in a function that loads no function's address, nor do its callers.
+    /// A function calls by register, but neither it nor its callers load a function's address.
     #[error("{0}: calls by register, and neither it nor a caller loads a function's address")]
     UnknownCallee(String),
-    /// A function's address in constants: calls through it would not be seen.
+    /// A function's address lies in constants: calls through it would not be found.
     #[error("the address of {0} lies in constants")]
     AddressInConstants(String),
-    /// The linker kept no relocations: nothing tells an address from a number.
+    /// The linker kept no relocations, without which an address cannot be distinguished from a number.
     #[error("the file has no relocations (the linker's --emit-relocs)")]
     NoRelocations,
     /// A function that calls itself, directly or not.
@@ -99,7 +99,7 @@ impl CallGraph {
     /// Disassembles an ELF file.
     ///
     /// # Errors
-    /// [`StackError`], all but [`StackError::Recursion`] and [`StackError::Unknown`].
+    /// [`StackError`], except [`StackError::Recursion`] and [`StackError::Unknown`].
     pub fn read(elf: &Path) -> Result<Self, StackError> {
         let mut functions = frames_and_calls(elf)?;
         refuse_addresses_in_constants(elf, &functions)?;
@@ -108,7 +108,7 @@ impl CallGraph {
         Ok(Self { vectors, functions })
     }
 
-    /// The deepest chain of calls below the function that begins at an address.
+    /// Returns the deepest chain of calls below the function that begins at an address.
     ///
     /// # Errors
     /// [`StackError::Recursion`], [`StackError::Unknown`].
@@ -129,7 +129,7 @@ impl CallGraph {
         Ok(Deepest { bytes, chain })
     }
 
-    /// Names of the functions that can run when the one that begins at an address is called, its own included.
+    /// Returns the names of all functions that can run when the function at an address is called, including its own name.
     ///
     /// # Errors
     /// [`StackError::Unknown`].
@@ -147,7 +147,8 @@ impl CallGraph {
         Ok(names.collect())
     }
 
-    /// Enters into `known` the bytes below a function, its own included, and its deepest callee.
+    /// Enters into `known` the bytes of the deepest chain that begins with a function, including its own frame, and its
+    /// deepest callee.
     fn visit(
         &self,
         address: u64,
@@ -182,9 +183,9 @@ fn frames_and_calls(elf: &Path) -> Result<BTreeMap<u64, Node>, StackError> {
     let mut functions: BTreeMap<u64, Node> = BTreeMap::new();
     let mut targets: Vec<(u64, u64, String)> = Vec::new();
     let mut here = None;
-    // Saved around a call of code that several functions share, and taken back at once: the largest counts, not the sum.
+    // Bytes saved around a call of outlined code and restored at once: the largest value counts, not the sum.
     let mut saved: BTreeMap<u64, u64> = BTreeMap::new();
-    // The lower halves of addresses that are loaded in two.
+    // Lower halves of addresses that are loaded in two halves, by register.
     let mut halves: BTreeMap<String, u64> = BTreeMap::new();
     for line in disassembly(elf)?.lines() {
         if let Some((address, name)) = heading(line) {
@@ -199,7 +200,7 @@ fn frames_and_calls(elf: &Path) -> Result<BTreeMap<u64, Node>, StackError> {
         let (Some(start), Some(instruction)) = (here, Instruction::parse(line)) else {
             continue;
         };
-        // What follows a function's end is filled up to the next one.
+        // Between the end of a function and the next function there is only padding.
         if instruction.address >= ends[&start] {
             continue;
         }
@@ -258,7 +259,7 @@ fn frames_and_calls(elf: &Path) -> Result<BTreeMap<u64, Node>, StackError> {
     Ok(functions)
 }
 
-/// A function's start and name in a disassembly: `00000400 <Reset>:`.
+/// Parses the heading of a function in a disassembly, its start and name: `00000400 <Reset>:`.
 fn heading(line: &str) -> Option<(u64, &str)> {
     let (address, name) = line.strip_suffix(">:")?.split_once(" <")?;
     Some((u64::from_str_radix(address, 16).ok()?, name))
@@ -274,7 +275,7 @@ fn disassembly(elf: &Path) -> Result<String, StackError> {
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// The end of every function by its start.
+/// Returns the end of every function by its start.
 fn ends_of_functions(elf: &Path) -> Result<BTreeMap<u64, u64>, StackError> {
     let bytes = fs::read(elf)?;
     let file = object::File::parse(&*bytes)?;
@@ -286,7 +287,7 @@ fn ends_of_functions(elf: &Path) -> Result<BTreeMap<u64, u64>, StackError> {
             *end = (start + symbol.size()).max(*end);
         }
     }
-    // A symbol without a size ends where the next begins.
+    // A symbol without a size ends where the next symbol begins.
     let starts: Vec<u64> = ends.keys().copied().collect();
     for (start, end) in &mut ends {
         if end == start {
@@ -297,7 +298,7 @@ fn ends_of_functions(elf: &Path) -> Result<BTreeMap<u64, u64>, StackError> {
     Ok(ends)
 }
 
-/// The table at the begin of the flash; the first word is where the stack begins.
+/// Returns the vector table at the beginning of the flash; its first entry, the initial stack pointer, becomes 0.
 fn vectors(elf: &Path) -> Result<Vec<u64>, StackError> {
     let bytes = fs::read(elf)?;
     let file = object::File::parse(&*bytes)?;
@@ -319,7 +320,7 @@ fn words(bytes: &[u8]) -> impl Iterator<Item = u64> {
         .map(|word| u64::from(u32::from_le_bytes([word[0], word[1], word[2], word[3]])))
 }
 
-/// Words that the linker filled with an address; a number may look like one.
+/// Rejects functions' addresses in constants. Only relocated values count, because a number may look like an address.
 fn refuse_addresses_in_constants(
     elf: &Path,
     functions: &BTreeMap<u64, Node>,
@@ -330,7 +331,7 @@ fn refuse_addresses_in_constants(
     let mut vectors_are_relocated = false;
     for section in file.sections() {
         let relocated = section.relocations().map(|(address, _)| address);
-        // The vectors are what hardware calls: the roots.
+        // The vectors are the roots of the call graph: the hardware calls them.
         if section.name()?.starts_with(VECTORS) {
             vectors_are_relocated |= relocated.count() > 0;
             continue;
@@ -356,7 +357,7 @@ fn refuse_addresses_in_constants(
 }
 
 fn resolve_calls_by_register(functions: &mut BTreeMap<u64, Node>) -> Result<(), StackError> {
-    // Code that several functions share jumps to where its caller's register says.
+    // Outlined code, which several functions share, jumps to the address in a register of its caller.
     let shared = |node: &Node| node.name.starts_with("OUTLINED_FUNCTION");
     let jumps: BTreeSet<u64> = functions
         .iter()
@@ -390,10 +391,10 @@ fn resolve_calls_by_register(functions: &mut BTreeMap<u64, Node>) -> Result<(), 
 mod tests {
     use super::*;
 
-    /// Address, frame, calls, addresses that are loaded, whether it calls by register.
+    /// A function of a test graph: address, frame, calls, loaded addresses, whether it calls by register.
     type Function<'a> = (u64, u64, &'a [u64], &'a [u64], bool);
 
-    /// Functions that are named by their address.
+    /// Creates a call graph whose functions are named by their address.
     fn graph(nodes: &[Function]) -> Result<CallGraph, StackError> {
         let mut functions = BTreeMap::new();
         for &(address, frame, calls, addresses, calls_by_register) in nodes {
@@ -426,7 +427,7 @@ mod tests {
         assert_eq!(deepest.chain, [("2".to_owned(), 8), ("8".to_owned(), 100)]);
     }
 
-    /// What a register may hold is loaded by the function that calls or by its caller.
+    /// The address in a register is loaded by the function that calls or by its caller.
     #[test]
     fn calls_by_register_are_followed() {
         let nodes: [Function; 3] = [

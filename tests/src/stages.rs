@@ -1,5 +1,5 @@
-//! The intermediate results of one evaluation as bits, to be compared stage by stage so that a difference names its
-//! place.
+//! The intermediate results of one evaluation as bits. They are compared stage by stage, so that a difference names the
+//! stage in which it arises.
 
 use std::fmt::Write;
 
@@ -9,20 +9,20 @@ use poegp_protocol::link::{Corrected, Evaluation, Query, Trace};
 use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
 
-/// Room of the host's model: more than any device has, because no result may depend on it.
+/// Capacity of the host's model: larger than that of any device, because no result may depend on it.
 const HOST_WORDS: usize = words_for(2048);
 
-/// The runtime on the workstation, with a model.
+/// The runtime on the workstation with a loaded model.
 #[derive(Debug)]
 pub struct Host(Box<Model<f32, HOST_WORDS>>);
 
-/// Why the host has no model.
+/// Why the host could not load a model.
 #[derive(Clone, Copy, Debug, thiserror::Error)]
 pub enum HostError {
-    /// Not a blob.
+    /// The bytes are not a blob.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// Not a model.
+    /// The blob is not a usable model.
     #[error(transparent)]
     Load(#[from] LoadError),
 }
@@ -38,7 +38,7 @@ impl Host {
         Ok(Self(model))
     }
 
-    /// What the device would answer to `Request::Trace`.
+    /// Returns the answer that the device must give to `Request::Trace`.
     pub fn stages(&self, query: &Query) -> Stages {
         let mut kept = poegp_runtime::trace::Stages::new();
         let result = self
@@ -63,13 +63,13 @@ impl Host {
 }
 
 impl Host {
-    /// The bits of trust and standard deviation, as [`trust_line`] has them.
+    /// Returns the bits of trust and standard deviation in the format of [`trust_line`].
     pub fn trust_line(&self, query: &Query) -> String {
         let answer = self.0.evaluate(&query.joints, query.payload_kg);
         trust_bits(answer.trust, answer.position_sigma)
     }
 
-    /// What the device would answer to `Request::Correct`.
+    /// Returns the answer that the device must give to `Request::Correct`.
     pub fn command(&self, query: &Query) -> CommandBits {
         let answer = self.0.correct(&query.joints, query.payload_kg);
         let joints: Vec<f32> = (0..query.joints.len())
@@ -85,7 +85,7 @@ impl Host {
     }
 }
 
-/// The bits of trust and standard deviation (`-` when there is none) of an answer, as the golden file has them.
+/// Returns the bits of trust and standard deviation (`-` if there is none) of an answer, in the format of the golden file.
 pub fn trust_line(answer: &Evaluation) -> String {
     trust_bits(answer.trust, answer.position_sigma)
 }
@@ -95,7 +95,7 @@ fn trust_bits(trust: f32, sigma: Option<f32>) -> String {
     format!("{:08x} {sigma}", trust.to_bits())
 }
 
-/// A corrected command, to be compared bit by bit.
+/// A corrected command as bits, for exact comparison.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CommandBits {
     joints: Vec<u32>,
@@ -119,7 +119,7 @@ impl From<&Corrected> for CommandBits {
 }
 
 impl CommandBits {
-    /// The joints, rad or m.
+    /// Returns the joints, in rad or m.
     pub fn joints(&self) -> Vec<f32> {
         self.joints
             .iter()
@@ -127,7 +127,7 @@ impl CommandBits {
             .collect()
     }
 
-    /// Whether joints or error are not finite.
+    /// Returns whether any joint or error is not finite.
     pub fn has_non_finite(&self) -> bool {
         let numbers = [&self.applied, &self.position_error, &self.rotation_error];
         let words = self.joints.iter().chain(numbers);
@@ -136,7 +136,7 @@ impl CommandBits {
             .any(|value| !value.is_finite())
     }
 
-    /// Joints, position error and status in hexadecimal, groups separated by ` | `.
+    /// Returns joints, position error and status in hexadecimal, with groups separated by ` | `.
     pub fn line(&self) -> String {
         let mut line = String::new();
         for word in &self.joints {
@@ -146,7 +146,7 @@ impl CommandBits {
         line + &format!("| {error:08x} | {status:02x}")
     }
 
-    /// Whether these are the joints of the request.
+    /// Returns whether the joints are exactly those of the request.
     pub fn is_the_command_of(&self, query: &Query) -> bool {
         self.joints == bits(&query.joints)
     }
@@ -155,7 +155,7 @@ impl CommandBits {
 /// Names of the stages, in the order of the computation.
 pub const NAMES: [&str; 6] = ["sin_cos", "mean", "chain", "correction", "pose", "status"];
 
-/// One evaluation.
+/// The intermediate results of one evaluation, as bits.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stages {
     values: [Vec<u32>; NAMES.len()],
@@ -182,7 +182,7 @@ fn bits(values: &[f32]) -> Vec<u32> {
 }
 
 impl Stages {
-    /// The first stage in which `self` and `other` differ, with both values.
+    /// Returns the first stage in which `self` and `other` differ, with both values.
     pub fn difference(&self, other: &Self) -> Option<String> {
         for (name, (left, right)) in NAMES.iter().zip(self.values.iter().zip(&other.values)) {
             if left.len() != right.len() {
@@ -204,12 +204,12 @@ impl Stages {
         None
     }
 
-    /// Bits of the status.
+    /// Returns the bits of the status.
     pub fn status(&self) -> u8 {
         self.values[5].first().map_or(0, |bits| *bits as u8)
     }
 
-    /// Whether some number of the answer is not finite.
+    /// Returns whether any number of the answer is not finite.
     pub fn has_non_finite_answer(&self) -> bool {
         self.values[3..5]
             .iter()
@@ -217,7 +217,8 @@ impl Stages {
             .any(|bits| !f32::from_bits(*bits).is_finite())
     }
 
-    /// Query and results on one line: hexadecimal words, groups separated by ` | `, the query (joints, payload) first.
+    /// Returns query and results on one line in hexadecimal, with groups separated by ` | ` and the query (joints, payload)
+    /// first.
     pub fn line(&self, query: &Query) -> String {
         let mut asked = bits(&query.joints);
         asked.push(query.payload_kg.to_bits());

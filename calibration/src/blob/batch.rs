@@ -1,7 +1,8 @@
-//! Many configurations at once, on all cores of the workstation.
+//! Evaluates many configurations at once, on all cores of the workstation.
 //!
-//! The threads are here and not in the runtime, which a device runs too. Every answer has the bits of the function for one
-//! configuration, in the order of the inputs, whatever the number of threads.
+//! The threads are in this module and not in the runtime, because a device runs the runtime, too. Every answer is
+//! bit-identical to that of the function for one configuration, and the answers have the order of the inputs, whatever the
+//! number of threads.
 
 use poegp_protocol::link::Query;
 use poegp_runtime::correct::Corrected;
@@ -11,26 +12,28 @@ use crate::blob::predict::{BlobModel, Prediction};
 use crate::numeric::parallel::map_all;
 use crate::progress::threads;
 
-/// The controller's joints (rad or m, base first), and the payload in kg where it is known.
+/// The controller's joints (rad or m, base first), and the payload in kg if it is known.
 pub type Configuration<'a> = (&'a [f64], Option<f64>);
 
 impl BlobModel {
-    /// [`Model::evaluate`](poegp_runtime::model::Model::evaluate) of each query: poses `base_from_target` in metres.
+    /// Computes [`Model::evaluate`](poegp_runtime::model::Model::evaluate) for each query: poses `base_from_target` in
+    /// metres.
     ///
-    /// There are no errors: a query with another number of joints than the arm, or with numbers that are not finite, is answered
-    /// with a status as it would be alone.
+    /// There are no errors: a query with a number of joints other than the arm's, or with numbers that are not finite, is
+    /// answered with a status, as [`Model::evaluate`](poegp_runtime::model::Model::evaluate) does.
     pub fn evaluate_batch(&self, queries: &[Query]) -> Vec<Evaluation<f32>> {
         self.evaluated_on(threads(), queries)
     }
 
-    /// [`Model::correct`](poegp_runtime::model::Model::correct) of each query: the joints (rad or m) to command instead.
+    /// Computes [`Model::correct`](poegp_runtime::model::Model::correct) for each query: the joints (rad or m) to command
+    /// instead.
     ///
     /// There are no errors, as in [`BlobModel::evaluate_batch`].
     pub fn correct_batch(&self, queries: &[Query]) -> Vec<Corrected<f32>> {
         self.corrected_on(threads(), queries)
     }
 
-    /// [`BlobModel::predict`] of each configuration: poses `instrument_from_target` in metres.
+    /// Computes [`BlobModel::predict`] for each configuration: poses `instrument_from_target` in metres.
     ///
     /// There are no errors, as in [`BlobModel::evaluate_batch`].
     pub fn predict_batch(&self, configurations: &[Configuration<'_>]) -> Vec<Prediction> {

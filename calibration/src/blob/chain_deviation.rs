@@ -1,8 +1,8 @@
-//! How well a chain alone, or joint zeros alone, are known that are fitted to the predictions of a model.
+//! The uncertainty of a chain alone, or of joint zeros alone, that are fitted to the predictions of a model.
 //!
-//! Both fits are linear for small changes: x = (CᵀC)⁻¹ Cᵀ y with C the columns of what is fitted and y the predictions over a region.
-//! With K the covariance of those, x has the covariance G K Gᵀ, G = (CᵀC)⁻¹ Cᵀ. What a chain cannot hold is no uncertainty: it is
-//! the distance from the model, which the export states.
+//! Both fits are linear for small changes: x = (CᵀC)⁻¹ Cᵀ y, with C the Jacobian of the fitted parameters and y the
+//! predictions over a region. If K is the covariance of y, x has the covariance G K Gᵀ, with G = (CᵀC)⁻¹ Cᵀ. The part of the
+//! model that a chain cannot represent is not uncertainty: it is the distance from the model, which the export states.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
@@ -14,26 +14,29 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// Share of the largest diagonal element that every one gets: redundant directions stay as they are.
+/// Share of the largest diagonal element that is added to every diagonal element, so that redundant directions stay
+/// unchanged.
 const RIDGE: f64 = 1e-10;
-/// Poses of the first target, at least: twice the equations that the frames of eight joints have.
+/// Least number of poses of the first target: they give twice the equations that the frames of eight joints need.
 const LEAST_POSES: usize = 12;
-/// Numbers of a frame.
+/// Number of parameters of a frame.
 const SIX: usize = 6;
 
-/// How well the nearest chain and the joint zeros of a model are known.
+/// The uncertainty of the nearest chain and of the joint zeros of a model.
 #[derive(Clone, Debug)]
 pub struct ChainDeviation {
-    /// Covariance of the frames of the chain to the first target, six numbers each that multiply it from the left, m and rad.
+    /// Covariance of the frames of the chain to the first target, each as a twist (six numbers) that multiplies the frame
+    /// from the left, in m and rad.
     pub frames: Mat<f64>,
-    /// Standard deviations of the zeros of the controller's joints, rad or m; 0 of the first and the last, which are not fitted.
+    /// Standard deviations of the zeros of the controller's joints, in rad or m; 0 for the first and the last joint, which
+    /// are not fitted.
     pub zeros: Vec<f64>,
 }
 
 impl ChainDeviation {
-    /// Computes how well a `chain` from the base to the first target is known, from what `known` says of whole `poses`,
-    /// its first ones; `coupling` is C of q_serial = C q by rows. `None` when too few of the poses are of the first
-    /// target, and when the equations cannot be solved.
+    /// Computes the uncertainty of a `chain` from the base to the first target, from the covariance `known` of predictions;
+    /// the whole `poses` are the first ones that `known` covers, and `coupling` is C of q_serial = C q by rows. Returns
+    /// `None` if too few of the poses are of the first target or the equations cannot be solved.
     pub fn new(
         known: &PredictionCovariance,
         poses: &[InstrumentSample],
@@ -54,7 +57,7 @@ impl ChainDeviation {
         let kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
         let (_, all) = linearise(chain, &samples, &all, kind);
         let frames = fitted(&all, &covariance)?;
-        // Base and tool, then one column for each joint between the first and the last.
+        // Columns of base and tool, then one column for each joint between the first and the last.
         let share = |i: usize, j: usize| match coupling {
             Some(rows) => rows[i][j],
             None => f64::from(u8::from(i == j)),
@@ -92,7 +95,7 @@ impl ChainDeviation {
     }
 }
 
-/// G K Gᵀ.
+/// Returns G K Gᵀ, with G = (CᵀC)⁻¹ Cᵀ for the Jacobian C = `columns` and K = `covariance`.
 fn fitted(columns: &Mat<f64>, covariance: &Mat<f64>) -> Option<Mat<f64>> {
     let mut normal = product(Transposed(columns), columns);
     let diagonal = (0..normal.nrows()).map(|i| normal[(i, i)]);

@@ -1,8 +1,9 @@
-//! What a program's targets need of a blob, in `f64`: nominal joints of a pose, and the joints to command instead.
+//! Inverse kinematics and corrections in `f64` for the targets of a robot program: the nominal joints of a pose, and the
+//! joints to command instead.
 //!
-//! A controller brings its flange to a pose by the drawing. [`Commander::branches`] has all joints that it may choose for
-//! that, [`Commander::nominal_joints`] those near others, and [`Commander::correct`] the joints at which the real arm stands
-//! where the controller believes it does. "Flange" and "base" are those of the base-tool calibration.
+//! A controller computes the joints for a pose of its flange from the drawing. [`Commander::branches`] returns all joints
+//! that it may choose, [`Commander::nominal_joints`] those near given joints, and [`Commander::correct`] the joints at which
+//! the real arm is where the controller believes it to be. "Flange" and "base" are those of the base-tool calibration.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -17,18 +18,20 @@ use poegp_runtime::model::{Evaluation, Model, words_for};
 use crate::blob::predict::{BlobModel, orthonormal};
 use crate::learning::task_space::MAX_POINTS;
 
-/// One value for each joint; zero beyond the last.
+/// One value for each joint; zeros after the last joint.
 pub type Joints = [f64; MAX_JOINTS];
 
-/// Seeds of one search for all branches, beside those that mirror what was found.
+/// Number of seeds of a search for all branches, in addition to those that mirror a branch that was found.
 const SEEDS: u32 = 48;
-/// Joints nearer than this, in rad or m, are one solution.
+/// Joints that differ by less than this, in rad or m, are the same solution.
 const SAME: f64 = 1e-5;
-/// Steps from a corrected command back to the nominal one; each takes away all but some thousandths.
+/// Largest number of steps from a corrected command back to the nominal one; each step reduces the error to a few
+/// thousandths.
 const STEPS_BACK: usize = 12;
-/// What may stay of them, in rad or m.
+/// Largest error that may remain after these steps, in rad or m.
 const CAME_BACK: f64 = 1e-11;
-/// Reciprocals of the powers of the root of x⁹ = x + 1: seeds that spread evenly in up to eight dimensions.
+/// Reciprocals of the powers of the root of x⁹ = x + 1; their multiples give seeds that spread evenly in up to eight
+/// dimensions.
 const SPREAD: [f64; MAX_JOINTS] = [
     0.921599319633983,
     0.84934530594982,
@@ -40,7 +43,7 @@ const SPREAD: [f64; MAX_JOINTS] = [
     0.520399851198154,
 ];
 
-/// A blob as [`Commander`] evaluates it.
+/// The `f64` model that [`Commander`] evaluates.
 type WideModel = Model<f64, { words_for(MAX_POINTS) }>;
 
 /// Inverse kinematics and corrections of one blob.
@@ -49,7 +52,7 @@ pub struct Commander {
     model: Box<WideModel>,
     flange_from_target: Pose<f64>,
     kinds: Vec<JointKind>,
-    /// Where each joint may go: the description's limits, or a turn either way.
+    /// Limits of each joint: those of the robot's description, otherwise one turn in either direction.
     limits: Vec<(f64, f64)>,
     /// The middle of the trained ranges.
     middle: Joints,
@@ -59,7 +62,7 @@ impl Commander {
     /// Creates a commander for the model in a blob.
     ///
     /// # Errors
-    /// [`LoadError`], which a blob that was read cannot cause.
+    /// [`LoadError`], which cannot occur for a [`BlobModel`], because it was checked when it was decoded.
     pub fn new(blob: &BlobModel) -> Result<Self, LoadError> {
         let mut model = Box::new(WideModel::new());
         model.load_decoded(blob.blob())?;
@@ -82,17 +85,17 @@ impl Commander {
         })
     }
 
-    /// Kinds of the joints, base first.
+    /// Returns the kinds of the joints, base first.
     pub fn kinds(&self) -> &[JointKind] {
         &self.kinds
     }
 
-    /// Lower and upper limit of each joint in rad or m.
+    /// Returns the lower and upper limit of each joint, in rad or m.
     pub fn limits(&self) -> &[(f64, f64)] {
         &self.limits
     }
 
-    /// The middle of the trained ranges.
+    /// Returns the middle of the trained ranges.
     pub fn middle(&self) -> Joints {
         self.middle
     }
@@ -101,23 +104,23 @@ impl Commander {
         &joints[..self.kinds.len()]
     }
 
-    /// The first joint that is beyond a limit.
+    /// Returns the index of the first joint that is beyond a limit.
     pub fn beyond_limit(&self, joints: &Joints) -> Option<usize> {
         let is_beyond = |(q, (lower, upper)): (&f64, &(f64, f64))| !(*q >= *lower && *q <= *upper);
         joints.iter().zip(&self.limits).position(is_beyond)
     }
 
-    /// The joints to command for wanted ones: [`Model::correct`].
+    /// Returns the joints to command for the wanted `joints`; see [`Model::correct`].
     pub fn correct(&self, joints: &Joints, payload_kg: f64) -> Corrected<f64> {
         self.model.correct(self.of(joints), payload_kg)
     }
 
-    /// Where the real arm stands, and what is known of that: [`Model::evaluate`].
+    /// Predicts the pose of the real arm at `joints`; see [`Model::evaluate`].
     pub fn evaluate(&self, joints: &Joints, payload_kg: f64) -> Evaluation<f64> {
         self.model.evaluate(self.of(joints), payload_kg)
     }
 
-    /// The joints whose correction is `command`, or `None` where no search finds them.
+    /// Returns the joints whose corrected command is `command`, or `None` if the search does not converge.
     pub fn uncorrected(&self, command: &Joints, payload_kg: f64) -> Option<Joints> {
         let mut joints = *command;
         for _ in 0..STEPS_BACK {
@@ -137,26 +140,26 @@ impl Commander {
         None
     }
 
-    /// `base_from_flange` of the nominal arm, its rotation one to `f64`.
+    /// Returns `base_from_flange` of the nominal arm, with a rotation that is orthonormal to `f64`.
     pub fn nominal_flange(&self, joints: &Joints) -> Pose<f64> {
         let target = self.model.nominal(self.of(joints));
         let target = target.unwrap_or_else(Pose::identity);
         orthonormal(&(target * self.flange_from_target.inverse()))
     }
 
-    /// `base_from_flange` of the real arm by the model.
+    /// Returns `base_from_flange` of the real arm, as the model predicts it.
     pub fn real_flange(&self, joints: &Joints, payload_kg: f64) -> Pose<f64> {
         let target = self.evaluate(joints, payload_kg).pose;
         orthonormal(&(target * self.flange_from_target.inverse()))
     }
 
-    /// The nominal joints at `base_from_flange` that a search from `near` comes to.
+    /// Returns the nominal joints at `base_from_flange` that a search from `near` finds.
     pub fn nominal_joints(&self, base_from_flange: &Pose<f64>, near: &Joints) -> Inverse<f64> {
         let wanted = *base_from_flange * self.flange_from_target;
         self.model.nominal_inverse(&wanted, self.of(near))
     }
 
-    /// The joints to command so that the real flange is at `base_from_flange`, near others.
+    /// Returns the joints near `near` to command so that the real flange is at `base_from_flange`.
     pub fn command_for(
         &self,
         base_from_flange: &Pose<f64>,
@@ -167,9 +170,10 @@ impl Commander {
         self.model.inverse(&wanted, self.of(near), payload_kg)
     }
 
-    /// All nominal joints at `base_from_flange` within the limits, whole turns counted; empty where the arm cannot reach.
+    /// Returns all nominal joints at `base_from_flange` within the limits, including those that differ by whole turns; empty
+    /// if the arm cannot reach the pose.
     ///
-    /// An arm with more than six joints has infinitely many; this finds some of them.
+    /// An arm with more than six joints has infinitely many solutions; this function finds some of them.
     pub fn branches(&self, base_from_flange: &Pose<f64>) -> Vec<Joints> {
         let mut found: Vec<Joints> = Vec::new();
         let mut seeds: Vec<Joints> = vec![self.middle];
@@ -193,7 +197,7 @@ impl Commander {
                 found.push(joints);
                 seeds.extend(self.mirrored(&joints));
             }
-            // Infinitely many.
+            // The arm has infinitely many solutions.
             if found.len() >= 64 {
                 break;
             }
@@ -201,7 +205,7 @@ impl Commander {
         found.iter().flat_map(|joints| self.turns(joints)).collect()
     }
 
-    /// Revolute joints within half a turn.
+    /// Returns the joints with every revolute joint reduced to within half a turn of 0.
     fn principal(&self, joints: &Joints) -> Joints {
         let mut out = *joints;
         for (q, kind) in out.iter_mut().zip(&self.kinds) {
@@ -220,7 +224,7 @@ impl Commander {
         self.principal(&apart).iter().all(|d| d.abs() < SAME)
     }
 
-    /// Where the other branches of arms with a wrist and a shoulder are: seeds alone.
+    /// Returns seeds at which the other branches of arms with a wrist and a shoulder are expected.
     fn mirrored(&self, joints: &Joints) -> Vec<Joints> {
         let half = std::f64::consts::PI;
         let mut flipped = *joints;
@@ -240,7 +244,7 @@ impl Commander {
             .to_vec()
     }
 
-    /// The same pose with every whole turn that the limits allow.
+    /// Returns the joints with every combination of whole turns that the limits allow.
     fn turns(&self, joints: &Joints) -> Vec<Joints> {
         let mut all = vec![*joints];
         for (joint, (kind, (lower, upper))) in self.kinds.iter().zip(&self.limits).enumerate() {
@@ -264,13 +268,13 @@ impl Commander {
     }
 }
 
-/// The largest difference of two sets of joints, rad or m.
+/// Returns the largest difference between two sets of joints, in rad or m.
 pub fn joint_distance(a: &Joints, b: &Joints) -> f64 {
     let largest = |most: f64, (a, b): (&f64, &f64)| most.max((a - b).abs());
     a.iter().zip(b).fold(0.0, largest)
 }
 
-/// Displacement in metres and angle in radians from one pose to another.
+/// Returns the displacement in metres and the angle in radians between two poses.
 pub fn pose_distance(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     let moved: Vector3<f64> = a.translation - b.translation;
     let turned = (a.inverse() * *b).log().angular;

@@ -1,6 +1,6 @@
-//! A blob in `f32`, as the device evaluates it, or in `f64`, with all numbers of its questions and answers in `f64`.
+//! Evaluates a blob in `f32`, as the device does, or in `f64`; all arguments and results are in `f64`.
 //!
-//! The formulas are the runtime's. What is added here is the instrument's frame, in which poses are measured.
+//! The formulas are the runtime's. This module adds the instrument's frame, in which poses are measured.
 
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::correct::inverse::Inverse;
@@ -20,7 +20,7 @@ const CAPACITY: usize = words_for(MAX_POINTS);
 /// The number type of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
-    /// `f32`, with the bits of the device.
+    /// `f32`, bit-identical to the device.
     Single,
     /// `f64`.
     Double,
@@ -29,30 +29,30 @@ pub enum Precision {
 /// The frame in which poses are stated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame {
-    /// The instrument's of the calibration. Rotations are orthonormal to `f64`.
+    /// The instrument's frame of the calibration. Rotations are orthonormal to `f64`.
     Instrument,
-    /// The base of the model, as the runtime computes it.
+    /// The base frame of the model; poses are as the runtime computes them.
     Base,
 }
 
-/// One prediction.
+/// One prediction of an [`Evaluator`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Predicted {
-    /// The pose of the target in the frame that was asked for.
+    /// Pose of the target in the requested frame.
     pub pose: Pose<f64>,
-    /// What it is worth.
+    /// The status flags of the prediction.
     pub status: Status,
-    /// 1 within what was trained, towards 0 far away.
+    /// Trust: 1 within the trained ranges, falling to 0 outside.
     pub trust: f64,
-    /// Standard deviation of one position component of a new measurement in metres, of a blob that knows it.
+    /// Standard deviation of one position component of a new measurement, in metres, if the blob has a variance.
     pub position_sigma: Option<f64>,
 }
 
-/// A blob that answers questions in one precision.
+/// A blob that is evaluated in one precision.
 #[derive(Debug)]
 pub struct Evaluator {
     blob: BlobModel,
-    /// In double precision; the blob has the model in single precision.
+    /// The model in double precision, if it is evaluated so; `blob` has the model in single precision.
     wide: Option<Box<Model<f64, CAPACITY>>>,
 }
 
@@ -60,7 +60,7 @@ impl Evaluator {
     /// Creates an evaluator for a blob.
     ///
     /// # Errors
-    /// [`LoadError`], which a blob that was read cannot cause.
+    /// [`LoadError`], which cannot occur for a [`BlobModel`], because it was checked when it was decoded.
     pub fn new(blob: BlobModel, precision: Precision) -> Result<Self, LoadError> {
         let wide = match precision {
             Precision::Single => None,
@@ -73,12 +73,12 @@ impl Evaluator {
         Ok(Self { blob, wide })
     }
 
-    /// The blob.
+    /// Returns the blob.
     pub fn blob(&self) -> &BlobModel {
         &self.blob
     }
 
-    /// The number type.
+    /// Returns the precision of the evaluation.
     pub fn precision(&self) -> Precision {
         match self.wide {
             Some(_) => Precision::Double,
@@ -86,8 +86,8 @@ impl Evaluator {
         }
     }
 
-    /// The pose of the calibrated arm at the controller's joints (rad or m) with a payload in kg. In single precision and the
-    /// instrument's frame it is [`BlobModel::predict`].
+    /// Predicts the pose of the calibrated arm at the controller's joints (rad or m) with a payload in kg. In single
+    /// precision and the instrument's frame the result is that of [`BlobModel::predict`].
     pub fn predict(&self, joints: &[f64], payload_kg: f64, frame: Frame) -> Predicted {
         match &self.wide {
             Some(model) => self.predicted(model, joints, payload_kg, frame),
@@ -95,7 +95,7 @@ impl Evaluator {
         }
     }
 
-    /// The pose of the nominal arm with base and tool of the gauge; `None` for joints that are none.
+    /// Returns the pose of the nominal arm with base and tool of the gauge; `None` for invalid joints.
     pub fn nominal(&self, joints: &[f64], frame: Frame) -> Option<Pose<f64>> {
         let pose = match &self.wide {
             Some(model) => model.nominal(joints)?,
@@ -108,7 +108,7 @@ impl Evaluator {
         Some(self.seen(pose, frame))
     }
 
-    /// The joints to command so that the calibrated arm stands where the nominal one would.
+    /// Returns the joints to command so that the calibrated arm stands where the nominal one would.
     pub fn correct(&self, joints: &[f64], payload_kg: f64) -> Corrected<f64> {
         match &self.wide {
             Some(model) => model.correct(joints, payload_kg),
@@ -128,7 +128,7 @@ impl Evaluator {
         }
     }
 
-    /// The joints near `seed` at which the calibrated arm's tool, `target_from_tool`, stands at a pose.
+    /// Returns the joints near `seed` at which the calibrated arm's tool, `target_from_tool`, is at the given pose.
     pub fn inverse(
         &self,
         (pose, frame): (&Pose<f64>, Frame),
@@ -158,7 +158,7 @@ impl Evaluator {
         }
     }
 
-    /// The Jacobian of the target by columns, zeros beyond the last joint:
+    /// Returns the Jacobian of the target by columns, with zeros after the last joint:
     /// [`tool_jacobian`](poegp_runtime::model::Model::tool_jacobian) without a tool.
     pub fn jacobian(&self, joints: &[f64], payload_kg: f64) -> Jacobian<f64> {
         match &self.wide {
@@ -196,7 +196,7 @@ impl Evaluator {
         }
     }
 
-    /// A pose in the base frame, in the frame that was asked for.
+    /// Transforms a pose from the base frame to the requested frame.
     fn seen(&self, base_from_target: Pose<f64>, frame: Frame) -> Pose<f64> {
         match frame {
             Frame::Base => base_from_target,
@@ -207,7 +207,8 @@ impl Evaluator {
     }
 }
 
-/// Joints in the number type of the model. Too many become none at all: the model refuses both as bad input.
+/// Converts joints to the number type of the model. Too many joints become an empty slice: the model rejects both as bad
+/// input.
 fn rounded<'a, T: Scalar>(joints: &[f64], room: &'a mut [T; MAX_JOINTS]) -> &'a [T] {
     for (slot, joint) in room.iter_mut().zip(joints) {
         *slot = T::from_f64(*joint);

@@ -1,4 +1,4 @@
-//! Base and tool frames that were set up again after the calibration, fitted to new measurements.
+//! Fits base and tool frames that were set up again after the calibration to new measurements.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::JointKind;
@@ -17,26 +17,26 @@ use crate::numeric::product::{Transposed, product};
 use crate::numeric::rotation::{aligned, nearest_rotation};
 use crate::numeric::statistics::PoseError;
 
-/// Steps in which base and tools are refined; from a start within a milliradian two are enough.
+/// Number of Gauss–Newton steps that refine base and tools; from a start within a milliradian two are enough.
 const STEPS: usize = 6;
-/// Damping, of the largest element: what the poses do not identify stays as it was.
+/// Damping as a share of the largest diagonal element: what the poses do not identify stays unchanged.
 const DAMPING: f64 = 1e-12;
-/// Metres and radians that count alike: a tracker's noise.
+/// Position error in m and rotation error in rad that have the same weight: a tracker's noise.
 const WEIGHTS: NoiseScales = NoiseScales::uniform(30e-6, 50e-6);
-/// A component of a prediction that is more uncertain than the measurements by this factor is not determined by them.
+/// A prediction component whose standard deviation exceeds the measurements' by more than this factor is undetermined.
 const UNDETERMINED: f64 = 30.0;
-/// Equations that must be left beside the fitted numbers where the fitted rows are also compared: one pose.
+/// Equations that are required beyond the number of fitted parameters if the fitted rows are also compared: one pose.
 const SPARE: usize = ROWS;
 
-/// Which frames are fitted to new measurements, and to which of them.
+/// Which frames are fitted to new measurements, and to which rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FramesToFit {
-    /// Whether `instrument_from_base` is fitted: the instrument was moved.
+    /// Whether `instrument_from_base` is fitted because the instrument was moved.
     pub base: bool,
-    /// Whether the frames of tools that the blob does not know are fitted: targets that were remounted, or are new.
+    /// Whether the frames of tools that the blob does not know (remounted or new targets) are fitted.
     pub tools: bool,
-    /// Rows of each tool that the frames are fitted to, evenly spread; they are not compared. `None`: all rows, which are
-    /// compared, too.
+    /// Number of rows of each tool, evenly spread, that the frames are fitted to and that are then not compared. `None`: the
+    /// frames are fitted to all rows, which are also compared.
     pub rows: Option<usize>,
 }
 
@@ -51,40 +51,40 @@ pub struct FittedFrames {
     pub is_base_fitted: bool,
     /// Whether each tool was fitted.
     pub is_tool_fitted: Vec<bool>,
-    /// Samples that the frames were fitted to and that are not to be compared.
+    /// Indices of the samples that the frames were fitted to and that must not be compared.
     pub left_out: Vec<usize>,
 }
 
 /// Why frames cannot be fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// All rows of a tool would be fitted to and none be left to compare.
+    /// The fit would use all rows of a tool and leave none to compare.
     #[error("{rows} rows of tool {}: fitting to {wanted} leaves none to compare", tool + 1)]
     NothingLeft {
-        /// The tool, from 0.
+        /// Index of the tool, counted from 0.
         tool: usize,
-        /// Its rows.
+        /// Number of rows of the tool.
         rows: usize,
-        /// Rows that were to be fitted to.
+        /// Number of rows requested for the fit.
         wanted: usize,
     },
-    /// Hardly more equations than fitted numbers.
+    /// The samples give hardly more equations than there are fitted parameters.
     #[error("{poses} different poses for {numbers} fitted numbers")]
     TooFew {
-        /// Rows that differ in joints, payload or tool.
+        /// Number of rows that differ in joints, payload or tool.
         poses: usize,
-        /// Numbers that are fitted.
+        /// Number of fitted parameters.
         numbers: usize,
-        /// Poses that are needed at least.
+        /// Least number of poses that are needed.
         needed: usize,
     },
-    /// Other poses could not be predicted with the fitted frames.
+    /// The poses do not determine the frames well enough to predict other poses.
     #[error("poses that do not determine the fitted frames")]
     Undetermined,
 }
 
 impl FramesToFit {
-    /// The samples that are fitted to and not compared.
+    /// Returns the indices of the samples that the frames are fitted to and that are not compared.
     fn left_out(
         self,
         samples: &[InstrumentSample],
@@ -111,8 +111,9 @@ impl FramesToFit {
 }
 
 impl FittedFrames {
-    /// The base of the blob and these `tools`, first those that it knows, but for the frames that `which` has fitted; also for
-    /// the base of a model that knows no instrument ([`BlobModel::knows_instrument`]).
+    /// Fits the frames that `which` selects and keeps the blob's base and the given `tools` otherwise; the first `tools` are
+    /// those that the blob knows. The base is also fitted if the model knows no instrument
+    /// ([`BlobModel::knows_instrument`]).
     ///
     /// # Errors
     /// [`FrameError`].
@@ -159,12 +160,12 @@ impl FittedFrames {
         Ok(out)
     }
 
-    /// Whether any frame was fitted.
+    /// Returns whether any frame was fitted.
     pub fn is_any_fitted(&self) -> bool {
         self.is_base_fitted || self.is_tool_fitted.contains(&true)
     }
 
-    /// Refuses samples that hardly have more equations than numbers are fitted to them.
+    /// Rejects samples that have hardly more equations than there are fitted parameters.
     fn enough(&self, samples: &[InstrumentSample]) -> Result<(), FrameError> {
         let each = samples.iter().map(|s| s.observation.equations()).max();
         let each = each.unwrap_or(ROWS);
@@ -182,13 +183,13 @@ impl FittedFrames {
     }
 }
 
-/// `count` of `rows`, evenly spread.
+/// Returns `count` of `rows`, evenly spread.
 fn evenly_spaced(rows: &[usize], count: usize) -> Vec<usize> {
     let count = count.min(rows.len());
     (0..count).map(|i| rows[i * rows.len() / count]).collect()
 }
 
-/// A blob's predictions at samples, for one base and one set of tools.
+/// The predictions of a blob at samples, for one base and one set of tools.
 pub struct Registered<'a> {
     /// The blob.
     pub blob: &'a BlobModel,
@@ -196,12 +197,12 @@ pub struct Registered<'a> {
     pub samples: &'a [InstrumentSample],
     /// `base_from_first_target` of every sample.
     first: Vec<Pose<f64>>,
-    /// Base and tools.
+    /// The base and tool frames.
     pub frames: FittedFrames,
 }
 
 impl<'a> Registered<'a> {
-    /// With these frames.
+    /// Predicts the samples with the given frames.
     pub fn new(
         blob: &'a BlobModel,
         samples: &'a [InstrumentSample],
@@ -218,7 +219,7 @@ impl<'a> Registered<'a> {
         }
     }
 
-    /// Where the frames that are fitted begin.
+    /// Sets initial values of the frames that are fitted.
     fn start(&mut self) {
         let frames = &self.frames;
         match (frames.is_base_fitted, frames.is_tool_fitted.contains(&true)) {
@@ -238,7 +239,7 @@ impl<'a> Registered<'a> {
         }
     }
 
-    /// Base and tools from nothing, by the calibrated chain as the base-tool calibration does it.
+    /// Computes base and tools without an initial value, from the calibrated chain, as the base-tool calibration does.
     fn start_both(&mut self) {
         let blob = self.blob.blob();
         let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
@@ -260,8 +261,8 @@ impl<'a> Registered<'a> {
         }
     }
 
-    /// Each tool as the mean over its samples of what is seen from the predicted first target, the rotation projected. Of
-    /// positions alone the rotation stays the first target's.
+    /// Sets each tool to the mean of its measured targets, seen from the predicted first target, with the mean rotation
+    /// projected to the nearest rotation. If all are positions alone, the rotation is that of the first target.
     fn start_tools(&mut self) {
         let frames = &mut self.frames;
         for (tool, frame) in frames.tools.iter_mut().enumerate() {
@@ -293,12 +294,13 @@ impl<'a> Registered<'a> {
         }
     }
 
-    /// `base_from_target` of a sample.
+    /// Returns the predicted `base_from_target` of sample `k`.
     fn in_base(&self, k: usize) -> Pose<f64> {
         self.first[k] * self.frames.tools[self.samples[k].tool]
     }
 
-    /// What twists of base and tools do, in units of [`WEIGHTS`]; zeros for frames that are not fitted.
+    /// Returns the Jacobian of the predictions by the twists of base and tools, in units of [`WEIGHTS`]; columns of frames
+    /// that are not fitted are zero.
     fn effects(&self) -> Mat<f64> {
         let mut a = Mat::zeros(ROWS * self.samples.len(), 6 + 6 * self.frames.tools.len());
         for (k, sample) in self.samples.iter().enumerate() {
@@ -331,7 +333,7 @@ impl<'a> Registered<'a> {
         a
     }
 
-    /// The damped normal matrix of [`Self::effects`].
+    /// Returns the damped normal matrix of [`Self::effects`].
     fn information(&self) -> Mat<f64> {
         let a = self.effects();
         let mut normal = product(Transposed(&a), &a);
@@ -343,7 +345,7 @@ impl<'a> Registered<'a> {
         normal
     }
 
-    /// One Gauss–Newton step of what is fitted.
+    /// Does one Gauss–Newton step of the fitted frames.
     fn refine(&mut self) {
         let Ok(factor) = Factor::new(self.information(), 1) else {
             return;
@@ -358,8 +360,8 @@ impl<'a> Registered<'a> {
         }
     }
 
-    /// Whether frames that were fitted with this `information` predict every component of these samples not much worse than
-    /// it is measured.
+    /// Returns whether frames that were fitted with this `information` predict every component of these samples with an
+    /// uncertainty of at most [`UNDETERMINED`] times that of the measurements.
     fn is_determined(&self, information: Mat<f64>) -> bool {
         let Ok(factor) = Factor::new(information, 1) else {
             return false;
@@ -371,8 +373,8 @@ impl<'a> Registered<'a> {
         (0..a.nrows()).all(|row| variance(row) <= UNDETERMINED * UNDETERMINED)
     }
 
-    /// Measured less predicted, displacement and rotation at the target along the axes of the base, in units of the
-    /// scales of each row; zeros where an orientation was not measured.
+    /// Returns the residuals, measured minus predicted: displacement and rotation at the target along the axes of the base,
+    /// in units of the scales of each row; zeros where an orientation was not measured.
     pub fn residuals(&self, scales: NoiseScales) -> Mat<f64> {
         let base_from_instrument = self.frames.instrument_from_base.inverse();
         let mut out = Mat::zeros(ROWS * self.samples.len(), 1);
@@ -387,21 +389,21 @@ impl<'a> Registered<'a> {
         out
     }
 
-    /// The error of each prediction.
+    /// Returns the error of each prediction.
     pub fn errors(&self) -> Vec<PoseError> {
         let predicted = self.predicted();
         let pairs = self.samples.iter().zip(&predicted);
         pairs.map(|(s, pose)| s.observation.error(pose)).collect()
     }
 
-    /// `instrument_from_target` of each sample as the blob has it.
+    /// Returns the predicted `instrument_from_target` of each sample.
     pub fn predicted(&self) -> Vec<Pose<f64>> {
         let of = |k: usize| self.frames.instrument_from_base * self.in_base(k);
         (0..self.samples.len()).map(of).collect()
     }
 }
 
-/// `base_from_first_target` as the device has it.
+/// Predicts `base_from_first_target` of a sample, as the device does.
 pub fn base_from_first_target(
     blob: &BlobModel,
     sample: &InstrumentSample,

@@ -1,8 +1,8 @@
-//! The drawing with other joint zeros, base and tool, as near to a blob's predictions as these can bring it.
+//! Joint zeros, base and tool that bring the drawing as near as possible to a blob's predictions.
 //!
-//! Every controller takes zeros of its joints, a base and a tool, and many take nothing else. The first and the last joint
-//! keep their zeros: base and tool do the same. What remains is mostly larger than what a whole chain leaves, so it is
-//! returned beside that of base and tool alone.
+//! Every controller accepts joint zeros, a base and a tool, and many accept nothing else. The first and the last joint keep
+//! their zeros, because base and tool have the same effect. The remaining error is mostly larger than that of a whole chain,
+//! so it is returned together with the error of base and tool alone.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
@@ -16,34 +16,35 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::ErrorSummary;
 
-/// Most steps.
+/// Largest number of Gauss–Newton steps.
 const STEPS: usize = 30;
-/// A step that lowers the cost by less than this share is the last.
+/// Convergence threshold: a step that lowers the cost by less than this share is the last.
 const SETTLED: f64 = 1e-9;
-/// Share of the largest diagonal element that every one gets: an offset that base and tool can do, too, stays 0.
+/// Share of the largest diagonal element that is added to every diagonal element: an offset that base and tool could
+/// replace stays 0.
 const RIDGE: f64 = 1e-12;
-/// Numbers of a frame.
+/// Number of parameters of a frame.
 const SIX: usize = 6;
 
 /// Joint zeros, base and tool.
 #[derive(Clone, Debug)]
 pub struct JointOffsets {
-    /// Offset of each controller's joint, rad or m: where the controller says q, the drawing stands at q + offset. It
-    /// is 0 for the first and the last joint.
+    /// Offset of each joint of the controller, in rad or m: at the controller's joint q, the drawing is at q + offset. The
+    /// offset is 0 for the first and the last joint.
     pub offsets: Vec<f64>,
-    /// The drawing's base, seen from the model's.
+    /// The drawing's base, seen from the model's base.
     pub base_from_drawing: Pose<f64>,
     /// `flange_from_target` of the first tool.
     pub flange_from_target: Pose<f64>,
-    /// Distances from the predictions, at poses that nothing was fitted to.
+    /// Distances from the predictions, at poses that were not used in the fit.
     pub error: ErrorSummary,
-    /// Those with base and tool alone, fitted to the same poses.
+    /// Distances with base and tool alone, fitted to the same poses.
     pub base_and_tool: ErrorSummary,
 }
 
 impl JointOffsets {
-    /// For a drawing that leads from the model's base to the target, which is at `flange_from_target`. `coupling` is C of
-    /// q_serial = C q by rows.
+    /// Fits joint zeros, base and tool of a `drawing` that leads from the model's base to the target at
+    /// `flange_from_target`. `coupling` is C of q_serial = C q by rows.
     pub fn new(
         predicted: &PredictedPoses,
         drawing: &Poe<f64>,
@@ -59,7 +60,7 @@ impl JointOffsets {
         let alone = with(0..0);
         let zeros = with(1..n.saturating_sub(1).max(1));
         let flange = drawing.frames()[n] * flange_from_target.inverse();
-        // The zero of the last joint of the chain is in the tool; a coupling may move it with another joint's.
+        // The tool contains the zero of the chain's last joint; a coupling may shift that zero with another joint's offset.
         let last = motion(drawing.kinds()[n - 1], -zeros.of_chain(n - 1));
         Self {
             base_from_drawing: zeros.base,
@@ -71,17 +72,17 @@ impl JointOffsets {
     }
 }
 
-/// What is fitted: [base | tool | an offset of each free joint].
+/// The fitted parameters: [base | tool | an offset of each free joint].
 #[derive(Clone)]
 struct Zeros<'a> {
     drawing: &'a Poe<f64>,
     coupling: Option<&'a [Vec<f64>]>,
     free: Vec<usize>,
-    /// Motion put before the first frame of the drawing.
+    /// Transform that multiplies the first frame of the drawing from the left.
     base: Pose<f64>,
-    /// Motion put before the last frame of the drawing.
+    /// Transform that multiplies the last frame of the drawing from the left.
     tool: Pose<f64>,
-    /// Offsets of the controller's joints, rad or m.
+    /// Offsets of the controller's joints, in rad or m.
     offsets: Vec<f64>,
 }
 
@@ -97,13 +98,13 @@ impl<'a> Zeros<'a> {
         }
     }
 
-    /// What joint `j` of the controller moves joint `i` of the chain by.
+    /// Returns the coupling factor: by how much joint `j` of the controller moves joint `i` of the chain.
     fn share(&self, i: usize, j: usize) -> f64 {
         self.coupling
             .map_or(f64::from(u8::from(i == j)), |rows| rows[i][j])
     }
 
-    /// Offset of joint `i` of the chain.
+    /// Returns the offset of joint `i` of the chain, in rad or m.
     fn of_chain(&self, i: usize) -> f64 {
         let all = self.offsets.iter().enumerate();
         all.map(|(j, offset)| self.share(i, j) * offset).sum()
@@ -121,7 +122,8 @@ impl<'a> Zeros<'a> {
         chain
     }
 
-    /// The columns of [base | tool | offsets] from those of all frames, each six numbers that multiply it from the left.
+    /// Computes the Jacobian of [base | tool | offsets] from the Jacobian `a` of all frames, each with six columns for a
+    /// twist that multiplies the frame from the left.
     fn columns(&self, a: &Mat<f64>) -> Mat<f64> {
         let n = self.offsets.len();
         let mut out = Mat::zeros(a.nrows(), 2 * SIX + self.free.len());
@@ -153,7 +155,7 @@ impl<'a> Zeros<'a> {
         out
     }
 
-    /// Gauss–Newton; metres and radians count alike, as in the base-tool calibration.
+    /// Fits the parameters by Gauss–Newton; metres and radians have the same weight, as in the base-tool calibration.
     fn fit(&mut self, samples: &[BaseSample]) {
         let frames: Vec<usize> = (0..=self.offsets.len()).collect();
         for _ in 0..STEPS {
@@ -188,7 +190,7 @@ impl<'a> Zeros<'a> {
     }
 }
 
-/// Which number of a frame's six is a motion of the joint before it.
+/// Returns which of the six parameters of a frame is a motion of the preceding joint.
 fn axis(kind: JointKind) -> usize {
     match kind {
         JointKind::Revolute => 5,
@@ -196,7 +198,7 @@ fn axis(kind: JointKind) -> usize {
     }
 }
 
-/// Turns about or moves along z, rad or m.
+/// Returns a rotation about z by `value` in rad or a translation along z by `value` in m.
 fn motion(kind: JointKind, value: f64) -> Pose<f64> {
     let mut twist = [0.0; SIX];
     twist[axis(kind)] = value;

@@ -1,4 +1,4 @@
-//! From a calibration to the bytes of a blob, and from the bytes to what a device predicts.
+//! Writes a calibration to the bytes of a blob, and predicts from these bytes what a device predicts.
 
 pub mod batch;
 pub mod chain_deviation;

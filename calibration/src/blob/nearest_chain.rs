@@ -1,9 +1,9 @@
 //! The chain without correction whose poses are nearest to a blob's predictions.
 //!
 //! The chain inside a blob is fitted together with its correction, which takes constant and slow parts of the error. Without
-//! the correction another chain is better. It is fitted to what the blob predicts, so no measurement is needed: the frames
-//! minimise displacements and rotations, by the size of each, at poses of a region. A prior around the blob's own frames
-//! keeps what these poses do not determine where it was.
+//! the correction another chain is better. That chain is fitted to the blob's predictions, so no measurement is needed: its
+//! frames minimise displacements and rotations, each scaled by its size, at poses of a region. A prior around the blob's own
+//! frames keeps unchanged what these poses do not determine.
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
@@ -14,17 +14,17 @@ use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::measurement::sample::BaseSample;
 use crate::numeric::statistics::ErrorSummary;
 
-/// Logarithms by which noise and priors differ from what they are without evidence.
+/// Logarithmic scale factors of noise and priors: all 0, so that they keep their default values.
 const NO_EVIDENCE: [f64; 5] = [0.0; 5];
 
 /// The chain nearest to a blob's predictions.
 #[derive(Clone, Debug)]
 pub struct NearestChain {
-    /// From the base to the target of the first tool.
+    /// The nearest chain, from the base to the target of the first tool.
     pub chain: Poe<f64>,
-    /// Distances of the blob's own chain from the predictions, at poses that nothing was fitted to.
+    /// Distances of the blob's own chain from the predictions, at poses that were not used in a fit.
     pub before: ErrorSummary,
-    /// Distances of [`NearestChain::chain`] from them; never larger in the mean.
+    /// Distances of [`NearestChain::chain`] from the predictions; in the mean never larger than `before`.
     pub after: ErrorSummary,
 }
 
@@ -46,7 +46,7 @@ impl NearestChain {
     }
 }
 
-/// All frames of `own` fitted to samples, under the prior that a calibration has around the drawing.
+/// Fits all frames of `own` to samples, with the prior that a calibration has around the drawing.
 fn fit(own: &Poe<f64>, samples: &[BaseSample]) -> Poe<f64> {
     let joints = own.kinds().len();
     let layout = Layout {

@@ -1,4 +1,4 @@
-//! What single precision loses: the poses of a blob against those of the f64 model.
+//! The loss of single precision: the poses of a blob compared with those of the f64 model.
 
 use poegp_runtime::guard::status::Status;
 
@@ -6,28 +6,28 @@ use crate::blob::predict::BlobModel;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Calibration;
 
-/// Largest position error of the `f32` blob against the f64 model, in metres.
+/// Limit on the largest position error of the `f32` blob against the f64 model, in metres.
 pub const MAX_F32_ERROR_M: f64 = 2e-6;
-/// Largest mean of it.
+/// Limit on the mean of this error, in metres.
 pub const MEAN_F32_ERROR_M: f64 = 0.5e-6;
 
-/// The distance of the blob's poses from the f64 model's.
+/// Distance of the blob's poses from the f64 model's.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SinglePrecisionLoss {
-    /// Mean in metres.
+    /// Mean distance, in metres.
     pub mean_m: f64,
-    /// Largest in metres.
+    /// Largest distance, in metres.
     pub max_m: f64,
 }
 
 impl SinglePrecisionLoss {
-    /// The larger of the two shares of the limits.
+    /// Returns the larger of the two errors, each as a share of its limit.
     pub fn worst_share(&self) -> f64 {
         (self.max_m / MAX_F32_ERROR_M).max(self.mean_m / MEAN_F32_ERROR_M)
     }
 }
 
-/// Distance of the blob's poses from the f64 model's, where the correction is not bounded.
+/// Computes the distance of the blob's poses from the f64 model's over the samples whose correction is not limited.
 pub fn precision_loss(
     calibration: &Calibration,
     loaded: &BlobModel,

@@ -1,4 +1,5 @@
-//! A blob as the device will run it: decoded, checked, in the `f32` runtime. The only source of predictions.
+//! A blob as the device will run it: decoded, checked and evaluated by the `f32` runtime. This is the only source of
+//! predictions.
 
 use std::path::Path;
 
@@ -13,21 +14,21 @@ use crate::learning::task_space::MAX_POINTS;
 use crate::measurement::sample::{InstrumentSample, ToolName};
 use crate::numeric::statistics::PoseError;
 
-/// The workstation's instance. The device's holds fewer points; no result depends on it.
+/// The workstation's instance of the runtime model. The device's instance holds fewer points; the results are the same.
 pub type HostModel = Model<f32, { words_for(MAX_POINTS) }>;
 
-/// Why bytes are not a model.
+/// Why bytes are not a usable model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BlobError {
-    /// Not a blob.
+    /// The bytes are not a blob.
     #[error(transparent)]
     Decode(#[from] DecodeError),
-    /// Not a usable model.
+    /// The blob is intact but not a usable model.
     #[error("the blob is intact but not a usable model: {0}")]
     Load(#[from] LoadError),
 }
 
-/// What the bytes of a blob say.
+/// The decoded contents of a blob.
 #[derive(Debug)]
 struct Contents<'a> {
     blob: Blob<'a>,
@@ -35,7 +36,7 @@ struct Contents<'a> {
 }
 
 self_cell::self_cell!(
-    /// The bytes of a blob and what they say.
+    /// The bytes of a blob and their decoded contents.
     struct Decoded {
         owner: Vec<u8>,
         #[covariant]
@@ -45,7 +46,7 @@ self_cell::self_cell!(
     impl {Debug}
 );
 
-/// A blob and the model it holds.
+/// A blob and the model that it contains.
 #[derive(Debug)]
 pub struct BlobModel {
     decoded: Decoded,
@@ -54,16 +55,16 @@ pub struct BlobModel {
     tools: Vec<(ToolName, Pose<f64>)>,
 }
 
-/// One prediction.
+/// One prediction of a [`BlobModel`].
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction {
     /// `instrument_from_target`.
     pub pose: Pose<f64>,
-    /// What it is worth.
+    /// The status flags of the prediction.
     pub status: Status,
-    /// 1 within what was trained, towards 0 far away.
+    /// Trust: 1 within the trained ranges, falling to 0 outside.
     pub trust: f32,
-    /// Standard deviation of one position component of a new measurement in metres, of a blob that knows it.
+    /// Standard deviation of one position component of a new measurement, in metres, if the blob has a variance.
     pub position_sigma: Option<f32>,
 }
 
@@ -100,7 +101,7 @@ impl BlobModel {
     /// Reads a blob from a file.
     ///
     /// # Errors
-    /// [`InputError`] names the file and what is wrong with it.
+    /// [`InputError`], which names the file and what is wrong with it.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let expected = "a model blob written by `trainer calibrate`";
         let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e, expected))?;
@@ -117,28 +118,28 @@ impl BlobModel {
         Self::from_bytes(bytes).map_err(found)
     }
 
-    /// What the device reads of the blob.
+    /// Returns the part of the blob that the device reads.
     pub fn blob(&self) -> &Blob<'_> {
         &self.decoded.borrow_dependent().blob
     }
 
-    /// What the host reads of the blob.
+    /// Returns the part of the blob that only the host reads.
     pub fn host(&self) -> &Host<'_> {
         &self.decoded.borrow_dependent().host
     }
 
-    /// The bytes of the blob.
+    /// Returns the bytes of the blob.
     pub fn bytes(&self) -> &[u8] {
         self.decoded.borrow_owner()
     }
 
-    /// The model.
+    /// Returns the runtime model.
     pub fn model(&self) -> &HostModel {
         &self.model
     }
 
-    /// The predicted `instrument_from_target` for the controller's joints and the payload (0 when it is not known): the
-    /// runtime's `f32` pose in the base frame, carried to the instrument's frame in `f64`.
+    /// Predicts `instrument_from_target` for the controller's joints and the payload (0 if it is not known): the runtime's
+    /// `f32` pose in the base frame, transformed to the instrument's frame in `f64`.
     pub fn predict(&self, joints: &[f64], payload_kg: Option<f64>) -> Prediction {
         let joints: Vec<f32> = joints.iter().map(|q| *q as f32).collect();
         let answer = self
@@ -152,20 +153,21 @@ impl BlobModel {
         }
     }
 
-    /// The base frame of the model, seen from the instrument.
+    /// Returns the base frame of the model, seen from the instrument.
     pub fn instrument_from_base(&self) -> Pose<f64> {
         self.instrument_from_base
     }
 
-    /// Whether the model knows where an instrument stands. Touches alone show none: such a model states its poses in the
-    /// base of the drawing, and measurements need a base of their own ([`FittedFrames`](super::fitted_frames::FittedFrames)).
+    /// Returns whether the model knows the pose of an instrument. A calibration by touches alone does not: such a model
+    /// states its poses in the base of the drawing, and a base must be fitted to measurements of an instrument
+    /// ([`FittedFrames`](super::fitted_frames::FittedFrames)).
     pub fn knows_instrument(&self) -> bool {
-        // The base that is fitted to measured poses is never the drawing's to the last bit.
+        // A base that was fitted to measured poses is never exactly that of the drawing.
         self.instrument_from_base != Pose::identity()
             || self.host().gauge.base == FrameSource::Stated
     }
 
-    /// C of q_serial = C q by rows; `None` is the identity.
+    /// Returns the joint coupling C of q_serial = C q by rows; `None` means the identity.
     pub fn coupling(&self) -> Option<Vec<Vec<f64>>> {
         let robot = &self.blob().robot;
         let row = |row: &[f32]| row.iter().map(|c| f64::from(*c)).collect();
@@ -173,17 +175,17 @@ impl BlobModel {
         (!robot.coupling.is_empty()).then(|| rows.map(row).collect())
     }
 
-    /// A pose in the base frame as the runtime or a device computed it, seen from the instrument.
+    /// Transforms a pose from the base frame, as the runtime or a device computed it, to the instrument's frame.
     pub fn in_instrument(&self, base_from_target: &Pose<f32>) -> Pose<f64> {
         orthonormal(&(self.instrument_from_base * base_from_target.cast::<f64>()))
     }
 
-    /// The tools that the blob names; empty when there was only one without a name.
+    /// Returns the tools that the blob names; empty if there was only one tool without a name.
     pub fn tools(&self) -> &[(ToolName, Pose<f64>)] {
         &self.tools
     }
 
-    /// The same as [`BlobModel::predict`] for a tool of the blob, by its index.
+    /// Predicts as [`BlobModel::predict`] does, for the tool of the blob with index `tool`.
     pub fn predict_tool(&self, joints: &[f64], payload_kg: Option<f64>, tool: usize) -> Prediction {
         let first = self.predict(joints, payload_kg);
         match self.tools.get(tool) {
@@ -195,7 +197,7 @@ impl BlobModel {
         }
     }
 
-    /// The error of each sample's prediction, in order.
+    /// Returns the error of each sample's prediction, in order.
     pub fn errors(&self, samples: &[InstrumentSample]) -> Vec<PoseError> {
         samples
             .iter()
@@ -207,8 +209,8 @@ impl BlobModel {
     }
 }
 
-/// The same pose with a rotation that is one to f64: a matrix of f32 is one to seven digits only. The nearest rotation is
-/// what a quaternion in a file says, and errors recomputed from that file must be the reported ones.
+/// Returns the pose with a rotation matrix that is orthonormal to f64; a matrix of f32 is orthonormal to seven digits only.
+/// A quaternion in a file states the nearest rotation, and errors recomputed from that file must be the reported ones.
 pub(super) fn orthonormal(pose: &Pose<f64>) -> Pose<f64> {
     let (w, v) = pose.quaternion();
     Pose::from_quaternion(w, &v, pose.translation)

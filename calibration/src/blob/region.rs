@@ -1,7 +1,7 @@
-//! Where a chain alone is to be near to a model: joints and payloads.
+//! The region of joints and payloads over which a chain alone is fitted to a model.
 //!
-//! A chain cannot be near everywhere. It is nearer where it has less to hold: about one pose, along a program, at one payload.
-//! A region lies within the trained ranges, because beyond them the model extrapolates.
+//! A chain cannot be near the model everywhere. The smaller the region, the nearer it is: about one pose, along a program,
+//! at one payload. A region lies within the trained ranges, because beyond them the model extrapolates.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::Blob;
@@ -9,44 +9,44 @@ use poegp_protocol::link::Query;
 
 use crate::numeric::halton::halton;
 
-/// Multiples of it, less their whole part, are spread evenly and have nothing in common with Halton's digits.
+/// Golden ratio. The fractional parts of its multiples are spread evenly and have no relation to the Halton sequence.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// Joints within some distance of given poses, or the trained ranges; and payloads.
+/// A region: joints within some distance of given poses, or within the trained ranges, and a range of payloads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
-    /// Lightest and heaviest payload, kg, of a model that depends on it.
+    /// Lightest and heaviest payload in kg, for a model that depends on the payload.
     pub payload_kg: Option<(f32, f32)>,
-    /// What the joints are near to; `None`: the trained ranges.
+    /// The poses that the joints are near to; `None` for the trained ranges.
     pub near: Option<Near>,
-    /// The range of each joint about each pose, rad or m, cut to the trained one; at least one.
+    /// For each pose (at least one) the range of each joint, in rad or m, clipped to the trained range.
     ranges: Vec<Vec<(f64, f64)>>,
 }
 
-/// Poses, and how far from them a region reaches.
+/// Poses, and the distance to which a region reaches from them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Near {
-    /// The controller's joints, rad or m, base first.
+    /// The controller's joints at each pose, in rad or m, base first.
     pub poses: Vec<Vec<f64>>,
-    /// Reach of each joint, degrees; along a prismatic joint, millimetres.
+    /// Reach from each joint value, in degrees; in mm for a prismatic joint.
     pub reach: f64,
 }
 
-/// A pose about which nothing was trained.
+/// The error for a pose whose neighbourhood lies outside the trained ranges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotTrained {
-    /// Which of the poses, from 0.
+    /// Index of the pose, counted from 0.
     pub pose: usize,
-    /// Which joint, from 0.
+    /// Index of the joint, counted from 0.
     pub joint: usize,
-    /// Its value, rad or m.
+    /// Value of the joint, in rad or m.
     pub value: f64,
-    /// The trained range of the joint, rad or m.
+    /// Trained range of the joint, in rad or m.
     pub trained: (f64, f64),
 }
 
 impl Region {
-    /// All that a model was trained for.
+    /// Creates the region of all trained joints and payloads of a model.
     pub fn trained(blob: &Blob<'_>) -> Self {
         Self {
             payload_kg: blob.ranges.payload_kg,
@@ -55,10 +55,10 @@ impl Region {
         }
     }
 
-    /// About poses with as many joints as the arm, where that is within the trained ranges.
+    /// Creates a region about poses, clipped to the trained ranges. Each pose must have as many joints as the arm.
     ///
     /// # Errors
-    /// [`NotTrained`]: the first pose about which nothing was trained.
+    /// [`NotTrained`]: the first pose whose neighbourhood lies outside the trained ranges.
     pub fn near(blob: &Blob<'_>, near: Near) -> Result<Self, NotTrained> {
         let trained = trained(blob);
         let kinds = blob.robot.joints.iter().map(|joint| joint.kind);
@@ -93,7 +93,7 @@ impl Region {
         })
     }
 
-    /// The same joints with other payloads, kg.
+    /// Returns the region with the same joints and another range of payloads, in kg.
     #[must_use]
     pub fn with_payloads(self, payload_kg: (f32, f32)) -> Self {
         Self {
@@ -102,7 +102,7 @@ impl Region {
         }
     }
 
-    /// Point `index` of a sequence that fills the region evenly.
+    /// Returns point `index` of a sequence that fills the region evenly.
     pub(super) fn point(&self, index: u32) -> Query {
         let joints = self.ranges[0].len();
         let within = |dimension, (lower, upper): (f64, f64)| {
@@ -120,7 +120,7 @@ impl Region {
     }
 }
 
-/// The trained ranges, rad or m.
+/// Returns the trained range of each joint, in rad or m.
 fn trained(blob: &Blob<'_>) -> Vec<(f64, f64)> {
     let ranges = blob.ranges.joints.iter();
     ranges

@@ -1,4 +1,4 @@
-//! Corrections as a blob has them: numbers in `f32`, rows as bytes.
+//! Converts corrections to the form in which a blob stores them: numbers in `f32`, rows as bytes.
 
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{CorrectionLimit, Elastic, JointKernel, Ripple, TaskSpace};
@@ -8,11 +8,11 @@ use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::model::Calibration;
 use crate::model::correction::TaskSpaceCorrection;
 
-/// Something of a model that a blob has no words for.
+/// The error for a part of a model that the blob format cannot store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DoesNotFit(pub &'static str);
 
-/// A fixed vector of what fits, or the error that names what does not.
+/// Collects `items` into a vector of fixed capacity; the error names `what` does not fit.
 pub fn fixed<T, const N: usize>(
     items: impl IntoIterator<Item = T>,
     what: &'static str,
@@ -24,13 +24,13 @@ pub fn fixed<T, const N: usize>(
     Ok(out)
 }
 
-/// The task-space correction without its rows, and the bytes of the rows.
+/// Converts the task-space correction; returns it without its rows, and the bytes of the rows.
 pub fn task_space(
     correction: &TaskSpaceCorrection,
     limit: CorrectionLimit,
 ) -> Result<(TaskSpace<'static>, Vec<u8>), DoesNotFit> {
     let (gp, (header, rows)) = (&correction.gp, &correction.posterior_mean);
-    // The form that takes the device less time, where the inducing points allows it.
+    // Folds the rows into the form that takes the device less time, if the inducing points allow it.
     let (mut header, mut rows) = (*header, rows.clone());
     header.fold(&mut rows);
     let inputs = header.inputs;
@@ -72,7 +72,7 @@ pub fn little_endian(rows: &[f64]) -> Vec<u8> {
         .collect()
 }
 
-/// The elastic correction without its rows.
+/// Converts the elastic correction; returns it without its rows.
 pub fn elastic(
     elastic: &ElasticModel,
     calibration: &Calibration,

@@ -1,7 +1,7 @@
-//! From the f64 calibration to the bytes of a blob: the one place where numbers become `f32`.
+//! Converts the f64 calibration to the bytes of a blob: the only module where numbers become `f32`.
 //!
-//! What that costs is measured on all data and refused when it is too much: a kernel that is smooth and a noise that is
-//! small can make weights so large that `f32` cancels (the error is about √N·2⁻²⁴·max|weight|/σ · signal).
+//! The loss of precision is measured on all data, and a model that loses too much is rejected: a smooth kernel and a small
+//! noise can make the weights so large that their sum cancels in `f32` (the error is about √N·2⁻²⁴·max|weight|/σ · signal).
 
 use heapless::Vec as FixedVec;
 use poegp_protocol::blob::{
@@ -33,16 +33,16 @@ use crate::numeric::statistics::extremes;
 use crate::progress::FitContext;
 use crate::robot::Robot;
 
-/// Where a calibration comes from.
+/// The provenance of a calibration.
 #[derive(Clone, Debug, Default)]
 pub struct Provenance {
-    /// Serial number of the arm; empty when unknown.
+    /// Serial number of the arm; empty if unknown.
     pub serial_number: String,
-    /// Day of the calibration, ISO 8601, UTC.
+    /// Date of the calibration in UTC, ISO 8601.
     pub date: String,
     /// SHA-256 of the measurement file.
     pub data_sha256: [u8; 32],
-    /// The tools that samples name by index.
+    /// Names of the tools; the samples refer to them by index.
     pub tools: Vec<ToolName>,
     /// Causes of the warnings about the measurements.
     pub warnings: Causes,
@@ -63,23 +63,23 @@ impl Provenance {
     }
 }
 
-/// A calibration with its blob.
+/// A calibration and its blob.
 #[derive(Debug)]
 pub struct CalibratedBlob {
-    /// In f64.
+    /// The model in f64.
     pub calibration: Calibration,
-    /// As the device will have it.
+    /// The model in f32, as the device will have it.
     pub blob: BlobModel,
-    /// How far its poses are from the f64 model's.
+    /// Distance of the blob's poses from the f64 model's.
     pub precision_loss: SinglePrecisionLoss,
 }
 
-/// Limits on the signal variance that are tried when single precision loses too much, highest first.
+/// Limits on the signal variance that are tried if single precision loses too much, highest first.
 const SMALLER_SIGNAL_VARIANCES: [f64; 3] = [30.0, 10.0, 3.0];
-/// Share of the limits that a calibration should stay below, so that poses of other sets stay within them too.
+/// Share of the precision limits that a calibration should not exceed, so that other poses also stay within the limits.
 const COMFORTABLE: f64 = 0.7;
 
-/// Calibrates `robot` and writes the blob: [`calibrate`] and [`Calibration::into_blob`].
+/// Calibrates `robot` with [`calibrate`] and writes the blob with [`Calibration::into_blob`].
 ///
 /// # Errors
 /// [`DeviceError`].
@@ -94,7 +94,7 @@ pub fn calibrate_to_blob(
     calibrate_in_gauge(robot, samples, config, &gauge, provenance, context)
 }
 
-/// [`calibrate_to_blob`] in a gauge that is known in part.
+/// Calibrates as [`calibrate_to_blob`] does, in the gauge that `gauge` chooses.
 ///
 /// # Errors
 /// [`DeviceError`].
@@ -116,9 +116,10 @@ pub fn calibrate_in_gauge(
 }
 
 impl Calibration {
-    /// The blob of a calibration with these samples. When single precision would lose too much, the task-space process is
-    /// fitted again with a smaller limit on its signal variance (on ten simulated robots 30 instead of 300 costs 0.5 % of
-    /// accuracy and saves five sixths of the rounding error); `TaskSpaceCorrection::max_signal_variance` says which one it was.
+    /// Writes the blob of a calibration with these samples. If single precision would lose too much, the task-space process
+    /// is fitted again with a smaller limit on its signal variance (on ten simulated robots 30 instead of 300 costs 0.5 % of
+    /// accuracy and saves five sixths of the rounding error); `TaskSpaceCorrection::max_signal_variance` states the limit
+    /// that was used.
     ///
     /// # Errors
     /// [`DeviceError`].
@@ -154,7 +155,7 @@ impl Calibration {
         }
     }
 
-    /// As the device will have it, whatever is lost by it.
+    /// Converts the calibration to a blob, whatever the loss of precision.
     fn stored(
         self,
         robot: &Robot,
@@ -172,14 +173,14 @@ impl Calibration {
 }
 
 impl CalibratedBlob {
-    /// The hyperparameters of the six outputs, of a task-space process.
+    /// Returns the hyperparameters of the six outputs, if the correction is a task-space process.
     fn hyperparameters(&self) -> Option<[Hyperparameters; OUTPUTS]> {
         let task_space = self.calibration.correction.task_space()?;
         Some(std::array::from_fn(|c| *task_space.gp.output(c)))
     }
 }
 
-/// Why there is no calibration for the device.
+/// Why a calibration for the device failed.
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
     /// The data could not be fitted.
@@ -190,13 +191,13 @@ pub enum DeviceError {
     Export(#[from] ExportError),
 }
 
-/// Why no blob was made.
+/// Why a model could not be stored in a blob.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// Something of the model does not fit into the words of a blob.
+    /// A part of the model does not fit into the format of a blob.
     #[error("the model does not fit into a blob: {0}")]
     DoesNotFit(&'static str),
-    /// The checked constructor refuses the blob.
+    /// The runtime rejects the blob.
     #[error("the model cannot be run: {0}")]
     Unusable(#[from] BlobError),
     /// The poses of the blob are too far from the f64 model's.
@@ -225,10 +226,10 @@ fn chain<const N: usize>(poe: &Poe<f64>) -> Result<FixedVec<Transform<f32>, N>, 
     )
 }
 
-/// Words of rows that a device has room for.
+/// Memory words for rows that a device has room for.
 const DEVICE_ROOM: usize = words_for(400);
 
-/// Most bytes of the section for the host.
+/// Largest length of the host section, in bytes.
 const MAX_HOST_LENGTH: usize = 1 << 20;
 
 fn to_bytes(
@@ -263,7 +264,7 @@ fn to_bytes(
             )
         }
     };
-    // What no device has room for is for workstations.
+    // A model whose rows exceed the room of a device is for workstations and has no limit.
     let room = DEVICE_ROOM
         .checked_sub(rows.len() / 4)
         .unwrap_or(usize::MAX);
@@ -376,7 +377,7 @@ fn to_bytes(
     Ok(buffer)
 }
 
-/// That of a model without processes.
+/// Returns the constant variance of a model without processes, if the device needs a variance.
 fn constant_variance<'a>(calibration: &Calibration) -> Option<Variance<'a>> {
     let has_processes = match &calibration.correction {
         model::Correction::None => false,
@@ -412,7 +413,7 @@ fn wire_gauge(calibration: &Calibration) -> Result<Gauge, ExportError> {
     })
 }
 
-/// The tools by name, unless there is only one without a name.
+/// Returns the tools by name; none if there is only one tool and it has no name.
 fn wire_tools<'a>(
     calibration: &'a Calibration,
     provenance: &'a Provenance,

@@ -18,35 +18,35 @@ use crate::model::methods::problem::FrameEstimate;
 /// A calibrated robot in `f64`.
 #[derive(Debug)]
 pub struct Calibration {
-    /// How it was made.
+    /// The settings that the calibration was made with.
     pub config: Config,
-    /// The frames that base and tools are stated in.
+    /// The gauge: the base and tool frames that the model is stated in.
     pub gauge: Gauge,
-    /// Base and tools on the nominal robot, in that gauge.
+    /// Base and tools on the nominal robot, in `gauge`.
     pub base_and_tools: BaseAndTools,
-    /// `first_target_from_target` of each tool as calibrated.
+    /// Calibrated `first_target_from_target` of each tool.
     pub tools: Vec<Pose<f64>>,
     /// The nominal chain from base to target.
     pub nominal: Poe<f64>,
     /// The calibrated chain from base to target.
     pub calibrated: Poe<f64>,
-    /// What the model adds to the chain.
+    /// The correction that the model adds to the chain.
     pub correction: Correction,
     /// How the frames were estimated.
     pub estimate: FrameEstimate,
-    /// Measurements that do not belong, by their index; `config.outliers` says whether they were trained on.
+    /// Outliers, by the index of their measurement; `config.outliers` says whether they were trained on.
     pub outliers: Vec<Outlier>,
-    /// The warm-up that the evidence shows, removed from the training samples where its report says so.
+    /// The warm-up that the evidence shows; it was removed from the training samples if its report says so.
     pub warm_up: Option<WarmUp>,
-    /// Standard deviation of one position and one rotation component of a new measurement, m and rad, where that is the same
-    /// for all poses: of the chain alone the RMS of its residuals times m/(m − p), of p parameters and m components.
+    /// Standard deviation of one position and one rotation component of a new measurement, in m and rad, for models whose
+    /// deviation is the same for all poses: the RMS of the residuals times m/(m − p), with p parameters and m components.
     pub constant_deviation: (f64, f64),
-    /// The limit of the correction: metres and radians.
+    /// The correction limit: displacement in m and angle in rad.
     pub correction_limit: (f64, f64),
 }
 
 impl Calibration {
-    /// The measurements of `all` that it was trained on.
+    /// Returns the measurements of `all` that the model was trained on.
     pub fn trained_on<F: Clone>(&self, all: &[Sample<F>]) -> Vec<Sample<F>> {
         let rejects = self.config.outliers == OutlierPolicy::Reject;
         let is_kept = |i: usize| !rejects || !self.outliers.iter().any(|o| o.sample == i);
@@ -54,12 +54,13 @@ impl Calibration {
         kept.map(|(_, sample)| sample.clone()).collect()
     }
 
-    /// The warm-up that was removed from the training samples.
+    /// Returns the warm-up if it was removed from the training samples.
     pub(super) fn removed_warm_up(&self) -> Option<&WarmUp> {
         self.warm_up.as_ref().filter(|w| w.report.removed)
     }
 
-    /// Samples of the training file without the warm-up, where that was removed for the training, too.
+    /// Removes the warm-up from `samples` of the training file if the training removed it, too; otherwise returns them
+    /// unchanged.
     pub fn without_warm_up(&self, samples: Vec<InstrumentSample>) -> Vec<InstrumentSample> {
         let Some(warm_up) = self.removed_warm_up() else {
             return samples;
@@ -74,7 +75,7 @@ impl Calibration {
         samples.into_iter().zip(corrected).map(seen).collect()
     }
 
-    /// What the least-squares fit of the frames did, if there was one.
+    /// Returns the report of the least-squares fit of the frames, if there was one.
     pub fn frame_fit(&self) -> Option<&FrameFit> {
         match &self.estimate {
             FrameEstimate::LeastSquares(fit) => Some(fit),
@@ -82,13 +83,13 @@ impl Calibration {
         }
     }
 
-    /// `base_from_target` of the sample's tool as the f64 model has it, with the correction not limited.
+    /// Predicts `base_from_target` of the sample's tool with the f64 model, without the correction limit.
     pub fn predict<F>(&self, sample: &Sample<F>) -> Pose<f64> {
         let first = self.correction.corrected(&self.calibrated, sample).0;
         self.with_tool(first, sample.tool)
     }
 
-    /// From the pose of the first tool to that of another.
+    /// Converts the pose of the first tool to that of tool `tool`.
     fn with_tool(&self, first: Pose<f64>, tool: usize) -> Pose<f64> {
         match self.tools.get(tool) {
             Some(other) if tool > 0 => first * *other,
@@ -96,9 +97,9 @@ impl Calibration {
         }
     }
 
-    /// Predictive standard deviation of a new measurement: position along the axes of the base frame in metres, rotation
-    /// about them in radians. Of the elastic model from parameters, processes and noise; of the task-space process by eq. 7
-    /// and its noise; of the chain alone the same for all poses.
+    /// Returns the predictive standard deviation of a new measurement: position along the axes of the base frame in metres,
+    /// rotation about them in radians. The elastic model computes it from parameters, processes and noise, the task-space
+    /// process from eq. 7 and its noise; the chain alone has one value for all poses.
     pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> Option<[f64; OUTPUTS]> {
         if let FrameEstimate::Parametric {
             uncertainty: Some(uncertainty),
@@ -116,7 +117,7 @@ impl Calibration {
         Some([p, p, p, r, r, r])
     }
 
-    /// Whether the standard deviation depends on the pose.
+    /// Returns whether the standard deviation depends on the pose.
     pub fn has_local_deviation(&self) -> bool {
         match &self.estimate {
             FrameEstimate::Parametric { uncertainty } => uncertainty.is_some(),
@@ -124,8 +125,8 @@ impl Calibration {
         }
     }
 
-    /// The deviation of new poses, from the residuals of the training `samples` by generalised cross-validation (Golub, Heath
-    /// and Wahba 1979): their RMS times m/(m − p) of p parameters fitted to m components.
+    /// Computes the standard deviation of new poses from the residuals of the training `samples` by generalised
+    /// cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m components.
     pub(super) fn constant_deviation_of(&self, samples: &[BaseSample]) -> (f64, f64) {
         let whole = samples.iter().filter(|s| s.observation.has_orientation());
         let components = 3 * (samples.len() + whole.count());
@@ -138,7 +139,7 @@ impl Calibration {
         (factor * position, factor * rotation)
     }
 
-    /// The RMS of one position and one rotation component of the residual of `samples`, m and rad.
+    /// Computes the RMS of one position and one rotation component of the residuals of `samples`, in m and rad.
     fn rms(&self, samples: &[BaseSample]) -> (f64, f64) {
         let of = |s: &BaseSample| {
             residual_components(
@@ -160,7 +161,8 @@ impl Calibration {
         (rms(position, samples.len()), rms(orientation, whole))
     }
 
-    /// The limit that is asked for, else twice the largest correction of `samples`: metres and radians.
+    /// Returns the correction limit in m and rad: the one that `config` sets, otherwise twice the largest correction of
+    /// `samples`.
     pub(super) fn limit(&self, samples: &[BaseSample]) -> (f64, f64) {
         let (mut displacement, mut angle) = (0.0_f64, 0.0_f64);
         for sample in samples {

@@ -1,6 +1,6 @@
-//! How a calibration is done: everything but the data that is needed to repeat it.
+//! The settings of a calibration: everything that is needed to repeat it, apart from the data.
 //!
-//! The same keys stand in a project file, so the fields have the units of their names. In TOML:
+//! A project file uses the field names as keys, so each field has the unit that its name states. In TOML:
 //!
 //! ```
 //! use poegp_calibration::model::config::Config;
@@ -23,7 +23,7 @@ use crate::measurement::noise::InstrumentNoise;
 use crate::model::methods::Method;
 pub use crate::model::methods::problem::Weighting;
 
-/// How a calibration is done. [`Config::default`] is the elastic model with the settings of the command line.
+/// The settings of a calibration. [`Config::default`] is the elastic model with the default settings of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(
     default,
@@ -33,13 +33,14 @@ pub use crate::model::methods::problem::Weighting;
 pub struct Config {
     /// The calibration method.
     pub method: Method,
-    /// How the poses count in the frame fit of the methods `poe`, `poe-gp` and `poe-gp-load`.
+    /// How the poses are weighted in the frame fit of the methods `poe`, `poe-gp` and `poe-gp-load`.
     pub weighting: Weighting,
     /// Whether the six outputs of the task-space process share their hyperparameters.
     pub hyperparameters: HyperparameterSharing,
-    /// Upper limit on the inducing points of the elastic model, of all joints together.
+    /// Upper limit on the inducing points of the elastic model, summed over all joints.
     pub inducing_points: usize,
-    /// Upper limit on the instructions that the inducing points cost a Cortex-M4F in one evaluation, by the cost model.
+    /// Upper limit on the instructions that the inducing points cost a Cortex-M4F in one evaluation, according to the cost
+    /// model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_point_instructions: Option<u64>,
     /// Whether the elastic model stores a position variance for the device.
@@ -48,11 +49,12 @@ pub struct Config {
     pub gravity_terms: bool,
     /// Whether the elastic model has gear ripple.
     pub ripple: bool,
-    /// Whether the elastic model may have an own-joint curve; it has one where the evidence asks for it.
+    /// Whether the elastic model may have own-joint curves; it has one only where the evidence supports it.
     pub curve: bool,
     /// Whether the elastic model has joint processes; without them it is parametric.
     pub processes: bool,
-    /// Most poses that the hyperparameters of the elastic model are learnt from; the folds of a choice learn from fewer.
+    /// Upper limit on the poses that the hyperparameters of the elastic model are learnt from; the folds of a model
+    /// selection learn from fewer.
     #[serde(skip)]
     pub hyperparameter_poses: usize,
     /// What is done with outliers.
@@ -61,18 +63,18 @@ pub struct Config {
     pub warm_up: WarmUpPolicy,
     /// Gravity in the base frame, m/s².
     pub gravity_m_s2: [f64; 3],
-    /// Standard deviation of one position component as the instrument's maker states it, mm. `None`: what the rows of the
-    /// measurement file declare, otherwise estimated.
+    /// Standard deviation of one position component as the instrument's maker states it, in mm. `None`: the value that the
+    /// rows of the measurement file declare; if they declare none, it is estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_sigma_mm: Option<f64>,
-    /// Standard deviation of one rotation component as the instrument's maker states it, mrad. `None`: what the rows of the
-    /// measurement file declare, otherwise estimated.
+    /// Standard deviation of one rotation component as the instrument's maker states it, in mrad. `None`: the value that the
+    /// rows of the measurement file declare; if they declare none, it is estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_sigma_mrad: Option<f64>,
-    /// Upper limit on the displacement of the tool by the correction, mm. `None`: twice the largest in training.
+    /// Upper limit on the displacement of the tool by the correction, in mm. `None`: twice the largest in training.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_correction_mm: Option<f64>,
-    /// Upper limit on the rotation of the tool by the correction, mrad. `None`: twice the largest in training.
+    /// Upper limit on the rotation of the tool by the correction, in mrad. `None`: twice the largest in training.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_correction_mrad: Option<f64>,
 }
@@ -83,9 +85,9 @@ pub struct Config {
 pub struct ConfigError {
     /// The key, as it is written in TOML.
     pub key: &'static str,
-    /// The value.
+    /// The value that was found.
     pub found: String,
-    /// What the key takes.
+    /// The values that the key accepts.
     pub expected: String,
 }
 
@@ -115,7 +117,7 @@ impl Default for Config {
 }
 
 impl Config {
-    /// The default settings of `method`.
+    /// Creates the default settings with the given method.
     pub fn new(method: Method) -> Self {
         Self {
             method,
@@ -123,10 +125,10 @@ impl Config {
         }
     }
 
-    /// Checks what the types of the fields leave open.
+    /// Checks the ranges of the values, which the types of the fields do not enforce.
     ///
     /// # Errors
-    /// [`ConfigError`] of the first value that is out of its range.
+    /// [`ConfigError`] for the first value that is out of its range.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let error = |key, found: &dyn std::fmt::Debug, expected: String| {
             let found = format!("{found:?}");
@@ -171,7 +173,7 @@ impl Config {
         }
     }
 
-    /// What is known of the instrument, for all measurements.
+    /// Returns the instrument noise that the settings state, which applies to all measurements.
     pub fn instrument_noise(&self) -> InstrumentNoise {
         InstrumentNoise {
             position: self.position_sigma_mm.map(|x| 1e-3 * x),
@@ -179,7 +181,7 @@ impl Config {
         }
     }
 
-    /// The part of it that the elastic fit reads.
+    /// Returns the part of the settings that the elastic fit reads.
     pub(crate) fn elastic(&self) -> ElasticOptions {
         ElasticOptions {
             gravity_terms: self.gravity_terms,
@@ -199,7 +201,7 @@ impl Config {
     }
 }
 
-/// Most inducing points of all joints together.
+/// Upper bound on [`Config::inducing_points`], summed over all joints.
 pub const MAX_INDUCING_POINTS: usize = 2_000;
 
 #[cfg(test)]

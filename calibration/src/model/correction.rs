@@ -1,4 +1,4 @@
-//! What a calibrated model adds to the chain.
+//! The correction that a calibrated model adds to the chain.
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::gp::quadratic_posterior::MeanHeader;
@@ -9,37 +9,37 @@ use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::task_space::{self, TaskSpaceGp};
 use crate::measurement::sample::Sample;
 
-/// The correction beyond the frames of the chain, as the runtime has it.
+/// The correction that a model adds to the calibrated chain, as the runtime evaluates it.
 #[derive(Clone, Debug)]
 pub enum Correction {
-    /// The chain alone.
+    /// No correction: the model is the chain alone.
     None,
-    /// A Gaussian process on the twist of the tool.
+    /// A Gaussian process that predicts a twist of the tool.
     TaskSpace(Box<TaskSpaceCorrection>),
     /// Deflections of the joints.
     Elastic(Box<ElasticModel>),
 }
 
-/// The Gaussian process of the paper on the residual twist of the tool.
+/// The Gaussian process of the paper, which predicts the residual twist of the tool.
 #[derive(Clone, Debug)]
 pub struct TaskSpaceCorrection {
     /// The process, conditioned on the training poses.
     pub gp: TaskSpaceGp,
-    /// Its posterior mean in the form that the runtime evaluates: header and rows of the inducing points.
+    /// The posterior mean of the process in the form that the runtime evaluates: header and rows of the inducing points.
     pub posterior_mean: (MeanHeader<f64>, Vec<f64>),
-    /// Whether the payload is one of its inputs.
+    /// Whether the payload is an input of the process.
     pub with_payload: bool,
-    /// The upper limit on its signal variance, in units of the outputs' mean square.
+    /// Upper limit on the signal variance of the process, in units of the outputs' mean square.
     pub max_signal_variance: f64,
 }
 
 impl TaskSpaceCorrection {
-    /// x = [q, m], with m as far as the process has it.
+    /// Returns the input x = [q, m] of the process; the payload m is left out if it is not an input.
     pub fn inputs(&self, joints: &[f64], payload_kg: Option<f64>) -> Vec<f64> {
         task_space::input(joints, payload_kg.filter(|_| self.with_payload))
     }
 
-    /// The mean residual twist of the tool in the base frame, m and rad.
+    /// Returns the mean residual twist of the tool in the base frame, in m and rad.
     fn twist<F>(&self, sample: &Sample<F>) -> Twist<f64> {
         let inputs = self.inputs(&sample.joints, sample.payload_kg);
         let x: [f64; MAX_INPUTS] = task_space::padded(&inputs);
@@ -47,8 +47,8 @@ impl TaskSpaceCorrection {
         Twist::from_array(&header.mean(rows, &x))
     }
 
-    /// Predictive standard deviation of a new measurement with its tool at `tool`: position along the axes of the base
-    /// frame in metres, rotation about them in radians (eq. 7, carried to the tool, and the noise).
+    /// Returns the predictive standard deviation of a new measurement whose tool is at `tool`: position along the axes of
+    /// the base frame in metres, rotation about them in radians (eq. 7, transformed to the tool point, plus the noise).
     pub(crate) fn standard_deviation<F>(
         &self,
         sample: &Sample<F>,
@@ -73,7 +73,7 @@ impl TaskSpaceCorrection {
 }
 
 impl Correction {
-    /// The task-space process, if it is one.
+    /// Returns the task-space process, if the correction is one.
     pub fn task_space(&self) -> Option<&TaskSpaceCorrection> {
         match self {
             Self::TaskSpace(task_space) => Some(task_space),
@@ -81,7 +81,7 @@ impl Correction {
         }
     }
 
-    /// The elastic model, if it is one.
+    /// Returns the elastic model, if the correction is one.
     pub fn elastic(&self) -> Option<&ElasticModel> {
         match self {
             Self::Elastic(elastic) => Some(elastic),
@@ -89,15 +89,16 @@ impl Correction {
         }
     }
 
-    /// Turns what is stated in the axes of the base, for a base seen from which the old one is `new_from_old`; `chain` is the
-    /// calibrated one in it.
+    /// Rotates what is stated in the axes of the base to a new base; `new_from_old` is the old base seen from the new one,
+    /// and `chain` is the calibrated chain in the new base.
     pub(crate) fn turn_base(&mut self, new_from_old: &Pose<f64>, chain: &Poe<f64>) {
         if let Self::Elastic(elastic) = self {
             elastic.turn_base(new_from_old, chain);
         }
     }
 
-    /// `base_from_target` of the first tool with the correction, not limited, and the correction as a twist of the base frame.
+    /// Returns `base_from_target` of the first tool with the unlimited correction, and the correction as a twist in the base
+    /// frame.
     pub(crate) fn corrected<F>(
         &self,
         chain: &Poe<f64>,

@@ -1,4 +1,4 @@
-//! Why a calibration failed.
+//! The errors of a calibration.
 
 use poegp_runtime::kinematics::poe::WrongChain;
 
@@ -36,7 +36,7 @@ pub enum CalibrationError {
         /// The method asked for.
         method: &'static str,
     },
-    /// More poses than there is memory for.
+    /// More poses than fit into the free memory.
     #[error(
         "{found} poses: `{method}` needs about {needed_mb} MB of memory for them, and {available_mb} MB are free"
     )]
@@ -50,7 +50,7 @@ pub enum CalibrationError {
         /// The method asked for.
         method: &'static str,
     },
-    /// The task-space process for positions alone.
+    /// A method with a task-space process, for measurements that are positions alone.
     #[error("`{method}` compares whole poses; use base-tool, poe or elastic for positions alone")]
     PositionsAlone {
         /// The method asked for.
@@ -68,7 +68,7 @@ pub enum CalibrationError {
     /// The task-space process could not be fitted.
     #[error(transparent)]
     TaskSpace(TaskSpaceError),
-    /// A frame of the gauge that is stated cannot be that of these measurements.
+    /// A stated frame of the gauge is too far from the one that the measurements show.
     #[error(transparent)]
     Gauge(#[from] GaugeTooFar),
     /// The calibration was cancelled.

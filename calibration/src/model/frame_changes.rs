@@ -1,4 +1,4 @@
-//! By how much a calibration moved the frames of the drawing.
+//! The changes that a calibration made to the frames of the drawing.
 
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
@@ -6,14 +6,14 @@ use serde::Serialize;
 use crate::identification::identifiability::wording;
 use crate::model::calibration::Calibration;
 
-/// By how much one frame differs from the drawing, as a twist from the left: in the axes of the frame before it.
+/// The change of one frame from the drawing, as a twist that multiplies from the left: in the axes of the preceding frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameChange {
-    /// The base, a link or a tool, as [`FrameDeviation`](crate::identification::identifiability::FrameDeviation) calls it.
+    /// Name of the base, link or tool, as in [`FrameDeviation`](crate::identification::identifiability::FrameDeviation).
     pub frame: String,
-    /// Along the axes, mm.
+    /// Translation along the axes, in mm.
     pub mm: [f64; 3],
-    /// About the axes, mrad.
+    /// Rotation about the axes, in mrad.
     pub mrad: [f64; 3],
 }
 
@@ -27,13 +27,14 @@ impl FrameChange {
         }
     }
 
-    /// Whether nothing was changed.
+    /// Returns whether the frame is unchanged.
     pub fn is_zero(&self) -> bool {
         self.mm.iter().chain(&self.mrad).all(|x| x.abs() < 1e-9)
     }
 }
 
-/// Every frame of a calibration against the drawing with base and tools fitted: base, links, tools.
+/// Returns the change of every frame of a calibration, compared with the drawing with base and tools fitted: base, links,
+/// tools.
 pub fn changes(calibration: &Calibration) -> Vec<FrameChange> {
     let n = calibration.nominal.kinds().len();
     let tools = calibration.tools.len();
@@ -43,7 +44,7 @@ pub fn changes(calibration: &Calibration) -> Vec<FrameChange> {
     );
     let targets = &calibration.base_and_tools.flange_from_targets;
     let frame = |position: usize, part| {
-        // Behind the last joint every tool has a frame of its own; the chain ends at the first.
+        // After the last joint every tool has its own frame; the chain ends at the first tool.
         let (drawn, calibrated) = if position < n {
             (drawn[position], calibrated[position])
         } else {

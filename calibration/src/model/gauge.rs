@@ -1,13 +1,13 @@
 //! The gauge: the base and tool frames that a model is stated in.
 //!
-//! Measurements do not tell the base from the first frame of the arm, nor the tool from the last: a model is as good with any
-//! base and tool. The commands that it corrects move with them, for they are those at which the drawing, between that base
-//! and that tool, would have the target where it is wanted. So two calibrations of one arm must state their models in the
-//! same frames. The base-tool fit to the measured poses is none of that: an error of the drawing of a millimetre or two goes
-//! into base and tool differently for each choice of poses.
+//! Measurements cannot separate the base from the first frame of the arm, nor the tool from the last: a model is equally
+//! good with any base and tool. The commands do depend on them, because a command is the joints at which the drawing,
+//! between that base and that tool, would bring the target to the wanted pose. So two calibrations of one arm must state
+//! their models in the same frames. The base-tool fit to the measured poses does not give such frames: an error of the
+//! drawing of a millimetre or two goes into base and tool differently for each choice of poses.
 //!
-//! A gauge that stays is that of the model before, what the user states, or the base-tool fit of the drawing to the *fitted
-//! model* over a grid of poses that hardly depends on what was measured.
+//! Three gauges stay the same from one calibration to the next: that of the previous model, one that the user states, and
+//! the base-tool fit of the drawing to the *fitted model* over a grid of poses that hardly depends on the measured poses.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::FrameSource;
@@ -18,40 +18,40 @@ use crate::numeric::halton::halton;
 use crate::numeric::statistics::extremes;
 use crate::robot::Robot;
 
-/// Poses of the grid. From 600 random ones to 600 others commands move by 0.07 mm.
+/// Number of poses of the grid. Between two sets of 600 random poses, commands differ by 0.07 mm.
 const POSES: u32 = 2_000;
-/// The ranges of the grid end at whole multiples of these.
+/// The joint ranges of the grid end at whole multiples of these steps, in rad and m.
 const ANGLE_STEP: f64 = 10.0 / 180.0 * std::f64::consts::PI;
 const LENGTH_STEP: f64 = 0.1;
-/// Standard deviations from the mean at which a range ends at most. Evenly spread values end at 1.7; beyond 2.2 there are so
-/// few poses that chance decides where they end.
+/// Largest distance of the end of a range from the mean, in standard deviations. Evenly spread values end at 1.7; beyond 2.2
+/// there are so few poses that chance decides where they end.
 const MOST_DEVIATIONS: f64 = 2.2;
 
-/// The poses over which the drawing is fitted to the model.
+/// The grid of poses over which the drawing is fitted to the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaugeGrid {
-    /// Range of each joint, rad or m.
+    /// Range of each joint, in rad or m.
     pub ranges: Vec<(f64, f64)>,
-    /// Payload in kg, where payloads are known.
+    /// Payload in kg, if payloads are known.
     pub payload_kg: Option<f64>,
 }
 
-/// One frame of a gauge and where it comes from.
+/// One frame of a gauge and its source.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaugeFrame {
-    /// The frame.
+    /// The frame, as a transform.
     pub pose: Pose<f64>,
-    /// Where it comes from.
+    /// The source of the frame.
     pub source: FrameSource,
 }
 
-/// What is known of a gauge before the fit.
+/// The choice of a gauge before the fit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaugeChoice {
-    /// Whether a frame that is `None` follows from the fitted model over the grid; otherwise it is that of the base-tool fit to
-    /// the measured poses.
+    /// Whether a frame that is `None` is computed from the fitted model over the grid; otherwise it is that of the base-tool
+    /// fit to the measured poses.
     pub over_grid: bool,
-    /// `None`: that of the samples.
+    /// The grid; `None` for the grid of the samples.
     pub grid: Option<GaugeGrid>,
     /// `instrument_from_base`.
     pub base: Option<GaugeFrame>,
@@ -60,7 +60,7 @@ pub struct GaugeChoice {
 }
 
 impl GaugeChoice {
-    /// The base-tool fit to the measured poses, in which a fit ends.
+    /// The gauge of the base-tool fit to the measured poses, in which every fit ends.
     pub const MEASURED_POSES: Self = Self {
         over_grid: false,
         grid: None,
@@ -69,7 +69,7 @@ impl GaugeChoice {
     };
 }
 
-/// The model over the grid of its samples.
+/// The gauge that is computed from the fitted model over the grid of its samples.
 impl Default for GaugeChoice {
     fn default() -> Self {
         Self {
@@ -82,7 +82,7 @@ impl Default for GaugeChoice {
 /// The gauge of a calibration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Gauge {
-    /// The grid.
+    /// The grid of poses of this gauge.
     pub grid: GaugeGrid,
     /// `instrument_from_base`.
     pub base: GaugeFrame,
@@ -90,26 +90,26 @@ pub struct Gauge {
     pub tool: GaugeFrame,
 }
 
-/// A frame that cannot be that of these measurements.
+/// The error for a stated frame that is too far from the one that the measurements show.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "a {} that is {mm:.1} mm and {mrad:.1} mrad from the one that these measurements show",
     if *.is_base { "base" } else { "tool" }
 )]
 pub struct GaugeTooFar {
-    /// Whether it is the base, else the tool.
+    /// Whether the frame is the base; otherwise it is the tool.
     pub is_base: bool,
-    /// Distance, mm.
+    /// Distance between the two frames, in mm.
     pub mm: f64,
-    /// Angle, mrad.
+    /// Angle between the two frames, in mrad.
     pub mrad: f64,
 }
 
 impl GaugeTooFar {
-    /// What is believed of frames that are stated.
+    /// The accepted deviation of a stated frame, for messages.
     pub const EXPECTED: &str = "at most 10 mm and 10 mrad";
 
-    /// What to do.
+    /// Returns the probable cause of the error and what the user can do.
     pub fn remedy(&self) -> &'static str {
         match self.is_base {
             true => {
@@ -124,7 +124,8 @@ impl GaugeTooFar {
 }
 
 impl GaugeGrid {
-    /// The grid of a model that is fitted to `samples`: their joint ranges, rounded outwards, and their lightest payload.
+    /// Creates the grid of a model that is fitted to `samples`: their joint ranges, rounded outwards, and their lightest
+    /// payload.
     pub fn new(robot: &Robot, samples: &[InstrumentSample]) -> Self {
         let kinds = robot.joints.iter().map(|joint| joint.kind);
         let range = |(i, kind)| {
@@ -138,7 +139,7 @@ impl GaugeGrid {
         }
     }
 
-    /// The joints of its poses: Halton's sequence.
+    /// Returns the joints of each pose of the grid, from the Halton sequence.
     pub fn poses(&self) -> impl Iterator<Item = Vec<f64>> {
         let value = |index: u32, (i, (lower, upper)): (usize, &(f64, f64))| {
             lower + (upper - lower) * halton(index, i)
@@ -150,8 +151,8 @@ impl GaugeGrid {
     }
 }
 
-/// The range of a joint's values: to the farthest one, but not beyond [`MOST_DEVIATIONS`], and outwards from there to a whole
-/// step.
+/// Returns the range of a joint's values: up to the farthest value, but at most [`MOST_DEVIATIONS`] from the mean, then
+/// rounded outwards to a whole step.
 fn rounded_range(values: &[f64], kind: JointKind) -> (f64, f64) {
     let count = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / count;
@@ -162,7 +163,7 @@ fn rounded_range(values: &[f64], kind: JointKind) -> (f64, f64) {
         JointKind::Revolute => ANGLE_STEP,
         JointKind::Prismatic => LENGTH_STEP,
     };
-    // A value that was meant to be a whole step stays one.
+    // The tolerance of 1e-6 steps keeps a value that was meant to be a whole step from being rounded to the next one.
     let steps = |x: f64| x / step;
     let lower = (steps(lower.max(mean - farthest)) + 1e-6).floor() * step;
     let upper = (steps(upper.min(mean + farthest)) - 1e-6).ceil() * step;

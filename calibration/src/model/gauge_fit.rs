@@ -1,4 +1,4 @@
-//! Stating a calibration in a gauge, and the gauge over the grid: the base-tool fit of the drawing to the model.
+//! States a calibration in a gauge, and computes the gauge over the grid: the base-tool fit of the drawing to the model.
 
 use poegp_protocol::blob::FrameSource;
 use poegp_runtime::kinematics::poe::Poe;
@@ -14,13 +14,13 @@ use crate::model::correction::Correction;
 use crate::model::gauge::{Gauge, GaugeChoice, GaugeFrame, GaugeGrid, GaugeTooFar};
 use crate::robot::Robot;
 
-/// Metres that count as much as a radian.
+/// Position error in m that weighs as much as a rotation error of 1 rad.
 const METRES_PER_RADIAN: f64 = 0.3;
-/// Farther than this from the fit to the measured poses, in m and rad, a frame is not that of these measurements.
+/// Largest accepted deviation of a stated frame from the fit to the measured poses, in m and rad.
 const FARTHEST: (f64, f64) = (10e-3, 10e-3);
 
 impl Calibration {
-    /// The same model in the gauge that `choice` leads to.
+    /// Returns the same model, stated in the gauge that `choice` leads to.
     ///
     /// # Errors
     /// [`GaugeTooFar`].
@@ -46,7 +46,7 @@ impl Calibration {
         Ok(self.stated_in(&gauge))
     }
 
-    /// The base-tool fit of the drawing to this model over `grid`, with what is given kept.
+    /// Fits base and tool of the drawing to this model over `grid`; a base or tool that is given stays as it is.
     fn fitted_gauge(
         &self,
         robot: &Robot,
@@ -102,13 +102,14 @@ impl Calibration {
         }
     }
 
-    /// Whether nothing but base and tool was fitted: such a model is in its own gauge, and corrects nothing, to the bit.
+    /// Returns whether only base and tool were fitted. Such a model is already in its own gauge, and staying in it keeps its
+    /// corrections at exactly zero.
     fn is_the_drawing(&self) -> bool {
         matches!(self.correction, Correction::None)
             && self.calibrated.frames() == self.nominal.frames()
     }
 
-    /// The poses of this model over a grid.
+    /// Returns the poses that this model predicts over a grid.
     fn at(&self, robot: &Robot, grid: &GaugeGrid) -> impl Iterator<Item = BaseSample> {
         grid.poses().map(move |joints| {
             let serial = robot.serial_joints(&joints);
@@ -120,10 +121,10 @@ impl Calibration {
         })
     }
 
-    /// The same model with this base and tool.
+    /// Returns the same model, stated with the base and tool of `gauge`.
     ///
-    /// What it predicts in the instrument's frame stays as it is; only the twist of a task-space process keeps its components
-    /// while the base turns below it (1 µm for a millimetre and a milliradian).
+    /// Its predictions in the instrument's frame do not change, with one exception: the twist of a task-space process keeps
+    /// its components although the axes of the base turn (an error of 1 µm for a millimetre and a milliradian).
     pub(crate) fn stated_in(mut self, gauge: &Gauge) -> Self {
         if (gauge.base.pose, gauge.tool.pose) == (self.gauge.base.pose, self.gauge.tool.pose) {
             self.gauge = gauge.clone();
@@ -147,13 +148,13 @@ impl Calibration {
     }
 }
 
-/// The drawing from base to flange: the nominal chain without its tool.
+/// Returns the drawing from base to flange: the nominal chain without its tool.
 fn drawing_of(calibration: &Calibration) -> Poe<f64> {
     let target = calibration.base_and_tools.flange_from_targets[0];
     with_base_and_tool(&calibration.nominal, &Pose::identity(), &target.inverse())
 }
 
-/// Refuses a frame that is not near the one that was found.
+/// Rejects a stated frame that is farther than [`FARTHEST`] from the one that was found.
 fn near(is_base: bool, found: &Pose<f64>, stated: &Pose<f64>) -> Result<(), GaugeTooFar> {
     let between = found.inverse() * *stated;
     let (m, rad) = (between.translation.norm(), between.log().angular.norm());

@@ -1,4 +1,4 @@
-//! What the samples of a calibration identified.
+//! Identifiability: which parameters of a calibration its samples identified.
 
 use crate::identification::identifiability::{
     self, IdentifyReport, Task, identify, residual_scales,
@@ -12,10 +12,10 @@ use crate::model::methods::Method;
 use crate::model::methods::problem::FrameEstimate;
 use crate::robot::Robot;
 
-/// The least noise that is believed, metres and radians.
+/// Lower limit on the noise, in m and rad; a smaller noise is not believed.
 const QUIETEST: f64 = 1e-6;
 
-/// What `samples`, seen by the instrument, identified in `calibration`.
+/// Reports which parameters of `calibration` the `samples`, in the instrument's frame, identified.
 pub fn of_calibration(
     calibration: &Calibration,
     robot: &Robot,
@@ -24,8 +24,9 @@ pub fn of_calibration(
     with_task(calibration, robot, samples, identify)
 }
 
-/// Covariance of what `calibration`, made from `samples`, predicts of `new`; `None` of a model that does not say how its
-/// predictions are correlated: with a Gaussian process on the pose of the tool, or without any parameter of the arm.
+/// Computes the covariance of the predictions for `new` by `calibration`, which was made from `samples`. Returns `None` for
+/// a model that does not know how its predictions are correlated: one with a Gaussian process on the pose of the tool, or
+/// one without any parameter of the arm.
 pub fn prediction_covariance(
     calibration: &Calibration,
     robot: &Robot,
@@ -52,7 +53,8 @@ pub fn prediction_covariance(
     }
 }
 
-/// The noise of `samples` is what the elastic model fitted, else the RMS of the chain's own residuals.
+/// Calls `of` with the identifiability task of `calibration`. The noise of `samples` is the one that the elastic model
+/// fitted, otherwise the RMS of the chain's residuals.
 fn with_task<T>(
     calibration: &Calibration,
     robot: &Robot,

@@ -1,8 +1,8 @@
-//! Calibration: base and tools on the nominal robot, then one of the [`methods`].
+//! Calibration: fits base and tools on the nominal robot, then applies one of the [`methods`].
 //!
-//! All measurements are moved into the base frame of the base-tool fit first, and every later step works there: the
-//! device then has small numbers (f32 resolves 0.24 µm at 3 m), and "base" and "flange" keep a meaning for the
-//! controller. The finished model may be stated in another [`gauge`]. A [`Calibration`] is the model in `f64`;
+//! The base-tool fit comes first. All measurements are then transformed into its base frame, and every later step works in
+//! that frame: the device then has small numbers (f32 resolves 0.24 µm at 3 m), and "base" and "flange" keep their meaning
+//! for the controller. The finished model may be stated in another [`gauge`]. A [`Calibration`] is the model in `f64`;
 //! [`crate::blob::write`] turns it into a blob.
 
 mod calibration;
@@ -58,7 +58,7 @@ pub fn calibrate(
     )
 }
 
-/// [`calibrate`] with a limit on the signal variance of the task-space process.
+/// Calibrates as [`calibrate`] does, with a limit on the signal variance of the task-space process.
 pub(crate) fn calibrate_within(
     robot: &Robot,
     samples: &[InstrumentSample],
@@ -120,7 +120,7 @@ pub(crate) fn calibrate_within(
     Ok(out)
 }
 
-/// `samples` without those that no geometry explains, where `config` rejects outliers.
+/// Returns `samples` without the gross outliers, which no geometry explains, if `config` rejects outliers; otherwise all.
 pub(crate) fn without_gross_outliers(
     robot: &Robot,
     samples: &[InstrumentSample],
@@ -137,7 +137,7 @@ pub(crate) fn without_gross_outliers(
     kept
 }
 
-/// Base and tools on the nominal arm, and what is left to fit: `samples` as seen from that base.
+/// Fits base and tools on the nominal arm and returns them with the remaining fit problem: `samples` seen from that base.
 fn posed<'a>(
     robot: &'a Robot,
     nominal: &Poe<f64>,
@@ -165,7 +165,7 @@ fn posed<'a>(
     (base_and_tools, problem)
 }
 
-/// The gear ripple that the description of `robot` states.
+/// Returns the gear lines that the description of `robot` states.
 fn gear_lines(robot: &Robot) -> Vec<GearLine> {
     let mut out = Vec::new();
     for (joint, of) in robot.joints.iter().enumerate() {
@@ -178,7 +178,7 @@ fn gear_lines(robot: &Robot) -> Vec<GearLine> {
     out
 }
 
-/// Refuses a fit that does not fit into the memory that is free, before it starts; nothing where that is not known.
+/// Rejects a fit that needs more memory than is available, before it starts; accepts every fit if `available` is `None`.
 fn check_memory(
     found: usize,
     config: &Config,

@@ -1,9 +1,10 @@
-//! Cholesky factor and inverse, tile by tile on several threads, in memory that is kept.
+//! Cholesky factor and inverse, computed tile by tile on several threads, in reused memory.
 //!
-//! Matrices are cut into square tiles whose size follows from that of the matrix alone. Threads take the tiles of one step
-//! from a queue, and each tile is computed by one of them in one way, so no bit depends on the number of threads. A search
-//! for hyperparameters factors a matrix of the same size some fifty times; matrices of their own for every evaluation would
-//! go back to the system when they are dropped and come again as empty pages (at 1 200 rows a third of the time).
+//! Matrices are cut into square tiles whose size depends only on the size of the matrix. Threads take the tiles of one step
+//! from a queue, and each tile is computed by one thread in one order of operations, so the results are bit-identical for
+//! every number of threads. A search for hyperparameters factors a matrix of the same size about fifty times. If every
+//! evaluation allocated its own matrices, their memory would return to the system when they are dropped and come back as
+//! empty pages (at 1 200 rows a third of the time).
 
 use crate::numeric::matrix::{
     ColumnsMut, Mat, columns, columns_mut, lent, parts, parts_of, rows, shared, split_rows,
@@ -13,22 +14,23 @@ use crate::numeric::product::{Become, Operand, Transposed, multiply, multiply_lo
 use crate::numeric::triangular::{SMALL, half, solve_lower, solve_right, solve_upper};
 use crate::numeric::vectors::vectorised;
 
-/// Tiles have a multiple of this many rows: of the rows of a pose, and of vector registers.
+/// The number of rows of a tile is a multiple of this number, which is a multiple of the rows of a pose and of the lanes of
+/// vector registers.
 const STEP: usize = 48;
-/// Sizes of tiles: large enough for a fast product, small enough that all threads have some.
+/// Smallest and largest size of a tile: large enough for a fast product, small enough that every thread gets tiles.
 const TILES: (usize, usize) = (2 * STEP, 6 * STEP);
 
-/// The matrix is not positive definite.
+/// The error for a matrix that is not positive definite.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the matrix is not positive definite")]
 pub struct NotPositive;
 
-/// Rows of a tile of a matrix n×n.
+/// Returns the number of rows of a tile of an n×n matrix.
 pub fn tile(n: usize) -> usize {
     (n / 8).next_multiple_of(STEP).clamp(TILES.0, TILES.1)
 }
 
-/// Replaces the lower triangle of a matrix by its factor L; what is above the diagonal means nothing.
+/// Replaces the lower triangle of a matrix by its factor L; the elements above the diagonal are meaningless.
 fn factor(mut matrix: ColumnsMut<'_>, threads: usize) -> Result<(), NotPositive> {
     let size = tile(matrix.len());
     while !matrix.is_empty() {
@@ -57,7 +59,7 @@ fn factor(mut matrix: ColumnsMut<'_>, threads: usize) -> Result<(), NotPositive>
     Ok(())
 }
 
-/// One tile, halved until it is small.
+/// Factors one tile by recursive halving.
 fn factor_tile(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
     let n = matrix.len();
     if n <= SMALL {
@@ -84,7 +86,7 @@ fn factor_tile(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
 #[inline(always)]
 fn factor_small(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
     let n = matrix.len();
-    // Above the diagonal is anything, and goes nowhere.
+    // The elements above the diagonal are arbitrary and are not copied.
     let mut own = [[0.0; SMALL]; SMALL];
     for (j, (own, column)) in own.iter_mut().zip(&*matrix).enumerate() {
         own[j..n].copy_from_slice(&column[j..]);
@@ -109,7 +111,7 @@ fn factor_small(matrix: &mut [&mut [f64]]) -> Result<(), NotPositive> {
     Ok(())
 }
 
-/// Tiles of whole rows.
+/// Splits columns into tiles of up to `size` whole rows.
 fn rows_of(mut matrix: ColumnsMut<'_>, size: usize) -> Vec<ColumnsMut<'_>> {
     let mut tiles = Vec::new();
     while matrix.first().is_some_and(|column| !column.is_empty()) {
@@ -121,7 +123,7 @@ fn rows_of(mut matrix: ColumnsMut<'_>, size: usize) -> Vec<ColumnsMut<'_>> {
     tiles
 }
 
-/// Tiles of the lower triangle with the indices of their first row and column, those with most work first.
+/// Returns the tiles of the lower triangle with the indices of their first row and column, those with most work first.
 fn lower_tiles(matrix: ColumnsMut<'_>, size: usize) -> Vec<(usize, usize, ColumnsMut<'_>)> {
     let mut tiles = Vec::new();
     for (j, columns) in parts_of(matrix, size) {
@@ -133,8 +135,8 @@ fn lower_tiles(matrix: ColumnsMut<'_>, size: usize) -> Vec<(usize, usize, Column
     tiles
 }
 
-/// Replaces `to`, some columns of a matrix from the row `first` on, by the same columns of L⁻¹; above that row they are
-/// zero there.
+/// Writes columns of L⁻¹, starting with column `first`, to `to`. `to` begins at row `first`; above that row these columns of
+/// L⁻¹ are zero.
 fn inverse_columns(lower: &[&[f64]], first: usize, to: &mut [&mut [f64]]) {
     for (i, column) in to.iter_mut().enumerate() {
         column.fill(0.0);
@@ -144,8 +146,9 @@ fn inverse_columns(lower: &[&[f64]], first: usize, to: &mut [&mut [f64]]) {
     solve_lower(&own, to);
 }
 
-/// Writes L⁻¹ to `half`, where zeros above the diagonal are written within the tiles on it only, and the inverse of the
-/// matrix to `whole`: its lower triangle, and both triangles of every tile on the diagonal. What is above them means nothing.
+/// Writes L⁻¹ to `half`, with zeros above the diagonal only within the tiles on the diagonal, and the inverse of the matrix
+/// to `whole`: its lower triangle, and both triangles of every tile on the diagonal. The elements above these tiles are
+/// meaningless.
 fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: usize) {
     let size = tile(lower.len());
     for_each(threads, parts(half, TILES.0), |(j, columns)| {
@@ -169,7 +172,7 @@ fn invert(lower: &[&[f64]], half: &mut Mat<f64>, whole: &mut Mat<f64>, threads: 
     });
 }
 
-/// Writes what is below the diagonal above it.
+/// Copies the lower triangle of a tile to its upper triangle.
 fn mirror(tile: &mut [&mut [f64]]) {
     for j in 1..tile.len() {
         let (before, column) = tile.split_at_mut(j);
@@ -179,13 +182,13 @@ fn mirror(tile: &mut [&mut [f64]]) {
     }
 }
 
-/// Replaces the columns of `right` by matrix⁻¹ `right`, with the factor L of the matrix.
+/// Replaces the columns of `right` by matrix⁻¹ `right`; `lower` are the columns of the factor L of the matrix.
 fn solve(lower: &[&[f64]], right: &mut [&mut [f64]]) {
     solve_lower(lower, right);
     solve_upper(lower, right);
 }
 
-/// A factored matrix.
+/// The Cholesky factorization of a matrix.
 #[derive(Clone, Debug)]
 pub struct Factor {
     lower: Mat<f64>,
@@ -193,7 +196,7 @@ pub struct Factor {
 }
 
 impl Factor {
-    /// Of a symmetric matrix, of which only the lower triangle is looked at.
+    /// Factors a symmetric matrix, of which only the lower triangle is read.
     ///
     /// # Errors
     /// [`NotPositive`].
@@ -205,19 +208,19 @@ impl Factor {
         })
     }
 
-    /// L.
+    /// Returns the factor L.
     pub fn lower(&self) -> Mat<f64> {
         self.lower.lower_triangle()
     }
 
-    /// matrix⁻¹ `right`.
+    /// Returns matrix⁻¹ `right`.
     pub fn solve(&self, right: &Mat<f64>) -> Mat<f64> {
         let mut out = right.clone();
         solve(&columns(&self.lower), &mut columns_mut(&mut out));
         out
     }
 
-    /// L⁻¹ `right`, the squares of whose columns are those of `right`ᵀ matrix⁻¹ `right`.
+    /// Returns L⁻¹ `right`; the squared norms of its columns are the diagonal of `right`ᵀ matrix⁻¹ `right`.
     pub fn half_solve(&self, right: &Mat<f64>) -> Mat<f64> {
         let mut out = right.clone();
         let lower = columns(&self.lower);
@@ -231,14 +234,14 @@ impl Factor {
         out
     }
 
-    /// The inverse.
+    /// Returns the inverse of the matrix.
     pub fn inverse(&self) -> Mat<f64> {
         let mut inverse = self.lower_inverse();
         inverse.fill_upper_triangle_with_lower_triangle();
         inverse
     }
 
-    /// The inverse, lower triangle; what is above means nothing.
+    /// Returns the lower triangle of the inverse; the elements above the diagonal are meaningless.
     pub fn lower_inverse(&self) -> Mat<f64> {
         let n = self.lower.nrows();
         let (mut half, mut whole) = (Mat::zeros(n, n), Mat::zeros(n, n));
@@ -246,7 +249,7 @@ impl Factor {
         whole
     }
 
-    /// The blocks of `rows` rows and columns on the diagonal of the inverse; `rows` divides 48.
+    /// Returns the diagonal blocks of `rows` rows and columns of the inverse; `rows` must divide 48.
     pub fn inverse_blocks(&self, rows: usize) -> Vec<Mat<f64>> {
         let n = self.lower.nrows();
         let size = tile(n);
@@ -267,10 +270,10 @@ impl Factor {
     }
 }
 
-/// Room for one symmetric positive definite matrix, its factor and its inverse.
+/// Reusable memory for one symmetric positive definite matrix, its factor and its inverse.
 pub struct CholeskyWorkspace {
-    /// The matrix, lower triangle; after [`CholeskyWorkspace::factor`] its lower factor. What is above the diagonal means
-    /// nothing.
+    /// Lower triangle of the matrix; after [`CholeskyWorkspace::factor`] its factor L. The elements above the diagonal are
+    /// meaningless.
     pub matrix: Mat<f64>,
     lower_inverse: Mat<f64>,
     inverse: Mat<f64>,
@@ -284,7 +287,7 @@ impl std::fmt::Debug for CholeskyWorkspace {
 }
 
 impl CholeskyWorkspace {
-    /// For matrices n×n.
+    /// Creates a workspace for n×n matrices.
     pub fn new(n: usize, threads: usize) -> Self {
         Self {
             matrix: Mat::zeros(n, n),
@@ -297,12 +300,12 @@ impl CholeskyWorkspace {
     /// Replaces the lower triangle of the matrix by its factor L.
     ///
     /// # Errors
-    /// [`NotPositive`]; the matrix is spoilt then.
+    /// [`NotPositive`]; the contents of the matrix are lost then.
     pub fn factor(&mut self) -> Result<(), NotPositive> {
         factor(columns_mut(&mut self.matrix), self.threads)
     }
 
-    /// ½ log|matrix| from the factor.
+    /// Returns ½ log|matrix|, computed from the factor.
     pub fn half_log_determinant(&self) -> f64 {
         let mut sum = 0.0;
         for i in 0..self.matrix.nrows() {
@@ -311,18 +314,18 @@ impl CholeskyWorkspace {
         sum
     }
 
-    /// Replaces the columns of `right` by matrix⁻¹ `right`, with the factor.
+    /// Replaces the columns of `right` by matrix⁻¹ `right`, using the factor.
     pub fn solve_in_place(&self, right: &mut [&mut [f64]]) {
         solve(&columns(&self.matrix), right);
     }
 
-    /// Replaces `right` by L⁻¹ `right`, the squares of whose columns add up to those of `right`ᵀ matrix⁻¹ `right`.
+    /// Replaces `right` by L⁻¹ `right`; the squared norms of its columns are the diagonal of `right`ᵀ matrix⁻¹ `right`.
     pub fn half_solve_in_place(&self, right: &mut [&mut [f64]]) {
         solve_lower(&columns(&self.matrix), right);
     }
 
-    /// The inverse from the factor: its lower triangle, and both triangles of every tile on the diagonal. What is above them
-    /// means nothing.
+    /// Computes the inverse from the factor: its lower triangle, and both triangles of every tile on the diagonal. The
+    /// elements above these tiles are meaningless.
     pub fn lower_inverse(&mut self) -> &Mat<f64> {
         let (half, whole) = (&mut self.lower_inverse, &mut self.inverse);
         invert(&columns(&self.matrix), half, whole, self.threads);

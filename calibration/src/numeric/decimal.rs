@@ -1,17 +1,18 @@
-//! Numbers as text with a fixed number of decimals, for files of a million rows.
+//! Fast formatting of numbers with a fixed number of decimals, for files of a million rows.
 
 use std::fmt::Write;
 
-/// Most decimals that are written by integer arithmetic: 10¹² times a mantissa fits into 128 bits.
+/// Largest number of decimals that integer arithmetic can write: 10¹² times a mantissa fits into 128 bits.
 const MOST_DECIMALS: usize = 12;
 
-/// Appends `value` with so many decimals. The text is that of `format!("{value:.decimals$}")`, a tenth of its time.
+/// Appends `value` with the given number of decimals. The text is that of `format!("{value:.decimals$}")`, in a tenth of the
+/// time.
 ///
-/// A finite `f64` is mantissa · 2^exponent, so that value · 10^decimals is one product of integers and one shift; its
-/// remainder says exactly which way to round, a half to the even digit.
+/// A finite `f64` is mantissa · 2^exponent, so value · 10^decimals is one product of integers and one shift. The remainder
+/// of the shift determines exactly which way to round; a half is rounded to the even digit.
 pub fn push_decimal(out: &mut String, value: f64, decimals: usize) {
     if !value.is_finite() || value.abs() >= 1e9 || decimals > MOST_DECIMALS {
-        // Cannot fail: the output is a string.
+        // Writing to a string cannot fail.
         let _ = write!(out, "{value:.decimals$}");
         return;
     }
@@ -20,13 +21,13 @@ pub fn push_decimal(out: &mut String, value: f64, decimals: usize) {
     }
     let bits = value.to_bits();
     let (biased, fraction) = ((bits >> 52) & 0x7ff, bits & ((1 << 52) - 1));
-    // value = mantissa · 2^−shift, with a shift of 23 at least because the value is below 10⁹ < 2³⁰.
+    // value = mantissa · 2^−shift; the shift is at least 23 because the value is below 10⁹ < 2³⁰.
     let (mantissa, shift) = match biased {
         0 => (fraction, 1074),
         _ => (fraction | (1 << 52), 1075 - biased),
     };
     let scaled = u128::from(mantissa) * 10_u128.pow(decimals as u32);
-    // Below 2⁹³: a longer shift leaves less than a half.
+    // The scaled value is below 2⁹³, so a longer shift leaves less than a half.
     let rounded = if shift > 100 {
         0
     } else {
@@ -38,14 +39,14 @@ pub fn push_decimal(out: &mut String, value: f64, decimals: usize) {
     push_digits(out, rounded, decimals);
 }
 
-/// An integer with its point before the last `decimals` digits.
+/// Appends an integer with a decimal point before the last `decimals` digits.
 fn push_digits(out: &mut String, number: u128, decimals: usize) {
     // 10⁹ with twelve decimals has 22 digits.
     let mut text = [b'0'; 24];
     let mut at = text.len();
     let unit = 10_u64.pow(decimals as u32);
     let (mut whole, mut part) = match u64::try_from(number) {
-        // Nearly always, and division of 128 bits takes long.
+        // Nearly every number fits into 64 bits, and a division of 128 bits is slow.
         Ok(number) => (number / unit, number % unit),
         Err(_) => (
             (number / u128::from(unit)) as u64,

@@ -1,10 +1,10 @@
-//! Halton's sequence: points that fill a cube evenly, the same ones every time.
+//! The Halton sequence: deterministic points that fill a cube evenly.
 
-/// The bases, one for each dimension.
+/// Bases of the sequence, one for each dimension.
 const PRIMES: [u32; 9] = [2, 3, 5, 7, 11, 13, 17, 19, 23];
 
-/// Coordinate `dimension` (from 0) of point `index` (from 1), in (0, 1): the digits of the index in a prime base, mirrored at
-/// the point (Halton 1960).
+/// Returns coordinate `dimension` (from 0) of point `index` (from 1), in (0, 1): the digits of the index in a prime base,
+/// mirrored at the decimal point (Halton 1960).
 pub fn halton(index: u32, dimension: usize) -> f64 {
     let base = PRIMES[dimension % PRIMES.len()];
     let (mut rest, mut digit, mut out) = (index, 1.0, 0.0);

@@ -1,7 +1,7 @@
-//! Minimisation of a smooth function in a box, behind a trait of our own.
+//! Minimises a smooth function in a box, behind a trait of this crate.
 //!
-//! The method is L-BFGS-B, taken from `basin` (a port of Nocedal's v3.0 that is tested against it iteration by
-//! iteration). The trait keeps that young library out of every signature of this crate.
+//! The method is L-BFGS-B from the library `basin` (a port of Nocedal's v3.0 that is tested against the original iteration
+//! by iteration). The trait keeps that young library out of every signature of this crate.
 
 use std::cell::RefCell;
 
@@ -12,51 +12,52 @@ use basin::{
 
 use crate::progress::{Cancelled, FitContext};
 
-/// A function with its gradient.
+/// A function to be minimised, with its gradient.
 pub trait Objective {
-    /// Value and gradient at `x`; an infinite value rejects the point.
+    /// Returns value and gradient at `x`; an infinite value rejects the point.
     fn value_and_gradient(&self, x: &[f64]) -> (f64, Vec<f64>);
 }
 
-/// How a search ended; the later, the worse.
+/// How a search ended, from best to worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum SearchEnd {
-    /// At a minimum, by gradient or reduction.
+    /// The search converged to a minimum: the gradient or the reduction of the value is small enough.
     Converged,
-    /// After the most iterations that it may have.
+    /// The search reached its limit of iterations.
     IterationLimit,
-    /// No step lowered the value any more, though the gradient is not small.
+    /// No further step lowered the value, although the gradient is not small.
     NoProgress,
 }
 
-/// Where [`minimize`] ended.
+/// The result of [`minimize`].
 #[derive(Clone, Debug)]
 pub struct Minimum {
-    /// The best point of all that were looked at, the first among them.
+    /// The best of all evaluated points, including the start.
     pub x: Vec<f64>,
-    /// Its value.
+    /// Value of the function at `x`.
     pub value: f64,
     /// How the search ended.
     pub end: SearchEnd,
-    /// Iterations that it took.
+    /// Number of iterations.
     pub iterations: u64,
-    /// Units of the coordinates in which the function curves alike, for a search in a function like this one.
+    /// Units of the coordinates in which the function has similar curvature along all of them, for a search in a similar
+    /// function.
     pub units: Vec<f64>,
 }
 
-/// Where a search has been.
+/// The path of a search, from which the curvature along each coordinate is estimated.
 #[derive(Default)]
 struct Path {
     /// The last point, with its gradient.
     last: Option<(Vec<f64>, Vec<f64>)>,
-    /// For each coordinate, the sums of its steps times the changes of its derivative, and of the squares of its steps.
+    /// For each coordinate two decaying sums: steps times changes of the derivative, and squares of the steps.
     changes: Vec<(f64, f64)>,
 }
 
 impl Path {
-    /// What stays of the sums at every point: the curvature near the end counts most.
+    /// Share of the sums that is kept at every point, so that the curvature near the end counts most.
     const KEPT: f64 = 0.8;
-    /// The largest unit, for a coordinate of which little is known.
+    /// Largest unit, used for a coordinate whose curvature is small or unknown.
     const LARGEST: f64 = 3.0;
 
     fn add(&mut self, x: &[f64], gradient: &[f64]) {
@@ -83,7 +84,7 @@ impl Path {
     }
 }
 
-/// In coordinates that are divided by `units`.
+/// The problem that `basin` solves, in coordinates that are divided by `units`.
 struct BoundedProblem<'a, O> {
     objective: &'a O,
     context: &'a FitContext<'a>,
@@ -147,31 +148,32 @@ impl<O: Objective> Gradient for BoundedProblem<'_, O> {
     }
 }
 
-/// When a search ends.
+/// The criteria that end a search.
 #[derive(Clone, Copy, Debug)]
 pub struct StopCriteria {
-    /// Most iterations.
+    /// Largest number of iterations.
     pub iterations: u64,
-    /// A step that lowers the value by no more than this part of it is the last.
+    /// Relative reduction: a step that lowers the value by no more than this share of it is the last.
     pub reduction: f64,
-    /// A value that is known already: a search that has come within `distance` of it from above, by a step that was no
-    /// longer than that, goes where somebody has been, and ends.
+    /// The value of a minimum that is already known. A search ends if it is at most `distance` above this value and its last
+    /// step lowered the value by at most `distance`, because it is converging to the known minimum.
     pub known: f64,
-    /// In units of the value.
+    /// Distance from `known` at which a search ends, in units of the value.
     pub distance: f64,
-    /// Five iterations that together lower a value above `unless_below` by less than this, in its units, are the last.
+    /// Least fall of the value, in its units, over five iterations: if the value falls by less and is above `unless_below`,
+    /// the search ends.
     pub least_fall: f64,
-    /// In units of the value.
+    /// Value, in its units, at or below which `least_fall` does not apply.
     pub unless_below: f64,
 }
 
-/// Steps that a search remembers.
+/// Number of steps that a search remembers.
 const MEMORY: usize = 10;
-/// Iterations whose fall is looked at together: one of them alone may be small.
+/// Number of iterations over which the fall of the value is measured; the fall of a single iteration may be small.
 const WINDOW: usize = 5;
 
 impl StopCriteria {
-    /// Nothing is known yet.
+    /// Creates criteria with only a limit of iterations and a relative reduction; no known minimum and no least fall.
     pub const fn after(iterations: u64, reduction: f64) -> Self {
         Self {
             iterations,
@@ -183,12 +185,12 @@ impl StopCriteria {
         }
     }
 
-    /// The same, but the value may stop falling before.
+    /// Also ends the search when the value falls by less than `least_fall` over five iterations.
     pub const fn falling_by(self, least_fall: f64) -> Self {
         Self { least_fall, ..self }
     }
 
-    /// The same, but a search that has come down to `value` goes on, however slowly it falls.
+    /// Lets a search that has reached `value` or less continue, however slowly the value falls.
     pub const fn unless_below(self, value: f64) -> Self {
         Self {
             unless_below: value,
@@ -197,9 +199,9 @@ impl StopCriteria {
     }
 }
 
-/// The lowest point found from `start` within `bounds` (lower, upper): never one above the start.
+/// Returns the lowest point found from `start` within `bounds` (lower, upper); its value never exceeds that of the start.
 ///
-/// Deterministic.
+/// The result is deterministic.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -214,9 +216,10 @@ pub fn minimize<O: Objective>(
     search(objective, start, (&units, MEMORY), bounds, ending, context)
 }
 
-/// [`minimize`] with steps of coordinates in units in which the function curves alike, such as [`Minimum::units`] of a similar
-/// function: it takes half of the iterations, or fewer. It remembers half as many steps as there are coordinates. Of 60
-/// hyperparameters, 30 remembered steps took a quarter fewer iterations than ten, and ended lower.
+/// Minimises as [`minimize`] does, with coordinates in units in which the function has similar curvature along all of them,
+/// such as [`Minimum::units`] of a similar function. It takes at most half of the iterations. It remembers half as many
+/// steps as there are coordinates: with 60 hyperparameters, 30 remembered steps took a quarter fewer iterations than ten,
+/// and ended lower.
 ///
 /// # Errors
 /// [`Cancelled`].

@@ -1,4 +1,4 @@
-//! Matrices, optimisation, rotations and statistics; numbers as text; work on all cores.
+//! Matrices, optimisation, rotations and statistics; formatting of numbers; parallel work on all cores.
 
 pub mod cholesky;
 pub mod decimal;

@@ -1,19 +1,19 @@
-//! Work on all cores, in chunks whose results come in order or in tasks of their own: no result depends on the number of
-//! threads.
+//! Parallel work on all cores, in chunks whose results are returned in order or in independent tasks. No result depends on
+//! the number of threads.
 
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
-/// Chunks that wait for each thread, and results that wait to be taken from it.
+/// Capacity, for each thread, of the queue of items to process and of the queue of results to take.
 const WAITING: usize = 2;
 
-/// Gives every item of `next` to `work` on one of `threads` threads, and every result to `take` in the order of the items.
+/// Passes every item of `next` to `work` on one of `threads` threads, and every result to `take` in the order of the items.
 ///
-/// `next` and `take` run on the calling thread. Only a few items for each thread are alive at a time, so that a file of any
-/// length takes constant memory. With one thread no other is started.
+/// `next` and `take` run on the calling thread. Only a few items for each thread exist at a time, so a file of any length
+/// takes constant memory. With one thread, all work runs on the calling thread.
 ///
 /// # Errors
-/// The first error of `take` in the order of the items, else that of `next`. No further item is asked for then.
+/// The first error of `take` in the order of the items, otherwise that of `next`. No further item is requested then.
 ///
 /// # Panics
 /// When `work` does.
@@ -35,14 +35,14 @@ pub fn in_order<I: Send, O: Send, E>(
             let (give, items) = sync_channel(WAITING);
             let (done, results) = sync_channel(WAITING);
             scope.spawn(move || {
-                // Nobody takes results any more after an error.
+                // After an error no more results are taken, and sending fails.
                 let _ = items.into_iter().try_for_each(|item| done.send(work(item)));
             });
             (give, results)
         };
         let workers: Vec<_> = (0..threads).map(worker).collect();
         let (mut given, mut taken) = (0, 0);
-        // A channel is closed early by a panic only, which the end of the scope passes on.
+        // Only a panic closes a channel early; the end of the scope propagates it.
         let mut take_one = |taken: &mut usize| -> Result<(), E> {
             let (_, results) = &workers[*taken % threads];
             *taken += 1;
@@ -68,7 +68,7 @@ pub fn in_order<I: Send, O: Send, E>(
     })
 }
 
-/// Does `work` on every task, the first ones first, each on whichever of `threads` threads is free.
+/// Runs `work` on every task, starting with the first, each on the next free one of `threads` threads.
 ///
 /// # Panics
 /// When `work` does.
@@ -79,7 +79,7 @@ pub fn for_each<T: Send>(threads: usize, tasks: Vec<T>, work: impl Fn(T) + Sync)
         return;
     }
     let queue = Mutex::new(tasks.into_iter());
-    // Another thread's panic ends the scope anyway.
+    // The lock fails only after a panic of another thread, which ends the scope anyway.
     let next = || queue.lock().ok().and_then(|mut tasks| tasks.next());
     let take_all = || {
         while let Some(task) = next() {
@@ -94,10 +94,10 @@ pub fn for_each<T: Send>(threads: usize, tasks: Vec<T>, work: impl Fn(T) + Sync)
     });
 }
 
-/// Items that a thread works on together where results are collected.
+/// Number of items in a chunk when results are collected.
 const TOGETHER: usize = 256;
 
-/// The results of `work` for all items, in their order, on one of `threads` threads each. A few items start no thread.
+/// Returns the results of `work` for all items, in their order, computed on `threads` threads. A few items start no thread.
 ///
 /// # Panics
 /// When `work` does.
@@ -111,8 +111,8 @@ pub fn map_all<I: Sync, O: Send>(
     out
 }
 
-/// Does `work` on every number below `count`, on one of `threads` threads each, and gives the results to `take` in the order
-/// of the numbers, on the calling thread. A few numbers start no thread.
+/// Runs `work` on every number below `count`, each on one of `threads` threads, and passes the results to `take` in the
+/// order of the numbers, on the calling thread. A few numbers start no thread.
 ///
 /// # Panics
 /// When `work` does.

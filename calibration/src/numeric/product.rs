@@ -1,7 +1,7 @@
-//! Products of matrices with the same bits on every processor.
+//! Matrix products that are bit-identical on every processor.
 //!
-//! An element is the sum of a_ik b_kj in the order of k, each product rounded before it is added: nothing is fused. How many
-//! elements a processor computes side by side is its own affair and changes none of them.
+//! An element is the sum of a_ik b_kj in the order of k, each product rounded before it is added: no multiply-add is fused.
+//! The number of elements that a processor computes side by side does not change any of them.
 
 use std::cell::Cell;
 
@@ -9,11 +9,12 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::numeric::matrix::{Columns, Mat, columns, columns_mut};
 
-/// Terms that are summed up before they go to the result: panels of both factors that long fit the first cache.
+/// Number of terms that are summed before they are added to the result; panels of both factors of this length fit the L1
+/// cache.
 const DEPTH: usize = 256;
-/// Rows of the left factor that are packed together, which fit the second cache; a multiple of those of every panel.
+/// Number of rows of the left factor that are packed together and fit the L2 cache; a multiple of the rows of every panel.
 const HEIGHT: usize = 192;
-/// Terms that are turned from columns into rows together.
+/// Number of terms that are transposed together when columns are packed as rows.
 const CROSSWISE: usize = 32;
 
 /// A matrix, or its transpose, as a factor.
@@ -25,7 +26,7 @@ pub struct Operand<'a> {
 }
 
 impl<'a> Operand<'a> {
-    /// These columns.
+    /// Creates an operand from columns.
     pub fn new(columns: Columns<'a>) -> Self {
         Self {
             height: columns.first().map_or(0, |column| column.len()),
@@ -34,7 +35,7 @@ impl<'a> Operand<'a> {
         }
     }
 
-    /// The transpose.
+    /// Returns the transpose of the operand.
     pub fn transposed(self) -> Self {
         let is_transposed = !self.is_transposed;
         Self {
@@ -69,18 +70,18 @@ impl<'a> From<Transposed<'a>> for Operand<'a> {
     }
 }
 
-/// What becomes of the elements that are there.
+/// How a product changes the elements of the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Become {
-    /// The product.
+    /// The elements are replaced by the product.
     Product,
-    /// Their sum with the product.
+    /// The product is added to the elements.
     Sum,
-    /// What the product leaves of them.
+    /// The product is subtracted from the elements.
     Difference,
 }
 
-/// left · right.
+/// Returns left · right.
 pub fn product<'a>(left: impl Into<Operand<'a>>, right: impl Into<Operand<'a>>) -> Mat<f64> {
     let (left, right) = (left.into(), right.into());
     let mut out = Mat::zeros(left.size().0, right.size().1);
@@ -88,12 +89,12 @@ pub fn product<'a>(left: impl Into<Operand<'a>>, right: impl Into<Operand<'a>>) 
     out
 }
 
-/// Changes `to` by left · right.
+/// Changes `to` by left · right, as `how` says.
 pub fn multiply(to: &mut [&mut [f64]], how: Become, left: &Operand<'_>, right: &Operand<'_>) {
     dispatch(to, how, (left, right), false);
 }
 
-/// Changes the lower triangle of `to` by left · right; what is above it stays as it is.
+/// Changes the lower triangle of `to` by left · right, as `how` says; the elements above the diagonal stay unchanged.
 pub fn multiply_lower(to: &mut [&mut [f64]], how: Become, left: &Operand<'_>, right: &Operand<'_>) {
     dispatch(to, how, (left, right), true);
 }
@@ -119,7 +120,7 @@ fn dispatch(
 }
 
 thread_local! {
-    /// Packed panels of both factors, whose memory is kept for the next product.
+    /// Packed panels of both factors; their memory is reused by the next product.
     static PANELS: Cell<[Vec<f64>; 2]> = const { Cell::new([Vec::new(), Vec::new()]) };
 }
 
@@ -135,7 +136,7 @@ struct Product<'a, 'c> {
 impl WithSimd for Product<'_, '_> {
     type Output = ();
 
-    /// Vectors and columns of a block: as many sums as there are registers for, and their rows.
+    /// Chooses the size of a block (vectors, columns, rows) so that its sums fit into the registers.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         match S::F64_LANES {
@@ -148,7 +149,7 @@ impl WithSimd for Product<'_, '_> {
 }
 
 impl Product<'_, '_> {
-    /// In blocks of `V` vectors, which are `W` rows, times `N` columns.
+    /// Computes the product in blocks of `V` vectors, which hold `W` rows, times `N` columns.
     #[inline(always)]
     fn blocks<S: Simd, const V: usize, const N: usize, const W: usize>(mut self, simd: S) {
         let (rows, columns) = (self.to.first().map_or(0, |c| c.len()), self.to.len());
@@ -210,7 +211,7 @@ impl Product<'_, '_> {
                 }
                 continue;
             }
-            // Room for the rows of any block.
+            // Large enough for the rows of any block.
             let mut single = [0.0; 8];
             S::as_mut_simd_f64s(&mut single[..height])
                 .0
@@ -226,7 +227,7 @@ impl Product<'_, '_> {
     }
 }
 
-/// The sums of one block, term by term.
+/// Computes the sums of one block, term by term.
 #[inline(always)]
 fn sums<S: Simd, const V: usize, const N: usize>(
     simd: S,
@@ -246,7 +247,7 @@ fn sums<S: Simd, const V: usize, const N: usize>(
     sums
 }
 
-/// Rows and columns of a factor as panels of `W` rows, one after the other, with zeros below the last row.
+/// Packs rows and columns of a factor into consecutive panels of `W` rows, with zeros below the last row.
 #[inline(always)]
 fn pack<const W: usize>(
     factor: &Operand<'_>,
@@ -264,7 +265,7 @@ fn pack<const W: usize>(
             panel.fill([0.0; W]);
         }
         if factor.is_transposed {
-            // Little by little: what is written crosswise stays in the first cache.
+            // Transposes a few terms at a time, so that the scattered writes stay in the L1 cache.
             for (from, panel) in depth
                 .clone()
                 .step_by(CROSSWISE)

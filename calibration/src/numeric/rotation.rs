@@ -1,9 +1,9 @@
-//! Rotations and rigid transforms that are nearest to what is given.
+//! The rotation nearest to a matrix, and the rigid transform that best aligns points.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::Pose;
 
-/// The rotation nearest to a matrix (Frobenius norm).
+/// Returns the rotation nearest to a matrix (Frobenius norm).
 pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     let svd = m.svd(true, true);
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else {
@@ -17,7 +17,7 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Matrix3<f64> {
     u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v
 }
 
-/// The rigid transform that takes `from` to `to` best (Umeyama).
+/// Returns the rigid transform that best maps the points `from` to the points `to` in the least-squares sense (Umeyama).
 pub fn aligned(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Pose<f64> {
     let mean = |v: &[Vector3<f64>]| v.iter().sum::<Vector3<f64>>() / v.len().max(1) as f64;
     let (a, b) = (mean(from), mean(to));

@@ -1,4 +1,4 @@
-//! Errors of a set of poses, summed up.
+//! Summaries of errors, and the errors of a set of poses.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -15,17 +15,18 @@ pub struct Summary {
     pub rms: f64,
     /// 95th percentile.
     pub p95: f64,
-    /// Largest.
+    /// Maximum.
     pub max: f64,
 }
 
 impl Summary {
-    /// Summarises `values`; all zero without any. Percentiles are interpolated linearly between the order statistics.
+    /// Summarises `values`; all fields are zero if there are none. Percentiles are interpolated linearly between the order
+    /// statistics.
     pub fn new(values: &[f64]) -> Self {
         Self::of(values.to_vec())
     }
 
-    /// The same without a copy of the values.
+    /// Summarises as [`Summary::new`] does, without a copy of the values.
     pub fn of(values: Vec<f64>) -> Self {
         if values.is_empty() {
             return Self::default();
@@ -43,7 +44,8 @@ impl Summary {
     }
 }
 
-/// The value below which a share (0…1) of `sorted` lies, interpolated linearly; `sorted` is ascending and not empty.
+/// Returns the value below which a share (0…1) of `sorted` lies, interpolated linearly; `sorted` must be ascending and not
+/// empty.
 pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     let position = share * (sorted.len() - 1) as f64;
     let below = position.floor() as usize;
@@ -51,18 +53,18 @@ pub fn percentile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (position - below as f64) * (sorted[above] - sorted[below])
 }
 
-/// The smallest and the largest of `values`; (∞, −∞) of none.
+/// Returns the smallest and the largest of `values`; (∞, −∞) if there are none.
 pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let ends = (f64::INFINITY, f64::NEG_INFINITY);
     let wider = |(low, high): (f64, f64), x: f64| (low.min(x), high.max(x));
     values.into_iter().fold(ends, wider)
 }
 
-/// The standardised errors of poses that were not fitted, without their signs: of position and of rotation.
+/// Absolute standardised errors of poses that were not fitted: of position, then of rotation.
 pub type Standardised = [Vec<f64>; 2];
 
-/// The factor that makes standard deviations true of `standardised` errors: the mean of what their 68 % and their 95 %
-/// quantile ask for, 1 where there are none.
+/// Returns the factors by which predicted standard deviations must be multiplied to match `standardised` errors: the mean of
+/// the factors that the 68 % and the 95 % quantile require, or 1 if there are no errors.
 pub fn calibration_factor(standardised: &mut Standardised) -> [f64; 2] {
     let mut out = [1.0; 2];
     for (factor, values) in out.iter_mut().zip(standardised) {
@@ -75,17 +77,17 @@ pub fn calibration_factor(standardised: &mut Standardised) -> [f64; 2] {
     out
 }
 
-/// Distance of two poses: millimetres and milliradians.
+/// Distance between two poses, in mm and mrad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseError {
-    /// Distance of the origins in mm.
+    /// Distance between the origins, in mm.
     pub position_mm: f64,
-    /// Angle between the axes in mrad; absent where only the position was measured.
+    /// Angle of the rotation between the poses, in mrad; `None` if only the position was measured.
     pub orientation_mrad: Option<f64>,
 }
 
 impl PoseError {
-    /// Between a measured and a predicted pose in the same frame.
+    /// Computes the error between a measured and a predicted pose in the same frame.
     pub fn between(measured: &Pose<f64>, predicted: &Pose<f64>) -> Self {
         let turned = measured.inverse() * *predicted;
         Self {
@@ -94,7 +96,7 @@ impl PoseError {
         }
     }
 
-    /// Between a measured and a predicted position in metres, in the same frame.
+    /// Computes the error between a measured and a predicted position, in metres and in the same frame.
     pub fn of_position(measured: &Vector3<f64>, predicted: &Vector3<f64>) -> Self {
         Self {
             position_mm: 1e3 * (measured - predicted).norm(),
@@ -103,7 +105,7 @@ impl PoseError {
     }
 }
 
-/// The errors of single poses, 16 bytes of each: for files of any length.
+/// Errors of single poses, stored with 16 bytes for each pose so that files of any length fit.
 #[derive(Clone, Debug, Default)]
 pub struct PoseErrors {
     positions_mm: Vec<f64>,
@@ -111,19 +113,19 @@ pub struct PoseErrors {
 }
 
 impl PoseErrors {
-    /// One more.
+    /// Appends the error of one more pose.
     pub fn push(&mut self, error: &PoseError) {
         self.positions_mm.push(error.position_mm);
         self.orientations_mrad.extend(error.orientation_mrad);
     }
 
-    /// With those of later poses.
+    /// Appends the errors of later poses.
     pub fn extend(&mut self, later: Self) {
         self.positions_mm.extend(later.positions_mm);
         self.orientations_mrad.extend(later.orientations_mrad);
     }
 
-    /// Summed up.
+    /// Summarises the errors.
     pub fn summary(self) -> ErrorSummary {
         ErrorSummary {
             poses: self.positions_mm.len(),
@@ -134,14 +136,14 @@ impl PoseErrors {
     }
 }
 
-/// The errors of one model on one set of poses, in the shape that `--json` has.
+/// Summary of the errors of one model on one set of poses, in the form that `--json` prints.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ErrorSummary {
     /// Number of poses.
     pub poses: usize,
     /// Position errors in mm.
     pub position_mm: Summary,
-    /// Orientation errors in mrad, of the poses that have one.
+    /// Orientation errors in mrad, of the poses with a measured orientation.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_mrad: Option<Summary>,
 }
@@ -154,7 +156,7 @@ impl ErrorSummary {
         all.summary()
     }
 
-    /// Mean orientation error for a table.
+    /// Returns the mean orientation error as text for a table.
     pub fn orientation_text(&self) -> String {
         self.orientation_mrad
             .as_ref()

@@ -1,28 +1,28 @@
-//! The singular value decomposition by Hestenes' one-sided Jacobi rotations: small singular values have the relative
-//! accuracy of large ones.
+//! Singular value decomposition by Hestenes' one-sided Jacobi rotations: small singular values have the same relative
+//! accuracy as large ones.
 
 use crate::numeric::matrix::{Mat, column, columns_mut};
 use crate::numeric::product::product;
 use crate::numeric::vectors::inner;
 
-/// Sweeps over all pairs of columns; some six are enough.
+/// Largest number of sweeps over all pairs of columns; about six are enough.
 const SWEEPS: usize = 40;
-/// Cosine of the angle of two columns from which on they are orthogonal.
+/// Largest cosine of the angle between two columns that count as orthogonal.
 const ORTHOGONAL: f64 = 1e-14;
 
-/// A = U diag(s) Vᵀ.
+/// The decomposition A = U diag(s) Vᵀ.
 #[derive(Clone, Debug)]
 pub struct Svd {
-    /// Left singular vectors, columns.
+    /// Left singular vectors, as columns.
     pub u: Mat<f64>,
-    /// Singular values, largest first; as many as the smaller side of A has.
+    /// Singular values, largest first; their number is the smaller dimension of A.
     pub values: Vec<f64>,
-    /// Right singular vectors, columns.
+    /// Right singular vectors, as columns.
     pub v: Mat<f64>,
 }
 
 impl Svd {
-    /// `None` when a number is not finite.
+    /// Decomposes `a`; returns `None` if a number is not finite.
     pub fn new(a: &Mat<f64>) -> Option<Self> {
         if a.nrows() < a.ncols() {
             let Self { u, values, v } = Self::new(&a.transpose())?;
@@ -68,7 +68,7 @@ impl Svd {
     }
 }
 
-/// Cosine and sine of the rotation that makes two columns orthogonal; `None` when they are.
+/// Returns cosine and sine of the rotation that makes two columns orthogonal; `None` if they already are.
 fn turn_of(a: &[f64], b: &[f64]) -> Option<(f64, f64)> {
     let (aa, bb, ab) = (inner(a, a), inner(b, b), inner(a, b));
     if ab.abs() <= ORTHOGONAL * (aa * bb).sqrt() || !ab.is_finite() {

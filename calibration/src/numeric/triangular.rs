@@ -1,29 +1,29 @@
-//! Solutions of triangular systems, halved until they are small: all but those is products.
+//! Solves triangular systems by recursive halving: only the small blocks are eliminated, everything else is matrix products.
 
 use crate::numeric::matrix::{Columns, ColumnsMut, lent, rows, shared, split_rows};
 use crate::numeric::product::{Become, Operand, multiply};
 use crate::numeric::vectors::{inner, vectorised};
 
-/// Unknowns that are eliminated one by one; whole blocks of a product.
+/// Largest number of unknowns that are eliminated one by one; a multiple of the block sizes of a product.
 pub const SMALL: usize = 24;
-/// Right-hand sides that a product does not make faster.
+/// Largest number of right-hand sides for which products are not faster.
 const FEW: usize = 2;
-/// Right-hand sides that are solved side by side.
+/// Number of right-hand sides that are solved side by side.
 const TOGETHER: usize = 8;
 
-/// Where `n` unknowns are halved.
+/// Returns the index at which `n` unknowns are split in two.
 pub fn half(n: usize) -> usize {
     (n / 2).next_multiple_of(SMALL)
 }
 
-/// The blocks of L: above and left, below, and the rest of the diagonal.
+/// Returns the blocks of L, split at `at`: top left, bottom left, and bottom right.
 fn blocks<'a>(lower: &[&'a [f64]], at: usize) -> [Columns<'a>; 3] {
     let (left, right) = lower.split_at(at);
     let n = lower.len();
     [rows(left, 0..at), rows(left, at..n), rows(right, at..n)]
 }
 
-/// A small L: its diagonal, and below it the columns.
+/// A small lower triangular matrix L: its diagonal, and its columns below the diagonal.
 struct SmallLower {
     diagonal: [f64; SMALL],
     below: [[f64; SMALL]; SMALL],
@@ -43,7 +43,7 @@ impl SmallLower {
         out
     }
 
-    /// Solves for the first `n` unknowns, each a row of right-hand sides.
+    /// Solves for the first `n` unknowns; row `k` of `x` holds unknown `k` of all right-hand sides.
     #[inline(always)]
     fn eliminate(&self, x: &mut [[f64; TOGETHER]; SMALL], n: usize) {
         for k in 0..n {
@@ -58,7 +58,7 @@ impl SmallLower {
     }
 }
 
-/// Replaces the columns of `x` by L⁻¹ x, with the columns of L; what is above its diagonal is not looked at.
+/// Replaces the columns of `x` by L⁻¹ x; `lower` are the columns of L, and the elements above its diagonal are not read.
 pub fn solve_lower(lower: &[&[f64]], x: &mut [&mut [f64]]) {
     let n = lower.len();
     if x.len() <= FEW {
@@ -108,7 +108,7 @@ fn solve_lower_small(lower: &[&[f64]], x: &mut [&mut [f64]]) {
     }
 }
 
-/// Replaces the columns of `x` by L⁻ᵀ x.
+/// Replaces the columns of `x` by L⁻ᵀ x; `lower` are the columns of L.
 pub fn solve_upper(lower: &[&[f64]], x: &mut [&mut [f64]]) {
     let n = lower.len();
     if n <= SMALL || x.len() <= FEW {
@@ -136,7 +136,7 @@ fn backward(lower: &[&[f64]], x: &mut [f64]) {
     }
 }
 
-/// Replaces x, of which these are the columns, by x L⁻ᵀ.
+/// Replaces the columns of `x` by those of x L⁻ᵀ; `lower` are the columns of L.
 pub fn solve_right(lower: &[&[f64]], mut x: ColumnsMut<'_>) {
     let n = lower.len();
     if n <= SMALL {

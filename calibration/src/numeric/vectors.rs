@@ -1,5 +1,5 @@
-//! Loops compiled for the vectors of several processors, of which the best one runs. No bit depends on which: what is added
-//! up is added up in one order, and nothing is fused.
+//! Loops that are compiled for the vector instructions of several processors; the best version for the processor runs. The
+//! results of all versions are bit-identical: sums are added in one order, and no multiply-add is fused.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -14,16 +14,16 @@ impl<R, F: FnMut() -> R> WithSimd for Work<F> {
     }
 }
 
-/// Runs `work` with the widest vectors there are, if it is `#[inline(always)]` and so is what it calls.
+/// Runs `work` with the widest vectors of the processor, if `work` and everything that it calls are `#[inline(always)]`.
 #[inline(always)]
 pub fn vectorised<R>(work: impl FnMut() -> R) -> R {
     Arch::new().dispatch(Work(work))
 }
 
-/// Sums side by side, as many on every processor.
+/// Number of partial sums, the same on every processor.
 const LANES: usize = 8;
 
-/// Σ a b.
+/// Returns the inner product Σ a b.
 #[inline(always)]
 pub fn inner(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];

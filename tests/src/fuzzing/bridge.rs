@@ -1,4 +1,4 @@
-//! Datagrams of a controller that is corrected live, under arbitrary bytes.
+//! Fuzzes the bridge, which corrects a controller live, with arbitrary datagrams.
 
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
@@ -12,7 +12,7 @@ use crate::workspace;
 const LIMIT: i64 = 200_000;
 const RAMP: i64 = 20_000;
 
-/// A bridge with the arm of the C examples.
+/// Creates a bridge with the arm of the C examples.
 fn bridge() -> Rsi {
     let path = workspace().join("runtime/capi/examples/arm.blob");
     let blob = BlobModel::read(&path).expect("the blob of the C examples");
@@ -26,7 +26,7 @@ fn bridge() -> Rsi {
     Rsi::new(Corrector::new(commander, settings), settings.setpoint)
 }
 
-/// The time stamp and the corrections of an answer.
+/// Parses the time stamp and the corrections of an answer.
 fn parsed(answer: &[u8]) -> (u64, Vec<i64>) {
     let text = std::str::from_utf8(answer).expect("text");
     let (correction, ipoc) = text.split_once("/><IPOC>").expect("two elements");
@@ -48,8 +48,8 @@ fn parsed(answer: &[u8]) -> (u64, Vec<i64>) {
     )
 }
 
-/// Answers packets, separated by zeros. Only what can be read is answered, with its own time stamp; a correction is within
-/// its limit, and within a ramp of the one before or the zero of another session.
+/// Lets the bridge answer packets that are separated by zeros. Only a readable packet is answered, with its own time stamp;
+/// a correction is within its limit, and within one ramp of the previous one or of zero in another session.
 ///
 /// # Panics
 /// When a law is broken.

@@ -1,7 +1,8 @@
-//! Inputs that are kept in `fuzz/`: what the fuzzer needs to reach all that it has reached, and what once broke a law.
+//! Inputs that are kept in `fuzz/`: those with which the fuzzer reaches all code that it has reached, and those that once
+//! broke a law.
 //!
-//! A text file for each target, one input on each line, with `\n`, `\x00` and the like for what is not printable: short
-//! to store, and a change of it can be read.
+//! Each target has a text file with one input on each line; bytes that are not printable are written as `\n`, `\x00` and the
+//! like. The files are short, and their changes are readable.
 
 use std::fs;
 use std::io;
@@ -9,15 +10,15 @@ use std::path::PathBuf;
 
 use crate::workspace;
 
-/// Most bytes that are kept of a target's inputs.
+/// Largest number of bytes that are kept of a target's inputs.
 pub const MOST_BYTES: usize = 4_000;
 
-/// Which of the two.
+/// The two collections of kept inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kept {
-    /// `fuzz/corpus`.
+    /// Inputs that reach code, in `fuzz/corpus`.
     Corpus,
-    /// `fuzz/regressions`.
+    /// Inputs that once broke a law, in `fuzz/regressions`.
     Regressions,
 }
 
@@ -29,7 +30,7 @@ fn path(kept: Kept, target: &str) -> PathBuf {
     workspace().join(folder).join(format!("{target}.txt"))
 }
 
-/// The inputs of a target; none when it has no file.
+/// Returns the kept inputs of a target; none if it has no file.
 ///
 /// # Errors
 /// When the file cannot be read, or has a line that was not written here.
@@ -47,7 +48,7 @@ pub fn read(kept: Kept, target: &str) -> io::Result<Vec<Vec<u8>>> {
         .collect()
 }
 
-/// Keeps the shortest of `inputs`, up to [`MOST_BYTES`].
+/// Writes the shortest of `inputs`, up to [`MOST_BYTES`].
 ///
 /// # Errors
 /// When the file cannot be written.
@@ -69,7 +70,7 @@ pub fn write(kept: Kept, target: &str, mut inputs: Vec<Vec<u8>>) -> io::Result<(
     fs::write(path, text)
 }
 
-/// The opposite of `escape_ascii`.
+/// Reverses `escape_ascii`.
 fn unescaped(line: &str) -> Option<Vec<u8>> {
     let mut out = Vec::new();
     let mut rest = line.bytes();

@@ -1,20 +1,20 @@
-//! Arbitrary bytes against everything that reads: for each a function that panics when a law is broken.
+//! Fuzz targets for every reader of input: each is a function that takes arbitrary bytes and panics when a law is broken.
 //!
 //! | target | law beyond "no panic" |
 //! |---|---|
-//! | [`blob`](wire::blob) | refused: the model that was there stays. Taken: every answer is finite, no joint is corrected by more than the bound; what is written of it reads the same |
-//! | [`envelope`](wire::envelope) | what opens is its own header, payload and trailer, and a changed byte closes it |
-//! | [`frame`](wire::frame) | any bytes come through a line; what is read as a message is written to the same message |
+//! | [`blob`](wire::blob) | a rejected blob leaves the present model unchanged; with an accepted one every answer is finite, no joint is corrected by more than the bound, and writing and reading it again gives the same blob |
+//! | [`envelope`](wire::envelope) | an envelope that opens consists of exactly its header, payload and trailer, and does not open after a changed byte |
+//! | [`frame`](wire::frame) | any bytes can be sent over a line; a message that was read is written as the same message |
 //! | [`service`](service::service) | every answer of the device is that of a simple model of it |
-//! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | refused with the name and a place within the file; what is taken is finite, with unit quaternions |
-//! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | the same; what is taken has 1 to 8 joints and rigid frames |
-//! | [`touches`](readers::touches) | the same, in either of two files; what is taken is finite, and every index is that of an entry |
-//! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3), [`table`](programs::table) | the same; the numbers of targets do not overlap, and replacing them changes no other byte |
-//! | [`rsi`](bridge::rsi) | only what can be read is answered, with its own time stamp; no correction is above its limit or steps above its ramp |
-//! | [`report`](page::report) | whatever is in a name, the page has the tags of one with an ordinary name |
+//! | [`measurements`](readers::measurements), [`targets`](readers::targets), [`import`](readers::import), [`preset`](readers::preset) | an error names the file and a position within it; accepted data are finite, with unit quaternions |
+//! | [`urdf`](readers::urdf), [`toml`](readers::toml), [`cell`](readers::cell) | errors as for measurements; accepted data have 1 to 8 joints and rigid frames |
+//! | [`touches`](readers::touches) | errors as for measurements, in either of two files; accepted data are finite, and every index is that of an entry |
+//! | [`rapid`](programs::rapid), [`urscript`](programs::urscript), [`fanuc`](programs::fanuc), [`krl`](programs::krl), [`inform`](programs::inform), [`val3`](programs::val3), [`table`](programs::table) | errors as for measurements; the numbers of targets do not overlap, and replacing them changes no other byte |
+//! | [`rsi`](bridge::rsi) | only a readable packet is answered, with its own time stamp; no correction exceeds its limit, and no step exceeds the ramp |
+//! | [`report`](page::report) | whatever a name contains, the page has the same tags as with an ordinary name |
 //!
-//! [`TARGETS`] lists them for the test of the suite, which makes its inputs from seeds, always the same, and for
-//! libFuzzer (`fuzz/`, `tests/fuzz/run`). What once broke a law is kept in `fuzz/regressions`.
+//! [`TARGETS`] lists them for the test of the suite, which makes its inputs reproducibly from seeds, and for libFuzzer
+//! (`fuzz/`, `tests/fuzz/run`). Inputs that once broke a law are kept in `fuzz/regressions`.
 
 pub mod bridge;
 mod expected;
@@ -27,20 +27,20 @@ pub mod seeds;
 pub mod service;
 pub mod wire;
 
-/// What is fuzzed.
+/// A fuzz target.
 #[derive(Clone, Copy, Debug)]
 pub struct Target {
-    /// Its name, also of its program and folders in `fuzz/`.
+    /// Name of the target, and of its program and folders in `fuzz/`.
     pub name: &'static str,
-    /// Takes one input and panics when a law is broken.
+    /// Function that takes one input and panics when a law is broken.
     pub run: fn(&[u8]),
-    /// Valid inputs to begin with.
+    /// Function that returns valid inputs to begin with.
     pub seeds: fn() -> Vec<Vec<u8>>,
-    /// Inputs in the suite: a part of a second each.
+    /// Number of inputs in the test suite, chosen so that each target takes less than a second.
     pub executions: u64,
 }
 
-/// All of them.
+/// All fuzz targets.
 #[rustfmt::skip] // a table
 pub const TARGETS: [Target; 21] = [
     Target { name: "blob", run: wire::blob, seeds: seeds::blobs, executions: 2_000 },

@@ -1,9 +1,9 @@
-//! Inputs made of valid ones by a few changes, as a fuzzer makes them; the same for the same random numbers.
+//! Mutated inputs: valid inputs with a few changes, as a fuzzer makes them, reproducible from the random numbers.
 
 use rand::{Rng, RngExt};
 
-/// Bytes made from one of `seeds` by a few changes, as a fuzzer makes them: bits flipped, bytes replaced by telling ones,
-/// parts taken out, doubled, or brought in from another seed.
+/// Returns one of `seeds` with a few changes, as a fuzzer makes them: flipped bits, bytes replaced by interesting values,
+/// and parts removed, doubled or inserted from another seed.
 pub fn mutated(seeds: &[Vec<u8>], random: &mut impl Rng) -> Vec<u8> {
     const TELLING: [&[u8]; 16] = [
         b"\0",

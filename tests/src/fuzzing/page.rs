@@ -1,14 +1,14 @@
-//! Names with anything in them, on a page of the report.
+//! Arbitrary names on a page of the report.
 
 use maud::html;
 use poegp_trainer::report::{Column, Page, Section};
 
-/// Renders a page whose every name is `bytes`.
+/// Renders a page on which every name is `bytes`.
 ///
 /// # Panics
 /// When a law is broken.
 pub fn report(bytes: &[u8]) {
-    // A heading of nothing is left out, with its tags.
+    // An empty heading is left out with its tags, so the name is never empty.
     let name = format!("a{}", String::from_utf8_lossy(bytes));
     let page = page(&name);
     let ordinary = self::page("ordinary");

@@ -1,4 +1,4 @@
-//! Programs of controllers, under arbitrary bytes.
+//! Fuzzes the readers of robot programs with arbitrary bytes.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use super::readers::{assert_refusal, parts};
 const FRAMES: &str = "[tool.3]\nxyz_mm=[1,2,3]\nquaternion=[1,0,0,0]\n[tool.tcp]\nxyz_mm=[1,2,3]\nquaternion=[1,0,0,0]\n\
     [base.2]\nxyz_mm=[1,2,3]\nquaternion=[0,1,0,0]\n";
 
-/// All numbers of all targets, in the order of the files.
+/// Returns all numbers of all targets, in the order of the files.
 fn numbers(program: &Program) -> Vec<Number> {
     let mut out: Vec<Number> = Vec::new();
     for target in &program.targets {
@@ -72,7 +72,7 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
         assert!(line.step > 0 && program.moves[line.step].way == Way::Line);
     }
     let mut numbers = numbers(&program);
-    // A target of two moves stands once in its file.
+    // A target that two moves use occurs once in its file.
     numbers.dedup();
     let mut replacements = Vec::new();
     let mut before = (0, 0);
@@ -91,7 +91,7 @@ fn read(format: Format, names: &[&str], bytes: &[u8]) {
     }
     for ((_, bytes), (written, inserted)) in files.iter().zip(rewrite(&program, &replacements)) {
         assert!(inserted.is_empty());
-        // Each mark back to its number: every other byte is where it was.
+        // Replaces each mark by its number again: every other byte must be unchanged.
         let mut rest = written.as_slice();
         let mut back = Vec::new();
         let file = files
@@ -127,7 +127,7 @@ pub fn urscript(bytes: &[u8]) {
     read(Format::UrScript, &["part.script"], bytes);
 }
 
-/// Reads a Fanuc listing, and a zero before variables of the controller.
+/// Reads a Fanuc listing and, after a zero byte, variables of the controller.
 ///
 /// # Panics
 /// When a law is broken.
@@ -140,7 +140,7 @@ pub fn fanuc(bytes: &[u8]) {
     read(Format::Fanuc, names, bytes);
 }
 
-/// Reads a KUKA source and its data list, a zero between them.
+/// Reads a KUKA source and, after a zero byte, its data list.
 ///
 /// # Panics
 /// When a law is broken.
@@ -153,7 +153,7 @@ pub fn krl(bytes: &[u8]) {
     read(Format::Krl, names, bytes);
 }
 
-/// Reads a Yaskawa job, and a zero before a condition file.
+/// Reads a Yaskawa job and, after a zero byte, a condition file.
 ///
 /// # Panics
 /// When a law is broken.
@@ -174,7 +174,7 @@ pub fn table(bytes: &[u8]) {
     read(Format::Table, &["part.csv"], bytes);
 }
 
-/// Reads data of a Stäubli controller, a zero, and the program that uses them.
+/// Reads data of a Stäubli controller and, after a zero byte, the program that uses them.
 ///
 /// # Panics
 /// When a law is broken.

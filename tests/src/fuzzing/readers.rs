@@ -1,4 +1,4 @@
-//! Files that people and programs write, under arbitrary bytes.
+//! Fuzzes the readers of files that people and programs write with arbitrary bytes.
 
 use std::path::{Path, PathBuf};
 
@@ -16,15 +16,15 @@ use poegp_trainer::import::column_map::Map;
 use poegp_trainer::import::import_bytes;
 use poegp_trainer::import::preset::{PRESETS, Preset};
 
-/// Rows and columns of a sheet, at most.
+/// Largest number of rows and columns of a sheet.
 const SHEET: (usize, usize) = (1 << 20, 1 << 14);
 
-/// Whether the lines of a file are rows of a sheet.
+/// Returns whether the file is a workbook, whose lines are rows of a sheet.
 fn is_workbook(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
 }
 
-/// A refusal names one of the files, with a place in it, and does not run on for ever.
+/// Checks that an error names one of the files and a position in it, and that its message is not too long.
 pub(super) fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
     let message = error.to_string();
     assert!(message.len() < 20_000, "{} bytes", message.len());
@@ -37,7 +37,7 @@ pub(super) fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
         .iter()
         .find(named)
         .unwrap_or_else(|| panic!("of which file? {message}"));
-    // In UTF-16 a line end is two bytes, one of which is this.
+    // In UTF-16 a line end has two bytes, one of which is this one.
     let lines = match is_workbook(bytes) {
         true => SHEET.0,
         false => 1 + bytes.iter().filter(|byte| b"\n\r".contains(byte)).count(),
@@ -74,11 +74,11 @@ fn assert_set(set: &MeasurementSet) {
         assert_eq!(row.joints.len(), set.joint_count());
         assert_measurement(row);
     }
-    // Against an arm of as many joints: notes or a refusal.
+    // Checked against an arm with six joints: the result is notes or a refusal.
     let _ = set.check(&six_axes());
 }
 
-/// The arm that files of joints are read for.
+/// Returns the arm for which files of joints are read.
 pub fn six_axes() -> Robot {
     thread_local! {
         static ROBOT: Robot = Robot::load("abb-irb120", &LoadOptions::default()).expect("built in");
@@ -109,7 +109,7 @@ pub fn targets(bytes: &[u8]) {
     }
 }
 
-/// Reads and rewrites all rows.
+/// Reads and rewrites all rows of a file.
 fn read_targets(path: &Path, bytes: &[u8]) -> Result<(), Box<InputError>> {
     let (columns, start, mut chunks) = TargetReader::new(path, bytes)?.into_parts();
     let robot = six_axes();
@@ -128,7 +128,7 @@ fn read_targets(path: &Path, bytes: &[u8]) -> Result<(), Box<InputError>> {
     Ok(())
 }
 
-/// Rows as they were, with a new field.
+/// A rewriter that keeps the rows and adds a new field.
 struct Unchanged;
 
 impl NewFields for Unchanged {
@@ -141,7 +141,7 @@ impl NewFields for Unchanged {
     }
 }
 
-/// Parts that are separated by zeros.
+/// Splits bytes into parts that are separated by zeros.
 pub(super) fn parts(bytes: &[u8], most: usize) -> Vec<Vec<u8>> {
     bytes
         .splitn(most, |byte| *byte == 0)
@@ -149,7 +149,7 @@ pub(super) fn parts(bytes: &[u8], most: usize) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// Imports one file or two as a map says: the map, a zero, the files with a zero between them.
+/// Imports one or two files with a map; the input is the map and the files, separated by zeros.
 ///
 /// # Panics
 /// When a law is broken.
@@ -176,7 +176,7 @@ fn run_import(text: &str, raws: &[Vec<u8>]) {
             assert_eq!(set.measurements.len(), imported.rows.len());
             assert_set(&set);
         }
-        // What was written is no measurement file: its place is one in what would have been.
+        // The imported rows are not a valid measurement file: the position is one in the file that would have been written.
         Err(error) if error.file == Path::new("<imported>") => {}
         Err(error) => {
             let mut files = vec![(MAP, text.as_bytes())];
@@ -186,12 +186,12 @@ fn run_import(text: &str, raws: &[Vec<u8>]) {
     }
 }
 
-/// Imports one file or two with every preset, and asks which one fits.
+/// Imports one or two files with every preset, and determines which preset fits.
 ///
 /// # Panics
 /// When a law is broken.
 pub fn preset(bytes: &[u8]) {
-    // Two zeros between files, for one is a letter's half in UTF-16.
+    // Two zeros separate files, because a single zero can be half of a letter in UTF-16.
     let split = bytes.windows(2).position(|pair| pair == [0, 0]);
     let raws = match split {
         Some(at) => vec![bytes[..at].to_vec(), bytes[at + 2..].to_vec()],

@@ -1,4 +1,4 @@
-//! Valid inputs for each target: files of this repository, cut short, and small blobs.
+//! Valid inputs for each fuzz target: files of this repository, truncated, and small blobs.
 
 use std::fs;
 use std::path::Path;
@@ -13,8 +13,8 @@ use super::wire::wire;
 use crate::sample::{Elastic, Sample, SampleCorrection};
 use crate::workspace;
 
-/// The files of a folder of the repository, by name, cut behind a line at `longest` bytes so that changes meet what
-/// matters.
+/// Returns the files of a folder of the repository in the order of their names, truncated after a line to at most `longest`
+/// bytes so that changes hit relevant parts.
 fn files(folder: &str, extension: &str, longest: usize) -> Vec<Vec<u8>> {
     let folder = workspace().join(folder);
     let entries = fs::read_dir(&folder).unwrap_or_else(|e| panic!("{}: {e}", folder.display()));
@@ -36,7 +36,7 @@ fn cut(mut bytes: Vec<u8>, longest: usize) -> Vec<u8> {
     bytes
 }
 
-/// Small blobs of every kind and format, one of them signed.
+/// Returns small blobs of every kind and format, one of them signed.
 pub fn blobs() -> Vec<Vec<u8>> {
     let kinds = [
         SampleCorrection::None,
@@ -74,7 +74,7 @@ pub fn blobs() -> Vec<Vec<u8>> {
     blobs
 }
 
-/// Requests and responses, framed and as bare messages.
+/// Returns requests and responses, framed and as bare messages.
 pub fn frames() -> Vec<Vec<u8>> {
     let query = || Query {
         joints: [0.1, -0.7, 0.0].into_iter().collect(),
@@ -124,7 +124,7 @@ pub fn frames() -> Vec<Vec<u8>> {
     all
 }
 
-/// Scripts of the service: the steps of `service::Talk::step`.
+/// Returns scripts for the service: the steps of `service::Talk::step`.
 pub fn scripts() -> Vec<Vec<u8>> {
     let install = |blob: u8| [27, blob, 15, 17, blob];
     let ask = [
@@ -201,7 +201,7 @@ pub fn scripts() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Measurement files.
+/// Returns measurement files.
 pub fn measurements() -> Vec<Vec<u8>> {
     let mut all = files("tests/data/simulated", "csv", 600);
     all.truncate(4);
@@ -232,10 +232,10 @@ const RAWS: [&str; 8] = [
     "spaces.txt",
     "tabs.txt",
 ];
-/// Those that come in two files.
+/// Raw files that consist of two files.
 const PAIRS: [&str; 2] = ["leica", "points"];
 
-/// Maps with their raw files, a zero between them.
+/// Returns maps with their raw files, separated by zero bytes.
 pub fn imports() -> Vec<Vec<u8>> {
     let map = |stem: &str| {
         let text = String::from_utf8(import_file(&format!("{stem}.toml"))).expect("text");
@@ -282,7 +282,7 @@ fn foreign_files() -> [Vec<u8>; 3] {
     [joined.to_vec(), reflectors.to_vec(), dated.to_vec()]
 }
 
-/// Raw files alone; two of them with two zeros between.
+/// Returns raw files without maps; pairs are separated by two zero bytes.
 pub fn raws() -> Vec<Vec<u8>> {
     let mut all: Vec<_> = RAWS.map(import_file).into();
     all.extend(PAIRS.map(|stem| {
@@ -293,7 +293,7 @@ pub fn raws() -> Vec<Vec<u8>> {
     all
 }
 
-/// URDFs: those of the repository that are short, and a small one with every kind of joint.
+/// Returns URDFs: the short ones of the repository, and a small one with every kind of joint.
 pub fn urdfs() -> Vec<Vec<u8>> {
     let mut all = files("tests/data/robots", "urdf", usize::MAX);
     all.extend(files("tests/data/urdf", "urdf", usize::MAX));
@@ -310,12 +310,12 @@ pub fn urdfs() -> Vec<Vec<u8>> {
     all
 }
 
-/// Robot descriptions.
+/// Returns robot descriptions in TOML.
 pub fn tomls() -> Vec<Vec<u8>> {
     files("calibration/robots", "toml", usize::MAX)
 }
 
-/// Constraints of a plan: the page's example and a short one.
+/// Returns constraints of a plan: the example of the documentation and a short one.
 pub fn cells() -> Vec<Vec<u8>> {
     let page = fs::read_to_string(workspace().join("docs/guide/measuring.md")).expect("a page");
     let listing = page
@@ -329,7 +329,7 @@ pub fn cells() -> Vec<Vec<u8>> {
     ]
 }
 
-/// Touches of every kind, each with the description of its features before a zero byte.
+/// Returns touches of every kind, each after the description of its features and a zero byte.
 pub fn touches() -> Vec<Vec<u8>> {
     let robot = super::readers::six_axes();
     let seed = |(_, kind): (&str, TouchKind)| {
@@ -342,7 +342,7 @@ pub fn touches() -> Vec<Vec<u8>> {
     TOUCH_KINDS.map(seed).into()
 }
 
-/// Names that want to be markup.
+/// Returns names that contain markup.
 pub fn names() -> Vec<Vec<u8>> {
     let names = [
         "</title><script>alert(1)</script>",

@@ -1,4 +1,4 @@
-//! Blobs and link frames under arbitrary bytes.
+//! Fuzzes the readers of blobs and link frames with arbitrary bytes.
 
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_protocol::blob::envelope::{self, HEADER_LENGTH, MAGIC};
@@ -12,13 +12,13 @@ use serde::Serialize;
 
 use crate::sample::{Sample, SampleCorrection};
 
-/// Words of inducing points that a model may have here: more than any seed has.
+/// Largest number of memory words of inducing points in these tests: more than any seed has.
 const WORDS: usize = 2_048;
 /// Bytes of the envelope's fields: magic, version, flags, length.
 const FIELDS: usize = 16;
 
-/// Reads and loads `bytes` as a blob: as they are, and with the magic, the length and the checksum that they should have,
-/// so that what is behind the checksum is reached.
+/// Reads and loads `bytes` as a blob: unchanged, and with correct magic, length and checksum, so that the code after the
+/// checksum is reached.
 ///
 /// # Panics
 /// When a law is broken.
@@ -29,7 +29,7 @@ pub fn blob(bytes: &[u8]) {
     }
 }
 
-/// With the envelope mended; `None` when there is no room for one.
+/// Returns `bytes` with a valid envelope; `None` if they are too short for one.
 fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
     let mut sealed = bytes.to_vec();
     let length = u32::try_from(bytes.len().checked_sub(HEADER_LENGTH)?).ok()?;
@@ -61,8 +61,8 @@ fn load(bytes: &[u8]) {
         answers(&resident);
         round_trip(bytes);
     }
-    // The workstation also reads the tools, and has room for more: it takes every blob of the device but those whose tools
-    // cannot be read.
+    // The workstation also reads the tools and has more capacity: it accepts every blob that the device accepts, except
+    // those whose tools cannot be read.
     let host = BlobModel::from_bytes(bytes.to_vec());
     if let Ok(host) = &host {
         assert_eq!(
@@ -73,7 +73,7 @@ fn load(bytes: &[u8]) {
     }
 }
 
-/// The bits of a model's answers, all of them finite, at joints near and far from any that was trained.
+/// Returns the bits of a model's answers, all of them finite, at joints near to and far from the trained ones.
 fn answers(resident: &ModelSlot<WORDS>) -> Vec<u32> {
     let model = resident.model();
     let mut bits = Vec::new();
@@ -94,7 +94,7 @@ fn answers(resident: &ModelSlot<WORDS>) -> Vec<u32> {
         assert!(corrected.position_error.is_finite(), "{corrected:?}");
         for (to, from) in corrected.joints.iter().zip(&joints) {
             let change = f64::from(to - from).abs();
-            // Single precision rounds what is added to a joint by half a unit of its last place.
+            // Single precision rounds the sum of a joint and its correction by half a unit of the last digit.
             let rounding = f64::from(from.abs().max(1.0) * f32::EPSILON);
             assert!(change <= MAX_JOINT_CHANGE + rounding, "{change}");
             bits.push(to.to_bits());
@@ -103,7 +103,7 @@ fn answers(resident: &ModelSlot<WORDS>) -> Vec<u32> {
     bits
 }
 
-/// What is written of a blob that was read is the same blob, to the byte from the first time on.
+/// Checks that a blob that was read is written as the same blob, and that writing it again gives the same bytes.
 fn round_trip(bytes: &[u8]) {
     let read = blob::decode(bytes).expect("it is loaded");
     let mut first = vec![0; bytes.len() + 64];
@@ -120,7 +120,7 @@ fn round_trip(bytes: &[u8]) {
     assert_eq!(second, first);
 }
 
-/// Opens `bytes` as an envelope, as they are and mended.
+/// Opens `bytes` as an envelope, unchanged and with a valid header and trailer.
 ///
 /// # Panics
 /// When a law is broken.
@@ -128,7 +128,7 @@ pub fn envelope(bytes: &[u8]) {
     opened(bytes);
     if let Some(mut sealed) = sealed(bytes) {
         opened(&sealed);
-        // One bit anywhere and it is closed; the payload says which.
+        // After a change of any single bit the envelope does not open; the payload chooses the bit.
         let at = usize::from(sealed[HEADER_LENGTH - 1]) * sealed.len() / 256;
         sealed[at] ^= 1 << (sealed.len() % 8);
         let damaged = envelope::open(&sealed);
@@ -153,7 +153,7 @@ fn opened(bytes: &[u8]) {
     );
 }
 
-/// Takes `bytes` from a line; sends them as the message of an intact frame.
+/// Receives `bytes` from a line, and sends them as the message of an intact frame.
 ///
 /// # Panics
 /// When a law is broken.
@@ -168,7 +168,7 @@ pub fn frame(bytes: &[u8]) {
         }
         receiver.clear();
     }
-    // As the fields of a cyclic frame.
+    // The bytes as the fields of a cyclic frame.
     let fields = &bytes[..bytes.len().min(frame_room())];
     for byte in sealed_frame(&[&[CYCLIC][..], &SEQUENCE.to_le_bytes(), fields].concat()) {
         if receiver.push(byte) == Received::Frame {
@@ -177,7 +177,7 @@ pub fn frame(bytes: &[u8]) {
             receiver.clear();
         }
     }
-    // Whatever was on the line before, behind a zero a whole frame comes through.
+    // After a zero byte an intact frame is received, whatever was on the line before.
     let message = &bytes[..bytes.len().min(frame_room())];
     for byte in sent(message) {
         if receiver.push(byte) == Received::Frame {
@@ -188,20 +188,20 @@ pub fn frame(bytes: &[u8]) {
     }
 }
 
-/// Any number that is not the same with its bytes exchanged.
+/// A sequence number that changes when its bytes are swapped.
 const SEQUENCE: u16 = 0x0102;
 
-/// Longest message of a frame.
+/// Returns the length of the longest message of a frame.
 const fn frame_room() -> usize {
     poegp_protocol::link::MAX_CHUNK + 8
 }
 
-/// An intact frame with these bytes for a message, by hand.
+/// Builds an intact frame with the given message, without the product's encoder.
 pub(super) fn sent(message: &[u8]) -> Vec<u8> {
     sealed_frame(&[&[PROTOCOL_VERSION][..], &SEQUENCE.to_le_bytes(), message].concat())
 }
 
-/// The frame of these bytes and their CRC.
+/// Builds the frame of the given bytes and their CRC.
 fn sealed_frame(body: &[u8]) -> Vec<u8> {
     let crc = poegp_protocol::blob::CRC.checksum(body).to_le_bytes();
     let raw = [body, &crc].concat();
@@ -231,14 +231,14 @@ fn read(receiver: &Receiver) {
             let written = wire(sequence, &response);
             let again = frame::decode::<Response>(&mut written.clone());
             let (sequence, again) = again.expect("what was written");
-            // By their bytes: a number that is not one is not equal to itself.
+            // Compared as bytes, because NaN is not equal to itself.
             assert_eq!(wire(sequence, &again), written);
         }
         Err(error) => assert!(matches!(error, FrameError::UnknownMessage { .. })),
     }
 }
 
-/// What is read of a cyclic frame is written with the same bytes, in either direction.
+/// Checks that a cyclic frame that was read is written with the same bytes, in both directions.
 fn cyclic_frame(sequence: u16, fields: &[u8]) {
     let frame = sealed_frame(&[&[CYCLIC][..], &sequence.to_le_bytes(), fields].concat());
     let mut out = [0; MAX_CYCLIC];
@@ -260,7 +260,7 @@ fn assert_written(sequence: u16, request: &Request<'_>) {
     assert_eq!(wire(again, &read), written);
 }
 
-/// The frame of a message, without its zero.
+/// Returns the frame of a message, without its final zero.
 pub(super) fn wire(sequence: u16, message: &impl Serialize) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; 2 * MAX_FRAME], [0; 2 * MAX_FRAME]);
     let frame =

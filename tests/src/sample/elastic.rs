@@ -1,4 +1,4 @@
-//! Elastic corrections with random numbers of the size that real arms have.
+//! Elastic corrections with random parameters of realistic size.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{self, Correction, CorrectionLimit, JointKernel, Ripple, Variance};
@@ -9,33 +9,33 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{PAYLOAD_KG, Sample};
 
-/// An elastic correction.
+/// The description of an elastic correction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Elastic {
-    /// Inducing points of all joints together; the payload groups share them.
+    /// Number of inducing points of all joints together, divided among the payload groups.
     pub points: usize,
-    /// Payload groups.
+    /// Number of payload groups.
     pub groups: usize,
-    /// Every joint's kernel looks at so many joints, at one less of every second one.
+    /// Number of joints that the kernel of a joint depends on; one less for every second joint.
     pub looks_at: usize,
-    /// Terms of gear ripple.
+    /// Number of terms of gear ripple.
     pub ripple: usize,
-    /// Whether the arm stands upright, as most do: gravity along its first axis, on which then nothing acts.
+    /// Whether the arm stands upright, as most do: gravity is parallel to its first axis and exerts no torque on it.
     pub upright: bool,
-    /// Landmarks of the variance; 0 for none.
+    /// Number of variance landmarks; 0 for none.
     pub landmarks: usize,
-    /// Orders of the own-joint curve of each joint; 0 for none.
+    /// Number of orders of the own-joint curve of each joint; 0 for none.
     pub curve_orders: usize,
-    /// Whether its kernels are too steep for the unrolled loops.
+    /// Whether the kernels are too steep for the unrolled loops.
     pub steep: bool,
 }
 
-/// Inducing points unless a sample says otherwise.
+/// Default number of inducing points.
 pub const POINTS: usize = 200;
 
 impl Elastic {
-    /// Five payloads, four ripple terms. Of arms simulated in the paper's way 200 points have 1 200 to 1 500 words in about
-    /// 20 groups, these 1 600 in 30.
+    /// A correction with five payloads and four ripple terms. For arms simulated as in the paper, 200 points take 1 200 to 1
+    /// 500 memory words in about 20 groups; here they take 1 600 in 30.
     pub const PLAIN: Self = Self {
         points: POINTS,
         groups: 5,
@@ -47,7 +47,7 @@ impl Elastic {
         steep: false,
     };
 
-    /// The same with the longest own-joint curves.
+    /// [`Elastic::PLAIN`] with the longest own-joint curves.
     pub const WITH_CURVES: Self = Self {
         curve_orders: MAX_CURVE_ORDER,
         ..Self::PLAIN
@@ -59,7 +59,7 @@ impl Elastic {
         ..Self::PLAIN
     };
 
-    /// The joints that the kernel of `joint` looks at.
+    /// Returns the joints that the kernel of `joint` depends on.
     pub fn joints_of(&self, joint: usize, joints: usize) -> Vec<usize> {
         let count = self.looks_at.saturating_sub(joint % 2).clamp(1, joints);
         let mut out: Vec<usize> = (0..count).map(|k| (joint + k) % joints).collect();
@@ -67,14 +67,14 @@ impl Elastic {
         out
     }
 
-    /// Inducing points of a group of a joint.
+    /// Returns the number of inducing points of a payload group of a joint.
     fn group_points(&self, joint: usize, joints: usize, group: usize) -> usize {
         let upto = |index: usize| self.points * index / (joints * self.groups);
         let index = joint * self.groups + group;
         upto(index + 1) - upto(index)
     }
 
-    /// Words of the inducing points.
+    /// Returns the number of memory words that the inducing points take.
     pub(super) fn row_words(&self, joints: usize) -> usize {
         let set = |joint: usize| {
             let points: usize = (0..self.groups)
@@ -85,8 +85,8 @@ impl Elastic {
         (0..joints).map(set).sum()
     }
 
-    /// The bytes of the own-joint curves: as large as those of a robot whose joints are off by 360 µrad. What has no curves
-    /// draws nothing.
+    /// Creates the bytes of the own-joint curves, as large as those of a robot whose joints are off by 360 µrad. Without
+    /// curves no random numbers are drawn.
     pub(super) fn curves(&self, sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
         let mut amplitude = |joint: usize| {
             let drawn = generator.random_range(-5e-5_f32..5e-5);
@@ -101,7 +101,7 @@ impl Elastic {
             .collect()
     }
 
-    /// The variance, with the bytes of its landmarks in `rows`; `None` without landmarks.
+    /// Creates the variance and writes the bytes of its landmarks to `rows`; returns `None` if there are no landmarks.
     pub(super) fn variance<'a>(
         &self,
         sample: &Sample,
@@ -137,7 +137,7 @@ impl Elastic {
         })
     }
 
-    /// The correction with these own-joint curves, and the bytes of its inducing points in `rows`.
+    /// Creates the correction with the given own-joint curves and writes the bytes of its inducing points to `rows`.
     pub(super) fn correction<'a>(
         &self,
         sample: &Sample,
@@ -178,7 +178,7 @@ impl Elastic {
             })
             .collect();
         let mut sets = heapless::Vec::new();
-        // What each row looks at.
+        // The joints that each row depends on.
         let mut looked_at: Vec<Vec<usize>> = Vec::new();
         for (c, kernel) in kernels.iter_mut().enumerate() {
             let own = self.joints_of(c, joints);
@@ -207,7 +207,7 @@ impl Elastic {
                 };
                 rows.extend(place.into_iter().flat_map(f32::to_le_bytes));
             }
-            // Now and then the sum is more than the bound allows.
+            // Large enough that the sum sometimes exceeds the correction limit.
             rows.extend(generator.random_range(-2e-4_f32..2e-4).to_le_bytes());
         }
         Correction::Elastic(blob::Elastic {

@@ -1,4 +1,4 @@
-//! What an instruction does to the stack and where it goes, as `objdump` writes it.
+//! The effect of an instruction on the stack and its branch target, parsed from the output of `objdump`.
 
 use std::fmt;
 
@@ -6,41 +6,41 @@ use std::fmt;
 #[derive(Clone, Debug)]
 pub struct Instruction<'a> {
     pub address: u64,
-    /// Without a width: `sub` for `sub.w`. Data begin with a dot.
+    /// Mnemonic without a width suffix: `sub` for `sub.w`. Directives for data begin with a dot.
     name: &'a str,
     operands: &'a str,
 }
 
-/// What counts.
+/// The effect of an instruction on the stack bound.
 #[derive(Clone, Debug, Eq, PartialEq)]
 pub enum Effect {
-    /// Nothing that counts.
+    /// The instruction has no effect.
     None,
-    /// Takes bytes of stack.
+    /// Takes the given number of bytes of stack.
     Takes(u64),
-    /// Takes bytes of stack for one call.
+    /// Takes the given number of bytes of stack for one call only.
     Saves(u64),
-    /// Goes to an address.
+    /// Branches to an address.
     Branch(u64),
-    /// Goes to where a register says.
+    /// Branches to the address in a register.
     CallByRegister,
-    /// Loads the lower half of a register.
+    /// Loads the lower half of a register with a constant.
     LowerHalf(String, u64),
-    /// Loads the upper half of a register.
+    /// Loads the upper half of a register with a constant.
     UpperHalf(String, u64),
-    /// A word among the code.
+    /// A constant of four bytes within the code.
     Word(u64),
-    /// Moves the stack pointer or jumps in a way that is not understood.
+    /// Changes the stack pointer or jumps in a way that cannot be followed.
     Unknown,
 }
 
-/// Instructions that give stack back, or only read it.
+/// Instructions that release stack or only read it.
 const GIVES: [&str; 8] = [
     "add", "addw", "pop", "ldmia", "vldmia", "vpop", "ldr", "ldrd",
 ];
 
 impl<'a> Instruction<'a> {
-    /// Reads `    4704:\tldr.w\tr0, [r1, #44]\t@ 0x2c`.
+    /// Parses a line such as `    4704:\tldr.w\tr0, [r1, #44]\t@ 0x2c`.
     pub fn parse(line: &'a str) -> Option<Self> {
         let (address, rest) = line.split_once(":\t")?;
         let address = u64::from_str_radix(address.trim(), 16).ok()?;
@@ -94,9 +94,9 @@ impl<'a> Instruction<'a> {
         }
     }
 
-    /// Whether it writes the stack pointer other than by giving back a constant.
+    /// Returns whether the instruction writes the stack pointer in another way than by releasing a constant number of bytes.
     fn moves_stack_pointer(&self, first: &str) -> bool {
-        // Several registers at once move it only when they say so.
+        // An instruction with a list of registers changes the stack pointer only if it says so with `!`.
         let several = self.operands.ends_with('}') && first == "sp";
         let writes =
             first == "sp" && !several || first == "sp!" || self.operands.contains("[sp], #");
@@ -116,7 +116,7 @@ impl<'a> Instruction<'a> {
         name.is_some_and(|rest| conditions.contains(&rest)) || matches!(self.name, "cbz" | "cbnz")
     }
 
-    /// The target is the last operand: `4704 <name+0x28>`.
+    /// Parses the branch target, which is the last operand: `4704 <name+0x28>`.
     fn target(&self) -> Effect {
         let operands = self
             .operands
@@ -137,7 +137,7 @@ impl fmt::Display for Instruction<'_> {
     }
 }
 
-/// `#12` or `0x0c`.
+/// Parses a number such as `#12` or `0x0c`.
 fn number(text: &str) -> Option<u64> {
     if let Some(digits) = text.strip_prefix("0x") {
         return u64::from_str_radix(digits, 16).ok();
@@ -145,7 +145,7 @@ fn number(text: &str) -> Option<u64> {
     text.strip_prefix('#')?.parse().ok()
 }
 
-/// The bytes of a list of registers: `{r4, r7, lr}`, `{d8-d11}`, `{s16}`.
+/// Returns the number of bytes of a list of registers such as `{r4, r7, lr}`, `{d8-d11}` or `{s16}`.
 fn registers(list: &str) -> Option<u64> {
     let list = list.strip_prefix('{')?.strip_suffix('}')?;
     let mut bytes = 0;

@@ -1,4 +1,4 @@
-//! Base and tool frames alone; every other frame is the nominal one.
+//! The base-tool method: calibrates base and tool frames alone; every other frame keeps its nominal value.
 
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
@@ -7,7 +7,7 @@ use crate::model::methods::problem::{
 };
 use crate::progress::FitContext;
 
-/// Base and tool frames alone.
+/// Method that calibrates base and tool frames alone.
 pub struct BaseTool;
 
 impl CalibrationMethod for BaseTool {

@@ -18,10 +18,10 @@ use crate::model::methods::problem::{
 };
 use crate::progress::FitContext;
 
-/// The elastic model.
+/// Method that fits the elastic model.
 pub struct Elastic;
 
-/// Matrices of the dense solution that a fit holds at a time: 663 MB were measured at 800 poses.
+/// Number of matrices of the dense solution that a fit holds at the same time: 663 MB were measured at 800 poses.
 const MATRICES: u64 = 4;
 
 impl CalibrationMethod for Elastic {
@@ -35,7 +35,7 @@ impl CalibrationMethod for Elastic {
     }
 }
 
-/// The elastic model with these options.
+/// Fits the elastic model with the given options.
 pub(super) fn fit_elastic(
     problem: &Problem,
     options: &ElasticOptions,

@@ -1,4 +1,4 @@
-//! The calibration methods: a file for each, and a line for each in [`Method`] and in the registry below it.
+//! The calibration methods. Each method has a file, a variant of [`Method`] and a line in the registry below it.
 
 mod base_tool;
 mod elastic;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::model::methods::problem::{CalibrationMethod, DataRequirements};
 
-/// A calibration method by its name, simplest first.
+/// The calibration methods, simplest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "&'static str")]
 pub enum Method {
@@ -27,7 +27,7 @@ pub enum Method {
     Elastic,
 }
 
-/// A method, its name, one line on what it calibrates, and what does it; in the order of [`Method`].
+/// For each method its name, one line on what it calibrates, and its implementation, in the order of [`Method`].
 #[rustfmt::skip]
 const REGISTRY: [(Method, &str, &str, &dyn CalibrationMethod); 5] = [
     (Method::BaseTool, "base-tool", "Base and tool frames only.", &base_tool::BaseTool),
@@ -38,7 +38,7 @@ const REGISTRY: [(Method, &str, &str, &dyn CalibrationMethod); 5] = [
 ];
 
 impl Method {
-    /// All of them, simplest first.
+    /// All methods, simplest first.
     pub const ALL: [Self; REGISTRY.len()] = {
         let mut all = [Self::BaseTool; REGISTRY.len()];
         let mut i = 0;
@@ -48,55 +48,55 @@ impl Method {
         }
         all
     };
-    /// The four that the paper compares.
+    /// The four methods that the paper compares.
     pub const PAPER: [Self; 4] = [Self::BaseTool, Self::Poe, Self::PoeGp, Self::PoeGpLoad];
 
-    /// The name on the command line, in TOML and in JSON.
+    /// Returns the name of the method on the command line, in TOML and in JSON.
     pub fn name(self) -> &'static str {
         REGISTRY[self as usize].1
     }
 
-    /// One line on what it calibrates.
+    /// Returns one line on what the method calibrates.
     pub fn about(self) -> &'static str {
         REGISTRY[self as usize].2
     }
 
-    /// What fits it.
+    /// Returns the implementation of the method.
     pub(super) fn implementation(self) -> &'static dyn CalibrationMethod {
         REGISTRY[self as usize].3
     }
 
-    /// What it needs of the data.
+    /// Returns what the method requires of the data.
     pub fn requires(self) -> DataRequirements {
         self.implementation().requires()
     }
 
-    /// Upper limit on the identifiable parameters of a robot of `joints` joints.
+    /// Returns an upper limit on the identifiable parameters of a robot with `joints` joints.
     pub fn parameters(self, joints: usize) -> usize {
         self.implementation().parameters(joints)
     }
 
-    /// Least number of whole poses of a robot of `joints` joints.
+    /// Returns the least number of whole poses that a robot with `joints` joints needs.
     pub fn min_poses(self, joints: usize) -> usize {
         self.implementation().min_poses(joints)
     }
 
-    /// Memory that a fit to so many poses takes, bytes.
+    /// Returns the memory that a fit to `poses` poses takes, in bytes.
     pub fn memory(self, poses: usize, hyperparameters: HyperparameterSharing) -> u64 {
         self.implementation().memory(poses, hyperparameters)
     }
 
-    /// Most poses that it takes, if there is a limit.
+    /// Returns the largest number of poses that the method accepts, if there is a limit.
     pub fn max_poses(self) -> Option<usize> {
         self.implementation().max_poses()
     }
 }
 
-/// A name that no method has.
+/// The error for a name that no method has.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("unknown method `{name}`, expected one of {}", Method::ALL.iter().map(|m| m.name()).collect::<Vec<_>>().join(", "))]
 pub struct UnknownMethod {
-    /// The name.
+    /// The name that was found.
     pub name: String,
 }
 

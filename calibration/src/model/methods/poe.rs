@@ -1,4 +1,4 @@
-//! All frames of the chain: step 1 of the paper.
+//! The POE method: calibrates all frames of the chain (step 1 of the paper).
 
 use poegp_runtime::kinematics::poe::Poe;
 
@@ -15,7 +15,7 @@ use crate::model::methods::problem::{
 };
 use crate::progress::FitContext;
 
-/// All frames of the chain.
+/// Method that calibrates all frames of the chain.
 pub struct PoeMethod;
 
 impl CalibrationMethod for PoeMethod {
@@ -46,7 +46,7 @@ impl CalibrationMethod for PoeMethod {
     }
 }
 
-/// All frames of the chain by least squares, weighted as `problem` says.
+/// Fits all frames of the chain by least squares, weighted as `problem` says.
 fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
     let (mut chain, samples) = (problem.nominal, &problem.samples);
     let free: Vec<usize> = (0..chain.frames().len()).collect();
@@ -54,7 +54,7 @@ fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
         let fit = fit_frames(&mut chain, samples, &free, ResidualFrame::Space);
         return (chain, fit);
     }
-    // Noise and model error of position and rotation are estimated from the residuals: a few rounds settle.
+    // Noise and model error of position and rotation are estimated from the residuals; a few rounds are enough to converge.
     let mut fit = fit_frames(
         &mut chain,
         samples,
@@ -68,10 +68,11 @@ fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
     (chain, fit)
 }
 
-/// Rounds of noise estimation in a weighted fit.
+/// Number of rounds of noise estimation in a weighted fit.
 const NOISE_ROUNDS: usize = 4;
 
-/// The noise of position and rotation that the residuals ask for, at the tool point; rows of their own noise have theirs.
+/// Estimates the noise of position and rotation at the tool point from the residuals; rows that declare their own noise keep
+/// it.
 fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> ResidualFrame {
     let residual = |s: &BaseSample| {
         residual_components(

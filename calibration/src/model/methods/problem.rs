@@ -1,4 +1,4 @@
-//! What every calibration method is given and what it returns.
+//! The input and output of every calibration method: [`Problem`] and [`Fit`].
 
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -17,32 +17,34 @@ use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
 use crate::progress::FitContext;
 
-/// Bytes for a pose and its linear equations.
+/// Bytes that a fit needs for one pose and its linear equations.
 pub(super) const FOR_A_POSE: u64 = 10_000;
 
 /// A calibration method.
 pub trait CalibrationMethod: Sync {
-    /// What it needs of the data.
+    /// Returns what the method requires of the data.
     fn requires(&self) -> DataRequirements {
         DataRequirements::default()
     }
 
-    /// Upper limit on the identifiable parameters of a robot of `joints` joints: 4 for each revolute joint, 6 for the tool.
+    /// Returns an upper limit on the identifiable parameters of a robot with `joints` joints: 4 for each revolute joint, 6
+    /// for the tool.
     fn parameters(&self, joints: usize) -> usize {
         4 * joints + 6
     }
 
-    /// Least number of whole poses of a robot of `joints` joints: equations for all parameters, and six more.
+    /// Returns the least number of whole poses that a robot with `joints` joints needs: equations for all parameters, and
+    /// six more.
     fn min_poses(&self, joints: usize) -> usize {
         self.parameters(joints).div_ceil(6) + 1
     }
 
-    /// Most poses that it takes, if there is a limit.
+    /// Returns the largest number of poses that the method accepts, if there is a limit.
     fn max_poses(&self) -> Option<usize> {
         None
     }
 
-    /// Memory that a fit to so many poses takes, bytes.
+    /// Returns the memory that a fit to `poses` poses takes, in bytes.
     fn memory(&self, poses: usize, _hyperparameters: HyperparameterSharing) -> u64 {
         FOR_A_POSE * poses as u64
     }
@@ -54,73 +56,73 @@ pub trait CalibrationMethod: Sync {
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError>;
 }
 
-/// Every tool seen from the first.
+/// Returns `first_target_from_target` of every tool.
 pub(crate) fn seen_from_first(tools: &[Pose<f64>]) -> Vec<Pose<f64>> {
     tools.iter().map(|t| tools[0].inverse() * *t).collect()
 }
 
-/// What a method needs of the data.
+/// What a method requires of the data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct DataRequirements {
-    /// Whole poses: no positions alone.
+    /// Whether every measurement must be a whole pose, not a position alone.
     pub whole_poses: bool,
-    /// The payload of every pose.
+    /// Whether every measurement must have a payload.
     pub payload: bool,
 }
 
 impl DataRequirements {
-    /// Whether `samples` meet them.
+    /// Returns whether `samples` meet the requirements.
     pub fn are_met_by<F>(&self, samples: &[Sample<F>]) -> bool {
         (!self.whole_poses || has_whole_poses(samples))
             && (!self.payload || samples.iter().all(|s| s.payload_kg.is_some()))
     }
 }
 
-/// Whether every sample is a whole pose.
+/// Returns whether every sample is a whole pose.
 pub(crate) fn has_whole_poses<F>(samples: &[Sample<F>]) -> bool {
     samples.iter().all(|s| s.observation.has_orientation())
 }
 
-/// Whether the samples are whole poses of one tool.
+/// Returns whether the samples are whole poses of one tool.
 pub(super) fn has_whole_poses_of_one_tool<F>(samples: &[Sample<F>]) -> bool {
     tool_count(samples) == 1 && has_whole_poses(samples)
 }
 
-/// How poses count in the frame fit.
+/// How poses are weighted in the frame fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Weighting {
-    /// All alike, as in the paper: the residual is the spatial twist in metres and radians.
+    /// All poses have the same weight, as in the paper: the residual is the spatial twist in metres and radians.
     #[default]
     None,
-    /// By the noise of position and rotation, with the rotation taken at the tool point.
+    /// Poses are weighted by the noise of position and rotation, with the rotation taken at the tool point.
     Noise,
 }
 
-/// What a method fits: samples in the base frame of the base-tool fit, and the settings.
+/// The problem that a method solves: samples in the base frame of the base-tool fit, and the settings.
 pub struct Problem<'a> {
     /// The nominal chain from base to the first target.
     pub nominal: Poe<f64>,
     /// `joint_n_from_target` of every tool on the nominal robot.
     pub tools: Vec<Pose<f64>>,
-    /// C of q_serial = C q.
+    /// Joint coupling C, with q_serial = C q.
     pub coupling: Option<&'a Vec<Vec<f64>>>,
-    /// Gear ripple that the robot's description states.
+    /// Gear lines that the robot's description states.
     pub gear_lines: Vec<GearLine>,
-    /// The measurements, `base_from_target`.
+    /// The measurements, as `base_from_target`.
     pub samples: Vec<BaseSample>,
-    /// How poses count in the frame fit.
+    /// How poses are weighted in the frame fit.
     pub weighting: Weighting,
     /// How the outputs of the task-space process share their hyperparameters.
     pub hyperparameters: HyperparameterSharing,
-    /// What limits the signal variance of the task-space process.
+    /// Limit on the signal variance of the task-space process.
     pub signal_variance: &'a SignalVarianceLimit,
-    /// How the elastic model is fitted.
+    /// Options of the elastic fit.
     pub elastic: ElasticOptions,
 }
 
 impl Problem<'_> {
-    /// Samples that no geometry with gravity terms explains.
+    /// Returns the gross outliers: samples that no geometry with gravity terms explains.
     pub(crate) fn gross_outliers(&self) -> Vec<Outlier> {
         let (tools, samples) = (&self.tools, &self.samples);
         gross_outliers(&self.nominal, tools, self.coupling, samples, &self.elastic)
@@ -133,18 +135,18 @@ pub struct Fit {
     pub chain: Poe<f64>,
     /// `first_target_from_target` of every tool.
     pub tools: Vec<Pose<f64>>,
-    /// What it adds to the chain.
+    /// The correction that the model adds to the chain.
     pub correction: Correction,
     /// How the frames were estimated.
     pub estimate: FrameEstimate,
-    /// What the method itself found among its samples that does not belong, by the index of the sample.
+    /// Outliers that the method itself found among its samples, by the index of the sample.
     pub outliers: Vec<Outlier>,
     /// The warm-up that the evidence shows.
     pub warm_up: Option<WarmUp>,
 }
 
 impl Fit {
-    /// `base_from_target` of the sample's tool by the chain alone.
+    /// Predicts `base_from_target` of the sample's tool by the chain alone.
     pub(super) fn predict(&self, sample: &BaseSample) -> Pose<f64> {
         let first = self.chain.forward(&sample.serial_joints);
         match sample.tool {
@@ -157,13 +159,13 @@ impl Fit {
 /// How the frames of a calibration were estimated.
 #[derive(Debug)]
 pub enum FrameEstimate {
-    /// They are the nominal ones.
+    /// They were not estimated: the frames are the nominal ones.
     Nominal,
-    /// Least squares over all frames.
+    /// They were estimated by least squares over all frames.
     LeastSquares(FrameFit),
-    /// Together with all other parameters of the elastic model.
+    /// They were estimated together with all other parameters of the elastic model.
     Parametric {
-        /// The predictive covariance, when there are processes.
+        /// The predictive covariance, if there are processes.
         uncertainty: Option<Box<Uncertainty>>,
     },
 }

@@ -14,9 +14,9 @@ use crate::model::methods::problem::{
 };
 use crate::progress::FitContext;
 
-/// All frames of the chain and a Gaussian process of the joints.
+/// Method that fits all frames of the chain and a Gaussian process of the joints.
 pub struct TaskSpace {
-    /// Whether the payload is an input of the process, too.
+    /// Whether the payload is also an input of the process.
     pub with_payload: bool,
 }
 
@@ -28,7 +28,7 @@ impl CalibrationMethod for TaskSpace {
         }
     }
 
-    /// A few poses more than hyperparameters.
+    /// Returns the poses that the chain needs, at least six, and four more: a few poses more than hyperparameters.
     fn min_poses(&self, joints: usize) -> usize {
         let for_the_chain = self.parameters(joints).div_ceil(6) + 1;
         for_the_chain.max(6) + 4
@@ -38,8 +38,8 @@ impl CalibrationMethod for TaskSpace {
         Some(task_space::MAX_POINTS)
     }
 
-    /// 60 and 55 bytes for each pair of poses were measured with 1 000 and 2 000; with hyperparameters of their own, the
-    /// outputs have factors of their own.
+    /// Measured memory was 60 and 55 bytes for each pair of poses with 1 000 and 2 000 poses. If each output has its own
+    /// hyperparameters, it also has its own Cholesky factor.
     fn memory(&self, poses: usize, hyperparameters: HyperparameterSharing) -> u64 {
         let matrices = match hyperparameters {
             HyperparameterSharing::Shared => 8,
@@ -50,7 +50,7 @@ impl CalibrationMethod for TaskSpace {
 
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError> {
         let step1 = PoeMethod.fit(problem, context)?;
-        // The residual twist in the base frame (eq. 8–12), which does not depend on the tool that it was seen with.
+        // The residual twist in the base frame (eq. 8–12); it does not depend on the tool of the sample.
         let residual = |s: &BaseSample| -> [f64; OUTPUTS] {
             let predicted = step1.predict(s);
             residual_components(ResidualFrame::Space, &s.observation, &predicted)

@@ -1,16 +1,16 @@
-//! What speaks against a calibration by touches, for its user.
+//! The findings against a calibration by touches, as text for the user.
 
 use crate::identification::touch::judge::{EXPECTED_RATIO, LEFT_OUT_RATIO, PLAY, WORSE};
 use crate::model::touches::summary::TouchSummary;
 use crate::trust::{Finding, Findings, Tier};
 use poegp_protocol::cause::Cause;
 
-/// Farther beyond its class than this an arm is named.
+/// Factor by which an arm may be farther from its drawing than its class before a finding reports it.
 const BEYOND: f64 = 1.3;
-/// A feature with more of the sum of squares than this is named.
+/// Share of the sum of squares above which a finding names a feature.
 const ALONE: f64 = 0.5;
 
-/// What speaks against it.
+/// Returns the findings against a calibration by touches.
 pub fn findings(summary: &TouchSummary) -> Findings {
     let mut out = Findings::default();
     let mut add = |cause, tier, text: String, rows: Vec<usize>, value, threshold| {
@@ -126,7 +126,7 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     if summary.features.len() > 1 {
         let equations: usize = summary.features.iter().map(|f| f.equations).sum();
         for feature in summary.features.iter().filter(|f| {
-            // A touch of a socket leaves three components, one of a plane or a wire one.
+            // A touch of a socket leaves three residual components; a touch of a plane or a wire leaves one.
             let even = f.equations as f64 / equations.max(1) as f64;
             f.share > ALONE && f.share > 2.0 * even
         }) {
@@ -148,5 +148,5 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     out
 }
 
-/// Rows that a sentence names.
+/// Largest number of rows that a finding lists.
 const LISTED: usize = 8;

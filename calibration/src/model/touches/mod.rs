@@ -1,8 +1,8 @@
-//! Calibration by touches: the arm that is most probable for all rows of a touch file, as a [`Calibration`] like any other.
+//! Calibration by touches: estimates the most probable arm for all rows of a touch file, as an ordinary [`Calibration`].
 //!
-//! The model is the elastic one without processes: the calibrated chain and the gravity terms of its links. The base frame is that of
-//! the drawing, for no touch sees another; where a tracker's rows are among the touches it is the instrument's, as always. The tool
-//! is the first tip.
+//! The model is the elastic one without processes: the calibrated chain and the gravity terms of its links. The base frame
+//! is that of the drawing, because touches show no other; if the file has rows of a tracker, it is related to the
+//! instrument as in any calibration. The tool is the first tip.
 
 pub mod findings;
 pub mod record;
@@ -37,7 +37,7 @@ use crate::model::touches::summary::TouchSummary;
 use crate::robot::Robot;
 use crate::trust::Findings;
 
-/// How far an arm is from its drawing of which nobody says more: m, rad, rad.
+/// Standard deviations of an arm from its drawing if neither file nor robot description states them, in m, rad and rad.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {
     length: 0.3e-3,
     tilt: 0.5e-3,
@@ -47,26 +47,28 @@ pub const USUAL_CLASS: ClassPrior = ClassPrior {
 /// A calibration by touches.
 #[derive(Debug)]
 pub struct TouchCalibration {
-    /// The model.
+    /// The calibrated model.
     pub calibration: Calibration,
-    /// The states of the arm that were touched at, with the poses that the model has there: what the blob states as trained.
+    /// The states of the arm at which touches were made, with the poses that the model predicts for them; the blob's trained
+    /// ranges come from them.
     pub samples: Vec<InstrumentSample>,
-    /// The fit, for what it says at other poses.
+    /// The fit, for predictions at other poses.
     pub fit: TouchFit,
-    /// What it leaves for sister arms.
+    /// The record for the calibration of sister arms.
     pub record: ArmRecord,
-    /// What was found.
+    /// The summary of the calibration.
     pub summary: TouchSummary,
-    /// What speaks against it.
+    /// The findings against the calibration.
     pub findings: Findings,
 }
 
-/// How far an arm is from its drawing, by the file of the features, else by the robot's description, else as usual.
+/// Returns the standard deviations of an arm from its drawing: those of the features file, otherwise those of the robot's
+/// description, otherwise [`USUAL_CLASS`].
 pub fn class_of(robot: &Robot, set: &TouchSet) -> ClassPrior {
     set.prior.or(robot.prior).unwrap_or(USUAL_CLASS)
 }
 
-/// Calibrates `robot` by the touches of `set`, with base and tool as `gauge` says.
+/// Calibrates `robot` from the touches of `set`, with base and tool as `gauge` says.
 ///
 /// # Errors
 /// [`CalibrationError`].
@@ -80,10 +82,10 @@ pub fn calibrate_touches(
     Ok(found.expect("no sister is refused"))
 }
 
-/// The same with what sister arms say.
+/// Calibrates as [`calibrate_touches`] does, with the records of `sisters` as additional prior information.
 ///
 /// # Errors
-/// [`CalibrationError`]; inside of it the index of a record that does not speak of this arm, and why.
+/// [`CalibrationError`]; the inner error is the index of a record that cannot be used for this arm, and why.
 pub fn calibrate_beside_sisters(
     robot: &Robot,
     set: &TouchSet,
@@ -120,7 +122,7 @@ pub fn calibrate_beside_sisters(
     }))
 }
 
-/// A fit as a calibration.
+/// Converts a fit into a [`Calibration`] and its samples.
 fn stated(
     robot: &Robot,
     problem: &TouchProblem,
@@ -135,7 +137,7 @@ fn stated(
         .scene
         .instrument
         .map_or(Pose::identity(), |(pose, _)| pose);
-    // Behind the tips stands the flange itself, which levels and cameras are mounted to.
+    // The last tool, after the tips, is the flange itself, which levels and cameras are mounted to.
     let tips = problem.set.tips.len();
     let tools = &fit.arm.model.tools[..tips.max(1)];
     let flange_from_targets: Vec<Pose<f64>> =
@@ -146,7 +148,7 @@ fn stated(
         .iter()
         .map(|state| InstrumentSample {
             payload_kg: state.payload_kg,
-            // What the flange saw is stated for the first tip.
+            // Readings of the flange itself are stated for the first tip.
             tool: if state.tool < tips { state.tool } else { 0 },
             ..Sample::new(
                 state.joints.clone(),
@@ -210,7 +212,7 @@ fn stated(
     };
     out = out.in_gauge(robot, &over_grid)?;
     if fit.scene.instrument.is_none() {
-        // Nobody saw another base: this one is the drawing's.
+        // No instrument measured another base, so the base is the drawing's.
         let base = out.base_and_tools.instrument_from_base;
         let drawn = base.inverse();
         for sample in &mut samples {

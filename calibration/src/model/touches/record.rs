@@ -1,4 +1,5 @@
-//! What a calibration by touches leaves for sister arms: the parameters of the arm with their covariance, in its JSON.
+//! The record of a calibration by touches that helps to calibrate sister arms: the parameters of the arm with their
+//! covariance, stored in the JSON of the calibration.
 
 use nalgebra::DVector;
 use poegp_runtime::math::se3::Pose;
@@ -10,45 +11,46 @@ use crate::identification::touch::sisters::{Sister, SisterPrior};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
-/// Frames of the same drawing differ by rounding only, m and rad.
+/// Largest difference between frames of the same drawing, which differ only by rounding, in m and rad.
 const SAME_DRAWING: f64 = 1e-6;
 
-/// A calibrated arm.
+/// The record of a calibrated arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArmRecord {
-    /// The frames of the drawing row by row, m.
+    /// The frames of the drawing, each row by row, in m.
     pub drawing: Vec<[f64; 12]>,
-    /// The parameters.
+    /// The calibrated parameters of the arm.
     pub parameters: Vec<Parameter>,
-    /// Their covariance, each in units of its standard deviation before the touches: the lower triangle row by row.
+    /// Covariance of the parameters, each in units of its standard deviation before the touches: the lower triangle row by
+    /// row.
     pub covariance: Vec<f64>,
-    /// Whether sister arms had a say: such a record is no evidence of its own.
+    /// Whether sister arms contributed to the calibration; such a record is not independent evidence.
     pub has_sisters: bool,
 }
 
 /// One parameter of an arm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Parameter {
-    /// What it is.
+    /// The kind of the parameter.
     pub group: Group,
-    /// The frame, or the joint of a gravity term, from 0.
+    /// Index of the frame, or of the joint of a gravity term, counted from 0.
     pub index: usize,
-    /// Its value, m or rad; of gravity terms rad/(m/s²) and the like.
+    /// Value of the parameter in m or rad; for gravity terms in rad/(m/s²) and the like.
     pub value: f64,
-    /// Its standard deviation before the touches.
+    /// Standard deviation of the parameter before the touches.
     pub prior: f64,
 }
 
-/// Why a record does not speak of this arm.
+/// Why a record cannot be used for this arm.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NotASisterArm {
-    /// Another drawing.
+    /// The record is of an arm with another drawing.
     #[error("an arm of another drawing")]
     Drawing,
-    /// A calibration that leans on sisters.
+    /// The calibration of the record itself depends on sister arms.
     #[error("an arm that was calibrated with --prior itself")]
     Leans,
-    /// Not what the trainer writes.
+    /// The record is not what the trainer writes.
     #[error("parameters that do not match their covariance")]
     Broken,
 }
@@ -58,7 +60,7 @@ fn drawing(problem: &TouchProblem) -> Vec<[f64; 12]> {
 }
 
 impl ArmRecord {
-    /// Creates the record of a fit; `None` where its equations cannot be solved.
+    /// Creates the record of a fit; `None` if its equations cannot be solved.
     pub fn new(problem: &TouchProblem, fit: &TouchFit) -> Option<Self> {
         let covariance = fit.solved(problem)?.covariance();
         let priors = fit.priors(problem);
@@ -81,7 +83,7 @@ impl ArmRecord {
         })
     }
 
-    /// What its touches alone say of the parameters of the class, in units of the class of `problem`.
+    /// Returns the information on the class parameters that the touches alone give, in units of the class of `problem`.
     fn sister(&self, problem: &TouchProblem) -> Result<Sister, NotASisterArm> {
         if self.has_sisters {
             return Err(NotASisterArm::Leans);
@@ -112,7 +114,7 @@ impl ArmRecord {
             .map_err(|_| NotASisterArm::Broken)?
             .inverse();
         let class = Scales::new(&problem.class);
-        // Class scale over the parameter's own prior: takes information from units of that prior to units of the class.
+        // Class scale over the parameter's own prior: converts information from units of that prior to units of the class.
         let ratio = |a: usize| {
             let parameter = &self.parameters[own[a]];
             class.of(parameter.group).unwrap_or(1.0) / parameter.prior
@@ -134,10 +136,10 @@ impl ArmRecord {
     }
 }
 
-/// The prior of an arm by its sisters.
+/// Computes the prior of an arm from the records of its sister arms.
 ///
 /// # Errors
-/// The index of a record that does not speak of this arm, and why.
+/// The index of a record that cannot be used for this arm, and why.
 pub fn by_sisters(
     problem: &TouchProblem,
     records: &[ArmRecord],

@@ -1,4 +1,4 @@
-//! What a calibration by touches found, in the units of its readers.
+//! The summary of a calibration by touches, in the units of its readers.
 
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -12,92 +12,93 @@ use crate::identification::touch::unseen::Unseen;
 use crate::identification::touch::volume::{Exceeded, Expected, Knowledge};
 use crate::measurement::touch::KnownDistance;
 
-/// What was found.
+/// The summary of a calibration by touches.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchSummary {
-    /// Rows of the file.
+    /// Number of rows of the file.
     pub rows: usize,
-    /// Scalar equations of them.
+    /// Number of scalar equations of these rows.
     pub equations: usize,
-    /// States of the arm.
+    /// Number of different states of the arm.
     pub states: usize,
-    /// Position error to be expected over the work volume as drawn, by what the touches say of the drawing.
+    /// Expected position error over the work volume as drawn, given what the touches show of the drawing.
     pub before: Expected,
-    /// The same as calibrated.
+    /// Expected position error over the work volume as calibrated.
     pub after: Expected,
-    /// What 95 of 100 poses of the work volume do not exceed, for a verdict.
+    /// The errors that 95 of 100 poses of the work volume do not exceed, for a verdict.
     #[serde(skip)]
     pub exceeded: Exceeded,
-    /// How probable it is that the mean error over the work volume is larger as calibrated than as drawn.
+    /// Probability that the mean error over the work volume is larger as calibrated than as drawn.
     pub worse_probability: f64,
-    /// Mean error of a touch left out: calibrated over drawn.
+    /// Mean error of touches left out of the fit: ratio of the calibrated arm's to the drawing's.
     pub left_out_ratio: f64,
-    /// Mean modulus of one component of a touch left out, of the kind with most equations, as drawn and calibrated.
+    /// Mean absolute error of one component of touches left out, for the kind with most equations, as drawn and as
+    /// calibrated.
     pub left_out: [f64; 2],
     /// The unit of `left_out`.
     pub left_out_unit: &'static str,
-    /// By what factor the arm is farther from its drawing than its class, where the touches say.
+    /// Factor by which the arm is farther from its drawing than its class states, if the touches show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beyond_class: Option<f64>,
-    /// The priors of the class and those that the evidence prefers: length mm, tilt mrad, joint zero mrad.
+    /// The priors of the class, then those that the evidence prefers: length in mm, tilt in mrad, joint zero in mrad.
     pub class: [[f64; 3]; 2],
-    /// What was touched.
+    /// The features that were touched.
     pub features: Vec<FeatureSummary>,
-    /// Rows of a tracker: their positions, and their rotations.
+    /// Rows of a tracker: one entry for their positions and one for their rotations.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tracker: Vec<FeatureSummary>,
-    /// Known distances.
+    /// The known distances.
     pub distances: Vec<DistanceSummary>,
-    /// Where the tips are at the flange, mm.
+    /// Positions of the tips in the flange frame, in mm.
     pub tips_mm: Vec<[f64; 3]>,
-    /// Noise by kind.
+    /// Noise of each kind of reading.
     pub noise: Vec<NoiseSummary>,
-    /// Rows that do not belong.
+    /// The outliers among the rows.
     pub outliers: Vec<TouchOutlier>,
-    /// What the touches cannot tell.
+    /// What the touches cannot determine.
     pub unseen: Vec<Unseen>,
-    /// The largest τ of a length in mm, where it asks whether joints play or the tool slips.
+    /// The largest τ of a length, in mm, if it is so large that joints may have play or the tool may slip.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play_mm: Option<f64>,
 }
 
-/// One feature.
+/// The summary of one feature.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FeatureSummary {
-    /// Its name.
+    /// Name of the feature.
     pub name: String,
-    /// Its kind.
+    /// Kind of the feature.
     pub kind: &'static str,
-    /// Number of its rows.
+    /// Number of rows of the feature.
     pub rows: usize,
-    /// Number of its rows that do not belong.
+    /// Number of these rows that are outliers.
     pub rejected: usize,
-    /// RMS of one component of its residuals as drawn and as calibrated, without those that do not belong.
+    /// RMS of one component of the residuals as drawn and as calibrated, without outliers.
     pub rms: [f64; 2],
     /// The unit of `rms`: mm, mrad or px.
     pub unit: &'static str,
-    /// Scalar equations of them.
+    /// Number of scalar equations of these rows.
     #[serde(skip)]
     pub equations: usize,
-    /// Share of the sum of squares, in units of the noise.
+    /// Share of the feature in the sum of squared residuals of all rows, each in units of its noise.
     pub share: f64,
-    /// Where it is in the base frame as fitted, mm; nothing of a level or a tracker.
+    /// Fitted position in the base frame, in mm; `None` for a level or a tracker.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
 }
 
-/// A known distance.
+/// The summary of one known distance.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DistanceSummary {
-    /// Names of both features.
+    /// Names of the two features.
     pub between: [String; 2],
-    /// As it is said, mm.
+    /// The stated distance, in mm.
     pub said_mm: f64,
-    /// Its standard deviation, mm.
+    /// Standard deviation of the stated distance, in mm.
     pub sigma_mm: f64,
-    /// As drawn and as calibrated less what is said, mm.
+    /// Distance as drawn and as calibrated, minus the stated one, in mm.
     pub error_mm: [f64; 2],
-    /// What everything else says of it, and the standard deviation of that, mm.
+    /// The distance that all other data give, and its standard deviation, in mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measured_mm: Option<[f64; 2]>,
 }
@@ -105,30 +106,30 @@ pub struct DistanceSummary {
 /// The noise of one kind of reading.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NoiseSummary {
-    /// The kind.
+    /// The kind of reading.
     pub kind: &'static str,
-    /// The unit.
+    /// The unit of `stated` and `beyond`.
     pub unit: &'static str,
-    /// Stated: the mean of squares, rooted.
+    /// RMS of the stated noise.
     pub stated: f64,
-    /// What is found beyond it, τ.
+    /// τ: noise that was found beyond the stated noise.
     pub beyond: f64,
 }
 
-/// A row that does not belong.
+/// A row that is an outlier.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TouchOutlier {
-    /// Its line in the file.
+    /// Line of the row in the file.
     pub line: usize,
-    /// Its feature; `None` of a tracker's row.
+    /// Feature of the row; `None` for a tracker's row.
     pub feature: Option<String>,
-    /// By how much it misses.
+    /// Length of the row's residual.
     pub error: f64,
     /// The unit of `error`.
     pub unit: &'static str,
 }
 
-/// The unit that a kind of noise is stated in, and how many of it one SI unit is.
+/// Returns the unit that a kind of noise is stated in, and how many of that unit make one SI unit.
 pub fn unit(kind: Noise) -> (&'static str, f64) {
     match kind {
         Noise::Board => ("px", 1.0),
@@ -155,7 +156,7 @@ fn mm(v: &Vector3<f64>) -> [f64; 3] {
 }
 
 impl TouchSummary {
-    /// Summarises the fit on the drawing and the fit of the arm.
+    /// Creates the summary from the fit on the drawing and the fit of the arm.
     pub fn new(
         problem: &TouchProblem,
         (drawing, fit): (&TouchFit, &TouchFit),
@@ -193,13 +194,13 @@ impl TouchSummary {
     }
 }
 
-/// The length of a residual; of a tracker's row that of its position.
+/// Returns the length of a residual; for a tracker's row that of its position.
 pub fn length(jet: &RowJet) -> f64 {
     let squares = jet.residual[..jet.count.min(3)].iter().map(|x| x * x);
     squares.sum::<f64>().sqrt()
 }
 
-/// Where the tips are at the flange, mm.
+/// Returns the positions of the tips in the flange frame, in mm.
 pub fn tips_mm(problem: &TouchProblem, fit: &TouchFit) -> Vec<[f64; 3]> {
     let flange = problem.nominal.frames()[problem.nominal.kinds().len()];
     let tools = fit.arm.model.tools.iter().take(problem.set.tips.len());
@@ -208,7 +209,7 @@ pub fn tips_mm(problem: &TouchProblem, fit: &TouchFit) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// The rows that do not belong, with their residuals among `residuals`.
+/// Returns the rows that are outliers; `residuals` are the residuals of all rows.
 pub fn outliers(problem: &TouchProblem, fit: &TouchFit, residuals: &[RowJet]) -> Vec<TouchOutlier> {
     let set = problem.set;
     let all = set.rows.iter().zip(&fit.weights).zip(residuals);
@@ -226,11 +227,11 @@ pub fn outliers(problem: &TouchProblem, fit: &TouchFit, residuals: &[RowJet]) ->
         .collect()
 }
 
-/// What rows of one kind miss by.
+/// Computes residual statistics of selected rows.
 struct Spread<'a> {
     problem: &'a TouchProblem<'a>,
     fit: &'a TouchFit,
-    /// As drawn and as calibrated.
+    /// Residuals of all rows as drawn and as calibrated.
     residuals: &'a [Vec<RowJet>; 2],
     /// The sum of squares of all rows in units of the noise.
     all: f64,
@@ -254,7 +255,7 @@ impl<'a> Spread<'a> {
         out
     }
 
-    /// The squares of the components of a row that `keep` names, in units of the noise.
+    /// Returns the weighted sum of squares of those components of a row that `keep` selects, in units of the noise.
     fn chi(&self, row: usize, keep: impl Fn(usize) -> bool) -> f64 {
         let jet = &self.residuals[1][row];
         let of = |i: usize| jet.residual[i].powi(2) / self.fit.variance(self.problem, row, i);
@@ -299,7 +300,7 @@ impl<'a> Spread<'a> {
     }
 }
 
-/// What was touched. `residuals` are those as drawn and those of `fit`.
+/// Summarises every feature that was touched. `residuals` are those as drawn and those of `fit`.
 pub fn features(
     problem: &TouchProblem,
     fit: &TouchFit,
@@ -328,7 +329,7 @@ pub fn features(
     set.features.iter().enumerate().map(of).collect()
 }
 
-/// The rows of a tracker: positions, and rotations where there are some.
+/// Summarises the rows of a tracker: positions, and rotations if there are any.
 pub fn tracker(
     problem: &TouchProblem,
     fit: &TouchFit,
@@ -366,7 +367,7 @@ fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<
     set.distances.iter().zip(measured).map(of).collect()
 }
 
-/// The noise of every kind of reading that there is.
+/// Summarises the noise of every kind of reading that occurs.
 pub fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
     let set = problem.set;
     let of = |kind: Noise| {

@@ -1,4 +1,4 @@
-//! What the device should answer in a cycle: poses, corrections, commands through the filter, and what it counts.
+//! The expected answers of the device in a cycle: poses, corrections, commands through the filter, and its counters.
 
 use poegp_protocol::link::cyclic::CyclicAnswer;
 use poegp_protocol::link::{
@@ -12,11 +12,11 @@ use poegp_runtime::trace::Stages;
 use super::Expected;
 use crate::fuzzing::service::device::{BOARD, WORDS};
 
-/// What is known of the commands of a cycle.
+/// The expected state of the commands of a cycle.
 pub(super) struct Commands {
     pub filter: CommandFilter<f32>,
     pub settings: CycleSettings,
-    /// When the last command came that counts, in ticks that do not wrap around. `None` after a stop.
+    /// Time of the last command that counts, in ticks that do not wrap around. `None` after a stop.
     pub last: Option<u64>,
     /// Whether the last command came in a cyclic frame.
     in_cyclic_frames: bool,
@@ -40,7 +40,7 @@ impl Commands {
         }
     }
 
-    /// Ticks of a period.
+    /// Returns the number of ticks of a period.
     fn period(&self) -> u64 {
         let ticks = f64::from(self.settings.period_us) * f64::from(BOARD.tick_hz) / 1e6;
         (ticks.round() as u64).max(1)
@@ -69,7 +69,7 @@ impl Default for Commands {
     }
 }
 
-/// Without any that were provisioned.
+/// Settings of a cycle when none were provisioned.
 pub(super) const DEFAULT: CycleSettings = CycleSettings {
     period_us: 1_000,
     rate: 0.02,
@@ -92,13 +92,13 @@ impl Expected {
         self.commands.in_cyclic_frames && self.commands.last.is_some()
     }
 
-    /// The answer to a damaged frame; `None` where it is dropped.
+    /// Returns the answer to a damaged frame; `None` if the frame is dropped.
     pub fn damaged(&mut self) -> Option<Response> {
         let answer = self.unreadable(Refusal::BadFrame);
         (!self.in_cyclic_frames()).then_some(answer)
     }
 
-    /// The answer to a cyclic frame, whose length may be that of no command; `None` where it is dropped.
+    /// Returns the answer to a cyclic frame, whose length may be that of no command; `None` if the frame is dropped.
     pub fn cyclic_frame(&mut self, sequence: u16, command: Option<&Query>) -> Option<CyclicAnswer> {
         self.statistics.frames += 1;
         self.look();
@@ -245,7 +245,8 @@ impl Expected {
 
 type Joints = heapless::Vec<f32, { poegp_protocol::limits::MAX_JOINTS }>;
 
-/// The command as it came, zeros in place of what is not finite, which adds `odd` to the status.
+/// Returns the command uncorrected, with zeros in place of numbers that are not finite; such numbers add `odd` to the
+/// status.
 fn as_it_came(query: &Query, status: Status, odd: Status) -> (Joints, Status, [f32; 3]) {
     let finite = query.joints.iter().all(|joint| joint.is_finite());
     let tame = |joint: &f32| if joint.is_finite() { *joint } else { 0.0 };

@@ -1,5 +1,5 @@
-//! What the device should say: a model of the service that knows no flash, no frames and no pieces of memory, only what
-//! was asked for since the start. Models are known by their bytes.
+//! The expected answers of the device: a simple model of the service without flash, frames or memory layout, which knows
+//! only the requests since the start. Models are identified by their bytes.
 
 mod cycle;
 mod models;
@@ -17,13 +17,13 @@ use self::cycle::{Commands, DEFAULT};
 use self::models::{Known, cut, in_time};
 use super::service::device::{BOARD, BYTES, WORDS, next_nonce};
 
-/// The state of the device.
+/// The expected state of the device.
 #[derive(Default)]
 pub(super) struct Expected {
-    /// Ticks since the beginning.
+    /// Time since the beginning, in ticks.
     pub now: u64,
     commands: Commands,
-    /// Ordered, while the active one is taken back; then there is no spare.
+    /// The model that was ordered, while the active one is blended out; there is no spare then.
     pending: Option<Rc<Known>>,
     /// Settings in flash, in the order in which they were written.
     stored_settings: Vec<CycleSettings>,
@@ -32,7 +32,7 @@ pub(super) struct Expected {
     verified: Option<u32>,
     committed: Option<StoredModel>,
     active: Option<Rc<Known>>,
-    /// In memory beside the active one.
+    /// The model in memory in addition to the active one.
     spare: Option<Rc<Known>>,
     slots: [Option<Vec<u8>>; 2],
     first: usize,
@@ -45,12 +45,12 @@ pub(super) struct Expected {
     verified_revision: u32,
     lowest_revision: u32,
     nonce: Option<[u8; NONCE_LENGTH]>,
-    /// The signature that was accepted with it.
+    /// The signature that was accepted with `nonce`.
     used: Option<Vec<u8>>,
     pub flash_blocks: bool,
-    /// Records of the slots, ever.
+    /// Number of records of the slots ever written.
     slot_writes: u32,
-    /// Changes of the slots since the start.
+    /// Number of changes of the slots since the start.
     slot_changes: u32,
     pub statistics: Statistics,
 }
@@ -64,27 +64,27 @@ impl Expected {
         }
     }
 
-    /// The nonce that holds.
+    /// Returns the nonce that is valid.
     pub fn nonce(&self) -> Option<[u8; NONCE_LENGTH]> {
         self.nonce
     }
 
-    /// Bytes of the announced blob that are there.
+    /// Returns the number of bytes of the announced blob that were received.
     pub fn received(&self) -> usize {
         self.staged.len()
     }
 
-    /// CRC in the header of the blob that was ordered last; 0 without one.
+    /// Returns the CRC in the header of the blob that was ordered last; 0 if there is none.
     pub fn ordered_crc(&self) -> u32 {
         self.ordered().map_or(0, |model| model.blob_crc())
     }
 
-    /// The same of the model that answers.
+    /// Returns the CRC in the header of the active model's blob; 0 if there is none.
     fn answering_crc(&self) -> u32 {
         self.active.as_ref().map_or(0, |model| model.blob_crc())
     }
 
-    /// The device starts anew: what is stored stays.
+    /// Restarts the device, which keeps only what is stored.
     pub fn restart(self, bypass: bool) -> Self {
         let settings = self.stored_settings.last().copied().unwrap_or(DEFAULT);
         let mut new = Self {
@@ -112,7 +112,7 @@ impl Expected {
         new
     }
 
-    /// The answer to a request that was read.
+    /// Returns the answer to a request that was read.
     pub fn answer(&mut self, sequence: u16, request: &Request<'_>) -> Response {
         self.statistics.frames += 1;
         self.look();
@@ -126,7 +126,7 @@ impl Expected {
         })
     }
 
-    /// The answer to a request that only the cycle could carry out and that it does not recognise.
+    /// Returns the answer to a request that only the cycle could execute and that it does not recognise.
     pub fn unknown_service(&mut self) -> Response {
         self.statistics.frames += 1;
         self.look();
@@ -135,7 +135,7 @@ impl Expected {
         Response::Refused(Refusal::UnknownMessage)
     }
 
-    /// The request that is to be carried out.
+    /// Returns the request to execute, once it is authorised.
     fn authorized<'r>(&mut self, request: &Request<'r>) -> Result<Request<'r>, Refusal> {
         if request.is_cyclic() {
             self.running = true;
@@ -146,7 +146,7 @@ impl Expected {
             Request::Challenge => {}
             Request::Signed { signature, request } => {
                 let key = self.key.ok_or(Refusal::WrongSignature)?;
-                // Another signature with a nonce that has served.
+                // A different signature with a nonce that was already used.
                 if self.used.as_ref().is_some_and(|used| used != signature) {
                     self.nonce = None;
                 }
@@ -220,7 +220,7 @@ impl Expected {
         }
     }
 
-    /// Time passes. Whoever looks at the clock sees whether commands have stopped.
+    /// Reads the clock, which shows whether commands have stopped.
     pub fn look(&mut self) {
         let limit = u64::from(BOARD.tick_hz / 2);
         if self
@@ -241,12 +241,12 @@ impl Expected {
         }
     }
 
-    /// The model that runs, or is about to.
+    /// Returns the model that is active or is about to become active.
     fn ordered(&self) -> Option<&Rc<Known>> {
         self.pending.as_ref().or(self.active.as_ref())
     }
 
-    /// The answer to a frame that could not be read.
+    /// Returns the answer to a frame that could not be read.
     pub fn unreadable(&mut self, refusal: Refusal) -> Response {
         self.look();
         self.statistics.bad_frames += 1;
@@ -258,7 +258,7 @@ impl Expected {
         let text = |text: &str| cut(text);
         Response::Identity(Identity {
             protocol_version: PROTOCOL_VERSION,
-            // All packages of the workspace have one version.
+            // All packages of the workspace have the same version.
             firmware_version: text(env!("CARGO_PKG_VERSION")),
             image_crc: BOARD.image_crc,
             board: text(BOARD.board),

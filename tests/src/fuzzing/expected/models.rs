@@ -1,4 +1,4 @@
-//! What the device should do with models, keys and settings: uploads, slots, activation and provisioning.
+//! The expected behaviour of the device for models, keys and settings: uploads, slots, activation and provisioning.
 
 use std::rc::Rc;
 
@@ -11,7 +11,7 @@ use super::Expected;
 use super::cycle::for_filter;
 use crate::fuzzing::service::device::{BOARD, BYTES, CHANGES, WORDS};
 
-/// A blob that is a model.
+/// A blob that is a usable model.
 pub(super) struct Known {
     bytes: Vec<u8>,
     pub model: Model<f32, WORDS>,
@@ -19,10 +19,10 @@ pub(super) struct Known {
 }
 
 impl Known {
-    /// What the device has to say of `bytes`: a model, or why not.
+    /// Returns the model in `bytes`, or the refusal with which the device must answer.
     pub fn of(bytes: &[u8], key: Option<&[u8; 32]>) -> Result<Self, Refusal> {
         let decoded = blob::decode(bytes);
-        // Damage is named before a signature is looked at; a payload that cannot be read comes after it.
+        // Damage is reported before the signature is checked; a payload that cannot be read is reported after it.
         match &decoded {
             Err(blob::DecodeError::MalformedPayload) | Ok(_) => {}
             Err(error) => return Err(Refusal::Blob(*error)),
@@ -50,7 +50,7 @@ impl Known {
         })
     }
 
-    /// 0 when there is no signature, or none that was verified.
+    /// Returns the revision; 0 if there is no signature or it was not verified.
     pub fn revision(&self) -> u32 {
         self.identity.revision.unwrap_or(0)
     }
@@ -60,7 +60,7 @@ impl Known {
     }
 }
 
-/// Whether the settings leave the model the time that it needs.
+/// Checks that the settings leave the model the time that it needs.
 pub(super) fn in_time(model: &Known, settings: &CycleSettings) -> Result<(), Refusal> {
     let (instructions, allowed) = (model.identity.instructions, settings.max_instructions);
     if instructions <= allowed {
@@ -72,7 +72,7 @@ pub(super) fn in_time(model: &Known, settings: &CycleSettings) -> Result<(), Ref
     })
 }
 
-/// As many letters as fit into the bytes of a name.
+/// Returns as many letters of `text` as fit into the bytes of a name.
 pub(super) fn cut(text: &str) -> heapless::String<{ poegp_protocol::link::MAX_NAME }> {
     let mut out = heapless::String::new();
     let _ = text.chars().try_for_each(|letter| out.push(letter));
@@ -161,7 +161,7 @@ impl Expected {
         Ok(identity)
     }
 
-    /// Whether an uploaded model may come after what is there.
+    /// Checks that an uploaded model may succeed the present one.
     fn succession(&self, known: &Known) -> Result<(), Refusal> {
         let running = self.ordered().map_or(0, |model| model.revision());
         let lowest = self.lowest_revision.max(running);
@@ -186,12 +186,12 @@ impl Expected {
         }
     }
 
-    /// The slot that has the bytes of a model.
+    /// Returns the slot that contains the bytes of a model.
     fn slot_of(&self, bytes: &[u8]) -> Option<usize> {
         (0..2).find(|slot| self.slots[*slot].as_deref() == Some(bytes))
     }
 
-    /// Where the model is that was ordered last.
+    /// Returns the slot of the model that was ordered last.
     fn ordered_slot(&self) -> Option<usize> {
         self.ordered().and_then(|model| self.slot_of(&model.bytes))
     }
@@ -211,14 +211,14 @@ impl Expected {
             return Ok(stored);
         }
         self.check_slots()?;
-        // Not over the active model, nor over the newest.
+        // Neither the active model nor the newest one is overwritten.
         let taken = [self.ordered_slot(), Some(self.first), Some(1 - self.first)];
         let kept = taken
             .into_iter()
             .flatten()
             .find(|slot| self.slots[*slot].is_some());
         let there = self.slot_of(&self.staged);
-        // One for each change of the slot that comes first, and one for the blob.
+        // One write for each change of the first slot, and one for the blob.
         let moved = there.or(kept).is_some_and(|slot| slot != self.first);
         self.slot_writes += u32::from(moved) + u32::from(there.is_none());
         self.slot_changes += u32::from(moved || there.is_none());
@@ -229,7 +229,7 @@ impl Expected {
         Ok(self.committed.expect("it was stored"))
     }
 
-    /// Whether the slots may be changed once more.
+    /// Checks that the slots may be changed once more.
     fn check_slots(&self) -> Result<(), Refusal> {
         self.check_flash()?;
         let allowed = BOARD.slot_writes;
@@ -245,7 +245,7 @@ impl Expected {
         self.exchange();
     }
 
-    /// While a model waits there is no place for another.
+    /// Checks that no model is pending, because there is no memory for another one.
     fn check_spare(&self) -> Result<(), Refusal> {
         match self.pending {
             Some(_) => Err(Refusal::Busy),
@@ -287,7 +287,7 @@ impl Expected {
                 continue;
             };
             self.end_upload();
-            // What was loaded and is too slow is given up.
+            // A model that was loaded but is too slow is discarded.
             let known = Known::of(&bytes, self.key.as_ref()).and_then(|known| {
                 let fits = in_time(&known, &self.commands.settings);
                 self.spare = self.spare.take().filter(|_| fits.is_ok());
@@ -319,7 +319,7 @@ impl Expected {
             Some(_) => return Err(Refusal::KeyIsFixed),
             None => {
                 self.key = Some(*public_key);
-                // What was verified without it does not count.
+                // Models that were verified without the key do not count.
                 (self.verified, self.committed, self.spare) = (None, None, None);
                 self.lowest_revision = 0;
             }

@@ -6,7 +6,7 @@ use poegp_protocol::link::frame::{MAX_FRAME, Received, Receiver};
 
 use super::{Script, Talk};
 
-/// Sequence number and command of a cyclic frame, which is without its zero; no command when it has the length of none.
+/// Returns sequence number and command of a cyclic frame without its final zero; no command if its length is that of none.
 pub(super) fn command_in(bytes: &[u8]) -> Option<(u16, Option<Query>)> {
     if bytes.len() > MAX_FRAME {
         return None;
@@ -23,7 +23,7 @@ pub(super) fn command_in(bytes: &[u8]) -> Option<(u16, Option<Query>)> {
 }
 
 impl Talk<'_, '_> {
-    /// Sends a cyclic frame with a command, or one that has the length of none.
+    /// Sends a cyclic frame with a command, or one whose length is that of no command.
     pub(super) fn cyclic_frame(&mut self, sequence: u16, command: Option<&Query>, frame: &[u8]) {
         let expected = self.expected.cyclic_frame(sequence, command);
         let expected = expected.map(|answer| {
@@ -36,7 +36,7 @@ impl Talk<'_, '_> {
         assert!(sent.iter().eq(&expected), "{sent:?}, expected {expected:?}");
     }
 
-    /// A short path, one command for each cycle; some come again, some go wrong on the way.
+    /// Sends a short path, one command for each cycle; some frames are repeated, some are damaged.
     pub(super) fn commands_in_frames(&mut self, script: &mut Script<'_>) {
         let mut query = script.query();
         let (steps, slope) = (script.below(64), f32::from(script.byte() as i8) * 1e-4);
@@ -58,7 +58,7 @@ impl Talk<'_, '_> {
                 frame[at] ^= 1 << (trouble % 7);
                 self.noise(&frame);
             } else {
-                // A device takes no command without a joint.
+                // A device accepts no command without joints.
                 let command = (!query.joints.is_empty()).then_some(&query);
                 self.cyclic_frame(self.sequence, command, &frame);
             }

@@ -1,4 +1,4 @@
-//! The device on the desk: the service beside a flash that knows the rules of NOR, and a clock that stands still.
+//! A simulated device: the service with a flash that enforces the rules of NOR, and a clock that stands still.
 
 use std::cell::{Cell, RefCell};
 
@@ -8,7 +8,7 @@ use poegp_protocol::link::{NONCE_LENGTH, Response, StartReason, Statistics};
 use poegp_runtime::service::FrameOutcome;
 use poegp_runtime::service::{Background, BoardInfo, Clock, Cycle, CycleAck, CycleCommand, Device};
 
-// Shared with the runtime's own tests of the store, which test that it knows the rules.
+// Shared with the runtime's own tests of the store, which check that the flash enforces the rules.
 #[allow(
     dead_code,
     missing_docs,
@@ -21,11 +21,11 @@ use nor::Nor;
 
 use crate::fuzzing::wire::wire;
 
-/// Words of inducing points that fit.
+/// Capacity for inducing points, in memory words.
 pub(in crate::fuzzing) const WORDS: usize = 256;
-/// Bytes of a blob that fit.
+/// Capacity for a blob, in bytes.
 pub(in crate::fuzzing) const BYTES: usize = 2_048;
-/// What the device says of its board.
+/// The board that the device reports.
 pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
     board: "a desk with a name that is longer than thirty-two letters",
     image_crc: 0x1234_5678,
@@ -42,13 +42,14 @@ pub(in crate::fuzzing) const BOARD: BoardInfo = BoardInfo {
 pub(super) type Flash = Nor<4, 256>;
 
 pub(super) const SLOT: u32 = BYTES as u32 + 256;
-/// Bytes for settings of the cycle: a script can fill them.
+/// Bytes of flash for settings of the cycle, few enough for a script to fill them.
 pub(super) const SETTINGS: u32 = 256;
-/// Changes that fit.
+/// Number of changes of the settings that fit into the flash.
 pub(in crate::fuzzing) const CHANGES: usize = SETTINGS as usize / 28;
 pub(super) const UNITS: usize = (2 * SLOT + 256 + SETTINGS) as usize / 256;
 
-/// A clock that stands still, so that answers can be compared to the byte. Time passes between two frames.
+/// A clock that stands still while a frame is answered, so that answers can be compared to the byte; time passes only
+/// between frames.
 struct Still(u32);
 
 impl Clock for Still {
@@ -58,7 +59,7 @@ impl Clock for Still {
 }
 
 thread_local! {
-    /// Nonces so far.
+    /// Number of nonces drawn so far.
     static NONCES: Cell<u128> = const { Cell::new(0) };
 }
 
@@ -66,12 +67,12 @@ fn nonce(number: u128) -> [u8; NONCE_LENGTH] {
     number.to_le_bytes()
 }
 
-/// The nonce that the device draws next.
+/// Returns the nonce that the device draws next.
 pub(in crate::fuzzing) fn next_nonce() -> [u8; NONCE_LENGTH] {
     nonce(NONCES.with(Cell::get) + 1)
 }
 
-/// How the background reaches the cycle.
+/// The link by which the background calls the cycle.
 pub(super) struct Calls<'a, 'm>(pub &'a mut Cycle<'m, WORDS>, pub u32);
 
 impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
@@ -87,7 +88,7 @@ impl<'m> Device<'m, WORDS> for Calls<'_, 'm> {
     fn complete(&mut self, _: &mut Statistics) {}
 }
 
-/// The flash, which outlives what runs on it.
+/// The flash, which survives a restart of the device.
 pub(super) struct Wired<'f>(pub &'f RefCell<Flash>);
 
 impl ErrorType for Wired<'_> {
@@ -124,12 +125,12 @@ pub(super) struct Running<'m> {
     pub cycle: Cycle<'m, WORDS>,
     pub background: Background<'m, Wired<'m>, WORDS, BYTES>,
     pub receiver: Receiver,
-    /// Ticks.
+    /// Current time, in ticks.
     pub now: u32,
 }
 
 impl Running<'_> {
-    /// Everything that is answered to these bytes.
+    /// Returns all answers to these bytes.
     pub fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
         let frames = self.sent(bytes).into_iter();
         frames
@@ -137,7 +138,7 @@ impl Running<'_> {
             .collect()
     }
 
-    /// The frames that are answered to these bytes, without their final zeros.
+    /// Returns the frames of all answers to these bytes, without their final zeros.
     pub fn sent(&mut self, bytes: &[u8]) -> Vec<Vec<u8>> {
         let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
         let mut answers = Vec::new();

@@ -1,7 +1,7 @@
 //! The device's service under scripts of requests, damaged frames, restarts and power failures between requests.
 //!
-//! `Cycle` and `Background` stand beside a flash that knows the rules of NOR; every byte of a script decides the next step
-//! or is a number of it. Each answer is compared, to the byte, with that of `Expected`.
+//! `Cycle` and `Background` run on a simulated flash that enforces the rules of NOR. Every byte of a script selects the next
+//! step or is an argument of it. Each answer is compared, to the byte, with that of `Expected`.
 
 mod cyclic;
 pub(super) mod device;
@@ -29,17 +29,17 @@ pub(super) use self::sources::{SMALL, signed};
 use super::expected::Expected;
 use super::wire::{sent, wire};
 
-/// Steps of a script that are carried out.
+/// Largest number of steps of a script that are executed.
 const MOST_STEPS: usize = 100;
 
-/// What ended a stretch of a script.
+/// Why a section of a script ended.
 enum End {
     Script,
     Restart,
     PowerFailure,
 }
 
-/// Carries out a script.
+/// Executes a script.
 ///
 /// # Panics
 /// When the device answers anything but what it should.
@@ -64,7 +64,7 @@ pub fn service(bytes: &[u8]) {
     });
 }
 
-/// From a start to the next one.
+/// Executes a script from one start of the device to the next.
 fn switched_on(
     sources: &Sources,
     flash: &RefCell<Flash>,
@@ -108,14 +108,14 @@ fn switched_on(
             return end;
         }
     }
-    // Whatever came before, the device knows what it counted, and runs what is stored when it starts again.
+    // Whatever happened before, the device knows its counters, and after a restart it runs what is stored.
     script.0 = &[];
     talk.ask(&Request::ReadStatistics);
     talk.ask(&Request::Identify);
     End::Script
 }
 
-/// The device and what is expected of it.
+/// A conversation with the device, with its expected state.
 struct Talk<'m, 'e> {
     device: Running<'m>,
     expected: &'e mut Expected,
@@ -133,12 +133,12 @@ impl Talk<'_, '_> {
         let [(found_sequence, found)] = &answers[..] else {
             panic!("one answer is expected, {expected:?}; {answers:?}")
         };
-        // By their bytes: a number that is not one is not equal to itself.
+        // Compared as bytes, because NaN is not equal to itself.
         let same = (*found_sequence, wire(0, found)) == (sequence, wire(0, expected));
         assert!(same, "{found:?} to {sequence}, expected {expected:?}");
     }
 
-    /// The answer, which is the expected one.
+    /// Sends a request, checks that the answer is the expected one, and returns it.
     fn ask(&mut self, request: &Request<'_>) -> Response {
         self.sequence = self.sequence.wrapping_add(1);
         self.ask_as(self.sequence, request)
@@ -156,14 +156,14 @@ impl Talk<'_, '_> {
     fn wait(&mut self, ticks: u32) {
         self.expected.now += u64::from(ticks);
         self.device.now = self.device.now.wrapping_add(ticks);
-        // Long times are looked at, as the firmware does.
+        // After a long time the cycle reads the clock, as in the firmware.
         if ticks > 1_000 {
             self.device.cycle.look(self.device.now);
             self.expected.look();
         }
     }
 
-    /// The commands of a short path, one for each cycle.
+    /// Sends the commands of a short path, one for each cycle.
     fn command(&mut self, script: &mut Script<'_>) {
         let mut query = script.query();
         let (steps, slope) = (script.below(64), f32::from(script.byte() as i8) * 1e-4);
@@ -179,7 +179,7 @@ impl Talk<'_, '_> {
         self.commanded = Some((self.sequence, query));
     }
 
-    /// Sends bytes that hold no zero as one frame.
+    /// Sends the bytes, without their zeros, as one frame.
     fn noise(&mut self, bytes: &[u8]) -> Option<End> {
         let mut bytes: Vec<u8> = bytes.iter().copied().filter(|byte| *byte != 0).collect();
         if bytes.is_empty() {
@@ -199,7 +199,7 @@ impl Talk<'_, '_> {
             _ => Err(FrameError::Damaged),
         };
         let (sequence, expected) = match &read {
-            // A cycle knows its requests by their first byte, and their number might have more.
+            // A cycle recognises its requests by their first byte, but the encoded number may have more bytes.
             Ok((sequence, request)) if request.is_cyclic() && number >= 0x80 => {
                 (*sequence, self.expected.unknown_service())
             }
@@ -231,7 +231,7 @@ impl Talk<'_, '_> {
         self.uploading = blob;
     }
 
-    /// A request signed by somebody, perhaps with the nonce, perhaps sent twice.
+    /// Sends a signed request; the script decides the key, whether the nonce is the valid one, and whether it is sent twice.
     fn signed(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
         let blob = &sources.blobs[script.below(6)];
         let request = match script.below(8) {
@@ -276,7 +276,7 @@ impl Talk<'_, '_> {
         None
     }
 
-    /// Sends what is missing of the blob, `most` bytes at most.
+    /// Sends the missing part of the blob, at most `most` bytes.
     fn send_rest(&mut self, most: usize) {
         let blob = self.uploading.clone();
         let from = self.expected.received().min(blob.len());
@@ -370,7 +370,7 @@ impl Talk<'_, '_> {
             26 => return Some(End::PowerFailure),
             27 | 28 => self.upload(blob(script)),
             29 => {
-                // One byte of the payload changed, and the checksum made anew: models that nobody made.
+                // One byte of the payload is changed and the checksum is recomputed: models that no trainer would write.
                 let (mut blob, at, change) = (blob(script), script.word(), script.byte());
                 let at = 20 + at as usize % (blob.len() - 20);
                 blob[at] ^= change;

@@ -2,7 +2,7 @@
 
 use poegp_protocol::link::Query;
 
-/// Numbers out of a script; zeros behind its end.
+/// A source of numbers from a script; zeros after its end.
 pub(super) struct Script<'a>(pub(super) &'a [u8]);
 
 impl<'a> Script<'a> {

@@ -1,4 +1,4 @@
-//! What a script may name: blobs, signed and broken ones too, and keys.
+//! The blobs (including signed and broken ones) and keys that a script may name.
 
 use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::envelope::{Trailer, key_id, set_signed};
@@ -6,7 +6,7 @@ use poegp_protocol::blob::envelope::{Trailer, key_id, set_signed};
 use super::device::BYTES;
 use crate::sample::{Elastic, Sample, SampleCorrection};
 
-/// Blobs that a script may name, and keys.
+/// The blobs and keys that a script may name.
 pub struct Sources {
     pub blobs: [Vec<u8>; 6],
     pub keys: [[u8; 32]; 2],
@@ -49,7 +49,7 @@ pub const SMALL: Elastic = Elastic {
     ..Elastic::PLAIN
 };
 
-/// `blob` signed by `key`, as this revision.
+/// Returns `blob` signed by `key` with the given revision.
 pub fn signed(blob: &[u8], revision: u32, key: &SigningKey) -> Vec<u8> {
     let mut bytes = blob.to_vec();
     set_signed(&mut bytes, true);
