@@ -98,12 +98,12 @@ fn workspace() -> &'static Path {
 pub enum Toolchain {
     /// The `core` of the target is installed.
     Prebuilt {
-    /// Path of the compiler.
+        /// Path of the compiler.
         rustc: PathBuf,
     },
     /// `core` is built from source.
     BuildStd {
-    /// Path of the compiler.
+        /// Path of the compiler.
         rustc: PathBuf,
     },
 }

@@ -11,7 +11,7 @@ use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, MAX_INDUCING_POINTS, Weighting};
 
-/// Headings of long helps.
+/// Headings of the option groups in the long help.
 pub mod heading {
     pub const MEASUREMENTS: &str = "Measurements";
     pub const MODEL: &str = "Model";
@@ -23,7 +23,7 @@ pub mod heading {
     pub const CHOICE: &str = "Choice of poses";
     pub const TOUCHES: &str = "Touches";
     pub const FORECAST: &str = "Forecast";
-    /// Options of every command; they stand last.
+    /// Heading of the options that every command has; it stands last.
     pub const GENERAL: &str = "General options";
 }
 
@@ -96,7 +96,7 @@ pub struct FrameArgs {
 }
 
 impl FrameArgs {
-    /// The frames that are fitted.
+    /// Returns the frames that these options ask to fit.
     pub fn frames(&self) -> FramesToFit {
         FramesToFit {
             base: self.fit_base,
@@ -120,7 +120,7 @@ pub struct NoiseArgs {
 }
 
 impl NoiseArgs {
-    /// Noise of the instrument in SI units.
+    /// Converts the stated noise of the instrument to SI units.
     pub fn instrument_noise(&self) -> InstrumentNoise {
         InstrumentNoise {
             position: self.position_sigma_mm.map(|x| 1e-3 * x),
@@ -130,7 +130,7 @@ impl NoiseArgs {
 }
 
 impl FitArgs {
-    /// Each option, and whether it was given.
+    /// Returns each option with whether it was given.
     pub fn given(&self) -> [(bool, &'static str); 9] {
         [
             (self.per_output, "--per-output"),
@@ -151,7 +151,7 @@ impl FitArgs {
         ]
     }
 
-    /// Puts what was given into `config`, and returns the keys that it changed.
+    /// Writes the options that were given into `config`, and returns the keys that they changed.
     pub fn overlay(&self, config: &mut Config) -> Vec<&'static str> {
         let old = *config;
         if self.per_output {
@@ -177,7 +177,7 @@ impl FitArgs {
         differences(&old, config)
     }
 
-    /// The configuration of a calibration by `method`.
+    /// Creates the configuration of a calibration by `method`.
     pub fn config(&self, method: Method) -> Config {
         let mut config = Config::new(method);
         self.overlay(&mut config);
@@ -185,7 +185,7 @@ impl FitArgs {
     }
 }
 
-/// The keys in which two configurations differ.
+/// Returns the keys in which two configurations differ.
 pub fn differences(old: &Config, new: &Config) -> Vec<&'static str> {
     let all = [
         ("method", old.method != new.method),
@@ -232,7 +232,7 @@ pub fn differences(old: &Config, new: &Config) -> Vec<&'static str> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gravity(pub [f64; 3]);
 
-/// Reads three numbers.
+/// Parses three numbers with commas between them.
 pub fn gravity(text: &str) -> Result<Gravity, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|x| x.trim().parse()).collect();
     let vector = numbers.ok().and_then(|v| <[f64; 3]>::try_from(v).ok());
@@ -242,7 +242,7 @@ pub fn gravity(text: &str) -> Result<Gravity, String> {
     }
 }
 
-/// Reads a number above 0.
+/// Parses a number above 0.
 pub fn positive(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(x) if x > 0.0 && f64::is_finite(x) => Ok(x),
@@ -250,7 +250,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Reads a value of an enumeration of the library by its name.
+/// Parses a value of one of the library's enumerations by its name.
 fn named<T: DeserializeOwned>(name: String) -> Result<T, value::Error> {
     T::deserialize(name.into_deserializer())
 }
@@ -259,16 +259,16 @@ fn methods() -> [PossibleValue; Method::ALL.len()] {
     Method::ALL.map(|method| PossibleValue::new(method.name()).help(method.about()))
 }
 
-/// Reads a calibration method.
+/// Creates the parser of a calibration method.
 pub fn method() -> impl TypedValueParser<Value = Method> {
     PossibleValuesParser::new(methods()).try_map(named)
 }
 
-/// A calibration method, or `None`: the training data choose it.
+/// A calibration method; `None` lets the training data choose it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MethodChoice(pub Option<Method>);
 
-/// Reads a calibration method or `auto`.
+/// Creates the parser of a calibration method or `auto`.
 pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
     let auto = PossibleValue::new("auto")
         .help("The simplest of base-tool, poe and elastic, with noise as weights, that is within one standard error of the best in \
@@ -281,7 +281,7 @@ pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
     })
 }
 
-/// Reads a value of an enumeration of the library by its name; each with its help.
+/// Creates the parser of one of the library's enumerations; each value has its name and its help.
 fn described<T, const N: usize>(
     values: [(&'static str, &'static str); N],
 ) -> impl TypedValueParser<Value = T>

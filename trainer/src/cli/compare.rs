@@ -32,40 +32,40 @@ use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct CompareJson<'a> {
     /// Version of the trainer.
     pub version: &'static str,
-    /// Seed of the draw of folds.
+    /// Seed of the random division into folds.
     pub seed: u64,
-    /// Config of the fit.
+    /// Setting of the fits: whether each output has its own hyperparameters.
     pub per_output: bool,
-    /// Config of the fit.
+    /// Setting of the fits: weights of the measurements.
     pub weighting: Weighting,
-    /// What somebody must look at.
+    /// Warnings that the user must look at.
     pub warnings: &'a [Finding],
     /// One entry for each method.
     pub methods: &'a [ModelComparison],
-    /// With `--report` or a tolerance.
+    /// Held-out errors of the best method; present with `--report` or a tolerance.
     #[serde(flatten)]
     pub shown: Option<&'a HeldOutPart>,
-    /// With `--correct-drift`: what was taken out of the data of `methods`.
+    /// Drift that was removed from the data of `methods`; present with `--correct-drift`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<&'a DriftReport>,
-    /// With `--correct-drift`: the same methods on the data as they were measured.
+    /// Results of the same methods on the data as they were measured; present with `--correct-drift`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub methods_without_correction: Option<&'a [ModelComparison]>,
 }
 
-/// What a report shows, of the test sets or of the folds.
+/// The held-out part of a report, from the test sets or the folds.
 #[derive(Serialize)]
 pub struct HeldOutPart {
-    /// Errors of the best method, before and after.
+    /// Errors of the best method, before and after calibration.
     pub held_out: HeldOutSummary,
-    /// Whether it conforms to the tolerance.
+    /// Whether the arm conforms to the tolerance.
     pub certificate: Certificate,
-    /// Where this comes from.
+    /// Provenance of the result.
     pub provenance: Provenance,
 }
 
@@ -211,7 +211,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         test_files.push(test);
     }
     let methods = methods(a, &train, &tests)?;
-    // A fold may be larger than its share by one group of equal configurations; the calibration itself checks again.
+    // A fold may exceed its share by one group of equal configurations; the calibration itself checks its number of poses.
     let held_out = |rows: usize| {
         if a.folds() == 0 {
             0
@@ -362,8 +362,8 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     tolerance::outcome(certificate, &statement)
 }
 
-/// What the report shows: `models`, with base and tool alone for comparison when that was not asked for, and the learning
-/// curve of the best one.
+/// Collects what the report shows: `models`, the base-tool fit for comparison if it is not among them, and the learning
+/// curve of the best model.
 fn evidence(
     a: &Compare,
     task: &Task,
@@ -397,7 +397,8 @@ fn evidence(
     Ok(evidence)
 }
 
-/// The methods asked for, or all that the data allow; where a payload is needed every file must have one.
+/// Returns the methods that were asked for, or all that the data allow. Refuses a file without payloads if a method needs
+/// them.
 fn methods(
     a: &Compare,
     train: &[InstrumentSample],
@@ -422,7 +423,7 @@ fn methods(
     Ok(methods)
 }
 
-/// One table of all `runs`, each with what is said after the names of its sets.
+/// Prints one table of all `runs`; the text of a run is appended to the names of its sets.
 fn print(report: Printer, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
     report.line("Held-out errors: position in mm, orientation in mrad.");
     if a.folds() > 0 {

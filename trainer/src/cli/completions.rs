@@ -13,7 +13,7 @@ use crate::cli::output::make_folder;
 use crate::cli::output::{check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 
-/// The end of every help.
+/// Last paragraph of every help text.
 pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met, a signature does not fit or an output was lost, \
     2 usage or input error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
 
@@ -100,8 +100,8 @@ pub fn manual(a: &Manual, command: clap::Command) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `docs/reference/commands.md`: every command with its options, from the same text as `--help`. Options that several commands
-/// share are described once.
+/// Returns the text of `docs/reference/commands.md`: every command with its options, from the same text as `--help`.
+/// Options that several commands share are described once.
 pub fn command_reference(command: clap::Command) -> String {
     let mut root = command.disable_help_subcommand(true);
     root.build();
@@ -155,7 +155,7 @@ fn collect_leaves<'a>(parent: &'a clap::Command, leaves: &mut Vec<&'a clap::Comm
     }
 }
 
-/// What each option of a command is, but for those of all commands.
+/// Describes each option of a command, except those that all commands have.
 fn options(command: &clap::Command) -> Vec<String> {
     let own = command.get_arguments();
     own.filter(|a| !a.is_global_set() && !a.is_hide_set() && a.get_id() != "help")
@@ -163,7 +163,7 @@ fn options(command: &clap::Command) -> Vec<String> {
         .collect()
 }
 
-/// Name, meaning, values and default of an option.
+/// Describes an option: name, meaning, values and default.
 fn option(argument: &clap::Arg) -> String {
     let mut line = format!("`{argument}`: {}", sentence(argument.get_help()));
     let values: Vec<String> = argument
@@ -193,14 +193,14 @@ fn option(argument: &clap::Arg) -> String {
     line
 }
 
-/// In one line, with a full stop.
+/// Joins a text into one line that ends with a full stop.
 fn sentence(text: Option<&clap::builder::StyledStr>) -> String {
     let text = text.map(ToString::to_string).unwrap_or_default();
     let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
     line.trim_end_matches('.').to_owned() + "."
 }
 
-/// The page of a command and those of its subcommands.
+/// Renders the manual page of a command and those of its subcommands.
 fn collect(
     command: &clap::Command,
     folder: &Path,

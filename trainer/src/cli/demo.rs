@@ -1,4 +1,4 @@
-//! `trainer demo`: the paper's simulation from nothing, and its Table I beside ours.
+//! `trainer demo`: repeats the paper's simulation, and prints the paper's Table I beside the new results.
 
 use clap::{Args, Parser};
 use std::ffi::OsString;
@@ -30,7 +30,7 @@ use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet};
 
-/// Mean position errors in mm of the paper's Table I: simulation, three test sets.
+/// Mean position errors in mm of the paper's Table I, simulation, for its three test sets.
 const PAPER_TABLE_I: [(Method, [f64; 3]); 4] = [
     (Method::BaseTool, [1.94, 1.93, 1.89]),
     (Method::Poe, [0.90, 0.81, 0.81]),
@@ -73,7 +73,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         .map(|set| (set.path.as_path(), set.csv.as_bytes()));
     write_outputs(&files.collect::<Vec<_>>())?;
 
-    // Read back what was written: the demo goes through the same door as real data.
+    // The files are read back, so that the demo takes the same path as real data.
     let train_path = &sets[0].path;
     let set = measurements::read(train_path)?;
     let mut tools = Vec::new();
@@ -121,7 +121,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         let result = task.run(options, &mut || bar.inc(1));
         models.push(result.map_err(|e| device_failure(train_path, e.error))?);
     }
-    // The elastic model takes seconds a calibration: the test sets are enough here.
+    // The elastic model takes seconds for each calibration, so it is compared on the test sets alone.
     bar.set_message(Method::Elastic.name());
     let elastic = Task { folds: 0, ..task };
     let result = elastic.run(&Config::new(Method::Elastic), &mut || bar.inc(1));
@@ -207,7 +207,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The command `calibrate` as a user would type it.
+/// Runs the command `calibrate` as a user would type it.
 fn calibrate_with_report(a: &Demo, sets: &[SimulatedSet], out: &Path) -> Result<(), Failure> {
     let mut typed: Vec<OsString> = ["calibrate", "--robot", ROBOT].map(OsString::from).into();
     let (train, tests) = (&sets[0].path, &sets[1..]);

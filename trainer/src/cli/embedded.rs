@@ -1,6 +1,6 @@
-//! Commands for a program that embeds this one: results in memory, errors as values, no terminal.
+//! Commands for a program that embeds this one: results stay in memory, errors are values, and there is no terminal.
 //!
-//! The options are those of the command line, so that a calibration has the same bytes there and here.
+//! The options are those of the command line, so that a calibration gives the same bytes from both.
 
 use std::ffi::OsString;
 use std::sync::Arc;
@@ -18,22 +18,22 @@ pub use crate::cli::terminal::print::be_silent;
 use crate::cli::{Command, correct, evaluate, export, parse};
 use poegp_calibration::blob::predict::BlobModel;
 
-/// A calibration.
+/// The outputs of a calibration.
 #[derive(Clone, Debug)]
 pub struct Calibrated {
     /// The bytes of the blob.
     pub blob: Vec<u8>,
-    /// What `--json` writes.
+    /// The JSON document that `--json` writes.
     pub json: String,
-    /// The HTML page that `--report` writes, where it is asked for.
+    /// The HTML report of `--report`, if it is asked for.
     pub report: Option<String>,
 }
 
-/// `trainer calibrate` with these options; no output is written. `table` has the bytes of the measurement file where the file
-/// that the options name is none. The fit ends soon after another thread sets `cancel`.
+/// Runs `trainer calibrate` with these options, without writing any output. `table` holds the measurements if the path in
+/// the options is not a file. The fit ends soon after another thread sets `cancel`.
 ///
 /// # Errors
-/// [`Failure`] as the command's.
+/// [`Failure`], as the command.
 pub fn calibrate(
     options: &[OsString],
     table: Option<Vec<u8>>,
@@ -60,11 +60,11 @@ pub fn calibrate(
     })
 }
 
-/// `trainer correct` with these options, for a robot program; returns what `--json` writes. What is left uncorrected is in
-/// that document and is no failure.
+/// Runs `trainer correct` with these options, for a robot program; returns the JSON document that `--json` writes. Parts
+/// that stay uncorrected are listed in that document and are not an error.
 ///
 /// # Errors
-/// [`Failure`] as the command's.
+/// [`Failure`], as the command.
 pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
     let Command::Correct(arguments) = command("correct", options)? else {
         return Err(other_command("correct"));
@@ -72,10 +72,10 @@ pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
     correct::program_document(&arguments)
 }
 
-/// `trainer export` with these options; returns what `--json` writes.
+/// Runs `trainer export` with these options; returns the JSON document that `--json` writes.
 ///
 /// # Errors
-/// [`Failure`] as the command's.
+/// [`Failure`], as the command.
 pub fn export(options: &[OsString]) -> Result<String, Failure> {
     let Command::Export(arguments) = command("export", options)? else {
         return Err(other_command("export"));
@@ -83,11 +83,12 @@ pub fn export(options: &[OsString]) -> Result<String, Failure> {
     export::exported(&arguments)
 }
 
-/// What `trainer evaluate` with these options compares, row by row; no output is written. `table` has the bytes of the measurement
-/// file where the file that the options name is none. The blob that they name is not read: it is `model`.
+/// Returns the residuals that `trainer evaluate` with these options compares, row by row, without writing any output.
+/// `table` holds the measurements if the path in the options is not a file. The blob in the options is not read: `model`
+/// takes its place.
 ///
 /// # Errors
-/// [`Failure`] as the command's.
+/// [`Failure`], as the command.
 pub fn residuals(
     model: &BlobModel,
     options: &[OsString],
@@ -99,7 +100,7 @@ pub fn residuals(
     evaluate::residuals(&arguments, model, table)
 }
 
-/// The command line of `name` with `options`.
+/// Parses the command line that consists of `name` and `options`.
 fn command(name: &str, options: &[OsString]) -> Result<Command, Failure> {
     let start = ["trainer", name].map(OsString::from);
     let arguments = parse(&[&start, options].concat()).map_err(|error| match error.kind() {

@@ -30,11 +30,11 @@ use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::held_out::{SigmaCounts, SigmaShares};
 use poegp_calibration::verification::is_same_frame;
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 struct EvaluateJson<'a> {
     version: &'static str,
-    /// What somebody must look at in the measurements.
+    /// Warnings about the measurements that the user must look at.
     warnings: Vec<Finding>,
     method: &'a str,
     /// Whether the model was calibrated with these measurements.
@@ -49,25 +49,25 @@ struct SetErrors {
     name: String,
     #[serde(flatten)]
     errors: ErrorSummary,
-    /// Against the noiseless poses of a simulated set.
+    /// Errors against the noiseless poses of a simulated set.
     #[serde(skip_serializing_if = "Option::is_none")]
     against_truth: Option<ErrorSummary>,
-    /// Poses whose status was not `ok`.
+    /// Number of poses whose status was not `ok`.
     flagged: usize,
     trust: TrustSummary,
-    /// What the device says of its own error, of a blob that knows it.
+    /// The device's own estimate of its error; present if the blob contains one.
     #[serde(skip_serializing_if = "Option::is_none")]
     predictive_std: Option<StdSummary>,
 }
 
-/// The device's trust in its inputs, 1 within what was trained.
+/// Trust of the device in the joints and payloads: 1 within the trained ranges.
 #[derive(Serialize)]
 struct TrustSummary {
     mean: f32,
     least: f32,
 }
 
-/// The device's standard deviation of position, and the shares of single components of the errors within it.
+/// Predicted standard deviation of the position, with the shares of the single error components within it.
 #[derive(Serialize)]
 struct StdSummary {
     mean_mm: f64,
@@ -213,21 +213,22 @@ fn of_touches(a: &Evaluate) -> Result<(), Failure> {
     })
 }
 
-/// What is left of a measured row once the model has predicted it.
+/// Residual of a measured row: the difference between measurement and prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
     /// Line of the row in its file, from 1.
     pub line: usize,
-    /// The measured position less the predicted one, m, along the instrument's axes.
+    /// Measured position minus predicted position, m, along the instrument's axes.
     pub position: [f64; 3],
-    /// The rotation vector from the predicted to the measured orientation, rad, along the same axes; `None` without one.
+    /// Rotation vector from the predicted to the measured orientation, rad, along the instrument's axes; `None` without a
+    /// measured orientation.
     pub rotation: Option<[f64; 3]>,
 }
 
-/// The residuals of measurements, of all rows but those that frames of tools were fitted to alone.
+/// Computes the residuals of measurements, leaving out rows that served only to fit the frames of tools.
 ///
 /// # Errors
-/// [`Failure`] as the command's.
+/// [`Failure`], as the command.
 pub fn residuals(
     a: &Evaluate,
     loaded: &BlobModel,
@@ -267,34 +268,34 @@ pub fn residuals(
     Ok(compared.map(residual).collect())
 }
 
-/// How rows are predicted and compared.
+/// Predicts measured rows and compares them with the measurements.
 struct Judge<'a> {
     loaded: &'a BlobModel,
     frames: &'a FittedFrames,
-    /// From the instrument's frame of the calibration to that of the measurements.
+    /// Transform from the instrument's frame during the calibration to its frame during these measurements.
     shift: Pose<f64>,
-    /// Lines of rows that are not compared.
+    /// Lines of rows that are predicted but not compared.
     left_out: BTreeSet<usize>,
-    /// Whether predictions are written, and with their trust.
+    /// Whether predictions are written; `with_trust` adds their trust and standard deviation.
     writes: bool,
     with_trust: bool,
 }
 
-/// What is kept of rows that were compared, at most 32 bytes of each.
+/// Running results of the compared rows; they keep at most 32 bytes of each row.
 #[derive(Default)]
 struct Judged {
-    /// Their predictions.
+    /// Predictions as rows of CSV.
     text: String,
     poses: usize,
     measured: PoseErrors,
     truth: PoseErrors,
     flagged: usize,
-    /// How many have each of [`FLAGS`].
+    /// Number of rows with each of [`FLAGS`].
     flags: [usize; FLAGS.len()],
     trust_sum: f64,
     least_trust: Option<f32>,
     sigmas: SigmaCounts,
-    /// m, and how many.
+    /// Sum of the predicted standard deviations, m, and their number.
     sigma_sum: (f64, usize),
 }
 
@@ -337,7 +338,7 @@ impl<'a> Judge<'a> {
         for (row, sample) in rows.iter().zip(samples) {
             let predicted = self.predicted(sample);
             let observed = &sample.observation;
-            // Positions alone do not show the orientation of a tool that is fitted to them.
+            // The orientation of a tool that is fitted to positions alone is unknown.
             let is_turned = !self.frames.is_tool_fitted[sample.tool] || observed.has_orientation();
             out.add(&predicted);
             if self.writes {
@@ -365,7 +366,7 @@ impl<'a> Judge<'a> {
 }
 
 impl Judged {
-    /// What is said of a prediction, whether or not it is compared.
+    /// Adds the status and trust of a prediction, whether or not it is compared with a measurement.
     fn add(&mut self, predicted: &Prediction) {
         self.poses += 1;
         self.flagged += usize::from(!predicted.status.is_ok());
@@ -379,7 +380,7 @@ impl Judged {
         self.least_trust = Some(least);
     }
 
-    /// With later rows, but for their text.
+    /// Appends the results of later rows, except their text.
     fn extend(&mut self, later: Self) {
         self.poses += later.poses;
         self.measured.extend(later.measured);
@@ -396,7 +397,7 @@ impl Judged {
         self.sigma_sum = (self.sigma_sum.0 + sum, self.sigma_sum.1 + count);
     }
 
-    /// `None` when the blob does not know it.
+    /// Summarizes the predicted standard deviations; `None` if the blob contains none.
     fn predictive_std(&self) -> Option<StdSummary> {
         let (sum, count) = self.sigma_sum;
         Some(StdSummary {
@@ -465,7 +466,7 @@ fn print(
     }
 }
 
-/// A row of the predictions; `is_turned` says whether the orientation is known.
+/// Appends a row of the predictions; `is_turned` states whether the orientation is known.
 fn push_row(out: &mut String, prediction: &Prediction, is_turned: bool, with_trust: bool) {
     let Prediction { pose, status, .. } = prediction;
     let t = 1e3 * pose.translation;

@@ -1,4 +1,4 @@
-//! Whether measurements can be believed, before anything is fitted to them: what a command says and where it stops.
+//! Examination of measurements before anything is fitted to them: which findings are reported, and which end the command.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use poegp_calibration::model::Method;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 
-/// Gravity of the base frame where a command does not ask for it, m/s².
+/// Gravity in the base frame for commands without an option for it, m/s².
 pub const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Causes that the user has looked into.
@@ -29,19 +29,19 @@ pub struct AcceptArgs {
     pub accept: Vec<Cause>,
 }
 
-/// A measurement file to examine.
+/// A measurement file to be examined.
 pub struct Examined<'a> {
     pub path: &'a Path,
     pub robot: &'a Robot,
     pub set: &'a MeasurementSet,
     pub samples: &'a [InstrumentSample],
-    /// Where the command writes JSON.
+    /// Path of the command's JSON output.
     pub json: Option<&'a Path>,
     pub accept: &'a [Cause],
 }
 
 impl Examined<'_> {
-    /// The warnings about measurements that `methods` are fitted to. `gravity` is that of the base frame, m/s².
+    /// Examines measurements that `methods` are fitted to, and returns the warnings. `gravity` is in the base frame, m/s².
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
@@ -61,7 +61,7 @@ impl Examined<'_> {
         ))
     }
 
-    /// The warnings about measurements that a model is judged by: whether they are of its robot.
+    /// Examines whether measurements that a model is judged by are of its robot, and returns the warnings.
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
@@ -70,19 +70,19 @@ impl Examined<'_> {
         self.settle(trust::identify(self.robot, self.set, self.samples, gravity))
     }
 
-    /// Says what was noticed, and returns the warnings.
+    /// Reports the findings, and returns the warnings.
     ///
     /// # Errors
-    /// [`Failure::Data`] when something is refused.
+    /// [`Failure::Data`] if a finding is a refusal.
     pub fn settle(&self, findings: Findings) -> Result<Vec<Finding>, Failure> {
         settled(self.path, findings, self.accept, self.json)
     }
 }
 
-/// Says what was noticed in a file, and returns the warnings. Refused findings go to `json`, where one is asked for.
+/// Reports the findings about a file, and returns the warnings. Refusals are also written to `json`, if it is given.
 ///
 /// # Errors
-/// [`Failure::Data`] when something is refused.
+/// [`Failure::Data`] if a finding is a refusal.
 pub fn settled(
     path: &Path,
     mut findings: Findings,
@@ -117,7 +117,7 @@ pub fn settled(
     Err(Failure::Data(lines.join("\nerror: data refused: ")))
 }
 
-/// What `--json` has of measurements that are refused.
+/// The JSON document that `--json` writes of refused measurements.
 #[derive(Serialize)]
 struct RefusedJson {
     version: &'static str,
@@ -125,7 +125,8 @@ struct RefusedJson {
     warnings: Vec<Finding>,
 }
 
-/// An error of the reader with the mistake that explains it, where one does: a joint beyond its limits may be reversed.
+/// Adds to an error of the reader the mistake that explains it, if one does: a joint beyond its limits may be reversed,
+/// for instance.
 pub fn explained(input: &Input<'_>, robot: &Robot, error: InputError) -> InputError {
     let explanation = || {
         let set = match input.bytes {

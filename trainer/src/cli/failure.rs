@@ -1,4 +1,4 @@
-//! Everything that ends a command early, and the exit codes.
+//! The errors that end a command early, and the exit codes.
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -13,41 +13,41 @@ use poegp_calibration::model::CalibrationError;
 use poegp_calibration::model::gauge::GaugeTooFar;
 use poegp_calibration::progress::Cancelled;
 
-/// What a shell reports of a program that SIGINT has ended.
+/// Exit code that a shell reports for a program that SIGINT has ended.
 pub const CANCELLED_CODE: u8 = 130;
 
-/// Everything that ends a command early.
+/// An error that ends a command early.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// The user's data or arguments.
+    /// An error in the user's data or arguments.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The command line itself.
+    /// An error in the command line itself.
     #[error("{0}")]
     Usage(String),
-    /// A device, or the link to it.
+    /// An error of a device, or of the link to it.
     #[error(transparent)]
     Device(#[from] ClientError),
-    /// A quality bound was not met, and nothing was written; or parts of a program were left.
+    /// A quality bound that was not met, so that nothing was written; or parts of a program that stay uncorrected.
     #[error("{0}")]
     Quality(String),
-    /// A signature does not fit.
+    /// A signature that does not fit.
     #[error("{0}")]
     Refused(String),
     /// An output that could not be written; no file was changed.
     #[error("{output}: not written: {error}")]
     LostOutput {
-        /// Its path, or `standard output`.
+        /// Path of the output, or `standard output`.
         output: String,
-        /// What the system says.
+        /// Error of the operating system.
         error: std::io::Error,
     },
-    /// Measurements that no model should be made of or judged by; nothing was written.
+    /// Measurements that are unfit to make or judge a model; nothing was written.
     #[error(
         "data refused: {0}\nhelp: nothing was written; --accept CAUSE goes on with a warning, CAUSE being the word in brackets"
     )]
     Data(String),
-    /// Ctrl-C.
+    /// A calibration that Ctrl-C has cancelled.
     #[error("stopped: the calibration was cancelled, nothing was written")]
     Cancelled(#[from] Cancelled),
 }
@@ -59,7 +59,7 @@ impl Failure {
         Self::LostOutput { output, error }
     }
 
-    /// The exit code of a command that ends so.
+    /// Returns the exit code of a command that ends with this failure.
     pub fn exit_code(&self) -> ExitCode {
         match self {
             Self::Quality(_) | Self::Refused(_) | Self::LostOutput { .. } => ExitCode::from(1),
@@ -87,7 +87,7 @@ impl From<ExportError> for Failure {
     }
 }
 
-/// A calibration error as one of the file.
+/// Converts a calibration error to an error about the measurement file.
 pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
     match error {
         CalibrationError::PositionsAlone { method } => InputError::new(
@@ -131,7 +131,7 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
     }
 }
 
-/// A failed calibration or export as an error of the file it came from.
+/// Converts the error of a calibration or an export to an error about the measurement file.
 pub fn device_failure(path: &Path, error: DeviceError) -> Failure {
     match error {
         DeviceError::Calibration(CalibrationError::Gauge(error)) => {

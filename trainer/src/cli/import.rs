@@ -15,7 +15,7 @@ use crate::import::{Imported, Row, import_bytes, sockets};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::features_beside;
 
-/// Rows that are shown as they were understood.
+/// Number of rows that are printed as they were understood.
 const SHOWN: usize = 3;
 
 /// `trainer import`.
@@ -57,16 +57,16 @@ pub struct Import {
 /// Name of the preset that reads folders of socket touches.
 const SOCKETS: &str = "mukca";
 
-/// What `--preset` names.
+/// The preset that `--preset` names.
 #[derive(Clone, Copy, Debug)]
 pub enum Chosen {
-    /// A map of columns.
+    /// A column map.
     Map(Preset),
-    /// Folders of socket touches.
+    /// The reader of folders with socket touches.
     Sockets,
 }
 
-/// Reads the name of a preset.
+/// Creates the parser of a preset's name.
 fn preset() -> impl TypedValueParser<Value = Chosen> {
     let maps = PRESETS.map(|preset| PossibleValue::new(preset.name).help(preset.about()));
     let sockets = "Folders of MUKCa: PLACE/hole_0.csv, PLACE/hole_1.csv with joints in radians, no header; becomes a touch file";
@@ -79,7 +79,7 @@ fn preset() -> impl TypedValueParser<Value = Chosen> {
     })
 }
 
-/// Reads a distance of 1 mm or more.
+/// Parses a distance of 1 mm or more.
 fn distance(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(mm) if mm >= 1.0 && f64::is_finite(mm) => Ok(mm),
@@ -88,7 +88,7 @@ fn distance(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Makes a touch file and its features from folders of socket touches.
+/// Converts folders of socket touches to a touch file and the description of its features.
 fn run_sockets(a: &Import) -> Result<(), Failure> {
     let [folder] = a.files.as_slice() else {
         return Err(Failure::Usage(format!(
@@ -216,7 +216,7 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The one preset that fits the header; it is printed.
+/// Finds the one preset that fits the header, and prints it.
 fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> {
     let preset = match (files, bytes) {
         ([file], [bytes]) => Preset::matching(file, bytes),
@@ -242,7 +242,7 @@ fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> 
     }
 }
 
-/// The first rows, for other programs.
+/// Creates the JSON document: number of rows, first rows and notes.
 fn summary(imported: &Imported) -> Value {
     let shown: Vec<Value> = imported
         .rows
@@ -261,7 +261,7 @@ fn summary(imported: &Imported) -> Value {
     json!({ "measurements": imported.rows.len(), "first_rows": shown, "notes": imported.notes })
 }
 
-/// The first rows as they were understood, a column for each.
+/// Prints the first rows as they were understood, with a column for each row.
 fn show(report: Printer, rows: &[Row]) {
     let shown: Vec<Vec<(String, String)>> =
         rows.iter().take(SHOWN).map(|row| row.fields()).collect();

@@ -1,18 +1,18 @@
-//! Measurements that a command reads, which need not be in a file.
+//! Measurements that a command reads from a file or from memory.
 
 use std::path::Path;
 
-/// A measurement file, or its bytes.
+/// A measurement file, or measurements in memory.
 #[derive(Clone, Copy)]
 pub struct Input<'a> {
-    /// The file, or a name for messages.
+    /// Path of the file, or a name for messages.
     pub path: &'a Path,
-    /// The bytes of what is in no file.
+    /// Bytes of measurements in memory; `None` if they are in a file.
     pub bytes: Option<&'a [u8]>,
 }
 
 impl<'a> Input<'a> {
-    /// A file.
+    /// Creates the input that reads a file.
     pub fn file(path: &'a Path) -> Self {
         Self { path, bytes: None }
     }

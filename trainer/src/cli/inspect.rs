@@ -119,12 +119,12 @@ fn document(loaded: &BlobModel) -> Value {
     })
 }
 
-/// What the blob says of its signature.
+/// Returns the signature part of the blob, if it has one.
 fn trailer(loaded: &BlobModel) -> Option<Trailer> {
     envelope::open(loaded.bytes()).ok()?.trailer
 }
 
-/// What the device's standard deviation is made of; null when the blob has none.
+/// Describes the parts of the device's standard deviation as JSON; null if the blob contains none.
 fn predictive_std(blob: &Blob<'_>) -> Value {
     let mm = |variance: f32| 1e3 * variance.sqrt();
     match (&blob.correction, &blob.variance) {
@@ -142,7 +142,7 @@ fn predictive_std(blob: &Blob<'_>) -> Value {
     }
 }
 
-/// The same in a sentence.
+/// Describes the parts of the device's standard deviation in a sentence.
 fn predictive_std_line(blob: &Blob<'_>) -> String {
     let mm = |variance: f32| 1e3 * variance.sqrt();
     match (&blob.correction, &blob.variance) {
@@ -322,7 +322,8 @@ fn print_joints(report: Printer, blob: &Blob<'_>) {
     report.line("");
 }
 
-/// Orders of the own-joint curves, and the root mean square of each joint's curve over a turn in µrad; `None` without curves.
+/// Returns the number of orders of the own-joint curves, and the RMS of each joint's curve over a turn in µrad; `None`
+/// without curves.
 fn curves(elastic: &Elastic<'_>, joints: usize) -> Option<(usize, Vec<f32>)> {
     let amplitudes: Vec<f32> = elastic
         .curves
@@ -336,7 +337,7 @@ fn curves(elastic: &Elastic<'_>, joints: usize) -> Option<(usize, Vec<f32>)> {
     (each > 0).then(|| (each / 2, amplitudes.chunks_exact(each).map(rms).collect()))
 }
 
-/// Inducing points of each joint.
+/// Counts the inducing points of each joint.
 fn points_of_joints(elastic: &Elastic<'_>) -> Vec<u32> {
     let sum = |points: &SetPoints| points.iter().map(|points| u32::from(*points)).sum();
     elastic.sets.iter().map(sum).collect()

@@ -1,4 +1,4 @@
-//! `--correct-drift`: measurement files with the motion of the instrument taken out.
+//! `--correct-drift`: measurement files with the motion of the instrument removed.
 
 use std::path::Path;
 
@@ -11,14 +11,15 @@ use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::ToolName;
 
-/// The same in every report: what the correction may know.
+/// Line of every report about the data that the drift correction uses.
 pub const NO_LEAK: &str =
     "  (from the reference points alone, not from measured poses, so held-out errors stay honest)";
 
-/// Left over of what points that were left out show, when the motion is worth taking out.
+/// Largest ratio of the errors on left-out reference points with correction to those without, for which the correction is
+/// worth a hint.
 const WORTH_IT: f64 = 0.9;
 
-/// What `--correct-drift` asks for.
+/// Returns the drift correction that `--correct-drift` asks for.
 pub fn correction(asked: bool) -> DriftCorrection<'static> {
     match asked {
         true => DriftCorrection::Estimated,
@@ -26,7 +27,7 @@ pub fn correction(asked: bool) -> DriftCorrection<'static> {
     }
 }
 
-/// A training file, without its drift when that is asked for.
+/// Reads a training file, and removes its drift if `correct` is set.
 pub fn read(
     arm: &Arm,
     input: &Input<'_>,
@@ -40,7 +41,8 @@ pub fn read(
     Ok(file)
 }
 
-/// What a certificate states of the drift, with whether it was removed: `removed`, or what the reference points of `set` show.
+/// Returns the drift that a certificate states, and whether it was removed: `removed`, or otherwise the drift that the
+/// reference points of `set` show.
 pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(DriftReport, bool)> {
     match removed {
         Some(report) => Some((report.clone(), true)),
@@ -48,7 +50,7 @@ pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(Dri
     }
 }
 
-/// What reference points show. Points that cannot be used show nothing.
+/// Estimates the drift from the reference points; `None` if they are missing or unusable.
 fn seen(set: &MeasurementSet) -> Option<DriftReport> {
     let first = set.measurements.first()?;
     if first.references.is_empty() {
@@ -57,7 +59,7 @@ fn seen(set: &MeasurementSet) -> Option<DriftReport> {
     Drift::estimate(set).ok().map(|drift| drift.report)
 }
 
-/// Names `--correct-drift` where the reference points of a file show a motion that is worth it.
+/// Suggests `--correct-drift` if the reference points of a file show enough motion.
 fn hint(path: &Path, set: &MeasurementSet) {
     let Some(report) = seen(set) else {
         return;

@@ -175,7 +175,7 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A higher one in every second; in 2106 they come to an end.
+/// Returns a revision that grows every second; in 2106 the time exceeds 32 bits.
 fn revision_of_now() -> Result<u32, Failure> {
     let seconds = now().unix_timestamp();
     u32::try_from(seconds).map_err(|_| {
@@ -185,7 +185,7 @@ fn revision_of_now() -> Result<u32, Failure> {
     })
 }
 
-/// A secret key from its file; a note goes to standard error when others can read it.
+/// Reads a secret key; a note goes to standard error if other users can read the file.
 pub fn read_secret_key(path: &Path) -> Result<SecretKey, Failure> {
     let key = SecretKey::read(path)?;
     note_when_others_read(path);
@@ -226,14 +226,14 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
     Ok(())
 }
 
-/// `path` with `suffix` behind its name, which may have dots of its own.
+/// Appends `suffix` to the name of `path`, which may contain dots of its own.
 pub fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(suffix);
     name.into()
 }
 
-/// A copied key has the permissions of any file.
+/// Prints a note if other users can read a key: a copied key has the permissions of an ordinary file.
 fn note_when_others_read(path: &Path) {
     #[cfg(unix)]
     {

@@ -1,7 +1,7 @@
 //! The command line: one file or folder for each command, with its arguments.
 //!
-//! Exit codes: 0 done, 1 a quality bound was not met, a signature does not fit or an output was lost, 2 usage or input error, 3
-//! data refused, 130 stopped by Ctrl-C. Errors are printed once, here.
+//! Exit codes: 0 done, 1 a quality bound was not met, a signature does not fit or an output was lost, 2 usage or input
+//! error, 3 data refused, 130 stopped by Ctrl-C. Errors are printed once, here.
 
 mod args;
 mod bridge;
@@ -169,7 +169,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     ended(result.and_then(|()| terminal::print::finish()))
 }
 
-/// Prints why a command failed, if it did, and returns the exit code.
+/// Prints the failure of a command, if there is one, and returns the exit code.
 fn ended(result: Result<(), Failure>) -> ExitCode {
     let Err(failure) = result else {
         return ExitCode::SUCCESS;
@@ -183,7 +183,7 @@ fn ended(result: Result<(), Failure>) -> ExitCode {
     failure.exit_code()
 }
 
-/// The command line with its help.
+/// Creates the command line with its help texts.
 fn command() -> clap::Command {
     fn with_exit_codes(command: clap::Command) -> clap::Command {
         let help = match command.get_after_help() {
@@ -195,7 +195,7 @@ fn command() -> clap::Command {
     with_exit_codes(Arguments::command())
 }
 
-/// The text of `docs/reference/commands.md`.
+/// Returns the text of `docs/reference/commands.md`.
 pub fn command_reference() -> String {
     completions::command_reference(command())
 }

@@ -1,4 +1,4 @@
-//! `trainer sign` and `trainer verify` of a report or its JSON: the signature is a file beside it.
+//! `trainer sign` and `trainer verify` for a report or its JSON: the signature is in a separate file beside it.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use crate::signing::document;
 use crate::signing::{PublicKey, id_text};
 use poegp_calibration::input_error::InputError;
 
-/// Reports and their JSON; everything else is a blob.
+/// Whether a path names a report or its JSON; everything else is a blob.
 pub fn is_document(path: &Path) -> bool {
     path.extension().is_some_and(|extension| {
         ["html", "htm", "json"]

@@ -65,7 +65,7 @@ pub struct Simulate {
     pub json: Option<PathBuf>,
 }
 
-/// Reads a scenario by its name.
+/// Creates the parser of a scenario's name.
 fn scenario() -> impl TypedValueParser<Value = Scenario> {
     const SCENARIOS: [(&str, Scenario, &str); 4] = [
         (
@@ -101,7 +101,7 @@ fn scenario() -> impl TypedValueParser<Value = Scenario> {
     })
 }
 
-/// Reads a kind with the number of its features, as `socket2`.
+/// Parses a kind of feature with the number of such features, such as `socket2`.
 fn touch_task(text: &str) -> Result<TouchTask, String> {
     let word = text.trim_end_matches(|c: char| c.is_ascii_digit());
     let kind = TOUCH_KINDS.iter().find(|(name, _)| *name == word);
@@ -121,10 +121,10 @@ fn touch_task(text: &str) -> Result<TouchTask, String> {
     }
 }
 
-/// Poses of the truth beside touches.
+/// Number of poses in the file of true positions that accompanies touches.
 const TRUTH_POSES: usize = 300;
 
-/// The files of `--touch`.
+/// Simulates the files of `--touch`.
 fn touched_sets(
     a: &Simulate,
     robot: &Robot,
@@ -232,15 +232,15 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
 
 /// One file of a simulation.
 pub struct SimulatedSet {
-    /// Its path.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Its rows.
+    /// Number of rows.
     pub poses: usize,
-    /// All of it.
+    /// The whole text of the file.
     pub csv: String,
 }
 
-/// `train.csv` and the test sets, to be written into `folder`.
+/// Simulates `train.csv` and the test sets, to be written into `folder`.
 pub fn simulated_sets(
     robot: &Robot,
     simulator: &mut Simulator,

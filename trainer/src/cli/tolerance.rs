@@ -1,4 +1,4 @@
-//! What an arm is to meet, on the command line and in a project file.
+//! Tolerances that an arm must meet, on the command line and in a project file.
 
 use clap::Args;
 use poegp_calibration::validation::conformity::{COVERAGE, Evidence, Tolerances, Verdict};
@@ -41,12 +41,13 @@ pub struct ToleranceTable {
 }
 
 impl ToleranceArgs {
-    /// Whether one was given.
+    /// Whether any of these options was given.
     pub fn is_given(&self) -> bool {
         self.tolerance_mm.is_some() || self.tolerance_mrad.is_some() || self.coverage.is_some()
     }
 
-    /// What the command line says, and of a project's table what that leaves open; the keys that it overrides.
+    /// Completes the options of the command line with a project's table. Also returns the keys of the table that the command
+    /// line overrides.
     pub fn completed(&self, table: &ToleranceTable) -> (Tolerances, Vec<&'static str>) {
         let given = [
             (
@@ -76,7 +77,7 @@ impl ToleranceArgs {
 }
 
 impl ToleranceTable {
-    /// What a project file keeps of tolerances.
+    /// Creates the table of a project file from tolerances.
     pub fn new(tolerances: &Tolerances) -> Self {
         Self {
             position_mm: tolerances.position_mm,
@@ -85,12 +86,12 @@ impl ToleranceTable {
         }
     }
 
-    /// Whether nothing is stated.
+    /// Whether the table states nothing.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 
-    /// A key whose value is out of range, with what was found and what is expected.
+    /// Checks the ranges. The error holds a key whose value is out of range, that value, and the expected range.
     pub fn check(&self) -> Result<(), (&'static str, f64, &'static str)> {
         let is_size = |x: f64| x > 0.0 && x.is_finite();
         let sizes = [
@@ -122,7 +123,7 @@ fn coverage(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Names what a certificate leaves open, where somebody asked for a verdict.
+/// Prints a note about the entries that a certificate lacks, if a verdict was asked for.
 pub fn note_missing(certificate: &Certificate, statement: &Statement) {
     if statement.tolerances.is_stated() && !certificate.missing.is_empty() {
         note(format_args!(
@@ -132,7 +133,7 @@ pub fn note_missing(certificate: &Certificate, statement: &Statement) {
     }
 }
 
-/// The verdict, and what the certificate leaves open.
+/// Prints the verdict, and the entries that the certificate lacks.
 pub fn print(report: Printer, certificate: &Certificate, statement: &Statement) {
     note_missing(certificate, statement);
     let conformity = certificate.conformity.as_ref();
@@ -141,7 +142,7 @@ pub fn print(report: Printer, certificate: &Certificate, statement: &Statement) 
     }
 }
 
-/// What ends the command where a tolerance was asked for and is not shown to be met.
+/// Fails if a tolerance was asked for and is not shown to be met.
 pub fn outcome(certificate: Option<&Certificate>, statement: &Statement) -> Result<(), Failure> {
     if !statement.tolerances.is_stated() {
         return Ok(());

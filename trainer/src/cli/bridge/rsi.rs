@@ -123,7 +123,7 @@ pub fn run(a: &RsiArgs) -> Result<(), Failure> {
     });
     let served = stoppable(|stop| serve(&socket, &mut rsi, a.cycles, stop, &sender));
     drop(sender);
-    // It ends with the sender.
+    // The printing thread ends when the sender is dropped.
     let _ = printing.join();
     let report = served.map_err(|error| Failure::Usage(format!("{address}: {error}")))?;
     summarize(printer, &report);
@@ -131,7 +131,7 @@ pub fn run(a: &RsiArgs) -> Result<(), Failure> {
     write_summary(a.json.as_deref(), document)
 }
 
-/// RSI reports and corrects A1 to A6.
+/// Refuses robots other than arms with six revolute joints: RSI reports and corrects A1 to A6.
 fn check_axes(path: &Path, loaded: &BlobModel) -> Result<(), Failure> {
     let joints = &loaded.blob().robot.joints;
     let sliding = (joints.iter())
@@ -201,7 +201,7 @@ fn introduce(
     printer.line(format_args!("listens   {address}, until Ctrl-C"));
 }
 
-/// One line while it runs.
+/// Formats the status line that is printed while the bridge runs.
 fn line(report: &Report) -> String {
     let counts = &report.counts;
     let cpu = report.cpu_us.map_or(String::new(), |cpu| {

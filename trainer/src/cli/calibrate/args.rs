@@ -94,7 +94,7 @@ pub struct Calibrate {
     pub controller_csv: Option<PathBuf>,
 }
 
-/// A day of the calendar.
+/// Parses a date of the calendar, YYYY-MM-DD.
 pub fn date(text: &str) -> Result<String, String> {
     let numbers: Option<Vec<u16>> = text
         .split('-')

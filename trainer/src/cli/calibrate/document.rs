@@ -31,7 +31,7 @@ use poegp_calibration::validation::model_selection::Row;
 use poegp_calibration::validation::next_steps::NextSteps;
 use poegp_calibration::validation::work_volume::ExpectedError;
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct CalibrateJson {
     pub version: &'static str,
@@ -39,36 +39,36 @@ pub struct CalibrateJson {
     pub robot: String,
     pub training_poses: usize,
     pub training: ErrorSummary,
-    /// Errors on poses that were not trained on, where some were asked for.
+    /// Errors on poses that the model was not trained on, if they were asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub held_out: Option<HeldOutSummary>,
-    /// Whether the arm conforms to its tolerance, and who measured it with what; present with `held_out`.
+    /// Whether the arm conforms to its tolerance, and who measured it with which instrument; present with `held_out`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub certificate: Option<Certificate>,
-    /// The position error to be expected all over the measured ranges of the joints.
+    /// Expected position error over the whole measured ranges of the joints.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<ExpectedError>,
-    /// What would lower it.
+    /// Steps that would lower the expected error.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub next_steps: Option<NextSteps>,
     pub step1: Option<Step1>,
     pub hyperparameters: Vec<Hyperparameters>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub elastic: Option<ElasticSummary>,
-    /// Where base and tool come from, and by how much commands move.
+    /// Sources of base and tool, and how far commands move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gauge: Option<GaugeSummary>,
-    /// Training measurements that do not belong, by their lines.
+    /// Training measurements that contradict the others, by their lines.
     pub outliers: Vec<ListedOutlier>,
-    /// What somebody must look at.
+    /// Warnings that the user must look at.
     pub warnings: Vec<Finding>,
-    /// What was chosen, and why.
+    /// The method that was chosen, and why.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chosen: Option<String>,
-    /// The candidates of the choice, or a method that was named and simpler ones.
+    /// Candidates that were compared: those of the automatic choice, or a named method and the simpler ones.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub choice: Option<Vec<Row>>,
-    /// The table that a budget was fitted by; the first row is the model without a budget.
+    /// Trials by which the model was fitted to a budget; the first row is the model without a budget.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub budget: Option<Vec<BudgetTrial>>,
     pub correction_limit_mm: f64,
@@ -77,13 +77,13 @@ pub struct CalibrateJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<DriftReport>,
     pub identifiability: Option<IdentifyReport>,
-    /// Numbers of the arm beside those of the drawing, and signed errors.
+    /// Numbers of the calibrated arm beside those of the drawing, and signed errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub controller: Option<ControllerSummary>,
-    /// By how much the frames differ from the drawing.
+    /// Differences of the frames from the drawing.
     pub frames: Vec<FrameChange>,
     pub blob: BlobSummary,
-    /// Whether the blob is, to the byte, the one that a project file states.
+    /// Whether the blob is byte for byte the one that the project file states.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repeats: Option<bool>,
     pub provenance: Provenance,
@@ -128,7 +128,7 @@ impl LossJson {
 }
 
 impl BlobSummary {
-    /// Summarizes a blob that is written to `path`.
+    /// Summarizes a blob that will be written to `path`.
     pub fn new(path: &Path, blob: &BlobModel) -> Self {
         Self {
             file: path.display().to_string(),
@@ -139,26 +139,26 @@ impl BlobSummary {
     }
 }
 
-/// What `--json` writes of a calibration by touches.
+/// The JSON document that `--json` writes of a calibration by touches.
 #[derive(Serialize)]
 pub struct TouchJson {
     pub version: &'static str,
     pub robot: String,
     pub touches: TouchSummary,
-    /// What `--prior` reads for a sister arm.
+    /// Record of this arm, which `--prior` reads when a sister arm is calibrated.
     pub arm: ArmRecord,
-    /// What somebody must look at.
+    /// Warnings that the user must look at.
     pub warnings: Vec<Finding>,
-    /// Numbers of the arm beside those of the drawing.
+    /// Numbers of the calibrated arm beside those of the drawing.
     pub controller: ControllerSummary,
-    /// Present with `--report` or a tolerance.
+    /// Certificate; present with `--report` or a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub certificate: Option<Certificate>,
     pub correction_limit_mm: f64,
     pub correction_limit_mrad: f64,
     pub single_precision_loss_um: LossJson,
     pub blob: BlobSummary,
-    /// Whether the blob is, to the byte, the one that a project file states.
+    /// Whether the blob is byte for byte the one that the project file states.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub repeats: Option<bool>,
     pub provenance: Provenance,
@@ -222,7 +222,7 @@ pub fn document(
     }
 }
 
-/// The outliers of a calibration with `samples`, which are the rows of `set`.
+/// Lists the outliers of a calibration with `samples`, which are the rows of `set`.
 pub fn outliers(
     calibration: &Calibration,
     set: &MeasurementSet,

@@ -9,29 +9,30 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::numeric::lbfgs::SearchEnd;
 
-/// The part of `--json`.
+/// The elastic model in the `--json` document.
 #[derive(Serialize)]
 pub struct ElasticSummary {
     noise_mm: f64,
-    /// `None` where no orientation was measured.
+    /// Orientation noise, mrad; `None` if no orientation was measured.
     noise_mrad: Option<f64>,
     inducing_points: usize,
     search: SearchSummary,
     ripple: Vec<RippleSummary>,
-    /// Gear ripple that was not taken.
+    /// Gear ripple that the model leaves out because the measured joint values do not determine its frequency.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     ambiguous_ripple: Vec<AmbiguousSummary>,
-    /// `None` where the evidence asks for none.
+    /// Own-joint curve; `None` if the evidence does not support one.
     own_joint_curve: Option<CurveSummary>,
-    /// `None` where the evidence has none, or the moments of the rows are not known.
+    /// Warm-up; `None` if the evidence shows none, or if the times of the rows are unknown.
     warm_up: Option<WarmUpReport>,
-    /// By how much the weights that single precision holds move the target, RMS; left out where it holds all.
+    /// RMS displacement of the target, in µm, by the smaller weights that single precision requires; left out if single
+    /// precision holds the weights as they are.
     #[serde(skip_serializing_if = "Option::is_none")]
     single_precision_cost_um: Option<f64>,
-    /// Predictive standard deviation of a blob that says how well it knows the position.
+    /// Predictive standard deviation of the position; present if the blob contains one.
     #[serde(skip_serializing_if = "Option::is_none")]
     predictive_std: Option<StdSummary>,
-    /// Whether a predictive standard deviation was wanted.
+    /// Whether the configuration asks for a predictive standard deviation.
     #[serde(skip)]
     predictive_std_wanted: bool,
 }
@@ -74,7 +75,7 @@ struct RippleSummary {
 }
 
 impl ElasticSummary {
-    /// Summarizes a calibration with these samples; `None` unless the correction is elastic.
+    /// Summarizes a calibration with its samples; `None` unless the correction is elastic.
     pub fn new(calibration: &Calibration, samples: &[InstrumentSample]) -> Option<Self> {
         let elastic = calibration.correction.elastic()?;
         let report = &elastic.report;
@@ -127,7 +128,7 @@ impl ElasticSummary {
         })
     }
 
-    /// The gear ripple for a page.
+    /// Returns the gear ripple for the HTML report.
     pub fn listed_ripple(&self) -> Vec<Ripple> {
         let listed = |r: &RippleSummary| Ripple {
             joint: r.joint,
@@ -137,18 +138,18 @@ impl ElasticSummary {
         self.ripple.iter().map(listed).collect()
     }
 
-    /// The own-joint curve for a page: amplitude in µrad, length scale in degrees, orders.
+    /// Returns the own-joint curve for the HTML report: amplitude in µrad, lengthscale in degrees, number of orders.
     pub fn listed_curve(&self) -> Option<(f64, f64, usize)> {
         let curve = self.own_joint_curve.as_ref()?;
         Some((curve.amplitude_urad, curve.length_scale_deg, curve.orders))
     }
 
-    /// The warm-up, if there is one.
+    /// Returns the warm-up, if there is one.
     pub fn warm_up(&self) -> Option<&WarmUpReport> {
         self.warm_up.as_ref()
     }
 
-    /// The same for a reader.
+    /// Prints the summary.
     pub fn print(&self, report: Printer) {
         let orientation = self
             .noise_mrad

@@ -54,7 +54,7 @@ pub enum GaugeFit {
     Grid,
 }
 
-/// The same in a project file.
+/// The table `[gauge]` of a project file, with the same settings as [`GaugeArgs`].
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, expecting = "a table [gauge] with its keys")]
 pub struct GaugeTable {
@@ -79,7 +79,8 @@ impl GaugeTable {
 }
 
 impl GaugeArgs {
-    /// What the command line says, and of a project's table what that leaves open; the keys that it overrides.
+    /// Completes the options of the command line with a project's table. Also returns the keys of the table that the command
+    /// line overrides.
     pub fn completed(
         &self,
         table: &GaugeTable,
@@ -92,7 +93,7 @@ impl GaugeArgs {
             Some(name) => *given = Some(resolve(name)),
             None => {}
         };
-        // Another way to state the base replaces the project's.
+        // A base that the command line states in another way replaces the project's.
         if out.base_from.is_none() {
             path(&mut out.keep_gauge, &table.keep_gauge, "gauge.keep_gauge");
             path(&mut out.references, &table.references, "gauge.references");
@@ -116,12 +117,12 @@ impl GaugeArgs {
         (out, overridden)
     }
 
-    /// Whether nothing is stated.
+    /// Whether no option of the gauge was given.
     pub fn is_empty(&self) -> bool {
         self.table(|path| path.display().to_string()).is_empty()
     }
 
-    /// Files that are read.
+    /// Returns the files that these options read.
     pub fn inputs(&self) -> impl Iterator<Item = &Path> {
         let base = self.base_from.as_deref().filter(|text| !is_pose(text));
         let files = [&self.keep_gauge, &self.references, &self.previous];
@@ -132,7 +133,7 @@ impl GaugeArgs {
             .chain(base.map(Path::new))
     }
 
-    /// The same as a table, with paths as `relative` writes them.
+    /// Converts the options to a table of a project file, with paths as `relative` writes them.
     pub fn table(&self, relative: impl Fn(&Path) -> String) -> GaugeTable {
         let path = |path: &Option<PathBuf>| path.as_deref().map(&relative);
         let base = |text: &String| match is_pose(text) {
@@ -150,17 +151,17 @@ impl GaugeArgs {
     }
 }
 
-/// What is known of the gauge before the fit.
+/// The part of the gauge that is known before the fit.
 pub struct Known {
     pub choice: GaugeChoice,
     /// The blob whose commands the new ones are compared with.
     pub previous: Option<(PathBuf, BlobModel)>,
-    /// Registration of the points that state the base or carry it to another station.
+    /// Registration of the points that state the base or that carry it over after the instrument was moved.
     registration: Option<Registration>,
 }
 
 impl Known {
-    /// Reads what the options name.
+    /// Reads the files that the options name.
     pub fn read(a: &GaugeArgs, robot: &str) -> Result<Self, Failure> {
         let mut out = Self {
             choice: GaugeChoice {
@@ -206,7 +207,7 @@ impl Known {
         Ok(out)
     }
 
-    /// Base, tool and grid of an earlier blob.
+    /// Keeps base, tool and grid of an earlier blob.
     fn keep(&mut self, blob: &BlobModel) {
         let gauge = &blob.host().gauge;
         let frame = |rows| GaugeFrame {
@@ -225,7 +226,7 @@ impl Known {
         };
     }
 
-    /// What there is to say of the gauge of a calibration with these samples.
+    /// Summarizes the gauge of a calibration with its samples.
     pub fn summary(
         &self,
         calibration: &Calibration,
@@ -252,20 +253,20 @@ impl Known {
     }
 }
 
-/// The gauge in the JSON document.
+/// The gauge in the `--json` document.
 #[derive(Serialize)]
 pub struct GaugeSummary {
-    /// Where base and tool come from: `poses`, `grid`, `previous` or `stated`.
+    /// Source of the base: `poses`, `grid`, `previous` or `stated`; `tool` has the same values.
     pub base: &'static str,
     pub tool: &'static str,
     /// Joint ranges of the grid, rad or m.
     pub grid_ranges: Vec<(f64, f64)>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub grid_payload_kg: Option<f64>,
-    /// The points that state or carry the base.
+    /// The points that state the base or carry it over.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub points: Option<PointsJson>,
-    /// Against the commands of the earlier blob.
+    /// Change of the commands against those of the earlier blob.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub commands_move: Option<CommandChange>,
 }
@@ -294,7 +295,7 @@ impl GaugeSummary {
     }
 }
 
-/// By how much commands move against an earlier blob.
+/// Formats how far commands move against those of an earlier blob.
 pub fn commands_move(change: &CommandChange, previous: &Path) -> String {
     format!(
         "  commands move by {:.3} mm mean, {:.3} mm maximum against {} ({} poses)",
@@ -305,7 +306,7 @@ pub fn commands_move(change: &CommandChange, previous: &Path) -> String {
     )
 }
 
-/// Where base and tool come from, for people.
+/// Describes the sources of base and tool in a sentence.
 pub fn sources(base: &str, tool: &str, payload_kg: Option<f64>) -> String {
     let at = payload_kg.map_or(String::new(), |kg| format!(" at {kg} kg"));
     let text = |source: &str| match source {
@@ -320,7 +321,7 @@ pub fn sources(base: &str, tool: &str, payload_kg: Option<f64>) -> String {
     }
 }
 
-/// The name of a source.
+/// Returns the name of a source in the JSON document.
 pub fn source_name(source: FrameSource) -> &'static str {
     match source {
         FrameSource::Poses => "poses",
@@ -330,7 +331,7 @@ pub fn source_name(source: FrameSource) -> &'static str {
     }
 }
 
-/// A blob of the robot that is calibrated.
+/// Reads a blob and refuses it unless it is of `robot`, the robot that is calibrated.
 pub fn of_robot(path: &Path, robot: &str) -> Result<BlobModel, Failure> {
     let blob = BlobModel::read(path)?;
     let found = blob.blob().robot.name;
@@ -343,7 +344,7 @@ pub fn of_robot(path: &Path, robot: &str) -> Result<BlobModel, Failure> {
     }
 }
 
-/// Whether a text is a pose rather than the name of a file.
+/// Whether a text is a pose rather than a file name.
 fn is_pose(text: &str) -> bool {
     text.split(',').count() == 7
         && text
@@ -351,7 +352,7 @@ fn is_pose(text: &str) -> bool {
             .all(|part| part.trim().parse::<f64>().is_ok())
 }
 
-/// X,Y,Z,QW,QX,QY,QZ in mm.
+/// Parses a pose given as X,Y,Z,QW,QX,QY,QZ in mm and a unit quaternion.
 fn pose_of(option: &str, text: &str) -> Result<Pose<f64>, Failure> {
     let expected = "expected seven numbers X,Y,Z,QW,QX,QY,QZ: millimetres and a unit quaternion";
     let refused = |found: String| {

@@ -1,4 +1,4 @@
-//! A calibration to do: a project file, if there is one, overridden by the command line.
+//! One calibration job: the settings of the project file, if there is one, overridden by the command line.
 
 use std::path::PathBuf;
 
@@ -17,21 +17,21 @@ use poegp_calibration::validation::device_budget::Budget;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// Everything that a calibration needs. Paths are as seen from the working folder.
+/// All settings of a calibration. Paths are relative to the working folder.
 pub struct Job {
     pub robot: String,
     pub chain: ChainArgs,
     pub train: PathBuf,
-    /// The measurements, where `train` is their name and no file.
+    /// Bytes of the measurement table if it is not in a file; then `train` is only its name.
     pub table: Option<Vec<u8>>,
-    /// What the rows of a touch file mean.
+    /// Description of the features, for a touch file.
     pub features: Option<PathBuf>,
-    /// What touches found of sister arms.
+    /// Records of sister arms that were calibrated by touches.
     pub prior: Vec<PathBuf>,
     pub tests: Vec<PathBuf>,
     pub correct_drift: bool,
     pub gauge: GaugeArgs,
-    /// Causes that the user has looked into.
+    /// Causes of refusals or warnings that the user accepts.
     pub accept: Vec<Cause>,
     pub config: Config,
     /// Whether the training data choose the method.
@@ -40,26 +40,26 @@ pub struct Job {
     pub serial_number: String,
     pub date: Option<String>,
     pub out: PathBuf,
-    /// What the arm is to meet, and who measures it with what.
+    /// Tolerances that the arm must meet, and who measures it with which instrument.
     pub statement: Statement,
     pub report: Option<PathBuf>,
     pub json: Option<PathBuf>,
     pub controller_csv: Option<PathBuf>,
     pub write_project: Option<PathBuf>,
     pub project: Option<PathBuf>,
-    /// SHA-256 that the project file states for the blob, unless an option changes the calibration.
+    /// SHA-256 that the project file states for the blob; `None` if an option changes the calibration.
     pub blob_sha256: Option<String>,
 }
 
 impl Job {
-    /// Reads the project file, and notes what overrides it.
+    /// Combines the project file with the command line, and notes which settings the command line overrides.
     pub fn new(a: &Calibrate) -> Result<Self, Failure> {
         let project = match is_project(&a.train) {
             true => Some(Project::read(&a.train)?),
             false => None,
         };
         let is_named = project.as_ref().is_some_and(Project::names_method);
-        // A budget, and a number of inducing points, are those of the elastic model.
+        // Only the elastic model has a budget or a number of inducing points, so these options exclude the automatic choice.
         let is_sized = a.max_instructions.is_some()
             || a.max_blob_bytes.is_some()
             || a.fit.inducing_points.is_some();
@@ -126,7 +126,7 @@ impl Job {
         Ok(job)
     }
 
-    /// Takes from a project file what was not given.
+    /// Fills in from the project file what the command line leaves open.
     fn complete(
         &mut self,
         a: &Calibrate,
@@ -140,7 +140,7 @@ impl Job {
             .into_iter()
             .map(|key| format!("calibration.{key}"))
             .collect();
-        // What is made of the data, then where it goes.
+        // The settings that change the calibration; the outputs follow.
         let content = [
             (self.auto && project.names_method(), "calibration.method"),
             (a.robot.is_some(), "robot.description"),

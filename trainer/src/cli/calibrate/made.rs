@@ -1,18 +1,18 @@
-//! What a calibration comes to.
+//! The result of a calibration.
 
 use std::path::PathBuf;
 
 use crate::cli::calibrate::document::CalibrateJson;
 use poegp_calibration::blob::write::CalibratedBlob;
 
-/// A calibration with everything that can be said of it; nothing is written.
+/// A finished calibration with all its outputs, before anything is written.
 pub struct Made {
     pub found: CalibratedBlob,
     pub document: CalibrateJson,
-    /// The HTML page, where one is asked for.
+    /// The HTML report, if it is asked for.
     pub report: Option<String>,
-    /// The project file, where one is asked for.
+    /// The text of the project file, if it is asked for.
     pub project: Option<String>,
-    /// The blob whose commands the new ones are compared with.
+    /// The earlier blob whose commands the new ones are compared with.
     pub previous: Option<PathBuf>,
 }

@@ -88,10 +88,10 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     tolerance::outcome(made.document.certificate.as_ref(), &a.statement)
 }
 
-/// Calibrates.
+/// Calibrates as the job says, without writing anything.
 ///
 /// # Errors
-/// [`Failure`], of what is read as of what is found.
+/// [`Failure`] about the inputs or about the result.
 pub fn make(a: &Job) -> Result<Made, Failure> {
     if a.features.is_some() {
         return Err(Failure::Usage(format!(
@@ -162,7 +162,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
             }
             findings.0.extend(choice.findings());
         }
-        // A method that these data do not allow says so itself.
+        // A method that these data do not allow fails with an error of its own.
         None if config.method != Method::BaseTool
             && applicable(&samples).contains(&config.method) =>
         {
@@ -294,7 +294,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     })
 }
 
-/// Cross-validation within the training data, for a choice.
+/// Creates the cross-validation within the training data by which models are chosen.
 fn selection<'a>(
     arm: &'a Arm,
     samples: &'a [InstrumentSample],
@@ -313,8 +313,8 @@ fn selection<'a>(
     }
 }
 
-/// Lets the training data choose, or compares the method that was named with simpler ones; `None` where too few poses can
-/// be held out for that.
+/// Lets the training data choose the method, or compares the named method with simpler ones. Returns `None` if there are
+/// too few poses to hold some out.
 fn choose_model(
     a: &Job,
     arm: &Arm,
@@ -352,7 +352,7 @@ fn choose_model(
     })
 }
 
-/// Without rows to hold out nothing shows that a calibration helps.
+/// Creates the finding that there are too few poses to hold some out, so that nothing shows that the calibration helps.
 fn too_few_to_show(samples: &[InstrumentSample]) -> Finding {
     Finding {
         cause: Cause::Gain,
@@ -367,7 +367,7 @@ fn too_few_to_show(samples: &[InstrumentSample]) -> Finding {
     }
 }
 
-/// Sizes the model for a budget.
+/// Chooses the elastic model that fits the budget; returns its configuration with the trials.
 fn fit_budget(
     a: &Job,
     arm: &Arm,

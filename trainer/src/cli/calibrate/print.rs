@@ -1,4 +1,4 @@
-//! What `trainer calibrate` says.
+//! The printed output of `trainer calibrate`.
 
 use crate::cli::calibrate::document::CalibrateJson;
 use crate::cli::calibrate::job::Job;
@@ -15,7 +15,7 @@ use poegp_calibration::model::correction::Correction;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_protocol::blob::Correction as BlobCorrection;
 
-/// Everything, once it is written.
+/// Prints all results, after the outputs are written.
 pub fn all(report: Printer, a: &Job, made: &Made) {
     let Made {
         found, document, ..
@@ -171,7 +171,7 @@ fn print(
     }
 }
 
-/// What was written.
+/// Prints which files were written.
 fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJson) {
     let inducing_points = blob.model().inducing_points();
     report.line(format_args!(
@@ -190,7 +190,7 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
     print_outputs(report, a, document.repeats);
 }
 
-/// Whether a project was repeated, and what was written beside the blob.
+/// Prints whether the project was repeated, and which files were written beside the blob.
 pub fn print_outputs(report: Printer, a: &Job, repeats: Option<bool>) {
     match repeats {
         Some(true) => {

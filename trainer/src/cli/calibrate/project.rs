@@ -1,8 +1,8 @@
-//! The project file: everything that repeats a calibration, in TOML.
+//! The project file: all settings that repeat a calibration, in TOML.
 //!
-//! Paths are relative to the file. The checksums, payloads and tools that it states must be those of the data. Options on
-//! the command line override it. `--write-project` writes the configuration that was used, defaults included, because
-//! another version may have other defaults.
+//! Paths are relative to the project file. The checksums, payloads and tools that it states must match the data. Options
+//! on the command line override it. `--write-project` writes the complete configuration that was used, including
+//! defaults, because another version may have other defaults.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -24,10 +24,10 @@ use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::robot::toml_source::TomlSource;
 use poegp_calibration::trust::Cause;
 
-/// Version of the format.
+/// Version of the file format.
 const VERSION: u32 = 1;
 
-/// The file.
+/// The contents of a project file.
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct File {
@@ -70,21 +70,21 @@ pub struct RobotTable {
 #[serde(deny_unknown_fields, expecting = "a table [data] with its keys")]
 pub struct DataTable {
     pub train: String,
-    /// What the rows of `train` mean, where they are touches.
+    /// Description of the features, if `train` is a touch file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub features: Option<String>,
     #[serde(default)]
     pub tests: Vec<String>,
     #[serde(default)]
     pub correct_drift: bool,
-    /// Causes that the user has looked into.
+    /// Causes of refusals or warnings that the user accepts.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub accept: Vec<Cause>,
     /// Payloads of the training data in kg, ascending.
     payloads_kg: Option<Spanned<Vec<f64>>>,
-    /// Tools of the training data in their order.
+    /// Tools of the training data, in the order of their first rows.
     tools: Option<Spanned<Vec<String>>>,
-    /// Checksums by the names of the files, as they are written in this file.
+    /// Checksums, keyed by file names as they are written in the project file.
     #[serde(default)]
     sha256: BTreeMap<Spanned<String>, Spanned<String>>,
 }
@@ -93,27 +93,27 @@ pub struct DataTable {
 #[serde(deny_unknown_fields, expecting = "a table [output] with its keys")]
 pub struct OutputTable {
     pub blob: Option<String>,
-    /// SHA-256 of the blob that was made when the file was written.
+    /// SHA-256 of the blob that was produced when the file was written.
     pub blob_sha256: Option<String>,
     pub report: Option<String>,
     pub json: Option<String>,
 }
 
-/// A project file that was read.
+/// A project file after reading, with its text for error messages.
 pub struct Project {
     pub path: PathBuf,
     text: String,
     pub file: File,
 }
 
-/// Measurements are CSV; a TOML file is a project.
+/// Whether a path names a project file: TOML is a project, anything else is measurements.
 pub fn is_project(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("toml"))
 }
 
 impl Project {
-    /// Reads a project file and checks it against the data that it names.
+    /// Reads a project file and checks it against the data files that it names.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let text = std::fs::read_to_string(path)
             .map_err(|error| InputError::unreadable(path, &error, "a project file"))?;
@@ -163,12 +163,12 @@ impl Project {
         })
     }
 
-    /// A path of the file as seen from the working folder.
+    /// Converts a path of the project file to one relative to the working folder.
     pub fn resolve(&self, name: &str) -> PathBuf {
         self.path.parent().unwrap_or(Path::new("")).join(name)
     }
 
-    /// The robot description: the name of a built-in robot, or a path.
+    /// Returns the robot description: the name of a built-in robot, or a path.
     pub fn robot(&self) -> String {
         let name = &self.file.robot.description;
         match BUILT_IN.contains(&name.as_str()) {
@@ -225,7 +225,7 @@ impl Project {
         }
     }
 
-    /// The error of a value of a table.
+    /// Creates the error about a value, with its position in the file.
     fn refused(&self, table: &str, key: &str, found: String, expected: String) -> InputError {
         #[derive(Default, Deserialize)]
         #[serde(default)]
@@ -246,7 +246,7 @@ impl Project {
         self.error(span, &format!("{table}.{key}"), found, expected)
     }
 
-    /// Refuses data that are not those that the file states.
+    /// Refuses data that do not match the checksums, payloads and tools that the file states.
     fn check_data(&self) -> Result<(), InputError> {
         let data = &self.file.data;
         for (name, stated) in &data.sha256 {
@@ -279,7 +279,7 @@ impl Project {
         if data.payloads_kg.is_none() && data.tools.is_none() {
             return Ok(());
         }
-        // The command itself reports a file that cannot be read.
+        // A file that cannot be read is reported by the command itself.
         let Ok(set) = poegp_calibration::measurement::read(self.resolve(&data.train)) else {
             return Ok(());
         };
@@ -310,7 +310,7 @@ impl Project {
     }
 }
 
-/// Payloads in kg, ascending, and tools in their order, of a measurement file.
+/// Returns the payloads of a measurement file in kg, ascending, and its tools in their order.
 pub fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
     let mut payloads: Vec<f64> = set
         .measurements
@@ -333,29 +333,29 @@ pub fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
     (payloads, tools)
 }
 
-/// A file of the data with the checksum that it had.
+/// A data file with its checksum at the time when it was read.
 pub struct Data<'a> {
     pub path: &'a Path,
     pub sha256: String,
 }
 
 impl<'a> Data<'a> {
-    /// Measurements.
+    /// Creates the entry of a measurement file.
     pub fn of_set(path: &'a Path, set: &MeasurementSet) -> Self {
         let sha256 = FileSummary::of_set("", set).sha256;
         Self { path, sha256 }
     }
 }
 
-/// What a project file at `path` is written from. Paths are as seen from the working folder.
+/// The contents from which a project file at `path` is written. Paths are relative to the working folder.
 pub struct Source<'a> {
     pub path: &'a Path,
     pub robot: RobotTable,
     pub train: Data<'a>,
-    /// What the rows of touches mean.
+    /// Description of the features, if `train` is a touch file.
     pub features: Option<Data<'a>>,
     pub tests: Vec<Data<'a>>,
-    /// Those of the training data; empty of touches, which may have several of each.
+    /// Payloads and tools of the training data; empty for touches, which may have several of each.
     pub payloads_and_tools: (Vec<f64>, Vec<String>),
     pub correct_drift: bool,
     pub gauge: &'a GaugeArgs,
@@ -370,7 +370,7 @@ pub struct Source<'a> {
 }
 
 impl Source<'_> {
-    /// The text of the project file.
+    /// Returns the text of the project file.
     pub fn text(self) -> String {
         let folder = match self.path.parent() {
             Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -394,7 +394,7 @@ impl Source<'_> {
             sums.insert(name(data.path), data.sha256.clone());
         }
         let (payloads, tools) = self.payloads_and_tools;
-        // One tool without a name says nothing.
+        // A single unnamed tool needs no entry.
         let named = tools.len() > 1
             || tools
                 .iter()
@@ -431,7 +431,7 @@ impl Source<'_> {
         };
         format!(
             "# `trainer calibrate` with this file repeats the calibration. Paths are relative to the file.\n{}",
-            // Every value has a form in TOML.
+            // Cannot fail: every value can be written as TOML.
             toml::to_string(&file).unwrap_or_default()
         )
     }
@@ -441,7 +441,7 @@ fn spanned<T>(value: T) -> Spanned<T> {
     Spanned::new(0..0, value)
 }
 
-/// `path` as seen from `folder`, with slashes; `path` itself where there is no relative one.
+/// Returns `path` relative to `folder`, with slashes; `path` itself if no relative path exists.
 fn relative(folder: &Path, path: &Path) -> String {
     let absolute = |path: &Path| -> Option<PathBuf> {
         let parent = match path.parent() {
@@ -457,7 +457,7 @@ fn relative(folder: &Path, path: &Path) -> String {
     let (from, to): (Vec<Component>, Vec<Component>) =
         (from.components().collect(), to.components().collect());
     let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
-    // Another drive.
+    // The paths are on different drives.
     if common == 0 {
         return path.to_string_lossy().into_owned();
     }

@@ -1,4 +1,4 @@
-//! `--report`: held-out errors for the page, and the pages of `calibrate` and `compare`.
+//! `--report`: the held-out errors that the reports show, and the reports of `calibrate` and `compare`.
 
 use crate::cli::calibrate::document::{BlobSummary, CalibrateJson, LossJson, TouchJson};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
@@ -34,7 +34,7 @@ use poegp_calibration::validation::touches::TouchResidual;
 /// Seed of the folds of `calibrate`, which has no option for it.
 pub const SEED: u64 = 1;
 
-/// Refuses before the work what could not be held out.
+/// Refuses data with too few poses to hold some out, before the calibration begins.
 pub fn check(
     a: &Job,
     samples: &[InstrumentSample],
@@ -61,8 +61,8 @@ pub fn check(
     })
 }
 
-/// Held-out errors of a calibration: on test sets by the blob that was made, else by cross-validation. Without a report
-/// only what `--test` asks for.
+/// Computes the held-out errors of a calibration: on the test sets with the new blob, otherwise by cross-validation.
+/// Without a report it computes only the errors that `--test` asks for.
 pub fn held_out(
     a: &Job,
     arm: &Arm,
@@ -127,7 +127,7 @@ pub fn held_out(
         };
         match task.run(&options, &mut || bar.inc(1)) {
             Ok(model) => models.push(model),
-            // What the calibration is compared with need not be possible.
+            // A method that is only compared with the calibration may fail.
             Err(error) => bar.suspend(|| {
                 crate::cli::terminal::print::note(format_args!(
                     "`{}` is left out of the comparison: {}",
@@ -167,7 +167,7 @@ pub fn held_out(
     Ok(evidence)
 }
 
-/// Where a result comes from: what was read.
+/// Returns the provenance of a calibration: the files that were read.
 pub fn provenance(
     robot: &str,
     arm: &Arm,
@@ -181,7 +181,7 @@ pub fn provenance(
     provenance_of_files(robot, arm, origin, seed, files)
 }
 
-/// Where a result comes from: `files` that were read, and the robot's file where it has one.
+/// Returns the provenance of a result: `files` that were read, and the robot's file if it has one.
 fn provenance_of_files(
     robot: &str,
     arm: &Arm,
@@ -189,7 +189,7 @@ fn provenance_of_files(
     seed: Option<u64>,
     mut files: Vec<FileSummary>,
 ) -> Provenance {
-    // A built-in robot has no file; its name and the version say it all.
+    // A built-in robot has no file; its name and the trainer's version identify it.
     if let Ok(bytes) = std::fs::read(robot) {
         files.push(FileSummary::of_bytes("robot", robot, &bytes));
     }
@@ -204,7 +204,7 @@ fn provenance_of_files(
     }
 }
 
-/// Where a calibration by touches comes from, with the blob that it made.
+/// Returns the provenance of a calibration by touches, including the blob that it made.
 pub fn provenance_of_touches(
     robot: &str,
     arm: &Arm,
@@ -215,7 +215,7 @@ pub fn provenance_of_touches(
     provenance_of_files(robot, arm, origin, None, files)
 }
 
-/// Title and line below it.
+/// Creates a page with its title and the line below it.
 fn page(what: &str, provenance: &Provenance) -> Page {
     let serial = match provenance.serial_number.as_str() {
         "" => String::new(),
@@ -227,7 +227,7 @@ fn page(what: &str, provenance: &Provenance) -> Page {
     )
 }
 
-/// The page of `calibrate`.
+/// Renders the report of `calibrate`.
 pub fn of_calibration(
     document: &CalibrateJson,
     evidence: &ReportData,
@@ -289,7 +289,7 @@ fn device(blob: &BlobSummary, limit: (f64, f64), loss: &LossJson) -> DeviceSumma
     }
 }
 
-/// The page of `calibrate` by touches; `residuals` are those of the blob.
+/// Renders the report of `calibrate` by touches; `residuals` are those of the blob.
 pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
     let found = &document.touches;
     let device = device(
@@ -321,7 +321,7 @@ pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
         .render()
 }
 
-/// The page of `compare`.
+/// Renders the report of `compare`.
 pub fn of_comparison(
     provenance: &Provenance,
     evidence: &ReportData,

@@ -33,25 +33,25 @@ use poegp_calibration::model::touches::{TouchCalibration, calibrate_beside_siste
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::touches::evaluate_touches;
 
-/// Whether a job is one of touches.
+/// Whether a job calibrates by touches.
 pub fn are_touches(a: &Job) -> bool {
     a.table.is_none() && (a.features.is_some() || is_touch_file(&a.train))
 }
 
-/// A calibration by touches, and what is written of it.
+/// A calibration by touches with all its outputs, before anything is written.
 pub struct Made {
     pub blob: BlobModel,
     pub document: TouchJson,
-    /// The page of `--report`, where it is asked for.
+    /// The HTML report of `--report`, if it is asked for.
     pub report: Option<String>,
-    /// The project file of `--write-project`, where it is asked for.
+    /// The project file of `--write-project`, if it is asked for.
     project: Option<String>,
 }
 
-/// Calibrates by touches and writes what was asked for.
+/// Calibrates by touches and writes the outputs that were asked for.
 ///
 /// # Errors
-/// [`Failure`], of what is read as of what is found.
+/// [`Failure`] about the inputs or about the result.
 pub fn run(a: &Job) -> Result<(), Failure> {
     let outputs = [
         Some(a.out.as_path()),
@@ -87,17 +87,17 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     tolerance::outcome(certificate, &a.statement)
 }
 
-/// The file that says what the rows mean.
+/// Returns the path of the file that describes the features.
 fn features(a: &Job) -> PathBuf {
     a.features
         .clone()
         .unwrap_or_else(|| features_beside(&a.train))
 }
 
-/// Calibrates by touches.
+/// Calibrates by touches, without writing anything.
 ///
 /// # Errors
-/// [`Failure`], of what is read as of what is found.
+/// [`Failure`] about the inputs or about the result.
 pub fn make(a: &Job) -> Result<Made, Failure> {
     no_other_options(a)?;
     let arm = Arm::load(&a.robot, &a.chain)?;
@@ -168,7 +168,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     })
 }
 
-/// What `--json` wrote of sister arms.
+/// Reads the records of sister arms from the files of `--prior`, which `--json` wrote.
 fn sisters(a: &Job) -> Result<Vec<ArmRecord>, Failure> {
     #[derive(Deserialize)]
     struct File {
@@ -187,7 +187,7 @@ fn sisters(a: &Job) -> Result<Vec<ArmRecord>, Failure> {
     a.prior.iter().map(read).collect()
 }
 
-/// What `--prior` expects.
+/// Description of a `--prior` file in error messages.
 const SISTER: &str = "what `trainer calibrate --json` writes of touches";
 
 fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
@@ -196,7 +196,7 @@ fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
     InputError::new(path, found, expected).into()
 }
 
-/// The project file that makes this blob again.
+/// Returns the text of the project file that repeats this calibration.
 fn project(
     a: &Job,
     path: &Path,
@@ -241,7 +241,7 @@ fn project(
     .text()
 }
 
-/// Options that touches leave no sense.
+/// Refuses options that make no sense with touches.
 fn no_other_options(a: &Job) -> Result<(), Failure> {
     if !a.prior.is_empty() && a.write_project.is_some() {
         return Err(Failure::Usage(
@@ -267,7 +267,7 @@ fn no_other_options(a: &Job) -> Result<(), Failure> {
     touches::refuse_options(&a.train, &given)
 }
 
-/// Refuses distances that the calibrated touches contradict.
+/// Refuses stated distances that the calibrated touches contradict.
 fn contradictions(set: &TouchSet, summary: &TouchSummary) -> Result<(), Failure> {
     for (index, distance) in summary.distances.iter().enumerate() {
         let measured = distance.measured_mm.map(|mm| mm.map(|x| 1e-3 * x));

@@ -46,7 +46,7 @@ impl Statistic {
         }
     }
 
-    /// Key of the statistic in a summary of the JSON document.
+    /// Key of this statistic in a summary of the JSON document.
     pub fn key(self) -> &'static str {
         match self {
             Self::Mean => "mean",
@@ -56,47 +56,47 @@ impl Statistic {
     }
 }
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct CheckJson<'a> {
     pub version: &'static str,
-    /// What somebody must look at in the measurements.
+    /// Warnings about the measurements that the user must look at.
     pub warnings: Vec<Finding>,
     pub method: &'a str,
     pub name: String,
-    /// Whether the calibration holds: the exit code.
+    /// Whether the calibration holds, which decides the exit code.
     pub holds: bool,
     pub statistic: Statistic,
     pub max_mm: f64,
     pub tolerance_met: bool,
     pub max_drift_mm: f64,
-    /// Whether a drift was found that moves the target by more than that.
+    /// Whether a drift was found that moves the target by more than `max_drift_mm`.
     pub drift_matters: bool,
-    /// Against the commands of an earlier blob.
+    /// Change of the commands against those of an earlier blob.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub commands_move: Option<CommandChange>,
-    /// Programs that were corrected.
+    /// Programs that a model has corrected.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub programs: Vec<CorrectedProgram>,
     /// Whether the arm conforms to a tolerance.
     pub certificate: Certificate,
-    /// What was fitted before anything was asked.
+    /// Sentence about the frames that were fitted to the measurements before the check.
     #[serde(skip)]
     pub fitted: Option<String>,
     #[serde(flatten)]
     pub findings: &'a Findings,
-    /// What to do next.
+    /// Advice on what to do next.
     pub advice: Vec<String>,
     pub provenance: Provenance,
 }
 
-/// What `--json` writes of touches.
+/// The JSON document that `--json` writes of a check by touches.
 #[derive(Serialize)]
 pub struct CheckTouchesJson<'a> {
     pub version: &'static str,
     pub method: &'a str,
     pub name: String,
-    /// Whether the calibration holds: the exit code.
+    /// Whether the calibration holds, which decides the exit code.
     pub holds: bool,
     pub statistic: Statistic,
     pub max_mm: f64,
@@ -112,8 +112,7 @@ pub struct CheckTouchesJson<'a> {
     pub provenance: Provenance,
 }
 
-/// Where the check of a model comes from: `files` that were measured, of which the first has the hash `sha256`, and the
-/// model itself.
+/// Returns the provenance of a check: the model, and the measured `files`, the first of which has the hash `sha256`.
 pub fn provenance(
     loaded: &BlobModel,
     blob: &Path,

@@ -1,4 +1,4 @@
-//! `trainer check`: do a few fresh measurements say that the calibration still holds?
+//! `trainer check`: tests with a few fresh measurements whether the calibration still holds.
 
 mod document;
 mod page;
@@ -33,9 +33,9 @@ use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
 use poegp_protocol::JointKind;
 
-/// Share of `--max-mm` by which a drift may move the target before it matters.
+/// Default limit of the displacement by a drift, as a share of `--max-mm`.
 const DRIFT_SHARE: f64 = 0.5;
-/// Rates of false alarms for which there are draws enough.
+/// Smallest and largest rate of false alarms that the number of random draws can resolve.
 const RATES: (f64, f64) = (0.001, 0.2);
 
 /// `trainer check`.

@@ -1,6 +1,6 @@
-//! `trainer check --report`: does it hold, by how much, and what has moved.
+//! `trainer check --report`: whether the calibration holds, by what margin, and what has moved.
 //!
-//! There is nothing held out here: every pose of a check is fresh. The numbers are those of the JSON document.
+//! Nothing is held out here, because every pose of a check is fresh. The numbers are those of the JSON document.
 
 use maud::{Markup, html};
 
@@ -18,7 +18,9 @@ use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::verification::result::{Change, Estimate, RowError, Sensitivity};
 use poegp_protocol::JointKind;
 
-/// The page of a check of the rows of `set`, by a model with joints of these `kinds`; `date` is the day of the calibration.
+/// Renders the report of a check.
+///
+/// `set` holds the measured rows, `kinds` the kinds of the model's joints, and `date` the day of the calibration.
 pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: &str) -> String {
     let f = d.findings;
     let found = Changes {
@@ -48,15 +50,15 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         .render()
 }
 
-/// What both kinds of check say of changes.
+/// The changes that a check found, as the reports of both kinds of check show them.
 pub(super) struct Changes<'a> {
-    /// Where it stands in the JSON document.
+    /// Pointer to the findings in the JSON document.
     pub at: &'static str,
-    /// The parts that could have changed.
+    /// Description of the parts that the check tests for a change.
     pub looked_at: &'static str,
     pub changes: &'a [Change],
     pub false_alarm_rate: f64,
-    /// What to say where the model does not know how wrong it is.
+    /// Note for a model that does not know its own error.
     pub unknown_error: Option<&'static str>,
     pub sensitivity: &'a [Sensitivity],
 }
@@ -114,7 +116,7 @@ pub(super) fn holds(holds: bool) -> Markup {
     }
 }
 
-/// What was found to have changed, and how far that moves `what`.
+/// Names the parts that were found to have changed, and how far that moves `what`.
 pub(super) fn changed(
     changes: &[Change],
     effect_mm: &Summary,
@@ -176,7 +178,7 @@ fn errors(d: &CheckJson<'_>) -> Section {
     with_odd_lines(section, &f.odd_lines, "Measurements", "Measure again.")
 }
 
-/// The plot of a number of mm for each line of a file, and how many are above `most`.
+/// Plots a number of mm for each line of a file; also returns how many are above `most`.
 pub(super) fn drawn_rows(
     rows: &[(usize, f64)],
     [across, up]: [&str; 2],
@@ -204,7 +206,7 @@ pub(super) fn drawn_rows(
     (plot, above)
 }
 
-/// A row of a table of mean, 95 % and largest.
+/// Formats a table row with mean, 95th percentile and maximum.
 pub(super) fn summed(name: &str, s: &Summary, at: &str) -> Vec<Markup> {
     let field = |value: f64, key: &str| {
         let number = Number::mm(value, format!("{at}/{key}"));
@@ -233,7 +235,7 @@ pub(super) fn with_odd_lines(
     })
 }
 
-/// Every pose that the plot shows: line, error, joints.
+/// Lists every pose that the plot shows: line, error, joints.
 fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Section {
     let rows = &d.findings.rows;
     let all: Vec<f64> = rows.iter().map(|row| row.position_mm).collect();
@@ -336,7 +338,7 @@ pub(super) fn programs(programs: &[CorrectedProgram]) -> Option<Section> {
     Some(section)
 }
 
-/// The sizes of a change: what, estimate, unit, decimals, place in the JSON document.
+/// Lists the sizes of a change: name, estimate, unit, number of decimals, pointer in the JSON document.
 fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
     let mut out = Vec::new();
     let mut one = |what: &str, estimate: &Option<Estimate>, unit, decimals, key: &str| {

@@ -1,4 +1,4 @@
-//! Programs that were corrected: by which model, and how far their targets would move if this one corrected them.
+//! Corrected programs: which model corrected each, and how far its targets would move if the checked model corrected it.
 
 use std::path::{Path, PathBuf};
 
@@ -14,32 +14,32 @@ use poegp_calibration::numeric::statistics::Summary;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 
-/// A program and its record.
+/// A corrected program, summarized from its record.
 #[derive(Debug, Serialize)]
 pub struct CorrectedProgram {
     pub program: String,
-    /// What was corrected.
+    /// Name of the original program.
     pub source: String,
-    /// Whether the model of this check corrected it.
+    /// Whether the model of this check corrected the program.
     pub by_this_model: bool,
-    /// Whether it was brought back to the drawing instead.
+    /// Whether the program was brought back to the drawing instead of corrected.
     pub is_brought_back: bool,
-    /// Whether its file has the bytes that the record names; absent without a file.
+    /// Whether the program's file still has the bytes that the record states; absent if there is no such file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub is_unchanged: Option<bool>,
-    /// How many targets were corrected.
+    /// Number of targets that were corrected.
     pub targets: usize,
-    /// How many of them the record has.
+    /// Number of recorded targets that were compared.
     pub compared: usize,
-    /// How many of these the present model does not correct.
+    /// Number of the compared targets that the checked model does not correct.
     pub uncorrected: usize,
-    /// How far the others would move.
+    /// How far the other compared targets would move.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moves_mm: Option<Summary>,
 }
 
 impl CorrectedProgram {
-    /// Who corrected it, and whether that is what its file has.
+    /// Describes which model corrected the program, and whether its file still has that result.
     pub fn state(&self) -> String {
         let by = match (self.is_brought_back, self.by_this_model) {
             (true, _) => "brought back to the drawing",
@@ -54,7 +54,7 @@ impl CorrectedProgram {
         format!("{by}{since}")
     }
 
-    /// A line for people.
+    /// Formats a line about the program for the user.
     pub fn text(&self) -> String {
         let mut out = format!("{}: {}", self.program, self.state());
         if let Some(mm) = &self.moves_mm {
@@ -83,10 +83,10 @@ impl CorrectedProgram {
     }
 }
 
-/// The programs of files and folders, compared with a model.
+/// Finds the records of programs and folders, and compares each with a model.
 ///
 /// # Errors
-/// [`InputError`] names what has no record, and a record of another robot.
+/// [`InputError`] for a program or folder without a record, and for a record of another robot.
 pub fn compared(
     paths: &[PathBuf],
     model: &BlobModel,
@@ -110,7 +110,7 @@ pub fn compared(
     Ok(out)
 }
 
-/// The records of a program, or of all programs of a folder.
+/// Returns the record of a program, or those of all programs in a folder.
 fn records(path: &Path) -> Result<Vec<PathBuf>, InputError> {
     let expected =
         "a program that `trainer correct` wrote, its record beside it, or a folder with some";
@@ -178,13 +178,13 @@ fn compare(
     })
 }
 
-/// Records of earlier versions do not name their robot.
+/// Whether a record is of the robot `name`; records of earlier versions do not name their robot, so that any fits.
 fn is_robot(record: &Record, name: &str) -> bool {
     record.robot.is_empty() || record.robot == name
 }
 
-/// From the recorded command to the one of the model: how far that moves the real tool by the model, in mm. `None` where the model
-/// has none.
+/// Computes how far the real tool moves, by the model, from the recorded command to the model's own, in mm. `None` if the
+/// model does not fully correct the target.
 fn moved(commander: &Commander, target: &Target) -> Option<f64> {
     let padded = |q: &[f64]| -> Joints {
         let mut out = [0.0; MAX_JOINTS];

@@ -1,4 +1,4 @@
-//! `trainer check --report` of touches: does it hold, by how much do touches miss, and what has moved.
+//! `trainer check --report` of touches: whether the calibration holds, by how much touches miss, and what has moved.
 
 use maud::html;
 
@@ -15,7 +15,9 @@ use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::verification::touches::TouchMiss;
 use poegp_protocol::JointKind;
 
-/// The page of a check by the touches of `set`, by a model with joints of these `kinds`; `date` is the day of the calibration.
+/// Renders the report of a check by touches.
+///
+/// `set` holds the touches, `kinds` the kinds of the model's joints, and `date` the day of the calibration.
 pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date: &str) -> String {
     let f = d.touches;
     let found = Changes {
@@ -112,13 +114,13 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
     with_odd_lines(section, &f.odd_lines, "Touches", "Touch again.")
 }
 
-/// Lines and misses of the touches of a length.
+/// Returns the lines and misses of the touches that measure a length.
 fn lengths(misses: &[TouchMiss]) -> Vec<(usize, f64)> {
     let length = |miss: &TouchMiss| Some((miss.line, miss.mm?));
     misses.iter().filter_map(length).collect()
 }
 
-/// Every touch that the plot shows: line, feature, miss, joints.
+/// Lists every touch that the plot shows: line, feature, miss, joints.
 fn rows_of_touches(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind]) -> Section {
     let misses: Vec<&TouchMiss> = d.touches.misses.iter().filter(|m| m.mm.is_some()).collect();
     let all: Vec<f64> = misses.iter().filter_map(|m| m.mm).collect();

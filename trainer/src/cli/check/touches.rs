@@ -1,4 +1,4 @@
-//! `trainer check` with touches: whether the model still describes the arm, by features whose positions nobody knows.
+//! `trainer check` with touches: tests whether the model still describes the arm, by features at unknown positions.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ use poegp_calibration::verification::CheckError;
 use poegp_calibration::verification::touches::check_touches;
 use poegp_protocol::JointKind;
 
-/// What was asked for.
+/// The options of a check by touches.
 pub(super) struct Asked<'a> {
     pub blob: &'a Path,
     pub measurements: &'a Path,
@@ -35,10 +35,10 @@ pub(super) struct Asked<'a> {
     pub json: Option<&'a Path>,
 }
 
-/// Checks, writes and prints.
+/// Checks by touches, writes the outputs and prints the findings.
 ///
 /// # Errors
-/// [`Failure`]; one of quality where the calibration does not hold.
+/// [`Failure`]; [`Failure::Quality`] if the calibration does not hold.
 pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let beside = features_beside(a.measurements);
     let features = a.features.unwrap_or(&beside);

@@ -1,17 +1,17 @@
-//! What `trainer check` says of its findings, and what to do next.
+//! The sentences in which `trainer check` states its findings and its advice.
 
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::{Change, Estimate, Report, Sensitivity};
 
-/// A p-value below this is one.
+/// Smallest p-value that is stated as a number; a smaller one is stated as less than this.
 pub const LEAST_P: f64 = 1e-4;
-/// In place of a size.
+/// Text in place of a size that the measurements do not determine.
 pub const UNDETERMINED: &str = "an amount that these measurements do not determine";
-/// Lines of a file that are listed.
+/// Largest number of lines of a file that a sentence lists.
 const SHOWN: usize = 10;
 
-/// Name of a part.
+/// Returns the name of a part of the robot.
 pub fn part(part: Part) -> String {
     match part {
         Part::Base => "the base".to_owned(),
@@ -21,7 +21,7 @@ pub fn part(part: Part) -> String {
     }
 }
 
-/// What was found.
+/// States the findings of a check.
 pub fn findings(r: &Report) -> Vec<String> {
     let rotation = r
         .noise_mrad
@@ -64,7 +64,7 @@ pub fn findings(r: &Report) -> Vec<String> {
     out
 }
 
-/// What has moved of the parts that are looked for.
+/// States which of the tested parts have moved.
 pub fn drift(changes: &[Change], parts: &str, false_alarm_rate: f64) -> Vec<String> {
     let mut out = Vec::new();
     if changes.is_empty() {
@@ -130,7 +130,7 @@ fn sentence(c: &Change) -> String {
     format!("{out} ({p}; ± is 95 %)")
 }
 
-/// What the check can find, and what looks alike in it.
+/// States which changes these poses can show, and which they cannot distinguish.
 pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
     let shown = |s: &Sensitivity| {
         let smallest = s.smallest?;
@@ -169,20 +169,20 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
     out
 }
 
-/// What advice is given for.
+/// The findings that the advice depends on.
 #[derive(Clone, Copy)]
 pub struct Outcome<'a> {
-    /// What has moved.
+    /// Changes that were found.
     pub changes: &'a [Change],
-    /// The mean error once that is taken out, mm.
+    /// Mean error after these changes are taken out, mm.
     pub without_mm: f64,
-    /// Lines that stand out.
+    /// Lines of measurements that stand out from the others.
     pub odd_lines: &'a [usize],
-    /// What a new calibration needs, as `measure 100 poses or more`.
+    /// Measurements that a new calibration needs, as in `measure 100 poses or more`.
     pub more: &'a str,
 }
 
-/// What to do next.
+/// States what to do next.
 pub fn advice(
     found: &Outcome<'_>,
     tolerance_met: bool,

@@ -1,4 +1,4 @@
-//! What `correct --json` writes of a robot program.
+//! The JSON document that `correct --json` writes of a robot program.
 
 use serde::Serialize;
 
@@ -8,7 +8,7 @@ use crate::robot_programs::correction::program::{Goal, Program};
 use crate::robot_programs::correction::replacement::Solved;
 use poegp_calibration::numeric::statistics::Summary;
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct ProgramJson {
     pub version: &'static str,
@@ -18,7 +18,7 @@ pub struct ProgramJson {
     pub targets: usize,
     pub joint_targets: usize,
     pub pose_targets: usize,
-    /// Numbers that were replaced.
+    /// Number of numeric literals that were replaced in the program.
     pub numbers: usize,
     pub left: Vec<LeftJson>,
     pub frames: Vec<FrameJson>,
@@ -28,18 +28,18 @@ pub struct ProgramJson {
     pub moved_mm: Option<Summary>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub moved_deg: Option<Summary>,
-    /// How far the tool is from its targets without correction, by the model.
+    /// Distance of the tool from its targets without correction, predicted by the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub before_mm: Option<Summary>,
-    /// The same with it.
+    /// Distance of the tool from its targets with correction, predicted by the model.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub after_um: Option<Summary>,
-    /// What the decimals of the format leave.
+    /// Error that remains because the format limits the number of decimals.
     pub rounding_um: f64,
-    /// What `--split` inserted.
+    /// Lines and targets of `--split`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub split: Option<SplitJson>,
-    /// The largest error between the ends of lines and arcs.
+    /// Largest error between the ends of lines and arcs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub between: Option<BetweenJson>,
 }
@@ -47,16 +47,16 @@ pub struct ProgramJson {
 #[derive(Serialize)]
 pub struct SplitJson {
     pub tolerance_mm: f64,
-    /// Lines that have targets inserted.
+    /// Number of lines into which targets are inserted.
     pub lines: usize,
-    /// Targets that are inserted.
+    /// Number of inserted targets.
     pub targets: usize,
 }
 
 #[derive(Serialize)]
 pub struct BetweenJson {
     pub moves: usize,
-    /// Points of each move that were looked at.
+    /// Number of points that were evaluated on each move.
     pub points: usize,
     pub largest_mm: f64,
     pub file: String,
@@ -80,7 +80,7 @@ pub struct FrameJson {
     pub payload_kg: Option<f64>,
 }
 
-/// The largest error between the ends of all moves.
+/// Finds the largest error between the ends of all moves.
 fn between_json(program: &Program, all: &[Between]) -> Option<BetweenJson> {
     let worst = all.iter().max_by(|a, b| a.largest.total_cmp(&b.largest))?;
     let location = program.targets[worst.target].location;
@@ -94,7 +94,7 @@ fn between_json(program: &Program, all: &[Between]) -> Option<BetweenJson> {
     })
 }
 
-/// What came of a program.
+/// Summarizes the correction of a program.
 pub fn document(
     program: &Program,
     outcome: &Outcome,
@@ -122,7 +122,7 @@ pub fn document(
             reason: left.reason.clone(),
         }
     });
-    // The base of joint targets is none.
+    // Joint targets have no base.
     let is_used = |index: usize| {
         let mut targets = program
             .targets

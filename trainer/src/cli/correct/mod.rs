@@ -1,8 +1,8 @@
-//! `trainer correct`: targets in, what to command instead out.
+//! `trainer correct`: reads targets and writes the commands that bring the real arm to them.
 //!
 //! A robot program is corrected in [`program`], in `f64`. A file of joint targets is corrected here by the device's own
-//! function. That file is read in chunks, which all cores correct at the same time and which are written in their order. Memory holds
-//! a few chunks, and 17 bytes of each row for the summary.
+//! function. That file is read in chunks; all cores correct chunks at the same time, and the chunks are written in their
+//! order. Memory holds a few chunks, and 17 bytes of each row for the summary.
 
 mod args;
 mod document;
@@ -32,7 +32,7 @@ use poegp_calibration::measurement::joint_targets::{Target, TargetColumns, Targe
 use poegp_calibration::numeric::parallel::in_order;
 use poegp_calibration::progress::threads;
 
-/// The columns that are added.
+/// Columns that are added to a file of joint targets.
 const ADDED: [&str; 5] = [
     "position_error_um",
     "rotation_error_urad",
@@ -41,7 +41,7 @@ const ADDED: [&str; 5] = [
     "trust",
 ];
 
-/// A chunk that was rewritten.
+/// A corrected chunk of the file, with its part of the summary.
 struct Rewritten {
     text: String,
     summed: Summed,
@@ -55,10 +55,10 @@ pub fn run(a: &Correct) -> Result<(), Failure> {
     }
 }
 
-/// Corrects a robot program, and returns what `--json` writes.
+/// Corrects a robot program, and returns the JSON document that `--json` writes.
 ///
 /// # Errors
-/// [`Failure`]; parts of the program that are left are none.
+/// [`Failure`]; parts of the program that stay uncorrected are not an error.
 pub fn program_document(a: &Correct) -> Result<String, Failure> {
     let Some(format) = format(a)? else {
         let found = "no program of a known language";
@@ -69,7 +69,7 @@ pub fn program_document(a: &Correct) -> Result<String, Failure> {
     json_text(&document)
 }
 
-/// The format of the programs; `None` is one file of joint targets.
+/// Returns the format of the programs; `None` if the input is one file of joint targets.
 fn format(a: &Correct) -> Result<Option<Format>, Failure> {
     let formats: Vec<Option<Format>> = a.programs.iter().map(|path| Format::of(path)).collect();
     match formats.as_slice() {
@@ -161,7 +161,8 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The payload of the rows where the file has none, from the command line; never from both.
+/// Returns the payload of the command line, for a file without payloads. Refuses payloads from both, or from neither if
+/// the model needs one.
 fn payload(a: &Correct, loaded: &BlobModel, columns: &TargetColumns) -> Result<f64, Failure> {
     let needed = loaded.blob().ranges.payload_kg;
     match (a.payload_kg, columns.has_payload()) {

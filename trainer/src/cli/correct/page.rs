@@ -1,6 +1,6 @@
-//! `trainer correct --report`: what of a robot program moves, by how much, and what stays.
+//! `trainer correct --report`: which targets of a robot program move, by how much, and which parts stay as they are.
 //!
-//! The numbers of the whole program are those of the JSON document.
+//! The numbers that summarize the program are those of the JSON document.
 
 use std::collections::HashMap;
 
@@ -15,10 +15,10 @@ use crate::robot_programs::correction::program::{Goal, Program, Target};
 use crate::robot_programs::correction::replacement::Solved;
 use crate::robot_programs::correction::source::Number as Written;
 
-/// Most targets in the table, and most parts that are left; the page stays small.
+/// Largest number of targets, and of uncorrected parts, that the page lists, so that it stays small.
 const SHOWN: usize = 1000;
 
-/// A corrected target, for people.
+/// A corrected target as the page lists it.
 struct Row {
     file: String,
     line: usize,
@@ -28,11 +28,11 @@ struct Row {
     moved_deg: f64,
     before_mm: f64,
     after_um: f64,
-    /// On the way to it, for lines and arcs.
+    /// Largest error on the way to the target; `None` unless the move is a line or an arc.
     between_mm: Option<f64>,
 }
 
-/// The page of a program.
+/// Renders the report of a corrected program.
 pub fn page(
     d: &ProgramJson,
     program: &Program,
@@ -96,7 +96,7 @@ fn rows(program: &Program, outcome: &Outcome, between: &[Between]) -> Vec<Row> {
     outcome.solved.iter().map(row).collect()
 }
 
-/// The numbers of a target as the file has them.
+/// Formats the numbers of a target as the file writes them.
 fn listed(target: &Target, text: impl Fn(&Written) -> String) -> String {
     let all = |numbers: &[Written]| numbers.iter().map(&text).collect::<Vec<_>>().join(", ");
     match &target.goal {

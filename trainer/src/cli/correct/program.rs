@@ -1,4 +1,4 @@
-//! `trainer correct` for programs of controllers: targets corrected where they stand, every other byte as it was.
+//! `trainer correct` for controllers' programs: targets are corrected in place, and every other byte stays as it was.
 
 use std::path::{Path, PathBuf};
 
@@ -26,10 +26,10 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
-/// Most lines of what is left in one message; the JSON document has all.
+/// Largest number of uncorrected parts that one message lists; the JSON document lists all.
 const NAMED: usize = 200;
 
-/// The decimals of programs hold no finer tolerance.
+/// Smallest tolerance of `--split`, mm: the decimals of a program cannot express less.
 const LEAST_SPLIT_MM: f64 = 0.005;
 
 pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
@@ -39,10 +39,10 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     named(&document, a.dry_run)
 }
 
-/// What is read and written for each file.
+/// The path that is read and the path that is written, for each file.
 type Files = Vec<(PathBuf, PathBuf)>;
 
-/// Corrects and writes; returns all outputs, the files, and what there is to say.
+/// Corrects the programs and writes the outputs; returns all output paths, the files, and the JSON document.
 pub fn corrected(
     a: &Correct,
     format: Format,
@@ -129,7 +129,7 @@ pub fn corrected(
         let mut source = Source::read(path, true)?;
         hashes.push(sha256(&source.bytes));
         if let Some(record) = refuse_corrected(path, &source.bytes, &model, direction)? {
-            // What was inserted is taken out again.
+            // The insertions of the earlier correction are removed.
             source = source.without(&record.inserted).ok_or_else(|| {
                 let found = "a record whose insertions are beyond the program";
                 InputError::new(record_path(path), found, "the record that `correct` wrote")
@@ -203,7 +203,7 @@ pub fn corrected(
     Ok((outputs.collect(), files, document))
 }
 
-/// What stays between the ends of lines and arcs, once lines are split where that is asked for.
+/// Computes the errors between the ends of lines and arcs, and splits lines if `--split` asks for it.
 fn ends(
     a: &Correct,
     program: &Program,
@@ -238,7 +238,7 @@ fn ends(
     (ends, Some(split))
 }
 
-/// What the report was made of.
+/// Returns the provenance of the report: the model and the files of the program.
 fn provenance(a: &Correct, loaded: &BlobModel, program: &Program) -> Provenance {
     let robot = &loaded.blob().robot;
     let mut files = vec![FileSummary::of_bytes(
@@ -343,7 +343,7 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
     }
 }
 
-/// All that is left, as a failure.
+/// Reports all uncorrected parts, if there are any, as a failure.
 fn named(d: &ProgramJson, is_dry: bool) -> Result<(), Failure> {
     if d.left.is_empty() {
         return Ok(());

@@ -1,5 +1,5 @@
-//! The record beside a corrected program: which model made which bytes of which, and from which joints which. A program keeps its
-//! own bytes, so that it cannot say itself that it was corrected.
+//! The record beside a corrected program: which model corrected which source to which result, with the joints before and
+//! after. The program keeps its other bytes unchanged, so that it cannot carry this information itself.
 
 use std::path::{Path, PathBuf};
 
@@ -14,14 +14,14 @@ use crate::robot_programs::correction::replacement::{Rewritten, Solved};
 use poegp_calibration::blob::commander::Joints;
 use poegp_calibration::input_error::InputError;
 
-/// Ending of a record's name.
+/// Ending of a record's file name.
 const ENDING: &str = ".poegp.json";
-/// A record is not longer.
+/// Size limit of a record, in bytes; a longer file is not a record.
 const LONGEST: u64 = 1 << 24;
-/// Most targets of a record, evenly along the program.
+/// Largest number of targets in a record, evenly spaced along the program.
 const MOST_TARGETS: usize = 1_000;
 
-/// What a record says.
+/// The contents of a record.
 #[derive(Debug, Deserialize, Serialize)]
 pub struct Record {
     version: String,
@@ -33,30 +33,31 @@ pub struct Record {
     /// Name of the robot; empty in records of earlier versions.
     #[serde(default)]
     pub robot: String,
-    /// How many targets were corrected.
+    /// Number of targets that were corrected.
     #[serde(default)]
     pub corrected: usize,
-    /// Some of them, or all.
+    /// The corrected targets, or an even selection of them.
     #[serde(default)]
     pub targets: Vec<Target>,
-    /// Where in the result instructions are that the source does not have: first byte, and the one behind the last.
+    /// Byte ranges of inserted instructions in the result, which the source does not have: first byte, and one past the
+    /// last.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub inserted: Vec<(usize, usize)>,
 }
 
-/// A target that was corrected.
+/// A corrected target.
 #[derive(Debug, Deserialize, Serialize)]
 pub struct Target {
-    /// As the drawing has it, rad or m.
+    /// Joints that bring the arm as drawn to the target, rad or m.
     pub joints: Vec<f64>,
-    /// As it is commanded.
+    /// Joints that are commanded, rad or m.
     pub command: Vec<f64>,
     pub payload_kg: f64,
-    /// The tool's position on the flange, m.
+    /// Position of the tool in the flange frame, m.
     pub tool_m: [f64; 3],
 }
 
-/// The model of a record.
+/// The model that corrects a program, and the direction.
 pub struct Corrector<'a> {
     pub robot: &'a str,
     pub joints: usize,
@@ -97,7 +98,7 @@ impl Record {
             is_inverse,
             robot: corrector.robot.to_owned(),
             corrected: own.len(),
-            // What is brought back is no longer compared with a model.
+            // A program that was brought back to the drawing has nothing to compare with a model.
             targets: match is_inverse {
                 true => Vec::new(),
                 false => some.map(target).collect(),
@@ -119,25 +120,25 @@ impl Record {
     }
 }
 
-/// To nine decimals: nanometres.
+/// Rounds to nine decimals: nanometres or nanoradians.
 fn nanos(x: f64) -> f64 {
     (1e9 * x).round() * 1e-9
 }
 
-/// `OUT.poegp.json`.
+/// Returns the path of a program's record, `OUT.poegp.json`.
 pub fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(ENDING);
     PathBuf::from(name)
 }
 
-/// The program that a record is beside; `None` for a file of another name.
+/// Returns the program that a record belongs to; `None` if the file name is not that of a record.
 pub fn program_of(record: &Path) -> Option<PathBuf> {
     let name = record.file_name()?.to_str()?.strip_suffix(ENDING)?;
     (!name.is_empty()).then(|| record.with_file_name(name))
 }
 
-/// SHA-256 as hexadecimal digits.
+/// Computes the SHA-256 of bytes, as hexadecimal digits.
 pub fn sha256(bytes: &[u8]) -> String {
     Sha256::digest(bytes)
         .iter()
@@ -145,8 +146,8 @@ pub fn sha256(bytes: &[u8]) -> String {
         .collect()
 }
 
-/// Refuses a program that a record of its folder names as corrected already, and one to be brought back that another model
-/// has corrected. Returns the record of the one that is brought back, if there is one.
+/// Refuses to correct a program that a record in its folder lists as corrected already, and to bring back one that another
+/// model has corrected. Returns the record of the program that is to be brought back, if there is one.
 ///
 /// # Errors
 /// [`InputError`] names the program and the record.

@@ -1,4 +1,4 @@
-//! One row of the file: corrected, and written.
+//! Correction and output of one row of joint targets.
 
 use std::fmt::Write;
 
@@ -11,7 +11,7 @@ use poegp_calibration::measurement::JointColumn;
 use poegp_calibration::measurement::joint_targets::{NewFields, Target};
 use poegp_calibration::numeric::decimal::push_decimal;
 
-/// One command and its answer.
+/// A command with its corrected answer.
 pub struct Row {
     pub line: usize,
     pub query: Query,
@@ -22,13 +22,13 @@ pub struct Row {
 }
 
 impl Row {
-    /// Whether a joint is to be commanded otherwise.
+    /// Whether the correction changes the command of a joint.
     pub fn is_changed(&self, joint: usize) -> bool {
         self.answer.joints[joint].to_bits() != self.query.joints[joint].to_bits()
     }
 }
 
-/// The new fields of a row. A joint that was not changed keeps its text.
+/// The new fields of a row. A joint that the correction does not change keeps its text.
 pub struct Fields<'a>(pub Row, pub &'a [JointColumn]);
 
 impl NewFields for Fields<'_> {
@@ -60,7 +60,7 @@ impl NewFields for Fields<'_> {
     }
 }
 
-/// One command through the runtime, as the device does it; with `payload_kg` where the row has none.
+/// Corrects one command with the runtime, as the device does. `payload_kg` is the payload if the row has none.
 pub fn correct(loaded: &BlobModel, target: &Target<'_>, payload_kg: f64) -> Row {
     let query = Query {
         // The robot of the blob has at most as many joints as the protocol.

@@ -1,4 +1,4 @@
-//! What is said of all commands together.
+//! The summary of all corrected commands.
 
 use std::path::Path;
 
@@ -11,38 +11,39 @@ use crate::cli::terminal::print::{Printer, is_stdout};
 use poegp_calibration::measurement::{JointColumn, JointUnit};
 use poegp_calibration::numeric::statistics::Summary;
 
-/// Trust below this is far from the training data: less than half of the correction's prior is explained there.
+/// Trust below which a command counts as far from the training data: less than half of the correction's prior is
+/// explained there.
 const TRUSTED: f32 = 0.5;
-/// Line numbers in one remark.
+/// Largest number of lines that one remark lists.
 const SHOWN: usize = 10;
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct CorrectJson<'a> {
     version: &'static str,
     method: &'a str,
     name: String,
     commands: usize,
-    /// Brought to where the nominal arm would stand.
+    /// Number of commands that bring the arm to where the nominal arm would stand.
     corrected: usize,
-    /// Changed, but not all the way.
+    /// Number of commands that were changed, but not corrected completely.
     partly_corrected: usize,
-    /// Exactly as they came.
+    /// Number of commands that were not changed at all.
     left_alone: usize,
-    /// For each note, the lines of the rows that have it.
+    /// Remarks, each with the lines of the rows that it applies to.
     flagged: Vec<Flagged>,
-    /// The largest change of a revolute joint.
+    /// Largest change of a revolute joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     largest_change_deg: Option<Change>,
-    /// The largest change of a prismatic joint.
+    /// Largest change of a prismatic joint.
     #[serde(skip_serializing_if = "Option::is_none")]
     largest_change_mm: Option<Change>,
-    /// How far the arm stands from its target when the commands are not corrected, by the model.
+    /// Distance of the arm from its targets when the commands are not corrected, predicted by the model.
     shift_mm: Summary,
-    /// The same with the corrected commands, by the model.
+    /// Distance of the arm from its targets with the corrected commands, predicted by the model.
     remaining_um: Summary,
     trust: TrustSummary,
-    /// Lines of rows whose corrected joints are beyond a limit that the commanded ones kept.
+    /// Lines of rows whose corrected joints exceed a limit that the original command kept.
     beyond_limits: Vec<u32>,
 }
 
@@ -67,7 +68,7 @@ struct TrustSummary {
     far_lines: Vec<u32>,
 }
 
-/// Remarks that are counted, and their bits in [`Summed::flags`].
+/// Remarks that are counted; the index of each is its bit in [`Summed::flags`].
 const REMARKS: [Status; 5] = [
     Status::PARTLY_CORRECTED,
     Status::CORRECTION_LIMITED,
@@ -79,13 +80,13 @@ const FAR: u8 = 1 << 5;
 const BEYOND_LIMITS: u8 = 1 << 6;
 const LEFT_ALONE: u8 = 1 << 7;
 
-/// What is kept of the rows so far, 17 bytes of each.
+/// Running sums of the rows so far; they keep 17 bytes of each row.
 #[derive(Default)]
 pub struct Summed {
     lines: Vec<u32>,
     flags: Vec<u8>,
     shifts: Vec<f64>,
-    /// m.
+    /// Remaining position errors, m.
     remaining: Vec<f32>,
     trust_sum: f64,
     least_trust: Option<f32>,
@@ -99,7 +100,7 @@ impl Summed {
         self.lines.is_empty()
     }
 
-    /// With what is kept of later rows.
+    /// Appends the sums of later rows.
     pub fn extend(&mut self, later: Self) {
         self.lines.extend(later.lines);
         self.flags.extend(later.flags);
@@ -117,7 +118,7 @@ impl Summed {
         self.flags.iter().filter(|flags| wanted(**flags)).count()
     }
 
-    /// Lines of the rows that have a flag.
+    /// Returns the lines of the rows that have a flag.
     fn lines_with(&self, flag: u8) -> Vec<u32> {
         let rows = self.lines.iter().zip(&self.flags);
         rows.filter(|(_, flags)| **flags & flag != 0)
@@ -126,7 +127,7 @@ impl Summed {
     }
 }
 
-/// The larger change; of equals the later one.
+/// Returns the larger change; of equal changes the later one.
 fn larger(a: Option<(f64, usize, u32)>, b: Option<(f64, usize, u32)>) -> Option<(f64, usize, u32)> {
     match (a, b) {
         (Some(a), Some(b)) if a.0.total_cmp(&b.0).is_gt() => Some(a),
@@ -134,14 +135,14 @@ fn larger(a: Option<(f64, usize, u32)>, b: Option<(f64, usize, u32)>) -> Option<
     }
 }
 
-/// How rows are summed up.
+/// The joints and columns that are needed to sum rows up.
 pub struct Summing<'a> {
     joints: &'a [Joint],
     columns: &'a [JointColumn],
 }
 
 impl<'a> Summing<'a> {
-    /// For the robot of a blob and the columns of a file.
+    /// Creates a summing for the robot of a blob and the columns of a file.
     pub fn new(blob: &'a Blob<'_>, columns: &'a [JointColumn]) -> Self {
         Self {
             joints: &blob.robot.joints,
@@ -190,7 +191,7 @@ impl<'a> Summing<'a> {
         }
     }
 
-    /// All rows summed up.
+    /// Creates the summary of all rows.
     pub fn document<'m>(&self, name: String, method: &'m str, all: Summed) -> CorrectJson<'m> {
         let not_arrived = [Status::PARTLY_CORRECTED, Status::BAD_INPUT];
         let bits = (0..REMARKS.len()).filter(|bit| not_arrived.contains(&REMARKS[*bit]));
@@ -231,7 +232,7 @@ impl<'a> Summing<'a> {
     }
 }
 
-/// What a remark means for the commands that have it.
+/// Explains what a remark means for the commands that have it.
 fn meaning(status: &str) -> &'static str {
     match status {
         "partly-corrected" => {
@@ -299,7 +300,7 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     }
 }
 
-/// "line 4", "lines 4, 7, …".
+/// Formats line numbers: "line 4", "lines 4, 7, …".
 fn listed(lines: &[u32]) -> String {
     let shown: Vec<String> = lines.iter().take(SHOWN).map(ToString::to_string).collect();
     let more = if lines.len() > SHOWN { ", …" } else { "" };

@@ -72,7 +72,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// The port with its speed.
+    /// Returns the port with the speed of `--baud`.
     pub fn address(&self) -> Address {
         self.port.clone().with_baud(self.baud)
     }
@@ -84,7 +84,7 @@ impl Link {
         Ok((client, identity))
     }
 
-    /// Options of the client with this timeout.
+    /// Returns the options of the client, with the timeout of `--timeout-ms`.
     pub fn options(&self) -> Options {
         Options {
             timeout: Duration::from_millis(self.timeout_ms),
@@ -102,9 +102,9 @@ pub struct Authority {
 }
 
 impl Authority {
-    /// [`Link::connect`] with the key.
+    /// Connects as [`Link::connect`] does, and gives the client the key.
     pub fn connect(&self, link: &Link) -> Result<(Client, Identity), Failure> {
-        // Read first: a wrong path needs no device.
+        // The key is read first, so that a wrong path is reported without a device.
         let key = self.key.as_deref().map(read_secret_key).transpose()?;
         let (mut client, identity) = link.connect()?;
         if let Some(key) = key {

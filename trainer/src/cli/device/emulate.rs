@@ -88,8 +88,8 @@ mod unix {
 
     const PREFIX: &str = "poegp-emulated-";
 
-    /// A folder for the sockets, named after this process, which QEMU becomes. Nobody is left to remove it then, so those
-    /// of machines that are gone are removed first.
+    /// Creates a folder for the sockets, named after this process, which QEMU then replaces. No process remains to remove
+    /// the folder in the end, so folders of emulations that have ended are removed first.
     fn own_folder() -> io::Result<PathBuf> {
         let parent = std::env::temp_dir();
         for entry in fs::read_dir(&parent)?.flatten() {

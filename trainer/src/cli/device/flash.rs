@@ -19,7 +19,7 @@ use poegp_calibration::blob::predict::BlobModel;
 pub fn run(a: &Flash) -> Result<(), Failure> {
     let outputs = [a.common.json.as_deref()];
     check_outputs(&outputs, &[&a.blob])?;
-    // Refuses what is no model, before a port is opened.
+    // A file that is not a model is refused before the port is opened.
     let loaded = BlobModel::read(&a.blob)?;
     let (mut client, before) = a.authority.connect(&a.common.link)?;
     let report = Printer::for_outputs(&outputs);
@@ -66,7 +66,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Uploads a blob with a progress bar, has it verified and stored, and runs it.
+/// Uploads a blob with a progress bar; the device verifies, stores and runs it.
 pub fn bring(client: &mut Client, bytes: &[u8]) -> Result<(StoredModel, Identity), ClientError> {
     let bar = progress::transfer(bytes.len(), "uploading");
     let brought = client.install(bytes, &mut |sent| {
@@ -81,7 +81,7 @@ pub fn bring(client: &mut Client, bytes: &[u8]) -> Result<(StoredModel, Identity
     brought
 }
 
-/// The slot from which a device runs this very blob, now and after a start.
+/// Returns the slot from which the device runs exactly this blob, now and after a restart.
 fn runs(identity: &Identity, bytes: &[u8]) -> Option<StoredModel> {
     let active = identity.model.as_ref().map(|model| model.blob_crc);
     if active.is_none() || active != stored_crc(bytes) {
@@ -113,7 +113,7 @@ fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     )))
 }
 
-/// Whether a command with the model fits into the cycle.
+/// Refuses a model whose commands do not fit into the cycle.
 fn check_time(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     let size = loaded.model().size();
     let instructions = size.map_or(0, |size| size.command_bound());
@@ -128,13 +128,13 @@ fn check_time(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     )))
 }
 
-/// Whether the model is of the robot whose model the device runs. The device asks the same.
+/// Refuses a model of another robot than that of the active model. The device checks this, too.
 fn check_robot(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     let Some(active) = &identity.model else {
         return Ok(());
     };
     let robot = &loaded.blob().robot;
-    // The device knows as much of a name as fits.
+    // The device keeps only as much of a name as fits.
     let same = |name: &str, known: &str| {
         name.starts_with(known) && (name.len() == known.len() || known.len() + 3 >= MAX_NAME)
     };
@@ -153,7 +153,7 @@ fn check_robot(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     )))
 }
 
-/// Whether the device could believe the model. Whether the signature is right is the device's to say.
+/// Refuses a model that is not signed by the device's key. Only the device verifies the signature itself.
 fn check_signature(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
     let key = match identity.key {
         Key::None => return Ok(()),

@@ -1,4 +1,4 @@
-//! `trainer device`: one file for each command that is more than a question and its answer.
+//! `trainer device`: commands that need more than one request have a file of their own.
 
 pub mod args;
 mod emulate;

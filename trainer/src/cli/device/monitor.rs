@@ -19,11 +19,11 @@ use crate::device::defmt_log::Decoder;
 use crate::device::port;
 use crate::device::port::Address;
 
-/// Between two looks.
+/// Time between two reads of the statistics.
 const INTERVAL: Duration = Duration::from_secs(1);
-/// Lines between two headers.
+/// Number of lines between two headers.
 const PAGE: usize = 20;
-/// A log is silent most of the time.
+/// Timeout of reads from the log, which is silent most of the time.
 const LOG_READ_LIMIT: Duration = Duration::from_secs(1);
 const HEADER: &str = "     cycles       /s   missed  flagged  limited  uncorrected  worst ms  latency ms  bad frames  lost bytes";
 
@@ -51,12 +51,12 @@ pub fn run(a: &Monitor) -> Result<(), Failure> {
         show::statistics(report, &statistics, identity.tick_hz);
         return Ok(());
     }
-    // Kept, so that the channel outlives a log that ends.
+    // The sender is kept, so that the channel stays open after the log ends.
     let _sender = sender;
     watch(&mut client, identity, &log, as_json.is_some())
 }
 
-/// What is seen, for another program.
+/// Creates the JSON document of identity and statistics.
 fn summary(identity: &Identity, statistics: &Statistics) -> Value {
     json!({
         "model": identity.model.as_ref().map(show::model_json),
@@ -64,7 +64,7 @@ fn summary(identity: &Identity, statistics: &Statistics) -> Value {
     })
 }
 
-/// Reads the log in a thread of its own; its lines go to `lines`.
+/// Reads the log in a separate thread, which sends the decoded lines to `lines`.
 fn follow_log(address: &Address, elf: &Path, lines: Sender<String>) -> Result<(), Failure> {
     let usage = |text: String| Failure::Usage(text);
     let mut decoder =
@@ -79,7 +79,7 @@ fn follow_log(address: &Address, elf: &Path, lines: Sender<String>) -> Result<()
     limited.map_err(|error| usage(format!("{address}: {error}")))?;
     thread::spawn(move || {
         let mut buffer = [0; 256];
-        // The first frame may have begun before this program.
+        // The first frame may be incomplete, because it began before this program.
         let mut is_first = true;
         loop {
             let line = |text: String| lines.send(text).is_ok();
@@ -130,7 +130,7 @@ fn watch(
     for number in 0_usize.. {
         let statistics = client.statistics()?;
         let now = Instant::now();
-        // Somebody may have changed the model or restarted the device.
+        // Another client may have changed the model or restarted the device.
         let restarted = before.is_some_and(|(_, s)| s.restarts != statistics.restarts);
         let changed = before.is_some_and(|(_, s)| s.activations != statistics.activations);
         if restarted || changed {
@@ -164,7 +164,7 @@ fn watch(
                 format!("log: {text}")
             };
             say(&text)?;
-            // A log that never rests must not hide the numbers.
+            // A log that is never silent must not hide the statistics.
             if now.elapsed() >= INTERVAL {
                 break;
             }
@@ -188,7 +188,7 @@ fn line(s: &Statistics, rate: f64, tick_hz: u32) -> String {
     )
 }
 
-/// Prints a line; with `--quiet` only those for another program.
+/// Prints a line; with `--quiet` only JSON lines.
 fn say(text: &str) -> Result<(), Failure> {
     match is_quiet() && !text.starts_with('{') {
         true => Ok(()),

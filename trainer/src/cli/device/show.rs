@@ -1,4 +1,4 @@
-//! What a device says, for a person and for another program.
+//! Descriptions of a device: lines for people, and JSON for other programs.
 
 use poegp_protocol::link::{
     CycleSettings, Identity, Key, ModelIdentity, StartReason, Statistics, StoredModel,
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use crate::cli::terminal::print::Printer;
 use crate::signing::id_text;
 
-/// A model in one line.
+/// Describes a model in one line.
 pub fn model(model: &ModelIdentity) -> String {
     let serial = match model.serial_number.as_str() {
         "" => String::new(),
@@ -30,7 +30,7 @@ pub fn model(model: &ModelIdentity) -> String {
     )
 }
 
-/// The active model in one line.
+/// Describes the active model in one line.
 pub fn active(identity: &Identity) -> String {
     identity
         .model
@@ -38,7 +38,7 @@ pub fn active(identity: &Identity) -> String {
         .map_or_else(|| "no model: commands are not corrected".to_owned(), model)
 }
 
-/// Settings of the cycle in one line.
+/// Describes the settings of the cycle in one line.
 pub fn cycle(settings: &CycleSettings) -> String {
     format!(
         "a command every {} us, of at most {} instructions; corrections change with at most {} rad/s and {} rad/s2 and come \
@@ -51,9 +51,9 @@ pub fn cycle(settings: &CycleSettings) -> String {
     )
 }
 
-/// The same as JSON.
+/// Returns the settings of the cycle as JSON.
 pub fn cycle_json(settings: &CycleSettings) -> Value {
-    // With the digits of an f32 and no more.
+    // Going through text keeps the digits of the f32 and adds none.
     let number = |value: f32| value.to_string().parse::<f64>().unwrap_or(f64::NAN);
     json!({
         "period_us": settings.period_us,
@@ -64,7 +64,7 @@ pub fn cycle_json(settings: &CycleSettings) -> Value {
     })
 }
 
-/// A model as JSON.
+/// Returns the identity of a model as JSON.
 pub fn model_json(model: &ModelIdentity) -> Value {
     json!({
         "robot": model.robot.as_str(),
@@ -78,7 +78,7 @@ pub fn model_json(model: &ModelIdentity) -> Value {
     })
 }
 
-/// What a slot holds as JSON.
+/// Returns the model in a slot as JSON.
 pub fn stored_json(stored: &StoredModel) -> Value {
     json!({
         "slot": stored.slot,
@@ -88,7 +88,7 @@ pub fn stored_json(stored: &StoredModel) -> Value {
     })
 }
 
-/// Why a device started, in one line that goes on after "started".
+/// Describes why a device started, as a continuation of "started".
 pub fn start(reason: StartReason) -> String {
     match reason {
         StartReason::PowerOn => "when the power came on".to_owned(),
@@ -111,7 +111,7 @@ pub fn start(reason: StartReason) -> String {
     }
 }
 
-/// The same as JSON.
+/// Returns the reason for a start as JSON.
 fn start_json(reason: StartReason) -> Value {
     match reason {
         StartReason::PowerOn => json!({ "reason": "power-on" }),
@@ -126,7 +126,7 @@ fn start_json(reason: StartReason) -> Value {
     }
 }
 
-/// An identity as JSON.
+/// Returns an identity as JSON.
 pub fn identity_json(identity: &Identity) -> Value {
     json!({
         "board": identity.board.as_str(),
@@ -152,12 +152,12 @@ pub fn identity_json(identity: &Identity) -> Value {
     })
 }
 
-/// Ticks as milliseconds, of a clock that ticks.
+/// Converts ticks of a clock with `tick_hz` to milliseconds.
 pub fn milliseconds(ticks: u32, tick_hz: u32) -> f64 {
     1e3 * f64::from(ticks) / f64::from(tick_hz)
 }
 
-/// Says who a device is.
+/// Prints the identity of a device.
 pub fn identity(report: Printer, identity: &Identity) {
     report.line(format_args!(
         "{}: firmware {} (image {:08x}), link protocol {}",
@@ -212,7 +212,7 @@ pub fn identity(report: Printer, identity: &Identity) {
     ));
 }
 
-/// The counters with their names in JSON and their meaning, in order.
+/// Returns the counters in order, each with its JSON name, its value and its meaning.
 pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
     [
         ("cycles", s.cycles, "cyclic requests answered"),
@@ -274,7 +274,7 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
     ]
 }
 
-/// Statistics as JSON.
+/// Returns the statistics as JSON.
 pub fn statistics_json(statistics: &Statistics, tick_hz: u32) -> Value {
     let mut out = serde_json::Map::new();
     for (name, value, _) in counters(statistics) {
@@ -284,7 +284,7 @@ pub fn statistics_json(statistics: &Statistics, tick_hz: u32) -> Value {
     out.into()
 }
 
-/// Says what a device has counted.
+/// Prints the counters of a device.
 pub fn statistics(report: Printer, statistics: &Statistics, tick_hz: u32) {
     for (name, value, meaning) in counters(statistics) {
         let time = if name.ends_with("_ticks") {

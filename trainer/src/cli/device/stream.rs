@@ -1,6 +1,6 @@
-//! `trainer device evaluate` and `correct`: the requests of a controller, from a measurement file.
+//! `trainer device evaluate` and `correct`: send the requests of a controller, from a measurement file.
 //!
-//! Both end with `StopCyclic`, whatever happens in between: otherwise the device's watchdog would wait for more cycles.
+//! Both end with `StopCyclic`, even after an error: otherwise the device's watchdog would wait for more cycles.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -33,7 +33,7 @@ use poegp_calibration::numeric::rotation::aligned;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::robot::Robot;
 
-/// What `evaluate --json` writes.
+/// The JSON document that `evaluate --json` writes.
 #[derive(Serialize)]
 struct StreamJson {
     version: &'static str,
@@ -44,12 +44,12 @@ struct StreamJson {
     flagged: usize,
     max_ticks: u32,
     tick_hz: u32,
-    /// Answers that were compared with the host's; all were equal.
+    /// Number of answers that were compared with the host's; all were equal bit for bit.
     #[serde(skip_serializing_if = "Option::is_none")]
     same_bits: Option<usize>,
 }
 
-/// A measurement file for the arm of a device, and the model that it runs if the user has it.
+/// A measurement file for the arm of a device, with the blob of the device's model if the user gives it.
 struct Commands {
     set: MeasurementSet,
     samples: Vec<InstrumentSample>,
@@ -59,7 +59,7 @@ struct Commands {
 }
 
 impl Commands {
-    /// Reads the file before the port is opened where it can be checked without the device.
+    /// Reads the file and connects. With a blob, the file is checked against it before the port is opened.
     fn read(link: &Link, test: &Path, blob: Option<&Path>) -> Result<Self, Failure> {
         let loaded = blob.map(BlobModel::read).transpose()?;
         let with_blob = match &loaded {
@@ -121,7 +121,7 @@ impl Commands {
         })
     }
 
-    /// Asks the device about every row, then says that no more will come.
+    /// Queries the device for every row, then states that no more commands will come.
     fn ask<T>(
         &mut self,
         label: &str,
@@ -145,14 +145,14 @@ impl Commands {
         let stood_down = self.client.stand_down();
         let answers = answers?;
         match stood_down {
-            // A controller sends commands, and it is for its owner to stop them.
+            // The refusal of an unsigned stop is no error: a controller sends commands, and its owner must stop them.
             Err(ClientError::Refused(Refusal::NotSigned)) => {}
             other => other?,
         }
         Ok(answers)
     }
 
-    /// Lines of the file whose answers are not the host's to the bit; the check fails.
+    /// Fails if answers differ from the host's; `other` lists the lines of their rows.
     fn refuse_other_bits(&self, other: &[usize]) -> Result<(), Failure> {
         let Some(first) = other.first() else {
             return Ok(());
@@ -167,7 +167,7 @@ impl Commands {
         )))
     }
 
-    /// Says which rows were flagged, by note, and how long the longest answer took.
+    /// Prints the flagged rows of each remark, and the longest time for an answer.
     fn report_rows(&self, report: Printer, statuses: &[Status], max_ticks: u32) {
         let mut seen: Vec<Status> = Vec::new();
         for status in statuses.iter().filter(|status| !status.is_ok()) {
@@ -196,19 +196,19 @@ impl Commands {
     }
 }
 
-/// Line numbers in one remark.
+/// Largest number of lines that one remark lists.
 const SHOWN: usize = 10;
 
-/// What a controller would ask for a sample.
+/// Creates the request that a controller would send for a sample.
 pub fn query(sample: &InstrumentSample) -> Query {
     Query {
-        // A file has at most as many joints as the protocol.
+        // Fits: a measurement file has at most as many joints as the protocol.
         joints: sample.joints.iter().map(|q| *q as f32).collect(),
         payload_kg: sample.payload_kg.unwrap_or(0.0) as f32,
     }
 }
 
-/// Without the blob there is no arm to check against but the one on the device.
+/// Reads the file without a blob: the only arm to check it against is then the one on the device.
 fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSample>), Failure> {
     let set = measurements::read(test)?;
     for note in &set.notes {
@@ -289,12 +289,13 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Different poses from which a base frame is fitted: six numbers and as many to spare.
+/// Least number of different poses to which a base frame is fitted: it has six unknowns, and as many numbers are to spare.
 const POSES_FOR_A_BASE: usize = 4;
-/// Positions nearer than this to a line do not show how a base frame is turned about it, m.
+/// Distance from a line, in m, that some positions must have: on a line they do not determine the rotation of the base
+/// frame about it.
 const WIDTH: f64 = 0.01;
 
-/// Refuses measurements that do not determine the base frame and leave something to compare.
+/// Refuses measurements that do not determine the base frame with some left to compare.
 fn enough_for_a_base(test: &Path, samples: &[InstrumentSample]) -> Result<(), Failure> {
     let positions = samples.iter().map(|s| s.observation.position());
     let from_first: Vec<Vector3<f64>> = positions
@@ -336,7 +337,7 @@ fn print(report: Printer, document: &StreamJson, model: &str) {
     report.table(&["error", "mean", "p95", "max"], &rows);
 }
 
-/// The device's poses as the instrument sees them.
+/// Returns the device's poses in the frame of the instrument.
 fn placed(commands: &Commands, answers: &[Evaluation]) -> Vec<Pose<f64>> {
     let in_base = answers.iter().map(|a| Pose::<f32>::from_rows(&a.pose));
     let Some(loaded) = &commands.loaded else {
@@ -359,7 +360,7 @@ fn placed(commands: &Commands, answers: &[Evaluation]) -> Vec<Pose<f64>> {
         .collect()
 }
 
-/// Rows whose pose, correction, status, trust or standard deviation is another one than the host computes.
+/// Lists the rows whose pose, correction, status, trust or standard deviation differs from what the host computes.
 fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
     let Some(loaded) = &commands.loaded else {
         return Vec::new();
@@ -390,7 +391,7 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
         let Some(loaded) = &commands.loaded else {
             return false;
         };
-        // A bypassed command is not the model's.
+        // A bypassed command does not come from the model.
         if Status::from_bits(answer.status).contains(Status::BYPASSED) {
             return false;
         }

@@ -90,10 +90,10 @@ pub fn run(a: &Export) -> Result<(), Failure> {
     exported(a).map(|_| ())
 }
 
-/// Exports, and returns what `--json` writes.
+/// Writes the exported files, and returns the JSON document that `--json` writes.
 ///
 /// # Errors
-/// [`Failure`] as the command's.
+/// [`Failure`], as the command.
 pub fn exported(a: &Export) -> Result<String, Failure> {
     let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
     let others = [&a.joint_offsets, &a.c_header];
@@ -238,7 +238,7 @@ fn print_accuracy(report: Printer, what: &str, lines: Vec<String>) {
     }
 }
 
-/// Refuses what is no nearer to the model than the drawing.
+/// Refuses a chain that is no nearer to the model than the drawing.
 fn nearer_than_the_drawing(
     what: &str,
     error: &ErrorSummary,
@@ -273,7 +273,7 @@ fn joint_zeros_of(
     Ok(zeros)
 }
 
-/// The nominal file with the calibrated transforms; its names of the joints go to all other files, too.
+/// Writes the calibrated transforms into the nominal URDF; the names of its joints are used in all other files, too.
 fn corrected_urdf(
     a: &Export,
     nominal: &Path,
@@ -393,14 +393,14 @@ fn ur_kinematics(
     })
 }
 
-/// What a table is written as.
+/// The format of an exported table.
 enum Format {
     Toml,
     Json,
     Csv,
 }
 
-/// The format that the name of a file asks for; only some tables have rows for `.csv`.
+/// Returns the format that a file name asks for; `.csv` is allowed only for tables with rows.
 fn format_of(path: &Path, has_rows: bool) -> Result<Format, Failure> {
     match path.extension().and_then(|e| e.to_str()) {
         Some("toml") => Ok(Format::Toml),

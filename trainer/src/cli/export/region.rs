@@ -13,10 +13,10 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::joint_targets::{OwnTarget, read_targets};
 use poegp_calibration::robot::Robot;
 
-/// How far about the poses of a file a region reaches, where nothing else is stated: degrees, or millimetres.
+/// Default reach of a region around the poses of a file: degrees, or millimetres along prismatic joints.
 const REACH: f64 = 2.0;
 
-/// The region that the command line asks for.
+/// Creates the region that the command line asks for.
 pub fn region(
     loaded: &BlobModel,
     asked: Option<&str>,
@@ -85,13 +85,13 @@ pub fn region(
     }
 }
 
-/// What may be a file in `--region`.
+/// Returns the part of `--region` that may be the path of a file.
 pub fn file(asked: &str) -> &Path {
     let poses = split(asked).map_or(asked, |(_, poses)| poses);
     Path::new(poses)
 }
 
-/// The reach before an `@`, and what is behind it.
+/// Splits `--region` into the reach before the `@` and the poses behind it.
 fn split(asked: &str) -> Result<(f64, &str), Failure> {
     let parts = asked
         .split_once('@')
@@ -111,13 +111,13 @@ fn split(asked: &str) -> Result<(f64, &str), Failure> {
     }
 }
 
-/// Numbers with commas between them.
+/// Parses finite numbers with commas between them.
 fn numbers(text: &str) -> Option<Vec<f64>> {
     let number = |part: &str| part.trim().parse::<f64>().ok().filter(|x| x.is_finite());
     text.split(',').map(number).collect()
 }
 
-/// A pose of the command line in rad and m.
+/// Converts a pose of the command line from degrees and millimetres to rad and m.
 fn joints(asked: &str, pose: &[f64], robot: &Robot) -> Result<Vec<f64>, Failure> {
     if pose.len() != robot.joints.len() {
         return Err(Failure::Usage(format!(
@@ -136,7 +136,7 @@ fn joints(asked: &str, pose: &[f64], robot: &Robot) -> Result<Vec<f64>, Failure>
         .collect())
 }
 
-/// Lightest and heaviest payload of the rows, where every row has one.
+/// Returns the lightest and the heaviest payload of the rows; `None` unless every row has one.
 fn of_rows(rows: &[OwnTarget]) -> Option<(f32, f32)> {
     let payloads: Option<Vec<f32>> = rows.iter().map(|row| row.2.map(|kg| kg as f32)).collect();
     let payloads = payloads?;

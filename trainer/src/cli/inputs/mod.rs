@@ -1,4 +1,4 @@
-//! Files that commands read: robots and measurements.
+//! Input files of commands: robots and measurements.
 
 mod of_blob;
 
@@ -25,7 +25,7 @@ use poegp_calibration::validation::cross_validation::TestSet;
 
 pub use of_blob::{FRAMES_HELP, fitted_frames, frame_failure, read, read_long, robot_of};
 
-/// A robot with its chain.
+/// A robot with its nominal chain.
 pub struct Arm {
     pub robot: Robot,
     pub nominal: Poe<f64>,
@@ -42,7 +42,7 @@ impl Arm {
         Ok(Self { robot, nominal })
     }
 
-    /// Reads and checks a measurement file for this robot; notes go to standard error. New tools are added to `tools`.
+    /// Reads and checks a measurement file for this robot; notes go to standard error. New tools are appended to `tools`.
     pub fn read(
         &self,
         path: &Path,
@@ -52,7 +52,7 @@ impl Arm {
         read_samples(&Input::file(path), &self.robot, tools, correction)
     }
 
-    /// As [`Arm::read`], for measurements that need not be in a file.
+    /// Reads measurements as [`Arm::read`] does, from a file or from memory.
     pub fn read_input(
         &self,
         input: &Input<'_>,
@@ -63,7 +63,7 @@ impl Arm {
     }
 }
 
-/// A measurement file of `robot`; notes go to standard error.
+/// Reads and checks measurements of `robot`; notes go to standard error.
 fn read_samples(
     input: &Input<'_>,
     robot: &Robot,
@@ -82,7 +82,7 @@ fn read_samples(
     Ok(file)
 }
 
-/// Refuses a file with too few different poses or too many rows before any work, as an error of the file.
+/// Refuses a file with too few different poses or too many rows, before any fit begins, with an error about the file.
 pub fn enough_poses(
     path: &Path,
     (poses, rows): (usize, usize),
@@ -119,7 +119,7 @@ pub fn enough_poses(
     .into())
 }
 
-/// Equations that a pose gives: six, or three when only positions were measured.
+/// Returns the number of equations that a pose gives: six, or three if only positions were measured.
 pub fn equations(samples: &[InstrumentSample]) -> usize {
     if samples.iter().all(|s| !s.observation.has_orientation()) {
         3
@@ -128,7 +128,7 @@ pub fn equations(samples: &[InstrumentSample]) -> usize {
     }
 }
 
-/// The origin of a calibration: today, or the day that SOURCE_DATE_EPOCH names, for reproducible builds.
+/// Creates the provenance of a calibration, dated today, or on the day of SOURCE_DATE_EPOCH for reproducible builds.
 pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) -> Provenance {
     Provenance {
         serial_number: serial_number.to_owned(),
@@ -146,7 +146,7 @@ pub fn is_training_data(loaded: &BlobModel, sha256: [u8; 32]) -> bool {
     loaded.host().provenance.data_sha256 == sha256
 }
 
-/// Refuses the file that a model was calibrated with: `expected` is what a command needs instead.
+/// Refuses the file that a model was calibrated with; `expected` describes the file that the command needs instead.
 ///
 /// # Errors
 /// [`InputError`].
@@ -163,7 +163,7 @@ pub fn fresh(
     }
 }
 
-/// Says that errors are of the rows that `model` was fitted to.
+/// Warns that errors are those of rows that `model` was fitted to.
 pub fn warn_of_training_data(path: &Path, model: impl Display) {
     warning(format_args!(
         "{}: {model} was calibrated with these rows: its errors elsewhere are larger",
@@ -171,7 +171,7 @@ pub fn warn_of_training_data(path: &Path, model: impl Display) {
     ));
 }
 
-/// The time, or the one of SOURCE_DATE_EPOCH.
+/// Returns the current time, or that of SOURCE_DATE_EPOCH if it is set.
 pub fn now() -> time::OffsetDateTime {
     let seconds = std::env::var("SOURCE_DATE_EPOCH")
         .ok()
@@ -181,7 +181,7 @@ pub fn now() -> time::OffsetDateTime {
         .unwrap_or_else(time::OffsetDateTime::now_utc)
 }
 
-/// The last part of a path, for tables.
+/// Returns the last part of a path, for tables.
 pub fn file_name(path: &Path) -> String {
     path.file_name().map_or_else(
         || path.display().to_string(),
@@ -189,7 +189,7 @@ pub fn file_name(path: &Path) -> String {
     )
 }
 
-/// A test file of the same arm, whose tools have to be among the first `trained_tools`.
+/// Reads a test file of the same arm; its tools must be among the first `trained_tools`.
 pub fn read_test(
     arm: &Arm,
     path: &Path,
@@ -214,16 +214,16 @@ pub fn read_test(
     Ok(file)
 }
 
-/// Test files, with the drift taken out when the training data have it taken out.
+/// Test files; their drift is removed if it was removed from the training data.
 pub struct Tests {
-    /// As they were read.
+    /// The files as they were read.
     pub files: Vec<MeasurementSet>,
-    /// As they are predicted.
+    /// The samples that are predicted.
     pub sets: Vec<TestSet>,
 }
 
 impl Tests {
-    /// Reads them all; the training file itself is refused.
+    /// Reads all test files, and refuses the training file among them.
     pub fn read(
         arm: &Arm,
         paths: &[PathBuf],

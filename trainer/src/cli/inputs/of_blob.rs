@@ -1,4 +1,4 @@
-//! Measurements of the robot that a blob is of.
+//! Measurements of the robot of a blob.
 
 use std::path::Path;
 
@@ -23,23 +23,23 @@ use crate::cli::input::Input;
 use crate::cli::inputs::read_samples;
 use crate::cli::terminal::print::note;
 
-/// What to do about measurements in other frames than the calibration's.
+/// Advice about measurements in other frames than the calibration's.
 pub const FRAMES_HELP: &str = "if the instrument was moved give --fit-base, if the target was remounted or the calibration \
     had positions alone --fit-tool";
 
-/// A measurement file as the arm of a blob sees it.
+/// A measurement file, read for the arm of a blob.
 pub struct TestData {
     pub set: MeasurementSet,
     pub samples: Vec<InstrumentSample>,
-    /// First the tools of the blob, then those that only the file has.
+    /// Names of the tools: those of the blob first, then those that only the file has.
     pub names: Vec<ToolName>,
-    /// The drift that was removed from the samples.
+    /// Drift that was removed from the samples.
     pub drift: Option<DriftReport>,
-    /// A file of which `set` and `samples` are some rows only.
+    /// The file itself, if it is long; then `set` and `samples` hold only some of its rows.
     long: Option<LongFile>,
 }
 
-/// Reads and checks measurements for the robot of a blob; notes go to standard error.
+/// Reads and checks measurements of a blob's robot; notes go to standard error.
 pub fn read(
     loaded: &BlobModel,
     input: &Input<'_>,
@@ -51,8 +51,8 @@ pub fn read(
     complete(loaded, input.path, names, (None, file))
 }
 
-/// As [`read`], but of a long file some rows only; [`TestData::each_chunk`] shows all. The drift of the instrument is a matter
-/// of all rows, so that with its correction every file is held.
+/// Reads a file as [`read`] does, but only some rows of a long one; [`TestData::each_chunk`] visits all. The drift of the
+/// instrument depends on all rows, so that its correction needs the whole file in memory.
 pub fn read_long(
     loaded: &BlobModel,
     path: &Path,
@@ -105,11 +105,11 @@ fn complete(
     })
 }
 
-/// Rows of a file that is held which are looked at together.
+/// Number of rows in a chunk of a file that is held in memory.
 const HELD_CHUNK: usize = 1024;
 
 impl TestData {
-    /// Shows all rows of the file, in chunks, to `work` on all cores, and what it made of them to `take` in their order.
+    /// Calls `work` with every chunk of rows, on all cores, and `take` with the results in the order of the rows.
     ///
     /// # Errors
     /// Those of `take`, and [`InputError`] for a long file that has changed.
@@ -132,10 +132,10 @@ impl TestData {
         )
     }
 
-    /// The warnings about its rows as measurements of `robot`.
+    /// Examines whether the rows are measurements of `robot`, and returns the warnings.
     ///
     /// # Errors
-    /// [`Failure::Data`] when they are of another one.
+    /// [`Failure::Data`] if they are of another robot.
     pub fn examined(
         &self,
         path: &Path,
@@ -155,7 +155,8 @@ impl TestData {
         .for_judging()
     }
 
-    /// The frames of its tools, where the frames that `which` names are fitted to its measurements.
+    /// Returns the frames of the file's tools. Refuses a tool that the blob does not know, unless `which` has its frame
+    /// fitted to the measurements.
     pub fn frames(
         &self,
         loaded: &BlobModel,
@@ -163,7 +164,7 @@ impl TestData {
         which: FramesToFit,
     ) -> Result<Vec<Pose<f64>>, Failure> {
         let known = loaded.tools();
-        // One tool on both sides: the same, unless the file says otherwise.
+        // If blob and file both have a single tool, it is taken to be the same one.
         let is_the_only_one = known.is_empty() && self.names.len() == 1;
         match self.names.get(known.len()) {
             Some(name) if !(which.tools || is_the_only_one) => Err(InputError::new(
@@ -190,7 +191,7 @@ impl TestData {
     }
 }
 
-/// Which frames were fitted; `left_out` rows were not compared.
+/// Describes which frames were fitted; `left_out` is the number of rows that were not compared.
 pub fn fitted_frames(
     loaded: &BlobModel,
     base: bool,
@@ -219,7 +220,7 @@ pub fn fitted_frames(
     })
 }
 
-/// Frames that cannot be fitted, as an error of the file.
+/// Converts the error about frames that cannot be fitted to an error about the file.
 pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Failure {
     match error {
         FrameError::NothingLeft { tool, rows, wanted } => InputError::new(
@@ -253,7 +254,7 @@ pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Fail
     .into()
 }
 
-/// The arm of a blob as far as a measurement file is checked against it.
+/// Returns the robot of a blob, with the parts that a measurement file is checked against.
 pub fn robot_of(blob: &Blob<'_>) -> Robot {
     let joint = |(i, joint): (usize, &poegp_protocol::blob::Joint)| Joint {
         name: format!("q{}", i + 1),

@@ -1,7 +1,7 @@
-//! The file of what was measured: a row is on disk before anybody is said that it is taken.
+//! The file of measured rows: a row is on disk before anybody is informed that it is accepted.
 //!
-//! A row counts when its line has an end. Power may fail in the middle of one: the rest of it is found at the next start, becomes
-//! a comment, and is reported. Everything before it was complete.
+//! A row counts when its line is complete. A power failure may leave part of a line: the next start turns that part into a
+//! comment and reports it. All lines before it are complete.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Seek, SeekFrom, Write};
@@ -12,12 +12,12 @@ use poegp_calibration::input_error::InputError;
 use crate::cli::failure::Failure;
 use crate::cli::output::transaction::writing;
 
-/// Proof that a row is on disk: nothing else makes one, and nobody confirms a row without it.
+/// Proof that a row is on disk: only writing the row creates one, and no row is confirmed without it.
 #[derive(Debug)]
 #[must_use]
 pub struct OnDisk(());
 
-/// The file, open for one more row at a time.
+/// The measurement file, open to append one row at a time.
 pub struct Journal {
     path: PathBuf,
     file: File,
@@ -25,10 +25,10 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens or makes the file. What a power cut left of a line comes second.
+    /// Opens or creates the file. Also returns the incomplete last line, if a power failure has left one.
     ///
     /// # Errors
-    /// [`InputError`] where the file is another program's, [`Failure::LostOutput`] where it cannot be written.
+    /// [`InputError`] if another program is writing the file, [`Failure::LostOutput`] if it cannot be written.
     pub fn open(path: &Path) -> Result<(Self, Option<String>), Failure> {
         let _writing = writing();
         let lost = |error| Failure::lost(path, error);
@@ -42,7 +42,7 @@ impl Journal {
                 let found = "a file that another measurement is writing to";
                 return Err(InputError::new(path, found, "a file for each measurement").into());
             }
-            // Not every file system has locks.
+            // Some file systems have no locks.
             Err(TryLockError::Error(_)) => {}
         }
         if is_new {
@@ -58,7 +58,7 @@ impl Journal {
         Ok((out, torn))
     }
 
-    /// Makes a comment of what stands behind the last complete line.
+    /// Turns the incomplete text behind the last complete line into a comment, and returns that text.
     fn mend(&mut self) -> std::io::Result<Option<String>> {
         let complete = match self.bytes.iter().rposition(|byte| *byte == b'\n') {
             Some(last) => last + 1,
@@ -68,7 +68,7 @@ impl Journal {
             return Ok(None);
         }
         let torn = String::from_utf8_lossy(&self.bytes[complete..]).into_owned();
-        // A file system may leave zeros where the data did not arrive.
+        // After a power failure, a file system may leave zeros in place of data.
         let torn: String = torn.chars().filter(|c| !c.is_control()).collect();
         let mut tail = Vec::new();
         if !torn.is_empty() {
@@ -83,18 +83,18 @@ impl Journal {
         Ok((!torn.is_empty()).then_some(torn))
     }
 
-    /// All of it.
+    /// Returns the whole contents of the file.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// The first line that is neither blank nor a comment.
+    /// Returns the first line that is neither blank nor a comment.
     pub fn header(&self) -> Option<String> {
         let text = String::from_utf8_lossy(&self.bytes);
         first_line(&text).map(str::to_owned)
     }
 
-    /// Adds a line; it is on disk when this returns, or the file is as it was.
+    /// Appends a line. It is on disk when this returns; after an error the file is unchanged.
     ///
     /// # Errors
     /// [`Failure::LostOutput`].
@@ -115,14 +115,14 @@ impl Journal {
     }
 }
 
-/// The first line of a table that is neither blank nor a comment.
+/// Returns the first line of a table that is neither blank nor a comment.
 pub fn first_line(text: &str) -> Option<&str> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut lines = text.lines().map(str::trim);
     lines.find(|line| !line.is_empty() && !line.starts_with('#'))
 }
 
-/// The name of a new file is on disk, too.
+/// Writes the name of a new file to disk, too, by synchronizing its folder.
 fn on_disk(path: &Path) -> std::io::Result<()> {
     if !cfg!(unix) {
         return Ok(());

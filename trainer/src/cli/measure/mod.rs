@@ -1,4 +1,4 @@
-//! `trainer measure`: asks for one row of a plan after the other, and says what is known after each.
+//! `trainer measure`: asks for one row of a plan after another, and prints after each what is known.
 
 mod journal;
 mod plan;
@@ -123,31 +123,31 @@ struct Session<'a> {
     arm: &'a Arm,
     planned: &'a Planned,
     journal: Journal,
-    /// Columns of the rows, once they are known.
+    /// Columns of the measured rows, once they are known.
     header: Option<String>,
     chooser: Chooser<'a>,
     lines: Lines,
     gravity: Vector3<f64>,
     class: ClassPrior,
     found: Option<Outlook>,
-    /// Features that have too few rows.
+    /// Features that still have too few rows.
     missing: Vec<Waiting>,
     rows: usize,
     show: Show,
 }
 
-/// What came in place of a row.
+/// The response to the request for a row.
 enum Answer {
-    /// A row that is on disk, and all rows with it.
+    /// A row that is now on disk, together with all earlier rows.
     Row(Box<TouchSet>, OnDisk),
-    /// It cannot be measured.
+    /// The requested row cannot be measured.
     Skip,
-    /// No more comes.
+    /// No more rows will come.
     End,
 }
 
 impl Session<'_> {
-    /// Takes the rows that the file has already.
+    /// Continues from the rows that the file already contains.
     fn resume(&mut self) -> Result<(), Failure> {
         let out = &self.options.out;
         let Some(header) = &self.header else {
@@ -201,8 +201,8 @@ impl Session<'_> {
         }
     }
 
-    /// What comes next: first what every feature needs. The first touches of a point only say where the point is, so that one
-    /// by one they never seem worth anything.
+    /// Chooses the next row: first those that every feature needs. The first touches of a point only determine where the
+    /// point is, so that each by itself never seems worth measuring.
     fn next(&self) -> Result<Next, End> {
         let missing = |feature| self.missing.iter().any(|(m, _)| Some(*m) == feature);
         if let Some(next) = self.chooser.best(missing) {
@@ -234,7 +234,7 @@ impl Session<'_> {
         }
     }
 
-    /// The next answer; rows that cannot be used are said and asked for again.
+    /// Waits for the next answer. Rows that cannot be used are reported, and the user is asked again.
     fn answer(&mut self) -> Result<Answer, Failure> {
         loop {
             let Some((number, line)) = self.lines.next()? else {
@@ -258,7 +258,7 @@ impl Session<'_> {
         }
     }
 
-    /// Reads a line and puts it on disk if it is a row; `None` if it is a header.
+    /// Parses a line and, if it is a row, puts it on disk; returns `None` for a header.
     fn taken(&mut self, number: usize, line: &str) -> Result<Option<(TouchSet, OnDisk)>, Failure> {
         let of_input = |mut error: InputError| {
             error.line = error.line.map(|_| number);
@@ -288,7 +288,7 @@ impl Session<'_> {
         self.planned
             .so_far(name, alone.as_bytes(), self.arm)
             .map_err(of_input)?;
-        // With all others, for tools and the like.
+        // The row is read once more with all earlier rows, because its tools and the like depend on them.
         let lines = match self.journal.header() {
             Some(_) => line.to_owned(),
             None => format!("{header}\n{line}"),
@@ -304,7 +304,7 @@ impl Session<'_> {
         Ok(Some((set, kept)))
     }
 
-    /// Confirms a row, and says what is known with it.
+    /// Confirms a row, and prints what is now known.
     fn took(&mut self, set: &TouchSet, kept: &OnDisk) -> Result<(), Failure> {
         let index = set.rows.len() - 1;
         self.rows = set.rows.len();

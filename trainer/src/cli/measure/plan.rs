@@ -1,4 +1,4 @@
-//! The plan that is measured: what `trainer plan` wrote, of touches or of a tracker's poses, and how its rows are read.
+//! The plan to measure: a plan of `trainer plan`, of touches or of poses for a tracker, and how its rows are read.
 
 use std::path::{Path, PathBuf};
 
@@ -18,17 +18,17 @@ use crate::cli::inputs::Arm;
 use crate::cli::measure::journal::first_line;
 use crate::cli::terminal::print::note;
 
-/// A plan.
+/// A plan of rows to measure.
 pub struct Planned {
-    /// Its rows, with the readings of the arm as drawn.
+    /// Rows of the plan, with the readings that the arm as drawn would give.
     pub set: TouchSet,
-    /// The columns of a new file, unless the rows that come have others.
+    /// Columns of a new measurement file, unless the measured rows have others.
     pub header: String,
     features: Option<(PathBuf, Vec<u8>)>,
 }
 
 impl Planned {
-    /// Reads it, and of touches the features.
+    /// Reads a plan, and for touches the description of the features.
     ///
     /// # Errors
     /// [`InputError`] with file, line and column.
@@ -112,22 +112,22 @@ impl Planned {
         })
     }
 
-    /// The file of the features.
+    /// Returns the path of the file that describes the features; `None` for poses of a tracker.
     pub fn features(&self) -> Option<&Path> {
         self.features.as_ref().map(|(path, _)| path.as_path())
     }
 
-    /// Before anything was measured.
+    /// Returns the plan with no rows, as before the first measurement.
     pub fn without_rows(&self) -> TouchSet {
         let mut out = self.set.clone();
         out.rows.clear();
         out
     }
 
-    /// Rows that were measured so far.
+    /// Parses the rows that were measured so far.
     ///
     /// # Errors
-    /// [`InputError`] about the first row that is not as it should be.
+    /// [`InputError`] about the first invalid row.
     pub fn so_far(&self, path: &Path, bytes: &[u8], arm: &Arm) -> Result<TouchSet, InputError> {
         match &self.features {
             Some((features, text)) => {
@@ -141,7 +141,7 @@ impl Planned {
         }
     }
 
-    /// Whether `calibrate` would take the file as it is.
+    /// Whether `calibrate` would accept the file as it is.
     pub fn is_whole(&self, path: &Path, bytes: &[u8], arm: &Arm) -> bool {
         match &self.features {
             Some((features, text)) => {
@@ -154,7 +154,7 @@ impl Planned {
         }
     }
 
-    /// What a row asks for: the feature, the joints in the units of files, the payload.
+    /// Describes what to measure for a row: the feature, the joints in the units of files, the payload.
     pub fn asked(&self, row: &TouchRow, arm: &Arm) -> Asked {
         let joints = arm.robot.joints.iter().zip(&row.joints);
         let feature = row.reading.feature();
@@ -169,14 +169,14 @@ impl Planned {
     }
 }
 
-/// What is to be measured next.
+/// The row to measure next, as it is shown to the user.
 pub struct Asked {
-    /// Its line in the plan.
+    /// Line of the row in the plan.
     pub line: usize,
-    /// What to touch.
+    /// Feature to touch; `None` for a pose of a tracker.
     pub feature: Option<String>,
-    /// Degrees or millimetres.
+    /// Joint values in degrees or millimetres.
     pub joints: Vec<String>,
-    /// What is mounted.
+    /// Mass of the payload to mount, kg.
     pub payload_kg: Option<f64>,
 }

@@ -1,4 +1,4 @@
-//! What `trainer measure` says: lines for a person, and one JSON document a line for a program.
+//! The output of `trainer measure`: lines for a person, and one JSON document per line for a program.
 
 use std::fs::File;
 use std::io::Write;
@@ -18,7 +18,7 @@ use crate::cli::measure::plan::Asked;
 use crate::cli::terminal::print::{Printer, is_stdout, note, to_stdout};
 use crate::cli::terminal::snippet;
 
-/// Why it ends.
+/// The reason why a measurement ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// The expected error is small enough.
@@ -29,14 +29,14 @@ pub enum End {
     NoMore,
 }
 
-/// Where it is said.
+/// The outputs of the dialogue.
 pub struct Show {
     report: Printer,
     json: Option<(PathBuf, Option<File>)>,
 }
 
 impl Show {
-    /// With the JSON in `json`.
+    /// Creates the outputs; `json` is the path of the JSON output.
     ///
     /// # Errors
     /// [`Failure::LostOutput`].
@@ -54,7 +54,7 @@ impl Show {
         })
     }
 
-    /// Writes a document without the members that there is nothing to say of.
+    /// Writes a document without its null members.
     fn document(&mut self, mut document: Value) -> Result<(), Failure> {
         if let Value::Object(members) = &mut document {
             members.retain(|_, value| !value.is_null());
@@ -69,7 +69,7 @@ impl Show {
         }
     }
 
-    /// Rows of an earlier session.
+    /// Reports that the rows of an earlier session are continued.
     pub fn resumed(&mut self, out: &Path, rows: usize, found: Option<&Outlook>) {
         let expected = found.map_or_else(String::new, |found| {
             format!(", expected error {:.3} mm", found.expected.mean_mm)
@@ -80,7 +80,7 @@ impl Show {
         ));
     }
 
-    /// What to measure.
+    /// Shows which row to measure next.
     pub fn next(
         &mut self,
         asked: &Asked,
@@ -113,7 +113,7 @@ impl Show {
         }))
     }
 
-    /// A row that cannot be used.
+    /// Reports a row that cannot be used.
     pub fn refused(&mut self, error: &InputError) -> Result<(), Failure> {
         note(format_args!(
             "refused, nothing was changed: {}",
@@ -125,13 +125,13 @@ impl Show {
         }))
     }
 
-    /// A row that is on disk.
+    /// Confirms that a row is on disk.
     pub fn taken(&mut self, row: usize, _: &OnDisk) -> Result<(), Failure> {
         self.report.line(format_args!("row {row} is on disk"));
         self.document(json!({"event": "taken", "row": row}))
     }
 
-    /// What is known with it.
+    /// Shows the expected error with all rows so far.
     pub fn known(
         &mut self,
         row: usize,
@@ -175,7 +175,7 @@ impl Show {
         }))
     }
 
-    /// The last row is not what the others say.
+    /// Reports that the last row contradicts the others.
     pub fn strange(&mut self, row: usize, missed_mm: Option<f64>) -> Result<(), Failure> {
         let by = missed_mm.map_or_else(
             || "is far from what the other rows predict".to_owned(),
@@ -187,7 +187,7 @@ impl Show {
         self.document(json!({"event": "strange", "row": row, "missed_mm": missed_mm}))
     }
 
-    /// Why it ends, and what comes then.
+    /// Reports why the measurement ends, and which command comes next.
     pub fn end(
         &mut self,
         end: End,

@@ -1,4 +1,4 @@
-//! Where rows come from: standard input, a file that somebody appends to, or a port. A line counts when it has its end.
+//! The source of measured rows: standard input, a growing file, or a port. A line counts once its end has arrived.
 
 use std::collections::HashMap;
 use std::fmt;
@@ -13,19 +13,19 @@ use poegp_calibration::input_error::InputError;
 use crate::cli::failure::Failure;
 use crate::device::port::{self, Address, AddressError, Stream, advice};
 
-/// How often a file is looked at again, and how long a port is waited for at a time.
+/// Time between two reads of a growing file, and timeout of a read from a port.
 const PAUSE: Duration = Duration::from_millis(50);
-/// Bytes of a line that is none any more.
+/// Largest number of bytes in a line; more without the end of a line are an error.
 const LONGEST: usize = 1 << 16;
 
-/// Where rows come from.
+/// The source that the command line names for measured rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// `-`.
+    /// Standard input, named `-`.
     Stdin,
-    /// A file that grows.
+    /// A file that another program appends to.
     File(PathBuf),
-    /// `serial:DEVICE[@BAUD]`, `unix:PATH` or `tcp:HOST:PORT`.
+    /// A port, named `serial:DEVICE[@BAUD]`, `unix:PATH` or `tcp:HOST:PORT`.
     Port(Address),
 }
 
@@ -60,21 +60,21 @@ enum Input {
     Port(Box<dyn Stream>),
 }
 
-/// Lines as they come.
+/// A source, open to read lines as they arrive.
 pub struct Lines {
     name: PathBuf,
     input: Input,
     waiting: Vec<u8>,
     number: usize,
-    /// Rows of an earlier session that a file has, too, and how often.
+    /// Lines of an earlier session that the source file repeats, with the number of times that each is to be skipped.
     known: HashMap<String, usize>,
 }
 
 impl Lines {
-    /// Opens it.
+    /// Opens a source.
     ///
     /// # Errors
-    /// [`InputError`] where it cannot be read.
+    /// [`InputError`] if it cannot be read.
     pub fn open(origin: &Origin) -> Result<Self, Failure> {
         let name = PathBuf::from(origin.to_string());
         let input = match origin {
@@ -106,7 +106,7 @@ impl Lines {
         })
     }
 
-    /// Lines of a file that an earlier session took: they are passed over, each as often as it is here.
+    /// Skips lines of a source file that an earlier session has taken, each as often as it occurs in `known`.
     pub fn pass_over(&mut self, known: &[u8]) {
         if let Input::File(_) = self.input {
             for line in String::from_utf8_lossy(known).lines() {
@@ -115,15 +115,15 @@ impl Lines {
         }
     }
 
-    /// What it is called in messages.
+    /// Returns the name of the source for messages.
     pub fn name(&self) -> &Path {
         &self.name
     }
 
-    /// The next line with its number, from 1; `None` when no more come.
+    /// Waits for the next line; returns its number, from 1, and its text. `None` if no more lines come.
     ///
     /// # Errors
-    /// [`InputError`] where it cannot be read any further.
+    /// [`InputError`] if the source cannot be read any further.
     pub fn next(&mut self) -> Result<Option<(usize, String)>, Failure> {
         loop {
             let Some(bytes) = self.whole_line()? else {
@@ -167,7 +167,7 @@ impl Lines {
         }
     }
 
-    /// Reads what there is; `false` when no more comes.
+    /// Reads the bytes that have arrived; returns `false` if no more will come.
     fn more(&mut self) -> std::io::Result<bool> {
         use std::io::{Error, ErrorKind};
         match &mut self.input {
@@ -210,7 +210,7 @@ impl Lines {
         }
     }
 
-    /// Whether the last line never came to its end.
+    /// Whether the last line is incomplete.
     pub fn is_torn(&self) -> bool {
         !self.waiting.is_empty()
     }

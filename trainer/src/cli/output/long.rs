@@ -1,4 +1,5 @@
-//! An output that is written piece by piece, of any length: it takes its place whole, together with the other outputs.
+//! An output of any length that is written piece by piece: its target is replaced at once, together with the other
+//! outputs.
 
 use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
@@ -8,31 +9,31 @@ use crate::cli::failure::Failure;
 use crate::cli::output::paths::{could_be_written, is_stream};
 use crate::cli::output::transaction::{Staged, writing};
 
-/// Bytes that are written at once.
+/// Bytes that are buffered before a write.
 const BUFFER: usize = 1 << 18;
 
-/// A long output. What is written goes to a temporary file, beside its place, or for standard output and pipes where the
-/// system keeps such files. Dropped, it leaves nothing.
+/// A long output. Its bytes go to a temporary file: beside the target, or, for standard output and pipes, in the system's
+/// folder for temporary files. Dropping it leaves no file behind.
 pub struct LongOutput {
     path: PathBuf,
     destination: Destination,
 }
 
 enum Destination {
-    /// A file that is to take its place, and a writer to the same file.
+    /// A staged file that will replace the target, and a writer to that file.
     File(Staged, BufWriter<File>),
     Stream(BufWriter<File>),
 }
 
-/// A long output that is complete.
+/// A long output that is completely written.
 pub(super) enum Complete {
     File(Staged),
-    /// Where it goes, and the file with it, at its beginning.
+    /// Path of the stream, and the temporary file with its contents, rewound to the start.
     Stream(PathBuf, File),
 }
 
 impl LongOutput {
-    /// For `path`; `-` is standard output.
+    /// Creates a long output to `path`; `-` is standard output.
     ///
     /// # Errors
     /// As [`super::check`].
@@ -54,7 +55,7 @@ impl LongOutput {
         })
     }
 
-    /// Writes more.
+    /// Appends bytes.
     ///
     /// # Errors
     /// [`Failure::LostOutput`].
@@ -64,7 +65,7 @@ impl LongOutput {
         written.map_err(|error| Failure::lost(&self.path, error))
     }
 
-    /// All that was written, on disk where it is a file.
+    /// Completes the output; a file is then on disk.
     pub(super) fn complete(self) -> Result<Complete, Failure> {
         let path = self.path;
         let complete = match self.destination {

@@ -1,9 +1,9 @@
-//! Files that are written whole or not at all, and all files of a command or none.
+//! Output files: each is written completely or not at all, and so is the set of all outputs of a command.
 //!
-//! Every output is checked before the work begins (does its folder exist, is it not a folder itself, is it not
-//! protected). All are written to temporary files beside their targets ([`transaction`]), then to standard output and pipes,
-//! which cannot be taken back, and then renamed: a failure leaves what was there before. No folder is created. A link is
-//! followed, and what is no regular file (`/dev/null`, a pipe) is written to, never replaced.
+//! Every output is checked before the work begins: its folder must exist, and it must be neither a folder nor protected.
+//! All are written to temporary files beside their targets ([`transaction`]), then to standard output and pipes, which
+//! cannot be undone, and then renamed: a failure leaves the old files unchanged. No folder is created. A link is
+//! followed. A target that is not a regular file (`/dev/null`, a pipe) is written to, never replaced.
 
 pub mod long;
 mod paths;
@@ -20,7 +20,7 @@ use crate::cli::output::paths::{could_be_written, is_stream};
 use crate::cli::output::transaction::{Readers, Staged, commit, writing};
 use crate::cli::terminal::print::{is_stdout, to_stdout_all};
 
-/// Refuses a path that could not be written, before the work that would be lost.
+/// Refuses a path that cannot be written, before any work that would be lost.
 ///
 /// # Errors
 /// [`InputError`] names the path and what is wrong with it.
@@ -29,7 +29,7 @@ pub fn check(path: &Path) -> Result<(), Failure> {
     could_be_written(path)
 }
 
-/// Refuses a path that could not be written, or where there is something already.
+/// Refuses a path that cannot be written, or at which something exists already.
 ///
 /// # Errors
 /// [`InputError`] names the path and what is wrong with it.
@@ -38,7 +38,7 @@ pub fn check_new(path: &Path) -> Result<(), Failure> {
     could_be_new(path)
 }
 
-/// The same while nothing else is written.
+/// Refuses a path as [`check_new`] does; the caller holds the lock on writing.
 fn could_be_new(path: &Path) -> Result<(), Failure> {
     if std::fs::symlink_metadata(path).is_ok_and(|there| !there.is_dir()) {
         return Err(exists(path));
@@ -50,18 +50,18 @@ fn exists(path: &Path) -> Failure {
     InputError::new(path, "a file that exists", "the name of a new file").into()
 }
 
-/// A file that must not be there yet, and who may read it.
+/// A file that must not exist yet: path, contents, and who may read it.
 pub type NewFile<'a> = (&'a Path, &'a [u8], Readers);
 
-/// Writes all outputs of a command or none; `-` is standard output.
+/// Writes all outputs of a command or none of them; `-` is standard output.
 ///
 /// # Errors
-/// [`InputError`] as of [`check`], [`Failure::LostOutput`] when the writing fails: nothing is changed then.
+/// [`InputError`] as from [`check`], [`Failure::LostOutput`] if writing fails: then nothing is changed.
 pub fn write_outputs(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
     write_with_new(&[], outputs)
 }
 
-/// [`write_outputs`] together with files that overwrite nothing.
+/// Writes outputs as [`write_outputs`] does, together with new files that must not overwrite anything.
 ///
 /// # Errors
 /// As [`write_outputs`].
@@ -69,7 +69,7 @@ pub fn write_with_new(new: &[NewFile<'_>], outputs: &[(&Path, &[u8])]) -> Result
     write_all(None, new, outputs)
 }
 
-/// [`write_outputs`] together with an output that is complete.
+/// Writes outputs as [`write_outputs`] does, together with a long output that is completely written.
 ///
 /// # Errors
 /// As [`write_outputs`].
@@ -121,13 +121,13 @@ fn write_stream(path: &Path, bytes: &mut dyn Read) -> Result<(), Failure> {
         .map_err(|error| Failure::lost(path, error))
 }
 
-/// A JSON document as text.
+/// Formats a JSON document.
 pub fn json_text(document: &impl serde::Serialize) -> Result<String, Failure> {
     let text = serde_json::to_string_pretty(document).map_err(|e| Failure::Usage(e.to_string()))?;
     Ok(text + "\n")
 }
 
-/// Writes the results of a command as JSON where they were asked for, with the version of the program.
+/// Writes the results of a command as JSON, with the version of the program, if `path` is given.
 pub fn write_summary(path: Option<&Path>, summary: serde_json::Value) -> Result<(), Failure> {
     match path {
         Some(path) => write_outputs(&[(path, summary_text(summary)?.as_bytes())]),
@@ -135,13 +135,13 @@ pub fn write_summary(path: Option<&Path>, summary: serde_json::Value) -> Result<
     }
 }
 
-/// The results of a command as a JSON document, with the version of the program.
+/// Formats the results of a command as a JSON document, with the version of the program.
 pub fn summary_text(mut summary: serde_json::Value) -> Result<String, Failure> {
     summary["version"] = env!("CARGO_PKG_VERSION").into();
     json_text(&summary)
 }
 
-/// Refuses outputs that cannot be written, that are one file, or that would overwrite an input, before the work.
+/// Refuses, before the work, outputs that cannot be written, that are the same file, or that would overwrite an input.
 pub fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), Failure> {
     let outputs: Vec<&Path> = outputs.iter().flatten().copied().collect();
     for (i, path) in outputs.iter().enumerate() {
@@ -166,7 +166,7 @@ pub fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), 
     Ok(())
 }
 
-/// A folder for outputs; removed at the end if it was made and is still empty.
+/// A folder for outputs; it is removed at the end if it was created and is still empty.
 pub struct OutputFolder<'a> {
     path: &'a Path,
     is_new: bool,
@@ -180,7 +180,7 @@ impl Drop for OutputFolder<'_> {
     }
 }
 
-/// Makes a folder if it is not there; its parent must be.
+/// Creates a folder if it does not exist; its parent must exist.
 pub fn make_folder(path: &Path) -> Result<OutputFolder<'_>, Failure> {
     if path.is_dir() {
         let is_new = false;

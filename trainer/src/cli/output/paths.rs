@@ -1,4 +1,4 @@
-//! Which paths can be written.
+//! Checks whether paths can be written.
 
 use std::path::Path;
 
@@ -8,12 +8,12 @@ use crate::cli::failure::Failure;
 use crate::cli::output::transaction::{check_temporary, folder_of};
 use crate::cli::terminal::print::is_stdout;
 
-/// Whether what is written to a path cannot be taken back.
+/// Whether writing to a path cannot be undone, as for standard output or a pipe.
 pub fn is_stream(path: &Path) -> bool {
     is_stdout(path) || std::fs::metadata(path).is_ok_and(|there| !there.is_file())
 }
 
-/// Refuses a path that could not be written, while nothing else is written: a temporary file is made.
+/// Refuses a path that cannot be written; it creates a temporary file, so the caller holds the lock on writing.
 pub fn could_be_written(path: &Path) -> Result<(), Failure> {
     if path.as_os_str().is_empty() || path.is_dir() {
         let expected = "the path of a file to write";
@@ -21,7 +21,7 @@ pub fn could_be_written(path: &Path) -> Result<(), Failure> {
     }
     match std::fs::metadata(path) {
         Ok(there) if !there.is_file() => return Ok(()),
-        // Renaming would replace it all the same: its owner has said not to.
+        // Renaming would replace even a read-only file, against the wish of its owner.
         Ok(there) if there.permissions().readonly() => {
             let found = "a file that is read-only";
             return Err(InputError::new(path, found, "a file that can be written").into());

@@ -1,4 +1,5 @@
-//! Files that take their places together: staged beside them, renamed one after the other, taken back if one cannot be.
+//! Files that replace their targets together: staged beside them, renamed one after another, and restored if a rename
+//! fails.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -11,24 +12,24 @@ use tempfile::{Builder, NamedTempFile};
 
 use crate::cli::failure::Failure;
 
-/// Held while there are temporary files.
+/// Lock that is held while temporary files exist.
 static WRITING: Mutex<()> = Mutex::new(());
 
-/// To be held while temporary files are made.
+/// Acquires the lock that must be held while temporary files are created.
 pub fn writing() -> MutexGuard<'static, ()> {
     WRITING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Temporary files of this process, those that are gone included.
+/// Paths of all temporary files that this process has created, including those that no longer exist.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Before the end of the process: waits until no outputs take their places, lets none begin any more, and removes the
-/// temporary files of those that are still being made. Whether the wait was over within `patience`; a write into a pipe may
-/// take for ever, and then it is given up.
+/// Prepares the end of the process: waits until outputs in progress are complete, prevents new ones, and removes the
+/// remaining temporary files. Returns whether the wait ended within `patience`; a write into a pipe may never end, and
+/// then it is given up.
 pub fn hold(patience: Duration) -> bool {
     let begin = Instant::now();
     let mut is_over = false;
@@ -41,7 +42,7 @@ pub fn hold(patience: Duration) -> bool {
             Err(_) => std::thread::sleep(Duration::from_millis(5)),
         }
     }
-    // Kept locked: nothing new is made.
+    // This lock is never released, so that no temporary file is created any more.
     let files = temporary_files();
     for file in files.iter() {
         let _ = std::fs::remove_file(file);
@@ -50,7 +51,7 @@ pub fn hold(patience: Duration) -> bool {
     is_over
 }
 
-/// Makes a temporary file in `folder` and removes it.
+/// Checks that a temporary file can be created in `folder`.
 pub fn check_temporary(folder: &Path) -> std::io::Result<()> {
     NamedTempFile::new_in(folder).map(drop)
 }
@@ -58,13 +59,13 @@ pub fn check_temporary(folder: &Path) -> std::io::Result<()> {
 /// Who may read a new file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Readers {
-    /// As any file made by any other program.
+    /// All users that the system's settings allow, as for a file of any other program.
     All,
-    /// Its owner only, from the moment that it exists.
+    /// Only its owner, from the moment when the file exists.
     Owner,
 }
 
-/// A file that is complete and not yet in its place.
+/// A complete file that has not yet replaced its target.
 pub struct Staged {
     file: NamedTempFile,
     target: PathBuf,
@@ -72,7 +73,7 @@ pub struct Staged {
 }
 
 impl Staged {
-    /// To overwrite what is at `path`, or at the end of a link there.
+    /// Stages `bytes` to replace the file at `path`, or at the end of a link there.
     pub fn replacing(path: &Path, bytes: &[u8]) -> Result<Self, Failure> {
         let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         let file = temporary(folder_of(&target), bytes, Readers::All);
@@ -83,17 +84,18 @@ impl Staged {
         })
     }
 
-    /// To overwrite what is at `path`, or at the end of a link there, with what is still to be written to [`Staged::file`].
+    /// Stages an empty file to replace the file at `path`, or at the end of a link there. The contents are then written to
+    /// [`Staged::file`].
     pub fn begin(path: &Path) -> Result<Self, Failure> {
         Self::replacing(path, &[])
     }
 
-    /// What will take its place.
+    /// Returns the temporary file that will replace the target.
     pub fn file(&self) -> &File {
         self.file.as_file()
     }
 
-    /// To overwrite nothing.
+    /// Stages a file that must not overwrite anything.
     pub fn new_file(path: &Path, bytes: &[u8], readers: Readers) -> Result<Self, Failure> {
         let file = temporary(folder_of(path), bytes, readers);
         Ok(Self {
@@ -103,7 +105,7 @@ impl Staged {
         })
     }
 
-    /// Takes its place.
+    /// Renames the staged file to its target.
     fn commit(self) -> Result<Committed, Failure> {
         let target = self.target;
         let lost = |error| Failure::lost(&target, error);
@@ -113,7 +115,7 @@ impl Staged {
         };
         let renamed = match self.overwrites {
             true => self.file.persist(&target),
-            // Something may have come there since the check.
+            // A file may have appeared at the target since the check.
             false => self.file.persist_noclobber(&target),
         };
         renamed.map_err(|failed| lost(failed.error))?;
@@ -121,14 +123,14 @@ impl Staged {
     }
 }
 
-/// A file that has taken its place, and what was there before.
+/// A file that has replaced its target, and the file that was there before.
 struct Committed {
     target: PathBuf,
     before: Option<NamedTempFile<()>>,
 }
 
 impl Committed {
-    /// Puts back what was there before.
+    /// Restores the file that was there before.
     fn undo(self) {
         let _ = match self.before {
             Some(before) => before.persist(&self.target).map_err(|failed| failed.error),
@@ -137,7 +139,7 @@ impl Committed {
     }
 }
 
-/// Lets all files take their places and has the folders written to disk, or puts everything back.
+/// Renames all files to their targets and has the folders written to disk, or restores all old files.
 ///
 /// # Errors
 /// [`Failure::LostOutput`] with the path that could not be written.
@@ -159,7 +161,7 @@ pub fn commit(staged: Vec<Staged>) -> Result<(), Failure> {
     synced
 }
 
-/// Writes the names in a folder to disk, where the system can.
+/// Writes the names in a folder to disk, if the system supports that.
 fn sync(folder: &Path) -> std::io::Result<()> {
     use std::io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
     if cfg!(not(unix)) {
@@ -173,7 +175,7 @@ fn sync(folder: &Path) -> std::io::Result<()> {
     }
 }
 
-/// The folder of a file.
+/// Returns the folder of a file.
 pub fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -181,7 +183,7 @@ pub fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// A complete file beside its place.
+/// Creates a complete temporary file in the folder of its target.
 fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<NamedTempFile> {
     let mut builder = hidden();
     if readers == Readers::All {
@@ -193,13 +195,13 @@ fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<N
         known.push(file.path().to_path_buf());
         file
     };
-    // Its errors are plain, those of the temporary file would name it.
+    // Errors of the plain file, because those of the temporary file would name its path.
     file.as_file_mut().write_all(bytes)?;
     file.as_file().sync_all()?;
     Ok(file)
 }
 
-/// What is at `target` under a second name beside it; a copy where the file system knows no second names.
+/// Creates a second name for the file at `target`, beside it; a copy if the file system has no hard links.
 fn backup(target: &Path) -> std::io::Result<NamedTempFile<()>> {
     let mut known = temporary_files();
     let link = |path: &Path| match std::fs::hard_link(target, path) {
@@ -218,7 +220,7 @@ fn hidden() -> Builder<'static, 'static> {
     builder
 }
 
-/// Readable by all as the umask allows, as a file made by any other program.
+/// Permissions of a file that any program creates: readable by all, as the umask allows.
 trait PlainFile {
     fn permissions_of_a_plain_file(&mut self) -> &mut Self;
 }

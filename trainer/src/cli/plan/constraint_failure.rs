@@ -1,4 +1,4 @@
-//! A robot cell that allows too few poses, as an error that says which constraint forbids them and what would free some.
+//! The error for a robot cell that allows too few poses: which constraints forbid them, and which would free some.
 
 use std::path::PathBuf;
 
@@ -9,10 +9,10 @@ use poegp_calibration::planning::constraints::Constraints;
 use poegp_calibration::planning::refusals::{Refusals, Release};
 use poegp_calibration::robot::Robot;
 
-/// Constraints that are named to be dropped, at most.
+/// Largest number of suggestions for constraints to drop.
 const MOST_NAMED: usize = 3;
 
-/// Too few configurations, as an error of the constraint that would free most.
+/// Creates the error for too few configurations; it points at the constraint that would free the most.
 pub(super) fn too_tight(constraints: &Constraints, robot: &Robot, error: &TooTight) -> Failure {
     let found = format!(
         "{} of {} random configurations allowed",
@@ -35,7 +35,7 @@ pub(super) fn too_tight(constraints: &Constraints, robot: &Robot, error: &TooTig
             robot.joints[wider.joint].name, wider.allowed, wider.drawn
         );
     }
-    // The constraint to look at: of the file, and the one that frees most.
+    // The error points at a constraint that is in the file; of those, at the one that frees the most.
     let releases = error.refusals.releases();
     let to_look_at = releases.iter().flat_map(|release| &release.rules);
     let blamed = to_look_at.chain(&[]).find(|i| rules[**i].line.is_some());
@@ -51,7 +51,7 @@ pub(super) fn too_tight(constraints: &Constraints, robot: &Robot, error: &TooTig
     .into()
 }
 
-/// What would have to give way so that more is allowed, as part of a sentence.
+/// Describes, as part of a sentence, which constraints must give way to allow more configurations.
 pub(super) fn releases(constraints: &Constraints, refusals: &Refusals) -> String {
     let releases = refusals.releases();
     let Some(first) = releases.first() else {
@@ -83,7 +83,7 @@ pub(super) fn releases(constraints: &Constraints, refusals: &Refusals) -> String
     )
 }
 
-/// A share in per cent, neither 0 nor 100 by rounding.
+/// Formats a share in per cent, never rounded to 0 or 100.
 fn share(part: usize, whole: usize) -> String {
     let percent = 100.0 * part as f64 / whole.max(1) as f64;
     match percent {

@@ -1,4 +1,4 @@
-//! What `trainer plan --json` writes.
+//! The JSON document that `trainer plan --json` writes.
 
 use serde::Serialize;
 
@@ -9,7 +9,7 @@ use poegp_calibration::planning::links::RadiusSource;
 use poegp_calibration::planning::sister::Sister;
 use poegp_calibration::planning::{self, Planner};
 
-/// What `--json` writes.
+/// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct PlanJson {
     pub version: &'static str,
@@ -29,7 +29,7 @@ pub struct PlanJson {
     pub forecast: Option<Forecast>,
 }
 
-/// Standard deviations that `--prior` gave; those of deflections are the usual ones unless the model is elastic.
+/// Standard deviations from the model of `--prior`. Those of deflections are the usual ones unless the model is elastic.
 #[derive(Serialize)]
 pub struct PriorJson {
     pub elastic: bool,
@@ -40,7 +40,7 @@ pub struct PriorJson {
     pub waves: usize,
 }
 
-/// The capsules that stand for the arm's links.
+/// The capsules that represent the arm's links.
 #[derive(Serialize)]
 pub struct Links {
     /// Radii of the links from the base to the target, mm.
@@ -58,9 +58,9 @@ pub struct Configurations {
 #[derive(Serialize)]
 pub struct Removed {
     pub constraint: String,
-    /// That it forbids.
+    /// Number of configurations that this constraint forbids.
     pub configurations: usize,
-    /// That no other constraint forbids.
+    /// Number of configurations that only this constraint forbids.
     pub alone: usize,
 }
 

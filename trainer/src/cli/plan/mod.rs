@@ -33,7 +33,7 @@ use poegp_calibration::planning::touches::Goal;
 use poegp_calibration::planning::{self, CHOICE, FEW, Planner, Strategy, Task};
 use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
 
-/// Poses of a plan unless the user says how many.
+/// Default number of poses in a plan.
 const USUAL_COUNT: u32 = 100;
 
 /// `trainer plan`.
@@ -133,7 +133,7 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
     }
 }
 
-/// A plan of poses for a tracker.
+/// Plans poses for a tracker.
 fn of_poses(a: &Plan) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
     let mut outputs = vec![
@@ -244,7 +244,7 @@ fn forecast_count(text: &str) -> Result<usize, String> {
     }
 }
 
-/// Payloads in kg, sorted, each once.
+/// Checks payloads in kg, sorts them and removes duplicates.
 fn payloads(given: &[f64]) -> Result<Vec<f64>, Failure> {
     let mut out = given.to_vec();
     if let Some(bad) = out.iter().find(|kg| !(**kg >= 0.0 && kg.is_finite())) {
@@ -281,7 +281,7 @@ fn enough(count: usize, joints: usize) -> Result<(), Failure> {
     )))
 }
 
-/// The model of `--prior`, which must be of the same type of robot.
+/// Reads the model of `--prior`, which must be of the same type of robot.
 fn sister(path: &Path, arm: &Arm, strategy: Strategy) -> Result<Sister, Failure> {
     if strategy != Strategy::VOptimal {
         return Err(Failure::Usage(format!(
@@ -323,7 +323,7 @@ fn forecast(
     }
 }
 
-/// What the arm must not touch, and where the radius of its links comes from.
+/// Describes the bodies that the arm must not touch, and the source of its links' radius.
 fn capsules(d: &PlanJson, constraints: &Constraints) -> String {
     let radii = &d.links.radii_mm;
     let (thinnest, thickest) = extremes(radii.iter().copied());

@@ -1,4 +1,4 @@
-//! `trainer plan --touch`: at which joints to touch sockets, plates and wires.
+//! `trainer plan --touch`: chooses the joints at which to touch sockets, plates and wires.
 
 use std::path::{Path, PathBuf};
 
@@ -18,10 +18,10 @@ use poegp_calibration::planning::touches::{
     to_toml,
 };
 
-/// Rows for each feature unless the user says how many.
+/// Default number of rows for each feature.
 const USUAL_ROWS: usize = 20;
 
-/// What was asked for.
+/// The options of a touch plan.
 pub(super) struct Asked<'a> {
     pub robot: &'a RobotArgs,
     pub goals: &'a [Goal],
@@ -33,7 +33,7 @@ pub(super) struct Asked<'a> {
     pub json: Option<&'a Path>,
 }
 
-/// Reads a feature, as `socket=400,0,100` or `plane=400,0,50,0,0,1`.
+/// Parses a feature, such as `socket=400,0,100` or `plane=400,0,50,0,0,1`.
 pub(super) fn goal(text: &str) -> Result<Goal, String> {
     let expected = "expected socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z in mm of the base frame; of a plane that is not level \
                     its normal behind them, plane=X,Y,Z,NX,NY,NZ";
@@ -63,7 +63,7 @@ pub(super) fn goal(text: &str) -> Result<Goal, String> {
     }
 }
 
-/// Plans, writes and prints.
+/// Plans touches, writes the outputs and prints the result.
 pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let outputs = [Some(a.out), a.features_out, a.json];
     let mut inputs = vec![Path::new(&a.robot.robot)];
@@ -120,7 +120,7 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The feature that the arm hardly reaches, as an error of what forbids it.
+/// Creates the error about a feature that the arm can hardly reach; it refers to the constraints.
 fn hardly_reached(a: &Asked<'_>, constraints: &Constraints, error: &HardlyReached) -> Failure {
     let name = &feature_names(a.goals)[error.goal];
     let found = format!(

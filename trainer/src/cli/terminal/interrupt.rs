@@ -1,9 +1,10 @@
-//! Ctrl-C: exit code 130, and no file is half-written.
+//! Ctrl-C: the program ends with exit code 130, and no file is left half-written.
 //!
-//! A fit is cancelled and the command ends as after an error; a bridge withdraws its correction and ends. A second Ctrl-C
-//! does not wait for that. Everything else ends at once, but for outputs: they are written to temporary files and renamed (`output`). A signal in the middle of that
-//! waits until it is over, so that there are all outputs of a command or none, and no temporary file. A write that does not
-//! end, into a pipe that nobody reads, is waited for a little and no longer; the temporary files beside it are removed.
+//! A fit is cancelled, and its command ends as after an error. A bridge withdraws its correction and ends. A second Ctrl-C
+//! does not wait for that. Everything else ends at once, except for outputs, which are written to temporary files and then
+//! renamed (`output`). A signal during that waits until it is complete, so that either all outputs of a command exist or
+//! none, and no temporary file. A write that does not end, into a pipe that nobody reads, is waited for only a short time;
+//! the temporary files of the other outputs are then removed.
 
 use std::cell::RefCell;
 use std::io::Write;
@@ -19,9 +20,9 @@ use crate::cli::output::transaction::hold;
 /// Longest wait for outputs that are being written.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Whether something runs that Ctrl-C can cancel.
+/// Whether an operation is running that Ctrl-C can cancel.
 static CANCELLABLE: Mutex<bool> = Mutex::new(false);
-/// Whether Ctrl-C has cancelled it.
+/// Whether Ctrl-C has cancelled the running operation.
 static CANCELLED: AtomicBool = AtomicBool::new(false);
 
 fn set_cancellable(is_cancellable: bool) {
@@ -29,11 +30,11 @@ fn set_cancellable(is_cancellable: bool) {
 }
 
 thread_local! {
-    /// The flag of a caller that has no Ctrl-C of this program.
+    /// Cancellation flag of a caller that embeds this program and does not use its Ctrl-C.
     static OWN: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
 }
 
-/// Does `work` on this thread; fits in it are cancelled by `flag` and by nothing else.
+/// Runs `work` on this thread; only `flag` cancels the fits in it.
 pub fn cancelled_by<R>(flag: Arc<AtomicBool>, work: impl FnOnce() -> R) -> R {
     OWN.set(Some(flag));
     let out = work();
@@ -41,12 +42,12 @@ pub fn cancelled_by<R>(flag: Arc<AtomicBool>, work: impl FnOnce() -> R) -> R {
     out
 }
 
-/// The flag that [`cancelled_by`] has set.
+/// Returns the flag that [`cancelled_by`] has set.
 pub fn own_flag() -> Option<Arc<AtomicBool>> {
     OWN.with_borrow(Clone::clone)
 }
 
-/// Begins to listen for Ctrl-C. Where that cannot be done the system ends the program as ever.
+/// Starts listening for Ctrl-C. If that fails, the system ends the program on Ctrl-C as usual.
 pub fn install() {
     let _ = ctrlc::set_handler(|| {
         let is_cancellable = CANCELLABLE.lock().unwrap_or_else(PoisonError::into_inner);
@@ -68,7 +69,7 @@ pub fn install() {
     });
 }
 
-/// Runs what Ctrl-C stops in its own time, by the flag that it gets.
+/// Runs an operation that stops by itself after Ctrl-C sets the flag that it receives.
 pub fn stoppable<R>(work: impl FnOnce(&AtomicBool) -> R) -> R {
     set_cancellable(true);
     let out = work(&CANCELLED);
@@ -76,10 +77,10 @@ pub fn stoppable<R>(work: impl FnOnce(&AtomicBool) -> R) -> R {
     out
 }
 
-/// Runs a fit that Ctrl-C cancels by the flag that it gets.
+/// Runs a fit that Ctrl-C cancels through the flag that it receives.
 ///
 /// # Errors
-/// [`Cancelled`] if it was, however far the fit has come.
+/// [`Cancelled`] if the flag was set, however far the fit has come.
 pub fn cancellable<R>(fit: impl FnOnce(&AtomicBool) -> R) -> Result<R, Cancelled> {
     if let Some(flag) = own_flag() {
         let out = fit(&flag);

@@ -1,8 +1,9 @@
-//! What a command says to a person.
+//! Printed output for the user.
 //!
-//! On standard output, unless an output `-` (`--json -`) gives that to another program: then on standard error, so that
-//! standard output is one document and nothing else. When standard output can no longer be written, because its reader has
-//! gone away (`| head`) or the disk is full, the command does the rest of its work and then fails ([`finish`]).
+//! It goes to standard output, unless an output `-` (`--json -`) gives that to another program: then it goes to standard
+//! error, so that standard output contains one document and nothing else. If standard output can no longer be written,
+//! because its reader has closed it (`| head`) or the disk is full, the command completes the rest of its work and then
+//! fails ([`finish`]).
 
 use std::fmt::Display;
 use std::io::{self, Read, Write};
@@ -13,46 +14,46 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use crate::cli::failure::Failure;
 use crate::cli::terminal::table;
 
-/// Once standard output is a document, nothing else goes there, whichever part of the program says it.
+/// Whether standard output is reserved for a document, so that no part of the program prints anything else there.
 static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);
 
-/// `--quiet`: nothing is said but errors.
+/// Whether only errors and warnings are printed (`--quiet`).
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// No terminal: the caller of the program's functions says what there is to say.
+/// Whether nothing is printed at all, because the program's functions are called without a terminal.
 static SILENT: AtomicBool = AtomicBool::new(false);
 
-/// Says nothing at all from now on.
+/// Prints nothing at all from now on.
 pub fn be_silent() {
     be_quiet();
     SILENT.store(true, Ordering::Relaxed);
 }
 
-/// Says nothing but errors from now on.
+/// Prints only errors and warnings from now on.
 pub fn be_quiet() {
     QUIET.store(true, Ordering::Relaxed);
 }
 
-/// Whether nothing is said but errors.
+/// Whether only errors and warnings are printed.
 pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Says on standard error what somebody must look at, also with `--quiet`.
+/// Prints a warning that the user must look at on standard error, even with `--quiet`.
 pub fn warning(text: impl Display) {
     if !SILENT.load(Ordering::Relaxed) {
         let _ = writeln!(io::stderr(), "warning: {text}");
     }
 }
 
-/// Says on standard error what was noticed and is no error.
+/// Prints a note on standard error about something that is not an error.
 pub fn note(text: impl Display) {
     if !is_quiet() {
         let _ = writeln!(io::stderr(), "note: {text}");
     }
 }
 
-/// Why standard output is lost, once it is.
+/// The error by which standard output was lost, if it was.
 static LOST: Mutex<Option<Failure>> = Mutex::new(None);
 
 fn lost() -> MutexGuard<'static, Option<Failure>> {
@@ -67,7 +68,7 @@ pub fn to_stdout(bytes: &[u8]) -> Result<(), Failure> {
     to_stdout_all(&mut &*bytes)
 }
 
-/// The same with all that can be read from `bytes`.
+/// Writes all bytes that can be read from `bytes` to standard output.
 ///
 /// # Errors
 /// [`Failure::LostOutput`].
@@ -77,13 +78,13 @@ pub fn to_stdout_all(bytes: &mut dyn Read) -> Result<(), Failure> {
     written.map_err(lost_stdout)
 }
 
-/// Creates the failure for standard output that could not be written.
+/// Creates the failure for a standard output that cannot be written.
 pub fn lost_stdout(error: io::Error) -> Failure {
     let output = "standard output".to_owned();
     Failure::LostOutput { output, error }
 }
 
-/// At the end of a command: whether everything that was said has reached standard output.
+/// Checks at the end of a command whether all printed text has reached standard output.
 ///
 /// # Errors
 /// [`Failure::LostOutput`].
@@ -94,7 +95,7 @@ pub fn finish() -> Result<(), Failure> {
     }
 }
 
-/// Where to say it.
+/// The stream for printed output: standard output or standard error.
 #[derive(Clone, Copy)]
 pub struct Printer {
     on_stderr: bool,
@@ -106,7 +107,7 @@ pub fn is_stdout(path: &Path) -> bool {
 }
 
 impl Printer {
-    /// Beside what goes to `outputs`.
+    /// Chooses the stream so that printed text does not mix with any of `outputs`.
     pub fn for_outputs(outputs: &[Option<&Path>]) -> Self {
         if outputs.iter().flatten().any(|path| is_stdout(path)) {
             STDOUT_TAKEN.store(true, Ordering::Relaxed);
@@ -116,7 +117,7 @@ impl Printer {
         }
     }
 
-    /// Says one line, or several.
+    /// Prints one line or several.
     pub fn line(self, text: impl Display) {
         if is_quiet() {
             return;
@@ -131,7 +132,7 @@ impl Printer {
         }
     }
 
-    /// Says `rows` under `header`.
+    /// Prints a table of `rows` under `header`.
     pub fn table(self, header: &[&str], rows: &[Vec<String>]) {
         self.line(table::lines(header, rows).join("\n"));
     }

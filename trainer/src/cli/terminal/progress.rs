@@ -1,4 +1,4 @@
-//! A progress bar on a terminal, silence elsewhere, with `--quiet` and where the terminal cannot go back in its line.
+//! A progress bar on a terminal; hidden elsewhere, with `--quiet`, and on terminals that cannot rewrite a line.
 
 use std::cell::Cell;
 
@@ -9,7 +9,7 @@ use poegp_calibration::progress::{Cancelled, FitContext, Progress};
 use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::is_quiet;
 
-/// Where progress is shown.
+/// Returns the target on which progress is drawn, which may be hidden.
 fn target() -> ProgressDrawTarget {
     let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
     if is_quiet() || is_dumb {
@@ -19,7 +19,7 @@ fn target() -> ProgressDrawTarget {
     }
 }
 
-/// A bar of `steps` steps with a label and the time left.
+/// Creates a bar of `steps` steps with a label and the remaining time.
 pub fn bar(steps: usize, label: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(steps as u64), target());
     let style = ProgressStyle::with_template("{msg:28} {wide_bar} {pos}/{len} {eta} left")
@@ -41,7 +41,7 @@ pub fn calibrating<R>(work: impl FnOnce(&FitContext) -> R) -> Result<R, Cancelle
     out
 }
 
-/// A spinner that becomes a bar.
+/// A spinner that becomes a bar once the number of steps is known.
 struct Bar {
     bar: ProgressBar,
     is_bar: Cell<bool>,
@@ -60,7 +60,7 @@ impl Progress for Bar {
     }
 }
 
-/// A sign of life, with the time so far, for work without countable steps.
+/// Creates a spinner with the elapsed time, for work without countable steps.
 pub fn spinner(label: &str) -> ProgressBar {
     let spinner = ProgressBar::with_draw_target(None, target());
     let style = ProgressStyle::with_template("{spinner} {msg} {elapsed}")
@@ -70,7 +70,7 @@ pub fn spinner(label: &str) -> ProgressBar {
     spinner.with_message(label.to_owned())
 }
 
-/// A bar of `bytes` bytes on their way, with the time left.
+/// Creates a bar for the transfer of `bytes` bytes, with the remaining time.
 pub fn transfer(bytes: usize, label: &str) -> ProgressBar {
     let bar = ProgressBar::with_draw_target(Some(bytes as u64), target());
     let style =

@@ -1,4 +1,4 @@
-//! An error of a user's file with the line that it is about, and carets below the place.
+//! Renders an error in a user's file with the line that it is about, and carets below the faulty part.
 //!
 //! ```text
 //! error: train.csv:17: column 4 (q4_deg): found "abc", expected a number in degrees
@@ -8,8 +8,9 @@
 //! help: …
 //! ```
 //!
-//! The error's own text leads; the line is read again for the picture. Where it does not fit (the file has changed, a
-//! shape that is not known here) there is no caret rather than a wrong one. Long lines are shown around the place.
+//! The error's own text comes first; the line is read again from the file. If the line no longer fits the error (the file
+//! has changed, or has an unknown structure), there is no caret rather than a wrong one. Of long lines, the part around the
+//! caret is shown.
 
 use std::ops::Range;
 use std::path::Path;
@@ -18,10 +19,10 @@ use annotate_snippets::{AnnotationKind, Group, Level, Renderer, Snippet};
 
 use poegp_calibration::input_error::InputError;
 
-/// Characters of a line that are shown; a longer line is shown around the place.
+/// Largest number of characters of a line that are shown; of a longer line, the part around the caret is shown.
 const WIDTH: usize = 96;
 
-/// The error, its line with carets, and the help.
+/// Renders the error, its line with carets, and the help.
 pub fn render(error: &InputError) -> String {
     let without_help = InputError {
         help: None,
@@ -43,14 +44,14 @@ fn picture(error: &InputError) -> Option<String> {
         return None;
     }
     let bytes = std::fs::read(&error.file).ok()?;
-    // The rows of a spreadsheet are no lines of text.
+    // A spreadsheet (a ZIP archive) has no lines of text.
     if bytes.starts_with(b"PK\x03\x04") {
         return None;
     }
     let text = String::from_utf8_lossy(&bytes);
     let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
     let line = text.lines().nth(number.checked_sub(1)?)?;
-    // A tab is as wide as the terminal likes, a control character might do anything to it.
+    // The width of a tab depends on the terminal, and other control characters could have any effect on it.
     let raw: Vec<char> = line.chars().collect();
     let line: String = raw
         .iter()
@@ -59,7 +60,7 @@ fn picture(error: &InputError) -> Option<String> {
     Some(drawn(number, &line, span(error, &raw)))
 }
 
-/// A key is secret, and a device or a pipe cannot be read again.
+/// Whether a file may be read and shown: a key is secret, and a device or a pipe cannot be read again.
 fn may_be_shown(file: &Path) -> bool {
     !has_extension(file, &["key"]) && std::fs::metadata(file).is_ok_and(|there| there.is_file())
 }
@@ -69,7 +70,7 @@ fn has_extension(file: &Path, names: &[&str]) -> bool {
         .is_some_and(|e| names.iter().any(|name| e.eq_ignore_ascii_case(name)))
 }
 
-/// The characters of the line that the error is about.
+/// Returns the range of characters of the line that the error is about.
 fn span(error: &InputError, line: &[char]) -> Option<Range<usize>> {
     let quoted = quoted(&error.found);
     let (column, name) = error.column.as_ref()?;
@@ -100,13 +101,14 @@ fn starts_with(line: &[char], word: &str) -> bool {
             .all(|(i, c)| line.get(i) == Some(&c))
 }
 
-/// What is between double quotes, which is text of the file.
+/// Returns the text between double quotes, which is quoted from the file.
 fn quoted(found: &str) -> Option<&str> {
     let rest = &found[found.find('"')? + 1..];
     rest.rfind('"').map(|end| &rest[..end])
 }
 
-/// The fields of a line: between semicolons, else tabs, else commas, else spaces. Quotes hold a field together.
+/// Splits a line into fields: at semicolons if there are any, else at tabs, else at commas, else at spaces. Quotes hold
+/// a field together.
 fn fields(line: &[char]) -> Vec<Range<usize>> {
     let separator = [';', '\t', ','].into_iter().find(|c| line.contains(c));
     let mut out = Vec::new();
@@ -129,7 +131,7 @@ fn fields(line: &[char]) -> Vec<Range<usize>> {
     out
 }
 
-/// Without the spaces around it; an empty field is the place where it should be.
+/// Removes the spaces around a field; an empty field keeps its range.
 fn trimmed(line: &[char], field: Range<usize>) -> Range<usize> {
     let inside = &line[field.clone()];
     let Some(first) = inside.iter().position(|c| !c.is_whitespace()) else {

@@ -1,6 +1,6 @@
-//! Plain tables for a terminal: columns aligned, the first to the left.
+//! Plain tables for a terminal: columns are aligned, the first one to the left.
 
-/// The lines of `rows` under `header`.
+/// Formats the lines of a table of `rows` under `header`.
 pub fn lines(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     let width = |c: usize| {
         let fields = rows

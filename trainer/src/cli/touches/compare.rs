@@ -1,4 +1,4 @@
-//! `trainer compare` with touches: models that were made before, by the same touches.
+//! `trainer compare` with touches: compares existing models by the same touches.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside};
 use poegp_calibration::validation::touches::evaluate_touches;
 
-/// What was asked for.
+/// The options of a comparison by touches.
 pub struct Asked<'a> {
     pub robot: &'a RobotArgs,
     pub touches: &'a Path,
@@ -27,7 +27,7 @@ pub struct Asked<'a> {
     pub json: Option<&'a Path>,
 }
 
-/// Compares, writes and prints.
+/// Compares models, writes the outputs and prints the result.
 ///
 /// # Errors
 /// [`Failure`].

@@ -1,4 +1,4 @@
-//! `trainer compare --report` of touches: which model misses the same touches by least, and where.
+//! `trainer compare --report` of touches: which model misses the same touches by the least, and where.
 
 use maud::{Markup, html};
 
@@ -8,12 +8,12 @@ use crate::report::{Number, Page, Section, sections};
 use poegp_calibration::model::touches::summary::{DistanceSummary, FeatureSummary, TouchOutlier};
 use poegp_calibration::validation::touches::TouchResidual;
 
-/// Where the touches of a model stand in the JSON document.
+/// Returns the pointer to a part of a model's touches in the JSON document.
 fn at(model: usize, name: &str) -> String {
     format!("/models/{model}/touches/{name}")
 }
 
-/// The page. There is at least one model.
+/// Renders the report. There must be at least one model.
 pub fn page(d: &CompareTouchesJson) -> String {
     let p = &d.provenance;
     Page::new(
@@ -28,7 +28,7 @@ pub fn page(d: &CompareTouchesJson) -> String {
     .render()
 }
 
-/// The model with the least misses.
+/// Returns the index of the model with the smallest misses.
 fn best(d: &CompareTouchesJson) -> usize {
     let ratio = |model: usize| d.models[model].touches.ratio;
     let all = 0..d.models.len();
@@ -110,7 +110,7 @@ fn features(d: &CompareTouchesJson) -> Section {
         .text(html! { "Root mean square of one component of what the touches miss by, for the arm as drawn and for each model." })
         .table(&header, rows.collect());
     let mut units: Vec<&str> = first.residuals.iter().map(|r| r.unit).collect();
-    // Lengths first.
+    // Lengths come first.
     units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
     units.dedup();
     for unit in units {
@@ -119,7 +119,7 @@ fn features(d: &CompareTouchesJson) -> Section {
     section
 }
 
-/// A box of the drawing and of each model, of all rows with this unit.
+/// Adds a box plot of all rows with this unit, with a box for the drawing and one for each model.
 fn plotted(section: Section, d: &CompareTouchesJson, unit: &str) -> Section {
     let errors = |residuals: &[TouchResidual], i: usize| -> Vec<f64> {
         let own = residuals.iter().filter(|r| r.unit == unit && r.belongs);

@@ -1,11 +1,11 @@
-//! What `evaluate --json` and `compare --json` write of touches.
+//! The JSON documents that `evaluate --json` and `compare --json` write of touches.
 
 use serde::Serialize;
 
 use crate::report::Provenance;
 use poegp_calibration::validation::touches::TouchEvaluation;
 
-/// `trainer evaluate`.
+/// The JSON document of `trainer evaluate`.
 #[derive(Serialize)]
 pub(super) struct EvaluateTouchesJson<'a> {
     pub version: &'static str,
@@ -16,7 +16,7 @@ pub(super) struct EvaluateTouchesJson<'a> {
     pub touches: &'a TouchEvaluation,
 }
 
-/// `trainer compare`.
+/// The JSON document of `trainer compare`.
 #[derive(Serialize)]
 pub(super) struct CompareTouchesJson {
     pub version: &'static str,
@@ -25,12 +25,12 @@ pub(super) struct CompareTouchesJson {
     pub provenance: Provenance,
 }
 
-/// One model of [`CompareTouchesJson`].
+/// A model of [`CompareTouchesJson`].
 #[derive(Serialize)]
 pub(super) struct ModelJson {
     pub file: String,
     pub method: String,
-    /// Whether it was calibrated with these touches.
+    /// Whether the model was calibrated with these touches.
     pub training_data: bool,
     pub touches: TouchEvaluation,
 }

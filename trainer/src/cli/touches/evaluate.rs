@@ -1,4 +1,5 @@
-//! `trainer evaluate` with touches: the arm stays as the blob says, and features, tips and instrument are fitted to it.
+//! `trainer evaluate` with touches: the arm stays as the blob has it, and features, tips and instrument are fitted to the
+//! touches.
 
 use std::path::Path;
 
@@ -14,7 +15,7 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::measurement::touch::features_beside;
 use poegp_calibration::validation::touches::evaluate_touches;
 
-/// What was asked for.
+/// The options of an evaluation by touches.
 pub struct Asked<'a> {
     pub blob: &'a Path,
     pub touches: &'a Path,
@@ -22,7 +23,7 @@ pub struct Asked<'a> {
     pub json: Option<&'a Path>,
 }
 
-/// Evaluates, writes and prints.
+/// Evaluates a model, writes the outputs and prints the result.
 ///
 /// # Errors
 /// [`Failure`].
@@ -89,6 +90,6 @@ fn print(report: Printer, a: &Asked<'_>, document: &EvaluateTouchesJson<'_>) {
     }
 }
 
-/// What was fitted.
+/// Note about the fitted parameters.
 pub const FITTED: &str = "Features and tips were fitted to these touches, for the drawing and for the model alike, which flatters both a little. Touches see \
 neither where the base is nor how the tool is turned.";

@@ -1,4 +1,4 @@
-//! Touches in the commands that judge models by them: how they are read, and the table of what was touched.
+//! Touches in the commands that judge models by them: reading, and the table of touched features.
 
 pub mod compare;
 mod compare_page;
@@ -19,12 +19,12 @@ use poegp_calibration::model::touches::summary::{
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::touches::drawing;
 
-/// Whether a file is one of touches: its features are named, or its header says so.
+/// Whether a file contains touches: a features file is given, or the header of the file is that of touches.
 pub fn are_touches(path: &Path, features: Option<&Path>) -> bool {
     features.is_some() || is_touch_file(path)
 }
 
-/// Refuses the first option that was given and means nothing for touches.
+/// Refuses the first given option that has no meaning for touches.
 ///
 /// # Errors
 /// [`Failure::Usage`].
@@ -50,7 +50,7 @@ pub fn read(path: &Path, features: Option<&Path>, robot: &Robot) -> Result<Touch
     Ok(set)
 }
 
-/// The arm of a blob as drawn, from base to flange.
+/// Returns the arm of a blob as drawn, from base to flange.
 pub fn drawn_robot(loaded: &BlobModel) -> Robot {
     Robot {
         parent_from_joint: drawing(loaded),
@@ -74,8 +74,8 @@ pub fn with_payload(loaded: &BlobModel, set: &TouchSet) -> Result<(), InputError
     }
 }
 
-/// The table of what was touched: one row each, with the RMS of a component as drawn and for each of `models`, a name and what
-/// it makes of the same features.
+/// Prints the table of touched features: a row for each feature, with the RMS of one component as drawn and with each of
+/// `models`, which are a name and the summaries of the same features.
 pub fn table(report: Printer, models: &[(&str, Vec<&FeatureSummary>)]) {
     let mut header = vec!["feature", "kind", "rows", "left out", "drawn"];
     header.extend(models.iter().map(|(name, _)| *name));
@@ -103,7 +103,7 @@ pub fn table(report: Printer, models: &[(&str, Vec<&FeatureSummary>)]) {
     report.table(&header, &rows);
 }
 
-/// Known distances as stated, as drawn and by a model.
+/// Prints known distances: as stated, as drawn, and as calculated with a model.
 pub fn print_distances(report: Printer, distances: &[DistanceSummary], model: &str) {
     for distance in distances {
         let [a, b] = &distance.between;
@@ -114,7 +114,7 @@ pub fn print_distances(report: Printer, distances: &[DistanceSummary], model: &s
     }
 }
 
-/// The noise of each kind of reading.
+/// Prints the noise of each kind of reading.
 pub fn print_noise(report: Printer, noise: &[NoiseSummary]) {
     for noise in noise {
         report.line(format_args!(
@@ -124,10 +124,10 @@ pub fn print_noise(report: Printer, noise: &[NoiseSummary]) {
     }
 }
 
-/// Rows that are listed.
+/// Largest number of rows that a sentence lists.
 const LISTED: usize = 8;
 
-/// The rows that do not belong, in a sentence; `None` where all do.
+/// Lists the rows that contradict the others in a sentence; `None` if there are none.
 pub fn outliers_text(outliers: &[TouchOutlier], rows: usize) -> Option<String> {
     let each: Vec<String> = outliers
         .iter()
