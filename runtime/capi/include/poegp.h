@@ -1,8 +1,8 @@
-/* Calibrated robot arms for programs in C. README.md beside this folder says how to link and how to use it.
+/* Calibrated robot arms for programs in C. README.md in the parent folder explains how to link and use the library.
 
-   Generated from the Rust sources; do not edit (tests/header.rs). Units are radians, metres and kilograms. Of every
-   pointer the library refuses what it can see (null, misaligned, overlapping); that as much memory is there as is
-   said (# Safety) is the promise of the caller. */
+   Generated from the Rust sources; do not edit (see tests/header.rs). Units are radians, metres and kilograms. The
+   library checks every pointer as far as it can and refuses those that are null, misaligned or overlapping. It
+   cannot check that a pointer leads to as much memory as stated: the caller must guarantee this (# Safety). */
 
 #ifndef POEGP_H
 #define POEGP_H
@@ -11,98 +11,100 @@
 #include <stdint.h>
 
 /*
- Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
+ Version of this interface. It changes when a function, a structure or the meaning of a code changes; see
+ `poegp_api_version`.
  */
 #define POEGP_API_VERSION 4
 
 /*
- Most joints of an arm.
+ Largest number of joints of an arm.
  */
 #define POEGP_MAX_JOINTS 8
 
 /*
- Bytes of a name in `poegp_identity_t`, its final zero included.
+ Size in bytes of a name in `poegp_identity_t`, including the terminating zero.
  */
 #define POEGP_NAME_BYTES 36
 
 /*
- Bytes of memory for one model, enough on 32-bit and 64-bit machines.
+ Size in bytes of the memory for one model in single precision, enough on 32-bit and 64-bit machines.
  */
 #define POEGP_MODEL_BYTES 27648
 
 /*
- Alignment of the memory for a model, of either precision, in bytes.
+ Alignment in bytes of the memory for a model of either precision.
  */
 #define POEGP_MODEL_ALIGN 8
 
 /*
- Bytes of memory for one filter, enough on 32-bit and 64-bit machines.
+ Size in bytes of the memory for one filter in single precision, enough on 32-bit and 64-bit machines.
  */
 #define POEGP_FILTER_BYTES 320
 
 /*
- Alignment of the memory for a filter, of either precision, in bytes.
+ Alignment in bytes of the memory for a filter of either precision.
  */
 #define POEGP_FILTER_ALIGN 8
 
 /*
- Bytes of memory for one model in double precision.
+ Size in bytes of the memory for one model in double precision.
  */
 #define POEGP_MODEL_F64_BYTES 55296
 
 /*
- Bytes of memory for one filter in double precision.
+ Size in bytes of the memory for one filter in double precision.
  */
 #define POEGP_FILTER_F64_BYTES 640
 
 /*
- Most bytes of a cyclic frame.
+ Largest size of a cyclic frame, in bytes.
  */
 #define POEGP_CYCLIC_BYTES 54
 
 /*
- Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
+ Status bit: at least one joint is outside its trained range, so the correction is an extrapolation.
  */
 #define POEGP_STATUS_OUTSIDE_JOINT_RANGE 1
 
 /*
- Status bit: the payload is outside the range that was trained.
+ Status bit: the payload is outside the trained range.
  */
 #define POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE 2
 
 /*
- Status bit: the correction exceeded the bound of the blob and was scaled back to it.
+ Status bit: the correction exceeded the limit in the blob and was scaled back to it.
  */
 #define POEGP_STATUS_CORRECTION_LIMITED 4
 
 /*
- Status bit: there is no model. The pose is the identity, the joints are those of the command.
+ Status bit: there is no model. The pose is the identity and the joints are those of the command.
  */
 #define POEGP_STATUS_NO_MODEL 8
 
 /*
- Status bit: wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
+ Status bit: the number of joints is wrong, or a number is not finite or far out of range. Nothing was corrected.
  */
 #define POEGP_STATUS_BAD_INPUT 16
 
 /*
- Status bit: more than 5 um or 5 urad of the arm's error stay by the model: beside a singularity, or because a bound
- acts.
+ Status bit: according to the model, more than 5 um or 5 urad of the arm's error remain, because the arm is near
+ a singularity or a bound acts.
  */
 #define POEGP_STATUS_PARTLY_CORRECTED 32
 
 /*
- Status bit of `poegp_command`: the correction is switched off; the command itself goes out, or will soon.
+ Status bit of `poegp_command`: the correction is switched off. The joints to send are those of the command, or
+ soon will be.
  */
 #define POEGP_STATUS_BYPASSED 64
 
 /*
- Status bit of `poegp_command`: the joints are on their way to those that were asked for.
+ Status bit of `poegp_command`: the joints to send are still in transition to the requested ones.
  */
 #define POEGP_STATUS_BLENDING 128
 
 /*
- Done.
+ Success.
  */
 #define POEGP_OK 0
 
@@ -117,72 +119,72 @@
 #define POEGP_ERROR_MISALIGNED 2
 
 /*
- The memory is smaller than a model or a filter.
+ The memory is too small for a model or a filter.
  */
 #define POEGP_ERROR_TOO_SMALL 3
 
 /*
- The memory was not initialised by `poegp_init`, or `poegp_filter_init`.
+ The memory was not initialised by `poegp_init` or `poegp_filter_init`.
  */
 #define POEGP_ERROR_NOT_INITIALISED 4
 
 /*
- Two arguments share memory that must not.
+ Two arguments share memory although they must not.
  */
 #define POEGP_ERROR_OVERLAP 5
 
 /*
- A length is larger than the memory of the machine.
+ A length exceeds the address space of the machine.
  */
 #define POEGP_ERROR_LENGTH 6
 
 /*
- The bytes are no answer in a cyclic frame: damaged, another message, or a number that is not finite.
+ The bytes are not an answer in a cyclic frame: they are damaged or another message, or a number is not finite.
  */
 #define POEGP_ERROR_FRAME 7
 
 /*
- No joint, or more than POEGP_MAX_JOINTS.
+ The number of joints is zero, or larger than POEGP_MAX_JOINTS.
  */
 #define POEGP_ERROR_JOINTS 8
 
 /*
- Something else; later versions of the runtime may have reasons that this one has no number for.
+ Another reason. A later version of the runtime may refuse for reasons that have no code in this version.
  */
 #define POEGP_ERROR_OTHER 99
 
 /*
- Fewer bytes than the blob announces.
+ The blob has fewer bytes than it announces.
  */
 #define POEGP_BLOB_TRUNCATED 101
 
 /*
- Not a model blob: it does not begin with POEGPARM.
+ The bytes are not a model blob: they do not begin with POEGPARM.
  */
 #define POEGP_BLOB_WRONG_MAGIC 102
 
 /*
- Written in a format that this version does not know.
+ The blob is in a format that this version does not know.
  */
 #define POEGP_BLOB_UNKNOWN_VERSION 103
 
 /*
- The header is damaged.
+ The header of the blob is damaged.
  */
 #define POEGP_BLOB_RESERVED_BITS 104
 
 /*
- More bytes than the blob announces.
+ The blob has more bytes than it announces.
  */
 #define POEGP_BLOB_TRAILING_BYTES 105
 
 /*
- Some bit has changed.
+ The checksum is wrong: at least one bit of the blob has changed.
  */
 #define POEGP_BLOB_CRC_MISMATCH 106
 
 /*
- The checksum is right and the payload cannot be read: written by another program.
+ The checksum is right, but the payload of the blob cannot be read: another program wrote it.
  */
 #define POEGP_BLOB_MALFORMED 107
 
@@ -197,22 +199,22 @@
 #define POEGP_MODEL_FRAME 202
 
 /*
- The coupling of the joints is not a usable matrix.
+ The joint coupling is not a usable matrix.
  */
 #define POEGP_MODEL_COUPLING 203
 
 /*
- Joint limits are reversed.
+ The limits of a joint are reversed.
  */
 #define POEGP_MODEL_JOINT_LIMITS 204
 
 /*
- A training range is missing, reversed or without bounds.
+ A training range is missing, reversed or unbounded.
  */
 #define POEGP_MODEL_RANGES 205
 
 /*
- The correction has another number of inputs than joints and payload make.
+ The number of inputs of the correction does not match the joints and the payload.
  */
 #define POEGP_MODEL_INPUTS 206
 
@@ -222,22 +224,22 @@
 #define POEGP_MODEL_KERNEL 207
 
 /*
- The bound on the correction is not usable.
+ The correction limit is not usable.
  */
 #define POEGP_MODEL_CORRECTION_LIMIT 208
 
 /*
- The bytes of the inducing points are not whole rows.
+ The bytes of the inducing points are not a whole number of rows.
  */
 #define POEGP_MODEL_PARTIAL_ROW 209
 
 /*
- More inducing points than fits.
+ The model has more inducing points than fit into its memory.
  */
 #define POEGP_MODEL_INDUCING_POINTS_TOO_LARGE 210
 
 /*
- A number of an inducing point is not usable.
+ A number in an inducing point is not usable.
  */
 #define POEGP_MODEL_ROW 211
 
@@ -257,7 +259,7 @@
 #define POEGP_MODEL_GROUPS 214
 
 /*
- The variance of the position is not usable.
+ The position variance is not usable.
  */
 #define POEGP_MODEL_VARIANCE 215
 
@@ -267,12 +269,12 @@
 #define POEGP_MODEL_CURVE 216
 
 /*
- Signed or not: the envelope is damaged.
+ The envelope of the blob is damaged, whether or not the blob is signed.
  */
 #define POEGP_SIGNATURE_MALFORMED 301
 
 /*
- Nobody has signed the blob.
+ The blob is not signed.
  */
 #define POEGP_SIGNATURE_UNSIGNED 302
 
@@ -282,59 +284,59 @@
 #define POEGP_SIGNATURE_WRONG_KEY 303
 
 /*
- The signature is not one of these bytes by this key, or the key is none.
+ The signature is not by this key over these bytes, or the key is not a valid public key.
  */
 #define POEGP_SIGNATURE_INVALID 304
 
 /*
- The period is not within 50 us and 0.1 s.
+ The period is not between 50 us and 0.1 s.
  */
 #define POEGP_FILTER_PERIOD 401
 
 /*
- The rate limit is not within 1e-4 and 1 rad/s.
+ The rate limit is not between 1e-4 and 1 rad/s.
  */
 #define POEGP_FILTER_RATE 402
 
 /*
- The acceleration limit is not within 1e-3 and 100 rad/s^2.
+ The acceleration limit is not between 1e-3 and 100 rad/s^2.
  */
 #define POEGP_FILTER_ACCELERATION 403
 
 /*
- The blend time is not within 0.01 s and 10 s, or below ten periods.
+ The blend time is not between 0.01 s and 10 s, or is shorter than ten periods.
  */
 #define POEGP_FILTER_BLEND 404
 
 /*
- A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`, or
- `poegp_filter_init_f64`; what is in it is of no concern to C.
+ A filter in memory of the caller, created by `poegp_filter_init` or `poegp_filter_init_f64`. It keeps the
+ correction from stepping. Its contents are opaque to C.
 
- One for each arm; it belongs to the thread or interrupt that commands.
+ Each arm needs its own filter, which belongs to the thread or interrupt that commands the arm.
  */
 typedef struct poegp_filter_t poegp_filter_t;
 
 /*
- A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`, or
- `poegp_filter_init_f64`; what is in it is of no concern to C.
+ A filter in memory of the caller, created by `poegp_filter_init` or `poegp_filter_init_f64`. It keeps the
+ correction from stepping. Its contents are opaque to C.
 
- One for each arm; it belongs to the thread or interrupt that commands.
+ Each arm needs its own filter, which belongs to the thread or interrupt that commands the arm.
  */
 typedef struct poegp_filter_f64_t poegp_filter_f64_t;
 
 /*
- A model in the caller's memory. Made by `poegp_init`, or `poegp_init_f64`; what is in it is of no concern to C.
+ A model in memory of the caller, created by `poegp_init` or `poegp_init_f64`. Its contents are opaque to C.
 
- Loading and initialising need it for themselves; any number of threads or interrupts may evaluate meanwhile
- another one, or evaluate this one at the same time.
+ Initialising or loading a model needs exclusive access to it; meanwhile any number of threads or interrupts may
+ evaluate another model. Any number of threads or interrupts may evaluate one model at the same time.
  */
 typedef struct poegp_model_t poegp_model_t;
 
 /*
- A model in the caller's memory. Made by `poegp_init`, or `poegp_init_f64`; what is in it is of no concern to C.
+ A model in memory of the caller, created by `poegp_init` or `poegp_init_f64`. Its contents are opaque to C.
 
- Loading and initialising need it for themselves; any number of threads or interrupts may evaluate meanwhile
- another one, or evaluate this one at the same time.
+ Initialising or loading a model needs exclusive access to it; meanwhile any number of threads or interrupts may
+ evaluate another model. Any number of threads or interrupts may evaluate one model at the same time.
  */
 typedef struct poegp_model_f64_t poegp_model_f64_t;
 
@@ -343,15 +345,16 @@ typedef struct poegp_model_f64_t poegp_model_f64_t;
  */
 typedef struct poegp_evaluation_t {
   /*
-   Compensated transform from the target to the base, a 3x4 matrix [R | t] row by row; metres.
+   Compensated transform from the target frame to the base frame: a 3x4 matrix [R | t] in row-major order,
+   translation in metres.
    */
   float base_from_target[12];
   /*
-   The correction as a twist of the base frame after bounding: v in metres, then omega in radians.
+   Correction after limiting, as a twist in the base frame: v in metres, then omega in radians.
    */
   float correction[6];
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_evaluation_t;
@@ -361,24 +364,26 @@ typedef struct poegp_evaluation_t {
  */
 typedef struct poegp_corrected_t {
   /*
-   Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
-   corrected, with zero for what is not finite.
+   Joints to command, in rad or m, as many as in the command; the remaining elements are zero. If nothing was
+   corrected, these are the joints of the command, with zero in place of numbers that are not finite.
    */
   float joints[POEGP_MAX_JOINTS];
   /*
-   How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
+   Share of the arm's error that is corrected, 0 to 1. It is 1 except near singularities and where a bound acts.
    */
   float applied;
   /*
-   Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
+   Remaining position error in metres: the distance, according to the model, between the arm at these joints and
+   the nominal arm at the command.
    */
   float position_error;
   /*
-   The rotation error that stays, in radians.
+   Remaining rotation error in radians, according to the model, between the arm at these joints and the nominal arm
+   at the command.
    */
   float rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_corrected_t;
@@ -388,7 +393,8 @@ typedef struct poegp_corrected_t {
  */
 typedef struct poegp_forward_t {
   /*
-   Transform from the tool to the base, a 3x4 matrix [R | t] row by row; metres. R is orthonormal to 1e-6.
+   Transform from the tool frame to the base frame: a 3x4 matrix [R | t] in row-major order, translation in metres.
+   R is orthonormal to 1e-6.
    */
   float base_from_tool[12];
   /*
@@ -396,7 +402,7 @@ typedef struct poegp_forward_t {
    */
   float trust;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_forward_t;
@@ -406,19 +412,19 @@ typedef struct poegp_forward_t {
  */
 typedef struct poegp_inverse_t {
   /*
-   Joints to command, rad or m, as many as the seed had; zero beyond. Always finite.
+   Joints to command, in rad or m, as many as in the seed; the remaining elements are zero. Always finite.
    */
   float joints[POEGP_MAX_JOINTS];
   /*
-   Distance in metres between the wanted pose and that of the tool at these joints.
+   Distance in metres between the requested pose and the pose of the tool at these joints.
    */
   float position_error;
   /*
-   The rotation between them, in radians.
+   Rotation in radians between the requested pose and the pose of the tool at these joints.
    */
   float rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark. POEGP_STATUS_PARTLY_CORRECTED: the
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report. POEGP_STATUS_PARTLY_CORRECTED: the
    pose was not reached within 5 um and 5 urad.
    */
   uint32_t status;
@@ -429,12 +435,13 @@ typedef struct poegp_inverse_t {
  */
 typedef struct poegp_jacobian_t {
   /*
-   The Jacobian row by row; one column for each joint, zeros beyond. Rows 0 to 2 are the velocity of the tool's origin in
-   m, rows 3 to 5 the angular velocity in rad, per rad or m of the joint. Both are along the x, y and z axes of the base.
+   The Jacobian in row-major order, with one column for each joint; the remaining columns are zero. Rows 0 to 2 are
+   the velocity of the tool's origin in m, rows 3 to 5 the angular velocity in rad, both per rad or m of the joint
+   and along the x, y and z axes of the base.
    */
   float rows[6][POEGP_MAX_JOINTS];
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_jacobian_t;
@@ -444,15 +451,15 @@ typedef struct poegp_jacobian_t {
  */
 typedef struct poegp_identity_t {
   /*
-   Version of the library, as text that ends with a zero.
+   Version of the library, as zero-terminated text.
    */
   char version[POEGP_NAME_BYTES];
   /*
-   Name of the robot, UTF-8 that ends with a zero; empty without a model. At most 32 bytes of the blob's name.
+   Name of the robot, zero-terminated UTF-8; empty without a model. At most 32 bytes of the name in the blob.
    */
   char robot[POEGP_NAME_BYTES];
   /*
-   Serial number of the arm, the same.
+   Serial number of the arm, zero-terminated UTF-8; empty without a model. At most 32 bytes of that in the blob.
    */
   char serial_number[POEGP_NAME_BYTES];
   /*
@@ -460,47 +467,48 @@ typedef struct poegp_identity_t {
    */
   uint32_t blob_crc;
   /*
-   Joints of the arm; 0 without a model.
+   Number of joints of the arm; 0 without a model.
    */
   uint32_t joints;
   /*
-   Inducing points of the correction.
+   Number of inducing points of the correction.
    */
   uint32_t inducing_points;
   /*
-   1 when the signature of the blob was verified, else 0.
+   1 if the signature of the blob was verified, else 0.
    */
   uint32_t is_signed;
   /*
-   The revision under its signature, 0 without one: a lower one than before may be an old model that somebody plays back.
+   Revision under the signature; 0 if there is none. A lower revision than before may be a replayed old model.
    */
   uint32_t revision;
   /*
    Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which
-   `poegp_warning_text` describes. 0 without warnings.
+   `poegp_warning_text` describes. 0 if there are none.
    */
   uint32_t warnings;
 } poegp_identity_t;
 
 /*
- Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
+ Limits and times of a filter. For sliding joints read m for rad. `poegp_filter_defaults` stores the default
+ settings.
  */
 typedef struct poegp_filter_settings_t {
   /*
-   Time between two commands in s, 50 us to 0.1 s.
+   Time between two commands, in s: 50 us to 0.1 s.
    */
   float period_s;
   /*
-   Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+   Largest rate of the correction beyond what the motion of the command explains, in rad/s: 1e-4 to 1.
    */
   float rate;
   /*
-   Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
+   Largest acceleration of the correction beyond what the motion of the command explains, in rad/s^2: 1e-3 to 100.
    */
   float acceleration;
   /*
-   Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
-   ten periods.
+   Shortest time in which the correction is switched on or off, or the payload changes, in s: 0.01 to 10, and at
+   least ten periods.
    */
   float blend_s;
 } poegp_filter_settings_t;
@@ -510,34 +518,34 @@ typedef struct poegp_filter_settings_t {
  */
 typedef struct poegp_commanded_t {
   /*
-   Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
+   Joints to send, in rad or m, as many as in the command; the remaining elements are zero. Always finite.
    */
   float joints[POEGP_MAX_JOINTS];
   /*
-   How far the correction is switched on, 0 to 1.
+   Weight of the correction, from 0 (switched off) to 1 (fully switched on).
    */
   float weight;
   /*
-   What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
-   the arm's error it takes away, 0 to 1.
+   Share of the arm's error, 0 to 1, that the corrected command removes, as reported by `poegp_correct`. While the
+   correction is on, the joints to send go to the corrected command.
    */
   float applied;
   /*
-   The same: distance that stays, in metres.
+   Remaining position error of the corrected command, in metres, as reported by `poegp_correct`.
    */
   float position_error;
   /*
-   The same: rotation that stays, in radians.
+   Remaining rotation error of the corrected command, in radians, as reported by `poegp_correct`.
    */
   float rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_commanded_t;
 
 /*
- What a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
+ Events that a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
  */
 typedef struct poegp_filter_counts_t {
   /*
@@ -549,16 +557,16 @@ typedef struct poegp_filter_counts_t {
    */
   uint32_t lost;
   /*
-   Calls within a cycle that had been answered.
+   Calls in a cycle that was already answered.
    */
   uint32_t doubled;
   /*
-   Commands that were none; the last joints were sent again.
+   Invalid commands, for which the last joints were sent again.
    */
   uint32_t bad;
   /*
-   Commands whose correction changed more than the path explains, without a jump, a gap or a change of payload: the
-   model was exchanged, or steps.
+   Commands whose correction changed more than their motion explains, without a jump, a gap or a change of payload:
+   the model was exchanged, or its correction steps.
    */
   uint32_t guarded;
 } poegp_filter_counts_t;
@@ -568,31 +576,31 @@ typedef struct poegp_filter_counts_t {
  */
 typedef struct poegp_cyclic_answer_t {
   /*
-   Joints to send, rad or m; zero beyond `joint_count`. Always finite.
+   Joints to send, in rad or m; elements beyond `joint_count` are zero. Always finite.
    */
   float joints[POEGP_MAX_JOINTS];
   /*
-   As many as the command had.
+   Number of joints, as many as in the command.
    */
   uint32_t joint_count;
   /*
-   That of the command.
+   Sequence number of the command that is answered.
    */
   uint32_t sequence;
   /*
-   How much of the arm's error the model takes away while the correction is on, 0 to 1.
+   Share of the arm's error, 0 to 1, that the model removes while the correction is on.
    */
   float applied;
   /*
-   The same: distance that stays, in metres.
+   Position error that remains while the correction is on, in metres.
    */
   float position_error;
   /*
-   The same: rotation that stays, in radians.
+   Rotation error that remains while the correction is on, in radians.
    */
   float rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_cyclic_answer_t;
@@ -602,15 +610,16 @@ typedef struct poegp_cyclic_answer_t {
  */
 typedef struct poegp_evaluation_f64_t {
   /*
-   Compensated transform from the target to the base, a 3x4 matrix [R | t] row by row; metres.
+   Compensated transform from the target frame to the base frame: a 3x4 matrix [R | t] in row-major order,
+   translation in metres.
    */
   double base_from_target[12];
   /*
-   The correction as a twist of the base frame after bounding: v in metres, then omega in radians.
+   Correction after limiting, as a twist in the base frame: v in metres, then omega in radians.
    */
   double correction[6];
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_evaluation_f64_t;
@@ -620,24 +629,26 @@ typedef struct poegp_evaluation_f64_t {
  */
 typedef struct poegp_corrected_f64_t {
   /*
-   Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
-   corrected, with zero for what is not finite.
+   Joints to command, in rad or m, as many as in the command; the remaining elements are zero. If nothing was
+   corrected, these are the joints of the command, with zero in place of numbers that are not finite.
    */
   double joints[POEGP_MAX_JOINTS];
   /*
-   How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
+   Share of the arm's error that is corrected, 0 to 1. It is 1 except near singularities and where a bound acts.
    */
   double applied;
   /*
-   Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
+   Remaining position error in metres: the distance, according to the model, between the arm at these joints and
+   the nominal arm at the command.
    */
   double position_error;
   /*
-   The rotation error that stays, in radians.
+   Remaining rotation error in radians, according to the model, between the arm at these joints and the nominal arm
+   at the command.
    */
   double rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_corrected_f64_t;
@@ -647,7 +658,8 @@ typedef struct poegp_corrected_f64_t {
  */
 typedef struct poegp_forward_f64_t {
   /*
-   Transform from the tool to the base, a 3x4 matrix [R | t] row by row; metres. R is orthonormal to 1e-6.
+   Transform from the tool frame to the base frame: a 3x4 matrix [R | t] in row-major order, translation in metres.
+   R is orthonormal to 1e-6.
    */
   double base_from_tool[12];
   /*
@@ -655,7 +667,7 @@ typedef struct poegp_forward_f64_t {
    */
   double trust;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_forward_f64_t;
@@ -665,19 +677,19 @@ typedef struct poegp_forward_f64_t {
  */
 typedef struct poegp_inverse_f64_t {
   /*
-   Joints to command, rad or m, as many as the seed had; zero beyond. Always finite.
+   Joints to command, in rad or m, as many as in the seed; the remaining elements are zero. Always finite.
    */
   double joints[POEGP_MAX_JOINTS];
   /*
-   Distance in metres between the wanted pose and that of the tool at these joints.
+   Distance in metres between the requested pose and the pose of the tool at these joints.
    */
   double position_error;
   /*
-   The rotation between them, in radians.
+   Rotation in radians between the requested pose and the pose of the tool at these joints.
    */
   double rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark. POEGP_STATUS_PARTLY_CORRECTED: the
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report. POEGP_STATUS_PARTLY_CORRECTED: the
    pose was not reached within 5 um and 5 urad.
    */
   uint32_t status;
@@ -688,35 +700,37 @@ typedef struct poegp_inverse_f64_t {
  */
 typedef struct poegp_jacobian_f64_t {
   /*
-   The Jacobian row by row; one column for each joint, zeros beyond. Rows 0 to 2 are the velocity of the tool's origin in
-   m, rows 3 to 5 the angular velocity in rad, per rad or m of the joint. Both are along the x, y and z axes of the base.
+   The Jacobian in row-major order, with one column for each joint; the remaining columns are zero. Rows 0 to 2 are
+   the velocity of the tool's origin in m, rows 3 to 5 the angular velocity in rad, both per rad or m of the joint
+   and along the x, y and z axes of the base.
    */
   double rows[6][POEGP_MAX_JOINTS];
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_jacobian_f64_t;
 
 /*
- Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
+ Limits and times of a filter. For sliding joints read m for rad. `poegp_filter_defaults` stores the default
+ settings.
  */
 typedef struct poegp_filter_settings_f64_t {
   /*
-   Time between two commands in s, 50 us to 0.1 s.
+   Time between two commands, in s: 50 us to 0.1 s.
    */
   double period_s;
   /*
-   Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+   Largest rate of the correction beyond what the motion of the command explains, in rad/s: 1e-4 to 1.
    */
   double rate;
   /*
-   Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
+   Largest acceleration of the correction beyond what the motion of the command explains, in rad/s^2: 1e-3 to 100.
    */
   double acceleration;
   /*
-   Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
-   ten periods.
+   Shortest time in which the correction is switched on or off, or the payload changes, in s: 0.01 to 10, and at
+   least ten periods.
    */
   double blend_s;
 } poegp_filter_settings_f64_t;
@@ -726,28 +740,28 @@ typedef struct poegp_filter_settings_f64_t {
  */
 typedef struct poegp_commanded_f64_t {
   /*
-   Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
+   Joints to send, in rad or m, as many as in the command; the remaining elements are zero. Always finite.
    */
   double joints[POEGP_MAX_JOINTS];
   /*
-   How far the correction is switched on, 0 to 1.
+   Weight of the correction, from 0 (switched off) to 1 (fully switched on).
    */
   double weight;
   /*
-   What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
-   the arm's error it takes away, 0 to 1.
+   Share of the arm's error, 0 to 1, that the corrected command removes, as reported by `poegp_correct`. While the
+   correction is on, the joints to send go to the corrected command.
    */
   double applied;
   /*
-   The same: distance that stays, in metres.
+   Remaining position error of the corrected command, in metres, as reported by `poegp_correct`.
    */
   double position_error;
   /*
-   The same: rotation that stays, in radians.
+   Remaining rotation error of the corrected command, in radians, as reported by `poegp_correct`.
    */
   double rotation_error;
   /*
-   What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+   Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
    */
   uint32_t status;
 } poegp_commanded_f64_t;
@@ -757,55 +771,57 @@ extern "C" {
 #endif // __cplusplus
 
 /*
- Bytes of a model in this build of the library; at most POEGP_MODEL_BYTES.
+ Returns the size of a model in this build of the library, in bytes; at most POEGP_MODEL_BYTES.
  */
 size_t poegp_model_size(void);
 
 /*
- Alignment of a model in bytes; POEGP_MODEL_ALIGN.
+ Returns the alignment of a model in bytes, POEGP_MODEL_ALIGN.
  */
 size_t poegp_model_align(void);
 
 /*
- The POEGP_API_VERSION that the library was built with. When it is another than that of the header, do not go on.
+ Returns the POEGP_API_VERSION that the library was built with. If it differs from that of the header, do not use
+ the library.
  */
 uint32_t poegp_api_version(void);
 
 /*
- Makes an empty model in `bytes` bytes at `memory`, aligned to POEGP_MODEL_ALIGN, and stores its address in `*model`:
- null when it returns an error. The memory belongs to the model until it is no longer used; nothing has to be freed.
+ Creates an empty model in the `bytes` bytes at `memory`, which must be aligned to POEGP_MODEL_ALIGN, and stores
+ its address in `*model`, or null if it returns an error. The memory belongs to the model until the model is no
+ longer used; nothing has to be freed.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP.
 
  # Safety
- `memory` leads to `bytes` bytes that nobody else uses, `model` to a pointer.
+ `memory` points to `bytes` bytes that nobody else uses, `model` to a pointer.
  */
 int32_t poegp_init(void *memory,
                    size_t bytes,
                    struct poegp_model_t **model);
 
 /*
- Verifies a blob in every respect and takes over its model. All or nothing: after an error the last good model stays.
- The blob is copied and may go. Takes up to 20 kB of stack, and time that no cycle has: load into a second model
- while evaluations of the first go on.
+ Verifies a blob completely and loads its model, all or nothing: after an error the last good model stays. The
+ blob is copied and need not be kept. Loading takes up to 20 kB of stack and more time than a control cycle has:
+ load into a second model while the first one is still evaluated.
 
  Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_MODEL_ codes.
 
  # Safety
- `model` comes from `poegp_init` and nobody else uses it during the call; `blob` leads to `length` bytes.
+ `model` comes from `poegp_init` and nobody else uses it during the call; `blob` points to `length` bytes.
  */
 int32_t poegp_load(struct poegp_model_t *model,
                    const uint8_t *blob,
                    size_t length);
 
 /*
- As `poegp_load`, and refuses what is not signed by the Ed25519 key `public_key` of 32 bytes.
- Takes some kilobytes of stack more, and millions of instructions.
+ Loads a blob as `poegp_load` does, but refuses it unless it is signed by the Ed25519 key `public_key` of 32
+ bytes. Takes a few kilobytes more of stack, and millions of instructions.
 
- Errors: as `poegp_load`, and POEGP_SIGNATURE_ codes.
+ Errors: those of `poegp_load`, and POEGP_SIGNATURE_ codes.
 
  # Safety
- As `poegp_load`; `public_key` leads to 32 bytes.
+ As for `poegp_load`; `public_key` points to 32 bytes.
  */
 int32_t poegp_load_signed(struct poegp_model_t *model,
                           const uint8_t *blob,
@@ -813,28 +829,28 @@ int32_t poegp_load_signed(struct poegp_model_t *model,
                           const uint8_t *public_key);
 
 /*
- Whether a blob is intact and signed by `public_key` of 32 bytes, without a model.
+ Checks whether a blob is intact and signed by the Ed25519 key `public_key` of 32 bytes. Needs no model.
 
  Errors: POEGP_ERROR_ codes, POEGP_BLOB_ codes, POEGP_SIGNATURE_ codes.
 
  # Safety
- `blob` leads to `length` bytes, `public_key` to 32.
+ `blob` points to `length` bytes, `public_key` to 32.
  */
 int32_t poegp_verify(const uint8_t *blob, size_t length, const uint8_t *public_key);
 
 /*
- Where the target really is, for `count` joints in rad or m and a payload in kg (0 when the model knows none). The
- time does not depend on the numbers. `joints` may lie in `*out`.
+ Computes the actual pose of the target for `count` joints in rad or m and a payload in kg (0 if the model knows
+ no payload). The execution time does not depend on the values. `joints` may lie in `*out`.
 
- Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code
- the answer is the identity and its status says POEGP_STATUS_NO_MODEL or POEGP_STATUS_BAD_INPUT, unless `out` itself
- cannot be used.
+ Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
+ trusted. With an error code the answer is the identity and its status has POEGP_STATUS_NO_MODEL or
+ POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- `model` comes from `poegp_init` and is not loaded during the call; `joints` leads to `count` numbers; `out` is the
- caller's.
+ `model` comes from `poegp_init` and is not loaded during the call; `joints` points to `count` numbers; `out`
+ points to memory of the caller.
  */
 int32_t poegp_evaluate(const struct poegp_model_t *model,
                        const float *joints,
@@ -843,19 +859,19 @@ int32_t poegp_evaluate(const struct poegp_model_t *model,
                        struct poegp_evaluation_t *out);
 
 /*
- The joints to command so that the real arm stands where the nominal one would at `joints` (rad or m), with a payload
- in kg. No joint changes by more than 0.1 rad or m. The answer is a continuous function of joints and payload, and
- nothing but a function of them: to switch it on, or to exchange the model, while the arm moves, see `poegp_command`.
- `joints` may lie in `*out`.
+ Computes the joints to command so that the real arm stands where the nominal arm would stand at `joints` (rad or
+ m), with a payload in kg. No joint changes by more than 0.1 rad or m. The answer is a continuous function of
+ joints and payload and depends on nothing else: to switch the correction on, or to exchange the model, while the
+ arm moves, see `poegp_command`. `joints` may lie in `*out`.
 
- Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. With an error code
- the answer is the command as it came, as far as it could be read, and its status says POEGP_STATUS_NO_MODEL or
- POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
+ Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
+ trusted. With an error code the answer is the uncorrected command, as far as it could be read, and its status
+ has POEGP_STATUS_NO_MODEL or POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- As `poegp_evaluate`.
+ As for `poegp_evaluate`.
  */
 int32_t poegp_correct(const struct poegp_model_t *model,
                       const float *joints,
@@ -864,20 +880,22 @@ int32_t poegp_correct(const struct poegp_model_t *model,
                       struct poegp_corrected_t *out);
 
 /*
- Where the calibrated arm has a tool, for `count` joints in rad or m and a payload in kg (0 when the model knows none).
- `target_from_tool` is the tool's pose on the target that was measured: twelve numbers, a 3x4 matrix [R | t] row by row,
- metres. Null stands for the target itself. `joints` and `target_from_tool` may lie in `*out`.
+ Computes the pose of a tool on the calibrated arm, for `count` joints in rad or m and a payload in kg (0 if the
+ model knows no payload). `target_from_tool` is the pose of the tool relative to the target that was measured:
+ twelve numbers, a 3x4 matrix [R | t] in row-major order, translation in metres. Null stands for the target
+ itself. `joints` and `target_from_tool` may lie in `*out`.
 
- `poegp_evaluate` answers for the target alone, and also with the correction.
+ `poegp_evaluate` computes the pose of the target only, and also returns the correction.
 
- Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. The answer is the identity
- beside an error code, without a model, and for joints or a tool that cannot be used (POEGP_STATUS_BAD_INPUT).
+ Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
+ trusted. The answer is the identity with an error code, without a model, and for joints or a tool that cannot be
+ used (POEGP_STATUS_BAD_INPUT).
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- `model` comes from `poegp_init` and is not loaded during the call; `joints` leads to `count` numbers, `target_from_tool`
- to twelve if it is not null; `out` is the caller's.
+ `model` comes from `poegp_init` and is not loaded during the call; `joints` points to `count` numbers,
+ `target_from_tool` to twelve if it is not null; `out` points to memory of the caller.
  */
 int32_t poegp_forward(const struct poegp_model_t *model,
                       const float *target_from_tool,
@@ -887,25 +905,28 @@ int32_t poegp_forward(const struct poegp_model_t *model,
                       struct poegp_forward_t *out);
 
 /*
- The joints to command so that the calibrated arm has its tool at `base_from_tool`, with a payload in kg. It is the inverse
- of `poegp_forward`, on the branch of the `count` joints at `seed`: in a cycle, those sent last. Both poses are twelve
- numbers, a 3x4 matrix [R | t] row by row, metres; each R has to be orthonormal within 1e-3. `target_from_tool` as for
- `poegp_forward`. `seed` and both poses may lie in `*out`.
+ Computes the joints to command so that the tool of the calibrated arm is at `base_from_tool`, with a payload in
+ kg. This is the inverse of `poegp_forward`, on the branch of the `count` joints at `seed`: in a control cycle,
+ the joints that were sent last. Both poses are twelve numbers, a 3x4 matrix [R | t] in row-major order,
+ translation in metres; each R must be orthonormal within 1e-3. `target_from_tool` is as for `poegp_forward`.
+ `seed` and both poses may lie in `*out`.
 
- The answer is never farther from the wanted pose than the seed. Where the pose is not reached, beyond the arm's reach or
- beside a singularity, the status has POEGP_STATUS_PARTLY_CORRECTED and the errors say by how much. Joint limits are not
- looked at. It takes some evaluations from a near seed, at most 61 from any.
+ The answer is never farther from the requested pose than the seed. If the pose is not reached, because it is
+ beyond the arm's reach or near a singularity, the status has POEGP_STATUS_PARTLY_CORRECTED and the errors in the
+ answer say by how much. Joint limits are not checked. The search takes a few evaluations from a near seed, and
+ at most 61 from any seed.
 
- Roundings of `float` joints, at 1 kHz, are noise of 0.4 rad/s^2 in their accelerations. Use `poegp_inverse_f64` where joints
- are sent as `double`.
+ At 1 kHz, the rounding of `float` joints causes noise of 0.4 rad/s^2 in their accelerations. Use
+ `poegp_inverse_f64` if joints are sent as `double`.
 
- Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
- (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero for what is not finite.
+ Returns POEGP_OK for all numbers, NaN and infinity included. With an error code, without a model, and for bad
+ input (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero in place of numbers
+ that are not finite.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- As `poegp_forward`; `base_from_tool` leads to twelve numbers, `seed` to `count`.
+ As for `poegp_forward`; `base_from_tool` points to twelve numbers, `seed` to `count`.
  */
 int32_t poegp_inverse(const struct poegp_model_t *model,
                       const float *target_from_tool,
@@ -916,23 +937,25 @@ int32_t poegp_inverse(const struct poegp_model_t *model,
                       struct poegp_inverse_t *out);
 
 /*
- The Jacobian of the calibrated arm: how the tool moves with each of the `count` joints (rad or m), with a payload in kg.
- Arguments as for `poegp_forward`.
+ Computes the Jacobian of the calibrated arm: how the tool moves with each of the `count` joints (rad or m), with
+ a payload in kg. The arguments are as for `poegp_forward`.
 
- The reference point is the tool's origin and the axes are those of the base: rows of linear, then of angular velocity, as
- Pinocchio's LOCAL_WORLD_ALIGNED. Columns are the controller's joints, a coupling of the joints included.
+ The reference point is the tool's origin and the axes are those of the base. The rows are linear velocity, then
+ angular velocity, as in Pinocchio's LOCAL_WORLD_ALIGNED. The columns are the controller's joints; a joint
+ coupling is included.
 
- The Jacobian is that of the calibrated chain at the controller's joints, with the reference point where the whole model has
- the tool. The derivative of the correction is left out. Numerical differences of `poegp_forward_f64` therefore differ: on an
- elastic model of an arm of 2 m by 0.001 m or rad per rad (root mean square), 0.0024 at most.
+ The Jacobian is that of the calibrated chain at the controller's joints, with the reference point where the
+ whole model locates the tool. The derivative of the correction is left out. Numerical differences of
+ `poegp_forward_f64` therefore deviate from it: for an elastic model of an arm of 2 m by 0.001 m or rad per rad
+ (root mean square), and by 0.0024 at most.
 
- Returns POEGP_OK for every number that C can hold. Beside an error code, without a model, and for bad input
- (POEGP_STATUS_BAD_INPUT) all columns are zero.
+ Returns POEGP_OK for all numbers, NaN and infinity included. With an error code, without a model, and for bad
+ input (POEGP_STATUS_BAD_INPUT) all columns are zero.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- As `poegp_forward`.
+ As for `poegp_forward`.
  */
 int32_t poegp_jacobian(const struct poegp_model_t *model,
                        const float *target_from_tool,
@@ -942,55 +965,58 @@ int32_t poegp_jacobian(const struct poegp_model_t *model,
                        struct poegp_jacobian_t *out);
 
 /*
- Which arm the model is of. Without a model the names are empty and the numbers zero.
+ Reads which arm the model describes. Without a model the names are empty and the numbers are zero.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- `model` comes from `poegp_init` and is not loaded during the call; `out` is the caller's.
+ `model` comes from `poegp_init` and is not loaded during the call; `out` points to memory of the caller.
  */
 int32_t poegp_identify(const struct poegp_model_t *model, struct poegp_identity_t *out);
 
 /*
- A code in words, as text that ends with a zero and need not be freed. Never null.
+ Returns the meaning of a code as zero-terminated text, which need not be freed. Never null.
  */
 const char *poegp_error_text(int32_t code);
 
 /*
- The cause of a warning in words, by its bit in `poegp_identity_t.warnings`, as text that ends with a zero and need not be
- freed. Never null.
+ Returns the cause of a warning as zero-terminated text, which need not be freed. Never null. `bit` is the number
+ of its bit in `poegp_identity_t.warnings`.
  */
 const char *poegp_warning_text(uint32_t bit);
 
 /*
- Bytes of a filter in this build of the library; at most POEGP_FILTER_BYTES.
+ Returns the size of a filter in this build of the library, in bytes; at most POEGP_FILTER_BYTES.
  */
 size_t poegp_filter_size(void);
 
 /*
- Alignment of a filter in bytes; POEGP_FILTER_ALIGN.
+ Returns the alignment of a filter in bytes, POEGP_FILTER_ALIGN.
  */
 size_t poegp_filter_align(void);
 
 /*
- The usual settings for this time between two commands in s: 20 mrad/s, 0.5 rad/s^2, 0.5 s.
+ Stores the default settings for a time of `period_s` seconds between two commands: rate 20 mrad/s, acceleration
+ 0.5 rad/s^2, blend time 0.5 s.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED.
 
  # Safety
- `settings` is the caller's.
+ `settings` points to memory of the caller.
  */
-int32_t poegp_filter_defaults(float period_s, struct poegp_filter_settings_t *settings);
+int32_t poegp_filter_defaults(float period_s,
+                              struct poegp_filter_settings_t *settings);
 
 /*
- Makes a filter in `bytes` bytes at `memory`, aligned to POEGP_FILTER_ALIGN, and stores its address in `*filter`: null
- when it returns an error. The memory belongs to the filter until it is no longer used; nothing has to be freed. For
- other settings make it again, while it is disengaged.
+ Creates a filter in the `bytes` bytes at `memory`, which must be aligned to POEGP_FILTER_ALIGN, and stores its
+ address in `*filter`, or null if it returns an error. The memory belongs to the filter until the filter is no
+ longer used; nothing has to be freed. To change the settings, create the filter again while it is disengaged.
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP, POEGP_FILTER_ codes.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP, POEGP_FILTER_
+ codes.
 
  # Safety
- `memory` leads to `bytes` bytes that nobody else uses, `settings` to settings, `filter` to a pointer.
+ `memory` points to `bytes` bytes that nobody else uses, `settings` to settings, `filter` to a pointer.
  */
 int32_t poegp_filter_init(void *memory,
                           size_t bytes,
@@ -998,29 +1024,32 @@ int32_t poegp_filter_init(void *memory,
                           struct poegp_filter_t **filter);
 
 /*
- The joints to send for a command of `count` joints (rad or m) and a payload in kg, once in every cycle. As
- `poegp_correct`, but what is sent does not step when the correction is switched on or off, the payload changes, a command
- is lost or the model is another: all that the motion of the command does not explain goes within the limits of the
- filter. The time does not depend on the numbers of a good command. `joints` may lie in `*out`. Another `count` than
- before resets the filter, unless the model refuses it.
+ Computes the joints to send for a command of `count` joints (rad or m) and a payload in kg. Call it once in
+ every cycle. It corrects as `poegp_correct` does, but the joints to send do not step when the correction is
+ switched on or off, the payload changes, a command is lost or the model is exchanged: every change of the
+ correction that the motion of the command does not explain stays within the limits of the filter. The execution
+ time does not depend on the values of a valid command. `joints` may lie in `*out`. Another `count` than before
+ resets the filter, unless the model refuses it.
 
- `engage`: 0 for the command itself (POEGP_STATUS_BYPASSED), else for the corrected one. On the way from one to the other
- the status has POEGP_STATUS_BLENDING. Arrived, the joints are those of `poegp_correct` to the bit, or the command to the
- bit, whatever model and payload are.
- `cycles`: how many have passed since the last call, 1 if none was left out; 0 for another answer to the same request.
+ `engage`: 0 requests the command itself (POEGP_STATUS_BYPASSED), any other value the corrected command. During
+ the transition from one to the other the status has POEGP_STATUS_BLENDING. After it, the joints are bit for bit
+ those of `poegp_correct` or those of the command, whatever the model and the payload are.
+ `cycles`: number of cycles since the last call, 1 if none was left out; 0 for another answer to the same
+ request.
 
- Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. Bad input is answered
- with the joints that were sent last. Beside an error code the answer is, by the argument that is wrong:
- - `joints`: the joints that were sent last, POEGP_STATUS_BAD_INPUT;
- - `model`: joints whose correction goes to zero within the limits, POEGP_STATUS_NO_MODEL;
- - `filter`: the command as it came, POEGP_STATUS_BAD_INPUT;
- - `out`: none, and the filter is as if it had not been called.
+ Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
+ trusted. Bad input is answered with the joints that were sent last. With an error code the answer depends on the
+ argument that is wrong:
+ - `joints`: the joints that were sent last, with POEGP_STATUS_BAD_INPUT;
+ - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;
+ - `filter`: the uncorrected command, with POEGP_STATUS_BAD_INPUT;
+ - `out`: no answer, and the filter is unchanged, as if it had not been called.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and nobody
- else uses it during the call; `joints` leads to `count` numbers; `out` is the caller's.
+ `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and
+ nobody else uses it during the call; `joints` points to `count` numbers; `out` points to memory of the caller.
  */
 int32_t poegp_command(const struct poegp_model_t *model,
                       struct poegp_filter_t *filter,
@@ -1032,8 +1061,8 @@ int32_t poegp_command(const struct poegp_model_t *model,
                       struct poegp_commanded_t *out);
 
 /*
- 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter again. Otherwise 0, also for
- what is no filter.
+ Returns 1 if no correction is applied and none is in transition: only then exchange the model or create the
+ filter again. Otherwise returns 0, also if `filter` is not a filter.
 
  # Safety
  `filter` comes from `poegp_filter_init` and nobody changes it during the call.
@@ -1041,18 +1070,19 @@ int32_t poegp_command(const struct poegp_model_t *model,
 int32_t poegp_filter_disengaged(const struct poegp_filter_t *filter);
 
 /*
- What the filter has counted; zeros beside an error.
+ Reads the events that the filter has counted. With an error code all counts are zero.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 
  # Safety
- `filter` comes from `poegp_filter_init` and nobody changes it during the call; `out` is the caller's.
+ `filter` comes from `poegp_filter_init` and nobody changes it during the call; `out` points to memory of the
+ caller.
  */
 int32_t poegp_filter_counts(const struct poegp_filter_t *filter, struct poegp_filter_counts_t *out);
 
 /*
- Forgets commands, correction and payload; settings and counts stay. The correction steps to zero unless the filter is
- disengaged: for an arm that stands still, its brakes on.
+ Makes the filter forget commands, correction and payload; its settings and counts stay. The correction steps to
+ zero unless the filter is disengaged: use this for an arm that stands still with its brakes on.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED.
 
@@ -1062,15 +1092,17 @@ int32_t poegp_filter_counts(const struct poegp_filter_t *filter, struct poegp_fi
 int32_t poegp_filter_reset(struct poegp_filter_t *filter);
 
 /*
- Writes the cyclic frame of a command for a device: `count` joints (rad or m) and a payload in kg, under a `sequence`
- number that is another one in every cycle. What goes on the line is the first `*length` bytes at `frame`, the last of them
- a zero; 37 for six joints. Nothing is computed and nothing is checked: what is not finite is answered by the device.
+ Writes the cyclic frame of a command for a device: `count` joints (rad or m) and a payload in kg, with a
+ `sequence` number that differs from cycle to cycle. Send the first `*length` bytes at `frame`, 37 for six
+ joints; the last of them is a zero. The function computes nothing and checks no values; it is the device
+ that answers numbers that are not finite.
 
- Errors, with `*length` zero where it can be written: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_JOINTS,
- POEGP_ERROR_OVERLAP.
+ Errors, with `*length` set to zero if it can be written: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED,
+ POEGP_ERROR_JOINTS, POEGP_ERROR_OVERLAP.
 
  # Safety
- `joints` leads to `count` numbers, `frame` to POEGP_CYCLIC_BYTES bytes of the caller, `length` to a number of the caller.
+ `joints` points to `count` numbers, `frame` to POEGP_CYCLIC_BYTES bytes of the caller, `length` to a number of
+ the caller.
  */
 int32_t poegp_cyclic_command(uint16_t sequence,
                              const float *joints,
@@ -1080,49 +1112,49 @@ int32_t poegp_cyclic_command(uint16_t sequence,
                              size_t *length);
 
 /*
- Reads the device's answer: the `length` bytes that came from the line up to a zero, with or without it. Beside an error
- nothing is written to `*out`: go on with the joints that were sent last.
+ Reads the answer of a device from the `length` bytes that were received up to a zero, with or without that zero.
+ With an error code nothing is written to `*out`: continue with the joints that were sent last.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_LENGTH, POEGP_ERROR_FRAME.
 
  # Safety
- `frame` leads to `length` bytes, `out` is the caller's.
+ `frame` points to `length` bytes, `out` to memory of the caller.
  */
 int32_t poegp_cyclic_answer(const uint8_t *frame,
                             size_t length,
                             struct poegp_cyclic_answer_t *out);
 
 /*
- As `poegp_model_size`, in double precision; at most POEGP_MODEL_F64_BYTES.
+ Double-precision version of `poegp_model_size`; returns at most POEGP_MODEL_F64_BYTES.
  */
 size_t poegp_model_size_f64(void);
 
 /*
- As `poegp_filter_size`, in double precision; at most POEGP_FILTER_F64_BYTES.
+ Double-precision version of `poegp_filter_size`; returns at most POEGP_FILTER_F64_BYTES.
  */
 size_t poegp_filter_size_f64(void);
 
 /*
- As `poegp_init`, for a model in double precision, with POEGP_MODEL_F64_BYTES of memory.
+ Double-precision version of `poegp_init`. The model takes POEGP_MODEL_F64_BYTES of memory.
 
  # Safety
- As `poegp_init`.
+ As for `poegp_init`.
  */
 int32_t poegp_init_f64(void *memory, size_t bytes, struct poegp_model_f64_t **model);
 
 /*
- As `poegp_load`, in double precision. The blob is the same one.
+ Double-precision version of `poegp_load`. Takes the same blobs.
 
  # Safety
- As `poegp_load`.
+ As for `poegp_load`.
  */
 int32_t poegp_load_f64(struct poegp_model_f64_t *model, const uint8_t *blob, size_t length);
 
 /*
- As `poegp_load_signed`, in double precision. The blob is the same one.
+ Double-precision version of `poegp_load_signed`. Takes the same blobs.
 
  # Safety
- As `poegp_load_signed`.
+ As for `poegp_load_signed`.
  */
 int32_t poegp_load_signed_f64(struct poegp_model_f64_t *model,
                               const uint8_t *blob,
@@ -1130,18 +1162,18 @@ int32_t poegp_load_signed_f64(struct poegp_model_f64_t *model,
                               const uint8_t *public_key);
 
 /*
- As `poegp_identify`, of a model in double precision.
+ Double-precision version of `poegp_identify`.
 
  # Safety
- As `poegp_identify`.
+ As for `poegp_identify`.
  */
 int32_t poegp_identify_f64(const struct poegp_model_f64_t *model, struct poegp_identity_t *out);
 
 /*
- As `poegp_evaluate`, in double precision.
+ Double-precision version of `poegp_evaluate`.
 
  # Safety
- As `poegp_evaluate`.
+ As for `poegp_evaluate`.
  */
 int32_t poegp_evaluate_f64(const struct poegp_model_f64_t *model,
                            const double *joints,
@@ -1150,10 +1182,10 @@ int32_t poegp_evaluate_f64(const struct poegp_model_f64_t *model,
                            struct poegp_evaluation_f64_t *out);
 
 /*
- As `poegp_correct`, in double precision.
+ Double-precision version of `poegp_correct`.
 
  # Safety
- As `poegp_correct`.
+ As for `poegp_correct`.
  */
 int32_t poegp_correct_f64(const struct poegp_model_f64_t *model,
                           const double *joints,
@@ -1162,10 +1194,10 @@ int32_t poegp_correct_f64(const struct poegp_model_f64_t *model,
                           struct poegp_corrected_f64_t *out);
 
 /*
- As `poegp_forward`, in double precision.
+ Double-precision version of `poegp_forward`.
 
  # Safety
- As `poegp_forward`.
+ As for `poegp_forward`.
  */
 int32_t poegp_forward_f64(const struct poegp_model_f64_t *model,
                           const double *target_from_tool,
@@ -1175,11 +1207,11 @@ int32_t poegp_forward_f64(const struct poegp_model_f64_t *model,
                           struct poegp_forward_f64_t *out);
 
 /*
- As `poegp_inverse`, in double precision: the pose is reached to 1e-12 m and rad, and at 1 kHz rounding adds less than
- 0.0001 rad/s^2 to the accelerations of a smooth path.
+ Double-precision version of `poegp_inverse`. It reaches the pose to 1e-12 m and rad, and at 1 kHz rounding adds
+ less than 0.0001 rad/s^2 to the accelerations of a smooth path.
 
  # Safety
- As `poegp_inverse`.
+ As for `poegp_inverse`.
  */
 int32_t poegp_inverse_f64(const struct poegp_model_f64_t *model,
                           const double *target_from_tool,
@@ -1190,10 +1222,10 @@ int32_t poegp_inverse_f64(const struct poegp_model_f64_t *model,
                           struct poegp_inverse_f64_t *out);
 
 /*
- As `poegp_jacobian`, in double precision.
+ Double-precision version of `poegp_jacobian`.
 
  # Safety
- As `poegp_jacobian`.
+ As for `poegp_jacobian`.
  */
 int32_t poegp_jacobian_f64(const struct poegp_model_f64_t *model,
                            const double *target_from_tool,
@@ -1203,18 +1235,18 @@ int32_t poegp_jacobian_f64(const struct poegp_model_f64_t *model,
                            struct poegp_jacobian_f64_t *out);
 
 /*
- As `poegp_filter_defaults`, in double precision.
+ Double-precision version of `poegp_filter_defaults`.
 
  # Safety
- As `poegp_filter_defaults`.
+ As for `poegp_filter_defaults`.
  */
 int32_t poegp_filter_defaults_f64(double period_s, struct poegp_filter_settings_f64_t *settings);
 
 /*
- As `poegp_filter_init`, for a filter in double precision, with POEGP_FILTER_F64_BYTES of memory.
+ Double-precision version of `poegp_filter_init`. The filter takes POEGP_FILTER_F64_BYTES of memory.
 
  # Safety
- As `poegp_filter_init`.
+ As for `poegp_filter_init`.
  */
 int32_t poegp_filter_init_f64(void *memory,
                               size_t bytes,
@@ -1222,10 +1254,10 @@ int32_t poegp_filter_init_f64(void *memory,
                               struct poegp_filter_f64_t **filter);
 
 /*
- As `poegp_command`, in double precision.
+ Double-precision version of `poegp_command`.
 
  # Safety
- As `poegp_command`.
+ As for `poegp_command`.
  */
 int32_t poegp_command_f64(const struct poegp_model_f64_t *model,
                           struct poegp_filter_f64_t *filter,
@@ -1237,26 +1269,26 @@ int32_t poegp_command_f64(const struct poegp_model_f64_t *model,
                           struct poegp_commanded_f64_t *out);
 
 /*
- As `poegp_filter_disengaged`, of a filter in double precision.
+ Double-precision version of `poegp_filter_disengaged`.
 
  # Safety
- As `poegp_filter_disengaged`.
+ As for `poegp_filter_disengaged`.
  */
 int32_t poegp_filter_disengaged_f64(const struct poegp_filter_f64_t *filter);
 
 /*
- As `poegp_filter_counts`, of a filter in double precision.
+ Double-precision version of `poegp_filter_counts`.
 
  # Safety
- As `poegp_filter_counts`.
+ As for `poegp_filter_counts`.
  */
 int32_t poegp_filter_counts_f64(const struct poegp_filter_f64_t *filter, struct poegp_filter_counts_t *out);
 
 /*
- As `poegp_filter_reset`, of a filter in double precision.
+ Double-precision version of `poegp_filter_reset`.
 
  # Safety
- As `poegp_filter_reset`.
+ As for `poegp_filter_reset`.
  */
 int32_t poegp_filter_reset_f64(struct poegp_filter_f64_t *filter);
 

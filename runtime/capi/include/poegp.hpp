@@ -1,7 +1,7 @@
-/* Calibrated robot arms for programs in C++17: `poegp.h` with types that hold their memory. Header only.
+/* Calibrated robot arms for programs in C++17: a header-only wrapper of `poegp.h` whose types hold their memory.
 
-   `float` or `double` is a template parameter. Nothing throws, nothing allocates, and every answer has the bits of the C function
-   that makes it. poegp.h documents each function, unit and code. */
+   The template parameter is `float` or `double`. Nothing throws, nothing allocates, and every answer is bit for bit
+   that of the underlying C function. poegp.h documents each function, unit and code. */
 #ifndef POEGP_HPP
 #define POEGP_HPP
 
@@ -14,7 +14,7 @@
 
 namespace poegp {
 
-/* Numbers of the caller: a std::array, an array, or a pointer and a count. It owns nothing, and ends with the call. */
+/* A non-owning view of numbers of the caller, for one call: a std::array, an array, or a pointer and a count. */
 template <class T>
 class span {
   public:
@@ -34,11 +34,11 @@ class span {
     std::size_t count_ = 0;
 };
 
-/* A rigid transform: a 3x4 matrix [R | t] row by row, metres. */
+/* A rigid transform: a 3x4 matrix [R | t] in row-major order, translation in metres. */
 template <class T>
 using pose = std::array<T, 12>;
 
-/* A pose of the caller, or none. It ends with the call. */
+/* A non-owning view of a pose of the caller, or of none, for one call. */
 template <class T>
 class pose_view {
   public:
@@ -51,7 +51,7 @@ class pose_view {
     const T *rows_ = nullptr;
 };
 
-/* An answer beside its code. The answer is safe to use whatever the code is; poegp.h says what it is then. */
+/* An answer and its code. The answer is safe to use whatever the code is; poegp.h states the answer for each error. */
 template <class A>
 struct [[nodiscard]] result {
     std::int32_t code;
@@ -60,12 +60,12 @@ struct [[nodiscard]] result {
     constexpr const A *operator->() const noexcept { return &answer; }
 };
 
-/* A code in words; never null. */
+/* Returns the meaning of a code as text; never null. */
 inline const char *error_text(std::int32_t code) noexcept { return poegp_error_text(code); }
 
 namespace detail {
 
-/* The functions and types of one precision. */
+/* The C functions and types of one precision. */
 template <class T>
 struct api;
 
@@ -146,7 +146,7 @@ using commanded = typename detail::api<T>::commanded;
 template <class T>
 using filter_settings = typename detail::api<T>::settings;
 
-/* Memory for one model, and for one filter. */
+/* Memory for one model or one filter. */
 template <class T>
 struct model_memory {
     alignas(POEGP_MODEL_ALIGN) unsigned char bytes[detail::api<T>::model_bytes];
@@ -156,7 +156,7 @@ struct filter_memory {
     alignas(POEGP_FILTER_ALIGN) unsigned char bytes[detail::api<T>::filter_bytes];
 };
 
-/* A model in memory of the caller, which has to outlive it. */
+/* A model in memory of the caller, which must outlive the model. */
 template <class T>
 class borrowed_model {
     static_assert(std::is_same_v<T, float> || std::is_same_v<T, double>, "float or double");
@@ -171,11 +171,11 @@ class borrowed_model {
     borrowed_model(const borrowed_model &) = delete;
     borrowed_model &operator=(const borrowed_model &) = delete;
 
-    /* POEGP_OK, or why there is no model: every later call then answers POEGP_ERROR_NULL. POEGP_ERROR_OTHER: the library has
-       another version than the header. */
+    /* Returns POEGP_OK, or why there is no model; every later call then returns POEGP_ERROR_NULL. POEGP_ERROR_OTHER:
+       the API version of the library differs from that of the header. */
     [[nodiscard]] std::int32_t code() const noexcept { return code_; }
 
-    /* All or nothing. Not while another thread uses the model. */
+    /* Loads a blob, all or nothing. Do not call it while another thread uses the model. */
     [[nodiscard]] std::int32_t load(span<const std::uint8_t> blob) noexcept
     {
         return api::load(handle_, blob.data(), blob.size());
@@ -192,7 +192,7 @@ class borrowed_model {
         out.code = api::identify(handle_, &out.answer);
         return out;
     }
-    /* Joints in rad or m, payload in kg. */
+    /* In this and all later functions, joints are in rad or m and the payload is in kg. */
     result<evaluation<T>> evaluate(span<const T> joints, T payload_kg) const noexcept
     {
         result<evaluation<T>> out;
@@ -205,7 +205,7 @@ class borrowed_model {
         out.code = api::correct(handle_, joints.data(), joints.size(), payload_kg, &out.answer);
         return out;
     }
-    /* Without a tool: of the target that was measured. */
+    /* Without `target_from_tool`, this and the next two functions refer to the target that was measured. */
     result<poegp::forward<T>> forward(span<const T> joints, T payload_kg,
                                       pose_view<T> target_from_tool = {}) const noexcept
     {
@@ -230,7 +230,7 @@ class borrowed_model {
         return out;
     }
 
-    /* For functions in C; null when there is no model. */
+    /* Returns the pointer for the C functions; null if there is no model. */
     typename api::model *handle() noexcept { return handle_; }
     const typename api::model *handle() const noexcept { return handle_; }
 
@@ -239,14 +239,14 @@ class borrowed_model {
     std::int32_t code_;
 };
 
-/* A model with its memory, 27 or 54 kB: a static one, or a member of something that is not on the stack. */
+/* A model that holds its memory, 27 or 54 kB: make it static, or a member of an object that is not on the stack. */
 template <class T>
 class model : private model_memory<T>, public borrowed_model<T> {
   public:
     model() noexcept : borrowed_model<T>(static_cast<model_memory<T> &>(*this)) {}
 };
 
-/* The usual settings for this time between two commands in s. */
+/* Returns the default settings for a time of `period_s` seconds between two commands. */
 template <class T>
 inline filter_settings<T> usual_settings(T period_s) noexcept
 {
@@ -255,7 +255,7 @@ inline filter_settings<T> usual_settings(T period_s) noexcept
     return out;
 }
 
-/* A filter in memory of the caller, which has to outlive it. It belongs to one arm and one thread. */
+/* A filter in memory of the caller, which must outlive the filter. It belongs to one arm and one thread. */
 template <class T>
 class borrowed_filter {
     using api = detail::api<T>;
@@ -268,10 +268,10 @@ class borrowed_filter {
     borrowed_filter(const borrowed_filter &) = delete;
     borrowed_filter &operator=(const borrowed_filter &) = delete;
 
-    /* POEGP_OK, or why there is no filter. */
+    /* Returns POEGP_OK, or why there is no filter. */
     [[nodiscard]] std::int32_t code() const noexcept { return code_; }
 
-    /* Once in every cycle: never a step. */
+    /* Returns the joints to send, which never step. Call it once in every cycle. */
     result<commanded<T>> command(const borrowed_model<T> &model, span<const T> joints, T payload_kg, bool engage,
                                  std::uint32_t cycles = 1) noexcept
     {
@@ -294,7 +294,7 @@ class borrowed_filter {
     std::int32_t code_;
 };
 
-/* A filter with its memory. */
+/* A filter that holds its memory. */
 template <class T>
 class filter : private filter_memory<T>, public borrowed_filter<T> {
   public:

@@ -8,15 +8,17 @@ use crate::codes::{POEGP_ERROR_FRAME, POEGP_ERROR_JOINTS, POEGP_OK};
 use crate::memory::{Joints, apart, bytes, usable};
 use crate::types::{CyclicAnswer, POEGP_CYCLIC_BYTES, POEGP_MAX_JOINTS};
 
-/// Writes the cyclic frame of a command for a device: `count` joints (rad or m) and a payload in kg, under a `sequence`
-/// number that is another one in every cycle. What goes on the line is the first `*length` bytes at `frame`, the last of them
-/// a zero; 37 for six joints. Nothing is computed and nothing is checked: what is not finite is answered by the device.
+/// Writes the cyclic frame of a command for a device: `count` joints (rad or m) and a payload in kg, with a
+/// `sequence` number that differs from cycle to cycle. Send the first `*length` bytes at `frame`, 37 for six
+/// joints; the last of them is a zero. The function computes nothing and checks no values; it is the device
+/// that answers numbers that are not finite.
 ///
-/// Errors, with `*length` zero where it can be written: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_JOINTS,
-/// POEGP_ERROR_OVERLAP.
+/// Errors, with `*length` set to zero if it can be written: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED,
+/// POEGP_ERROR_JOINTS, POEGP_ERROR_OVERLAP.
 ///
 /// # Safety
-/// `joints` leads to `count` numbers, `frame` to POEGP_CYCLIC_BYTES bytes of the caller, `length` to a number of the caller.
+/// `joints` points to `count` numbers, `frame` to POEGP_CYCLIC_BYTES bytes of the caller, `length` to a number of
+/// the caller.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_cyclic_command(
     sequence: u16,
@@ -72,13 +74,13 @@ unsafe fn command(
     Ok((bytes, written))
 }
 
-/// Reads the device's answer: the `length` bytes that came from the line up to a zero, with or without it. Beside an error
-/// nothing is written to `*out`: go on with the joints that were sent last.
+/// Reads the answer of a device from the `length` bytes that were received up to a zero, with or without that zero.
+/// With an error code nothing is written to `*out`: continue with the joints that were sent last.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_LENGTH, POEGP_ERROR_FRAME.
 ///
 /// # Safety
-/// `frame` leads to `length` bytes, `out` is the caller's.
+/// `frame` points to `length` bytes, `out` to memory of the caller.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_cyclic_answer(
     frame: *const u8,

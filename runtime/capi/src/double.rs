@@ -16,22 +16,22 @@ use crate::types::{
     Inverse, Jacobian, Model,
 };
 
-/// As `poegp_model_size`, in double precision; at most POEGP_MODEL_F64_BYTES.
+/// Double-precision version of `poegp_model_size`; returns at most POEGP_MODEL_F64_BYTES.
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_model_size_f64() -> usize {
     size_of::<Model<f64>>()
 }
 
-/// As `poegp_filter_size`, in double precision; at most POEGP_FILTER_F64_BYTES.
+/// Double-precision version of `poegp_filter_size`; returns at most POEGP_FILTER_F64_BYTES.
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_filter_size_f64() -> usize {
     size_of::<Filter<f64>>()
 }
 
-/// As `poegp_init`, for a model in double precision, with POEGP_MODEL_F64_BYTES of memory.
+/// Double-precision version of `poegp_init`. The model takes POEGP_MODEL_F64_BYTES of memory.
 ///
 /// # Safety
-/// As `poegp_init`.
+/// As for `poegp_init`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_init_f64(
     memory: *mut c_void,
@@ -42,10 +42,10 @@ pub unsafe extern "C" fn poegp_init_f64(
     unsafe { calls::init(memory, bytes, model) }
 }
 
-/// As `poegp_load`, in double precision. The blob is the same one.
+/// Double-precision version of `poegp_load`. Takes the same blobs.
 ///
 /// # Safety
-/// As `poegp_load`.
+/// As for `poegp_load`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_load_f64(
     model: *mut Model<f64>,
@@ -56,10 +56,10 @@ pub unsafe extern "C" fn poegp_load_f64(
     unsafe { calls::load(model, blob, length, ModelSlot::load_unverified) }
 }
 
-/// As `poegp_load_signed`, in double precision. The blob is the same one.
+/// Double-precision version of `poegp_load_signed`. Takes the same blobs.
 ///
 /// # Safety
-/// As `poegp_load_signed`.
+/// As for `poegp_load_signed`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_load_signed_f64(
     model: *mut Model<f64>,
@@ -71,20 +71,20 @@ pub unsafe extern "C" fn poegp_load_signed_f64(
     unsafe { calls::load_signed(model, blob, length, public_key) }
 }
 
-/// As `poegp_identify`, of a model in double precision.
+/// Double-precision version of `poegp_identify`.
 ///
 /// # Safety
-/// As `poegp_identify`.
+/// As for `poegp_identify`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_identify_f64(model: *const Model<f64>, out: *mut Identity) -> i32 {
     // SAFETY: the same contract.
     unsafe { calls::identify(model, out) }
 }
 
-/// As `poegp_evaluate`, in double precision.
+/// Double-precision version of `poegp_evaluate`.
 ///
 /// # Safety
-/// As `poegp_evaluate`.
+/// As for `poegp_evaluate`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_evaluate_f64(
     model: *const Model<f64>,
@@ -97,10 +97,10 @@ pub unsafe extern "C" fn poegp_evaluate_f64(
     unsafe { calls::evaluate(model, joints, count, payload_kg, out) }
 }
 
-/// As `poegp_correct`, in double precision.
+/// Double-precision version of `poegp_correct`.
 ///
 /// # Safety
-/// As `poegp_correct`.
+/// As for `poegp_correct`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_correct_f64(
     model: *const Model<f64>,
@@ -113,10 +113,10 @@ pub unsafe extern "C" fn poegp_correct_f64(
     unsafe { calls::correct(model, joints, count, payload_kg, out) }
 }
 
-/// As `poegp_forward`, in double precision.
+/// Double-precision version of `poegp_forward`.
 ///
 /// # Safety
-/// As `poegp_forward`.
+/// As for `poegp_forward`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_forward_f64(
     model: *const Model<f64>,
@@ -130,11 +130,11 @@ pub unsafe extern "C" fn poegp_forward_f64(
     unsafe { tool_calls::forward(model, target_from_tool, joints, count, payload_kg, out) }
 }
 
-/// As `poegp_inverse`, in double precision: the pose is reached to 1e-12 m and rad, and at 1 kHz rounding adds less than
-/// 0.0001 rad/s^2 to the accelerations of a smooth path.
+/// Double-precision version of `poegp_inverse`. It reaches the pose to 1e-12 m and rad, and at 1 kHz rounding adds
+/// less than 0.0001 rad/s^2 to the accelerations of a smooth path.
 ///
 /// # Safety
-/// As `poegp_inverse`.
+/// As for `poegp_inverse`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_inverse_f64(
     model: *const Model<f64>,
@@ -159,10 +159,10 @@ pub unsafe extern "C" fn poegp_inverse_f64(
     }
 }
 
-/// As `poegp_jacobian`, in double precision.
+/// Double-precision version of `poegp_jacobian`.
 ///
 /// # Safety
-/// As `poegp_jacobian`.
+/// As for `poegp_jacobian`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_jacobian_f64(
     model: *const Model<f64>,
@@ -176,10 +176,10 @@ pub unsafe extern "C" fn poegp_jacobian_f64(
     unsafe { tool_calls::jacobian(model, target_from_tool, joints, count, payload_kg, out) }
 }
 
-/// As `poegp_filter_defaults`, in double precision.
+/// Double-precision version of `poegp_filter_defaults`.
 ///
 /// # Safety
-/// As `poegp_filter_defaults`.
+/// As for `poegp_filter_defaults`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_defaults_f64(
     period_s: f64,
@@ -189,10 +189,10 @@ pub unsafe extern "C" fn poegp_filter_defaults_f64(
     unsafe { filter_calls::defaults(period_s, settings) }
 }
 
-/// As `poegp_filter_init`, for a filter in double precision, with POEGP_FILTER_F64_BYTES of memory.
+/// Double-precision version of `poegp_filter_init`. The filter takes POEGP_FILTER_F64_BYTES of memory.
 ///
 /// # Safety
-/// As `poegp_filter_init`.
+/// As for `poegp_filter_init`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_init_f64(
     memory: *mut c_void,
@@ -204,10 +204,10 @@ pub unsafe extern "C" fn poegp_filter_init_f64(
     unsafe { filter_calls::init(memory, bytes, settings, filter) }
 }
 
-/// As `poegp_command`, in double precision.
+/// Double-precision version of `poegp_command`.
 ///
 /// # Safety
-/// As `poegp_command`.
+/// As for `poegp_command`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_command_f64(
     model: *const Model<f64>,
@@ -227,20 +227,20 @@ pub unsafe extern "C" fn poegp_command_f64(
     }
 }
 
-/// As `poegp_filter_disengaged`, of a filter in double precision.
+/// Double-precision version of `poegp_filter_disengaged`.
 ///
 /// # Safety
-/// As `poegp_filter_disengaged`.
+/// As for `poegp_filter_disengaged`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_disengaged_f64(filter: *const Filter<f64>) -> i32 {
     // SAFETY: the same contract.
     unsafe { filter_calls::disengaged(filter) }
 }
 
-/// As `poegp_filter_counts`, of a filter in double precision.
+/// Double-precision version of `poegp_filter_counts`.
 ///
 /// # Safety
-/// As `poegp_filter_counts`.
+/// As for `poegp_filter_counts`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_counts_f64(
     filter: *const Filter<f64>,
@@ -250,10 +250,10 @@ pub unsafe extern "C" fn poegp_filter_counts_f64(
     unsafe { filter_calls::counts(filter, out) }
 }
 
-/// As `poegp_filter_reset`, of a filter in double precision.
+/// Double-precision version of `poegp_filter_reset`.
 ///
 /// # Safety
-/// As `poegp_filter_reset`.
+/// As for `poegp_filter_reset`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_reset_f64(filter: *mut Filter<f64>) -> i32 {
     // SAFETY: the same contract.

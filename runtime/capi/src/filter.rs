@@ -5,24 +5,25 @@ use core::ffi::c_void;
 use crate::filter_calls;
 use crate::types::{Commanded, Filter, FilterCounts, FilterSettings, Model, POEGP_FILTER_ALIGN};
 
-/// Bytes of a filter in this build of the library; at most POEGP_FILTER_BYTES.
+/// Returns the size of a filter in this build of the library, in bytes; at most POEGP_FILTER_BYTES.
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_filter_size() -> usize {
     size_of::<Filter<f32>>()
 }
 
-/// Alignment of a filter in bytes; POEGP_FILTER_ALIGN.
+/// Returns the alignment of a filter in bytes, POEGP_FILTER_ALIGN.
 #[unsafe(no_mangle)]
 pub extern "C" fn poegp_filter_align() -> usize {
     POEGP_FILTER_ALIGN
 }
 
-/// The usual settings for this time between two commands in s: 20 mrad/s, 0.5 rad/s^2, 0.5 s.
+/// Stores the default settings for a time of `period_s` seconds between two commands: rate 20 mrad/s, acceleration
+/// 0.5 rad/s^2, blend time 0.5 s.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED.
 ///
 /// # Safety
-/// `settings` is the caller's.
+/// `settings` points to memory of the caller.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_defaults(
     period_s: f32,
@@ -32,14 +33,15 @@ pub unsafe extern "C" fn poegp_filter_defaults(
     unsafe { filter_calls::defaults(period_s, settings) }
 }
 
-/// Makes a filter in `bytes` bytes at `memory`, aligned to POEGP_FILTER_ALIGN, and stores its address in `*filter`: null
-/// when it returns an error. The memory belongs to the filter until it is no longer used; nothing has to be freed. For
-/// other settings make it again, while it is disengaged.
+/// Creates a filter in the `bytes` bytes at `memory`, which must be aligned to POEGP_FILTER_ALIGN, and stores its
+/// address in `*filter`, or null if it returns an error. The memory belongs to the filter until the filter is no
+/// longer used; nothing has to be freed. To change the settings, create the filter again while it is disengaged.
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP, POEGP_FILTER_ codes.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_TOO_SMALL, POEGP_ERROR_OVERLAP, POEGP_FILTER_
+/// codes.
 ///
 /// # Safety
-/// `memory` leads to `bytes` bytes that nobody else uses, `settings` to settings, `filter` to a pointer.
+/// `memory` points to `bytes` bytes that nobody else uses, `settings` to settings, `filter` to a pointer.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_init(
     memory: *mut c_void,
@@ -51,29 +53,32 @@ pub unsafe extern "C" fn poegp_filter_init(
     unsafe { filter_calls::init(memory, bytes, settings, filter) }
 }
 
-/// The joints to send for a command of `count` joints (rad or m) and a payload in kg, once in every cycle. As
-/// `poegp_correct`, but what is sent does not step when the correction is switched on or off, the payload changes, a command
-/// is lost or the model is another: all that the motion of the command does not explain goes within the limits of the
-/// filter. The time does not depend on the numbers of a good command. `joints` may lie in `*out`. Another `count` than
-/// before resets the filter, unless the model refuses it.
+/// Computes the joints to send for a command of `count` joints (rad or m) and a payload in kg. Call it once in
+/// every cycle. It corrects as `poegp_correct` does, but the joints to send do not step when the correction is
+/// switched on or off, the payload changes, a command is lost or the model is exchanged: every change of the
+/// correction that the motion of the command does not explain stays within the limits of the filter. The execution
+/// time does not depend on the values of a valid command. `joints` may lie in `*out`. Another `count` than before
+/// resets the filter, unless the model refuses it.
 ///
-/// `engage`: 0 for the command itself (POEGP_STATUS_BYPASSED), else for the corrected one. On the way from one to the other
-/// the status has POEGP_STATUS_BLENDING. Arrived, the joints are those of `poegp_correct` to the bit, or the command to the
-/// bit, whatever model and payload are.
-/// `cycles`: how many have passed since the last call, 1 if none was left out; 0 for another answer to the same request.
+/// `engage`: 0 requests the command itself (POEGP_STATUS_BYPASSED), any other value the corrected command. During
+/// the transition from one to the other the status has POEGP_STATUS_BLENDING. After it, the joints are bit for bit
+/// those of `poegp_correct` or those of the command, whatever the model and the payload are.
+/// `cycles`: number of cycles since the last call, 1 if none was left out; 0 for another answer to the same
+/// request.
 ///
-/// Returns POEGP_OK for every number that C can hold: what the answer is worth is in `out->status`. Bad input is answered
-/// with the joints that were sent last. Beside an error code the answer is, by the argument that is wrong:
-/// - `joints`: the joints that were sent last, POEGP_STATUS_BAD_INPUT;
-/// - `model`: joints whose correction goes to zero within the limits, POEGP_STATUS_NO_MODEL;
-/// - `filter`: the command as it came, POEGP_STATUS_BAD_INPUT;
-/// - `out`: none, and the filter is as if it had not been called.
+/// Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
+/// trusted. Bad input is answered with the joints that were sent last. With an error code the answer depends on the
+/// argument that is wrong:
+/// - `joints`: the joints that were sent last, with POEGP_STATUS_BAD_INPUT;
+/// - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;
+/// - `filter`: the uncorrected command, with POEGP_STATUS_BAD_INPUT;
+/// - `out`: no answer, and the filter is unchanged, as if it had not been called.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 ///
 /// # Safety
-/// `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and nobody
-/// else uses it during the call; `joints` leads to `count` numbers; `out` is the caller's.
+/// `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and
+/// nobody else uses it during the call; `joints` points to `count` numbers; `out` points to memory of the caller.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_command(
     model: *const Model<f32>,
@@ -93,8 +98,8 @@ pub unsafe extern "C" fn poegp_command(
     }
 }
 
-/// 1 when nothing is applied and nothing moves: only now exchange the model, or make the filter again. Otherwise 0, also for
-/// what is no filter.
+/// Returns 1 if no correction is applied and none is in transition: only then exchange the model or create the
+/// filter again. Otherwise returns 0, also if `filter` is not a filter.
 ///
 /// # Safety
 /// `filter` comes from `poegp_filter_init` and nobody changes it during the call.
@@ -104,12 +109,13 @@ pub unsafe extern "C" fn poegp_filter_disengaged(filter: *const Filter<f32>) -> 
     unsafe { filter_calls::disengaged(filter) }
 }
 
-/// What the filter has counted; zeros beside an error.
+/// Reads the events that the filter has counted. With an error code all counts are zero.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
 ///
 /// # Safety
-/// `filter` comes from `poegp_filter_init` and nobody changes it during the call; `out` is the caller's.
+/// `filter` comes from `poegp_filter_init` and nobody changes it during the call; `out` points to memory of the
+/// caller.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn poegp_filter_counts(
     filter: *const Filter<f32>,
@@ -119,8 +125,8 @@ pub unsafe extern "C" fn poegp_filter_counts(
     unsafe { filter_calls::counts(filter, out) }
 }
 
-/// Forgets commands, correction and payload; settings and counts stay. The correction steps to zero unless the filter is
-/// disengaged: for an arm that stands still, its brakes on.
+/// Makes the filter forget commands, correction and payload; its settings and counts stay. The correction steps to
+/// zero unless the filter is disengaged: use this for an arm that stands still with its brakes on.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED.
 ///

@@ -12,57 +12,59 @@ use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::words_for;
 use poegp_runtime::service::ModelSlot;
 
-/// Changes when a function, a structure or the meaning of a code does; see `poegp_api_version`.
+/// Version of this interface. It changes when a function, a structure or the meaning of a code changes; see
+/// `poegp_api_version`.
 pub const POEGP_API_VERSION: u32 = 4;
 
-/// Most joints of an arm.
+/// Largest number of joints of an arm.
 pub const POEGP_MAX_JOINTS: usize = 8;
 
-/// Bytes of a name in `poegp_identity_t`, its final zero included.
+/// Size in bytes of a name in `poegp_identity_t`, including the terminating zero.
 pub const POEGP_NAME_BYTES: usize = 36;
 
-/// Bytes of memory for one model, enough on 32-bit and 64-bit machines.
+/// Size in bytes of the memory for one model in single precision, enough on 32-bit and 64-bit machines.
 pub const POEGP_MODEL_BYTES: usize = 27648;
 
-/// Alignment of the memory for a model, of either precision, in bytes.
+/// Alignment in bytes of the memory for a model of either precision.
 pub const POEGP_MODEL_ALIGN: usize = 8;
 
-/// Bytes of memory for one filter, enough on 32-bit and 64-bit machines.
+/// Size in bytes of the memory for one filter in single precision, enough on 32-bit and 64-bit machines.
 pub const POEGP_FILTER_BYTES: usize = 320;
 
-/// Alignment of the memory for a filter, of either precision, in bytes.
+/// Alignment in bytes of the memory for a filter of either precision.
 pub const POEGP_FILTER_ALIGN: usize = 8;
 
-/// Bytes of memory for one model in double precision.
+/// Size in bytes of the memory for one model in double precision.
 pub const POEGP_MODEL_F64_BYTES: usize = 55296;
 
-/// Bytes of memory for one filter in double precision.
+/// Size in bytes of the memory for one filter in double precision.
 pub const POEGP_FILTER_F64_BYTES: usize = 640;
 
-/// Most bytes of a cyclic frame.
+/// Largest size of a cyclic frame, in bytes.
 pub const POEGP_CYCLIC_BYTES: usize = 54;
 
-/// Status bit: some joint is outside the range that was trained; the correction is an extrapolation.
+/// Status bit: at least one joint is outside its trained range, so the correction is an extrapolation.
 pub const POEGP_STATUS_OUTSIDE_JOINT_RANGE: u32 = 1;
-/// Status bit: the payload is outside the range that was trained.
+/// Status bit: the payload is outside the trained range.
 pub const POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE: u32 = 2;
-/// Status bit: the correction exceeded the bound of the blob and was scaled back to it.
+/// Status bit: the correction exceeded the limit in the blob and was scaled back to it.
 pub const POEGP_STATUS_CORRECTION_LIMITED: u32 = 4;
-/// Status bit: there is no model. The pose is the identity, the joints are those of the command.
+/// Status bit: there is no model. The pose is the identity and the joints are those of the command.
 pub const POEGP_STATUS_NO_MODEL: u32 = 8;
-/// Status bit: wrong number of joints, a number that is not finite, or one beyond all reason: nothing was corrected.
+/// Status bit: the number of joints is wrong, or a number is not finite or far out of range. Nothing was corrected.
 pub const POEGP_STATUS_BAD_INPUT: u32 = 16;
-/// Status bit: more than 5 um or 5 urad of the arm's error stay by the model: beside a singularity, or because a bound
-/// acts.
+/// Status bit: according to the model, more than 5 um or 5 urad of the arm's error remain, because the arm is near
+/// a singularity or a bound acts.
 pub const POEGP_STATUS_PARTLY_CORRECTED: u32 = 32;
-/// Status bit of `poegp_command`: the correction is switched off; the command itself goes out, or will soon.
+/// Status bit of `poegp_command`: the correction is switched off. The joints to send are those of the command, or
+/// soon will be.
 pub const POEGP_STATUS_BYPASSED: u32 = 64;
-/// Status bit of `poegp_command`: the joints are on their way to those that were asked for.
+/// Status bit of `poegp_command`: the joints to send are still in transition to the requested ones.
 pub const POEGP_STATUS_BLENDING: u32 = 128;
 
-/// Capacity in inducing points with the longest row. A model of six joints has room for more than half as many again.
+/// Capacity in inducing points with the longest row. A model of six joints can have more than 1.5 times as many.
 const POINTS: usize = 400;
-/// Capacity for the rows of inducing points, in words.
+/// Capacity for the rows of inducing points, in memory words.
 pub(crate) const WORDS: usize = words_for(POINTS);
 
 /// A number type that C may compute with: `float` or `double`.
@@ -83,10 +85,10 @@ impl Number for f64 {
     const FILTER_MARK: u32 = 0x4644_4550;
 }
 
-/// A model in the caller's memory. Made by `poegp_init`, or `poegp_init_f64`; what is in it is of no concern to C.
+/// A model in memory of the caller, created by `poegp_init` or `poegp_init_f64`. Its contents are opaque to C.
 ///
-/// Loading and initialising need it for themselves; any number of threads or interrupts may evaluate meanwhile
-/// another one, or evaluate this one at the same time.
+/// Initialising or loading a model needs exclusive access to it; meanwhile any number of threads or interrupts may
+/// evaluate another model. Any number of threads or interrupts may evaluate one model at the same time.
 #[derive(Debug)]
 pub struct Model<T = f32> {
     /// [`Number::MODEL_MARK`] once the model is initialised.
@@ -94,10 +96,10 @@ pub struct Model<T = f32> {
     pub(crate) resident: ModelSlot<WORDS, T>,
 }
 
-/// A filter in the caller's memory, which keeps the correction from stepping. Made by `poegp_filter_init`, or
-/// `poegp_filter_init_f64`; what is in it is of no concern to C.
+/// A filter in memory of the caller, created by `poegp_filter_init` or `poegp_filter_init_f64`. It keeps the
+/// correction from stepping. Its contents are opaque to C.
 ///
-/// One for each arm; it belongs to the thread or interrupt that commands.
+/// Each arm needs its own filter, which belongs to the thread or interrupt that commands the arm.
 #[derive(Debug)]
 pub struct Filter<T = f32> {
     /// [`Number::FILTER_MARK`] once the filter is initialised.
@@ -136,11 +138,12 @@ mod tests {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluation<T = f32> {
-    /// Compensated transform from the target to the base, a 3x4 matrix [R | t] row by row; metres.
+    /// Compensated transform from the target frame to the base frame: a 3x4 matrix [R | t] in row-major order,
+    /// translation in metres.
     pub base_from_target: [T; 12],
-    /// The correction as a twist of the base frame after bounding: v in metres, then omega in radians.
+    /// Correction after limiting, as a twist in the base frame: v in metres, then omega in radians.
     pub correction: [T; 6],
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
     pub status: u32,
 }
 
@@ -148,16 +151,18 @@ pub struct Evaluation<T = f32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corrected<T = f32> {
-    /// Joints to command, rad or m, as many as the command had; zero beyond. The command itself when nothing was
-    /// corrected, with zero for what is not finite.
+    /// Joints to command, in rad or m, as many as in the command; the remaining elements are zero. If nothing was
+    /// corrected, these are the joints of the command, with zero in place of numbers that are not finite.
     pub joints: [T; POEGP_MAX_JOINTS],
-    /// How much of the arm's error is corrected, 0 to 1: 1 but beside singularities and where a bound acts.
+    /// Share of the arm's error that is corrected, 0 to 1. It is 1 except near singularities and where a bound acts.
     pub applied: T,
-    /// Distance in metres that stays, by the model, between the arm at these joints and the nominal one at the command.
+    /// Remaining position error in metres: the distance, according to the model, between the arm at these joints and
+    /// the nominal arm at the command.
     pub position_error: T,
-    /// The rotation error that stays, in radians.
+    /// Remaining rotation error in radians, according to the model, between the arm at these joints and the nominal arm
+    /// at the command.
     pub rotation_error: T,
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
     pub status: u32,
 }
 
@@ -165,11 +170,12 @@ pub struct Corrected<T = f32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Forward<T = f32> {
-    /// Transform from the tool to the base, a 3x4 matrix [R | t] row by row; metres. R is orthonormal to 1e-6.
+    /// Transform from the tool frame to the base frame: a 3x4 matrix [R | t] in row-major order, translation in metres.
+    /// R is orthonormal to 1e-6.
     pub base_from_tool: [T; 12],
     /// Extrapolation score: 1 within the trained ranges, falling to 0 outside.
     pub trust: T,
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
     pub status: u32,
 }
 
@@ -177,13 +183,13 @@ pub struct Forward<T = f32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inverse<T = f32> {
-    /// Joints to command, rad or m, as many as the seed had; zero beyond. Always finite.
+    /// Joints to command, in rad or m, as many as in the seed; the remaining elements are zero. Always finite.
     pub joints: [T; POEGP_MAX_JOINTS],
-    /// Distance in metres between the wanted pose and that of the tool at these joints.
+    /// Distance in metres between the requested pose and the pose of the tool at these joints.
     pub position_error: T,
-    /// The rotation between them, in radians.
+    /// Rotation in radians between the requested pose and the pose of the tool at these joints.
     pub rotation_error: T,
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark. POEGP_STATUS_PARTLY_CORRECTED: the
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report. POEGP_STATUS_PARTLY_CORRECTED: the
     /// pose was not reached within 5 um and 5 urad.
     pub status: u32,
 }
@@ -192,25 +198,27 @@ pub struct Inverse<T = f32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jacobian<T = f32> {
-    /// The Jacobian row by row; one column for each joint, zeros beyond. Rows 0 to 2 are the velocity of the tool's origin in
-    /// m, rows 3 to 5 the angular velocity in rad, per rad or m of the joint. Both are along the x, y and z axes of the base.
+    /// The Jacobian in row-major order, with one column for each joint; the remaining columns are zero. Rows 0 to 2 are
+    /// the velocity of the tool's origin in m, rows 3 to 5 the angular velocity in rad, both per rad or m of the joint
+    /// and along the x, y and z axes of the base.
     pub rows: [[T; POEGP_MAX_JOINTS]; 6],
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
     pub status: u32,
 }
 
-/// Limits and times of a filter. For sliding joints m stands for rad. `poegp_filter_defaults` fills it.
+/// Limits and times of a filter. For sliding joints read m for rad. `poegp_filter_defaults` stores the default
+/// settings.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterSettings<T = f32> {
-    /// Time between two commands in s, 50 us to 0.1 s.
+    /// Time between two commands, in s: 50 us to 0.1 s.
     pub period_s: T,
-    /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+    /// Largest rate of the correction beyond what the motion of the command explains, in rad/s: 1e-4 to 1.
     pub rate: T,
-    /// Largest acceleration of the correction beyond what the path explains, rad/s^2, 1e-3 to 100.
+    /// Largest acceleration of the correction beyond what the motion of the command explains, in rad/s^2: 1e-3 to 100.
     pub acceleration: T,
-    /// Shortest time in s in which the correction is switched on or off, or the payload changes; 0.01 to 10, and at least
-    /// ten periods.
+    /// Shortest time in which the correction is switched on or off, or the payload changes, in s: 0.01 to 10, and at
+    /// least ten periods.
     pub blend_s: T,
 }
 
@@ -218,18 +226,18 @@ pub struct FilterSettings<T = f32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Commanded<T = f32> {
-    /// Joints to send, rad or m, as many as the command had; zero beyond. Always finite.
+    /// Joints to send, in rad or m, as many as in the command; the remaining elements are zero. Always finite.
     pub joints: [T; POEGP_MAX_JOINTS],
-    /// How far the correction is switched on, 0 to 1.
+    /// Weight of the correction, from 0 (switched off) to 1 (fully switched on).
     pub weight: T,
-    /// What `poegp_correct` says of the corrected command, to which the joints go while the correction is on: how much of
-    /// the arm's error it takes away, 0 to 1.
+    /// Share of the arm's error, 0 to 1, that the corrected command removes, as reported by `poegp_correct`. While the
+    /// correction is on, the joints to send go to the corrected command.
     pub applied: T,
-    /// The same: distance that stays, in metres.
+    /// Remaining position error of the corrected command, in metres, as reported by `poegp_correct`.
     pub position_error: T,
-    /// The same: rotation that stays, in radians.
+    /// Remaining rotation error of the corrected command, in radians, as reported by `poegp_correct`.
     pub rotation_error: T,
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
     pub status: u32,
 }
 
@@ -237,23 +245,23 @@ pub struct Commanded<T = f32> {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CyclicAnswer {
-    /// Joints to send, rad or m; zero beyond `joint_count`. Always finite.
+    /// Joints to send, in rad or m; elements beyond `joint_count` are zero. Always finite.
     pub joints: [f32; POEGP_MAX_JOINTS],
-    /// As many as the command had.
+    /// Number of joints, as many as in the command.
     pub joint_count: u32,
-    /// That of the command.
+    /// Sequence number of the command that is answered.
     pub sequence: u32,
-    /// How much of the arm's error the model takes away while the correction is on, 0 to 1.
+    /// Share of the arm's error, 0 to 1, that the model removes while the correction is on.
     pub applied: f32,
-    /// The same: distance that stays, in metres.
+    /// Position error that remains while the correction is on, in metres.
     pub position_error: f32,
-    /// The same: rotation that stays, in radians.
+    /// Rotation error that remains while the correction is on, in radians.
     pub rotation_error: f32,
-    /// What it is worth: a sum of POEGP_STATUS_ bits, 0 when there is nothing to remark.
+    /// Status: a combination of POEGP_STATUS_ bits; 0 if there is nothing to report.
     pub status: u32,
 }
 
-/// What a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
+/// Events that a filter has counted since `poegp_filter_init`, each up to 2^32 - 1.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FilterCounts {
@@ -261,12 +269,12 @@ pub struct FilterCounts {
     pub held: u32,
     /// Commands after a gap of more than five cycles.
     pub lost: u32,
-    /// Calls within a cycle that had been answered.
+    /// Calls in a cycle that was already answered.
     pub doubled: u32,
-    /// Commands that were none; the last joints were sent again.
+    /// Invalid commands, for which the last joints were sent again.
     pub bad: u32,
-    /// Commands whose correction changed more than the path explains, without a jump, a gap or a change of payload: the
-    /// model was exchanged, or steps.
+    /// Commands whose correction changed more than their motion explains, without a jump, a gap or a change of payload:
+    /// the model was exchanged, or its correction steps.
     pub guarded: u32,
 }
 
@@ -274,28 +282,28 @@ pub struct FilterCounts {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Version of the library, as text that ends with a zero.
+    /// Version of the library, as zero-terminated text.
     pub version: [c_char; POEGP_NAME_BYTES],
-    /// Name of the robot, UTF-8 that ends with a zero; empty without a model. At most 32 bytes of the blob's name.
+    /// Name of the robot, zero-terminated UTF-8; empty without a model. At most 32 bytes of the name in the blob.
     pub robot: [c_char; POEGP_NAME_BYTES],
-    /// Serial number of the arm, the same.
+    /// Serial number of the arm, zero-terminated UTF-8; empty without a model. At most 32 bytes of that in the blob.
     pub serial_number: [c_char; POEGP_NAME_BYTES],
     /// CRC in the header of the blob; 0 without a model.
     pub blob_crc: u32,
-    /// Joints of the arm; 0 without a model.
+    /// Number of joints of the arm; 0 without a model.
     pub joints: u32,
-    /// Inducing points of the correction.
+    /// Number of inducing points of the correction.
     pub inducing_points: u32,
-    /// 1 when the signature of the blob was verified, else 0.
+    /// 1 if the signature of the blob was verified, else 0.
     pub is_signed: u32,
-    /// The revision under its signature, 0 without one: a lower one than before may be an old model that somebody plays back.
+    /// Revision under the signature; 0 if there is none. A lower revision than before may be a replayed old model.
     pub revision: u32,
     /// Warnings about the measurements that the model was calibrated with: bit i is set for cause i, which
-    /// `poegp_warning_text` describes. 0 without warnings.
+    /// `poegp_warning_text` describes. 0 if there are none.
     pub warnings: u32,
 }
 
-/// Whether `bytes` are enough for `size` and exceed it by less than `spare`.
+/// Returns whether `bytes` are enough for `size` and exceed it by less than `spare`.
 const fn is_close(size: usize, bytes: usize, spare: usize) -> bool {
     size <= bytes && size + spare > bytes
 }

@@ -1,6 +1,6 @@
-//! `include/poegp.h` is what cbindgen makes of the sources: a function or a comment that changes here and not there fails.
+//! Checks that the committed `include/poegp.h` is what cbindgen generates from the sources, including the comments.
 //!
-//! `POEGP_BLESS=1 cargo test -p poegp-capi --test header` writes it anew.
+//! `POEGP_BLESS=1 cargo test -p poegp-capi --test header` regenerates the header.
 
 use std::path::Path;
 use std::{env, fs};
@@ -8,11 +8,11 @@ use std::{env, fs};
 use cbindgen::{Builder, Config, DocumentationStyle, Language, LineEndingStyle, Style};
 
 const HEAD: &str = "\
-/* Calibrated robot arms for programs in C. README.md beside this folder says how to link and how to use it.
+/* Calibrated robot arms for programs in C. README.md in the parent folder explains how to link and use the library.
 
-   Generated from the Rust sources; do not edit (tests/header.rs). Units are radians, metres and kilograms. Of every
-   pointer the library refuses what it can see (null, misaligned, overlapping); that as much memory is there as is
-   said (# Safety) is the promise of the caller. */";
+   Generated from the Rust sources; do not edit (see tests/header.rs). Units are radians, metres and kilograms. The
+   library checks every pointer as far as it can and refuses those that are null, misaligned or overlapping. It
+   cannot check that a pointer leads to as much memory as stated: the caller must guarantee this (# Safety). */";
 
 #[test]
 fn the_committed_header_is_the_generated_one() {
