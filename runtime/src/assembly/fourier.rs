@@ -1,21 +1,22 @@
 //! Clenshaw's recurrence of [`crate::math::fourier`], for every processor with a floating-point unit.
 //!
-//! A step takes eight orders, or four with the derivative. The highest orders, which fill no step, come first, one by one.
+//! A step takes eight orders, or four with the derivative. The highest orders, too few for a step, come first, one by one.
 //!
 //! | register | holds |
 //! |---|---|
 //! | s0 | 2 cos q |
 //! | s5, s6 | sin q, cos q; with the derivative −2 sin q in s5 |
 //! | s1, s2 | the sines' recurrence, one and two orders above, or the other way round |
-//! | s3, s4 | the cosines' |
-//! | s6 – s9 | the derivatives of both, where they are asked for |
+//! | s3, s4 | the cosines' recurrence, in the same way |
+//! | s6 – s9 | the derivatives of both recurrences, if they are computed |
 //! | s10 – s13 | scratch |
 //! | s16 – s31 | coefficients |
 #![allow(unsafe_code)]
 
 use core::arch::asm;
 
-/// The next order: the two recurrences are `$one` above, and `$two` takes the order.
+/// Computes the next order of both recurrences: `$one` and `$two` hold them one and two orders above, and `$two` receives
+/// the next order.
 macro_rules! order {
     ($a:literal, $b:literal, [$s_one:literal, $c_one:literal], [$s_two:literal, $c_two:literal]) => {
         concat!(
@@ -29,7 +30,7 @@ macro_rules! order {
     };
 }
 
-/// Behind a single order: what was one order above is two orders above now.
+/// Swaps the registers after a single order: the value that was one order above is now two orders above.
 macro_rules! swap {
     ($one:literal, $two:literal, $free:literal) => {
         concat!(
@@ -39,7 +40,7 @@ macro_rules! swap {
     };
 }
 
-/// Two orders, after which every register has its number again.
+/// Computes two orders, after which every register has its role again.
 macro_rules! two_orders {
     ($a:literal, $b:literal, $a_below:literal, $b_below:literal) => {
         concat!(
@@ -49,7 +50,7 @@ macro_rules! two_orders {
     };
 }
 
-/// The next order of the derivatives, before that of what is derived.
+/// Computes the next order of the derivatives; comes before `order!` of the recurrences that are derived.
 #[cfg(not(feature = "cortex-m55"))]
 macro_rules! slope {
     ([$s:literal, $c:literal], [$s_one:literal, $c_one:literal], [$s_two:literal, $c_two:literal]) => {
@@ -66,7 +67,7 @@ macro_rules! slope {
     };
 }
 
-/// The same with the derivatives.
+/// Computes two orders of the recurrences and of their derivatives.
 #[cfg(not(feature = "cortex-m55"))]
 macro_rules! two_orders_and_slopes {
     ($a:literal, $b:literal, $a_below:literal, $b_below:literal) => {
@@ -79,7 +80,7 @@ macro_rules! two_orders_and_slopes {
     };
 }
 
-/// Σ_k (α_k sin kq + β_k cos kq) from sin q and cos q.
+/// Computes Σ_k (α_k sin kq + β_k cos kq) from sin q and cos q.
 #[inline(always)]
 pub(crate) fn series(coefficients: &[[f32; 2]], sin_cos: &[f32; 2]) -> f32 {
     let sum: u32;
@@ -134,8 +135,8 @@ pub(crate) fn series(coefficients: &[[f32; 2]], sin_cos: &[f32; 2]) -> f32 {
     f32::from_bits(sum)
 }
 
-/// Order 1 of the sines' recurrence, orders 1 and 2 of the cosines', then those of their derivatives. `twice` is 2 cos q,
-/// `turned` is −2 sin q.
+/// Returns order 1 of the sines' recurrence and orders 1 and 2 of the cosines', then the same orders of their derivatives.
+/// `twice` is 2 cos q, `turned` is −2 sin q.
 #[cfg(not(feature = "cortex-m55"))]
 #[inline(always)]
 pub(crate) fn recurrences(coefficients: &[[f32; 2]], twice: f32, turned: f32) -> [[f32; 3]; 2] {

@@ -1,8 +1,8 @@
-//! The ground floor: what the loops in assembly read, and those loops.
+//! The loops in assembly, and the data that they read.
 //!
-//! Here is chosen whose they are: those of a Cortex-M55 with the feature `cortex-m55`, otherwise those of a Cortex-M4F; on other
-//! targets and with `portable-kernels` there are none. [`crate::gp::loops`] gives each shape of rows its loop; the
-//! portable loops serve the rest. All have the same bits. What is in here is the only unsafe code of the crate.
+//! This module chooses the loops: those for a Cortex-M55 with the feature `cortex-m55`, otherwise those for a Cortex-M4F;
+//! other targets and `portable-kernels` have none. [`crate::gp::loops`] assigns a loop to each shape of rows; the portable
+//! loops serve the rest. All loops produce the same bits. This module holds the only unsafe code of the crate.
 
 /// One instruction with three operands.
 #[cfg(all(
@@ -49,8 +49,8 @@ use poegp_protocol::limits::MAX_GROUPS;
 /// 1.5·2²³: adding it to an `f32` of magnitude below 2²² leaves the nearest integer in the low mantissa bits.
 pub(crate) const EXP2_ROUND: f32 = 12_582_912.0;
 
-/// Coefficients of the polynomial of [`Scalar::exp2`](crate::math::scalar::Scalar::exp2) for `f32` behind the leading 1, lowest
-/// power first.
+/// Coefficients of the polynomial of [`Scalar::exp2`](crate::math::scalar::Scalar::exp2) for `f32` after the constant 1,
+/// lowest power first.
 pub(crate) const EXP2: [f32; 5] = [
     f32::from_bits(0x3f31_7215),
     f32::from_bits(0x3e75_fce1),
@@ -59,7 +59,7 @@ pub(crate) const EXP2: [f32; 5] = [
     f32::from_bits(0x3aad_ed2c),
 ];
 
-/// Constants of [`Scalar::exp2_scaled`](crate::math::scalar::Scalar::exp2_scaled) for `f32`: 1.5·2²³ less 10, which takes
+/// Constants of [`Scalar::exp2_scaled`](crate::math::scalar::Scalar::exp2_scaled) for `f32`: 1.5·2²³ minus 10, which takes
 /// 2¹⁰ out of the result, then the polynomial of `exp2` divided by its leading coefficient, highest power first.
 pub(crate) const EXP2_SCALED: [f32; 6] = [
     12_582_902.0,
@@ -85,23 +85,23 @@ pub(crate) const SINES: [f32; 10] = [
     4.166_664_6e-2,
 ];
 
-/// Landmarks whose coefficients stand together.
+/// Number of landmarks whose coefficients are stored together.
 pub(crate) const BLOCK: usize = 4;
 
-/// Words of the coefficients of block `index`: its own, and those with it and the ones before.
+/// Returns the number of coefficients of block `index`: its linear ones, and those with itself and all blocks before it.
 pub(crate) const fn block_words(index: usize) -> usize {
     BLOCK + BLOCK * BLOCK * (index + 1)
 }
 
-/// The first rows of an inducing set, block by block. No block is empty, and [`Blocks::rows`] is their sum: assembly relies on
-/// both.
+/// The first rows of an inducing set, divided into blocks. No block is empty, and [`Blocks::rows`] is the sum of their rows:
+/// assembly relies on both.
 #[derive(Debug)]
 pub struct Blocks<T> {
     list: Vec<Block<T>, MAX_GROUPS>,
     rows: usize,
 }
 
-/// Rows of one payload, and what their sum is multiplied by. Its layout is that of two words, which assembly reads.
+/// The number of rows of one payload group and the factor of their sum. Assembly reads its layout as two words.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
 pub struct Block<T> {
@@ -110,7 +110,7 @@ pub struct Block<T> {
 }
 
 impl<T: Copy> Blocks<T> {
-    /// None.
+    /// Returns no blocks.
     #[inline(always)]
     pub(crate) fn new() -> Self {
         Self {
@@ -119,8 +119,8 @@ impl<T: Copy> Blocks<T> {
         }
     }
 
-    /// These numbers of rows instead, each with the factor of its sum; without those of 0 rows and any beyond
-    /// [`MAX_GROUPS`]. In place: making and moving a list costs more than filling it.
+    /// Replaces the blocks with these numbers of rows, each with the factor of its sum; leaves out those of 0 rows and any
+    /// beyond [`MAX_GROUPS`]. In place, because creating and moving a list costs more than filling it.
     #[inline(always)]
     pub(crate) fn refill(&mut self, blocks: impl Iterator<Item = (u16, T)>) {
         self.list.clear();
@@ -137,13 +137,13 @@ impl<T: Copy> Blocks<T> {
         self.rows = sum;
     }
 
-    /// The blocks in the order of the rows.
+    /// Returns the blocks in the order of the rows.
     #[inline(always)]
     pub(crate) fn list(&self) -> &[Block<T>] {
         &self.list
     }
 
-    /// Rows of all blocks.
+    /// Returns the number of rows of all blocks.
     #[inline(always)]
     pub(crate) fn rows(&self) -> usize {
         self.rows

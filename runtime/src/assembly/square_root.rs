@@ -3,7 +3,7 @@
 
 use core::arch::asm;
 
-/// √value, correctly rounded.
+/// Returns √value, correctly rounded.
 #[inline(always)]
 pub(crate) fn square_root(value: f32) -> f32 {
     let mut bits = value.to_bits();

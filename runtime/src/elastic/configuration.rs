@@ -9,7 +9,7 @@ use crate::kinematics::poe::JointTrig;
 pub struct Configuration<'a, T> {
     /// The calibrated chain, base to target.
     pub chain: &'a MinimalChain<T>,
-    /// C.
+    /// Joint coupling C.
     pub coupling: Option<&'a Coupling<T>>,
     /// The controller's joints, rad or m.
     pub joints: &'a PerJoint<T>,

@@ -1,8 +1,8 @@
 //! Own-joint curves: an error of each revolute joint that repeats with every turn of the joint itself.
 //!
 //! h_c(q_c) = Σ_{k=1}^{K} (α_ck sin k q_c + β_ck cos k q_c), from one sine and cosine of the joint
-//! ([`crate::math::fourier`]). Eccentric gears and bearings, uneven teeth and encoder discs make such errors. A Gaussian process
-//! of all joints is too smooth for them, and gear ripple has too few terms.
+//! ([`crate::math::fourier`]). Eccentric gears and bearings, uneven teeth and encoder discs make such errors. A Gaussian
+//! process of all joints is too smooth for them, and gear ripple has too few terms.
 
 use poegp_protocol::JointKind;
 
@@ -11,7 +11,8 @@ use crate::kinematics::coupling::PerJoint;
 use crate::kinematics::poe::JointTrig;
 use crate::math::fourier::FourierSeries;
 
-/// Numbers in the curves of all joints: α_c1, β_c1, α_c2, … of the first joint, then those of the second.
+/// Returns the number of coefficients of all joints' curves: α_c1, β_c1, α_c2, … of the first joint, then those of the
+/// second.
 pub const fn coefficient_count(joints: usize, orders: usize) -> usize {
     2 * joints * orders
 }
@@ -34,7 +35,7 @@ pub fn add_curves<T: FourierSeries>(
     }
 }
 
-/// Adds h_c of every joint and its derivative by the joint to `line`.
+/// Adds h_c of every joint and its derivative with respect to the joint to `line`.
 pub fn add_curve_lines<T: FourierSeries>(
     kinds: &[JointKind],
     coefficients: &[T],

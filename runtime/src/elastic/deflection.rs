@@ -1,7 +1,8 @@
-//! The elastic correction: what gravity and gears do to the joints, T = POE(C (q + δ(q, m))).
+//! The elastic correction: the deflection of the joints by gravity and gears, T = POE(C (q + δ(q, m))).
 //!
-//! Most of what geometry does not explain is a *joint* effect: gears and bearings give way under the weight of links and
-//! payload, and gears are not round. Learnt in joint space it needs far fewer measurements than a twist of the tool.
+//! Most of the error that geometry does not explain is a *joint* effect: gears and bearings give way under the weight of
+//! links and payload, and gears are not round. In joint space, it is learnt from far fewer measurements than as a twist of
+//! the tool.
 //!
 //! ```text
 //! δ_c(q, m) =   Σ_j (R_jᵀ w_c)·a_cj + m ((o_t − o_c)·w_c b_c0 + (R_nᵀ w_c)·b_c)     gravity, w_c = g × z_c
@@ -15,8 +16,8 @@
 //!
 //! z_c, o_c: axis and origin of joint c; R_j: orientation of link j, taken in the frame that follows it; o_t: the target;
 //! all of the calibrated chain at q, in the base frame. Joints are the controller's. Gravity acts on a prismatic joint as
-//! z_c·g. Inducing points are sorted by payload, so that what depends on the payload is computed once for each group, and
-//! the sine and cosine of their joints are stored: one kernel value costs no trigonometry.
+//! z_c·g. Inducing points are sorted by payload, so that the payload's factor is computed once for each group, and the sine
+//! and cosine of their joints are stored, so that a kernel value costs no trigonometry.
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -38,22 +39,22 @@ use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, Twist, cross, third_column};
 use crate::trace::Observer;
 
-/// The elastic correction but its rows of inducing points.
+/// The elastic correction without its rows of inducing points.
 #[derive(Clone, Debug)]
 pub struct Deflection<T> {
-    /// Gravity.
+    /// Deflection by gravity.
     pub gravity: Gravity<T>,
-    /// Gear ripple.
+    /// Terms of gear ripple.
     pub ripple: Vec<RippleTerm<T>, MAX_RIPPLE>,
-    /// Orders of each joint's own-joint curve; 0 for none. The coefficients are behind the rows of inducing points.
+    /// Number of orders of each joint's own-joint curve; 0 for none. The coefficients follow the rows of inducing points.
     pub curve_orders: usize,
-    /// The rest.
+    /// Gaussian processes of the joints, for the rest of the deflection.
     pub processes: JointProcesses<T>,
-    /// How well the position is known; its landmarks are behind the curves.
+    /// Variance of the position, if the model has one; its landmarks follow the curves.
     pub variance: Option<PositionVariance<T>>,
 }
 
-/// The twist of the base frame, to first order, that `deflection` of the serial joints makes: Σ ξ_i δ_i.
+/// Computes the twist in the base frame that `deflection` of the serial joints causes, to first order: Σ ξ_i δ_i.
 #[inline(always)]
 pub fn deflection_twist<T: Scalar>(
     kinds: &[JointKind],
@@ -75,8 +76,8 @@ pub fn deflection_twist<T: Scalar>(
     out
 }
 
-/// Sines and cosines after a small deflection (|δ| ≤ 0.1): the sine and cosine are turned instead of computed again, which also
-/// keeps the sum q + δ from being rounded.
+/// Returns the sines and cosines after a small deflection (|δ| ≤ 0.1). They are turned by δ instead of computed again, which
+/// also keeps the sum q + δ from being rounded.
 #[inline(always)]
 pub fn deflected<T: Scalar>(
     motions: &JointTrig<T>,
@@ -88,7 +89,7 @@ pub fn deflected<T: Scalar>(
     out
 }
 
-/// The same, written to `out`; beyond the last joint nothing is changed.
+/// Writes the result of [`deflected`] to `out`; leaves the elements beyond the last joint unchanged.
 #[inline(never)]
 pub fn deflected_into<T: Scalar>(
     motions: &JointTrig<T>,
@@ -111,22 +112,22 @@ pub fn deflected_into<T: Scalar>(
     }
 }
 
-/// The compensated pose.
+/// Result of [`Deflection::compensate`]: the corrected pose and its correction.
 #[derive(Clone, Copy, Debug)]
 pub struct Compensated<T> {
-    /// POE(C (q + δ)).
+    /// Corrected pose POE(C (q + δ)).
     pub pose: Pose<T>,
-    /// T_gp = POE(C (q + δ)) POE(C q)⁻¹ as a twist of the base frame, to first order.
+    /// Correction T_gp = POE(C (q + δ)) POE(C q)⁻¹ as a twist in the base frame, to first order.
     pub twist: Twist<T>,
-    /// Whether δ was scaled back.
+    /// Whether δ was scaled back to the limit.
     pub limited: bool,
-    /// Standard deviation of one position component in metres before bounding, if the model knows it.
+    /// Standard deviation of one position component before bounding, in m, if the model has a variance.
     pub position_sigma: Option<T>,
 }
 
 impl<T: KernelLoops> Deflection<T> {
-    /// δ(q, m) of the controller's joints before bounding, from the moved frames of the chain at q; and the words behind those
-    /// of the curves.
+    /// Computes δ(q, m) of the controller's joints before bounding, from the frames of the joints after they moved at q.
+    /// Also returns the words that follow the curves.
     #[inline(always)]
     fn total<'r>(
         &self,
@@ -154,15 +155,15 @@ impl<T: KernelLoops> Deflection<T> {
         (out, rest)
     }
 
-    /// The coefficients of the own-joint curves of an arm with so many joints, from the words behind the inducing points; and what
-    /// is behind them.
+    /// Splits the words that follow the inducing points into the coefficients of the own-joint curves of an arm with this
+    /// many joints, and the words that follow them.
     #[inline(always)]
     pub(crate) fn curves<'r>(&self, joints: usize, rows: &'r [T]) -> (&'r [T], &'r [T]) {
         rows.split_at_checked(coefficient_count(joints, self.curve_orders))
             .unwrap_or((&[], &[]))
     }
 
-    /// POE(C (q + δ)), with δ scaled back to `limit`.
+    /// Computes POE(C (q + δ)), with δ scaled back to `limit`.
     #[inline(always)]
     pub fn compensate(
         &self,
@@ -198,8 +199,8 @@ impl<T: KernelLoops> Deflection<T> {
     }
 }
 
-/// POE(C (q + δ)) with δ scaled back to `limit`, from the frames of the chain at q.
-// A function of its own: evaluation and trace share its code.
+/// Computes POE(C (q + δ)), with δ scaled back to `limit`, from the frames of the chain at q.
+// A separate function: evaluation and trace share its code.
 #[inline(never)]
 fn deflect<T: Scalar>(
     at: &Configuration<'_, T>,
@@ -213,10 +214,10 @@ fn deflect<T: Scalar>(
     let mut twist = deflection_twist(kinds, frames, &serial);
     let (factor, limited) =
         limit.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
-    // Times one, too: the time must not depend on the data.
+    // Multiplies even by a factor of one: the time must not depend on the data.
     let scaled = |value: T| {
         if factor == T::ZERO {
-            // It may be infinite.
+            // `value` may be infinite.
             T::ZERO
         } else {
             value * factor

@@ -1,4 +1,4 @@
-//! What gravity does to the joints: regressors of links and payload, and their coefficients.
+//! The deflection of the joints by gravity: regressors of links and payload, and their coefficients.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -9,20 +9,21 @@ use crate::kinematics::minimal_chain::MinimalForm;
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 
-/// Gravity at one configuration: everything that its regressors are made of.
+/// Gravity at one configuration: everything from which its regressors are computed.
 #[derive(Clone, Copy, Debug)]
 pub struct GravityRegressors<'a, T> {
     kinds: &'a [JointKind],
-    /// Frames of the joints before they move; that of joint j + 1 is link j.
+    /// Frames of the joints before they move; the frame of joint j + 1 is that of link j.
     frames: &'a [Pose<T>; MAX_JOINTS],
-    /// The last link, with the target as its origin.
+    /// Frame of the last link, with the target as its origin.
     target: &'a Pose<T>,
-    /// g.
+    /// Gravity g in the base frame, in m/s².
     gravity: &'a Vector3<T>,
 }
 
 impl<'a, T: Scalar> GravityRegressors<'a, T> {
-    /// From the frames of the joints before they move (see [`crate::kinematics::poe::Poe::joint_frames`]) and the target.
+    /// Creates the regressors from the frames of the joints before they move (see
+    /// [`crate::kinematics::poe::Poe::joint_frames`]) and the target.
     #[inline(always)]
     pub fn new(
         kinds: &'a [JointKind],
@@ -38,7 +39,8 @@ impl<'a, T: Scalar> GravityRegressors<'a, T> {
         }
     }
 
-    /// The three regressors of joint `c` and link `link` ≥ c in m/s²; of a prismatic joint only the first is not zero.
+    /// Computes the three regressors of joint `c` and link `link` ≥ c, in m/s²; for a prismatic joint only the first is not
+    /// zero.
     pub fn link(&self, c: usize, link: usize) -> Vector3<T> {
         let zero = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
         let (Some(kind), Some(frame)) = (self.kinds.get(c), self.frames.get(c)) else {
@@ -62,7 +64,8 @@ impl<'a, T: Scalar> GravityRegressors<'a, T> {
         }
     }
 
-    /// The regressors of joint `c` for a payload of 1 kg: the lever to the target (m²/s²), and three of its offset.
+    /// Computes the regressors of joint `c` for a payload of 1 kg: that of the lever to the target (m²/s²), and the three of
+    /// the payload's offset.
     pub fn payload(&self, c: usize) -> (T, Vector3<T>) {
         let offset = self.link(c, self.kinds.len().saturating_sub(1));
         let lever = match (self.kinds.get(c), self.frames.get(c)) {
@@ -81,16 +84,16 @@ impl<'a, T: Scalar> GravityRegressors<'a, T> {
 pub struct GravityTerms<T> {
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<T>,
-    /// a_cj for c ≤ j; the others are zero.
+    /// Coefficients a_cj of link j for joint c, where c ≤ j; the others are zero.
     pub links: [[Vector3<T>; MAX_JOINTS]; MAX_JOINTS],
-    /// b_c0.
+    /// Coefficient b_c0 of the lever to the target, for each joint.
     pub payload_lever: PerJoint<T>,
-    /// b_c.
+    /// Coefficients b_c of the payload's offset from the target, for each joint.
     pub payload_offset: [Vector3<T>; MAX_JOINTS],
 }
 
 impl<T: Scalar> GravityTerms<T> {
-    /// No effect, with gravity along −z.
+    /// Returns terms without effect, with gravity along −z.
     pub fn zero() -> Self {
         let zero = Vector3::new(T::ZERO, T::ZERO, T::ZERO);
         Self {
@@ -101,7 +104,8 @@ impl<T: Scalar> GravityTerms<T> {
         }
     }
 
-    /// What gravity does to every joint, rad or m: the regressors times the coefficients. [`Gravity`] is the same, faster.
+    /// Computes the deflection of every joint by gravity, in rad or m: the regressors times the coefficients. [`Gravity`]
+    /// computes the same faster.
     pub fn deflection(&self, at: &GravityRegressors<'_, T>, payload_kg: T) -> PerJoint<T> {
         let n = at.kinds.len();
         let mut out = [T::ZERO; MAX_JOINTS];
@@ -117,13 +121,13 @@ impl<T: Scalar> GravityTerms<T> {
         out
     }
 
-    /// Makes them those for the frames of `form`, whose axes are turned about those of the joints.
+    /// Converts the coefficients to the frames of `form`, which are turned about the axes of their joints.
     pub fn turn_into(&mut self, form: &MinimalForm<T>) {
         // The last link's frame is that of the target.
         let inner = form.poe.kinds().len().saturating_sub(1);
         for (links, kind) in self.links.iter_mut().zip(form.poe.kinds()) {
             if *kind == JointKind::Prismatic {
-                // It feels the weight alone.
+                // Only the weight acts on a prismatic joint.
                 continue;
             }
             for (link, a) in links.iter_mut().enumerate().take(inner) {
@@ -133,7 +137,7 @@ impl<T: Scalar> GravityTerms<T> {
         }
     }
 
-    /// Whether nothing acts on this joint.
+    /// Returns whether gravity does not act on this joint.
     fn is_idle(&self, c: usize) -> bool {
         let zero = |v: &Vector3<T>| v.iter().all(|x| *x == T::ZERO);
         self.links.get(c).is_none_or(|links| links.iter().all(zero))
@@ -144,43 +148,44 @@ impl<T: Scalar> GravityTerms<T> {
 
 /// [`GravityTerms`] of one chain, arranged for a controller's cycle.
 ///
-/// Each link keeps only two components for each joint. Along z_j, the axis of the link's own joint j, its vector stands
-/// still on the link before it: R_j a = M_j (α, β, 0) + M_{j−1} F_j (0, 0, γ), where M_j is the frame of joint j after
-/// it moved and F_j the fixed one before it. So γ joins the coefficients of link j − 1. Those of joint c's own axis are
-/// not needed: z_c·(g × z_c) = 0. The last link keeps three components in the frame of the target, where the payload
-/// is.
+/// Each link keeps only two components for each joint. The component of a link's vector along z_j, the axis of the link's
+/// own joint j, is fixed on the link before it: R_j a = M_j (α, β, 0) + M_{j−1} F_j (0, 0, γ), where M_j is the frame of
+/// joint j after it moved and F_j the fixed frame before the joint. So γ is added to the coefficients of link j − 1. The
+/// components along joint c's own axis are not needed: z_c·(g × z_c) = 0. The last link keeps three components in the
+/// frame of the target, where the payload is.
 #[derive(Clone, Debug)]
 pub struct Gravity<T> {
     gravity: Vector3<T>,
-    /// Joints at the base on which nothing acts: an upright arm's first. The lists below begin with the next one.
+    /// Number of joints at the base on which gravity does not act, such as the first joint of an upright arm. `joints`
+    /// begins with the next joint.
     idle: usize,
     joints: [JointTerms<T>; MAX_JOINTS],
 }
 
-/// What acts on one joint.
+/// Coefficients of gravity on one joint.
 #[derive(Clone, Copy, Debug)]
 struct JointTerms<T> {
-    /// (α, β) of its own link and all that follow, but the last.
+    /// (α, β) of the joint's own link and all that follow except the last.
     pairs: [[T; 2]; MAX_JOINTS],
-    /// a_cn.
+    /// Coefficients a_cn of the last link.
     link: [T; 3],
-    /// b_c.
+    /// Coefficients b_c of the payload's offset.
     payload: [T; 3],
-    /// b_c0.
+    /// Coefficient b_c0 of the lever to the target.
     lever: T,
-    /// Σ_j a_cj of a prismatic joint.
+    /// Coefficient Σ_j a_cj of the weight on a prismatic joint.
     weight: T,
 }
 
 impl<T: Scalar> Gravity<T> {
-    /// From the coefficients for the frames of `form`, see [`GravityTerms::turn_into`].
+    /// Creates it from the coefficients for the frames of `form`, see [`GravityTerms::turn_into`].
     pub fn new(terms: &GravityTerms<T>, form: &MinimalForm<T>) -> Self {
         let mut out = Self::zero();
         out.set(terms, form);
         out
     }
 
-    /// No effect.
+    /// Returns gravity without effect.
     #[inline(always)]
     pub fn zero() -> Self {
         Self {
@@ -196,7 +201,7 @@ impl<T: Scalar> Gravity<T> {
         }
     }
 
-    /// The same in place of no effect.
+    /// Fills [`Gravity::zero`] in place from the coefficients for the frames of `form`, as [`Gravity::new`] does.
     #[inline(never)]
     pub fn set(&mut self, terms: &GravityTerms<T>, form: &MinimalForm<T>) {
         let (kinds, fixed) = (form.poe.kinds(), form.poe.frames());
@@ -220,7 +225,7 @@ impl<T: Scalar> Gravity<T> {
             for j in c..n {
                 slot.weight += a(j)[0];
             }
-            // From the outermost link inwards, what stands still on the link before handed on.
+            // From the outermost link inwards: the component that is fixed on the link before is handed on to it.
             let mut handed = [T::ZERO; 3];
             for j in (c..n - 1).rev() {
                 let Some(next) = fixed.get(j + 1) else { break };
@@ -242,7 +247,8 @@ impl<T: Scalar> Gravity<T> {
         }
     }
 
-    /// Revolute joints of these kinds on which it acts, and the links from each of them to the last one, summed.
+    /// Returns the number of revolute joints on which gravity acts, and the number of links between each of them and the
+    /// last joint, summed.
     pub fn loads(&self, kinds: &[JointKind]) -> (usize, usize) {
         let (mut joints, mut links) = (0, 0);
         for (c, kind) in kinds.iter().enumerate().skip(self.idle) {
@@ -254,18 +260,18 @@ impl<T: Scalar> Gravity<T> {
         (joints, links)
     }
 
-    /// Whether gravity is along the vertical of the base.
+    /// Returns whether gravity is parallel to the z axis of the base.
     pub fn is_upright(&self) -> bool {
         self.gravity[0] == T::ZERO && self.gravity[1] == T::ZERO
     }
 
-    /// g in m/s².
+    /// Returns gravity g in the base frame, in m/s².
     pub fn acceleration(&self) -> &Vector3<T> {
         &self.gravity
     }
 
-    /// What gravity does to every joint, rad or m, from the frames of the joints after they moved.
-    // A function of its own: evaluation and trace share its code.
+    /// Computes the deflection of every joint by gravity, in rad or m, from the frames of the joints after they moved.
+    // A separate function: evaluation and trace share its code.
     #[inline(never)]
     pub fn deflection(
         &self,
@@ -284,7 +290,8 @@ impl<T: Scalar> Gravity<T> {
         out
     }
 
-    /// w_c·(Σ_j R_j a_cj + m ((o_t − o_c) b_c0 + R_n b_c)) from the first ROWS components of both vectors.
+    /// Computes w_c·(Σ_j R_j a_cj + m ((o_t − o_c) b_c0 + R_n b_c)) for every joint from the first ROWS components of both
+    /// vectors.
     #[inline(always)]
     fn add<const ROWS: usize>(
         &self,
@@ -298,7 +305,7 @@ impl<T: Scalar> Gravity<T> {
         let kinds = kinds.get(self.idle..).unwrap_or(&[]);
         let frames = frames.get(self.idle..n).unwrap_or(&[]);
         let out = out.get_mut(self.idle..).unwrap_or(&mut []);
-        // All links from the joint's own on, but the last.
+        // All links from the joint's own outwards, except the last.
         let mut links = frames.split_last().map_or(frames, |(_, links)| links);
         let turn = rows(target);
         let joints = self.joints.iter().zip(out);
@@ -345,7 +352,7 @@ impl<T: Scalar> Gravity<T> {
     }
 }
 
-/// The first components of g × z; of two g is vertical.
+/// Returns the first ROWS components of g × z; if ROWS is 2, g must be vertical.
 #[inline(always)]
 fn pull<T: Scalar, const ROWS: usize>(gravity: &Vector3<T>, axis: &Vector3<T>) -> [T; ROWS] {
     let mut out = [T::ZERO; ROWS];
@@ -361,7 +368,7 @@ fn pull<T: Scalar, const ROWS: usize>(gravity: &Vector3<T>, axis: &Vector3<T>) -
     out
 }
 
-/// The rotation of a frame, row by row.
+/// Returns the rotation of a frame, row by row.
 #[inline(always)]
 fn rows<T: Scalar>(frame: &Pose<T>) -> [[T; 3]; 3] {
     // Written out: a loop that the compiler does not unroll keeps the check of its index, and with it a panic.
@@ -373,7 +380,7 @@ fn rows<T: Scalar>(frame: &Pose<T>) -> [[T; 3]; 3] {
     ]
 }
 
-/// sum + R v.
+/// Adds R v to `sum`.
 #[inline(always)]
 fn add_turned<T: Scalar>(sum: &mut [T; 3], turn: &[[T; 3]; 3], v: &[T; 3]) {
     for (slot, row) in sum.iter_mut().zip(turn) {

@@ -1,8 +1,9 @@
-//! How well the position is known: the predictive variance of the joint processes, from a few landmarks.
+//! The variance of the position: the predictive variance of the joint processes, from a few landmarks.
 //!
-//! The posterior variance of a process needs all N measurements, or N²/2 words. But where measurements explain a process is
-//! far smoother a function than the process itself: L landmarks, placed by the trainer where they explain most, do.
-//! All joints share one correlation k, whose rates the trainer finds, and one share u of the prior that is not explained:
+//! The posterior variance of a process needs all N measurements, or N²/2 words. But the share of a process that measurements
+//! explain is a far smoother function than the process itself: L landmarks suffice, which the trainer puts where they
+//! explain most. All joints share one correlation k, whose rates the trainer finds, and one unexplained share u of the
+//! prior:
 //!
 //! ```text
 //! k_j(q, m) = 2^(Σ_d W_d (s_d − 1) − W_m (m − m_j)²)                 correlation with landmark j
@@ -10,14 +11,14 @@
 //! σ²(q, m)  = floor + gain · Σ_c |J_c|² (a₀_c + a₁_c m²) · u²        J_c: how joint c moves the target, m/rad or m/m
 //! ```
 //!
-//! HᵀH = K⁻¹ − (K + K_LN K_NL/ν)⁻¹ is what measurements at the N training poses with noise ν say about the landmarks. The
-//! trainer finds ν and floor so that σ is the standard deviation of its own predictions of poses left out:
-//! that of a *new measurement* about the prediction, root mean square over the three axes, noise and parameters included
-//! in the floor. The square is found, not derived: joints that move the target most are also known best, so the sum
-//! falls faster than u; with it one gain fits near the data and far away, where u is 1 and σ the prior's. It is that
-//! of the correction before it is bounded.
+//! HᵀH = K⁻¹ − (K + K_LN K_NL/ν)⁻¹ is the information that measurements at the N training poses with noise ν give about the
+//! landmarks. The trainer finds ν and the floor so that σ is the standard deviation of its own predictions of left-out
+//! poses: that of a *new measurement* about the prediction, root mean square over the three axes, with noise and parameters
+//! included in the floor. The square of u is empirical, not derived: joints that move the target most are also known best,
+//! so the sum falls faster than u. With the square, one gain fits near the data and far away, where u is 1 and σ is the
+//! prior's. σ belongs to the correction before it is bounded.
 //!
-//! A landmark's correlation is one inner product of 2n words: −(q − q′)²/2 of a prismatic joint is q·q′ − q′²/2 less q²/2,
+//! A landmark's correlation is one inner product of 2n words: −(q − q′)²/2 of a prismatic joint is q·q′ − q′²/2 minus q²/2,
 //! which all landmarks share.
 
 use core::hint::black_box;
@@ -33,15 +34,15 @@ use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 use crate::math::vector::inner_product;
 
-/// Correlations are not looked at below 2 to this.
+/// Lower bound to which the exponents of correlations are clamped.
 const LOWEST_EXPONENT: f64 = -1_000.0;
 
-/// Words of landmark `index` of an arm of `joints` joints.
+/// Returns the number of words of landmark `index` for an arm with `joints` joints.
 pub const fn landmark_words(joints: usize, index: usize) -> usize {
     2 * joints + 2 + index
 }
 
-/// The two words of one joint of a landmark, from the joint as the kernel compares it.
+/// Returns the two words of one joint in a landmark, from the joint as the kernel compares it.
 pub fn landmark_feature<T: Scalar>(kind: JointKind, feature: &[T; 2]) -> [T; 2] {
     match kind {
         JointKind::Revolute => *feature,
@@ -49,34 +50,34 @@ pub fn landmark_feature<T: Scalar>(kind: JointKind, feature: &[T; 2]) -> [T; 2] 
     }
 }
 
-/// The variance of the position but its landmarks.
+/// The variance of the position, without its landmarks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionVariance<T> {
-    /// Variance where the processes are known, m².
+    /// Variance where the processes are known, in m².
     pub floor: T,
-    /// Factor of what they do not know.
+    /// Factor of the processes' unexplained variance.
     pub gain: T,
-    /// W_d of each joint; beyond n zero.
+    /// Rate W_d of each joint; zero beyond joint n.
     pub rates: PerJoint<T>,
-    /// W_m, 1/kg².
+    /// Rate of the payload W_m, in 1/kg².
     pub payload_rate: T,
-    /// L.
+    /// Number of landmarks L.
     pub landmarks: usize,
 }
 
 impl<T: Scalar> PositionVariance<T> {
-    /// σ in metres, at most 1, from [`prior`] and [`PositionVariance::unexplained`].
+    /// Computes σ in m, at most 1, from [`prior`] and [`PositionVariance::unexplained`].
     #[inline(always)]
     pub fn standard_deviation(&self, prior: T, unexplained: T) -> T {
         let variance = self.floor + self.gain * (prior * (unexplained * unexplained));
-        // Also for infinity and NaN, which only absurd amplitudes make.
+        // 1 also for infinity and NaN, which only absurd amplitudes cause.
         let held = if variance < T::ONE { variance } else { T::ONE };
         (if held > self.floor { held } else { self.floor }).sqrt()
     }
 
-    /// u for joints as the kernels compare them, from the landmarks' `rows`.
-    // Here and below slices whose length the compiler does not know, and rounds with a call: it unrolls what it knows to be
-    // at most eight rounds, or rounds without a call, and the image grew by 7 kB.
+    /// Computes u from the landmarks' `rows`; `features` are the joints as the kernels compare them.
+    // Here and below, the compiler does not know the lengths of slices, and loops contain a call: it unrolls loops that it
+    // knows to have at most eight rounds, or that contain no call, and the image grew by 7 kB.
     #[inline(never)]
     pub fn unexplained(
         &self,
@@ -120,7 +121,8 @@ impl<T: Scalar> PositionVariance<T> {
     }
 }
 
-/// W_d times the words that a landmark is multiplied with, to `out`; returns what is the same for all landmarks.
+/// Writes to `out` W_d times the words of the query, with which every landmark is multiplied; returns the part of the
+/// exponent that is the same for all landmarks.
 #[inline(never)]
 fn scaled_features<T: Scalar>(
     kinds: &[JointKind],
@@ -136,7 +138,7 @@ fn scaled_features<T: Scalar>(
     start
 }
 
-/// The words of one joint, and what is the same for all landmarks.
+/// Writes the words of one joint to `out`; returns the amount to subtract from the exponents of all landmarks.
 #[inline(never)]
 fn scaled_feature<T: Scalar>(kind: JointKind, feature: &[T; 2], rate: T, out: &mut [T; 2]) -> T {
     let (second, own) = match kind {
@@ -147,13 +149,14 @@ fn scaled_feature<T: Scalar>(kind: JointKind, feature: &[T; 2], rate: T, out: &m
     rate * own
 }
 
-/// The inner product as far as both go.
+/// Returns the inner product, up to the length of the shorter slice.
 #[inline(never)]
 fn product<T: Scalar>(a: &[T], b: &[T]) -> T {
     inner_product(a, b)
 }
 
-/// Σ_c |J_c|² (a₀_c + a₁_c m²) in m², over the controller's joints, from the frames of the joints before they move.
+/// Computes Σ_c |J_c|² (a₀_c + a₁_c m²) in m², over the controller's joints, from the frames of the joints; it does not
+/// matter whether these are from before or after the joints move.
 #[inline(never)]
 pub fn prior<T: Scalar>(
     at: &Configuration<'_, T>,
@@ -179,7 +182,7 @@ pub fn prior<T: Scalar>(
     sum
 }
 
-/// How the target moves with the controller's joints, from how it moves with the serial ones.
+/// Converts the target's velocity per serial joint into that per controller's joint, in place.
 #[inline(never)]
 fn couple<T: Scalar>(coupling: &Coupling<T>, columns: &mut PerJoint<Vector3<T>>) {
     let serial_columns = *columns;
@@ -192,7 +195,7 @@ fn couple<T: Scalar>(coupling: &Coupling<T>, columns: &mut PerJoint<Vector3<T>>)
     }
 }
 
-/// How the target moves with a serial joint, m/rad or m/m.
+/// Returns the target's velocity per serial joint, in m/rad or m/m.
 #[inline(never)]
 fn moved<T: Scalar>(kind: JointKind, frame: &Pose<T>, target: &Pose<T>) -> Vector3<T> {
     let axis = third_column(frame);

@@ -1,25 +1,25 @@
-//! Gear ripple: α sin kq + β cos kq of each joint.
+//! Gear ripple: sums of α sin kq + β cos kq for each joint.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
 use crate::kinematics::coupling::PerJoint;
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 
-/// One sine and cosine of gear ripple.
+/// One term of gear ripple: a sine and a cosine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RippleTerm<T> {
-    /// The joint, from 0.
+    /// Index of the joint, from 0.
     pub joint: usize,
-    /// k, cycles per turn of the joint (per 2π metres of a prismatic one).
+    /// Cycles k per turn of the joint (per 2π metres of a prismatic one).
     pub cycles: T,
-    /// α in rad or m.
+    /// Coefficient α of the sine, in rad or m.
     pub sin: T,
-    /// β.
+    /// Coefficient β of the cosine, in rad or m.
     pub cos: T,
 }
 
 impl<T: Scalar> RippleTerm<T> {
-    /// α sin kq + β cos kq of its joint at `q`.
+    /// Computes α sin kq + β cos kq at the joint value `q`.
     #[inline(always)]
     pub fn deflection(&self, q: T) -> T {
         let (sin, cos) = ripple_regressors(self.cycles, q);
@@ -27,7 +27,7 @@ impl<T: Scalar> RippleTerm<T> {
     }
 }
 
-/// sin kq and cos kq. Beyond the range of the reduction the angle is held, where nobody measures anyway.
+/// Computes sin kq and cos kq. Beyond the range of the range reduction, where nobody measures anyway, the angle is clamped.
 #[inline(always)]
 pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
     let limit = T::from_f32(MAX_ANGLE);
@@ -40,7 +40,7 @@ pub fn ripple_regressors<T: Scalar>(cycles: T, q: T) -> (T, T) {
     held.sin_cos()
 }
 
-/// The deflection by gear ripple of every joint, rad or m.
+/// Computes the deflection of every joint by gear ripple, in rad or m.
 #[inline(never)]
 pub fn ripple<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> PerJoint<T> {
     let mut out = [T::ZERO; MAX_JOINTS];
@@ -52,7 +52,7 @@ pub fn ripple<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> PerJo
     out
 }
 
-/// Gear ripple of every joint to first order about `joints`.
+/// Computes gear ripple of every joint to first order about `joints`.
 pub fn ripple_line<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> RippleLine<T> {
     let mut out = RippleLine {
         value: [T::ZERO; MAX_JOINTS],
@@ -72,24 +72,24 @@ pub fn ripple_line<T: Scalar>(terms: &[RippleTerm<T>], joints: &PerJoint<T>) -> 
     out
 }
 
-/// Gear ripple to first order about a place.
+/// Gear ripple of every joint to first order about a configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RippleLine<T> {
-    /// There, rad or m.
+    /// Ripple at the configuration, in rad or m.
     pub value: PerJoint<T>,
-    /// Its derivative by the joint.
+    /// Derivative of each joint's ripple with respect to the joint.
     pub slope: PerJoint<T>,
 }
 
 impl<T: Scalar> RippleLine<T> {
-    /// Moves `change`, a command that takes off `factor` times the ripple at `place`, to the one that takes off what ripple
-    /// is there: one Newton step, whose error is some 1e-8 rad.
+    /// Moves `change`, a change of the command that removes `factor` times the ripple at `feature`, to the change that
+    /// removes the ripple at the changed command itself: one Newton step, whose error is some 1e-8 rad.
     #[inline(never)]
     pub fn follow(&self, factor: T, feature: &PerJoint<T>, change: &mut PerJoint<T>) {
         let least = T::from_f64(0.5);
         for ((value, feature), slope) in change.iter_mut().zip(feature).zip(&self.slope) {
             let slope = *slope * factor;
-            // For gears this is between 0.9 and 1.1.
+            // Between 0.9 and 1.1 for gears.
             let whole = T::ONE + slope;
             *value -= slope * (*value - *feature) / if whole > least { whole } else { least };
         }

@@ -1,9 +1,9 @@
 //! Inducing sets: every joint's process has inducing points of its own.
 //!
-//! Fitted length scales of one joint are short for few joints and long for the others, and for other ones with every
-//! joint: points that all joints share are many more kernel values than the same accuracy needs. The rows of joint 1 come
-//! first, sorted by payload group, then those of joint 2, …; and joints that a kernel does not look at, whose rate is
-//! zero, are not in its rows:
+//! The fitted lengthscales of a joint's process are short for a few joints and long for the others, and every process has
+//! other short ones: with points that all processes share, the same accuracy takes many more kernel values. The rows of
+//! joint 1 come first, sorted by payload group, then those of joint 2, …. Joints on which a kernel does not depend, whose
+//! rate is zero, are not in its rows:
 //!
 //! ```text
 //! one row of the set of joint c:  | sin | cos | … of each of D joints whose W_cd > 0 … | weight |   2D + 1 words
@@ -18,14 +18,14 @@ use crate::gp::loops::KernelLoops;
 use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
 
-/// The inducing set of one joint but its rows.
+/// The inducing set of one joint, without its rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InducingSet {
-    /// The joints that the kernel looks at come first.
+    /// Joints on which the kernel depends, in the first `count` elements.
     joints: [u8; MAX_JOINTS],
-    /// How many these are.
+    /// Number of joints on which the kernel depends.
     pub(super) count: u8,
-    /// Rows of each payload group.
+    /// Number of rows of each payload group.
     points: [u16; MAX_GROUPS],
 }
 
@@ -52,22 +52,22 @@ impl InducingSet {
         out
     }
 
-    /// The joints that the kernel looks at, from 0.
+    /// Returns the joints on which the kernel depends, counted from 0.
     pub fn joints(&self) -> &[u8] {
         self.joints.get(..usize::from(self.count)).unwrap_or(&[])
     }
 
-    /// Rows of each payload group; beyond the last group zero.
+    /// Returns the number of rows of each payload group; zero beyond the last group.
     pub fn points(&self) -> &[u16; MAX_GROUPS] {
         &self.points
     }
 
-    /// Words of one row.
+    /// Returns the number of words of one row.
     pub fn row_words(&self) -> usize {
         2 * usize::from(self.count) + 1
     }
 
-    /// Words of all rows.
+    /// Returns the number of words of all rows.
     pub fn words(&self) -> usize {
         let mut points = 0;
         for group in &self.points {
@@ -77,7 +77,7 @@ impl InducingSet {
     }
 }
 
-/// [`KernelLoops::set_mean`] of D joints, from the first of `rows` and `query`;
+/// Calls [`KernelLoops::set_mean`] for D joints with the first rows of `rows` and the first D joints of `query`;
 /// ROW = 2 D + 1.
 #[inline(always)]
 pub(super) fn add_mean<T: KernelLoops, const D: usize, const ROW: usize>(
@@ -101,12 +101,13 @@ pub(super) struct SetProcess<'a, T> {
 }
 
 impl<T: KernelLoops> SetProcess<'_, T> {
-    /// The query times the rates, once instead of in every row; and the payload groups that have rows, each with its factor
-    /// and what the loops leave out of every exponent.
-    // Beside a loop in assembly, which wants all registers, the constants in here would be loaded for every group.
+    /// Multiplies the query by the rates, once instead of in every row, and fills `blocks` with the payload groups that have
+    /// rows, each with its factor, which includes what the loops leave out of every kernel value.
+    // Not inlined: beside a loop in assembly, which takes all registers, the constants in here would be loaded for every
+    // group.
     #[inline(never)]
     pub(super) fn prepare(&self, query: &mut JointTrig<T>, blocks: &mut Blocks<T>) {
-        // A copy: what is stored below cannot change it, so it is loaded once.
+        // A copy, which the stores below cannot change: the compiler loads it once.
         let kernel = *self.kernel;
         let payload_kg = self.payload_kg;
         for (slot, joint) in query.iter_mut().zip(self.set.joints()) {
@@ -119,7 +120,7 @@ impl<T: KernelLoops> SetProcess<'_, T> {
         T::refill(blocks, &kernel, groups, &self.set.points, payload_kg);
     }
 
-    /// The mean of a process that looks at any number of joints of any kind, and the rows that follow.
+    /// Computes the mean of a process that depends on any number of joints of any kind; also returns the rows that follow.
     #[inline(never)]
     pub(super) fn any<'r>(&self, kinds: &[JointKind], rows: &'r [T]) -> (T, &'r [T]) {
         let words = self.set.row_words();

@@ -7,26 +7,26 @@ use crate::gp::quadratic_kernel::LOG2_E;
 use crate::kinematics::coupling::PerJoint;
 use crate::math::scalar::Scalar;
 
-/// 2 to this is nothing, in f32 and f64.
+/// An exponent for which 2^exponent is negligible, in f32 and f64.
 pub(super) const LOWEST_EXPONENT: f64 = -2_000_000.0;
 
-/// The kernel of one output.
+/// The kernel of one joint's process.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointKernel<T> {
-    /// W_cd = w_cd log₂e of each joint; beyond n zero.
+    /// Rate W_cd = w_cd log₂e of each joint; zero beyond joint n.
     pub(super) rates: PerJoint<T>,
-    /// W_cm = ½ w_cm log₂e, 1/kg².
+    /// Rate of the payload W_cm = ½ w_cm log₂e, in 1/kg².
     pub payload_rate: T,
-    /// a₀ in rad² or m².
+    /// Amplitude a₀, in rad² or m².
     pub amplitude: T,
-    /// a₁ in rad²/kg².
+    /// Amplitude a₁ of the payload, in rad²/kg².
     pub payload_amplitude: T,
-    /// −Σ W_cd, see [`JointKernel::set_rates`].
+    /// Bias of the exponent, −Σ W_cd; see [`JointKernel::set_rates`].
     pub(crate) bias: T,
 }
 
 impl<T: Scalar> JointKernel<T> {
-    /// Nothing.
+    /// Returns a kernel that is zero everywhere.
     pub fn zero() -> Self {
         Self {
             rates: [T::ZERO; MAX_JOINTS],
@@ -37,12 +37,12 @@ impl<T: Scalar> JointKernel<T> {
         }
     }
 
-    /// W_cd of every joint.
+    /// Returns the rate W_cd of every joint.
     pub fn rates(&self) -> &PerJoint<T> {
         &self.rates
     }
 
-    /// Sets W_cd of the first joints; those of the others are zero.
+    /// Sets the rates W_cd of the first joints, and those of the others to zero.
     pub fn set_rates(&mut self, rates: impl Iterator<Item = T>) {
         let mut sum = T::ZERO;
         self.rates = [T::ZERO; MAX_JOINTS];
@@ -53,7 +53,7 @@ impl<T: Scalar> JointKernel<T> {
         self.bias = -sum;
     }
 
-    /// From the natural parameters: w_d, w_m (1/kg²), a₀, a₁.
+    /// Creates the kernel from its natural parameters: w_d, w_m (1/kg²), a₀, a₁.
     pub fn from_natural(
         weights: &[T],
         payload_weight: T,
@@ -70,14 +70,14 @@ impl<T: Scalar> JointKernel<T> {
         out
     }
 
-    /// The factor of the joints: 2^(Σ W_d (s_d − 1)).
+    /// Computes the factor of the joints, 2^(Σ W_d (s_d − 1)).
     #[inline(always)]
     pub fn joint_factor(&self, similarities: &[T]) -> T {
         let mut exponent = self.bias;
         for (rate, s) in self.rates.iter().zip(similarities) {
             exponent += *rate * *s;
         }
-        // Far along a prismatic joint the exponent leaves the range of `exp2`, long after the factor was zero.
+        // Far along a prismatic joint the exponent leaves the range of `exp2`, long after the factor has become zero.
         let lowest = T::from_f64(LOWEST_EXPONENT);
         if exponent < lowest {
             exponent = lowest;
@@ -85,7 +85,8 @@ impl<T: Scalar> JointKernel<T> {
         exponent.exp2()
     }
 
-    /// The same for many points at once, with the similarities of each joint, into `out`.
+    /// Computes [`JointKernel::joint_factor`] of many points at once into `out`. `similarities` gives, for each joint, the
+    /// similarities of all points.
     #[inline(always)]
     pub fn joint_factors<'a>(&self, similarities: impl Iterator<Item = &'a [T]>, out: &mut [T]) {
         out.fill(self.bias);
@@ -99,7 +100,7 @@ impl<T: Scalar> JointKernel<T> {
         }
     }
 
-    /// The factor of the payloads: (a₀ + a₁ m m′)·2^(−W_m (m − m′)²).
+    /// Computes the factor of the payloads, (a₀ + a₁ m m′)·2^(−W_m (m − m′)²).
     #[inline(always)]
     pub fn payload_factor(&self, payload_kg: T, other_kg: T) -> T {
         let difference = payload_kg - other_kg;
@@ -107,13 +108,13 @@ impl<T: Scalar> JointKernel<T> {
             * (-(self.payload_rate * (difference * difference))).exp2()
     }
 
-    /// a₀ + a₁ m m′.
+    /// Returns a₀ + a₁ m m′.
     #[inline(always)]
     pub(crate) fn amplitude_at(&self, payload_kg: T, other_kg: T) -> T {
         self.amplitude + self.payload_amplitude * (payload_kg * other_kg)
     }
 
-    /// 2^(−W_m (m − m′)²), and what the unrolled loops leave out of every exponent, 2^(−Σ W_d).
+    /// Computes 2^(−W_m (m − m′)²) times 2^(−Σ W_d), which the unrolled loops leave out of every kernel value.
     #[inline(always)]
     pub(crate) fn falling(&self, payload_kg: T, other_kg: T) -> T {
         let difference = payload_kg - other_kg;
@@ -121,7 +122,7 @@ impl<T: Scalar> JointKernel<T> {
     }
 }
 
-/// s_d of one joint.
+/// Returns the similarity s_d of two values of one joint.
 #[inline(always)]
 pub fn similarity<T: Scalar>(kind: JointKind, a: &[T; 2], b: &[T; 2]) -> T {
     match kind {

@@ -12,35 +12,35 @@ use crate::kinematics::coupling::PerJoint;
 use crate::kinematics::poe::JointTrig;
 use crate::math::scalar::Scalar;
 
-/// The Gaussian processes of all joints but the rows of their inducing points.
+/// The Gaussian processes of all joints, without the rows of their inducing points.
 #[derive(Clone, Debug)]
 pub struct JointProcesses<T> {
     /// One kernel for each joint.
     pub kernels: [JointKernel<T>; MAX_JOINTS],
-    /// Payload of each group of inducing points, kg.
+    /// Payload of each group of inducing points, in kg.
     pub group_payloads_kg: Vec<T, MAX_GROUPS>,
     /// The inducing set of each joint; empty when there is no process.
     pub sets: Vec<InducingSet, MAX_JOINTS>,
-    /// Whether the unrolled loops may be taken, see [`JointProcesses::choose_loops`]; `false` is always right.
+    /// Whether the unrolled loops may be used, see [`JointProcesses::choose_loops`]; `false` is always correct.
     unrolled: bool,
-    /// The sliding joints, when the unrolled loops are taken; their words in the rows are then those of
-    /// [`JointProcesses::arrange`].
+    /// The prismatic joints, if the unrolled loops are used; their words in the rows are then those that
+    /// [`JointProcesses::arrange`] writes.
     sliding: Vec<SlidingJoint<T>, MAX_JOINTS>,
 }
 
-/// How the unrolled loops compare a sliding joint: by its distance x from the middle of its trained range, as
-/// s = 1 − (x − x′)²/2 = x·x′ + 1·(1 − x′²/2) − x²/2, of which the last part is the same for all rows.
+/// A prismatic joint as the unrolled loops compare it: by its distance x from the middle of its trained range, as
+/// s = 1 − (x − x′)²/2 = x·x′ + 1·(1 − x′²/2) − x²/2, whose last term is the same for all rows.
 #[derive(Clone, Copy, Debug)]
 struct SlidingJoint<T> {
     joint: u8,
-    /// Middle of the trained range, m.
+    /// Middle of the trained range, in m.
     middle: T,
-    /// Half its length, m: both x and x′ are held within it.
+    /// Half the length of the trained range, in m: x and x′ are clamped to ±this.
     reach: T,
 }
 
 impl<T: Scalar> SlidingJoint<T> {
-    /// x at a joint value in m.
+    /// Returns x for a joint value in m, clamped to the trained range.
     #[inline(always)]
     fn centred(&self, value: T) -> T {
         let x = value - self.middle;
@@ -54,18 +54,18 @@ impl<T: Scalar> SlidingJoint<T> {
     }
 }
 
-/// Half of x².
+/// Returns x²/2.
 #[inline(always)]
 fn half_square<T: Scalar>(x: T) -> T {
     T::from_f64(0.5) * (x * x)
 }
 
-/// Largest Σ_d W_cd of the fast kernels: no exponent of theirs leaves the range of [`Scalar::exp2_scaled`].
+/// Largest Σ_d W_cd of a kernel for the unrolled loops: with it, no exponent leaves the range of [`Scalar::exp2_scaled`].
 /// Fitted kernels stay below 20.
 const MAX_FAST_RATE_SUM: f64 = 60.0;
 
 impl<T: Scalar> JointProcesses<T> {
-    /// No processes.
+    /// Returns no processes.
     #[inline(always)]
     pub fn none() -> Self {
         Self {
@@ -77,7 +77,7 @@ impl<T: Scalar> JointProcesses<T> {
         }
     }
 
-    /// Inducing points of all joints together.
+    /// Returns the number of inducing points of all joints.
     pub fn points(&self) -> usize {
         let mut points = 0;
         for set in &self.sets {
@@ -88,7 +88,7 @@ impl<T: Scalar> JointProcesses<T> {
         points
     }
 
-    /// Words of their rows.
+    /// Returns the number of words of the rows of all joints.
     pub fn words(&self) -> usize {
         let mut words = 0;
         for set in &self.sets {
@@ -97,14 +97,14 @@ impl<T: Scalar> JointProcesses<T> {
         words
     }
 
-    /// Whether the unrolled loops are taken.
+    /// Returns whether the unrolled loops are used.
     pub fn is_unrolled(&self) -> bool {
         self.unrolled
     }
 
-    /// Looks whether the unrolled loops are for these joints of usual length scales. Once, when everything else is known.
-    /// `ranges`: the trained ranges, rad or m; without them the loops are those of any joints when one slides.
-    /// [`JointProcesses::arrange`] has to follow.
+    /// Decides whether the unrolled loops can evaluate these joints with these lengthscales. Call it once, when everything
+    /// else is known. `ranges` are the trained ranges in rad or m; if that of a prismatic joint is missing, the general
+    /// loops are used. A call of [`JointProcesses::arrange`] has to follow.
     pub fn choose_loops(&mut self, kinds: &[JointKind], ranges: &[(T, T)]) {
         self.sliding.clear();
         let mut fast = true;
@@ -140,8 +140,8 @@ impl<T: Scalar> JointProcesses<T> {
         }
     }
 
-    /// Puts the rows so that the loops can read them: the words (q′, 0) of each sliding joint become (x′, 1 − x′²/2), and rows
-    /// are put beside each other where several are computed at once. Nothing where the loops are those of any joints.
+    /// Arranges the rows as the unrolled loops read them: the words (q′, 0) of each prismatic joint become
+    /// (x′, 1 − x′²/2), and rows that are computed at once are interleaved. Does nothing for the general loops.
     #[inline(never)]
     pub fn arrange(&self, rows: &mut [T]) {
         let mut rest = rows;
@@ -162,7 +162,7 @@ impl<T: Scalar> JointProcesses<T> {
         }
     }
 
-    /// Whether the unrolled loops are taken for this set.
+    /// Returns whether the unrolled loops are used for this set.
     #[inline(always)]
     fn is_unrolled_for(&self, set: &InducingSet) -> bool {
         self.unrolled && (1..=7).contains(&set.count)
@@ -170,7 +170,8 @@ impl<T: Scalar> JointProcesses<T> {
 }
 
 impl<T: KernelLoops> JointProcesses<T> {
-    /// The words of the query, those of sliding joints centred, and the kernels, whose bias has W_d x²/2 of these.
+    /// Returns the words of the query with prismatic joints centred, and the kernels with W_d x²/2 of these joints
+    /// subtracted from the bias.
     #[inline(never)]
     fn centred(&self, motions: &JointTrig<T>) -> (JointTrig<T>, [JointKernel<T>; MAX_JOINTS]) {
         let (mut out, mut kernels) = (*motions, self.kernels);
@@ -185,8 +186,8 @@ impl<T: KernelLoops> JointProcesses<T> {
         (out, kernels)
     }
 
-    /// The posterior mean of every joint in rad or m, from the `rows` of the inducing points, set by set; and what is behind
-    /// them.
+    /// Computes the posterior mean of every joint, in rad or m, from the `rows` of the inducing points, set by set. Also
+    /// returns the words that follow these rows.
     #[inline(never)]
     pub fn mean<'r>(
         &self,

@@ -1,7 +1,7 @@
 //! The paper's kernel (eq. 5): θ₀ exp(−θ₁ |x − x′|²/2) + θ₂ + θ₃ xᵀx′.
 //!
-//! Split in two, because a posterior mean needs only the exponential for each inducing point: constant and linear part
-//! collapse to an affine map ([`crate::gp::quadratic_posterior`]).
+//! It is split in two, because a posterior mean needs only the exponential for each inducing point: the constant and the
+//! linear part collapse to an affine map ([`crate::gp::quadratic_posterior`]).
 
 use crate::math::scalar::Scalar;
 
@@ -13,7 +13,7 @@ pub const LOG2_E: f64 = core::f64::consts::LOG2_E;
 pub struct QuadraticKernel<T> {
     /// θ₀, signal variance of the exponential part.
     pub signal_variance: T,
-    /// θ₁ = 1/ℓ², reciprocal of the squared length scale.
+    /// θ₁ = 1/ℓ², reciprocal of the squared lengthscale.
     pub inverse_squared_lengthscale: T,
     /// θ₂, variance of the constant.
     pub constant_variance: T,
@@ -22,13 +22,13 @@ pub struct QuadraticKernel<T> {
 }
 
 impl<T: Scalar> QuadraticKernel<T> {
-    /// exp(−θ₁ d²/2) for the squared distance d².
+    /// Computes exp(−θ₁ d²/2) for the squared distance d².
     #[inline(always)]
     pub fn correlation(&self, squared_distance: T) -> T {
         (-(self.inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E) * squared_distance)).exp2()
     }
 
-    /// The same for many squared distances at once, into `out`: as many as the shorter slice has.
+    /// Computes exp(−θ₁ d²/2) for many squared distances at once into `out`, up to the length of the shorter slice.
     #[inline(always)]
     pub fn correlations(&self, squared_distances: &[T], out: &mut [T]) {
         let rate = -(self.inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E));
@@ -40,7 +40,7 @@ impl<T: Scalar> QuadraticKernel<T> {
         }
     }
 
-    /// k(x, x′) from |x − x′|² and xᵀx′.
+    /// Computes k(x, x′) from |x − x′|² and xᵀx′.
     #[inline(always)]
     pub fn value(&self, squared_distance: T, inner_product: T) -> T {
         self.signal_variance * self.correlation(squared_distance)

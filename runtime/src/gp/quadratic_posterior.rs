@@ -1,6 +1,6 @@
 //! The posterior mean K₁ K⁻¹ ε of the paper's Gaussian process (eq. 7), arranged for a controller's cycle.
 //!
-//! For weights w_c = K⁻¹ ε_c the mean of output c is Σ_j w_jc (θ₀ exp(−θ₁|x − x_j|²/2) + θ₂ + θ₃ xᵀx_j). The last two
+//! With the weights w_c = K⁻¹ ε_c, the mean of output c is Σ_j w_jc (θ₀ exp(−θ₁|x − x_j|²/2) + θ₂ + θ₃ xᵀx_j). The last two
 //! terms collapse to an affine map, θ₀ and the output's scale go into the weights, and √(θ₁ log₂e/2) into the inputs:
 //!
 //! ```text
@@ -9,8 +9,9 @@
 //! row j of the inducing points, D + 6 words:  | u_j1 … u_jD | weight_j1 … weight_j6 |
 //! ```
 //!
-//! With shared hyperparameters one exponential per point serves all six outputs (rate 1); with hyperparameters per
-//! output there are six. Shared ones are *folded* where the inducing points are not too far apart: with places v about its middle
+//! With shared hyperparameters one exponential per point serves all six outputs (rate 1); with hyperparameters per output
+//! there are six. A mean with shared hyperparameters is *folded* if its inducing points are not too far apart: with scaled
+//! inputs v about the middle of the points,
 //!
 //! ```text
 //! g_c(x) = affine_c · (1, x) + 2^(−|v|²) Σ_j weight′_jc · 2^(2 v · v_j)        v = scale ∘ (x − centre)
@@ -18,13 +19,12 @@
 //! row j of the inducing points:  | v_j1 … v_jD | weight′_j1 … weight′_j6 |             weight′_jc = weight_jc · 2^(−|v_j|²)
 //! ```
 //!
-//! which is a fifth less to do. It asks for |v_j| ≤ [`FOLDED_RADIUS`] of every inducing point, so that no exponent leaves
+//! which takes a fifth less time. It requires |v_j| ≤ [`FOLDED_RADIUS`] of every inducing point, so that no exponent leaves
 //! the range of exp2 and none is large enough to lose digits; beyond |v| = [`FOLDED_REACH`] the sum counts as zero. The blob
-//! says which form it has, and the loader checks that it may; the query never decides.
+//! says which form it has, and the loader checks that this form is allowed; the query never decides.
 //!
-//! No early-out on small values: the time must not depend on the data. [`input_scale`], [`stored_weight`],
-//! [`accumulate_affine`] and [`MeanHeader::fold`] are the only place where these constants are computed; the trainer calls
-//! them before export.
+//! Small values end no loop early: the time must not depend on the data. Only [`input_scale`], [`stored_weight`],
+//! [`accumulate_affine`] and [`MeanHeader::fold`] compute these constants; the trainer calls them before export.
 
 use core::hint::black_box;
 
@@ -34,21 +34,21 @@ use crate::gp::loops::KernelLoops;
 use crate::gp::quadratic_kernel::{LOG2_E, QuadraticKernel};
 use crate::math::scalar::Scalar;
 
-/// Scaled inputs are held within ±this, so that no exponent leaves the range of [`Scalar::exp2`]: 2^(−(2·200)²) is zero
+/// Scaled inputs are clamped to ±this, so that no exponent leaves the range of [`Scalar::exp2`]: 2^(−(2·200)²) is zero
 /// long before, and 9·(2·200)² stays below 2²².
 pub const MAX_SCALED_INPUT: f64 = 200.0;
 
-/// Largest distance of an inducing point from the centre of a folded mean, in scaled units, of which one is 1.18
-/// length scales 1/√θ₁. Fitted ones reach 1.2 to 3.0. With [`FOLDED_REACH`] no exponent is beyond ±2 · 5 · 10.
+/// Largest distance of an inducing point from the centre of a folded mean, in scaled units; one unit is 1.18
+/// lengthscales 1/√θ₁. Fitted points reach 1.2 to 3.0. With [`FOLDED_REACH`] no exponent is beyond ±2 · 5 · 10.
 pub const FOLDED_RADIUS: f64 = 5.0;
-/// From this distance on the sum of a folded mean is zero: every inducing point is at least 5 away, and of its kernel less
-/// than 2⁻²⁵ is left, half an ulp of it.
+/// Distance from the centre beyond which the sum of a folded mean counts as zero: every inducing point is at least 5 away,
+/// so that less than 2⁻²⁵ of its kernel is left, half an ulp of it.
 pub const FOLDED_REACH: f64 = 10.0;
-/// Largest weight of a folded row, m or rad; fitted ones are below 0.1. With it no sum overflows: 2^100 · 10 for each of a
-/// million points stays below `f32::MAX`.
+/// Largest weight of a folded row, in m or rad; fitted weights are below 0.1. With it no sum overflows: 2^100 · 10 for each
+/// of a million points stays below `f32::MAX`.
 pub const MAX_FOLDED_WEIGHT: f64 = 10.0;
 
-/// Words of one row of inducing points; more inputs than [`MAX_INPUTS`] do not exist and count as so many.
+/// Returns the number of words of one row of inducing points; more inputs than [`MAX_INPUTS`] count as [`MAX_INPUTS`].
 pub const fn row_words(inputs: usize) -> usize {
     // The bound shows the compiler that a row is never empty: without it the image has panics for division by zero.
     if inputs < MAX_INPUTS {
@@ -58,24 +58,24 @@ pub const fn row_words(inputs: usize) -> usize {
     }
 }
 
-/// Everything of the posterior mean but its rows of inducing points.
+/// The posterior mean without its rows of inducing points.
 #[derive(Clone, Copy, Debug)]
 pub struct MeanHeader<T> {
-    /// D, number of inputs: the joints, and the payload if it is one.
+    /// Number of inputs D: the joints, and the payload if it is an input.
     pub inputs: usize,
-    /// Reciprocal length scale of each input; beyond D zero.
+    /// Reciprocal lengthscale of each input; zero beyond D.
     pub input_scale: [T; MAX_INPUTS],
-    /// Exponent rate of each output, if they differ.
+    /// Rate of each output's exponent, if the rates differ.
     pub rates: Option<[T; OUTPUTS]>,
-    /// The centre of a folded mean in the units of the inputs; nothing for the difference form. Five to eight inputs, shared
-    /// hyperparameters.
+    /// Centre of a folded mean, in the units of the inputs; `None` for the difference form. A folded mean has five to eight
+    /// inputs and shared hyperparameters.
     pub centre: Option<[T; MAX_INPUTS]>,
-    /// Constant, then slopes, of each output.
+    /// Affine map of each output: constant, then slopes.
     pub affine: [[T; MAX_INPUTS + 1]; OUTPUTS],
 }
 
 impl<T: Scalar> MeanHeader<T> {
-    /// No correction, D inputs.
+    /// Returns a mean of zero with D inputs.
     pub fn zero(inputs: usize) -> Self {
         Self {
             inputs,
@@ -86,13 +86,14 @@ impl<T: Scalar> MeanHeader<T> {
         }
     }
 
-    /// Whether a mean of so many inputs can be folded: there are loops for them.
+    /// Returns whether a mean with this many inputs can be folded, which requires loops for that number.
     pub const fn folds(inputs: usize) -> bool {
         matches!(inputs, 5..=8)
     }
 
-    /// Folds a mean in the difference form about the middle of its inducing points, in place; `false`, and nothing is changed, when
-    /// that is not for it: hyperparameters per output, another number of inputs, or inducing points too far apart.
+    /// Folds a mean in the difference form about the middle of its inducing points, in place. Returns `false` and changes
+    /// nothing if the mean cannot be folded: hyperparameters per output, another number of inputs, or inducing points too
+    /// far apart.
     pub fn fold(&mut self, rows: &mut [T]) -> bool {
         let inputs = self.inputs;
         if self.rates.is_some() || self.centre.is_some() || !Self::folds(inputs) {
@@ -115,11 +116,11 @@ impl<T: Scalar> MeanHeader<T> {
                     if *u > upper { *u } else { upper },
                 )
             });
-            // As the device will have it.
+            // Rounded as the device will have it.
             let middle = (lower + upper) * T::from_f64(0.5) / *scale;
             *slot = T::from_f32(middle.to_f32());
         }
-        // A little less: rounding to `f32` must not make it too wide.
+        // A little below the limit, because rounding to `f32` must not exceed it.
         let limit = T::from_f64(FOLDED_RADIUS * FOLDED_RADIUS * 0.999);
         let mut folds = true;
         for write in [false, true] {
@@ -155,7 +156,7 @@ impl<T: Scalar> MeanHeader<T> {
 }
 
 impl<T: KernelLoops> MeanHeader<T> {
-    /// The posterior mean at `x` (D values in rad, m, kg; the rest zero) from `rows` of [`row_words`] words each.
+    /// Computes the posterior mean at `x` (D values in rad, m, kg; the rest zero) from `rows` of [`row_words`] words each.
     #[inline(always)]
     pub fn mean(&self, rows: &[T], x: &[T; MAX_INPUTS]) -> [T; OUTPUTS] {
         let mut out = [T::ZERO; OUTPUTS];
@@ -169,7 +170,7 @@ impl<T: KernelLoops> MeanHeader<T> {
         out
     }
 
-    /// The folded form for D inputs; ROW = D + 6.
+    /// Computes the folded form for D inputs; ROW = D + 6.
     #[inline(never)]
     fn folded<const D: usize, const ROW: usize>(
         &self,
@@ -198,7 +199,7 @@ impl<T: KernelLoops> MeanHeader<T> {
         };
         let mut sums = [T::ZERO; OUTPUTS];
         T::folded_sums::<D, ROW>(rows.as_chunks().0, &v, &mut sums);
-        // Unrolled six times, it would take 2 kB.
+        // Hides the length: unrolled six times, the loop would take 2 kB.
         let outputs = black_box(out.as_mut_slice()).iter_mut().zip(&self.affine);
         for ((slot, [constant, slopes @ ..]), sum) in outputs.zip(&sums) {
             let mut value = *constant;
@@ -211,7 +212,7 @@ impl<T: KernelLoops> MeanHeader<T> {
         }
     }
 
-    /// The difference form for any number of inputs, and rates.
+    /// Computes the difference form for any number of inputs, with or without rates.
     #[inline(never)]
     fn by_differences(&self, rows: &[T], x: &[T; MAX_INPUTS], out: &mut [T; OUTPUTS]) {
         let limit = T::from_f64(MAX_SCALED_INPUT);
@@ -235,7 +236,7 @@ impl<T: KernelLoops> MeanHeader<T> {
     }
 }
 
-/// `value` within ±`limit`.
+/// Clamps `value` to ±`limit`.
 #[inline(always)]
 pub(super) fn held<T: Scalar>(value: T, limit: T) -> T {
     if value > limit {
@@ -247,8 +248,8 @@ pub(super) fn held<T: Scalar>(value: T, limit: T) -> T {
     }
 }
 
-/// One exponential per inducing point, unrolled over D inputs; ROW = D + 6.
-// A function of its own keeps all sums in registers: inlined, a Cortex-M4F takes 92 instead of 76 instructions a point.
+/// Adds the sums over inducing points to `out`, with one exponential per point, unrolled over D inputs; ROW = D + 6.
+// A separate function keeps all sums in registers: inlined, a Cortex-M4F takes 92 instead of 76 instructions a point.
 #[inline(never)]
 fn shared<T: Scalar, const D: usize, const ROW: usize>(
     rows: &[T],
@@ -275,7 +276,7 @@ fn shared<T: Scalar, const D: usize, const ROW: usize>(
     *out = sums;
 }
 
-/// One exponential per inducing point for any number of inputs, or six, each with its own rate.
+/// Adds the sums over inducing points to `out` for any number of inputs, with an exponential for each output and its rate.
 #[inline(never)]
 fn any<T: Scalar>(
     rows: &[T],
@@ -303,17 +304,17 @@ fn any<T: Scalar>(
     *out = sums;
 }
 
-/// Factor of an input for hyperparameter θ₁: √(θ₁ log₂e / 2).
+/// Returns the factor of an input for the hyperparameter θ₁: √(θ₁ log₂e / 2).
 pub fn input_scale<T: Scalar>(inverse_squared_lengthscale: T) -> T {
     (inverse_squared_lengthscale * T::from_f64(0.5 * LOG2_E)).sqrt()
 }
 
-/// Weight as stored: K⁻¹ε · θ₀ · scale of the output.
+/// Returns the weight as it is stored: K⁻¹ε · θ₀ · scale of the output.
 pub fn stored_weight<T: Scalar>(kernel: &QuadraticKernel<T>, weight: T, output_scale: T) -> T {
     weight * kernel.signal_variance * output_scale
 }
 
-/// Adds what one inducing point contributes to the affine map of one output: scale·w·(θ₂, θ₃ x_j).
+/// Adds one inducing point's contribution to the affine map of one output: scale·w·(θ₂, θ₃ x_j).
 pub fn accumulate_affine<T: Scalar>(
     affine: &mut [T; MAX_INPUTS + 1],
     kernel: &QuadraticKernel<T>,

@@ -1,7 +1,8 @@
 //! The predictive variance of the paper's Gaussian process (eq. 7), K₂ − K₁ᵀ K⁻¹ K₁, in a form that fits on a device.
 //!
-//! The exact form takes N(N + 1)/2 words and as many products for N training poses. As a function of the input x it is much
-//! simpler: a quadratic form in the kernels of L landmarks, which are training poses, follows it closely (docs/evidence/paper.md).
+//! For N training poses, the exact form takes N(N + 1)/2 words and as many products. As a function of the input x, the
+//! variance is much simpler: a quadratic form in the kernels of L landmarks, which are training poses, follows it closely
+//! (docs/evidence/paper.md).
 //!
 //! ```text
 //! k_j  = 2^(−|z − z_j|²) = 2^(2z·z_j − |z_j|² − |z|²)            z = √rate · scale ∘ x, scale as in the mean
@@ -13,10 +14,11 @@
 //! words of four landmarks 4c, …:    | b_4c … b_4c+3 | B of the four with landmark 0 | with landmark 1 | … |
 //! ```
 //!
-//! u is the share of the prior that the measurements leave; v + ω × p carries the twist to the target. The trainer finds b and
-//! B in least relative squares from eq. 7 itself; where each output has a kernel of its own, from their weighted mean. Far from all landmarks u is 1 and σ that of the prior. σ is the standard
-//! deviation of one position component of a *new measurement* about the prediction, root mean square over the three axes. It
-//! takes the six outputs for independent, as eq. 11 does, which overstates what a rotation moves at the target.
+//! u is the share of the prior that the measurements leave unexplained; v + ω × p carries the twist to the target. The
+//! trainer fits b and B to eq. 7 itself by relative least squares; if each output has a kernel of its own, to their weighted
+//! mean. Far from all landmarks u is 1 and σ is that of the prior. σ is the standard deviation of one position component of
+//! a *new measurement* about the prediction, root mean square over the three axes. It treats the six outputs as independent,
+//! as eq. 11 does, which overstates the motion of the target by a rotation.
 
 use core::hint::black_box;
 
@@ -28,19 +30,20 @@ use crate::gp::loops::{KernelLoops, landmarks};
 use crate::gp::quadratic_posterior::{MAX_SCALED_INPUT, held};
 use crate::math::scalar::Scalar;
 
-/// Landmarks whose coefficients stand together.
+/// Number of landmarks whose coefficients are stored together.
 pub const BLOCK: usize = assembly::BLOCK;
 
-/// Words of a landmark of up to seven inputs, and of more.
+/// Number of words of a landmark with up to seven inputs.
 const SHORTEST: usize = landmarks::LANDMARK;
+/// Number of words of a landmark with more than seven inputs.
 const LONGEST: usize = 2 * SHORTEST;
 
-/// Words of one landmark of a process with so many inputs.
+/// Returns the number of words of one landmark of a process with this many inputs.
 pub const fn landmark_words(inputs: usize) -> usize {
     if inputs < SHORTEST { SHORTEST } else { LONGEST }
 }
 
-/// Words of so many landmarks and all their coefficients.
+/// Returns the number of words of this many landmarks and all their coefficients.
 pub const fn variance_words(inputs: usize, landmarks: usize) -> usize {
     let mut words = landmarks * landmark_words(inputs);
     let mut index = 0;
@@ -51,8 +54,8 @@ pub const fn variance_words(inputs: usize, landmarks: usize) -> usize {
     words
 }
 
-/// The rate of the landmarks' kernels where each output has its own: the mean of `rates`, weighted by the outputs' variances
-/// (m² and rad², as if the target were a metre from every axis). 1 where all are zero.
+/// Returns the rate of the landmarks' kernels if each output has a rate of its own: the mean of `rates`, weighted by the
+/// outputs' variances (m² and rad², as if the target were a metre from every axis). Returns 1 if all variances are zero.
 pub fn mean_rate<T: Scalar>(signal: &[T; OUTPUTS], rates: &[T; OUTPUTS]) -> T {
     let (mut sum, mut weighted) = (T::ZERO, T::ZERO);
     for (signal, rate) in signal.iter().zip(rates) {
@@ -66,21 +69,21 @@ pub fn mean_rate<T: Scalar>(signal: &[T; OUTPUTS], rates: &[T; OUTPUTS]) -> T {
     }
 }
 
-/// The variance of the position but its landmarks.
+/// The variance of the position, without its landmarks.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct QuadraticVariance<T> {
-    /// √rate, of the landmarks' kernels to those of the fastest output; 1 where all outputs share one kernel.
+    /// √rate, the rate of the landmarks' kernels relative to that of the fastest output; 1 if all outputs share one kernel.
     pub root_rate: T,
-    /// s²θ₀, variance of each output before any measurement, m² and rad².
+    /// Variance s²θ₀ of each output before any measurement, in m² and rad².
     pub signal: [T; OUTPUTS],
-    /// s²σ_n², variance of its noise.
+    /// Variance s²σ_n² of the noise of each output, in m² and rad².
     pub noise: [T; OUTPUTS],
-    /// L.
+    /// Number of landmarks L.
     pub landmarks: usize,
 }
 
 impl<T: Scalar> QuadraticVariance<T> {
-    /// σ in metres, at most 1, of a target at `position` (m, base frame), from [`QuadraticVariance::unexplained`].
+    /// Computes σ in m, at most 1, for a target at `position` (m, base frame), from [`QuadraticVariance::unexplained`].
     #[inline(never)]
     pub fn standard_deviation(&self, position: &Vector3<T>, unexplained: T) -> T {
         let squares = [0, 1, 2].map(|i| position[i] * position[i]);
@@ -95,14 +98,14 @@ impl<T: Scalar> QuadraticVariance<T> {
             sum += (*signal * unexplained + *noise) * (norm - *own);
         }
         let variance = T::from_f64(1.0 / 3.0) * sum;
-        // Also for infinity and NaN.
+        // 1 also for infinity and NaN.
         (if variance < T::ONE { variance } else { T::ONE }).sqrt()
     }
 }
 
 impl<T: KernelLoops> QuadraticVariance<T> {
-    /// u at the D inputs `x` (rad, m, kg) from the landmarks' `rows`.
-    // Out of line, and slices whose length the compiler does not know, as in `elastic::position_variance`.
+    /// Computes u at the D inputs `x` (rad, m, kg) from the landmarks' `rows`.
+    // Not inlined, and with slices whose length the compiler does not know, as in `elastic::position_variance`.
     #[inline(never)]
     pub fn unexplained(&self, rows: &[T], scale: &[T], x: &[T]) -> T {
         let limit = T::from_f64(MAX_SCALED_INPUT);
@@ -130,7 +133,7 @@ impl<T: KernelLoops> QuadraticVariance<T> {
     }
 }
 
-/// [`KernelLoops::quadratic_form`], out of line.
+/// Calls [`KernelLoops::quadratic_form`] without inlining it.
 #[inline(never)]
 fn quadratic_form<T: KernelLoops>(coefficients: &[T], kernels: &[[T; BLOCK]]) -> T {
     let mut total = T::ZERO;

@@ -1,7 +1,7 @@
-//! Joint coupling: the serial joints q_serial = C q of the controller's joints q.
+//! Joint coupling: the serial joints q_serial = C q from the controller's joints q.
 //!
-//! A parallelogram moves one serial joint with another joint's motor: C is the identity but for one element. So C is kept as
-//! what it has beside the identity, and each such element costs a multiplication where a full matrix costs sixty-four.
+//! In a parallelogram arm, one joint's motor also moves another serial joint: C is the identity except for one element. So C
+//! is stored as the nonzero elements of C − I, each of which costs a multiplication; a full matrix costs sixty-four.
 
 use heapless::Vec;
 use poegp_protocol::JointKind;
@@ -13,10 +13,10 @@ use crate::math::scalar::Scalar;
 /// One value for each joint.
 pub type PerJoint<T> = [T; MAX_JOINTS];
 
-/// Most elements of C − I.
+/// Largest number of elements of C − I.
 const MAX_TERMS: usize = MAX_JOINTS * MAX_JOINTS;
 
-/// C as C − I, without its zeros.
+/// The coupling C, stored as C − I without its zeros.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coupling<T> {
     /// Elements of C − I that are not zero: how much of a controller's joint is added to a serial joint.
@@ -26,7 +26,8 @@ pub struct Coupling<T> {
 }
 
 impl<T: Scalar> Coupling<T> {
-    /// From the elements of C, row by row, each of `joints` elements; those beyond [`MAX_JOINTS`] are left out.
+    /// Creates the coupling from the elements of C, row by row, `joints` elements each; leaves out those beyond
+    /// [`MAX_JOINTS`].
     pub fn new(joints: usize, elements: impl Iterator<Item = T>) -> Self {
         let (mut weights, mut indices) = (Vec::new(), Vec::new());
         let pairs = (0..joints).flat_map(|serial| (0..joints).map(move |joint| (serial, joint)));
@@ -48,7 +49,7 @@ impl<T: Scalar> Coupling<T> {
         }
     }
 
-    /// The elements of C − I that are not zero, row by row: serial joint, controller's joint, element.
+    /// Returns the elements of C − I that are not zero, row by row: serial joint, controller's joint, element.
     #[inline(always)]
     pub fn terms(&self) -> impl Iterator<Item = (usize, usize, T)> {
         let joints = self.pairs.iter().map(|pair| usize::from(*pair));
@@ -58,7 +59,7 @@ impl<T: Scalar> Coupling<T> {
             .map(|(pair, weight)| (pair / MAX_JOINTS, pair % MAX_JOINTS, *weight))
     }
 
-    /// Serial joints that are not the controller's joint alone.
+    /// Returns the number of serial joints that differ from the controller's joint of the same index.
     pub fn coupled_joints(&self) -> usize {
         let (mut count, mut last) = (0, MAX_JOINTS);
         for (serial, _, _) in self.terms() {
@@ -68,7 +69,7 @@ impl<T: Scalar> Coupling<T> {
         count
     }
 
-    /// Sines and cosines of the controller's joints, written to `motions`, which holds those of the serial joints.
+    /// Replaces the sines and cosines of the serial joints in `motions` with those of the controller's joints.
     #[inline(never)]
     pub fn uncouple(&self, kinds: &[JointKind], joints: &PerJoint<T>, motions: &mut JointTrig<T>) {
         let mut last = MAX_JOINTS;
@@ -87,7 +88,7 @@ impl<T: Scalar> Coupling<T> {
     }
 }
 
-/// q_serial = C q; the identity without a coupling.
+/// Returns q_serial = C q, or q without a coupling.
 #[inline(always)]
 pub fn coupled<T: Scalar>(coupling: Option<&Coupling<T>>, joints: &PerJoint<T>) -> PerJoint<T> {
     let mut out = *joints;
@@ -97,7 +98,7 @@ pub fn coupled<T: Scalar>(coupling: Option<&Coupling<T>>, joints: &PerJoint<T>) 
     out
 }
 
-/// (C − I) q, added to `out`.
+/// Adds (C − I) q to `out`.
 #[inline(never)]
 fn add_terms<T: Scalar>(coupling: &Coupling<T>, joints: &PerJoint<T>, out: &mut PerJoint<T>) {
     for (serial, joint, weight) in coupling.terms() {

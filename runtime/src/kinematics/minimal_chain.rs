@@ -1,19 +1,19 @@
-//! The product of exponentials in the fewest constants, for a controller's cycle.
+//! The product of exponentials with the fewest constants, for a controller's cycle.
 //!
-//! What turns about a joint's axis, or shifts along it, commutes with the joint: Rz(a) Tz(z) Rz(q) = Rz(q) Rz(a) Tz(z). So
-//! every fixed frame between two joints is
+//! A rotation about a joint's axis, or a translation along it, commutes with the joint: Rz(a) Tz(z) Rz(q) =
+//! Rz(q) Rz(a) Tz(z). Every fixed frame between two joints is
 //!
 //! ```text
 //! F_i = Rz(a) Tz(z) · T(x, y, 0) Rx(α) · Rz(b)
 //! ```
 //!
-//! and its first two factors can be handed to the frame before, F_{i−1} Rz(a) Tz(z), without a change to any joint value or
-//! pose. What is left are four constants for each joint but the first: x, y, α and b. Those are all that measurements of a
-//! chain can show of a joint; unlike Denavit and Hartenberg's they stay small for parallel axes, of which a is any angle.
-//! A joint then costs 54 multiplications and additions instead of 81 ([`Poe::forward_with`]).
+//! so its first two factors can be moved to the frame before, F_{i−1} Rz(a) Tz(z), without a change to any joint value or
+//! pose. That leaves four constants for each joint but the first: x, y, α and b. These are all that measurements of a chain
+//! can show of a joint; unlike Denavit–Hartenberg parameters they stay small for parallel axes, for which a may be any
+//! angle. A joint then costs 54 multiplications and additions instead of 81 ([`Poe::forward_with`]).
 //!
-//! [`MinimalForm`] does the handing over for a [`Poe`]; the trainer stores frames in that form, so that the constants of the
-//! device are the stored numbers. Frames in any other form are brought into it when a model is loaded.
+//! [`MinimalForm`] moves the factors for a [`Poe`]; the trainer stores frames in that form, so that the constants of the
+//! device are the stored numbers. Frames in any other form are converted when a model is loaded.
 
 use heapless::Vec;
 use poegp_protocol::JointKind;
@@ -23,18 +23,18 @@ use crate::kinematics::poe::{JointTrig, Poe, joint_trig_into};
 use crate::math::scalar::Scalar;
 use crate::math::se3::Pose;
 
-/// `base_from_joint` of the joints after they moved.
+/// `base_from_joint` of each joint after it moved.
 pub type JointFrames<T> = Vec<Pose<T>, MAX_JOINTS>;
 
-/// Sine and cosine of a turn about z.
+/// Sine and cosine of a rotation about z.
 type Turn<T> = [T; 2];
 
 /// A chain whose frames between joints are T(x, y, 0) Rx(α) Rz(b).
 #[derive(Clone, Copy, Debug)]
 pub struct MinimalForm<T> {
-    /// The same chain.
+    /// The chain with its frames in this form.
     pub poe: Poe<T>,
-    /// Sine and cosine of a_i: the frame before joint i moves was turned by a_i+1 about its axis.
+    /// Sine and cosine of a_i. The frame of joint i before it moves was turned by a_i+1 about the joint's axis.
     turns: [Turn<T>; MAX_JOINTS],
 }
 
@@ -70,7 +70,7 @@ impl<T: Scalar> MinimalForm<T> {
         out
     }
 
-    /// Sine and cosine by which the frame of joint `joint` (from 0) was turned about its axis.
+    /// Returns the sine and cosine of the angle by which the frame of joint `joint` (from 0) was turned about its axis.
     pub fn turn_of(&self, joint: usize) -> [T; 2] {
         self.turns
             .get(joint + 1)
@@ -79,7 +79,7 @@ impl<T: Scalar> MinimalForm<T> {
     }
 }
 
-/// a of Rz(a) Tz(z) · T(x, y, 0) Rx(α) Rz(b), and what follows it.
+/// Splits a frame Rz(a) Tz(z) · T(x, y, 0) Rx(α) Rz(b): returns the sine and cosine of a, and T(x, y, 0) Rx(α) Rz(b).
 fn minimal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
     let (r, t) = (&frame.rotation, &frame.translation);
     if r[(0, 2)] == T::ZERO && t[2] == T::ZERO {
@@ -94,7 +94,7 @@ fn minimal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
     };
     let back = |x: T, y: T| [a[1] * x + a[0] * y, a[1] * y - a[0] * x];
     let [sin_alpha, cos_alpha] = unit([tilt, r[(2, 2)]]);
-    // One by one: of a `map` compilers may keep the check of its index, and with it a panic.
+    // One by one: in a `map`, compilers may keep the check of the index, and with it a panic.
     let cos_b = back(r[(0, 0)], r[(1, 0)])[0];
     let minus_sin_b = back(r[(0, 1)], r[(1, 1)])[0];
     let [sin_b, cos_b] = unit([-minus_sin_b, cos_b]);
@@ -117,7 +117,7 @@ fn minimal<T: Scalar>(frame: &Pose<T>) -> (Turn<T>, Pose<T>) {
     (a, rest)
 }
 
-/// The pair divided by its length.
+/// Returns the pair divided by its length, or (0, 1) for zeros.
 fn unit<T: Scalar>([a, b]: [T; 2]) -> [T; 2] {
     let length = (a * a + b * b).sqrt();
     if length > T::ZERO {
@@ -127,7 +127,7 @@ fn unit<T: Scalar>([a, b]: [T; 2]) -> [T; 2] {
     }
 }
 
-/// T · Rz, whose sine and cosine are given.
+/// Returns T · Rz for the sine and cosine of the angle.
 #[inline(always)]
 fn turned<T: Scalar>(pose: &Pose<T>, [s, c]: Turn<T>) -> Pose<T> {
     let mut out = *pose;
@@ -139,7 +139,7 @@ fn turned<T: Scalar>(pose: &Pose<T>, [s, c]: Turn<T>) -> Pose<T> {
     out
 }
 
-/// T(x, y, 0) Rx(α) Rz(b) before a joint.
+/// The fixed frame T(x, y, 0) Rx(α) Rz(b) before a joint.
 #[derive(Clone, Copy, Debug)]
 struct Link<T> {
     x: T,
@@ -156,13 +156,13 @@ pub struct MinimalChain<T> {
     joints: usize,
     kinds: [JointKind; MAX_JOINTS],
     base: Pose<T>,
-    /// Before each joint but the first.
+    /// Fixed frames before each joint but the first.
     links: [Link<T>; MAX_JOINTS],
     target: Pose<T>,
 }
 
 impl<T: Scalar> MinimalChain<T> {
-    /// No joints; all zeros.
+    /// Returns a chain without joints, all zeros.
     #[inline(always)]
     pub fn empty() -> Self {
         let nothing = Pose::from_rows(&[T::ZERO; 12]);
@@ -183,7 +183,7 @@ impl<T: Scalar> MinimalChain<T> {
         }
     }
 
-    /// From the minimal form of a chain.
+    /// Creates the chain from its minimal form.
     pub fn new(form: &MinimalForm<T>) -> Self {
         let none = Link {
             x: T::ZERO,
@@ -220,12 +220,12 @@ impl<T: Scalar> MinimalChain<T> {
         out
     }
 
-    /// Kinds of the joints, base first.
+    /// Returns the kinds of the joints, base first.
     pub fn kinds(&self) -> &[JointKind] {
         self.kinds.get(..self.joints).unwrap_or(&[])
     }
 
-    /// What the joints do at `q`, see [`Poe::joint_trig_into`].
+    /// Writes the [`JointTrig`] of the joints at `q` to `out`, see [`Poe::joint_trig_into`].
     #[inline(always)]
     pub fn joint_trig_into(&self, q: &[T], out: &mut JointTrig<T>) {
         if T::SINES_TOGETHER && self.all_revolute() {
@@ -236,23 +236,24 @@ impl<T: Scalar> MinimalChain<T> {
         }
     }
 
-    /// Whether no joint is prismatic.
-    // As two words: a flag of its own would make the model larger, and joint by joint takes 22 instructions.
+    /// Returns whether no joint is prismatic.
+    // Compared as two words: a separate flag would make the model larger, and comparing joint by joint takes 22
+    // instructions.
     #[inline(always)]
     fn all_revolute(&self) -> bool {
         const ALL: [u8; MAX_JOINTS] = [JointKind::Revolute as u8; MAX_JOINTS];
         u64::from_ne_bytes(self.kinds.map(|kind| kind as u8)) == u64::from_ne_bytes(ALL)
     }
 
-    /// f(q), `base_from_target`.
-    // A function of its own, for callers that need it more than once.
+    /// Computes f(q), `base_from_target`.
+    // A separate function, for callers that need it more than once.
     #[inline(never)]
     pub fn forward_at(&self, motions: &JointTrig<T>) -> Pose<T> {
         self.walk(motions, |_| {})
     }
 
-    /// The frames of the joints, in place of what is in `frames`, and f(q): on a Cortex-M4F a returned array costs 400
-    /// instructions of copying, and one that must be cleared first 160.
+    /// Replaces `frames` with the frames of the joints after they moved, and returns f(q). On a Cortex-M4F, a returned array
+    /// costs 400 instructions of copying, and one that must be cleared first 160.
     #[inline(never)]
     pub fn moved_frames_at(&self, motions: &JointTrig<T>, frames: &mut JointFrames<T>) -> Pose<T> {
         frames.clear();
@@ -289,7 +290,7 @@ impl<T: Scalar> MinimalChain<T> {
     }
 }
 
-/// T · Rz(b) · e^ẑ q.
+/// Returns T · Rz(b) · e^ẑ q.
 #[inline(always)]
 fn moved<T: Scalar>(
     pose: &Pose<T>,

@@ -1,4 +1,4 @@
-//! Where an arm stands: the product of exponentials, its minimal form, joint coupling, and damped Newton steps.
+//! The kinematics of an arm: the product of exponentials, its minimal form, joint coupling, and damped Newton steps.
 
 pub mod coupling;
 pub mod minimal_chain;

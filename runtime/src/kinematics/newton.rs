@@ -2,9 +2,9 @@
 //!
 //! Errors e and Jacobians J have the displacement of the target's origin in metres first, then its rotation in radians,
 //! both along the axes of the base. A step is d = Jᵀ (J Jᵀ + Λ)⁻¹ e with Λ = diag(λ_p, λ_p, λ_p, λ_r, λ_r, λ_r), which
-//! minimises |d|² + |e_p − J_p d|²/λ_p + |e_r − J_r d|²/λ_r: the form for arms of any number of joints, and the one in which
-//! position and rotation can be given up separately ([`crate::correct::step_limit`]). The inverse
-//! factors the 6×6 matrix as L D Lᵀ. No pivot is taken below its damping, so that the steps of singular arms are finite.
+//! minimises |d|² + |e_p − J_p d|²/λ_p + |e_r − J_r d|²/λ_r. This form suits arms with any number of joints, and in it
+//! position and rotation can be given up separately ([`crate::correct::step_limit`]). For the inverse, the 6×6 matrix is
+//! factored as L D Lᵀ. No pivot is taken below its damping, so that the steps of singular arms are finite.
 
 use core::hint::black_box;
 
@@ -16,20 +16,21 @@ use crate::kinematics::coupling::{Coupling, PerJoint};
 use crate::math::scalar::Scalar;
 use crate::math::se3::{Pose, cross, dot, subtract, third_column};
 
-/// Displacement in metres, then rotation in radians.
+/// A pose error: displacement in m, then rotation in rad.
 pub type PoseError6<T> = [T; 6];
 
-/// The Jacobian by columns, one for each of the controller's joints; beyond the last joint zeros.
+/// The Jacobian by columns, one for each of the controller's joints; zeros beyond the last joint.
 pub type Jacobian<T> = [PoseError6<T>; MAX_JOINTS];
 
-/// A symmetric matrix of displacement and rotation.
+/// A symmetric 6×6 matrix over displacement and rotation, such as J Jᵀ.
 pub type Gram<T> = [PoseError6<T>; 6];
 
-/// How `pose` must be displaced and turned to be `target`, for angles of a few degrees.
+/// Computes the displacement and the rotation that take `pose` to `target`, for angles of a few degrees.
 #[inline(never)]
 pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> PoseError6<T> {
     let moved = subtract(&target.translation, &pose.translation);
-    // ½ Σ r_k × r′_k over the columns is the axis times sin θ; differences first, which do not cancel.
+    // ½ Σ r_k × r′_k over the columns is the axis times sin θ. The differences r′_k − r_k come first, so that nothing
+    // cancels.
     let (from, to) = (&pose.rotation, &target.rotation);
     let mut turned = [T::ZERO; 3];
     for k in 0..3 {
@@ -51,7 +52,7 @@ pub fn pose_error<T: Scalar>(target: &Pose<T>, pose: &Pose<T>) -> PoseError6<T> 
     ]
 }
 
-/// |displacement|² and |rotation|².
+/// Returns |displacement|² and |rotation|².
 #[inline(always)]
 pub fn squared_norms<T: Scalar>(hybrid: &PoseError6<T>) -> (T, T) {
     let v = |a: usize| Vector3::new(hybrid[a], hybrid[a + 1], hybrid[a + 2]);
@@ -59,7 +60,7 @@ pub fn squared_norms<T: Scalar>(hybrid: &PoseError6<T>) -> (T, T) {
     (dot(&p, &p), dot(&r, &r))
 }
 
-/// The Jacobian at one place, and J Jᵀ, which [`NormalEquations::factor`] turns into its factors.
+/// The Jacobian J at one configuration, and J Jᵀ, which [`NormalEquations::factor`] replaces with its factors.
 #[derive(Clone, Debug)]
 pub struct NormalEquations<T> {
     joints: usize,
@@ -68,20 +69,20 @@ pub struct NormalEquations<T> {
     gram: Gram<T>,
 }
 
-/// Where equations are formed.
+/// The configuration at which normal equations are formed.
 #[derive(Clone, Copy, Debug)]
 pub struct LinearizationPoint<'a, T> {
     /// Kinds of the serial joints.
     pub kinds: &'a [JointKind],
-    /// Their frames after they moved.
+    /// Frames of the serial joints after they moved.
     pub frames: &'a [Pose<T>],
-    /// The target, in m, base frame.
+    /// Position of the target, in m, base frame.
     pub point: &'a Vector3<T>,
-    /// C.
+    /// Joint coupling C.
     pub coupling: Option<&'a Coupling<T>>,
 }
 
-/// λ_p and λ_r.
+/// Damping of displacements and of rotations, λ_p and λ_r.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Damping<T> {
     /// λ_p, the damping of displacements.
@@ -97,7 +98,7 @@ impl<T: Scalar> Default for NormalEquations<T> {
 }
 
 impl<T: Scalar> NormalEquations<T> {
-    /// Nothing yet.
+    /// Returns equations of zeros; [`NormalEquations::form`] fills them.
     #[inline(always)]
     pub fn new() -> Self {
         Self {
@@ -107,7 +108,7 @@ impl<T: Scalar> NormalEquations<T> {
         }
     }
 
-    /// J and J Jᵀ of this place.
+    /// Computes J and J Jᵀ at this configuration.
     #[inline(never)]
     pub fn form(&mut self, at: &LinearizationPoint<'_, T>) {
         self.joints = at.kinds.len();
@@ -125,7 +126,7 @@ impl<T: Scalar> NormalEquations<T> {
         }
     }
 
-    /// Jacobian of the controller's joints from those of the serial ones: J C.
+    /// Replaces the Jacobian J of the serial joints with that of the controller's joints, J C.
     #[inline(never)]
     fn couple(&mut self, coupling: &Coupling<T>) {
         let serial_columns = self.columns;
@@ -138,7 +139,7 @@ impl<T: Scalar> NormalEquations<T> {
         }
     }
 
-    /// J Jᵀ from the first N columns.
+    /// Computes J Jᵀ from the first N columns.
     // Column by column, so that all sums stay in registers and each number is read once.
     #[inline(always)]
     fn multiply<const N: usize>(&mut self) {
@@ -165,24 +166,24 @@ impl<T: Scalar> NormalEquations<T> {
         );
     }
 
-    /// J by columns; zeros beyond the last joint.
+    /// Returns J by columns; zeros beyond the last joint.
     pub fn columns(&self) -> &Jacobian<T> {
         &self.columns
     }
 
-    /// J Jᵀ, before it is factored.
+    /// Returns J Jᵀ, before it is factored.
     #[inline(always)]
     pub fn gram(&self) -> &Gram<T> {
         &self.gram
     }
 
-    /// L D Lᵀ of J Jᵀ + Λ, in place.
+    /// Factors J Jᵀ + Λ as L D Lᵀ, in place.
     #[inline(never)]
     #[allow(unused_mut)] // of the first row
     pub fn factor(&mut self, damping: &Damping<T>) {
         let f = &mut self.gram;
         let Damping { position, rotation } = *damping;
-        // Row i of L D first, then of L. Written out, for compilers leave triangular loops as they are.
+        // First row i of L D, then row i of L. Written out, because compilers do not unroll triangular loops.
         macro_rules! row {
             ($damping:ident, $i:literal, $($j:literal: [$($k:literal)*])*) => {
                 let mut row = f[$i];
@@ -193,7 +194,7 @@ impl<T: Scalar> NormalEquations<T> {
                     row[$j] = scaled * f[$j][$j];
                     pivot -= scaled * row[$j];
                 )*
-                // Also when it is NaN.
+                // The damping also if the pivot is NaN.
                 row[$i] = T::ONE / if pivot > $damping { pivot } else { $damping };
                 f[$i] = row;
             };
@@ -206,7 +207,7 @@ impl<T: Scalar> NormalEquations<T> {
         row!(rotation, 5, 0: [] 1: [0] 2: [0 1] 3: [0 1 2] 4: [0 1 2 3]);
     }
 
-    /// (J Jᵀ + Λ)⁻¹ e, once factored.
+    /// Computes (J Jᵀ + Λ)⁻¹ e, once [`NormalEquations::factor`] was called.
     #[inline(never)]
     pub fn solve(&self, error: &PoseError6<T>) -> PoseError6<T> {
         let mut x = *error;
@@ -232,7 +233,7 @@ impl<T: Scalar> NormalEquations<T> {
         x
     }
 
-    /// Jᵀ x: the joint changes that x stands for; zero beyond the last joint.
+    /// Computes Jᵀ x, the joint changes that belong to x; zero beyond the last joint.
     pub fn joints_of(&self, x: &PoseError6<T>) -> PerJoint<T> {
         let mut out = [T::ZERO; MAX_JOINTS];
         for (slot, column) in out.iter_mut().zip(&self.columns).take(self.joints) {
@@ -241,7 +242,7 @@ impl<T: Scalar> NormalEquations<T> {
         out
     }
 
-    /// J d: what the joint changes d do to first order.
+    /// Computes J d, the displacement and rotation of the target by the joint changes d, to first order.
     pub fn moved(&self, d: &PerJoint<T>) -> PoseError6<T> {
         let mut moved = [T::ZERO; 6];
         for (column, delta) in self.columns.iter().zip(d).take(self.joints) {
@@ -255,7 +256,7 @@ impl<T: Scalar> NormalEquations<T> {
     }
 }
 
-/// What a serial joint does to the target.
+/// Returns the column of the Jacobian that belongs to a serial joint.
 #[inline(always)]
 fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) -> PoseError6<T> {
     let axis = third_column(frame);
@@ -268,7 +269,7 @@ fn column_of<T: Scalar>(kind: JointKind, frame: &Pose<T>, point: &Vector3<T>) ->
     }
 }
 
-/// a + s b.
+/// Adds s b to a.
 #[inline(always)]
 fn add_scaled<T: Scalar>(a: &mut PoseError6<T>, b: &PoseError6<T>, s: T) {
     for (value, part) in a.iter_mut().zip(b) {
@@ -276,7 +277,7 @@ fn add_scaled<T: Scalar>(a: &mut PoseError6<T>, b: &PoseError6<T>, s: T) {
     }
 }
 
-/// a − s b.
+/// Returns a − s b.
 #[inline(always)]
 pub fn subtract_scaled<T: Scalar>(a: &PoseError6<T>, s: T, b: &PoseError6<T>) -> PoseError6<T> {
     let mut out = *a;
@@ -286,7 +287,7 @@ pub fn subtract_scaled<T: Scalar>(a: &PoseError6<T>, s: T, b: &PoseError6<T>) ->
     out
 }
 
-/// aᵀb.
+/// Returns aᵀb.
 #[inline(always)]
 fn inner<T: Scalar>(a: &PoseError6<T>, b: &PoseError6<T>) -> T {
     let mut sum = a[0] * b[0];

@@ -2,8 +2,8 @@
 //!
 //! f(q) = Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1. Every chain of revolute and prismatic joints has a normal form in which the
 //! twist s_i is the unit z axis of its own frame: with a fixed K that takes z to s_i, e^ŝ q = K e^ẑ q K⁻¹, and K goes into
-//! the neighbouring fixed frames. A [`Poe`] is that normal form: n + 1 fixed frames `parent_from_joint`, and of each
-//! joint only its kind. All geometric error goes into the frames; a joint then costs twelve multiplications.
+//! the neighbouring fixed frames. A [`Poe`] is that normal form: n + 1 fixed frames `parent_from_joint`, and only the kind
+//! of each joint. All geometric error goes into the frames; a joint then costs twelve multiplications.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_FRAMES, MAX_JOINTS};
@@ -21,12 +21,12 @@ pub struct Poe<T> {
     parent_from_joint: [Pose<T>; MAX_FRAMES],
 }
 
-/// No joints, too many, or not one frame more than joints.
+/// Error of a chain that has no joints, too many, or not one frame more than joints.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WrongChain {
-    /// Joint kinds given.
+    /// Number of joint kinds that were passed.
     pub joints: usize,
-    /// Frames given.
+    /// Number of frames that were passed.
     pub frames: usize,
 }
 
@@ -42,8 +42,8 @@ impl core::fmt::Display for WrongChain {
 
 impl core::error::Error for WrongChain {}
 
-/// Where each joint is, as chains and kernels need it: (sin q, cos q) of a revolute one, (q, 0) of a prismatic one with q in
-/// metres, (0, 0) beyond the last.
+/// Value q of each joint as chains and kernels need it: (sin q, cos q) of a revolute joint, (q, 0) of a prismatic joint with
+/// q in m, (0, 0) beyond the last joint.
 pub type JointTrig<T> = [[T; 2]; MAX_JOINTS];
 
 /// Returns the [`JointTrig`] of no joints: (0, 0) throughout.
@@ -53,7 +53,7 @@ pub fn zero_joint_trig<T: Scalar>() -> JointTrig<T> {
 }
 
 impl<T: Scalar> Poe<T> {
-    /// The chain with these joints and `parent_from_joint` frames, the last of which leads to the target.
+    /// Creates the chain with these joints and `parent_from_joint` frames, the last of which leads to the target.
     ///
     /// # Errors
     /// [`WrongChain`] unless there are 1 to [`MAX_JOINTS`] joints and one frame more.
@@ -82,24 +82,24 @@ impl<T: Scalar> Poe<T> {
         Ok(poe)
     }
 
-    /// Kinds of the joints, base first.
+    /// Returns the kinds of the joints, base first.
     pub fn kinds(&self) -> &[JointKind] {
         self.kinds.get(..self.joints).unwrap_or(&[])
     }
 
-    /// The n + 1 fixed frames, e^p̂_i.
+    /// Returns the n + 1 fixed frames, e^p̂_i.
     pub fn frames(&self) -> &[Pose<T>] {
         self.parent_from_joint.get(..=self.joints).unwrap_or(&[])
     }
 
-    /// The fixed frames, to be updated in place.
+    /// Returns the fixed frames, to be updated in place.
     pub fn frames_mut(&mut self) -> &mut [Pose<T>] {
         self.parent_from_joint
             .get_mut(..=self.joints)
             .unwrap_or(&mut [])
     }
 
-    /// What the joints do at `q` (rad or m); missing values count as zero.
+    /// Computes the [`JointTrig`] of the joints at `q` (rad or m); elements of missing values are (0, 0).
     #[inline(always)]
     pub fn motions(&self, q: &[T]) -> JointTrig<T> {
         let mut out = zero_joint_trig();
@@ -107,18 +107,19 @@ impl<T: Scalar> Poe<T> {
         out
     }
 
-    /// The same, written to `out`; of joints that there are not, or have no value, nothing is changed.
+    /// Writes the [`JointTrig`] of the joints at `q` (rad or m) to `out`; leaves elements beyond the last joint or the last
+    /// value unchanged.
     #[inline(always)]
     pub fn joint_trig_into(&self, q: &[T], out: &mut JointTrig<T>) {
         joint_trig_into(self.kinds(), q, out);
     }
 
-    /// f(q), `base_from_target` (paper, eq. 3). `q` in rad or m, serial joints.
+    /// Computes f(q), `base_from_target` (paper, eq. 3). `q` are the serial joints in rad or m.
     pub fn forward(&self, q: &[T]) -> Pose<T> {
         self.forward_with(&self.motions(q))
     }
 
-    /// f(q) for sines and cosines that are there already.
+    /// Computes f(q) from the [`JointTrig`] of the serial joints.
     #[inline(always)]
     pub fn forward_with(&self, motions: &JointTrig<T>) -> Pose<T> {
         let [first, rest @ ..] = &self.parent_from_joint;
@@ -129,12 +130,12 @@ impl<T: Scalar> Poe<T> {
         pose
     }
 
-    /// `base_from_joint` of every joint before it moves (index 0…n−1; beyond them zeros), and f(q).
+    /// Computes `base_from_joint` of every joint before it moves (index 0…n−1; zeros beyond), and f(q).
     pub fn joint_frames(&self, q: &[T]) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
         self.joint_frames_with(&self.motions(q))
     }
 
-    /// The same for sines and cosines that are there already.
+    /// Computes [`Poe::joint_frames`] from the [`JointTrig`] of the serial joints.
     #[inline(always)]
     pub fn joint_frames_with(&self, motions: &JointTrig<T>) -> ([Pose<T>; MAX_JOINTS], Pose<T>) {
         let mut out = [Pose::from_rows(&[T::ZERO; 12]); MAX_JOINTS];
@@ -142,7 +143,8 @@ impl<T: Scalar> Poe<T> {
         (out, target)
     }
 
-    /// The same, written to `frames`; frames beyond the last joint stay as they are.
+    /// Writes `base_from_joint` of every joint before it moves to `frames` and returns f(q); leaves frames beyond the last
+    /// joint unchanged.
     #[inline(always)]
     pub fn joint_frames_into(
         &self,
@@ -160,8 +162,8 @@ impl<T: Scalar> Poe<T> {
         pose
     }
 
-    /// The space Jacobian at `q`: column i is the twist (v, ω) of the base frame per rad or m of serial joint i, and
-    /// f(q) beside it. Take it at the target with [`Twist::at_point`].
+    /// Computes the space Jacobian at `q`, whose column i is the twist (v, ω) in the base frame per rad or m of serial joint
+    /// i, and f(q). [`Twist::at_point`] takes a column at the target.
     pub fn space_jacobian(&self, q: &[T]) -> ([Twist<T>; MAX_JOINTS], Pose<T>) {
         let (frames, target) = self.joint_frames(q);
         let mut out = [Twist::zero(); MAX_JOINTS];
@@ -171,9 +173,9 @@ impl<T: Scalar> Poe<T> {
         (out, target)
     }
 
-    /// The identification Jacobian A at `q` (paper, section III-A.2), and f(q): block i of n + 1 maps a twist δ_i that
-    /// multiplies frame i from the left, e^δ̂_i e^p̂_i, to the residual twist of the space frame; A_i = Ad of everything
-    /// before frame i. Blocks beyond n are zero.
+    /// Computes the identification Jacobian A at `q` (paper, section III-A.2), and f(q). Block i of n + 1 maps a twist δ_i
+    /// that multiplies frame i from the left, e^δ̂_i e^p̂_i, to the residual twist of the space frame; A_i = Ad of
+    /// everything before frame i. Blocks beyond n are zero.
     pub fn identification_jacobian(&self, q: &[T]) -> ([Matrix6<T>; MAX_FRAMES], Pose<T>) {
         let motions = self.motions(q);
         let mut out = [[[T::ZERO; 6]; 6]; MAX_FRAMES];
@@ -189,7 +191,7 @@ impl<T: Scalar> Poe<T> {
         (out, before)
     }
 
-    /// The same chain in another number type.
+    /// Returns the chain in another number type.
     pub fn cast<U: Scalar>(&self) -> Poe<U> {
         Poe {
             joints: self.joints,
@@ -207,7 +209,7 @@ pub(crate) fn joint_trig_into<T: Scalar>(kinds: &[JointKind], q: &[T], out: &mut
     }
 }
 
-/// What one joint does at a value in rad or m.
+/// Returns the element of [`JointTrig`] of one joint at a value in rad or m.
 #[inline(always)]
 pub(crate) fn joint_trig<T: Scalar>(kind: JointKind, value: T) -> [T; 2] {
     match kind {
@@ -219,7 +221,7 @@ pub(crate) fn joint_trig<T: Scalar>(kind: JointKind, value: T) -> [T; 2] {
     }
 }
 
-/// The unit twist of a joint in its own frame.
+/// Returns the unit twist of a joint in its own frame.
 fn axis<T: Scalar>(kind: JointKind) -> Twist<T> {
     let (o, z) = (
         Vector3::new(T::ZERO, T::ZERO, T::ZERO),
@@ -237,7 +239,7 @@ fn axis<T: Scalar>(kind: JointKind) -> Twist<T> {
     }
 }
 
-/// T · e^ẑ q: the first two columns turn, or the origin moves along the third.
+/// Returns T · e^ẑ q: the first two columns turn, or the origin moves along the third.
 #[inline(always)]
 fn moved<T: Scalar>(pose: &Pose<T>, kind: JointKind, motion: &[T; 2]) -> Pose<T> {
     let (r, t) = (&pose.rotation, &pose.translation);

@@ -1,5 +1,5 @@
-//! Fourier series by Clenshaw's recurrence (C. W. Clenshaw, "A note on the summation of Chebyshev series", 1955), from one sine and
-//! cosine.
+//! Fourier series by Clenshaw's recurrence (C. W. Clenshaw, "A note on the summation of Chebyshev series", 1955), from one
+//! sine and cosine.
 
 #[cfg(all(
     target_arch = "arm",
@@ -9,15 +9,15 @@
 use crate::assembly::fourier;
 use crate::math::scalar::Scalar;
 
-/// The series of a number type. Sealed together with [`Scalar`].
+/// The Fourier series of a number type. Sealed together with [`Scalar`].
 pub trait FourierSeries: Scalar {
-    /// Σ_k (α_k sin kq + β_k cos kq) from sin q and cos q; `coefficients` are (α_1, β_1), (α_2, β_2), ….
+    /// Computes Σ_k (α_k sin kq + β_k cos kq) from sin q and cos q; `coefficients` are (α_1, β_1), (α_2, β_2), ….
     #[inline(always)]
     fn series(coefficients: &[[Self; 2]], sin_cos: &[Self; 2]) -> Self {
         portable_series(coefficients, sin_cos)
     }
 
-    /// The same and its derivative by q.
+    /// Computes the sum of [`FourierSeries::series`] and its derivative with respect to q.
     #[inline(always)]
     fn series_and_slope(coefficients: &[[Self; 2]], sin_cos: &[Self; 2]) -> [Self; 2] {
         portable_series_and_slope(coefficients, sin_cos)
@@ -55,13 +55,14 @@ impl FourierSeries for f32 {
     }
 }
 
-/// One order of the recurrence: `one` and `two` hold it one and two orders above, and `two` takes the next one.
+/// Computes one order of the recurrence: `one` and `two` hold its values one and two orders above, and `two` receives the
+/// next value.
 #[inline(always)]
 fn descend<T: Scalar>(coefficient: T, twice: T, one: T, two: &mut T) {
     *two = coefficient + twice * one - *two;
 }
 
-/// Σ_k β_k cos kq from cos q; `coefficients` are β_1, β_2, ….
+/// Computes Σ_k β_k cos kq from cos q; `coefficients` are β_1, β_2, ….
 pub fn cosine_series<T: Scalar>(coefficients: &[T], cos: T) -> T {
     let twice = cos + cos;
     let [mut one, mut two] = [T::ZERO; 2];
@@ -72,7 +73,7 @@ pub fn cosine_series<T: Scalar>(coefficients: &[T], cos: T) -> T {
     one * cos - two
 }
 
-// Two orders in each round, so that no number has to be moved to where the next round looks for it.
+// Each round takes two orders, so that no value has to be moved between registers for the next round.
 #[inline(always)]
 fn portable_series<T: Scalar>(coefficients: &[[T; 2]], &[sin, cos]: &[T; 2]) -> T {
     let twice = cos + cos;
@@ -92,7 +93,7 @@ fn portable_series<T: Scalar>(coefficients: &[[T; 2]], &[sin, cos]: &[T; 2]) -> 
     s1 * sin + (c1 * cos - c2)
 }
 
-// The derivative is that of the recurrence: d_k = −2 sin q b_k+1 + 2 cos q d_k+1 − d_k+2.
+// The derivative follows from that of the recurrence: d_k = −2 sin q b_k+1 + 2 cos q d_k+1 − d_k+2.
 #[inline(always)]
 fn portable_series_and_slope<T: Scalar>(coefficients: &[[T; 2]], &[sin, cos]: &[T; 2]) -> [T; 2] {
     let (twice, turned) = (cos + cos, -(sin + sin));

@@ -1,9 +1,10 @@
-//! The two number types, `f32` and `f64`, and the only doors to transcendental functions.
+//! The two number types, `f32` and `f64`, and the only access to transcendental functions.
 //!
-//! Everything that is not +, −, ×, ÷ or a comparison goes through [`Scalar`], so that no code of this crate can reach
-//! the platform's mathematics, whose last bits differ between machines. Semantics is multiply, then add: nothing here
-//! is fused. `exp2` is our own, and `sin_cos` of `f32`, made of `f32` operations only (`libm`'s compute in software `f64` on a
-//! Cortex-M4F: 2 252 instructions where these take 56); the rest calls `libm`, which is bit-identical everywhere.
+//! Everything that is not +, −, ×, ÷ or a comparison goes through [`Scalar`], so that no code of this crate can reach the
+//! platform's math library, whose last bits differ between machines. A multiplication and an addition are two operations:
+//! nothing here is fused. `exp2`, and `sin_cos` of `f32`, are implemented here; those of `f32` take `f32` operations only
+//! (`libm`'s compute in software `f64` on a Cortex-M4F: 2 252 instructions where these take 56). The rest calls `libm`,
+//! which is bit-identical everywhere.
 
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -16,7 +17,7 @@ mod sealed {
     impl Sealed for f64 {}
 }
 
-/// A number of the runtime: `f32` on the device, `f64` in the trainer. Sealed.
+/// A number type of the runtime: `f32` on the device, `f64` in the trainer. Sealed.
 pub trait Scalar:
     sealed::Sealed
     + Copy
@@ -38,29 +39,29 @@ pub trait Scalar:
     const ONE: Self;
     /// Largest relative error of one operation.
     const ROUNDING: Self;
-    /// Terms after which the power series of the SE(3) coefficients is below half an ulp for θ² ≤ 4.
+    /// Number of terms after which the power series of the SE(3) coefficients is below half an ulp for θ² ≤ 4.
     const SERIES_TERMS: usize;
-    /// The nearest number of this type. Meant for constants: on an `f32` target it must fold at compile time.
+    /// Returns the nearest number of this type. Meant for constants: on an `f32` target it must fold at compile time.
     fn from_f64(value: f64) -> Self;
-    /// The number of this type for a value stored in the blob; exact.
+    /// Returns the number of this type for a value stored in the blob; exact.
     fn from_f32(value: f32) -> Self;
-    /// The value as `f64`; exact.
+    /// Returns the value as `f64`; exact.
     fn to_f64(self) -> f64;
-    /// The nearest `f32`.
+    /// Returns the nearest `f32`.
     fn to_f32(self) -> f32;
-    /// Neither infinite nor NaN.
+    /// Returns whether the number is neither infinite nor NaN.
     fn is_finite(self) -> bool;
-    /// |self|.
+    /// Returns |self|.
     fn abs(self) -> Self;
-    /// Whether the sign is a minus, of zeros and NaN, too.
+    /// Returns whether the sign is a minus, also for zeros and NaN.
     fn is_sign_negative(self) -> bool;
-    /// Square root, correctly rounded.
+    /// Returns the square root, correctly rounded.
     fn sqrt(self) -> Self;
-    /// Sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 1e-7.
+    /// Computes sine and cosine of an angle in radians, |angle| ≤ [`MAX_ANGLE`]; in `f32` within 1e-7.
     fn sin_cos(self) -> (Self, Self);
-    /// Whether [`Scalar::sines_and_cosines`] of several angles is faster than one by one.
+    /// Whether [`Scalar::sines_and_cosines`] of several angles is faster than [`Scalar::sin_cos`] one by one.
     const SINES_TOGETHER: bool = false;
-    /// [`Scalar::sin_cos`] of each angle, as far as both go.
+    /// Computes [`Scalar::sin_cos`] of each angle, up to the length of the shorter slice.
     #[inline(always)]
     fn sines_and_cosines(angles: &[Self], out: &mut [[Self; 2]]) {
         for (slot, angle) in out.iter_mut().zip(angles) {
@@ -68,17 +69,18 @@ pub trait Scalar:
             *slot = [sin, cos];
         }
     }
-    /// 2^self for −2²² < self ≤ 0; within 1.8e-7 relative and not below 2⁻¹²⁵ in `f32`, within 2⁻⁵² and not below 2⁻¹⁰²⁰ in
-    /// `f64`. Without a branch or a call, so that a compiler does several at once.
+    /// Computes 2^self for −2²² < self ≤ 0; within 1.8e-7 relative and not below 2⁻¹²⁵ in `f32`, within 2⁻⁵² and not below
+    /// 2⁻¹⁰²⁰ in `f64`. It has no branch and no call, so that compilers vectorize it.
     fn exp2(self) -> Self;
-    /// 2^self for |self| ≤ 125; the same number as [`Scalar::exp2`] without its clamp, three instructions less.
+    /// Computes 2^self for |self| ≤ 125: the same number as [`Scalar::exp2`] without its clamp, in three instructions less.
     fn exp2_unclamped(self) -> Self;
-    /// [`Scalar::exp2_scaled`] of 0 times this is 1.
+    /// Factor that takes [`Scalar::exp2_scaled`] to 2^self: that of 0 times this factor is 1.
     const EXP2_FACTOR: Self;
-    /// 2^self / [`Scalar::EXP2_FACTOR`] for |self| ≤ 125, in `f32` within 1.9e-7 relative: without its leading coefficient
-    /// the polynomial takes one multiplication and one register less. For sums of many, which are multiplied once.
+    /// Computes 2^self / [`Scalar::EXP2_FACTOR`] for |self| ≤ 125, in `f32` within 1.9e-7 relative: without its leading
+    /// coefficient the polynomial takes one multiplication and one register less. Meant for sums of many terms, which are
+    /// multiplied by the factor once.
     fn exp2_scaled(self) -> Self;
-    /// The angle of the point (`x`, `self`) in radians, in (−π, π].
+    /// Returns the angle of the point (`x`, `self`) in radians, in (−π, π].
     fn atan2(self, x: Self) -> Self;
 }
 
@@ -133,8 +135,9 @@ impl Scalar for f64 {
         const LOWEST: f64 = -1020.0;
         (if self > LOWEST { self } else { LOWEST }).exp2_unclamped()
     }
-    /// As of `f32` below: magic-number rounding, a polynomial of degree 11 on the fraction (Chebyshev interpolation in 60-digit
-    /// arithmetic, within 1.3e-17), integer addition to the exponent. `libm`'s is a call, and a table that no vector reads.
+    /// Works like that of `f32` below: magic-number rounding, a polynomial of degree 11 on the fraction (Chebyshev
+    /// interpolation in 60-digit arithmetic, within 1.3e-17), integer addition to the exponent. `libm`'s exp2 is a call with
+    /// a table, which does not vectorize.
     #[inline(always)]
     fn exp2_unclamped(self) -> Self {
         const ROUND: f64 = 6_755_399_441_055_744.0;
@@ -208,7 +211,7 @@ impl Scalar for f32 {
     }
     #[inline(always)]
     fn sqrt(self) -> Self {
-        // Correctly rounded both ways, hence the same bits.
+        // Both square roots are correctly rounded and so have the same bits.
         #[cfg(all(
             target_arch = "arm",
             target_abi = "eabihf",
@@ -240,7 +243,7 @@ impl Scalar for f32 {
         } else {
             (cos, sin)
         };
-        // The signs as bit operations: quadrants 2, 3 negate the sine, quadrants 1, 2 the cosine.
+        // Bit operations set the signs: quadrants 2 and 3 negate the sine, quadrants 1 and 2 the cosine.
         let sin_sign = (quadrant & 2) << 30;
         let cos_sign = (quadrant.wrapping_add(1) & 2) << 30;
         (
@@ -262,7 +265,7 @@ impl Scalar for f32 {
         not(feature = "portable-kernels"),
         feature = "cortex-m55"
     ))]
-    // Out of line: assembly takes all registers.
+    // Not inlined: the assembly takes all registers.
     #[inline(never)]
     fn sines_and_cosines(angles: &[Self], out: &mut [[Self; 2]]) {
         crate::assembly::cortex_m55::sines::sines_and_cosines(angles, out);
@@ -301,8 +304,8 @@ impl Scalar for f32 {
     }
 }
 
-/// Bits of 2^fraction, and of a number whose low bits are the integer part. The low nine bits of [`ROUND`] are zero:
-/// shifting by 23 leaves the integer alone in the exponent field.
+/// Returns the bits of 2^fraction, and those of a number whose low bits are the integer part. The low nine bits of [`ROUND`]
+/// are zero: shifting by 23 leaves only the integer in the exponent field.
 #[inline(always)]
 fn exp2_parts(value: f32) -> (u32, u32) {
     let [c1, c2, c3, c4, c5] = EXP2;

@@ -2,8 +2,8 @@
 //!
 //! A [`Pose`] named `target_from_source` maps coordinates in `source` to coordinates in `target`, so that neighbours
 //! cancel: `a_from_c = a_from_b * b_from_c`. A [`Twist`] has the linear part first; Modern Robotics and GTSAM write
-//! (ω, v): swap the blocks when taking a formula from there. All coefficients of the maps are functions of θ²: a power
-//! series up to θ² = 4, where it is below half an ulp, the closed form beyond. (In `f32` the closed form of
+//! (ω, v): swap the blocks when taking a formula from these. All coefficients of the maps are functions of θ²: a power
+//! series up to θ² = 4, where its error is below half an ulp, and the closed form beyond. (In `f32` the closed form of
 //! (θ − sin θ)/θ³ is 30 % wrong at 1e-3 rad.)
 
 use core::ops::Mul;
@@ -33,14 +33,14 @@ pub struct Twist<T> {
 /// A 6×6 matrix in 3×3 blocks that acts on twists (v, ω): `[[upper_left, upper_right], [lower_left, lower_right]]`.
 pub type Matrix6<T> = [[T; 6]; 6];
 
-/// z of a frame: the axis of the joint that it stands in.
+/// Returns the z axis of a frame, which is the axis of the frame's joint.
 #[inline(always)]
 pub fn third_column<T: Scalar>(frame: &Pose<T>) -> Vector3<T> {
     let r = &frame.rotation;
     Vector3::new(r[(0, 2)], r[(1, 2)], r[(2, 2)])
 }
 
-/// a × b.
+/// Returns a × b.
 #[inline(always)]
 pub fn cross<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(
@@ -50,31 +50,31 @@ pub fn cross<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     )
 }
 
-/// a · b, summed from the first component.
+/// Returns a · b, summed from the first component.
 #[inline(always)]
 pub fn dot<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// a + b.
+/// Returns a + b.
 #[inline(always)]
 pub fn add<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(a[0] + b[0], a[1] + b[1], a[2] + b[2])
 }
 
-/// a − b.
+/// Returns a − b.
 #[inline(always)]
 pub fn subtract<T: Scalar>(a: &Vector3<T>, b: &Vector3<T>) -> Vector3<T> {
     Vector3::new(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 }
 
-/// s·a.
+/// Returns s·a.
 #[inline(always)]
 pub fn scale<T: Scalar>(s: T, a: &Vector3<T>) -> Vector3<T> {
     Vector3::new(s * a[0], s * a[1], s * a[2])
 }
 
-/// R·v.
+/// Returns R·v.
 #[inline(always)]
 pub fn rotate<T: Scalar>(r: &Matrix3<T>, v: &Vector3<T>) -> Vector3<T> {
     Vector3::new(
@@ -84,7 +84,7 @@ pub fn rotate<T: Scalar>(r: &Matrix3<T>, v: &Vector3<T>) -> Vector3<T> {
     )
 }
 
-/// A·B, each element summed from the first term.
+/// Returns A·B, each element summed from the first term.
 #[inline(always)]
 pub fn product<T: Scalar>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
     let element =
@@ -102,16 +102,17 @@ pub fn product<T: Scalar>(a: &Matrix3<T>, b: &Matrix3<T>) -> Matrix3<T> {
     )
 }
 
-/// The skew-symmetric matrix `[a]` with `[a] b` = a × b.
+/// Returns the skew-symmetric matrix `[a]` with `[a] b` = a × b.
 #[inline(always)]
 pub fn skew<T: Scalar>(a: &Vector3<T>) -> Matrix3<T> {
     let o = T::ZERO;
     Matrix3::new(o, -a[2], a[1], a[2], o, -a[0], -a[1], a[0], o)
 }
 
-/// Σ_k (−1)^k numerator(k) z^k / (2k + offset)!, with `terms` of them: every coefficient of the maps has this form.
+/// Computes Σ_k (−1)^k numerator(k) z^k / (2k + offset)! with [`Scalar::SERIES_TERMS`] terms: every coefficient of the maps
+/// has this form.
 ///
-/// Horner on the ratio of neighbours; `numerator` is small and exact.
+/// Horner's scheme on the ratios of neighbouring terms; `numerator` is small and exact.
 #[inline(always)]
 fn alternating_series<T: Scalar>(z: T, offset: usize, numerator: impl Fn(usize) -> f64) -> T {
     let mut sum = T::ZERO;
@@ -142,7 +143,8 @@ pub struct Coefficients<T> {
 }
 
 impl<T: Scalar> Coefficients<T> {
-    /// The power series, good for θ² ≤ 4 and without a branch: what the cyclic path uses, where θ is bounded.
+    /// Computes the coefficients by the power series, for θ² ≤ 4 and without a branch. The controller's cycle, where θ is
+    /// bounded, uses it.
     #[inline(always)]
     pub fn series(theta_squared: T) -> Self {
         let one = |_| 1.0;
@@ -153,7 +155,7 @@ impl<T: Scalar> Coefficients<T> {
         }
     }
 
-    /// For any θ² ≥ 0.
+    /// Computes the coefficients for any θ² ≥ 0.
     pub fn new(theta_squared: T) -> Self {
         if theta_squared <= T::from_f64(4.0) {
             return Self::series(theta_squared);
@@ -170,7 +172,7 @@ impl<T: Scalar> Coefficients<T> {
     }
 }
 
-/// I + p[ω] + q[ω]², the shape that the rotation, the left Jacobian and its inverse all have.
+/// Returns I + p[ω] + q[ω]², the form that the rotation, the left Jacobian and its inverse all have.
 #[inline(always)]
 fn polynomial_of_skew<T: Scalar>(omega: &Vector3<T>, p: T, q: T) -> Matrix3<T> {
     let (x, y, z) = (omega[0], omega[1], omega[2]);
@@ -191,7 +193,7 @@ fn polynomial_of_skew<T: Scalar>(omega: &Vector3<T>, p: T, q: T) -> Matrix3<T> {
 }
 
 impl<T: Scalar> Pose<T> {
-    /// The identity.
+    /// Returns the identity.
     pub fn identity() -> Self {
         let (i, o) = (T::ONE, T::ZERO);
         Self {
@@ -200,7 +202,7 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// Exp: se(3) → SE(3), e^{ξ̂} of the paper.
+    /// Computes Exp: se(3) → SE(3), e^{ξ̂} of the paper.
     pub fn exp(twist: &Twist<T>) -> Self {
         let omega = &twist.angular;
         let k = Coefficients::new(dot(omega, omega));
@@ -210,9 +212,9 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// Log: SE(3) → se(3), the inverse of [`Pose::exp`] for angles up to π, `log(T)^V` of the paper.
+    /// Computes Log: SE(3) → se(3), the inverse of [`Pose::exp`] for angles up to π, `log(T)^V` of the paper.
     ///
-    /// By way of the unit quaternion, whose largest component is taken first: accurate at 0 and at π.
+    /// It goes through the unit quaternion, computed from its largest component, and so is accurate at 0 and at π.
     pub fn log(&self) -> Twist<T> {
         let (w, v) = self.quaternion();
         let sine = dot(&v, &v).sqrt();
@@ -229,7 +231,7 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// The unit quaternion (w, (x, y, z)) of the rotation, w ≥ 0.
+    /// Returns the unit quaternion (w, (x, y, z)) of the rotation, w ≥ 0.
     pub fn quaternion(&self) -> (T, Vector3<T>) {
         let r = &self.rotation;
         let one = T::ONE;
@@ -263,7 +265,7 @@ impl<T: Scalar> Pose<T> {
         (w * factor, scale(factor, &v))
     }
 
-    /// The pose with the rotation of the quaternion (w, x, y, z), which is normalised here, and a translation in metres.
+    /// Creates the pose from the quaternion (w, x, y, z), which is normalised here, and a translation in metres.
     pub fn from_quaternion(w: T, v: &Vector3<T>, translation: Vector3<T>) -> Self {
         let norm = (w * w + dot(v, v)).sqrt();
         let (w, v) = (w / norm, scale(T::ONE / norm, v));
@@ -274,7 +276,7 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// T⁻¹.
+    /// Returns T⁻¹.
     pub fn inverse(&self) -> Self {
         let rotation = self.rotation.transpose();
         let t = rotate(&rotation, &self.translation);
@@ -284,13 +286,13 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// Ad_T = `[[R, [p]R], [0, R]]`, 6×6: `adjoint(T)·ξ` is the twist ξ seen from the other frame.
+    /// Returns Ad_T = `[[R, [p]R], [0, R]]`, 6×6: `adjoint(T)·ξ` is the twist ξ seen from the other frame.
     pub fn adjoint(&self) -> Matrix6<T> {
         let pr = product(&skew(&self.translation), &self.rotation);
         blocks(&self.rotation, &pr, &self.rotation)
     }
 
-    /// Ad_T ξ without forming the matrix.
+    /// Computes Ad_T ξ without forming the matrix.
     pub fn transform_twist(&self, twist: &Twist<T>) -> Twist<T> {
         let angular = rotate(&self.rotation, &twist.angular);
         let linear = add(
@@ -300,16 +302,16 @@ impl<T: Scalar> Pose<T> {
         Twist { linear, angular }
     }
 
-    /// T·x for a point in metres.
+    /// Returns T·x for a point in metres.
     #[inline(always)]
     pub fn transform_point(&self, point: &Vector3<T>) -> Vector3<T> {
         add(&rotate(&self.rotation, point), &self.translation)
     }
 
-    /// Exp(ξ)·T for a correction |ω| ≤ 2 rad (paper, eq. 9), without a branch.
+    /// Computes Exp(ξ)·T for a correction |ω| ≤ 2 rad (paper, eq. 9), without a branch.
     ///
     /// The translation is moved by a small increment instead of being rotated, which keeps the rounding error of a
-    /// correction of millimetres far below that of the metres it is added to.
+    /// correction of millimetres far below that of the metres to which it is added.
     #[inline(always)]
     pub fn corrected(&self, residual: &Twist<T>) -> Self {
         let omega = &residual.angular;
@@ -326,7 +328,7 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// All twelve numbers, row by row: three of the rotation, then the translation's.
+    /// Returns all twelve numbers, row by row: three of the rotation, then one of the translation.
     pub fn to_rows(&self) -> [T; 12] {
         let (r, t) = (&self.rotation, &self.translation);
         [
@@ -345,7 +347,7 @@ impl<T: Scalar> Pose<T> {
         ]
     }
 
-    /// The inverse of [`Pose::to_rows`]; nothing is checked or normalised.
+    /// Creates the pose from the numbers of [`Pose::to_rows`]; checks and normalises nothing.
     pub fn from_rows(m: &[T; 12]) -> Self {
         Self {
             rotation: Matrix3::new(m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]),
@@ -353,7 +355,7 @@ impl<T: Scalar> Pose<T> {
         }
     }
 
-    /// The same pose in another number type.
+    /// Returns the pose in another number type.
     pub fn cast<U: Scalar>(&self) -> Pose<U> {
         Pose {
             rotation: self.rotation.map(|x| U::from_f64(x.to_f64())),
@@ -374,18 +376,18 @@ impl<T: Scalar> Mul for Pose<T> {
     }
 }
 
-/// The residual twist ε = Log(T′ T⁻¹) in the space frame (paper, eq. 8); [`Pose::corrected`] is its inverse.
+/// Computes the residual twist ε = Log(T′ T⁻¹) in the space frame (paper, eq. 8); [`Pose::corrected`] is its inverse.
 pub fn residual<T: Scalar>(measured: &Pose<T>, predicted: &Pose<T>) -> Twist<T> {
     (*measured * predicted.inverse()).log()
 }
 
 impl<T: Scalar> Twist<T> {
-    /// 0.
+    /// Returns the zero twist.
     pub fn zero() -> Self {
         Self::from_array(&[T::ZERO; 6])
     }
 
-    /// From (v, ω).
+    /// Creates the twist from (v, ω).
     #[inline(always)]
     pub fn from_array(a: &[T; 6]) -> Self {
         Self {
@@ -394,14 +396,14 @@ impl<T: Scalar> Twist<T> {
         }
     }
 
-    /// (v, ω).
+    /// Returns (v, ω).
     #[inline(always)]
     pub fn to_array(&self) -> [T; 6] {
         let (v, w) = (&self.linear, &self.angular);
         [v[0], v[1], v[2], w[0], w[1], w[2]]
     }
 
-    /// The same motion with its linear part taken at `point` (axes unchanged): v + ω × point.
+    /// Returns the motion with its linear part taken at `point` (axes unchanged): v + ω × point.
     #[inline(always)]
     pub fn at_point(&self, point: &Vector3<T>) -> Self {
         Self {
@@ -411,13 +413,13 @@ impl<T: Scalar> Twist<T> {
     }
 }
 
-/// The left Jacobian of SO(3), 3×3.
+/// Computes the left Jacobian of SO(3), 3×3.
 pub fn left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
     let k = Coefficients::new(dot(omega, omega));
     polynomial_of_skew(omega, k.b, k.c)
 }
 
-/// The inverse of the left Jacobian of SO(3), 3×3, for angles up to π: `I − ½[ω] + d[ω]²`.
+/// Computes the inverse of the left Jacobian of SO(3), 3×3, for angles up to π: `I − ½[ω] + d[ω]²`.
 pub fn inverse_left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
     let theta_squared = dot(omega, omega);
     let k = Coefficients::new(theta_squared);
@@ -431,8 +433,8 @@ pub fn inverse_left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
     polynomial_of_skew(omega, -T::from_f64(0.5), difference / (k.b + k.b))
 }
 
-/// The left Jacobian of SE(3), 6×6, in the order (v, ω): [[J, Q], [0, J]] (Barfoot, "State Estimation for Robotics",
-/// §7.1.5, whose twists have the same order).
+/// Computes the left Jacobian of SE(3), 6×6, in the order (v, ω): [[J, Q], [0, J]] (Barfoot, "State Estimation for
+/// Robotics", §7.1.5, whose twists have the same order).
 pub fn left_jacobian<T: Scalar>(twist: &Twist<T>) -> Matrix6<T> {
     let omega = &twist.angular;
     let z = dot(omega, omega);
@@ -467,7 +469,7 @@ pub fn left_jacobian<T: Scalar>(twist: &Twist<T>) -> Matrix6<T> {
     blocks(&j, &q, &j)
 }
 
-/// [[upper_left, upper_right], [0, lower_right]].
+/// Returns [[upper_left, upper_right], [0, lower_right]].
 fn blocks<T: Scalar>(
     upper_left: &Matrix3<T>,
     upper_right: &Matrix3<T>,

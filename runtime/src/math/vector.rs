@@ -2,7 +2,7 @@
 
 use crate::math::scalar::Scalar;
 
-/// |a − b|², summed from the first component.
+/// Computes |a − b|², summed from the first component.
 #[inline(always)]
 pub fn squared_distance<T: Scalar>(a: &[T], b: &[T]) -> T {
     let mut sum = T::ZERO;
@@ -13,7 +13,7 @@ pub fn squared_distance<T: Scalar>(a: &[T], b: &[T]) -> T {
     sum
 }
 
-/// aᵀb, summed from the first component.
+/// Computes aᵀb, summed from the first component.
 #[inline(always)]
 pub fn inner_product<T: Scalar>(a: &[T], b: &[T]) -> T {
     let mut sum = T::ZERO;

@@ -1,4 +1,4 @@
-//! Everything of a model but its rows of inducing points.
+//! All parts of a model except its rows of inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, Transform};
@@ -17,17 +17,17 @@ use crate::kinematics::newton::{LinearizationPoint, NormalEquations, pose_error,
 use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 
-/// Configurations at which a model looks how far its nominal arm is off.
+/// Number of configurations at which [`Arm::usual_rotation`] and [`Arm::lever`] are sampled.
 const SCALE_SAMPLES: u16 = 16;
-/// The least [`Arm::lever`] in metres.
+/// Lower bound of [`Arm::lever`], in m.
 const LEAST_LEVER: f64 = 0.01;
-/// Steps of each joint from sample to sample, in 65 536ths of its range: powers of the root of x⁹ = x + 1, whose reciprocal is
-/// what spreads best in eight dimensions.
+/// Step of each joint from sample to sample, in 65 536ths of its range: powers of 1/x for the root of x⁹ = x + 1, which
+/// spread the samples most evenly in eight dimensions.
 const SPREAD: [u16; MAX_JOINTS] = [
     60_399, 55_663, 51_299, 47_277, 43_571, 40_155, 37_007, 34_105,
 ];
 
-/// Everything but the rows of inducing points.
+/// A model without its rows of inducing points.
 #[derive(Clone, Debug)]
 pub(crate) struct Arm<T> {
     pub(crate) calibrated: MinimalChain<T>,
@@ -35,17 +35,17 @@ pub(crate) struct Arm<T> {
     pub(crate) coupling: Option<Coupling<T>>,
     pub(crate) joint_ranges: [(T, T); MAX_JOINTS],
     pub(crate) payload_range: Option<(T, T)>,
-    /// Root mean square of the angle (rad) between nominal and calibrated target within the trained ranges.
+    /// Root mean square angle between the nominal and the calibrated target within the trained ranges, in rad.
     pub(crate) usual_rotation: T,
-    /// Root mean square of the length of J_p (m) within the trained ranges: Scale::lever.
+    /// Root mean square length of the position Jacobian J_p within the trained ranges, in m: Scale::lever.
     pub(crate) lever: T,
     trust: Trust<T>,
-    /// Standard deviation of a position component in metres, where it is the same everywhere.
+    /// Standard deviation of a position component in m, if it is constant.
     pub(super) constant_sigma: Option<T>,
     pub(crate) correction: ArmCorrection<T>,
 }
 
-/// What is done beside the chain.
+/// Correction that a model applies beyond its calibrated chain.
 #[derive(Clone, Debug)]
 #[allow(clippy::large_enum_variant)] // nothing can be boxed
 pub(crate) enum ArmCorrection<T> {
@@ -54,8 +54,8 @@ pub(crate) enum ArmCorrection<T> {
     Elastic(ElasticCorrection<T>),
 }
 
-/// The chain of these frames.
-// A function of its own, and once: its copies of the frames are on the stack no longer than it runs.
+/// Returns the minimal form of the chain with these joints and frames.
+// A separate function, compiled once: its copies of the frames are on the stack only while it runs.
 #[inline(never)]
 fn minimal<T: Scalar>(
     kinds: &[JointKind],
@@ -65,7 +65,7 @@ fn minimal<T: Scalar>(
 }
 
 impl<T: Scalar> Arm<T> {
-    /// One without joints.
+    /// Returns an arm without joints.
     #[inline(always)]
     pub(crate) fn empty() -> Self {
         Self {
@@ -82,7 +82,7 @@ impl<T: Scalar> Arm<T> {
         }
     }
 
-    /// The arm of `blob` in place of an empty one, which after an error is nothing.
+    /// Fills an empty arm with that of `blob`. After an error the arm must not be used.
     #[inline(never)]
     pub(crate) fn fill(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
         let joints = blob.robot.joints.len();
@@ -134,7 +134,7 @@ impl<T: Scalar> Arm<T> {
         Ok(())
     }
 
-    /// Its sizes.
+    /// Returns the sizes of the model, which determine its cost.
     pub(super) fn size(&self) -> ModelSize {
         let (kinds, coupling) = (self.calibrated.kinds(), self.coupling.as_ref());
         let correction = match &self.correction {
@@ -154,7 +154,8 @@ impl<T: Scalar> Arm<T> {
         }
     }
 
-    /// [`Arm::usual_rotation`] and [`Arm::lever`], from [`SCALE_SAMPLES`] configurations that fill the ranges evenly.
+    /// Computes [`Arm::usual_rotation`] and [`Arm::lever`] from [`SCALE_SAMPLES`] configurations that fill the ranges
+    /// evenly.
     #[inline(never)]
     fn measured_scale(&self) -> (T, T) {
         let (mut rotations, mut levers) = (T::ZERO, T::ZERO);
@@ -190,8 +191,8 @@ impl<T: Scalar> Arm<T> {
         ((rotations * mean).sqrt(), levers.sqrt())
     }
 
-    /// Copies the joints into an array of zeros. Whether there are as many as the arm has, all finite and within reason.
-    // Not an `Option` of an array, which is copied twice.
+    /// Copies the joints into an array of zeros. Returns whether the arm has as many and all are within ±[`MAX_ANGLE`].
+    // Not an `Option` of an array, which would be copied twice.
     #[inline(always)]
     pub(crate) fn take_joints(&self, joints: &[T], out: &mut [T; MAX_JOINTS]) -> bool {
         if joints.len() != self.calibrated.kinds().len() {
@@ -207,7 +208,7 @@ impl<T: Scalar> Arm<T> {
         true
     }
 
-    /// What the serial joints do at the controller's joints `x`.
+    /// Computes the [`JointTrig`] of the serial joints at the controller's joints `x`.
     #[inline(always)]
     pub(crate) fn motions(&self, x: &[T; MAX_JOINTS], out: &mut JointTrig<T>) {
         match &self.coupling {
@@ -218,7 +219,7 @@ impl<T: Scalar> Arm<T> {
         }
     }
 
-    /// x = [q, m].
+    /// Returns the inputs x = [q, m] of a task-space correction, without m if the model knows no payload.
     #[inline(always)]
     pub(crate) fn inputs(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> [T; MAX_INPUTS] {
         let mut x = [T::ZERO; MAX_INPUTS];
@@ -234,7 +235,7 @@ impl<T: Scalar> Arm<T> {
         x
     }
 
-    /// Trust in finite joints and payload, and which of them are outside the trained ranges.
+    /// Returns the trust in finite joints and payload, and a status that flags those outside the trained ranges.
     #[inline(always)]
     pub(crate) fn range(&self, joints: &[T; MAX_JOINTS], payload_kg: T) -> (T, Status) {
         let joints = joints.get(..self.calibrated.kinds().len());

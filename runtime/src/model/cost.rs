@@ -1,7 +1,8 @@
-//! What a model costs on the device: a bound on the instructions of a cycle. It follows from the sizes of the model.
+//! The cost of a model on the device: a bound on the instructions of a cycle, from the sizes of the model.
 //!
-//! No loop of an evaluation ends early, so its instructions depend on the model and hardly on the query. They are a sum: so
-//! many for each joint, each inducing point, each word of one. `POSE` and `COMMAND` are what each takes.
+//! No loop of an evaluation ends early, so its instructions depend on the model and hardly on the query. They are a sum of
+//! terms: so many instructions for each joint, each inducing point, each word of a point. `POSE` and `COMMAND` hold the
+//! instructions of each term.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -12,82 +13,82 @@ use crate::math::scalar::Scalar;
 /// The sizes of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ModelSize {
-    /// Joints of the arm.
+    /// Number of joints of the arm.
     pub joints: usize,
-    /// How many of them slide.
+    /// Number of prismatic joints.
     pub sliding: usize,
-    /// Elements of the coupling beside the identity.
+    /// Number of nonzero elements of C − I, where C is the joint coupling.
     pub coupling_terms: usize,
-    /// Serial joints that have such elements.
+    /// Number of serial joints with a nonzero element of C − I.
     pub coupled_joints: usize,
-    /// The correction.
+    /// Sizes of the correction.
     pub correction: CorrectionSize,
 }
 
 /// The sizes of a correction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CorrectionSize {
-    /// There is none.
+    /// No correction.
     None,
-    /// The paper's.
+    /// The paper's correction in task space.
     TaskSpace {
-        /// Joints, and the payload if it is one.
+        /// Number of inputs: the joints, and the payload if it is an input.
         inputs: usize,
-        /// Inducing points.
+        /// Number of inducing points.
         points: usize,
-        /// Their form.
+        /// Form of the rows of inducing points.
         form: TaskSpaceForm,
-        /// Landmarks of the standard deviation; 0 for none.
+        /// Number of landmarks of the standard deviation; 0 for none.
         landmarks: usize,
     },
-    /// In joint space.
+    /// The elastic correction, in joint space.
     Elastic(ElasticSize),
 }
 
 /// How the rows of a correction in task space are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TaskSpaceForm {
-    /// Folded about their middle.
+    /// Folded about the middle of the inducing points.
     Folded,
-    /// As they are, with one exponential for all outputs.
+    /// Difference form, with one exponential for all outputs.
     Differences,
-    /// As they are, with an exponential for each output, or another number of inputs than there are loops for.
+    /// Difference form, with an exponential for each output or a number of inputs for which there is no unrolled loop.
     PerOutput,
 }
 
 /// The sizes of an elastic correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ElasticSize {
-    /// Revolute joints on which gravity acts.
+    /// Number of revolute joints on which gravity acts.
     pub loaded_joints: usize,
-    /// Links between each of them and the last one, summed.
+    /// Number of links between each loaded joint and the last joint, summed over the loaded joints.
     pub loaded_links: usize,
-    /// Whether gravity is along the vertical of the base.
+    /// Whether gravity is parallel to the z axis of the base.
     pub upright: bool,
-    /// Joints with a process.
+    /// Number of joints with a Gaussian process.
     pub sets: usize,
-    /// Joints that their kernels look at, summed over the processes.
+    /// Number of joints on which a process depends, summed over the processes.
     pub looked_at: usize,
-    /// Inducing points of all processes.
+    /// Number of inducing points of all processes.
     pub points: usize,
-    /// Words of their rows.
+    /// Number of words of all rows of inducing points.
     pub words: usize,
-    /// Payload groups.
+    /// Number of payload groups.
     pub groups: usize,
-    /// Payload groups that have points, counted for every process.
+    /// Number of payload groups with inducing points, summed over the processes.
     pub blocks: usize,
-    /// Whether the unrolled loops take them.
+    /// Whether the unrolled loops evaluate the processes.
     pub unrolled: bool,
-    /// Terms of gear ripple.
+    /// Number of terms of gear ripple.
     pub ripple: usize,
-    /// Orders of each joint's own-joint curve; 0 for none.
+    /// Number of orders of each joint's own-joint curve; 0 for none.
     pub curve_orders: usize,
-    /// Landmarks of the standard deviation; 0 for none.
+    /// Number of landmarks of the standard deviation; 0 for none.
     pub landmarks: usize,
 }
 
 impl ElasticSize {
-    /// The same with these processes.
+    /// Returns these sizes with those of `processes` filled in.
     pub fn with_processes<T: Scalar>(self, processes: &JointProcesses<T>) -> Self {
         let (mut looked_at, mut blocks) = (0, 0);
         for set in &processes.sets {
@@ -107,8 +108,8 @@ impl ElasticSize {
     }
 }
 
-/// Terms of the sum: of every arm, of the three forms of a correction in task space and its standard deviation, and of an
-/// elastic one.
+/// Number of terms of the sum: those of every arm, of the three forms of a correction in task space, of its standard
+/// deviation, and of an elastic correction.
 pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_VARIANCE + OF_ELASTIC;
 const OF_ARM: usize = 6;
 const OF_TASK_SPACE: usize = 4;
@@ -116,7 +117,7 @@ const OF_VARIANCE: usize = 5;
 const OF_ELASTIC: usize = 32;
 
 impl ModelSize {
-    /// How often each term counts.
+    /// Returns how often each term counts in the sum.
     pub fn counts(&self) -> [usize; TERMS] {
         let mut out = [0; TERMS];
         let (arm, corrections) = out.split_at_mut(OF_ARM);
@@ -166,8 +167,9 @@ fn copy(to: &mut [usize], from: &[usize]) {
     }
 }
 
-/// Orders of a curve that a step of the loops in assembly takes; what is left of them goes one by one.
+/// Number of orders of a curve in a step of the loops in assembly; the remaining orders are computed one by one.
 const ORDERS_OF_A_STEP: usize = 8;
+/// Number of orders in a step if the loops compute the curve's derivative, too.
 const ORDERS_AND_SLOPES_OF_A_STEP: usize = 4;
 
 impl ElasticSize {
@@ -220,11 +222,11 @@ impl ElasticSize {
     }
 }
 
-// `tests/peers/run cost` finds these by linear programming from 1 600 models of all shapes on the emulated device: the bound is
-// nowhere too low and as little too high as it can be. `tests/tests/device/cost_bound.rs` compares it with sixty others in
-// every run.
+// `tests/peers/run cost` finds these numbers by linear programming from 1 600 models of all shapes on the emulated device:
+// the bound is never too low and as tight as possible. `tests/tests/device/cost_bound.rs` compares it with sixty other
+// models in every run.
 
-/// 256ths of an instruction for each term of one evaluation.
+/// Instructions of each term of one evaluation, in 256ths.
 #[rustfmt::skip] // arm; folded, differences, per output; variance; elastic
 const POSE: [i32; TERMS] = [
     116359, 44169, -4431, -10951, 15273, 3531,
@@ -234,7 +236,7 @@ const POSE: [i32; TERMS] = [
     119310, 15935, 11177, 13570, 15378,
     178366, 44482, 299, 20945, 20084, 2894, 24705, 4981, 1891, 38651, 3118, 1657, 12218, 3683, 576, 507, 78961, 21194, 14012, 10448, 2917, 19603, 19828, 5534, 1645, 2642, -97, 88240, 23796, 22341, 4053, 1194,
 ];
-/// 256ths of an instruction for each term of one command, filter included, without its frame.
+/// Instructions of each term of one command, with the filter and without the frames on the link, in 256ths.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
     1160349, 163031, 20624, -22575, 50612, 29110,
@@ -245,23 +247,24 @@ const COMMAND: [i32; TERMS] = [
     436723, 65986, 859, 20382, 19788, 9791, 28812, 14311, 5014, 33649, 5000, 1173, 13132, 3993, 522, 794, 73606, 20497, 12788, 9811, 3005, 20472, 28082, 25468, 3726, 133, 3688, -41587, 3075, 3800, -98, -209,
 ];
 
-/// Instructions of reading a command's frame and writing the answer's, of an arm with one joint, two, …: counted with three
-/// zeros in each number, which takes the longest, and 200 for an interrupt of the timer in between. Bytes come in pieces, so it
-/// is no straight line.
+/// Instructions for reading a command's frame and writing the answer's, for an arm with one joint, two, …: counted with
+/// three zeros in each number, which takes longest, plus 200 for a timer interrupt in between. Bytes come in pieces, so the
+/// instructions do not grow linearly with the joints.
 const FRAME: [u32; MAX_JOINTS] = [4_050, 4_640, 5_010, 5_700, 6_290, 6_930, 7_450, 8_100];
-/// Those of an evaluation, whose answer is longer and has no joints.
+/// Instructions for the frames of an evaluation, whose answer is longer and has no joints.
 const EVALUATION_FRAME: u32 = 4_900;
+/// Instructions for the frames of an evaluation that each joint adds.
 const EVALUATION_FRAME_JOINT: u32 = 320;
 
 impl ModelSize {
-    /// Bound on the instructions of one evaluation on a Cortex-M4F.
+    /// Returns a bound on the instructions of one evaluation on a Cortex-M4F.
     pub fn pose_bound(&self) -> u32 {
         bound(&self.counts(), &POSE)
     }
 
-    /// Bound on the instructions of one command on a Cortex-M4F, from the last byte of its frame to the first of the answer's:
-    /// frame, correction and filter. It is also one of an evaluation and of a correction with their frames: with few inducing
-    /// points the standard deviation may take more than a correction.
+    /// Returns a bound on the instructions of one command on a Cortex-M4F, from the last byte of its frame to the first of
+    /// the answer's: frame, correction and filter. It also bounds an evaluation and a correction with their frames: with
+    /// few inducing points the standard deviation may take longer than a correction.
     pub fn command_bound(&self) -> u32 {
         let joints = self.joints as u32;
         let frame = FRAME.get(self.joints.saturating_sub(1)).copied();
@@ -270,7 +273,7 @@ impl ModelSize {
         command.max(evaluation)
     }
 
-    /// The same without the frames: correction and filter.
+    /// Returns a bound on the instructions of one command without its frames: correction and filter.
     pub fn computation_bound(&self) -> u32 {
         bound(&self.counts(), &COMMAND)
     }

@@ -1,4 +1,4 @@
-//! The elastic correction of a blob, checked.
+//! Checks the elastic correction of a blob and loads it.
 
 use heapless::Vec;
 use nalgebra::Vector3;
@@ -20,13 +20,13 @@ use crate::model::validate::{
     MAX_COEFFICIENT, MAX_RATE_SUM, checked_limit, checked_rows, feature_limit, is_within,
 };
 
-/// Most cycles per turn of a ripple term.
+/// Largest number of cycles per turn of a ripple term.
 const MAX_CYCLES: f32 = 4_096.0;
 /// Largest amplitude of one order of an own-joint curve in rad.
 const MAX_CURVE_AMPLITUDE: f32 = 1.0;
-/// Payloads are held at this many times the heaviest trained.
+/// Payloads are clamped to this many times the heaviest trained one.
 const PAYLOAD_REACH: f32 = 8.0;
-/// Largest W_cm (m − m′)².
+/// Largest payload exponent W_cm (m − m′)².
 const MAX_PAYLOAD_EXPONENT: f32 = 1_000_000.0;
 
 /// The elastic correction and its bound.
@@ -34,12 +34,12 @@ const MAX_PAYLOAD_EXPONENT: f32 = 1_000_000.0;
 pub(crate) struct ElasticCorrection<T> {
     pub(crate) deflection: Deflection<T>,
     pub(crate) limit: Limit<T>,
-    /// Heavier payloads are taken for this one.
+    /// Largest payload in kg, to which heavier ones are clamped.
     pub(crate) heaviest: T,
 }
 
 impl<T: Scalar> ElasticCorrection<T> {
-    /// No correction.
+    /// Returns a correction without effect.
     #[inline(always)]
     pub(super) fn empty() -> Self {
         Self {
@@ -58,7 +58,8 @@ impl<T: Scalar> ElasticCorrection<T> {
         }
     }
 
-    /// That of a blob, to where it stays: returned, it would be on the stack once more. After an error it is none.
+    /// Fills an empty correction from a blob. In place: a returned correction would be on the stack once more. After an
+    /// error the correction must not be used.
     #[inline(never)]
     pub(super) fn fill(
         &mut self,
@@ -87,7 +88,7 @@ impl<T: Scalar> ElasticCorrection<T> {
 }
 
 impl<T: Scalar> ElasticCorrection<T> {
-    /// Its sizes.
+    /// Returns the sizes of the correction, which determine its cost.
     pub(super) fn size(&self, kinds: &[JointKind]) -> ElasticSize {
         let terms = &self.deflection;
         let (loaded_joints, loaded_links) = terms.gravity.loads(kinds);
@@ -103,7 +104,7 @@ impl<T: Scalar> ElasticCorrection<T> {
         size.with_processes(&terms.processes)
     }
 
-    /// The payload in kg, or the heaviest that is one.
+    /// Clamps a payload in kg to [`ElasticCorrection::heaviest`].
     #[inline(always)]
     pub(crate) fn held(&self, payload_kg: T) -> T {
         if payload_kg > self.heaviest {
@@ -130,7 +131,7 @@ fn vector<T: Scalar>(values: &[f32; 3]) -> Result<Vector3<T>, LoadError> {
     ))
 }
 
-// A function of its own: the coefficients as they are stored are on the stack no longer than it runs.
+// A separate function: the coefficients in their stored form are on the stack only while it runs.
 #[inline(never)]
 fn gravity<T: Scalar>(
     wire: &Elastic<'_>,
@@ -187,13 +188,13 @@ fn ripple<T: Scalar, const N: usize>(
     Ok(out)
 }
 
-/// The bytes of the own-joint curves, after every coefficient was looked at.
+/// Returns the bytes of the own-joint curves after checking every coefficient.
 pub(super) fn checked_curves<'a>(
     wire: &Elastic<'a>,
     joints: usize,
     capacity: usize,
 ) -> Result<&'a [u8], LoadError> {
-    // As many orders for each joint.
+    // Bytes of one order: all joints have the same number of orders.
     let order = 8 * joints.clamp(1, MAX_JOINTS);
     if !wire.curves.len().is_multiple_of(order) || wire.curves.len() / order > MAX_CURVE_ORDER {
         return Err(LoadError::Curve);
@@ -250,7 +251,7 @@ fn processes<T: Scalar>(
     sets(wire, joints, out)
 }
 
-/// The inducing sets, one for each joint, whose rows are those of the blob.
+/// Adds the inducing sets, one for each joint, and checks that the blob has as many rows.
 fn sets<T: Scalar>(
     wire: &Elastic<'_>,
     joints: usize,
@@ -272,7 +273,7 @@ fn sets<T: Scalar>(
     Ok(())
 }
 
-/// The bytes of the inducing points, after every word was looked at.
+/// Returns the bytes of the inducing points after checking every word.
 pub(super) fn checked_points<'a>(
     wire: &Elastic<'a>,
     joints: &[Joint],
@@ -307,7 +308,7 @@ pub(super) fn checked_points<'a>(
             rows += usize::from(*group);
         }
         let row_words = 2 * count + 1;
-        // The bytes were counted with the sets.
+        // `sets` has checked the number of bytes.
         let (here, after) = rest
             .split_at_checked(4 * rows * row_words)
             .ok_or(LoadError::Groups)?;

@@ -1,7 +1,7 @@
 //! Evaluation of a model, compiled here once for each number type.
 //!
-//! A generic function is compiled where it is used, again for every capacity and as that crate is compiled; a firmware
-//! that is compiled for size would get slow kernels. The evaluation is compiled in this crate, and always for speed.
+//! A generic function is compiled in the crate that uses it, once for every capacity and with that crate's optimization:
+//! firmware compiled for size would get slow kernels. So the evaluation is compiled in this crate, always for speed.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -15,34 +15,35 @@ use crate::kinematics::poe::zero_joint_trig;
 use crate::math::se3::{Pose, Twist};
 use crate::trace::{Observer, Stages};
 
-/// The answer of [`Model::evaluate`](super::Model::evaluate).
+/// Result of [`Model::evaluate`](super::Model::evaluate).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluation<T> {
-    /// `base_from_target`, compensated.
+    /// Corrected pose, `base_from_target`.
     pub pose: Pose<T>,
-    /// The correction g(q, m), a twist of the base frame in m and rad, after bounding.
+    /// Correction g(q, m) after bounding: a twist in the base frame, in m and rad.
     pub correction: Twist<T>,
-    /// What it is worth.
+    /// Remarks on this evaluation; empty if the result is fully trusted.
     pub status: Status,
-    /// How much of the correction's prior the trained ranges explain at this input, from 1 within them to 0 far away;
+    /// Share of the correction's prior that the trained ranges explain at this input, from 1 within them to 0 far away;
     /// see [`crate::guard::trust`]. 0 for input that is not finite.
     pub trust: T,
-    /// Standard deviation of one position component of a new measurement about this pose, metres, root mean square over
-    /// the three axes: of a model with a variance (see [`crate::elastic::position_variance`] and
-    /// [`crate::gp::quadratic_variance`]), for input that is one.
+    /// Standard deviation, in m, of one position component of a new measurement about this pose, root mean square over
+    /// the three axes; `None` if the model has no variance (see [`crate::elastic::position_variance`] and
+    /// [`crate::gp::quadratic_variance`]) or the input is bad.
     pub position_sigma: Option<T>,
 }
 
-/// A model without its capacity.
+/// View of a model, whatever its capacity.
 #[derive(Clone, Copy, Debug)]
 pub struct View<'a, T> {
     pub(crate) arm: Option<&'a Arm<T>>,
     pub(crate) rows: &'a [T],
 }
 
-/// A number type for which the evaluation is compiled in this crate: `f32` and `f64`. Sealed by [`Scalar`](crate::math::scalar::Scalar).
+/// A number type for which the evaluation is compiled in this crate: `f32` and `f64`. Sealed by
+/// [`Scalar`](crate::math::scalar::Scalar).
 pub trait CompiledEvaluation: KernelLoops {
-    /// [`crate::model::Model::evaluate_in_stages`].
+    /// Evaluates a model; see [`crate::model::Model::evaluate_in_stages`].
     fn evaluate(
         view: View<'_, Self>,
         joints: &[Self],

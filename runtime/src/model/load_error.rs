@@ -1,28 +1,28 @@
-//! Why an intact blob is not a model that a robot may be moved by.
+//! Reasons why an intact blob is not a model that a robot may be moved by.
 
 use core::fmt;
 
-/// Why a blob was refused. The model is what it was before.
+/// Why a blob was refused. The previous model is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoadError {
-    /// No joints, too many, or not one frame more than joints.
+    /// The chain has no joints, too many, or not one frame more than joints.
     Chain,
     /// A fixed frame is not a rigid transform of at most 100 m.
     Frame {
-        /// Which one, from the base.
+        /// Index of the frame, counted from the base.
         index: u8,
     },
     /// The coupling matrix is not n×n, or an element is not within ±2.
     Coupling,
-    /// A lower joint limit above the upper one, or NaN.
+    /// A lower joint limit is above the upper one, or a limit is NaN.
     JointLimits,
-    /// A training range is missing, reversed or without bounds.
+    /// A training range is missing, reversed or unbounded.
     Ranges,
-    /// The correction has another number of inputs than joints and payload make.
+    /// The correction's number of inputs does not match the joints and the payload.
     Inputs {
-        /// Inputs of the correction.
+        /// Number of inputs of the correction.
         found: u8,
-        /// Joints, and one more if the payload is known.
+        /// Number of joints, plus one if the payload is known.
         expected: u8,
     },
     /// A scale, rate or coefficient of the kernel is not usable: negative, not finite, or beyond 1e30.
@@ -31,32 +31,33 @@ pub enum LoadError {
     CorrectionLimit,
     /// The bytes of the inducing points are not whole rows.
     PartialRow {
-        /// Bytes there.
+        /// Number of bytes found.
         bytes: u32,
     },
-    /// More inducing points than fits.
+    /// The inducing points do not fit into the model.
     InducingPointsTooLarge {
-        /// Words of the blob.
+        /// Number of words in the blob.
         needed: u32,
-        /// Words that fit.
+        /// Number of words that fit.
         capacity: u32,
     },
-    /// The gravity terms are not those of this many joints.
+    /// The number of gravity terms does not match the number of joints.
     Gravity,
-    /// A ripple term names no joint or too many cycles, or there are too many terms.
+    /// A ripple term names a joint that does not exist or too many cycles, or there are too many terms.
     Ripple,
-    /// The own-joint curves have more than 64 orders, not as many for each joint, or an amplitude beyond ±1 rad.
+    /// The own-joint curves have more than 64 orders, different numbers of orders, or an amplitude beyond ±1 rad.
     Curve,
-    /// There are no inducing points for some joint or payload group, or their rows are not as many.
+    /// The inducing sets do not match the joints, the payload groups or the number of rows.
     Groups,
-    /// A weight of an inducing point is not within ±1e30, an input is beyond ±200 length scales, or a sine or cosine beyond ±1.
+    /// A weight of an inducing point is not within ±1e30, an input is beyond ±200 lengthscales, or a sine or cosine is
+    /// beyond ±1.
     Row,
-    /// The variance is not of an elastic model with processes, or its rates or landmarks are too many, not whole or not usable.
+    /// The variance does not fit the correction, or its rates or landmarks are too many, incomplete or not usable.
     Variance,
 }
 
 impl LoadError {
-    /// The explicit number of the error on the wire. Append-only.
+    /// Returns the explicit number of the error on the wire. The numbers are append-only.
     pub const fn code(self) -> u8 {
         match self {
             Self::Chain => 1,

@@ -1,10 +1,10 @@
-//! A calibrated arm in fixed memory: T_gp(q, m)·f(q) (paper, eq. 9) for every input, with a [`Status`](crate::Status).
+//! A calibrated arm in fixed memory, which evaluates T_gp(q, m)·f(q) (paper, eq. 9) with a [`Status`](crate::Status).
 //!
-//! [`Model::load`] is the only way from a blob's words to a model. It checks every number first and changes nothing
-//! when one is refused, so that the last good model survives. After it, [`Model::evaluate`] cannot fail: it bounds what
-//! is too large, says what is outside the trained range, and answers the uncorrected pose for input that is not finite.
+//! [`Model::load`] is the only way to make a model from the bytes of a blob. It checks every number first and changes
+//! nothing if it refuses one, so that the last good model survives. After a load, [`Model::evaluate`] cannot fail: it bounds
+//! a correction that is too large, flags inputs outside the trained ranges, and corrects nothing if the input is not finite.
 //!
-//! `WORDS` is the room for rows of inducing points; no result depends on it.
+//! `WORDS` is the capacity for rows of inducing points; it affects no result.
 
 pub(crate) mod arm;
 pub mod cost;
@@ -37,7 +37,7 @@ pub use validate::MAX_PAYLOAD_KG;
 /// A model in single precision with room for 400 inducing points.
 pub type Model400 = Model<f32, { words_for(400) }>;
 
-/// Words of rows of inducing points for `points` points of the longest row.
+/// Returns the number of words that `points` inducing points with rows of the greatest length take.
 pub const fn words_for(points: usize) -> usize {
     points * quadratic_posterior::row_words(MAX_INPUTS)
 }
@@ -50,7 +50,7 @@ pub struct Model<T, const WORDS: usize> {
 }
 
 /// An `Option` whose empty state is all zeros, so that a static model takes no flash for its initial value: `None`
-/// would be one byte that is not zero, and with it the whole model a copy in flash.
+/// would be a nonzero byte, for which the whole model would be copied to flash.
 #[derive(Debug)]
 #[repr(u8)]
 enum Slot<T> {
@@ -75,7 +75,7 @@ impl<T: Scalar, const WORDS: usize> Default for Model<T, WORDS> {
 }
 
 impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
-    /// No model: every evaluation answers [`Status::NO_MODEL`](crate::Status::NO_MODEL).
+    /// Creates an empty model, whose evaluations all return [`Status::NO_MODEL`](crate::Status::NO_MODEL).
     pub const fn new() -> Self {
         Self {
             arm: Slot::Empty,
@@ -83,8 +83,8 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// Takes over the model in the bytes of a blob. All or nothing: after an error the model is what it was. A signature is
-    /// not verified; see [`Model::load_signed`].
+    /// Loads the model in the bytes of a blob. All or nothing: after an error the previous model is unchanged. Does not
+    /// verify a signature; see [`Model::load_signed`].
     ///
     /// # Errors
     /// [`ModelError::Decode`], [`ModelError::Load`].
@@ -96,7 +96,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// Takes over the model in the bytes of a blob that the holder of `public_key` (Ed25519) has signed. All or nothing.
+    /// Loads the model in the bytes of a blob that the holder of `public_key` (Ed25519) has signed. All or nothing.
     ///
     /// # Errors
     /// [`ModelError`].
@@ -107,14 +107,14 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         self.load(bytes)
     }
 
-    /// Takes over the model of a decoded blob. All or nothing: after an error the model is what it was.
+    /// Loads the model of a decoded blob. All or nothing: after an error the previous model is unchanged.
     ///
     /// # Errors
-    /// [`LoadError`] names the first number that is not one a robot may be moved by.
-    // Inlined, its copies of the arm would lie on the stack beside those of the decoder.
+    /// [`LoadError`] names the first number that a robot must not be moved by.
+    // Not inlined: its copies of the arm would otherwise lie on the stack beside those of the decoder.
     #[inline(never)]
     pub fn load_decoded(&mut self, blob: &Blob<'_>) -> Result<(), LoadError> {
-        // Once on the stack, filled in place: every name in between would be a copy of the arm.
+        // One arm on the stack, filled in place: every intermediate variable would be another copy of it.
         let mut slot = Slot::Full(Arm::empty());
         if let Slot::Full(arm) = &mut slot {
             arm.fill(blob)?;
@@ -151,14 +151,14 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         Ok(())
     }
 
-    /// Number of the controller's joints; 0 without a model.
+    /// Returns the number of the controller's joints; 0 without a model.
     pub fn joints(&self) -> usize {
         self.arm
             .as_ref()
             .map_or(0, |arm| arm.calibrated.kinds().len())
     }
 
-    /// Number of inducing points.
+    /// Returns the number of inducing points.
     pub fn inducing_points(&self) -> usize {
         match self.arm.as_ref().map(|arm| &arm.correction) {
             Some(ArmCorrection::TaskSpace(task)) => task.points(),
@@ -167,12 +167,12 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// Its sizes; `None` when there is no model.
+    /// Returns the sizes of the model, which determine its cost; `None` without a model.
     pub fn size(&self) -> Option<ModelSize> {
         self.arm.as_ref().map(Arm::size)
     }
 
-    /// Forgets the model.
+    /// Discards the model.
     pub fn unload(&mut self) {
         self.arm = Slot::Empty;
         self.rows.clear();
@@ -186,8 +186,8 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
         }
     }
 
-    /// `base_from_target` of the nominal chain (base and tool of the base-tool calibration) at the controller's joints,
-    /// or `None` without a model or for bad input.
+    /// Returns `base_from_target` of the nominal chain (base and tool of the base-tool calibration) at the controller's
+    /// joints, or `None` without a model or for bad input.
     pub fn nominal(&self, joints: &[T]) -> Option<Pose<T>> {
         let arm = self.arm.as_ref()?;
         let mut x = [T::ZERO; MAX_JOINTS];
@@ -201,13 +201,13 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
 }
 
 impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
-    /// T_gp(q, m)·f(q) for the controller's joints (rad or m) and the payload in kg (0 when the model knows none).
+    /// Evaluates T_gp(q, m)·f(q) for the controller's joints (rad or m) and the payload in kg (0 if the model knows none).
     #[inline(always)]
     pub fn evaluate(&self, joints: &[T], payload_kg: T) -> Evaluation<T> {
         self.evaluate_in_stages(joints, payload_kg, &mut Stages::new())
     }
 
-    /// The same, with its intermediate results.
+    /// Evaluates the model like [`Model::evaluate`] and writes the intermediate results to `stages`.
     #[inline(always)]
     pub fn evaluate_in_stages(
         &self,
@@ -218,7 +218,8 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
         T::evaluate(self.view(), joints, payload_kg, stages)
     }
 
-    /// The same, with every intermediate result shown to `observer`: one source for product and bit comparison.
+    /// Evaluates the model like [`Model::evaluate`] and passes every intermediate result to `observer`: the product and the
+    /// bit comparison share one source.
     #[inline(always)]
     pub fn evaluate_observed(
         &self,
@@ -230,7 +231,7 @@ impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
     }
 }
 
-/// The bytes of the rows of inducing points, after every word was looked at.
+/// Returns the bytes of the rows of inducing points after checking every word.
 fn checked_inducing_points<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
     match &blob.correction {
         Correction::None => Ok(&[]),

@@ -1,4 +1,4 @@
-//! Why bytes are not a model.
+//! Reasons why bytes are not a model.
 
 use core::fmt;
 
@@ -7,12 +7,12 @@ use poegp_protocol::blob::DecodeError;
 use super::load_error::LoadError;
 use super::signature::SignatureError;
 
-/// Why bytes are not a model. The model is what it was before.
+/// Why bytes are not a model. The previous model is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelError {
     /// The bytes are not a blob, or were damaged.
     Decode(DecodeError),
-    /// The blob is intact and a number in it is not one that a robot may be moved by.
+    /// The blob is intact, but a robot must not be moved by a number in it.
     Load(LoadError),
     /// The signature is missing or wrong.
     Signature(SignatureError),

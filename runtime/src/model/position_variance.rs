@@ -1,4 +1,4 @@
-//! The variance of a blob, checked.
+//! Checks the position variance of a blob and loads it.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, Variance};
@@ -10,18 +10,18 @@ use crate::model::MAX_PAYLOAD_KG;
 use crate::model::load_error::LoadError;
 use crate::model::validate::{MAX_COEFFICIENT, MAX_RATE_SUM, is_within};
 
-/// Largest variance in m², and so the largest standard deviation, 1 m.
+/// Largest variance in m²: the standard deviation is at most 1 m.
 const MAX_VARIANCE: f32 = 1.0;
-/// Largest gain and word of the triangular factor: squares of 16 of them stay finite.
+/// Largest gain, and largest word of the triangular factor: with it, squares of 16 of them stay finite.
 const MAX_FACTOR: f32 = 1e6;
 
-/// The standard deviation in metres of a model for which it is the same everywhere; [`checked`] looks at it.
+/// Returns the standard deviation, in m, of a model for which it is constant; [`checked`] checks it.
 pub(super) fn constant<T: Scalar>(wire: Option<&Variance<'_>>) -> Option<T> {
     let wire = wire.filter(|wire| wire.rates.is_empty())?;
     Some(T::from_f32(wire.floor_m2).sqrt())
 }
 
-/// The header of one that varies, which [`checked`] looks at.
+/// Reads the header of a variance that depends on the input; [`checked`] checks it.
 pub(super) fn header<T: Scalar>(wire: &Variance<'_>) -> PositionVariance<T> {
     let mut rates = [T::ZERO; MAX_JOINTS];
     for (slot, rate) in rates.iter_mut().zip(&wire.rates) {
@@ -36,7 +36,7 @@ pub(super) fn header<T: Scalar>(wire: &Variance<'_>) -> PositionVariance<T> {
     }
 }
 
-/// The bytes of the landmarks, after every number of the variance was looked at; none when there is no variance.
+/// Returns the bytes of the landmarks after checking every number of the variance; empty if there is no variance.
 pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], LoadError> {
     let Some(wire) = &blob.variance else {
         return Ok(&[]);
@@ -44,7 +44,7 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
     let has_processes = match &blob.correction {
         Correction::None => false,
         Correction::Elastic(elastic) => !elastic.sets.is_empty(),
-        // It has a variance of its own.
+        // A task-space correction has a variance of its own.
         Correction::TaskSpace(_) => return Err(LoadError::Variance),
     };
     let varies = !wire.rates.is_empty();
@@ -74,7 +74,7 @@ pub(super) fn checked<'a>(blob: &Blob<'a>, capacity: usize) -> Result<&'a [u8], 
         for index in 0..landmark_words(joints.len(), landmark) {
             let word = words.next().ok_or(LoadError::Variance)?;
             let limit = match joints.get(index / 2).map(|joint| joint.kind) {
-                // A sine or cosine, which rounding may have lengthened.
+                // A sine or cosine, which rounding may have moved beyond 1.
                 Some(JointKind::Revolute) => 1.000_001,
                 Some(JointKind::Prismatic) => MAX_ANGLE * MAX_ANGLE,
                 None if index == 2 * joints.len() => MAX_PAYLOAD_KG,

@@ -1,12 +1,12 @@
-//! Who made a model: Ed25519 over a blob (RFC 8032).
+//! Signatures that show who made a model: Ed25519 over a blob (RFC 8032).
 //!
-//! A device with a provisioned public key believes no model that this module has not verified. It costs two million
-//! instructions, 173 more for each byte of the blob, and 5 kB of stack, once for each model, never in a cycle. The curve is
-//! `ed25519-compact`'s.
+//! A device with a provisioned public key accepts only models that this module has verified. A verification costs two
+//! million instructions, 173 more for each byte of the blob, and 5 kB of stack, once for each model, never in a cycle. The
+//! curve is `ed25519-compact`'s.
 //!
-//! Refused beside wrong signatures: keys and points of small order, points and scalars that are not written in the one
-//! canonical way. The equation is checked up to the cofactor (8·S·B = 8·R + 8·h·A). The holder of the secret key can
-//! make signatures that pass here and fail where it is checked without cofactor; nobody else can make either.
+//! Besides wrong signatures, it refuses keys and points of small order, and points and scalars that are not in canonical
+//! encoding. The equation is checked up to the cofactor (8·S·B = 8·R + 8·h·A). The holder of the secret key can make
+//! signatures that pass this check and fail one without the cofactor; nobody else can make signatures that pass either.
 
 use core::fmt;
 use core::hint::black_box;
@@ -14,24 +14,24 @@ use core::hint::black_box;
 use ed25519_compact::{Error, PublicKey, Signature, VerifyingState};
 use poegp_protocol::blob::envelope::{self, KEY_ID_LENGTH, SIGNATURE_LENGTH};
 
-/// Why a blob is not believed to be of the holder of a key.
+/// Why a blob is not accepted as signed by the holder of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignatureError {
     /// The envelope is damaged; [`envelope::open`] says how.
     Malformed,
-    /// Nobody has signed it.
+    /// The blob is not signed.
     Unsigned,
-    /// Signed by another key.
+    /// The blob is signed by another key.
     WrongKey {
-        /// Its key id.
+        /// Id of the key that signed the blob.
         id: [u8; KEY_ID_LENGTH],
     },
-    /// The signature is not one of these bytes by this key, or the key is none.
+    /// The signature is not one of these bytes by this key, or the key is not valid.
     Invalid,
 }
 
 impl SignatureError {
-    /// The explicit number of the error on the wire. Append-only.
+    /// Returns the explicit number of the error on the wire. The numbers are append-only.
     pub const fn code(self) -> u8 {
         match self {
             Self::Malformed => 1,
@@ -58,7 +58,8 @@ impl fmt::Display for SignatureError {
 
 impl core::error::Error for SignatureError {}
 
-/// The revision of `bytes`, a blob signed by the holder of `public_key`. What the blob says is not looked at.
+/// Verifies that the holder of `public_key` has signed the blob `bytes` and returns its revision. Does not check the
+/// contents of the blob.
 ///
 /// # Errors
 /// [`SignatureError`], in the order of its variants.
@@ -74,10 +75,10 @@ pub fn verify(bytes: &[u8], public_key: &[u8; 32]) -> Result<u32, SignatureError
     Ok(trailer.revision)
 }
 
-/// How a verification begins.
+/// The function that begins a verification.
 type Begin = fn(&PublicKey, &Signature) -> Result<VerifyingState, Error>;
 
-/// Whether `signature` is one of `message` by the holder of `public_key`.
+/// Verifies that `signature` is one of `message` by the holder of `public_key`.
 ///
 /// # Errors
 /// [`SignatureError::Invalid`].
@@ -86,8 +87,8 @@ pub fn verify_message<'m>(
     signature: &[u8; SIGNATURE_LENGTH],
     public_key: &[u8; 32],
 ) -> Result<(), SignatureError> {
-    // Through pointers that the optimiser cannot see through: inlined here, the curve would be compiled for speed instead
-    // of size, and checks of its own that cannot fail would become panics in a function of the runtime.
+    // Called through pointers that are opaque to the optimiser: inlined here, the curve would be compiled for speed instead
+    // of size, and its own checks, which cannot fail, would become panics in a function of the runtime.
     let begin = black_box::<Begin>(PublicKey::verify_incremental);
     let absorb = black_box::<fn(&mut VerifyingState, &'m [u8])>(VerifyingState::absorb);
     let end = black_box::<fn(&VerifyingState) -> Result<(), Error>>(VerifyingState::verify);
@@ -98,8 +99,8 @@ pub fn verify_message<'m>(
     end(&state).map_err(|_| SignatureError::Invalid)
 }
 
-/// Whether `public_key` can verify anything: a canonical point that is not of small order. To be asked before a key is
-/// provisioned for good.
+/// Returns whether `public_key` can verify anything: a canonical point that is not of small order. Check this before a
+/// key is provisioned for good.
 pub fn is_public_key(public_key: &[u8; 32]) -> bool {
     PublicKey::new(*public_key).validate().is_ok()
 }

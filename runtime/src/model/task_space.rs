@@ -1,4 +1,4 @@
-//! The paper's correction: a twist from a Gaussian process, limited, applied to the chain (eq. 9).
+//! The paper's correction: a twist from a Gaussian process, bounded and applied to the chain's pose (eq. 9).
 
 use poegp_protocol::blob::TaskSpace;
 use poegp_protocol::limits::{MAX_INPUTS, MAX_TASK_SPACE_LANDMARKS, OUTPUTS};
@@ -21,7 +21,7 @@ use crate::model::validate::{MAX_COEFFICIENT, checked_limit, checked_rows, is_wi
 pub(crate) struct TaskSpaceCorrection<T> {
     header: MeanHeader<T>,
     pub(crate) limit: Limit<T>,
-    /// Words of the inducing points; the landmarks of the variance are behind them.
+    /// Number of words of the inducing points in the rows; the landmarks of the variance follow them.
     words: usize,
     variance: Option<QuadraticVariance<T>>,
 }
@@ -49,7 +49,7 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
             header.rates = Some(rates.map(T::from_f32));
         }
         if !task.centre.is_empty() {
-            // Only what there are loops for.
+            // A folded mean needs unrolled loops for its number of inputs.
             if task.centre.len() != inputs
                 || task.rates.is_some()
                 || !MeanHeader::<T>::folds(inputs)
@@ -87,14 +87,15 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
 }
 
 impl<T: KernelLoops> TaskSpaceCorrection<T> {
-    /// The posterior mean at `x` from the rows of the model.
+    /// Computes the posterior mean at `x` from the rows of the model.
     #[inline(always)]
     pub(crate) fn mean(&self, rows: &[T], x: &[T; MAX_INPUTS]) -> [T; OUTPUTS] {
         let rows = rows.get(..self.words).unwrap_or(&[]);
         self.header.mean(rows, x)
     }
 
-    /// Standard deviation of one position component of a new measurement of a target at `target`, m; if the model knows it.
+    /// Computes the standard deviation, in m, of one position component of a new measurement of a target at `target`, if the
+    /// model has a variance.
     #[inline(always)]
     pub(super) fn position_sigma(
         &self,
@@ -116,12 +117,12 @@ impl<T: KernelLoops> TaskSpaceCorrection<T> {
 }
 
 impl<T: Scalar> TaskSpaceCorrection<T> {
-    /// Number of inducing points.
+    /// Returns the number of inducing points.
     pub(super) fn points(&self) -> usize {
         self.words / row_words(self.header.inputs)
     }
 
-    /// Its sizes.
+    /// Returns the sizes of the correction, which determine its cost.
     pub(super) fn size(&self) -> CorrectionSize {
         let inputs = self.header.inputs;
         let form = if self.header.centre.is_some() {
@@ -140,7 +141,7 @@ impl<T: Scalar> TaskSpaceCorrection<T> {
     }
 }
 
-/// The bytes of the rows of inducing points, after every word was looked at.
+/// Returns the bytes of the rows of inducing points after checking every word.
 pub(super) fn checked_inducing_points<'a>(
     task: &TaskSpace<'a>,
     capacity: usize,
@@ -169,7 +170,7 @@ pub(super) fn checked_inducing_points<'a>(
     Ok(rows)
 }
 
-/// The predictive variance, which [`checked_landmarks`] looks at.
+/// Reads the predictive variance, whose numbers [`checked_landmarks`] checks.
 fn variance<T: Scalar>(task: &TaskSpace<'_>) -> Option<QuadraticVariance<T>> {
     let first = task
         .hyperparameters
@@ -198,12 +199,12 @@ fn variance<T: Scalar>(task: &TaskSpace<'_>) -> Option<QuadraticVariance<T>> {
     Some(out)
 }
 
-/// Largest number of the predictive variance: sums of all products stay finite.
+/// Largest number in the predictive variance: with it, sums of all products stay finite.
 const MAX_FACTOR: f32 = 1e6;
-/// How far a landmark's square may be from that of its inputs, both rounded, as a share of it.
+/// Largest relative difference between a landmark's stored square and the sum of its squared inputs; both are rounded.
 const ROUNDED: f32 = 2e-6;
 
-/// The bytes of the landmarks, after every number of the variance was looked at.
+/// Returns the bytes of the landmarks after checking every number of the variance.
 pub(super) fn checked_landmarks<'a>(
     task: &TaskSpace<'a>,
     capacity: usize,
@@ -231,7 +232,7 @@ pub(super) fn checked_landmarks<'a>(
         let mut square = 0.0;
         for (index, word) in row.as_chunks::<4>().0.iter().enumerate() {
             let value = f32::from_le_bytes(*word);
-            // With another square an exponent could be far above 0.
+            // A wrong square could put an exponent far above 0.
             let is_good = match index {
                 _ if index < inputs => is_within(value.abs(), 0.0, MAX_SCALED_INPUT as f32),
                 _ if index == inputs => is_within((value + square).abs(), 0.0, ROUNDED * square),

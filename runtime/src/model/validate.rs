@@ -1,4 +1,4 @@
-//! Numbers of a blob, looked at before a robot is moved by them.
+//! Checks of a blob's numbers before a robot is moved by them.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{CorrectionLimit, Transform};
@@ -11,27 +11,28 @@ use crate::math::scalar::{MAX_ANGLE, Scalar};
 use crate::math::se3::{Pose, cross, dot};
 use crate::model::load_error::LoadError;
 
-/// Largest payload in kilograms that is taken for one.
+/// Largest payload, in kg, that is accepted as one.
 pub const MAX_PAYLOAD_KG: f32 = 100_000.0;
 
-/// Longest fixed frame of a chain in metres.
+/// Largest displacement of a chain's fixed frame along an axis, in m.
 const MAX_FRAME_LENGTH: f32 = 100.0;
-/// How far a stored rotation may be from orthonormal.
+/// Largest deviation of a stored rotation from orthonormal, see [`is_rigid`].
 const MAX_ROTATION_ERROR: f32 = 1e-4;
-/// How far the rotation of a pose that is asked for may be from orthonormal, where four decimals are enough, and its farthest
-/// coordinate in metres.
+/// Largest deviation of a requested pose's rotation from orthonormal: four decimals are enough.
 const MAX_ASKED_ROTATION_ERROR: f32 = 1e-3;
+/// Largest coordinate of a requested pose, in m.
 const FARTHEST: f32 = 1e4;
 /// Largest weight, constant or slope of a correction: with it no sum of the posterior mean can overflow
 /// ((8·4096 + 10⁵)·10³⁰ of the slopes and 10³⁰ for each of a million points stay below f32::MAX).
 pub(super) const MAX_COEFFICIENT: f32 = 1e30;
-/// Largest Σ_d W_d of a kernel: exponents stay within reach of `exp2`.
+/// Largest Σ_d W_d of a kernel: with it, exponents stay within the range of `exp2`.
 pub(super) const MAX_RATE_SUM: f32 = 100_000.0;
-/// Largest limits that a blob may ask for.
+/// Largest limit of a correction's displacement that a blob may set, in m.
 const MAX_LIMIT_M: f32 = 1.0;
+/// Largest limit of a correction's rotation that a blob may set, in rad.
 const MAX_LIMIT_RAD: f32 = 0.5;
 
-/// More words than any row of inducing points has.
+/// Upper bound on the words of a row of inducing points.
 const MAX_ROW_WORDS: usize = 64;
 
 pub(super) fn checked_limit<T: Scalar>(limit: &CorrectionLimit) -> Result<Limit<T>, LoadError> {
@@ -46,15 +47,15 @@ pub(super) fn checked_limit<T: Scalar>(limit: &CorrectionLimit) -> Result<Limit<
     })
 }
 
-/// The bytes of rows of inducing points of `words` words each, after every word was looked at: word i of a row is within
-/// ±`limit(i)`.
+/// Returns the bytes of rows of inducing points, `words` words each, after checking every word: word i of a row must be
+/// within ±`limit(i)`.
 pub(super) fn checked_rows(
     rows: &[u8],
     words: usize,
     limit: impl Fn(usize) -> f32,
     capacity: usize,
 ) -> Result<&[u8], LoadError> {
-    // Bounded for the compiler, which would link a panic for empty chunks.
+    // Clamped for the compiler, which would otherwise link a panic for empty chunks.
     let row_bytes = 4 * words.clamp(1, MAX_ROW_WORDS);
     if !rows.len().is_multiple_of(row_bytes) {
         return Err(LoadError::PartialRow {
@@ -78,16 +79,16 @@ pub(super) fn checked_rows(
     Ok(rows)
 }
 
-/// The largest word of a joint in a row of inducing points.
+/// Returns the largest magnitude of a joint's word in a row of inducing points.
 pub(super) fn feature_limit(kind: JointKind) -> f32 {
     match kind {
-        // A sine or cosine, which rounding may have lengthened.
+        // A sine or cosine, which rounding may have moved beyond 1.
         JointKind::Revolute => 1.000_001,
         JointKind::Prismatic => MAX_ANGLE,
     }
 }
 
-/// lower ≤ value ≤ upper; false for NaN.
+/// Returns whether lower ≤ value ≤ upper; false for NaN.
 #[inline(always)]
 pub(crate) fn is_within<T: Scalar>(value: T, lower: T, upper: T) -> bool {
     value >= lower && value <= upper
@@ -104,14 +105,14 @@ pub(super) fn checked_range<T: Scalar>(
     }
 }
 
-/// Whether a frame is a rotation, no element of R Rᵀ off by more than `rotation`, and a displacement of no more than
-/// `length` in metres along each axis; false for NaN.
+/// Returns whether a frame is a rotation and a displacement: no element of R Rᵀ differs from the identity by more than
+/// `rotation`, and no component of the displacement exceeds `length`, in m. False for NaN.
 #[inline(always)]
 pub(crate) fn is_rigid<T: Scalar>(pose: &Pose<T>, rotation: T, length: T) -> bool {
     let square = crate::math::se3::product(&pose.rotation, &pose.rotation.transpose());
     let identity = Pose::<T>::identity().rotation;
     let column = |j: usize| pose.rotation.column(j).into_owned();
-    // A reflection is orthonormal too.
+    // The determinant, because a reflection is orthonormal, too.
     let volume = dot(&cross(&column(0), &column(1)), &column(2));
     square
         .iter()
@@ -124,7 +125,7 @@ pub(crate) fn is_rigid<T: Scalar>(pose: &Pose<T>, rotation: T, length: T) -> boo
             .all(|t| is_within(*t, -length, length))
 }
 
-/// Whether twelve numbers of a caller are a rigid transform within reason.
+/// Returns whether a caller's twelve numbers are a rigid transform within plausible bounds.
 pub(crate) fn is_pose<T: Scalar>(pose: &Pose<T>) -> bool {
     let rotation = T::from_f32(MAX_ASKED_ROTATION_ERROR);
     is_rigid(pose, rotation, T::from_f32(FARTHEST))
@@ -145,8 +146,8 @@ pub(super) fn checked_chain<T: Scalar>(
     Poe::new(kinds, poses.get(..frames.len()).unwrap_or(&[])).map_err(|_| LoadError::Chain)
 }
 
-/// A pose that was stored in single precision: in a finer type, with the rotation nearest to it, R (3 I − Rᵀ R)/2. As stored, its
-/// columns have their length and angles to seven digits, and other programs would be that far from this one.
+/// Replaces the rotation R of a pose stored in single precision with the nearest one, R (3 I − Rᵀ R)/2, if `T` is finer. As
+/// stored, its columns have lengths and angles correct to seven digits, and other programs' results would differ by as much.
 fn orthonormal<T: Scalar>(mut pose: Pose<T>) -> Pose<T> {
     if T::ROUNDING < T::from_f32(f32::ROUNDING) {
         let r = pose.rotation;
@@ -178,5 +179,5 @@ pub(super) fn checked_coupling<T: Scalar>(
     Ok(Some(Coupling::new(joints, elements)))
 }
 
-/// Largest element of a coupling matrix; keeps serial joints within reach of the range reduction.
+/// Largest element of a coupling matrix: with it, serial joints stay within the range of the range reduction.
 const MAX_COUPLING: f32 = 2.0;

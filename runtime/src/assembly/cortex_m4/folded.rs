@@ -1,14 +1,15 @@
-//! The loops of the paper's folded mean: one exponential for a point, two points in a step.
+//! The loops of the paper's folded mean: one exponential per point, two points in a step.
 
 use core::arch::asm;
 
 use crate::assembly::EXP2_SCALED;
 
-/// A loop over pairs of points: fills registers from `query`, `sums` and the constants of exp2, repeats `step`, leaves the sums.
+/// Defines a loop over pairs of points, which loads `query`, `sums` and the constants of exp2 into registers, repeats `step`
+/// and stores the sums.
 macro_rules! over_pairs {
     ($name:ident, $row:literal, $query_words:literal, $outputs:literal,
      query $q0:literal $q1:literal, sums $s0:literal $s1:literal, [$($step:expr),+ $(,)?]) => {
-        /// Adds to the sums what the rows but the last of an odd number contribute; returns that one.
+        /// Adds the rows' contributions to the sums, except that of the last row of an odd number; returns that row.
         #[inline(always)]
         pub(crate) fn $name<'a>(
             rows: &'a [[f32; $row]],

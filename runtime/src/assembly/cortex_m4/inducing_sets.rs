@@ -1,20 +1,21 @@
-//! The mean of one joint's inducing set, all payload groups in one pass: two rows in a step, the first of an odd number alone.
+//! The mean of one joint's inducing set, all payload groups in one pass: two rows in a step, the first of an odd number
+//! alone.
 //!
-//! Rows of 2 D + 1 words end at no multiple of anything, so every number of joints has loads of its own: few rows fit into
-//! the registers beside the query as a whole. An odd number's first row is taken before the pairs, so the order of the sum
-//! is that of the rows.
+//! Rows of 2 D + 1 words have no common alignment, and few whole rows fit into the registers beside the query, so every
+//! number of joints has loads of its own. The first row of an odd number comes before the pairs, so that the sum has the
+//! order of the rows.
 
 use core::arch::asm;
 
 use crate::assembly::Blocks;
 use crate::assembly::EXP2_SCALED;
 
-/// The loop over blocks for D joints: `one` leaves the exponent of a row in s0 and its weight in `$alone`, `two` exponents
-/// in s0 and s1 and weights in `$w0` and `$w1`, which are none of s0 to s3.
+/// Defines the loop over blocks for D joints. `one` leaves the exponent of a row in s0 and its weight in `$alone`; `two`
+/// leaves exponents in s0 and s1 and weights in `$w0` and `$w1`. The weights' registers are none of s0 to s3.
 macro_rules! over_blocks {
     ($name:ident, $row:literal, $query_words:literal, query $q0:literal,
      one [$($one:expr),+], weight $alone:literal, two [$($two:expr),+], weights $w0:literal $w1:literal) => {
-        /// Adds to `total` what all blocks contribute; nothing when they have more rows than there are.
+        /// Adds the contributions of all blocks to `total`; adds nothing if the blocks have more rows than `rows`.
         #[inline(always)]
         pub(crate) fn $name(
             rows: &[[f32; $row]],

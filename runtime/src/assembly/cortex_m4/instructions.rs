@@ -1,6 +1,6 @@
-//! Instructions as macros, from which the loops are written; no function.
+//! Instructions as macros, from which the loops are written; there are no functions.
 //!
-//! Registers are numbers. A macro's first register is where the result goes.
+//! Registers are numbers. A macro's first register receives the result.
 
 /// `d = a · b`
 macro_rules! mul {
@@ -23,7 +23,7 @@ macro_rules! sub {
     };
 }
 
-/// Loads registers `first` to `last` from the address in an operand; `advance` moves the address behind them.
+/// Loads registers `first` to `last` from the address in an operand; `advance` moves the address behind the loaded words.
 macro_rules! load {
     ($from:literal, $first:literal $last:literal) => {
         concat!("vldmia ", $from, ", {{s", $first, "-s", $last, "}}\n")
@@ -33,7 +33,7 @@ macro_rules! load {
     };
 }
 
-/// Stores them.
+/// Stores registers `first` to `last` to the address in an operand; `advance` moves the address behind the stored words.
 macro_rules! store {
     ($to:literal, $first:literal $last:literal) => {
         concat!("vstmia ", $to, ", {{s", $first, "-s", $last, "}}\n")
@@ -43,8 +43,8 @@ macro_rules! store {
     };
 }
 
-/// `sum = Σ factor · place`, or `sum += …` with `+`, for pairs of registers in their order; the places are lost. Every addition
-/// comes one multiplication later than it could: nothing waits.
+/// `sum = Σ factor · value`, or `sum += …` with `+`, for pairs of registers (factor, value) in their order; the values are
+/// lost. Every addition comes one multiplication later than it could, so that nothing waits.
 macro_rules! dot {
     ($sum:literal = $q:literal $t:literal $($rest:literal)*) => {
         concat!(mul!($sum $q $t), dot!($sum + $($rest)*))
@@ -94,7 +94,7 @@ macro_rules! exp2_pair {
     };
 }
 
-/// 2^x of `s0` alone, with the constants in s26 to s31.
+/// `Scalar::exp2_scaled` of `s0` alone, in place, with its constants in s26 to s31; `s2`, i0 and i1 are lost.
 macro_rules! exp2_one {
     () => {
         concat!(
@@ -106,8 +106,8 @@ macro_rules! exp2_one {
     };
 }
 
-/// `asm!` that may change every floating-point register. What of them belongs to the caller (s16 to s31) the compiler saves.
-/// As operands they cannot be had: this target's compilers refuse the class `sreg`.
+/// `asm!` that may change every floating-point register. The compiler saves those that belong to the caller (s16 to s31).
+/// They cannot be operands: this target's compilers refuse the class `sreg`.
 macro_rules! with_all_registers {
     ($($asm:tt)*) => {
         asm!(

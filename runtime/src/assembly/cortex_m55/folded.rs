@@ -1,8 +1,8 @@
-//! The loops of the paper's folded mean: eight points in a step, then four if they are left. The six outputs are in the lanes of
-//! two registers.
+//! The loops of the paper's folded mean: eight points in a step, then four if they are left. The six outputs are in the
+//! lanes of two registers.
 //!
-//! A row is loaded whole, which moves on to the next one: its places are not looked at again, its weights come to lie in q4 and
-//! half of q5. What is in the other half is added up and never read.
+//! A row is loaded as a whole, which moves the address to the next row. Its inputs are not read again; its weights are
+//! loaded into q4 and half of q5. The values in the other half are added up and never read.
 //!
 //! | register | holds |
 //! |---|---|
@@ -14,7 +14,7 @@ use core::arch::asm;
 
 use super::CONSTANTS;
 
-/// sums += exponential · weights of the next row.
+/// `sums += exponential · weights` for the next row.
 macro_rules! add_row {
     ($first:literal, $k:literal) => {
         concat!(
@@ -33,7 +33,7 @@ macro_rules! add_row {
     };
 }
 
-/// sums += exponentials in the lanes of $k · weights of the next four rows.
+/// `sums += exponential · weights` for the next four rows, with the exponentials in the lanes of $k.
 macro_rules! add_four {
     ($first:literal, $k:literal) => {
         concat!(
@@ -56,11 +56,12 @@ macro_rules! add_four {
     };
 }
 
-/// The loop for D inputs; `first` is the register of a row's first place.
+/// Defines the loop for D inputs; `first` is the register into which a row's first word is loaded.
 macro_rules! over_fours {
     ($name:ident, $row:literal, $query_words:literal, bytes $row_bytes:literal, four rows $four:literal, eight $eight:literal,
      first $first:literal, [$($words:tt)*]) => {
-        /// Adds to the sums what the rows but the last one, two or three of no four contribute; returns those.
+        /// Adds the rows' contributions to the sums, except those of the last one, two or three rows that are not four;
+        /// returns these rows.
         #[inline(always)]
         pub(crate) fn $name<'a>(
             rows: &'a [[f32; $row]],
@@ -69,9 +70,9 @@ macro_rules! over_fours {
         ) -> &'a [[f32; $row]] {
             let (fours, rest) = rows.as_chunks::<4>();
             if !fours.is_empty() {
-                // SAFETY: reads the rows of `fours`, two fours in each of `fours.len() / 2` steps and then the last one of an
-                // odd number, `query` and the seven constants, and reads and writes `sums`, all from the first to the last
-                // word. The stack is where it was.
+                // SAFETY: reads the rows of `fours`, two fours in each of `fours.len() / 2` steps and then the last one of
+                // an odd number, `query` and the seven constants, and reads and writes `sums`, all from the first to the
+                // last word. The stack is where it was.
                 unsafe {
                     with_all_registers!(
                         "push {{r0, r3, r6, r7}}",

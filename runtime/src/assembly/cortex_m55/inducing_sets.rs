@@ -1,6 +1,6 @@
 //! The mean of one joint's inducing set: four rows of a payload group in a step, the last ones by tail predication.
 //!
-//! Lanes behind the last row of a group load nothing: their weight is zero, and so is what they add.
+//! Lanes behind the last row of a group load nothing: their weight is zero, and so is their contribution.
 //!
 //! | register | holds |
 //! |---|---|
@@ -15,12 +15,12 @@ use core::arch::asm;
 use super::CONSTANTS;
 use crate::assembly::Blocks;
 
-/// The loop over blocks for D joints: `query` makes the address of the query, `words` loads its first words, then come the
-/// words of a row, behind the first, with their places in bytes and the query's registers.
+/// Defines the loop over blocks for D joints: `query` is added to the address of the query, `words` loads its first words,
+/// and the list holds the words of a row after the first, with their offsets in bytes and the query's registers.
 macro_rules! over_blocks {
     ($name:ident, $row:literal, $query_words:literal, bytes $row_bytes:literal, four rows $four:literal,
      query $query_at:literal, words $load:literal, [$($words:tt)*], weight $weight:literal) => {
-        /// Adds to `total` what all blocks contribute; nothing when they have more rows than there are.
+        /// Adds the contributions of all blocks to `total`; adds nothing if the blocks have more rows than `rows`.
         #[inline(always)]
         pub(crate) fn $name(
             rows: &[[f32; $row]],

@@ -1,7 +1,7 @@
-//! Instructions as macros, from which the loops are written; no function.
+//! Instructions as macros, from which the loops are written; there are no functions.
 
-/// q1 = Σ query word · word of four rows, in the order of the words; q2 and q3 are lost. `$first` moves q0 to the next four rows
-/// and loads their first word. A word's load comes between multiplication and addition of the one before it.
+/// q1 = Σ query word · word for each of four rows, in the order of the words; q2 and q3 are lost. The first load moves q0 to
+/// the next four rows. A word's load comes between the multiplication and the addition of the word before it.
 macro_rules! exponents {
     ($next:expr, $first:literal, $($rest:tt)*) => {
         concat!(
@@ -33,7 +33,7 @@ macro_rules! exponents {
     (@ $q:literal $other:literal,) => { "" };
 }
 
-/// The same for eight rows at once: the first four in q1, the next in q4, `$four` bytes behind them.
+/// Computes `exponents!` for eight rows at once: the first four in q1, and in q4 the next four, `$four` bytes behind them.
 macro_rules! exponents_of_eight {
     ($next:literal, $four:literal, $first:literal, $($rest:tt)*) => {
         concat!(
@@ -62,7 +62,7 @@ macro_rules! exponents_of_eight {
     (@ $four:literal,) => { "" };
 }
 
-/// $sum = exp2_scaled of $x with the constants in their registers; $x is lost, and $shifted. `$between` may load $x.
+/// $sum = exp2_scaled of $x, with the constants in their registers; $x and $shifted are lost. `$between` may load $x.
 macro_rules! exp2_lanes {
     ($x:literal, $shifted:literal, $sum:literal, $d0:literal, $between:expr) => {
         concat!(
@@ -84,7 +84,7 @@ macro_rules! exp2_lanes {
     };
 }
 
-/// $sum = exp2 of $x with the constants of `EXP2_CLAMPED` in their registers; $x is lost, and $shifted.
+/// $sum = exp2 of $x, with the constants of `EXP2_CLAMPED` in their registers; $x and $shifted are lost.
 macro_rules! exp2_clamped_lanes {
     ($x:literal, $shifted:literal, $sum:literal) => {
         concat!(
@@ -108,7 +108,7 @@ macro_rules! exp2_clamped_lanes {
     };
 }
 
-/// `asm!` that may change every register but r6 and r7, which it saves itself.
+/// `asm!` that may change every register but r6 and r7, which the assembly saves itself.
 macro_rules! with_all_registers {
     ($($asm:tt)*) => {
         asm!(

@@ -1,4 +1,5 @@
-//! The standard deviation of the paper's process: four landmarks in a step, and four products with four kernels.
+//! The loops for the standard deviation of the paper's process: the kernels of four landmarks in a step, and the quadratic
+//! form with the products of four kernels with four kernels in a step.
 //!
 //! | register | holds |
 //! |---|---|
@@ -19,10 +20,11 @@ use core::arch::asm;
 use super::EXP2_CLAMPED;
 use crate::assembly::{BLOCK, block_words};
 
-/// The loop for landmarks of so many words: those behind the first, with their places in bytes and the query's registers.
+/// Defines the loop for landmarks of `words` words. The list holds the words after the first, with their offsets in bytes
+/// and the query's registers.
 macro_rules! over_landmarks {
     ($name:ident, $words:literal, bytes $row_bytes:literal, four rows $four:literal, [$($rest:tt)*]) => {
-        /// kernels_j = 2^(query · landmark_j − square), not below 2⁻¹²⁵.
+        /// Computes kernels_j = 2^(query · landmark_j − square), not below 2⁻¹²⁵.
         #[inline(always)]
         pub(crate) fn $name(
             landmarks: &[[f32; $words]],
@@ -77,7 +79,7 @@ over_landmarks!(kernels16, 16, bytes 64, four rows 256,
      ["ldrd r0, r1, [r6, #16]\nldrd r2, r3, [r6, #24]"] 32 "r0" 36 "r1" 40 "r2" 44 "r3"
      ["ldrd r0, r1, [r6, #32]\nldrd r2, r3, [r6, #40]"] 48 "r0" 52 "r1" 56 "r2" 60 "r3"]);
 
-/// Σ_i k_i (b_i + Σ_j B_ij k_j) over as many blocks of four as `coefficients` has.
+/// Computes Σ_i k_i (b_i + Σ_j B_ij k_j) over the blocks of four kernels that have coefficients.
 #[inline(always)]
 pub(crate) fn quadratic_form(coefficients: &[f32], kernels: &[[f32; BLOCK]]) -> f32 {
     let (mut blocks, mut words) = (0, block_words(0));

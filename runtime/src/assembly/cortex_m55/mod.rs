@@ -1,9 +1,9 @@
-//! The innermost loops with the vectors of a Cortex-M55 or M85 (Helium): four rows in the lanes, the bits of the portable loops.
+//! The innermost loops with the vectors of a Cortex-M55 or M85 (Helium): four rows in the lanes, the bits of the portable
+//! loops.
 //!
-//! Compiled with the feature `cortex-m55`, because a crate cannot ask whether its target has these vectors; `.cpu`
-//! names the processor to the assembler. To the compiler this is code that uses all floating-point registers, and it
-//! keeps r6 and r7, which an operand cannot be. The predicate register VPR is saved by the processor when an exception
-//! comes, like S0 to S15.
+//! Compiled with the feature `cortex-m55`, because a crate cannot ask whether its target has these vectors; `.cpu` names the
+//! processor to the assembler. To the compiler, this is code that uses all floating-point registers. It preserves r6 and r7,
+//! which cannot be operands. On an exception, the processor saves the predicate register VPR, like S0 to S15.
 //!
 //! ```text
 //!  rows j … j+3      | u v … w | u v … w | u v … w | u v … w |          row-major, as everywhere
@@ -14,8 +14,8 @@
 //!  sums                rows in their order, one by one
 //! ```
 //!
-//! Multiply, then add; nothing is fused. Vectors take denormal numbers for zero, whatever FPSCR says, and scalar
-//! instructions do not: `docs/decisions/arithmetic.md` has why no bit depends on that.
+//! The loops multiply, then add; nothing is fused. Vectors take denormal numbers for zero, whatever FPSCR says, and scalar
+//! instructions do not: `docs/decisions/arithmetic.md` explains why no bit depends on that.
 //!
 //! | register | holds |
 //! |---|---|
@@ -37,8 +37,8 @@ pub(crate) mod sines;
 
 use crate::assembly::{EXP2, EXP2_ROUND, EXP2_SCALED};
 
-/// The constants of exp2 in the order in which one LDM takes them: d0, d1, what rounds, d4, d3, d2, and 2²³, which moves an
-/// integer to the exponent.
+/// The constants of exp2 in the order in which one LDM loads them: d0, d1, the constant that rounds, d4, d3, d2, and 2²³,
+/// which moves an integer to the exponent.
 pub(crate) const CONSTANTS: [u32; 7] = [
     EXP2_SCALED[5].to_bits(),
     EXP2_SCALED[4].to_bits(),
@@ -49,8 +49,8 @@ pub(crate) const CONSTANTS: [u32; 7] = [
     1 << 23,
 ];
 
-/// The constants of the exp2 that is held at 2⁻¹²⁵ in the order in which they are loaded: what rounds, C5, C4, C3 and C2 into r5
-/// and r8 to r11, then into each lane of q4 to q6 the lowest exponent, 1 and C1.
+/// The constants of the exp2 that is clamped at 2⁻¹²⁵, in the order in which they are loaded: the constant that rounds, C5,
+/// C4, C3 and C2 into r5 and r8 to r11, then the lowest exponent, 1 and C1 into each lane of q4 to q6.
 pub(crate) const EXP2_CLAMPED: [u32; 17] = {
     let mut out = [0; 17];
     out[0] = EXP2_ROUND.to_bits();

@@ -1,4 +1,4 @@
-//! What is left of a kernel in each payload group: four groups in a step, the last ones by tail predication.
+//! The factor of a kernel's decay for each payload group: four groups in a step, the last ones by tail predication.
 
 use core::arch::asm;
 use core::mem::MaybeUninit;
@@ -7,7 +7,7 @@ use poegp_protocol::limits::MAX_GROUPS;
 
 use super::EXP2_CLAMPED;
 
-/// exp2(bias − rate (payload − m)²) of each group's payload m.
+/// Computes exp2(bias − rate (payload − m)²) for each group's payload m.
 #[inline(always)]
 pub(crate) fn falling<'o>(
     group_payloads_kg: &[f32],

@@ -11,7 +11,7 @@ use core::arch::asm;
 
 use crate::assembly::{EXP2_ROUND, SINES};
 
-/// [`SINES`] with what rounds behind the first one and −½ at the end, in the order in which they are loaded.
+/// [`SINES`] with the constant that rounds after the first one and −½ at the end, in the order in which they are loaded.
 const CONSTANTS: [f32; 12] = {
     let mut out = [-0.5; 12];
     out[0] = SINES[0];
@@ -24,7 +24,8 @@ const CONSTANTS: [f32; 12] = {
     out
 };
 
-/// Sine and cosine of each angle, as far as both go; [`Scalar::sin_cos`](crate::math::scalar::Scalar::sin_cos) has what is computed.
+/// Computes sine and cosine of each angle, up to the length of the shorter slice, by the method of
+/// [`Scalar::sin_cos`](crate::math::scalar::Scalar::sin_cos).
 #[inline(always)]
 pub(crate) fn sines_and_cosines(angles: &[f32], out: &mut [[f32; 2]]) {
     let count = angles.len().min(out.len());

@@ -1,4 +1,4 @@
-//! Which loop in assembly serves which shape of rows; the portable loops serve the others.
+//! Assigns a loop in assembly to each shape of rows that has one; the portable loops serve the others.
 
 #[cfg(feature = "cortex-m55")]
 use core::mem::MaybeUninit;
@@ -19,8 +19,8 @@ use crate::assembly::cortex_m55::{folded, inducing_sets, landmarks, payload};
 use crate::gp::joint_kernel::JointKernel;
 use crate::math::scalar::Scalar;
 
-/// Views of arrays whose length the caller knows as a parameter N as arrays whose length is a number; nothing when N is
-/// another one.
+/// Calls a loop with arrays whose length is a generic parameter viewed as arrays whose length is a literal; leaves all rows
+/// over if the lengths differ.
 macro_rules! with_numbers {
     ($rows:ident: $row:literal, $query:ident: $query_words:literal, $sums:ident: $outputs:literal, $call:expr) => {
         if let (Some(query), Some(sums)) = (
@@ -68,7 +68,7 @@ impl KernelLoops for f32 {
         let falling = payload::falling(group_payloads_kg, payload_kg, rate, bias, &mut out);
         let groups = group_payloads_kg.iter().zip(falling).zip(points);
         blocks.refill(groups.map(|((group_kg, falling), points)| {
-            // Scalar: the product may be denormal.
+            // A scalar product: it may be denormal, which vectors take for zero.
             (
                 *points,
                 kernel.amplitude_at(payload_kg, *group_kg) * *falling,
@@ -121,7 +121,8 @@ impl KernelLoops for f32 {
     }
 }
 
-/// `portable_folded_sums` of one row of any length: at most once in an evaluation, so one for all lengths.
+/// Computes `portable_folded_sums` of one row of any length. It serves only the rows that the loops leave over, so one
+/// function is enough for all lengths.
 #[inline(never)]
 fn one_more(row: &[f32], query: &[f32], sums: &mut [f32; OUTPUTS]) {
     let (features, weights) = row.split_at_checked(query.len()).unwrap_or((&[], &[]));

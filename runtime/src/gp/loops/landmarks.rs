@@ -3,9 +3,9 @@
 use crate::assembly::BLOCK;
 use crate::math::scalar::Scalar;
 
-/// Words of the coefficients of one block with another.
+/// Number of coefficients of one block of landmarks with another.
 const PAIR: usize = BLOCK * BLOCK;
-/// A landmark has once or twice so many words.
+/// Number of words of a short landmark; a long one has twice as many.
 pub(crate) const LANDMARK: usize = 8;
 
 #[inline(always)]

@@ -1,9 +1,9 @@
 //! The innermost loops over inducing points, where nearly all of an evaluation's time is spent.
 //!
-//! One exponential for every point, unrolled over the number of joints or inputs. The functions here are the portable source
-//! and the definition of every bit: multiply, then add, in the order of the rows.
-//! `assembly` has the same loops for `f32` on a Cortex-M4F and on a Cortex-M55, without a bit of difference; [`KernelLoops`]
-//! chooses. What is around the loops (payload groups, scales, the range of the exponents) is their callers' business.
+//! Every point takes one exponential; the loops are unrolled over the number of joints or inputs. The functions here are the
+//! portable source and define every bit: multiply, then add, in the order of the rows. `assembly` has the same loops for
+//! `f32` on a Cortex-M4F and on a Cortex-M55, identical in every bit; [`KernelLoops`] chooses between them. The callers
+//! handle what surrounds the loops: payload groups, scales, the range of the exponents.
 
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS, OUTPUTS};
 
@@ -15,19 +15,19 @@ use landmarks::{portable_landmark_kernels, portable_quadratic_form};
 
 pub(crate) mod landmarks;
 
-/// Most rows that are computed side by side: where registers hold several numbers, [`arrange_set`] puts the rows of a set so
-/// that those of a tile can be. The bits are the same.
+/// Largest number of rows that are computed side by side. Where registers hold several numbers, [`arrange_set`] interleaves
+/// the rows of each tile of a set for this. The bits are the same.
 const TILE: usize = if cfg!(any(target_arch = "x86_64", target_arch = "aarch64")) {
     16
 } else {
     1
 };
 
-/// Declares the loops as methods that are the portable functions unless a number type has its own.
+/// Declares the loops as methods that default to the portable functions, which a number type may override.
 macro_rules! inner_loops {
     ($($(#[$doc:meta])* $portable:ident => fn $name:ident<const $n:ident, const ROW>($($argument:ident: $type:ty),+ $(,)?);)+) => {
-        /// The loops, for rows of ROW words; no exponent is beyond the range of [`Scalar::exp2_scaled`]. Sealed together
-        /// with [`Scalar`].
+        /// The innermost loops of a number type, for rows of ROW words. The callers keep every exponent within the range of
+        /// [`Scalar::exp2_scaled`]. Sealed together with [`Scalar`].
         pub trait KernelLoops: FourierSeries {
             $(
                 $(#[$doc])*
@@ -39,8 +39,8 @@ macro_rules! inner_loops {
                 }
             )+
 
-            /// kernels_j = 2^(landmark_j · query − square), not below 2⁻¹²⁵, of landmarks with as many words as the query: 8 or
-            /// 16.
+            /// Computes kernels_j = 2^(landmark_j · query − square), not below 2⁻¹²⁵, for landmarks with as many words as
+            /// the query: 8 or 16.
             #[inline(always)]
             fn landmark_kernels(
                 landmarks: &[Self],
@@ -51,7 +51,7 @@ macro_rules! inner_loops {
                 portable_landmark_kernels(landmarks, query, square, kernels);
             }
 
-            /// total = Σ_i k_i (b_i + Σ_j B_ij k_j) over the blocks of four kernels, as long as there are coefficients.
+            /// Computes total = Σ_i k_i (b_i + Σ_j B_ij k_j) over the blocks of four kernels that have coefficients.
             #[inline(always)]
             fn quadratic_form(
                 coefficients: &[Self],
@@ -61,8 +61,8 @@ macro_rules! inner_loops {
                 portable_quadratic_form(coefficients, kernels, total);
             }
 
-            /// The payload groups that have rows, each with the factor of its sum: its amplitude and what is left of the
-            /// kernel.
+            /// Fills `blocks` with the payload groups that have rows, each with the factor of its sum: its amplitude times
+            /// `JointKernel::falling`.
             #[inline(always)]
             fn refill(
                 blocks: &mut Blocks<Self>,
@@ -83,15 +83,15 @@ macro_rules! inner_loops {
 }
 
 inner_loops! {
-    /// sums_c += 2^(query · place_j) / [`Scalar::EXP2_FACTOR`] · weight_jc over rows of D places and six weights.
+    /// Adds 2^(query · v_j) / [`Scalar::EXP2_FACTOR`] · weight_jc to sums_c for each row j of D numbers v_j and six weights.
     portable_folded_sums => fn folded_sums<const D, const ROW>(
         rows: &[[Self; ROW]],
         query: &[Self; D],
         sums: &mut [Self; OUTPUTS],
     );
 
-    /// total += Σ factor_b Σ_j 2^(query · place_j) / [`Scalar::EXP2_FACTOR`] · weight_j over the blocks and their rows of D
-    /// places (sine, cosine) and one weight; nothing when the blocks have more rows than there are.
+    /// Adds Σ_b factor_b Σ_j 2^(query · s_j) / [`Scalar::EXP2_FACTOR`] · weight_j to `total`, over the blocks b and their
+    /// rows j of D pairs s_j (sine, cosine) and one weight. Adds nothing if the blocks have more rows than `rows`.
     portable_set_mean => fn set_mean<const D, const ROW>(
         rows: &[[Self; ROW]],
         query: &[[Self; 2]; D],
@@ -140,7 +140,7 @@ pub(crate) fn portable_folded_sums<T: Scalar, const D: usize, const ROW: usize>(
     *sums = totals;
 }
 
-/// How many of the next `rows` rows are one tile.
+/// Returns how many of the next `rows` rows form one tile.
 #[inline(always)]
 const fn tile_rows(rows: usize) -> usize {
     match rows {
@@ -153,8 +153,8 @@ const fn tile_rows(rows: usize) -> usize {
     }
 }
 
-/// Puts the rows of one set in the order in which [`KernelLoops::set_mean`] reads them: in tiles, of which the first words of
-/// all rows come first, then the second words, …. A tile of one row is that row.
+/// Puts the rows of one set in the order in which [`KernelLoops::set_mean`] reads them: in tiles, which hold the first word
+/// of each of their rows, then the second word of each, …. A tile of one row is that row.
 pub(crate) fn arrange_set<T: Scalar>(rows: &mut [T], row_words: usize) {
     const MAX_WORDS: usize = 2 * MAX_JOINTS + 1;
     let mut rest = rows;
@@ -176,7 +176,7 @@ pub(crate) fn arrange_set<T: Scalar>(rows: &mut [T], row_words: usize) {
     }
 }
 
-/// What the row at the beginning of `words` gives, and the words behind it.
+/// Returns the contribution of the row at the beginning of `words`, and the words behind it.
 #[inline(always)]
 fn row_value<'a, T: Scalar, const D: usize, const ROW: usize>(
     words: &'a [T],
@@ -195,9 +195,10 @@ fn row_value<'a, T: Scalar, const D: usize, const ROW: usize>(
     (exponent.exp2_scaled() * row[2 * D], rest)
 }
 
-/// What each of the W rows of the tile at the beginning of `words` gives, and the words behind it.
+/// Computes into `values` the contribution of each of the W rows of the tile at the beginning of `words`, and returns the
+/// words behind it.
 ///
-/// Compiled for itself: what is stored in memory is what compilers do side by side.
+/// Not inlined: compilers vectorize computations whose results are stored in memory.
 #[inline(never)]
 fn tile_values<'a, T: Scalar, const D: usize, const W: usize>(
     words: &'a [T],
@@ -242,7 +243,7 @@ pub(crate) fn portable_set_mean<T: Scalar, const D: usize, const ROW: usize>(
     if blocks.rows() > rows.len() {
         return;
     }
-    // What a row gives does not depend on its block: a tile of rows is computed side by side, and summed in their order.
+    // A row's contribution does not depend on its block: the rows of a tile are computed side by side and summed in order.
     let mut left = blocks.rows();
     let mut words = rows.as_flattened();
     let mut tile = [T::ZERO; TILE];
