@@ -78,8 +78,8 @@ struct StdSummary {
 /// `trainer evaluate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Of touches the arm stays as the blob says, and features and tips are fitted to it: what they miss by is printed for each \
-    feature, beside what they miss by with the arm as drawn.\n\n\
+    after_help = "With touches, the command keeps the arm of the blob and fits features and tips to it. It prints by how much the touches \
+    miss each feature, beside the same for the arm as drawn.\n\n\
     Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -\n\
     Example: trainer evaluate arm.blob touches.csv --features touches.toml"
 )]

@@ -54,8 +54,8 @@ pub struct Check {
     pub blob: PathBuf,
     /// New measurements of the robot, or touches.
     pub measurements: PathBuf,
-    /// Tolerance of the position error, including measurement noise; for touches, of the miss that all others
-    /// predict.
+    /// Tolerance of the position error, including measurement noise; for touches, of each touch's miss as
+    /// predicted by all others.
     #[arg(long, value_name = "MM")]
     pub max_mm: f64,
     /// Statistic of the position errors to compare with the tolerance.

@@ -135,7 +135,7 @@ pub struct Info {
 /// `trainer device flash`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The device goes on with its old model until the new one is there, verified and stored.\n\n\
+    after_help = "The device runs its old model until the new one is uploaded, verified and stored.\n\n\
     Example: trainer device flash arm.blob --port /dev/ttyUSB0"
 )]
 pub struct Flash {
@@ -160,7 +160,7 @@ pub struct Flash {
 /// `trainer device evaluate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Without --blob the device's base frame is laid onto the measurements by best fit.\n\n\
+    after_help = "Without --blob, the command fits the device's base frame to the measurements.\n\n\
     Example: trainer device evaluate test.csv --blob arm.blob --port /dev/ttyUSB0"
 )]
 pub struct Evaluate {
@@ -177,7 +177,7 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 #[command(
     after_help = "One row per command, in order: the joints in the columns and units of TEST, then position_error_um \
-    (what the model says is left) and status.\n\n\
+    (the error that remains, by the model) and status.\n\n\
     Example: trainer device correct test.csv --port /dev/ttyUSB0 --out corrected.csv"
 )]
 pub struct Correct {
@@ -208,7 +208,7 @@ pub enum Switch {
 /// `trainer device bypass`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "It lasts until it is switched off or the power fails.\n\n\
+    after_help = "The bypass lasts until it is switched off or the power fails.\n\n\
     Example: trainer device bypass on --port /dev/ttyUSB0"
 )]
 pub struct Bypass {
@@ -275,7 +275,7 @@ pub struct Restart {
 /// `trainer device stop`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Without it the device restarts a few seconds after the last command.\n\n\
+    after_help = "If you do not stop the cycles, the device restarts a few seconds after the last command.\n\n\
     Example: trainer device stop --port /dev/ttyUSB0"
 )]
 pub struct Stop {
@@ -288,8 +288,8 @@ pub struct Stop {
 /// `trainer device provision`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "It cannot be undone: from then on the device runs only models that `trainer sign` has signed with the \
-    other half of this key.\n\n\
+    after_help = "Provisioning cannot be undone: from then on, the device runs only models that `trainer sign` has signed with \
+    the secret half of this key.\n\n\
     Example: trainer device provision cell7.pub --port /dev/ttyUSB0"
 )]
 pub struct Provision {
@@ -302,8 +302,8 @@ pub struct Provision {
 /// `trainer device cycle`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "What is not given stays as it is; without any, the settings in force are shown. They are refused while a \
-    correction is applied: `trainer device bypass on` first.\n\n\
+    after_help = "Settings that are not given keep their values; without any, the command shows those in force. The device \
+    refuses changes while a correction is applied: switch it off first with `trainer device bypass on`.\n\n\
     Example: trainer device cycle --period-us 2000 --port /dev/ttyUSB0"
 )]
 pub struct Cycle {

@@ -26,11 +26,11 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 /// `trainer export`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Give at least one output. Each is the calibrated chain of the blob, to a nanometre; what a file cannot \
-    hold (gravity, ripple, Gaussian processes) is said. Of a model that has some of these, the chain is the one whose poses \
-    are nearest to the model's over a region and its payloads. Its distance from the model, beside the drawing's, is printed \
-    and written into each file. A chain that is no nearer than the drawing is not written: exit code 1. Only the C header \
-    has the whole model.\n\n\
+    after_help = "Give at least one output. Each holds the calibrated chain of the blob, to a nanometre. The command names what a \
+    file cannot hold (gravity, ripple, Gaussian processes). If the model has some of these, the chain is the one whose poses \
+    are closest to the model's over a region and its payloads. Each file states how far the chain is from the model, beside \
+    the drawing. A chain that is no closer than the drawing is not written, and the exit code is 1. Only the C header holds \
+    the whole model.\n\n\
     Example: trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf --payload-kg 5\n\
     Example: trainer export arm.blob --mjcf arm.xml --region 15@0,-20,30,0,45,0\n\
     Example: trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"

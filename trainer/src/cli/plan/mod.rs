@@ -39,9 +39,9 @@ const USUAL_COUNT: u32 = 100;
 /// `trainer plan`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Every pose keeps the links out of each other, out of the base and above the plane that the robot is mounted on. \
-    A link is a capsule: a straight line between two joints with a radius. Cables, the load and the ways between poses are not \
-    checked: try every program slowly first.\n\n\
+    after_help = "In every pose the links stay clear of each other and of the base, and above the plane on which the robot is \
+    mounted. A link is a capsule: a straight line between two joints, with a radius. The command does not check cables, the \
+    load or the motion between poses: try every program slowly first.\n\n\
     Examples:\n  \
     trainer plan --robot abb-irb4400-serial --count 50 --payloads 0,5,10 --out plan.csv --rapid plan.mod\n  \
     trainer plan --robot ur10 --constraints cell.toml --count 100 --test-poses 15 --test-out check.csv --out plan.csv \
