@@ -6,7 +6,6 @@ errors of held-out poses is tried on other held-out poses. The best of six ridge
 """
 
 import csv
-import os
 import pathlib
 import random
 import tomllib
@@ -14,7 +13,7 @@ import tomllib
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from programs import print_table
+from programs import measured_files, print_table
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 RIDGES = [30.0, 100.0, 300.0, 1e3, 1e4, 1e5]
@@ -39,9 +38,8 @@ def table(programs):
             head, found = read(path)
             test += found
         rows.append(row(programs, f"simulated `{scenario}`", "abb-irb4400-serial", train, head, test))
-    folder = os.environ.get("POEGP_MEASURED_DATA")
-    for file, robot, poses in MEASURED if folder else []:
-        head, measured = read(next(pathlib.Path(folder).rglob(file)))
+    for path, (file, robot, poses) in zip(measured_files([file for file, _, _ in MEASURED]), MEASURED):
+        head, measured = read(path)
         random.Random(1).shuffle(measured)
         train = write(programs.folder / "train.csv", head, measured[:poses])
         rows.append(row(programs, f"measured `{file}`", robot, train, head, measured[poses:]))

@@ -1,6 +1,8 @@
 """Our programs as the peers' script calls them, the data they make, and CPU times."""
 
 import json
+import os
+import pathlib
 import resource
 import subprocess
 import sys
@@ -41,6 +43,19 @@ class Programs:
         part = cell / f"first_{poses}.csv"
         part.write_text("".join(lines[: head + 1 + poses]))
         return part
+
+
+def measured_files(names):
+    """Those files of the folder POEGP_MEASURED_DATA, wherever they are in it; none without the variable."""
+    folder = os.environ.get("POEGP_MEASURED_DATA")
+    if not folder:
+        print("measured sets: NOT RUN: POEGP_MEASURED_DATA is not set", file=sys.stderr)
+        return []
+    found = [sorted(pathlib.Path(folder).rglob(name)) for name in names]
+    missing = [name for name, paths in zip(names, found) if not paths]
+    if missing:
+        raise SystemExit(f"POEGP_MEASURED_DATA={folder} has no {', '.join(missing)}")
+    return [paths[0] for paths in found]
 
 
 def cpu_seconds_of(command):

@@ -133,11 +133,11 @@ POEGP_MEASURED_DATA=FOLDER POEGP_RECORD=docs/evidence/trust.md cargo test --rele
     --ignored --nocapture whole
 ```
 
-Each set is written wrongly in some 150 ways, and rightly in eleven, whole and as random rows.
+Each set is written in about 150 wrong and eleven good ways, whole and as random rows.
 
 - *Caught*: the program warns of a wrong file or refuses it. *Only warned*: it should have refused it.
 - *Right cause*: the cause is among the gravest findings and names the joint.
-- *Left out*: base, tool or scatter hides the mistake.
+- *Left out*: mistakes that base, tool or scatter hides.
 - *False alarm*: a warning of a good file.
 
 Simulated sets are named by robot and kind of errors; `measured` ones come from others. Times are wall-clock times beside other work.

@@ -87,12 +87,13 @@ fn blob_of(sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
     blob::encode(&decoded, &mut buffer).unwrap().to_vec()
 }
 
-/// Most instructions of an evaluation, of a command, of a command with its frame, and of that or an evaluation or a correction with its frame.
+/// Returns the largest numbers of instructions: of an evaluation, of a command, of a command with its frame, and of any of
+/// command, evaluation and correction with its frame.
 fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let tick_hz = device.load(blob).unwrap().tick_hz;
-    // Zeros, round numbers, singular and far ones: other branches. Of what is too far the answer has the bytes of the
-    // question, and frames with three zeros in each number take the longest.
+    // Zeros, round numbers and singular poses take other branches. A joint out of reach comes back unchanged, so both frames
+    // hold its bytes; those with three zero bytes in each number take longest.
     let special = [0.0, -0.0, 0.5, 1e-6, 1.570_796_4, -1.1, 0.1, 514.0, 2_048.0];
     let special = special.map(|value| Query {
         joints: (0..sample.joints).map(|_| value).collect(),
@@ -100,7 +101,7 @@ fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     });
     let queries: Vec<Query> = sample.queries(40).into_iter().chain(special).collect();
     let most = |ticks: Vec<u32>| instructions(ticks.into_iter().max().unwrap(), tick_hz);
-    // Twice: what comes first takes another way through the filter.
+    // Every query comes twice, because the filter starts with a special case.
     let twice = queries.iter().chain(&queries);
     let commands = twice.map(|q| device.command(q).unwrap().ticks);
     let command = most(commands.collect());

@@ -255,8 +255,8 @@ fn a_commit_that_takes_long_is_no_hang() {
     }
 }
 
-/// A line that becomes empty wakes the cycle when an answer waits for that, and once: else the first bytes of a frame would be
-/// read before the others come, and what a command costs would depend on when its bytes come.
+/// A line that becomes empty wakes the cycle once, and only if an answer waits for that. Otherwise the cycle would read the
+/// first bytes of the next frame early, and the cost of a command would depend on when its bytes arrive.
 #[test]
 fn an_empty_line_wakes_the_cycle_only_when_an_answer_waits_for_it() {
     let mut device = Device::on(&Machine {
