@@ -29,6 +29,7 @@ MEASURED = [
 
 
 def table(programs):
+    check()
     rows = []
     data = pathlib.Path(__file__).parents[1] / "data" / "simulated"
     for scenario in SIMULATED:
@@ -48,6 +49,18 @@ def table(programs):
         ["set", "elastic", "with bending", "change"],
         rows,
     )
+
+
+def check():
+    """Stops unless the regression finds what was planted, and nothing in noise."""
+    random_numbers = np.random.default_rng(1)
+    columns = random_numbers.standard_normal((300, 3, 20))
+    noise = 0.03 * random_numbers.standard_normal((300, 3))
+    planted = 0.05 * columns[:, :, 3]
+    for errors, name in ((noise, "noise"), (noise + planted, "planted bending")):
+        left, floor = min(map(mean_length, regress(columns, errors))), mean_length(noise)
+        if not 0.98 * floor < left < 1.02 * floor:
+            raise SystemExit(f"{name}: {left:.4f} is left where the noise is {floor:.4f}")
 
 
 def read(path):
