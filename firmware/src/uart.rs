@@ -168,7 +168,7 @@ pub fn send(frame: &[u8]) {
     }
 }
 
-/// Whether everything has been sent except the bytes that the hardware holds.
+/// Whether everything has been sent except the bytes that the hardware holds. If not, the cycle is woken when it has.
 pub fn is_sent() -> bool {
     LINE.with(Line::is_sent) == Some(true)
 }
