@@ -8,7 +8,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, WhiteKernel
 
-# Of calibration/src/learning/task_space/fit.rs: signal variance, inverse squared length scale, constant, linear, noise variance.
+# Of calibration/src/learning/task_space/fit.rs: signal variance, inverse squared lengthscale, constant, linear, noise variance.
 BOUNDS = [(1e-4, 1e4), (1e-4, 1e2), (1e-8, 1e4), (1e-8, 1e4), (1e-6, 1e1)]
 STARTS = [(1.0, 0.1, 0.1, 0.01, 0.05), (1.0, 1.0, 0.1, 0.01, 0.3)]
 
@@ -17,7 +17,7 @@ warnings.simplefilter("ignore", ConvergenceWarning)
 
 
 def log_parameters(theta):
-    """scikit-learn's parameters: logarithms, and a length scale in place of its inverse square."""
+    """scikit-learn's parameters: logarithms, and a lengthscale in place of its inverse square."""
     signal, rate, constant, linear, noise = theta
     return np.log([signal, rate**-0.5, constant, linear, noise])
 

@@ -84,7 +84,7 @@ fn the_optimum_is_as_likely_as_scikit_learns() {
 }
 
 /// Under a bound of the signal variance the search may begin where the one without ended, and must not end below: of these
-/// smooth outputs the optimum without the bound has other length scales.
+/// smooth outputs the optimum without the bound has other lengthscales.
 #[test]
 fn a_bounded_search_that_begins_elsewhere_ends_as_high() {
     const BOUND: f64 = 30.0;

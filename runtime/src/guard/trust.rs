@@ -11,7 +11,7 @@
 //! task space   ρ = 2^(−rate Σ_d (scale_d e_d)²)                                           rates 2 rate scale_d²
 //! ```
 //!
-//! For processes with length scales of their own, the rates are the mean over the processes, weighted by prior variance: by
+//! For processes with lengthscales of their own, the rates are the mean over the processes, weighted by prior variance: by
 //! Jensen's inequality the trust is then below what they explain together. So trust is 1 within the ranges, falls with every
 //! radian beyond them and goes to 0. It is a lower bound of what the *ranges* explain, and does not see holes between the
 //! poses within them; `deflection::variance` does, where it fits. For a joint without effect on any process, trust falls

@@ -121,7 +121,7 @@ fn square_root() {
     row("sqrt", "0 to 3.4e38", 0.5 + 1e-6).check(&found);
 }
 
-/// The kernel by the squared distance in units of the length scale. Its exponent is rounded before the power is taken,
+/// The kernel by the squared distance in units of the lengthscale. Its exponent is rounded before the power is taken,
 /// so the error grows with it.
 #[test]
 fn correlation() {

@@ -139,7 +139,7 @@ fn what_does_not_fold_is_left_as_it_is() {
     unchanged(header, &rows, "rates of each output");
     let (mut header, rows) = mean(6, 40, 0.5);
     header.input_scale = [0.0; MAX_INPUTS];
-    unchanged(header, &rows, "no length scale");
+    unchanged(header, &rows, "no lengthscale");
     let (header, mut rows) = mean(6, 40, 0.5);
     rows[8] = 1e3;
     unchanged(header, &rows, "a weight beyond reason");

@@ -179,7 +179,7 @@ fn equal_rates_per_output_are_shared_ones() {
     }
 }
 
-/// Another rate is another length scale: 2^(−r|u − u′|²) with r = ¼ is half the input scale.
+/// Another rate is another lengthscale: 2^(−r|u − u′|²) with r = ¼ is half the input scale.
 #[test]
 fn a_rate_is_a_length_scale() {
     let mut arm = Arm::sound(4, 20);

@@ -124,7 +124,7 @@ const AROUND: usize = 40;
 /// Total weight of these poses in the fit, as a share of that of the training poses.
 const SHARE_AROUND: f64 = 0.25;
 
-/// Limits of the gain, as a factor of the prior variance of the processes. Below 1, shorter length scales fitted as well,
+/// Limits of the gain, as a factor of the prior variance of the processes. Below 1, shorter lengthscales fitted as well,
 /// but farther away the device stated two thirds of the trainer's standard deviation. Above 1, the gain also covers
 /// parameters that are uncertain there; but where the processes have all but vanished, no factor of their prior is right.
 const GAIN: RangeInclusive<f64> = 1.0..=4.0;

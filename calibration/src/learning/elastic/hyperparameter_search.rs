@@ -35,7 +35,7 @@ const ROUGH_STOP: StopCriteria = StopCriteria::after(20, 1e-5);
 /// own-joint curve: processes can explain any noise. (Five folds of a FARO set: 0.0567 mm without the bound, 0.0547 with
 /// it.)
 const LEAST_NOISE: f64 = 0.25;
-/// Amplitudes and length scales in rad; the search for a curve starts at the most likely pair. From a single smooth
+/// Amplitudes and lengthscales in rad; the search for a curve starts at the most likely pair. From a single smooth
 /// curve, it did not find the rough curves of a UR10. Where no pair is more likely than no curve, there is no search.
 const CURVE_STARTS: [(f64, f64); 9] = [
     (4e-4, 0.06),
@@ -84,8 +84,8 @@ pub struct SearchReport {
     pub rise: f64,
 }
 
-/// Negative logarithm of the marginal likelihood times the prior of the length scales, by which those of one input are
-/// similar for all joints. With few poses, the likelihood alone gives a joint any length scale that chance prefers.
+/// Negative logarithm of the marginal likelihood times the prior of the lengthscales, by which those of one input are
+/// similar for all joints. With few poses, the likelihood alone gives a joint any lengthscale that chance prefers.
 struct Posterior<'a> {
     likelihood: HyperparameterObjective<'a>,
     layout: HyperLayout,

@@ -39,7 +39,7 @@ impl HyperLayout {
         COMMON + (self.scales_len() + self.amplitudes_len()) * self.joints
     }
 
-    /// Returns the index of the length scale of the own-joint curve, which is in rad.
+    /// Returns the index of the lengthscale of the own-joint curve, which is in rad.
     pub fn curve_scale(&self) -> usize {
         self.curve_amplitude() + 1
     }
@@ -152,7 +152,7 @@ impl HyperLayout {
             .collect()
     }
 
-    /// Returns the negative log prior of the length scales, up to a constant, and adds its gradient to `gradient`.
+    /// Returns the negative log prior of the lengthscales, up to a constant, and adds its gradient to `gradient`.
     pub fn add_scale_prior(&self, h: &[f64], gradient: &mut [f64]) -> f64 {
         let precision = 1.0 / (SPREAD * SPREAD);
         let mut squares = 0.0;
@@ -174,7 +174,7 @@ impl HyperLayout {
 mod tests {
     use super::*;
 
-    /// Alike is most likely, whatever the length scales are; and the gradient is that of differences.
+    /// Alike is most likely, whatever the lengthscales are; and the gradient is that of differences.
     #[test]
     fn length_scales_that_are_alike_are_most_likely() {
         let layout = HyperLayout {

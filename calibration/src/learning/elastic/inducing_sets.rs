@@ -1,6 +1,6 @@
 //! Selection of each joint's inducing points: a few kernels that represent the whole posterior.
 //!
-//! The processes of the joints have length scales of their own, so each needs its own few points. The posterior mean with
+//! The processes of the joints have lengthscales of their own, so each needs its own few points. The posterior mean with
 //! all poses as points is known. For each joint, kernels at some of the poses approximate it greedily (orthogonal least
 //! squares): over all joints, the next kernel is the one that reduces the squared difference most for its instructions,
 //! where a difference is weighted by how much the joint moves the tool. The two functions are compared at the poses and

@@ -1,6 +1,6 @@
 //! The own-joint curve as a Gaussian process: an error of each revolute joint that repeats with its own angle.
 //!
-//! k(d) = a² (exp((cos d − 1)/l²) − its mean over a turn), with one amplitude a and one length scale l for all joints. As
+//! k(d) = a² (exp((cos d − 1)/l²) − its mean over a turn), with one amplitude a and one lengthscale l for all joints. As
 //! a Fourier series, the curve is a linear block with a diagonal prior, var(sin kq) = var(cos kq) = a² v_k(l) with v_k =
 //! 2 e^(−z) I_k(z), z = 1/l² (I_k: modified Bessel function of the first kind). Order 0 is the joint's zero, which
 //! belongs to the geometry. The series ends at [`MAX_CURVE_ORDER`], in the fit as on the device: nothing is cut off
@@ -14,12 +14,12 @@ use poegp_runtime::math::fourier::cosine_series;
 use crate::numeric::matrix::{Mat, columns_mut};
 use crate::numeric::product::{Become, Operand, multiply_lower, product};
 
-/// Range of length scales that the evidence may choose from, in rad.
+/// Range of lengthscales that the evidence may choose from, in rad.
 pub const LENGTH_SCALES: (f64, f64) = (0.05, 2.0);
-/// Number of reciprocal length scales beyond which orders have no amplitude: v_k falls as exp(−k²l²/2).
+/// Number of reciprocal lengthscales beyond which orders have no amplitude: v_k falls as exp(−k²l²/2).
 const ORDERS_BY_SCALE: f64 = 5.0;
 
-/// Returns the number of orders of a curve of length scale `l` (rad).
+/// Returns the number of orders of a curve of lengthscale `l` (rad).
 pub fn orders(l: f64) -> usize {
     ((ORDERS_BY_SCALE / l).ceil() as usize).clamp(1, MAX_CURVE_ORDER)
 }
@@ -34,7 +34,7 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// Computes the spectrum for length scale `l` in rad.
+    /// Computes the spectrum for lengthscale `l` in rad.
     pub fn new(l: f64) -> Self {
         let z = 1.0 / (l * l);
         let bessel = scaled_bessel(z, MAX_CURVE_ORDER + 1);

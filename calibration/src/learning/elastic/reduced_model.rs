@@ -77,7 +77,7 @@ pub struct ElasticReport {
 pub struct CurveReport {
     /// Prior standard deviation of the curve at one angle, in rad.
     pub amplitude: f64,
-    /// Length scale, in rad.
+    /// Lengthscale, in rad.
     pub length_scale: f64,
     /// Highest order of the curve, in cycles per turn.
     pub orders: usize,

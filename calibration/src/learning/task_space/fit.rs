@@ -37,7 +37,7 @@ const BOUNDS: [(f64, f64); 5] = [
     (1e-6, 1e1),
 ];
 
-/// Starting points of the search: one with a long and one with a short length scale.
+/// Starting points of the search: one with a long and one with a short lengthscale.
 const STARTS: [[f64; 5]; 2] = [[1.0, 0.1, 0.1, 0.01, 0.05], [1.0, 1.0, 0.1, 0.01, 0.3]];
 
 /// Largest θ₀ unless single precision asks for less.

@@ -187,7 +187,7 @@ impl ElasticSummary {
         }
         if let Some(curve) = &self.own_joint_curve {
             report.line(format_args!(
-                "  own-joint curve: {:.0} µrad standard deviation, length scale {:.1}°, up to {} cycles per turn",
+                "  own-joint curve: {:.0} µrad standard deviation, lengthscale {:.1}°, up to {} cycles per turn",
                 curve.amplitude_urad, curve.length_scale_deg, curve.orders
             ));
         }

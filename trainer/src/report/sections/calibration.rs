@@ -143,7 +143,7 @@ pub fn parameters(
         let at = |name: &str| format!("/elastic/own_joint_curve/{name}");
         section = section.text(html! {
             "Own-joint curve: the error of each joint as a function of its own angle, with a standard deviation of "
-            (Number::new(amplitude, 0, at("amplitude_urad"))) " µrad, a length scale of "
+            (Number::new(amplitude, 0, at("amplitude_urad"))) " µrad, a lengthscale of "
             (Number::new(length_scale, 1, at("length_scale_deg"))) "° and up to "
             (Number::count(orders, at("orders"))) " cycles per turn."
         });
