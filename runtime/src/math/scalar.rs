@@ -70,7 +70,7 @@ pub trait Scalar:
         }
     }
     /// Computes 2^self for −2²² < self ≤ 0; within 1.8e-7 relative and not below 2⁻¹²⁵ in `f32`, within 2⁻⁵² and not below
-    /// 2⁻¹⁰²⁰ in `f64`. It has no branch and no call, so that compilers vectorize it.
+    /// 2⁻¹⁰²⁰ in `f64`. It has no branch and no call, so that compilers vectorise it.
     fn exp2(self) -> Self;
     /// Computes 2^self for |self| ≤ 125: the same number as [`Scalar::exp2`] without its clamp, in three instructions less.
     fn exp2_unclamped(self) -> Self;
@@ -137,7 +137,7 @@ impl Scalar for f64 {
     }
     /// Works like that of `f32` below: magic-number rounding, a polynomial of degree 11 on the fraction (Chebyshev
     /// interpolation in 60-digit arithmetic, within 1.3e-17), integer addition to the exponent. `libm`'s exp2 is a call with
-    /// a table, which does not vectorize.
+    /// a table, which does not vectorise.
     #[inline(always)]
     fn exp2_unclamped(self) -> Self {
         const ROUND: f64 = 6_755_399_441_055_744.0;

@@ -1,6 +1,6 @@
 //! Evaluation of a model, compiled here once for each number type.
 //!
-//! A generic function is compiled in the crate that uses it, once for every capacity and with that crate's optimization:
+//! A generic function is compiled in the crate that uses it, once for every capacity and with that crate's optimisation:
 //! firmware compiled for size would get slow kernels. So the evaluation is compiled in this crate, always for speed.
 
 use poegp_protocol::limits::MAX_JOINTS;

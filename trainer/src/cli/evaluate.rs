@@ -397,7 +397,7 @@ impl Judged {
         self.sigma_sum = (self.sigma_sum.0 + sum, self.sigma_sum.1 + count);
     }
 
-    /// Summarizes the predicted standard deviations; `None` if the blob contains none.
+    /// Summarises the predicted standard deviations; `None` if the blob contains none.
     fn predictive_std(&self) -> Option<StdSummary> {
         let (sum, count) = self.sigma_sum;
         Some(StdSummary {

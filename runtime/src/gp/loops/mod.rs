@@ -198,7 +198,7 @@ fn row_value<'a, T: Scalar, const D: usize, const ROW: usize>(
 /// Computes into `values` the contribution of each of the W rows of the tile at the beginning of `words`, and returns the
 /// words behind it.
 ///
-/// Not inlined: compilers vectorize computations whose results are stored in memory.
+/// Not inlined: compilers vectorise computations whose results are stored in memory.
 #[inline(never)]
 fn tile_values<'a, T: Scalar, const D: usize, const W: usize>(
     words: &'a [T],

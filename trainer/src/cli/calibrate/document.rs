@@ -128,7 +128,7 @@ impl LossJson {
 }
 
 impl BlobSummary {
-    /// Summarizes a blob that will be written to `path`.
+    /// Summarises a blob that will be written to `path`.
     pub fn new(path: &Path, blob: &BlobModel) -> Self {
         Self {
             file: path.display().to_string(),

@@ -75,7 +75,7 @@ struct RippleSummary {
 }
 
 impl ElasticSummary {
-    /// Summarizes a calibration with its samples; `None` unless the correction is elastic.
+    /// Summarises a calibration with its samples; `None` unless the correction is elastic.
     pub fn new(calibration: &Calibration, samples: &[InstrumentSample]) -> Option<Self> {
         let elastic = calibration.correction.elastic()?;
         let report = &elastic.report;

@@ -226,7 +226,7 @@ impl Known {
         };
     }
 
-    /// Summarizes the gauge of a calibration with its samples.
+    /// Summarises the gauge of a calibration with its samples.
     pub fn summary(
         &self,
         calibration: &Calibration,

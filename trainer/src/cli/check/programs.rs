@@ -14,7 +14,7 @@ use poegp_calibration::numeric::statistics::Summary;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 
-/// A corrected program, summarized from its record.
+/// A corrected program, summarised from its record.
 #[derive(Debug, Serialize)]
 pub struct CorrectedProgram {
     pub program: String,

@@ -94,7 +94,7 @@ fn between_json(program: &Program, all: &[Between]) -> Option<BetweenJson> {
     })
 }
 
-/// Summarizes the correction of a program.
+/// Summarises the correction of a program.
 pub fn document(
     program: &Program,
     outcome: &Outcome,

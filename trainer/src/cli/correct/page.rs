@@ -1,6 +1,6 @@
 //! `trainer correct --report`: which targets of a robot program move, by how much, and which parts stay as they are.
 //!
-//! The numbers that summarize the program are those of the JSON document.
+//! The numbers that summarise the program are those of the JSON document.
 
 use std::collections::HashMap;
 
