@@ -3,7 +3,7 @@
 
 use poegp_calibration::blob::commander::{Commander, Joints};
 use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::filter::{CommandFilter, CorrectionBound, FilterError, FilterSettings};
+use poegp_runtime::filter::{CommandFilter, CorrectionBound, FilterError, FilterSettings, GRACE};
 use poegp_runtime::guard::status::Status;
 
 use crate::bridge::message::{MicroDegrees, Setpoint, micro_degrees};
@@ -125,6 +125,9 @@ impl Corrector {
         } else {
             corrected.status
         };
+        // After a gap the filter stops where it is. A correction that is withdrawn, perhaps because packets are lost, goes on
+        // to zero.
+        let cycles = if engage { cycles } else { cycles.min(GRACE) };
         let sent = (self.filter).step(command, &corrected.joints, status, engage, cycles);
         if sent.status.contains(Status::BAD_INPUT) {
             // The filter has counted the cycles. It holds the arm where it was, but RSI adds to a setpoint that moves on:

@@ -114,14 +114,16 @@ pub fn run(a: &RsiArgs) -> Result<(), Failure> {
     let socket = UdpSocket::bind(a.listen).map_err(cannot)?;
     let address = socket.local_addr().map_err(cannot)?;
     let printer = Printer::for_outputs(&outputs);
-    introduce(printer, a, &loaded, payload_kg, address);
     let (sender, reports) = sync_channel::<Report>(1);
     let printing = thread::spawn(move || {
         for report in reports {
             printer.line(line(&report));
         }
     });
-    let served = stoppable(|stop| serve(&socket, &mut rsi, a.cycles, stop, &sender));
+    let served = stoppable(|stop| {
+        introduce(printer, a, &loaded, payload_kg, address);
+        serve(&socket, &mut rsi, a.cycles, stop, &sender)
+    });
     drop(sender);
     // The printing thread ends when the sender is dropped.
     let _ = printing.join();
