@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import operator
 import os
 import tempfile
 from pathlib import Path
@@ -11,7 +12,16 @@ from typing import NamedTuple
 from poegp._native import NativeModel, status_flags
 from poegp._native import export as _export
 
-Status = enum.IntFlag(
+
+class _Bits(enum.IntFlag):
+    """Flags that an integer of NumPy makes, too."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> object:
+        return super()._missing_(operator.index(value))
+
+
+Status = _Bits(
     "Status", {name.upper().replace("-", "_"): bit for name, bit in status_flags()}, module=__name__
 )
 Status.__doc__ = "What an answer is worth: 0 is as trained, each bit is a remark."
@@ -117,7 +127,8 @@ class Model:
     def predict(self, q, payload_kg=None, frame="instrument"):
         """Where the real target is: poses (n, 4, 4) in m, and their :class:`Answer`.
 
-        The numbers are those of ``trainer evaluate --predictions``.
+        The numbers are those of ``trainer evaluate --predictions``. The target is the first one of the training file; for rows
+        of another session or target, use :meth:`residuals`.
         """
         poses, *answer = self._native.predict(q, payload_kg, frame)
         return poses, Answer(*answer)

@@ -6,14 +6,21 @@ use pyo3::prelude::*;
 
 /// Anything that NumPy makes an array of numbers of, as one in C order.
 fn array<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
-    let py = value.py();
-    let made = py
-        .import("numpy")?
-        .call_method1("ascontiguousarray", (value, "float64"));
-    let made = made.map_err(|error| {
+    let made = contiguous(value).map_err(|error| {
         PyTypeError::new_err(format!("{name}: expected an array of numbers ({error})"))
     })?;
     Ok(made.cast_into::<PyArrayDyn<f64>>()?)
+}
+
+fn contiguous<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    let mut value = value.clone();
+    if value.hasattr("mask")? && value.hasattr("filled")? {
+        // What is masked is no number.
+        value = value.call_method1("astype", ("float64",))?;
+        value = value.call_method1("filled", (f64::NAN,))?;
+    }
+    let numpy = value.py().import("numpy")?;
+    numpy.call_method1("ascontiguousarray", (value, "float64"))
 }
 
 /// `(n, …)` with the numbers after the first dimension as `shape`: n, and all numbers row by row. They are copied, so that
@@ -66,8 +73,9 @@ pub fn each(value: &Bound<'_, PyAny>, name: &str, n: usize) -> PyResult<Vec<f64>
         [one] if n != 1 => Ok(vec![*one; n]),
         _ if array.ndim() == 1 && numbers.len() == n => Ok(numbers),
         _ => Err(PyValueError::new_err(format!(
-            "{name}: found {} numbers, expected one number, or one for each of {n} rows",
-            numbers.len()
+            "{name}: found an array of shape {}, expected one number or shape {}",
+            tuple(array.shape()),
+            tuple(&[n])
         ))),
     }
 }

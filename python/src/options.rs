@@ -18,6 +18,11 @@ pub fn given(options: Option<&Bound<'_, PyDict>>, refused: &[&str]) -> PyResult<
             )));
         }
         let flag = format!("--{}", key.replace('_', "-"));
+        // Arrays and numbers of NumPy as lists and numbers of Python.
+        let value = match value.hasattr("tolist")? {
+            true => value.call_method0("tolist")?,
+            false => value,
+        };
         if value.is_none() {
             continue;
         }

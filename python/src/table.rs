@@ -52,10 +52,13 @@ pub fn csv(data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
 
 /// The fields of a column.
 fn values(column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
-    let numpy = column.py().import("numpy")?;
-    let list = numpy
-        .call_method1("asarray", (column,))?
-        .call_method0("tolist")?;
+    // An array knows which of its values are masked; they become None.
+    let list = match column.hasattr("mask")? && column.hasattr("filled")? {
+        true => column.call_method0("tolist")?,
+        false => (column.py().import("numpy")?)
+            .call_method1("asarray", (column,))?
+            .call_method0("tolist")?,
+    };
     let list = list.cast_into::<PyList>().map_err(|_| {
         PyTypeError::new_err("data: found a single value, expected a column of values")
     })?;
@@ -69,9 +72,9 @@ fn field(value: &Bound<'_, PyAny>) -> PyResult<String> {
     Ok(quoted(&value.str()?.to_string()))
 }
 
-/// With quotation marks where a text needs them.
+/// With quotation marks where a text needs them: a line that begins with # would be a comment.
 fn quoted(text: &str) -> String {
-    match text.contains([',', '"', '\n', '\r']) {
+    match text.contains([',', '"', '\n', '\r']) || text.trim_start().starts_with('#') {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
         false => text.to_owned(),
     }

@@ -69,11 +69,22 @@ def test_tables_give_the_bytes_of_their_file(arm, tmp_path):
 
 def test_texts_of_a_table_are_kept(arm):
     table = pd.read_csv(arm.train, comment="#")
-    table["session"] = np.where(np.arange(len(table)) % 2, 'a "first", day', "another")
+    # A text may look like a comment, at the beginning of a row or after a line end.
+    table.insert(0, "session", np.where(np.arange(len(table)) % 2, '# a "first", day', "another\n# day"))
     found = poegp.calibrate("abb-irb120", table, method="poe")
     assert found.summary["training_poses"] == len(table)
     with pytest.raises(poegp.InputError, match="session"):
         poegp.calibrate("abb-irb120", table.assign(session=None), method="poe")
+
+
+def test_numbers_of_numpy_are_options_and_masked_values_are_missing(arm):
+    expected = poegp.calibrate("abb-irb120", arm.train, method="poe", gravity=[0, 0, -9.81], inducing_points=50)
+    given = {"gravity": np.array([0, 0, -9.81]), "inducing_points": np.int64(50)}
+    assert poegp.calibrate("abb-irb120", arm.train, method="poe", **given).blob == expected.blob
+    table = dict(pd.read_csv(arm.train, comment="#"))
+    table["x_mm"] = np.ma.masked_less(np.asarray(table["x_mm"]), 0)
+    with pytest.raises(poegp.InputError, match="x_mm"):
+        poegp.calibrate("abb-irb120", table, method="poe")
 
 
 def test_the_report_is_the_page_of_the_command_line(arm, trainer, tmp_path):

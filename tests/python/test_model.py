@@ -212,7 +212,7 @@ def test_shapes_are_checked(elastic, rows):
         elastic.predict(rows.q[0], payload_kg=1)
     with pytest.raises(ValueError, match=r"q: found an array of shape \(300, 5\), expected \(n, 6\)"):
         elastic.jacobian(rows.q[:, :5], payload_kg=1)
-    with pytest.raises(ValueError, match="payload_kg: found 299 numbers, expected one number, or one for each of 300 rows"):
+    with pytest.raises(ValueError, match=r"payload_kg: found an array of shape \(299,\), expected one number or shape \(300,\)"):
         elastic.correct(rows.q, payload_kg=rows.kg[1:])
     with pytest.raises(ValueError, match="payload_kg: found none, expected kilograms: .*1 to 5 kg"):
         elastic.predict(rows.q)
@@ -234,8 +234,11 @@ def test_numbers_that_are_none_are_answered_with_a_status(elastic, rows):
     assert np.isfinite(poses).all() and answer.status[0] == 0
     assert np.isnan(elastic.nominal(q)[1]).all()
     assert (elastic.jacobian(q, payload_kg=1)[1] == 0).all()
-    _, answer = elastic.predict(q, payload_kg=50)
+    _, answer = elastic.predict(np.ma.masked_invalid(q), payload_kg=50)
     assert answer.status[0] & poegp.Status.OUTSIDE_PAYLOAD_RANGE
+    assert answer.status[1] & poegp.Status.BAD_INPUT
+    flags = [poegp.Status(bits) for bits in answer.status]
+    assert poegp.Status.OUTSIDE_PAYLOAD_RANGE in flags[0] and poegp.Status(np.uint8(0)) == 0
 
 
 def test_what_is_no_model_is_an_error_of_its_file(arm, tmp_path):

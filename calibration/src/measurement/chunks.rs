@@ -138,7 +138,7 @@ impl<R: BufRead> Chunks<R> {
             for line in bytes.split(|byte| *byte == b'\n') {
                 let line = String::from_utf8_lossy(line);
                 let line = line.trim_start_matches('\u{feff}').trim();
-                if !is_remark(line) {
+                if !state.is_remark(line) {
                     state = state.after(line.as_bytes());
                 }
             }

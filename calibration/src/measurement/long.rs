@@ -23,7 +23,7 @@ use crate::robot::Robot;
 /// File size in bytes from which a file is long: about 18 000 rows with orientations.
 pub const LONG: u64 = 4 << 20;
 /// Largest number of rows that are kept of a long file; at least half as many are kept.
-const MOST_KEPT: usize = 8192;
+pub const MOST_KEPT: usize = 8192;
 /// Name of a measurement file in messages.
 const WHAT: &str = "a measurement file (CSV)";
 

@@ -117,14 +117,25 @@ pub(super) fn each_line(
     }
     // Comments and blank lines are removed before the CSV reader counts lines; `numbers` keeps the original line numbers.
     let mut kept = String::with_capacity(text.len());
-    let mut numbers = Vec::new();
+    let (mut numbers, mut remarks) = (Vec::new(), Vec::new());
+    let (mut state, mut begin) = (Quoting::default(), first);
     for (number, line) in (first..).zip(text.lines()) {
-        let line = line.trim();
-        if !is_remark(line) {
-            kept.push_str(line);
-            kept.push('\n');
-            numbers.push(number);
+        if state.is_remark(line.trim()) {
+            remarks.push((number, line));
+            continue;
         }
+        let mut part = line;
+        if state != Quoting::Open {
+            (begin, part) = (number, line.trim_start());
+        }
+        state = state.after(part.as_bytes());
+        kept.push_str(part);
+        kept.push('\n');
+        numbers.push(number);
+    }
+    if state == Quoting::Open {
+        let found = "a quotation mark that is not closed";
+        return Err(InputError::new(file, found, "one that closes the text").at_line(begin));
     }
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
@@ -140,19 +151,14 @@ pub(super) fn each_line(
         let line = numbers.get(index.saturating_sub(1)).copied().unwrap_or(0);
         Ok(is_there.then_some((line, record)))
     };
-    let mut waiting = next()?;
-    for (number, line) in (first..).zip(text.lines()) {
-        if is_remark(line.trim()) {
-            show(Part::Remark(line))?;
+    let mut remarks = remarks.into_iter().peekable();
+    while let Some((at, record)) = next()? {
+        while let Some((_, remark)) = remarks.next_if(|(number, _)| *number < at) {
+            show(Part::Remark(remark))?;
         }
-        while let Some((at, record)) = &waiting
-            && *at <= number
-        {
-            show(Part::Record(*at, record))?;
-            waiting = next()?;
-        }
+        show(Part::Record(at, &record))?;
     }
-    Ok(())
+    remarks.try_for_each(|(_, remark)| show(Part::Remark(remark)))
 }
 
 /// State of the CSV reader within a record, with regard to quotation marks.
@@ -170,7 +176,12 @@ pub(super) enum Quoting {
 }
 
 impl Quoting {
-    /// Returns the state after another line, which is trimmed and not a comment.
+    /// Returns whether a line in this state is a comment or blank; `line` is trimmed. Within quotation marks none is.
+    pub(super) fn is_remark(self, line: &str) -> bool {
+        self != Self::Open && is_remark(line)
+    }
+
+    /// Returns the state after another line, which is not a comment.
     pub(super) fn after(self, line: &[u8]) -> Self {
         let begin = match self {
             Self::Open => Self::Open,

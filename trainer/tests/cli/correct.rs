@@ -10,7 +10,7 @@ use crate::texts::texts;
 
 const TARGETS: &str = "# welding program 7\nname,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,speed\n\
     a,10,20,-30,5,30,70,fast\n\n# all joints at zero: beside the wrist's singularity\nb,0,0,0,0,0,0,slow\n\
-    \"c, d\",-31.25,-10.5,22,8.25,-40,12,fast\n";
+    \"c, d\",-31.25,-10.5,22,8.25,-40,12,\"fast\n# not slow\"\n";
 
 /// A folder with an elastic model of 60 poses.
 fn folder() -> Folder {
@@ -124,7 +124,7 @@ fn all_else_stays_and_the_summary_is_of_the_file() {
     let document = folder.run(line).ok().json();
     let text = folder.text("out.csv");
     let lines: Vec<&str> = text.lines().collect();
-    assert_eq!(lines.len(), 7);
+    assert_eq!(lines.len(), 8);
     assert_eq!(lines[0], "# welding program 7");
     assert!(
         lines[1]
@@ -133,6 +133,7 @@ fn all_else_stays_and_the_summary_is_of_the_file() {
     assert_eq!(lines[3], "");
     assert!(lines[2].starts_with("a,") && lines[2].contains(",fast,"));
     assert!(lines[6].starts_with("\"c, d\",-3"), "{}", lines[6]);
+    assert!(lines[7].starts_with("# not slow\","), "{}", lines[7]);
     assert_eq!(document["commands"], 3);
     let count = |name: &str| document[name].as_u64().unwrap();
     assert_eq!(
@@ -150,7 +151,7 @@ fn all_else_stays_and_the_summary_is_of_the_file() {
     let printed = folder
         .run("correct arm.blob targets.csv --payload-kg 90 --out -")
         .ok();
-    assert_eq!(printed.stdout.lines().count(), 7);
+    assert_eq!(printed.stdout.lines().count(), 8);
 }
 
 #[test]

@@ -162,6 +162,20 @@ fn comments_blank_lines_and_line_ends() {
     assert_ne!(set.sha256, other.sha256);
 }
 
+/// A text in quotation marks may contain anything, also lines that look like a comment.
+#[test]
+fn no_line_of_a_quoted_text_is_a_comment() {
+    let set = ok(
+        "q1_deg,x_mm,y_mm,z_mm,note\n1,1,1,1,\"ticket\n#12\"\n2,1,1,1,x\n# one\n3,1,1,1,\"\n\n # y\"\n4,1,1,1,z\n",
+    );
+    let rows: Vec<_> = set
+        .measurements
+        .iter()
+        .map(|m| (m.line, m.joints[0].to_degrees()))
+        .collect();
+    assert_eq!(rows, [(2, 1.0), (4, 2.0), (6, 3.0), (9, 4.0)]);
+}
+
 #[test]
 fn columns_come_in_any_order_and_unknown_ones_are_noted() {
     let set = ok("z_mm,comment,q2_deg,x_mm,temperature,q1_deg,y_mm\n3,warm,20,1,21.5,10,2\n");

@@ -64,7 +64,11 @@ fn rows_of_another_width() {
     );
     refused(
         format!("{head}1,\"2,3,4\n5,6,7,8\n"),
-        &["set.csv:4:", "short row of 2", "quotation mark"],
+        &["set.csv:4:", "a quotation mark that is not closed"],
+    );
+    refused(
+        format!("{head}1,\"2\n# a\",3,4,5\n6,7,8,9\n"),
+        &["set.csv:4:", "a long row of 5", "comma"],
     );
 }
 

@@ -54,6 +54,10 @@ const HEADER_BYTES: u64 = 1 << 16;
 /// Returns whether the header of a measurement file has the column `feature`, which makes it a touch file. For a file that
 /// is not a table the answer is `false`, and its reader reports the reason.
 pub fn is_touch_file(path: &Path) -> bool {
+    // What a pipe has given cannot be read again.
+    if !path.is_file() {
+        return false;
+    }
     let mut bytes = Vec::new();
     let read = File::open(path).and_then(|file| file.take(HEADER_BYTES).read_to_end(&mut bytes));
     let header = read.ok().and_then(|_| header(&bytes));
