@@ -70,14 +70,22 @@ impl<'a> RowValues<'a> {
                 "rows without a measurement: incomplete = \"leave-out\" in the map leaves them out and lists them",
             ));
         }
-        let mut digits = text.to_owned();
-        if let Some(thousands) = self.table.thousands {
-            digits.retain(|c| c != thousands);
-        }
+        let mark = match self.table.decimal {
+            Decimal::Point => '.',
+            Decimal::Comma => ',',
+        };
+        let mut digits = match self.table.thousands {
+            Some(thousands) => without_groups(text, thousands, mark),
+            None => text.to_owned(),
+        };
         let (other, other_help) = match self.table.decimal {
             Decimal::Point => (
                 ',',
                 "is the comma the decimal point? Then decimal = \",\" in [file] of the map",
+            ),
+            Decimal::Comma if self.table.thousands == Some('.') => (
+                '.',
+                "the map says that the decimal point is a comma, and a point groups thousands: three digits follow it",
             ),
             Decimal::Comma => (
                 '.',
@@ -176,6 +184,21 @@ impl<'a> RowValues<'a> {
             JointUnit::Mm => self.millimetres(index, LengthUnit::Mm),
             JointUnit::M => self.millimetres(index, LengthUnit::M),
         }
+    }
+}
+
+/// Returns a number without the marks that group thousands. They stand in the integer part, each before exactly three digits;
+/// a number with others is returned as it is, and is none.
+fn without_groups(text: &str, thousands: char, mark: char) -> String {
+    let end = text.find([mark, 'e', 'E']).unwrap_or(text.len());
+    let (whole, rest) = text.split_at(end);
+    let mut groups = whole.split(thousands);
+    let first = groups.next().unwrap_or("").trim_start_matches(['-', '+']);
+    let is_group = |group: &str| group.len() == 3 && group.bytes().all(|b| b.is_ascii_digit());
+    let is_first = (1..=3).contains(&first.len()) && first.bytes().all(|b| b.is_ascii_digit());
+    match is_first && groups.all(is_group) {
+        true => whole.replace(thousands, "") + rest,
+        false => text.to_owned(),
     }
 }
 

@@ -77,6 +77,7 @@ pub fn solve(
         out.rounding = out.rounding.max(rounding);
     }
     out.left.sort_by_key(|left| left.location);
+    out.left.dedup_by_key(|left| left.location);
     out.replacements.sort_by_key(|r| (r.file, r.span.0));
     Ok(out)
 }

@@ -43,7 +43,6 @@ const MODIFIED: [&str; 9] = [
 /// # Errors
 /// [`InputError`] for a frame that is in none of the `others`, nor in the frame file.
 pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Program, InputError> {
-    let mut all = tokens(&source.bytes, &LEXICON);
     let section = |name: &[u8]| {
         let is_start = |at: &usize| {
             let begins = *at == 0 || matches!(source.bytes.get(at - 1), Some(b'\n' | b'\r'));
@@ -54,6 +53,10 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
             .unwrap_or(source.bytes.len())
     };
     let (motions, positions) = (section(b"/MN"), section(b"/POS"));
+    let mut all = tokens(
+        &without_remarks(&source.bytes, motions, positions),
+        &LEXICON,
+    );
     all.retain(|token| token.kind != Kind::LineEnd);
     let copy = source.clone();
     let mut program = Program::new("Fanuc TP", Language::Fanuc.dialect(), vec![source]);
@@ -73,26 +76,108 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         },
         &mut program,
     );
+    let instructions = Text {
+        file: 0,
+        source: &copy,
+        tokens: &code,
+    };
+    let changed = changed_frames(&instructions, &program);
     find_motions(
-        &Text {
-            file: 0,
-            source: &copy,
-            tokens: &code,
-        },
+        &instructions,
         &taught,
         &mut program,
         &Known {
             variables: fanuc_frames::frames(others),
             file: frames,
+            changed,
         },
     )?;
     Ok(program)
+}
+
+/// Returns the bytes of a listing with blanks in place of the remarks, messages and names among the instructions: an apostrophe
+/// or a bracket in these begins nothing.
+fn without_remarks(bytes: &[u8], from: usize, to: usize) -> Vec<u8> {
+    let mut out = bytes.to_vec();
+    let mut start = from;
+    while start < to {
+        let length = bytes[start..to]
+            .iter()
+            .position(|b| matches!(b, b'\n' | b'\r'));
+        let end = length.map_or(to, |length| start + length);
+        let line = &bytes[start..end];
+        let is_number = |b: &u8| b.is_ascii_digit() || b.is_ascii_whitespace() || *b == b':';
+        let word = &line[line.iter().take_while(|b| is_number(b)).count()..];
+        let is_remark = [b"!".as_slice(), b"//", b"--", b"MESSAGE["]
+            .iter()
+            .any(|start| word.starts_with(start));
+        if is_remark {
+            out[start..end].fill(b' ');
+        } else {
+            blank_names(&mut out[start..end]);
+        }
+        start = end + 1;
+    }
+    out
+}
+
+/// Puts blanks in place of the name in each `R[1:name]` of a line.
+fn blank_names(line: &mut [u8]) {
+    let mut at = 0;
+    while at < line.len() {
+        let digits = match line[at] {
+            b'[' => line[at + 1..].iter().take_while(|b| b.is_ascii_digit()),
+            _ => {
+                at += 1;
+                continue;
+            }
+        };
+        let colon = at + 1 + digits.count();
+        at += 1;
+        if colon == at || line.get(colon) != Some(&b':') {
+            continue;
+        }
+        let is_quoted = line.get(colon + 1) == Some(&b'"');
+        let quote = line[colon + 1..].iter().skip(1).position(|b| *b == b'"');
+        let name_end = match (is_quoted, quote) {
+            (true, Some(quote)) => colon + 2 + quote,
+            _ => colon,
+        };
+        let close = line[name_end..].iter().position(|b| *b == b']');
+        if let Some(close) = close {
+            line[colon..name_end + close].fill(b' ');
+            at = name_end + close;
+        }
+    }
 }
 
 /// Sources of frames and tools.
 struct Known<'a> {
     variables: Numbered,
     file: &'a FrameFile,
+    /// Tools (true) and user frames that the listing sets, by number, each with the line; no number is any number.
+    changed: BTreeMap<(bool, Option<String>), String>,
+}
+
+/// Returns the tools and user frames that the instructions set: `UFRAME[2]=PR[1]`.
+fn changed_frames(text: &Text<'_>, program: &Program) -> BTreeMap<(bool, Option<String>), String> {
+    let mut out = BTreeMap::new();
+    for at in 0..text.tokens.len() {
+        let name = text.name(at);
+        let is_frame = matches!(name.as_str(), "uframe" | "utool") && text.is(at + 1, b'[');
+        if !is_frame {
+            continue;
+        }
+        let close = text.find(at + 2, text.tokens.len(), b"]");
+        if text.is(close + 1, b'=') {
+            let number = text.number(at + 2).filter(|_| close == at + 3);
+            let number = number.map(|n| n.value.to_string());
+            let at = text.byte(at);
+            let line = program.line_of(Location { file: 0, at });
+            out.entry((name == "utool", number)).or_insert(line);
+        }
+    }
+    out
 }
 
 /// A taught position of `/POS`.
@@ -228,7 +313,7 @@ fn find_motions(
     let end = text.tokens.len();
     let mut from = 0;
     while from < end {
-        let stop = text.find(from, end, b";");
+        let stop = (from..end).find(|at| text.is(*at, b';')).unwrap_or(end);
         // A line begins with its number and a colon.
         let start =
             from + usize::from(text.number(from).is_some()) + usize::from(text.is(from + 1, b':'));
@@ -292,6 +377,17 @@ fn motion(
             program.leave(taught_at, "its frame or tool is the one in use (F)");
             continue;
         };
+        let changed = [(true, tool), (false, user)]
+            .into_iter()
+            .find_map(|(is_tool, name)| {
+                let of = |number| given.changed.get(&(is_tool, number));
+                of(Some(name.clone())).or_else(|| of(None))
+            });
+        if let Some(line) = changed.filter(|_| !is_joints) {
+            let reason = format!("its frame or tool is set at {line}");
+            program.leave(taught_at, reason);
+            continue;
+        }
         let tool = frame(text, taught_at, given, (tool, true), is_joints)?;
         let user = frame(text, taught_at, given, (user, false), is_joints)?;
         let (tool, user) = (program.frame(tool), program.frame(user));

@@ -8,6 +8,7 @@ pub mod between;
 pub mod engine;
 mod fanuc;
 mod fanuc_frames;
+mod flow;
 pub mod frames;
 mod inform;
 mod inform_conditions;
@@ -21,7 +22,6 @@ pub mod split;
 mod table;
 pub mod tokens;
 mod urscript;
-mod urscript_lines;
 mod val3;
 
 use std::path::{Path, PathBuf};

@@ -125,7 +125,11 @@ fn payload_of(program: &Program, target: &Target, payload: Payload) -> Result<f6
             let tool = target.tool.and_then(|index| program.frames.get(index));
             tool.and_then(|tool| tool.payload_kg)
                 .filter(|kg| *kg >= 0.0)
-                .ok_or_else(|| Refused::Left("its tool has no payload in the program".to_owned()))
+                .ok_or_else(|| {
+                    Refused::Left(
+                        "its tool has no payload in the program that is certain".to_owned(),
+                    )
+                })
         }
     }
 }

@@ -41,17 +41,33 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         given: frames,
         named: HashMap::new(),
         frames: HashMap::new(),
-        changed: Vec::new(),
+        changed: HashMap::new(),
     };
     for (file, source) in copies.iter().enumerate() {
         if is_data(source) {
             reader.data(file);
         }
     }
-    for (file, source) in copies.iter().enumerate() {
-        if !is_data(source) {
-            reader.code(file)?;
-        }
+    let programs = copies.iter().enumerate().filter(|(_, s)| !is_data(s));
+    let programs: Vec<(usize, Vec<Token>)> = programs
+        .map(|(file, source)| {
+            let mut all = tokens(&source.bytes, &LEXICON);
+            all.retain(|token| token.kind != Kind::LineEnd && !is_comment(source, token));
+            (file, all)
+        })
+        .collect();
+    let texts = || {
+        programs.iter().map(|(file, tokens)| Text {
+            file: *file,
+            source: &copies[*file],
+            tokens,
+        })
+    };
+    for text in texts() {
+        reader.changes(&text);
+    }
+    for text in texts() {
+        reader.code(&text)?;
     }
     Ok(reader.program)
 }
@@ -74,8 +90,8 @@ struct Reader<'a> {
     /// Targets by `name[key]`, each with the frame of a point.
     named: HashMap<String, (Option<usize>, String)>,
     frames: HashMap<String, FrameData>,
-    /// Frames that the programs change.
-    changed: Vec<String>,
+    /// Data that the programs change, as `name[key]`, or as `name` for all of its elements, each with the line.
+    changed: HashMap<String, String>,
 }
 
 /// A start tag: its name, and the positions of its attributes' values.
@@ -212,24 +228,75 @@ impl Reader<'_> {
         }
     }
 
-    fn code(&mut self, file: usize) -> Result<(), InputError> {
-        let source = &self.sources[file];
-        let mut all = tokens(&source.bytes, &LEXICON);
-        all.retain(|token| token.kind != Kind::LineEnd && !is_comment(source, token));
-        let text = Text {
-            file,
-            source,
-            tokens: &all,
+    /// Notes the data that a program changes: `fPart.trsf=…`, `pPoint[1].trsf.z=…`, `tGun=…`, `setFrame(…,fPart)`, `link(p,f)`.
+    fn changes(&mut self, text: &Text<'_>) {
+        for at in 1..text.tokens.len() {
+            let name = text.name(at);
+            if matches!(name.as_str(), "setframe" | "link") && text.is(at + 1, b'(') {
+                let end = text.find(at + 2, text.tokens.len(), b")");
+                let arguments = text.arguments(at + 2, end);
+                let changed = match name.as_str() {
+                    "setframe" => arguments.last(),
+                    _ => arguments.first(),
+                };
+                if let Some((from, _)) = changed {
+                    self.change(text, *from);
+                }
+            }
+            let is_compared = text.is(at + 1, b'=')
+                || [b'=', b'!', b'<', b'>']
+                    .iter()
+                    .any(|mark| text.is(at - 1, *mark));
+            if !text.is(at, b'=') || is_compared {
+                continue;
+            }
+            // The name stands before its key and its components.
+            let (mut from, mut depth) = (at, 0_usize);
+            while from > 0 {
+                from -= 1;
+                depth += usize::from(text.is(from, b']'));
+                depth = depth.saturating_sub(usize::from(text.is(from, b'[')));
+                let is_component = from > 0 && text.is(from - 1, b'.');
+                let is_name = text.at(from).is_some_and(|t| t.kind == Kind::Name);
+                if depth == 0 && is_name && !is_component {
+                    break;
+                }
+            }
+            self.change(text, from);
+        }
+    }
+
+    /// Notes that a program changes the data that are named at a token.
+    fn change(&mut self, text: &Text<'_>, from: usize) {
+        let behind = match text.is(from + 1, b'[') {
+            true => text.find(from + 2, text.tokens.len(), b"]") + 1,
+            false => from + 1,
         };
-        for at in 0..all.len() {
-            // fPart.trsf = …: the program changes the frame.
-            if text.is(at, b'.') && text.name(at + 1) == "trsf" && at > 0 {
-                let of = (0..at)
-                    .rev()
-                    .find(|i| text.at(*i).is_some_and(|t| t.kind == Kind::Name));
-                self.changed.extend(of.map(|i| text.spelling(i)));
+        let name = Self::element(text, (from, behind)).unwrap_or_else(|| text.spelling(from));
+        let location = Location {
+            file: text.file,
+            at: text.byte(from),
+        };
+        let line = self.program.line_of(location);
+        if let Some((Some(target), _)) = self.named.get(&name) {
+            let location = self.program.targets[*target].location;
+            let reason = format!("the program changes it at {line}");
+            self.program.leave(location, reason);
+        }
+        let all = format!("{name}[");
+        for (key, (target, _)) in &self.named {
+            if let Some(target) = target.filter(|_| key.starts_with(&all)) {
+                let location = self.program.targets[target].location;
+                let reason = format!("the program changes one of {name} at {line}");
+                self.program.leave(location, reason);
             }
         }
+        self.changed.entry(name).or_insert(line);
+    }
+
+    /// Notes the motions of a program.
+    fn code(&mut self, text: &Text<'_>) -> Result<(), InputError> {
+        let all = text.tokens;
         for at in 0..all.len() {
             let way = match text.name(at).as_str() {
                 "movej" => Way::Joints,
@@ -247,7 +314,7 @@ impl Reader<'_> {
                 continue;
             };
             for point in arguments.iter().take(points) {
-                self.motion(&text, *point, tool, way)?;
+                self.motion(text, *point, tool, way)?;
             }
         }
         Ok(())
@@ -294,6 +361,7 @@ impl Reader<'_> {
             Some(key) => self.frame(text, location.at, &key, true)?,
             None => Err("its tool is computed".to_owned()),
         };
+        let target_at = self.program.targets[target].location;
         let base = match is_joints {
             true => self.frame(text, location.at, "world[0]", false)?,
             false => self.frame(text, location.at, &father, false)?,
@@ -303,7 +371,7 @@ impl Reader<'_> {
                 let (tool, base) = (self.program.frame(tool), self.program.frame(base));
                 self.program.move_to(target, way, tool, base);
             }
-            (Err(reason), _) | (_, Err(reason)) => self.program.leave(location, reason),
+            (Err(reason), _) | (_, Err(reason)) => self.program.leave(target_at, reason),
         }
         Ok(())
     }
@@ -335,8 +403,8 @@ impl Reader<'_> {
                 }));
             }
             let name = next.split('[').next().unwrap_or("");
-            if self.changed.iter().any(|changed| changed == name) {
-                return Ok(Err(format!("the program changes {name}")));
+            if let Some(line) = self.changed.get(&next).or(self.changed.get(name)) {
+                return Ok(Err(format!("the program changes {name} at {line}")));
             }
             let Some(data) = self.frames.get(&next) else {
                 let lower = next.to_ascii_lowercase();

@@ -1,11 +1,13 @@
 //! Reads KUKA KRL: points of a data list, and points that are written in a motion of the source.
 //!
 //! Tool and base of a motion are those of its frame data (`FDAT_ACT=FP1`, `STOOL2(FP1)`), or those that `$TOOL`, `$BASE` and
-//! `BAS` have set before. Their values are `TOOL_DATA[n]` and `BASE_DATA[n]` in the program, in files beside it or in a
+//! `BAS` have set before, on every way to it. Their values are `TOOL_DATA[n]` and `BASE_DATA[n]` in the program, in files beside it or in a
 //! frame file. Points with missing components, relative motions and computed points are left as they are. ("Operating and
 //! Programming Instructions for System Integrators", KSS 8.)
 
 mod motion;
+mod names;
+mod state;
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -15,6 +17,8 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
+use crate::robot_programs::correction::krl::names::Names;
+use crate::robot_programs::correction::krl::state::{Named, States};
 use crate::robot_programs::correction::program::{
     Configuration, Goal, Location, Program, Target, Way, of_sign,
 };
@@ -48,24 +52,37 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         program: Program::new("KUKA KRL", Language::Krl.dialect(), sources),
         texts,
         given: frames,
-        points: HashMap::new(),
-        frame_data: HashMap::new(),
+        points: Names::new(&copies),
+        frame_data: Names::new(&copies),
         numbered: BTreeMap::new(),
     };
-    for file in 0..reader.texts.len() {
-        for (from, end) in lines(&reader.texts[file]) {
-            reader.declare(file, from, end);
-        }
+    let mut all = Vec::new();
+    for (file, text) in reader.texts.iter().enumerate() {
+        let lines = lines(text).into_iter();
+        all.extend(lines.map(|(from, end)| Line { file, from, end }));
     }
-    for file in 0..reader.texts.len() {
-        if reader.texts[file].source.is_corrected {
-            let mut state = State::default();
-            for (from, end) in lines(&reader.texts[file]) {
-                reader.line(file, from, end, &mut state)?;
-            }
+    for line in &all {
+        reader.declare(*line);
+    }
+    for line in &all {
+        reader.note_change(*line);
+    }
+    let states = reader.states(&all);
+    let mut before = None;
+    for (line, step) in all.iter().zip(&states.steps) {
+        if reader.texts[line.file].source.is_corrected {
+            reader.line(*line, (&states, *step), &mut before)?;
         }
     }
     Ok(reader.program)
+}
+
+/// A line of a file: its tokens from the first to the one behind the last.
+#[derive(Clone, Copy, Debug)]
+struct Line {
+    file: usize,
+    from: usize,
+    end: usize,
 }
 
 /// Returns the token ranges of the lines that are not empty.
@@ -83,17 +100,6 @@ fn lines(text: &Text<'_>) -> Vec<(usize, usize)> {
     out
 }
 
-/// A tool or base as a line names it.
-#[derive(Clone, Debug, PartialEq)]
-enum Named {
-    /// Number of the tool or base.
-    Number(u32),
-    /// Pose that is written in the line.
-    Written(Pose<f64>),
-    /// The tool or base is not known, for this reason.
-    Unknown(String),
-}
-
 /// Frame data of a motion: tool, base, and whether the robot holds the part.
 #[derive(Clone, Debug)]
 struct FrameData {
@@ -102,24 +108,14 @@ struct FrameData {
     is_fixed_tool: bool,
 }
 
-/// State of the program at a line.
-#[derive(Debug, Default)]
-struct State {
-    tool: Option<Named>,
-    base: Option<Named>,
-    is_fixed_tool: bool,
-    /// Index of the previous move, as long as nothing else may have moved the arm since.
-    before: Option<usize>,
-}
-
 struct Reader<'a> {
     program: Program,
     texts: Vec<Text<'a>>,
     given: &'a FrameFile,
     /// Targets of points by name; `None` for points that are left as they are.
-    points: HashMap<String, Option<usize>>,
-    frame_data: HashMap<String, FrameData>,
-    /// Values of `TOOL_DATA` (true) and `BASE_DATA` (false) by number.
+    points: Names<Option<usize>>,
+    frame_data: Names<FrameData>,
+    /// Values of `TOOL_DATA` (true) and `BASE_DATA` (false) by number, as data lists declare them.
     numbered: BTreeMap<(bool, u32), Result<Pose<f64>, String>>,
 }
 
@@ -219,14 +215,20 @@ impl Reader<'_> {
         (text.is(at + 1, b'[') && text.is(at + 3, b']')).then_some((number.value as u32, at + 4))
     }
 
-    /// Notes the points, frame data and frames that a line declares or sets.
-    fn declare(&mut self, file: usize, from: usize, end: usize) {
+    /// Returns the first token of a line behind the words of a declaration, and whether one of them is `GLOBAL`.
+    fn declared(&self, line: Line) -> (usize, bool) {
+        let text = self.texts[line.file];
+        let is_word = |at: &usize| matches!(text.name(*at).as_str(), "decl" | "global" | "const");
+        let words = (line.from..line.end).take_while(is_word);
+        let is_global = words.clone().any(|at| text.name(at) == "global");
+        (line.from + words.count(), is_global)
+    }
+
+    /// Notes the points, frame data and frames that a line declares.
+    fn declare(&mut self, line: Line) {
+        let Line { file, end, .. } = line;
         let text = self.texts[file];
-        let mut at = from;
-        let is_declared = matches!(text.name(from).as_str(), "decl" | "global" | "const");
-        while matches!(text.name(at).as_str(), "decl" | "global" | "const") {
-            at += 1;
-        }
+        let (at, is_global) = self.declared(line);
         let kind = text.name(at);
         let is_type = matches!(
             kind.as_str(),
@@ -236,7 +238,7 @@ impl Reader<'_> {
             let name = text.name(at + 1);
             if kind == "fdat" {
                 let data = self.frame_data_of(file, at + 3, end);
-                self.frame_data.insert(name, data);
+                self.frame_data.add(name, file, is_global, data);
                 return;
             }
             let point = self.point(file, at + 3, end);
@@ -252,39 +254,69 @@ impl Reader<'_> {
                 }
                 _ => None,
             };
-            self.points.insert(name, index);
-        } else if matches!(kind.as_str(), "tool_data" | "base_data")
-            && let Some((number, behind)) = self.element(file, at)
+            self.points.add(name, file, is_global, index);
+        } else if !self.is_code(file)
+            && let Some((is_tool, number, found)) = self.numbered_frame(line)
         {
-            let is_tool = kind == "tool_data";
             let line = self.program.line_of(self.location(file, at));
-            let found = match text.is(behind, b'=') {
-                true => self
-                    .pose(file, behind + 1, end)
-                    .ok_or(format!("it is computed at {line}")),
-                false => Err(format!("it is changed at {line}")),
-            };
-            let other = self
-                .numbered
-                .get(&(is_tool, number))
-                .is_some_and(|old| *old != found);
-            let found = if other && !text.source.is_corrected {
+            match self.numbered.get(&(is_tool, number)) {
                 // The values of the program itself take precedence.
-                return;
-            } else if other && !is_declared {
-                Err(format!("it is set again at {line}"))
-            } else {
-                found
-            };
-            self.numbered.insert((is_tool, number), found);
-        } else if !is_declared
-            && let Some(Some(index)) = self.points.get(&kind).copied()
-            && (text.is(at + 1, b'=') || text.is(at + 1, b'.'))
-        {
-            let line = self.program.line_of(self.location(file, at));
+                Some(old) if *old != found && text.source.is_corrected => {
+                    let again = Err(format!("it is set again at {line}"));
+                    self.numbered.insert((is_tool, number), again);
+                }
+                Some(_) => {}
+                None => {
+                    self.numbered.insert((is_tool, number), found);
+                }
+            }
+        }
+    }
+
+    /// Returns the number and the value of the tool (true) or base that a line `TOOL_DATA[n]=…` sets.
+    fn numbered_frame(&self, line: Line) -> Option<(bool, u32, Result<Pose<f64>, String>)> {
+        let text = self.texts[line.file];
+        let (at, _) = self.declared(line);
+        let is_tool = match text.name(at).as_str() {
+            "tool_data" => true,
+            "base_data" => false,
+            _ => return None,
+        };
+        let (number, behind) = self.element(line.file, at)?;
+        let pose = match text.is(behind, b'=') {
+            true => self.pose(line.file, behind + 1, line.end),
+            false => None,
+        };
+        let place = self.program.line_of(self.location(line.file, at));
+        Some((
+            is_tool,
+            number,
+            pose.ok_or(format!("it is computed at {place}")),
+        ))
+    }
+
+    /// Returns whether a file has instructions; others declare data.
+    fn is_code(&self, file: usize) -> bool {
+        let ending = self.texts[file].source.path.extension();
+        ending.is_some_and(|ending| ending.eq_ignore_ascii_case("src"))
+    }
+
+    /// Notes the points and frame data that a line changes.
+    fn note_change(&mut self, line: Line) {
+        let text = self.texts[line.file];
+        let (at, _) = self.declared(line);
+        if at > line.from || !(text.is(at + 1, b'=') || text.is(at + 1, b'.')) {
+            return;
+        }
+        let name = text.name(at);
+        let place = self.program.line_of(self.location(line.file, at));
+        let reason = format!("the program changes it at {place}");
+        if let Some(Some(index)) = self.points.find(&name, line.file).copied() {
             let location = self.program.targets[index].location;
-            self.program
-                .leave(location, format!("the program changes it at {line}"));
+            self.program.leave(location, reason);
+        } else if let Some(data) = self.frame_data.find_mut(&name, line.file) {
+            let unknown = Named::Unknown(format!("frame data {name}: {reason}"));
+            (data.tool, data.base) = (unknown.clone(), unknown);
         }
     }
 
@@ -310,70 +342,25 @@ impl Reader<'_> {
 
     fn line(
         &mut self,
-        file: usize,
-        from: usize,
-        end: usize,
-        state: &mut State,
+        line: Line,
+        states: (&States, usize),
+        state: &mut Option<usize>,
     ) -> Result<(), InputError> {
+        let Line { file, from, end } = line;
         let text = self.texts[file];
         let name = text.name(from);
-        let equals = text.is(from + 1, b'=');
-        let before = state.before.take();
+        let before = state.take();
         if stays(&name) {
-            state.before = before;
+            *state = before;
         }
         match name.as_str() {
-            "def" | "deffct" | "global" => *state = State::default(),
-            "fdat_act" if equals => {
-                let data = match text.is(from + 2, b'{') {
-                    true => Some(self.frame_data_of(file, from + 2, end)),
-                    false => self.frame_data.get(&text.name(from + 2)).cloned(),
-                };
-                self.take(state, data);
-            }
-            "$tool" | "$base" if equals => {
-                let is_tool = name == "$tool";
-                let list = if is_tool { "tool_data" } else { "base_data" };
-                let found = match (self.element(file, from + 2), text.name(from + 2)) {
-                    (Some((number, behind)), data) if data == list && behind == end => {
-                        Named::Number(number)
-                    }
-                    (_, data) if data == "$nullframe" => Named::Number(0),
-                    _ => match self.pose(file, from + 2, end) {
-                        Some(pose) => Named::Written(pose),
-                        None => Named::Unknown(format!("{name} is computed")),
-                    },
-                };
-                *(if is_tool {
-                    &mut state.tool
-                } else {
-                    &mut state.base
-                }) = Some(found);
-            }
-            "$tool" | "$base" => {
-                let found = Named::Unknown(format!("{name} is changed in part"));
-                *(if name == "$tool" {
-                    &mut state.tool
-                } else {
-                    &mut state.base
-                }) = Some(found);
-            }
-            "$ipo_mode" if equals => state.is_fixed_tool = text.name(from + 2) == "#tcp",
-            "bas" if text.is(from + 1, b'(') => {
-                let number = text.number(from + 4).map(|n| Named::Number(n.value as u32));
-                match text.name(from + 2).as_str() {
-                    "#tool" => state.tool = number.or(state.tool.take()),
-                    "#base" => state.base = number.or(state.base.take()),
-                    _ => {}
-                }
-            }
-            "ptp" | "sptp" => self.motion(file, from, end, Way::Joints, state)?,
+            "ptp" | "sptp" => *state = self.motion(line, Way::Joints, states)?,
             "lin" | "slin" => {
                 let first = self.program.moves.len();
-                self.motion(file, from, end, Way::Line, state)?;
+                *state = self.motion(line, Way::Line, states)?;
                 self.note_line(file, (from, end), before.filter(|step| step + 1 == first));
             }
-            "circ" | "scirc" => self.motion(file, from, end, Way::Arc, state)?,
+            "circ" | "scirc" => *state = self.motion(line, Way::Arc, states)?,
             "ptp_rel" | "lin_rel" | "circ_rel" | "sptp_rel" | "slin_rel" | "scirc_rel" | "spl"
             | "asyptp" => {
                 let location = self.location(file, from);
@@ -385,15 +372,6 @@ impl Reader<'_> {
             _ => {}
         }
         Ok(())
-    }
-
-    fn take(&self, state: &mut State, data: Option<FrameData>) {
-        let unknown = || Named::Unknown("its frame data are in none of the files".to_owned());
-        let (tool, base, is_fixed) = match data {
-            Some(data) => (data.tool, data.base, data.is_fixed_tool),
-            None => (unknown(), unknown(), false),
-        };
-        (state.tool, state.base, state.is_fixed_tool) = (Some(tool), Some(base), is_fixed);
     }
 }
 

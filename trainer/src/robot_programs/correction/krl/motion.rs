@@ -3,29 +3,34 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::krl::{Named, Reader, State};
-use crate::robot_programs::correction::program::{Frame, Goal, Line, Literal, Location, Way};
+use crate::robot_programs::correction::krl::state::{BASE, MODE, Named, States, TOOL};
+use crate::robot_programs::correction::krl::{Line, Reader};
+use crate::robot_programs::correction::program;
+use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Way};
 use crate::robot_programs::correction::tokens::Kind;
 
 impl Reader<'_> {
-    /// Notes a motion and the points to which it goes.
+    /// Notes a motion and the points to which it goes. Returns the index of its last move, if all its points are known.
     pub(super) fn motion(
         &mut self,
-        file: usize,
-        from: usize,
-        end: usize,
+        line: Line,
         way: Way,
-        state: &mut State,
-    ) -> Result<(), InputError> {
+        (states, step): (&States, usize),
+    ) -> Result<Option<usize>, InputError> {
+        let Line { file, from, end } = line;
         let text = self.texts[file];
-        // A motion may set its frames: SPTP XP1 WITH $TOOL = STOOL2(FP1), …
         let with = (from..end)
             .find(|at| text.name(*at) == "with")
             .unwrap_or(end);
-        let data = (with..end).find(|at| matches!(text.name(*at).as_str(), "stool2" | "sbase"));
-        if let Some(at) = data {
-            self.take(state, self.frame_data.get(&text.name(at + 2)).cloned());
-        }
+        let own = self.settings_with(line);
+        let held = |key: usize| {
+            let own = own.iter().rev().find(|(k, _)| *k == key);
+            match own {
+                Some((_, value)) => Ok(value.clone()),
+                None => states.certain.value(step, key, &self.program),
+            }
+        };
+        let (tool, base, mode) = (held(TOOL), held(BASE), held(MODE));
         let points = if way == Way::Arc { 2 } else { 1 };
         let first = self.program.moves.len();
         for (a, b) in text.arguments(from + 1, with).into_iter().take(points) {
@@ -39,15 +44,17 @@ impl Reader<'_> {
                 .at(stop)
                 .is_none_or(|t| stop >= b || t.kind == Kind::Name);
             let name = text.name(a);
+            let computed = || format!("its point is computed: {}", text.spelling(a));
             let found = match text.is(a, b'{') {
+                true if !is_alone => Err(computed()),
                 true => self.point(file, a, stop).map(|point| {
                     self.program.targets.push(point);
                     Some(self.program.targets.len() - 1)
                 }),
                 false if name.starts_with('$') => Ok(None),
-                false => match self.points.get(&name) {
+                false => match self.points.find(&name, file) {
                     Some(found) if is_alone => Ok(*found),
-                    Some(_) => Err(format!("its point is computed: {}", text.spelling(a))),
+                    Some(_) => Err(computed()),
                     None => Err(format!(
                         "its point {} is in none of the files",
                         text.spelling(a)
@@ -55,14 +62,28 @@ impl Reader<'_> {
                 },
             };
             match found {
-                Ok(Some(target)) => self.move_to(target, way, state)?,
+                Ok(Some(target)) => {
+                    let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
+                    let location = self.program.targets[target].location;
+                    if mode != Ok(Named::HoldsPart(false)) && !is_joints {
+                        let reason = match &mode {
+                            Err(reason) => format!("$IPO_MODE: {reason}"),
+                            Ok(_) => "the robot holds the part (IPO_FRAME #TCP)".to_owned(),
+                        };
+                        self.program.leave(location, reason);
+                        continue;
+                    }
+                    let at = (states, step);
+                    let tool = self.frame(location, &tool, at, true, is_joints)?;
+                    let base = self.frame(location, &base, at, false, is_joints)?;
+                    self.move_to(target, way, tool, base);
+                }
                 Ok(None) => {}
                 Err(reason) => self.program.leave(location, reason),
             }
         }
         let last = self.program.moves.len();
-        state.before = (last == first + points).then(|| last - 1);
-        Ok(())
+        Ok((last == first + points).then(|| last - 1))
     }
 
     /// Notes that moves can be inserted before a line, if the move before it is known.
@@ -80,7 +101,7 @@ impl Reader<'_> {
         if let Some(step) = before.map(|before| before + 1)
             && step + 1 == self.program.moves.len()
         {
-            self.program.lines.push(Line {
+            self.program.lines.push(program::Line {
                 step,
                 file,
                 instruction: (text.byte(from), text.end_of(end - 1)),
@@ -90,21 +111,19 @@ impl Reader<'_> {
         }
     }
 
-    fn move_to(&mut self, target: usize, way: Way, state: &State) -> Result<(), InputError> {
+    fn move_to(
+        &mut self,
+        target: usize,
+        way: Way,
+        tool: Result<Frame, String>,
+        base: Result<Frame, String>,
+    ) {
         let location = self.program.targets[target].location;
-        let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
-        if state.is_fixed_tool && !is_joints {
-            self.program
-                .leave(location, "the robot holds the part (IPO_FRAME #TCP)");
-            return Ok(());
-        }
         if way != Way::Joints
             && let Some(configuration) = &mut self.program.targets[target].configuration
         {
             configuration.is_monitored = false;
         }
-        let tool = self.frame(location, state.tool.as_ref(), true, is_joints)?;
-        let base = self.frame(location, state.base.as_ref(), false, is_joints)?;
         match (tool, base) {
             (Ok(tool), Ok(base)) => {
                 let (tool, base) = (self.program.frame(tool), self.program.frame(base));
@@ -112,14 +131,14 @@ impl Reader<'_> {
             }
             (Err(reason), _) | (_, Err(reason)) => self.program.leave(location, reason),
         }
-        Ok(())
     }
 
     /// Returns a tool or base; joint targets need none.
     fn frame(
         &self,
         location: Location,
-        named: Option<&Named>,
+        named: &Result<Named, String>,
+        (states, step): (&States, usize),
         is_tool: bool,
         is_joints: bool,
     ) -> Result<Result<Frame, String>, InputError> {
@@ -138,8 +157,8 @@ impl Reader<'_> {
             }))
         };
         let (number, name) = match named {
-            Some(Named::Number(number)) => (*number, format!("{data}[{number}]")),
-            Some(Named::Written(pose)) => {
+            Ok(Named::Number(number)) => (*number, format!("{data}[{number}]")),
+            Ok(Named::Written(pose)) => {
                 return frame(
                     format!("${}", kind.to_ascii_uppercase()),
                     *pose,
@@ -150,8 +169,9 @@ impl Reader<'_> {
             _ if is_joints => {
                 return frame("none".to_owned(), Pose::identity(), None, "the controller");
             }
-            Some(Named::Unknown(reason)) => return Ok(Err(reason.clone())),
-            None => return Ok(Err(format!("no {kind} is set before it"))),
+            Ok(Named::Unknown(reason)) => return Ok(Err(reason.clone())),
+            Ok(Named::HoldsPart(_)) => return Ok(Err(format!("its {kind} is computed"))),
+            Err(reason) => return Ok(Err(format!("its {kind}: {reason}"))),
         };
         let key = number.to_string();
         let given = if is_tool {
@@ -160,8 +180,16 @@ impl Reader<'_> {
             self.given.base(&key)
         };
         let kg = given.and_then(|given| given.payload_kg);
-        match (self.numbered.get(&(is_tool, number)), given) {
-            (Some(Ok(pose)), _) => frame(name, *pose, kg, "the program"),
+        let value = match states.numbered.get(&(is_tool, number)) {
+            Some(key) => Some(match states.certain.value(step, *key, &self.program) {
+                Ok(Named::Written(pose)) => Ok(pose),
+                Ok(Named::Unknown(reason)) | Err(reason) => Err(reason),
+                Ok(_) => Err("it is computed".to_owned()),
+            }),
+            None => self.numbered.get(&(is_tool, number)).cloned(),
+        };
+        match (value, given) {
+            (Some(Ok(pose)), _) => frame(name, pose, kg, "the program"),
             (Some(Err(_)), _) if is_joints => frame(name, Pose::identity(), kg, "the program"),
             (Some(Err(reason)), _) => Ok(Err(format!("{name}: {reason}"))),
             (None, Some(given)) => frame(name, given.pose, kg, &self.given.origin()),

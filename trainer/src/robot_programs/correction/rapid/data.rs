@@ -20,6 +20,33 @@ const WRIST: usize = 4;
 /// A value, or the reason why it is not known.
 pub type Known<T> = Result<T, String>;
 
+/// What a statement sets.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Setting {
+    /// A frame.
+    Pose(Pose<f64>),
+    /// A switch.
+    Is(bool),
+}
+
+/// A part of a tool or work object that the code may assign.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Part {
+    /// Whether the robot holds it, or something moves it; comes last, so that it makes the frame unknown.
+    Kind,
+    /// `tframe` or `uframe`.
+    Outer,
+    /// `oframe`.
+    Object,
+    /// Mass of a tool.
+    Mass,
+}
+
+impl Part {
+    /// All parts.
+    pub const ALL: [Self; 4] = [Self::Outer, Self::Object, Self::Mass, Self::Kind];
+}
+
 /// A tool or work object.
 #[derive(Clone, Debug)]
 pub enum FrameData {
@@ -81,23 +108,67 @@ impl FrameData {
         })
     }
 
-    /// Applies the assignment `name.component := value`; `line` names its position for users.
-    pub fn assign(&mut self, component: &str, value: &Value, line: &str) {
-        let pose = pose_of(value).ok_or_else(|| format!("it is computed at {line}"));
-        match (self, component) {
-            (Self::Tool { pose: slot, .. }, "tframe") => *slot = pose,
-            (Self::Object { user: slot, .. }, "uframe") => *slot = pose,
-            (Self::Object { object: slot, .. }, "oframe") => *slot = pose,
-            (Self::Tool { mass, .. }, part) if part.starts_with("tload") => *mass = None,
-            (data, _) => data.forget(&format!("it is changed at {line}")),
+    /// Creates the tool or work object that a parameter stands for.
+    pub fn parameter(kind: &str) -> Option<Self> {
+        let pose = Err("it is a parameter of its routine".to_owned());
+        match kind {
+            "tooldata" => Some(Self::Tool {
+                is_held: true,
+                pose,
+                mass: None,
+            }),
+            "wobjdata" => Some(Self::Object {
+                is_held: false,
+                is_moved: false,
+                user: pose,
+                object: Ok(Pose::identity()),
+            }),
+            _ => None,
         }
     }
 
-    /// Marks the pose as unknown, for a reason.
-    pub fn forget(&mut self, reason: &str) {
-        match self {
-            Self::Tool { pose, .. } => *pose = Err(reason.to_owned()),
-            Self::Object { user, .. } => *user = Err(reason.to_owned()),
+    /// Returns the parts that the assignment `name.component := value` sets, and their value unless it is computed.
+    pub fn assigned(&self, component: &str, value: &Value) -> Vec<(Part, Option<Setting>)> {
+        let pose = || pose_of(value).map(Setting::Pose);
+        match (self, component.split('.').next().unwrap_or("")) {
+            (Self::Tool { .. }, "tload") => vec![(Part::Mass, None)],
+            (_, "tframe" | "uframe") if component.contains('.') => vec![(Part::Outer, None)],
+            (_, "oframe") if component.contains('.') => vec![(Part::Object, None)],
+            (_, "tframe" | "uframe") => vec![(Part::Outer, pose())],
+            (_, "oframe") => vec![(Part::Object, pose())],
+            (_, "") => Part::ALL.map(|part| (part, None)).to_vec(),
+            _ => vec![(Part::Kind, None)],
+        }
+    }
+
+    /// Returns the declared value of a part; `None` if it is computed.
+    pub fn declared(&self, part: Part) -> Option<Setting> {
+        let pose = |pose: &Known<Pose<f64>>| pose.as_ref().ok().copied().map(Setting::Pose);
+        match (self, part) {
+            (_, Part::Kind | Part::Mass) => Some(Setting::Is(true)),
+            (Self::Tool { pose: outer, .. } | Self::Object { user: outer, .. }, Part::Outer) => {
+                pose(outer)
+            }
+            (Self::Object { object, .. }, Part::Object) => pose(object),
+            (Self::Tool { .. }, Part::Object) => Some(Setting::Is(true)),
+        }
+    }
+
+    /// Puts the value of a part, or the reason why it is not known.
+    pub fn put(&mut self, part: Part, value: Known<Setting>) {
+        let pose = match value {
+            Ok(Setting::Pose(pose)) => Ok(pose),
+            // The part is as declared.
+            Ok(Setting::Is(_)) => return,
+            Err(reason) => Err(reason),
+        };
+        match (self, part) {
+            (Self::Tool { mass, .. }, Part::Mass) => *mass = None,
+            (Self::Object { object, .. }, Part::Object) => *object = pose,
+            (Self::Object { .. }, Part::Mass) | (Self::Tool { .. }, Part::Object) => {}
+            (Self::Tool { pose: outer, .. } | Self::Object { user: outer, .. }, _) => {
+                *outer = pose;
+            }
         }
     }
 }
@@ -187,9 +258,19 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     Some((goal, Some(configuration)))
 }
 
-/// Data by module file, routine and name. Data of a routine hide those of its module, which hide those of other modules.
+/// Data of one name.
 #[derive(Clone, Debug)]
-pub struct Names<T>(HashMap<String, Vec<(usize, usize, T)>>);
+struct Named<T> {
+    file: usize,
+    routine: usize,
+    is_local: bool,
+    value: T,
+}
+
+/// Data by module file, routine and name. Data of a routine hide those of its module, which hide those of other modules;
+/// local ones are seen in their own module alone.
+#[derive(Clone, Debug)]
+pub struct Names<T>(HashMap<String, Vec<Named<T>>>);
 
 impl<T> Default for Names<T> {
     fn default() -> Self {
@@ -199,32 +280,27 @@ impl<T> Default for Names<T> {
 
 impl<T> Names<T> {
     /// Adds data of a file and routine; routine 0 is the module.
-    pub fn add(&mut self, name: &str, file: usize, routine: usize, value: T) {
-        self.0
-            .entry(name.to_owned())
-            .or_default()
-            .push((file, routine, value));
+    pub fn add(&mut self, name: &str, file: usize, routine: usize, is_local: bool, value: T) {
+        self.0.entry(name.to_owned()).or_default().push(Named {
+            file,
+            routine,
+            is_local,
+            value,
+        });
     }
 
     /// Returns the data to which a name refers in a routine of a file.
     pub fn find(&self, name: &str, file: usize, routine: usize) -> Option<&T> {
-        let all = self.0.get(name)?;
-        let own = all.iter().find(|(f, r, _)| *f == file && *r == routine);
-        let module = || all.iter().find(|(f, r, _)| *f == file && *r == 0);
-        let others = || all.iter().find(|(_, r, _)| *r == 0);
-        own.or_else(module).or_else(others).map(|(.., value)| value)
+        self.find_with_index(name, file, routine).map(|(_, v)| v)
     }
 
-    /// Returns the data to which a name refers in a routine of a file, to be changed.
-    pub fn find_mut(&mut self, name: &str, file: usize, routine: usize) -> Option<&mut T> {
-        let all = self.0.get_mut(name)?;
-        let own = |f: usize, r: usize| f == file && r == routine;
-        let at = all
-            .iter()
-            .position(|(f, r, _)| own(*f, *r))
-            .or_else(|| all.iter().position(|(f, r, _)| *f == file && *r == 0))
-            .or_else(|| all.iter().position(|(_, r, _)| *r == 0))?;
-        all.get_mut(at).map(|(.., value)| value)
+    /// Returns the same, and its index among the data of its name.
+    pub fn find_with_index(&self, name: &str, file: usize, routine: usize) -> Option<(usize, &T)> {
+        let all = self.0.get(name)?;
+        let in_file = |r: usize| all.iter().position(|n| n.file == file && n.routine == r);
+        let others = || all.iter().position(|n| n.routine == 0 && !n.is_local);
+        let index = in_file(routine).or_else(|| in_file(0)).or_else(others)?;
+        all.get(index).map(|named| (index, &named.value))
     }
 }
 

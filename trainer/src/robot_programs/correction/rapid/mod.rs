@@ -6,6 +6,7 @@
 
 mod data;
 mod motion;
+mod state;
 mod statements;
 mod syntax;
 
@@ -17,12 +18,13 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Location, Program};
 use crate::robot_programs::correction::rapid::data::{FrameData, Names, Read, target};
+use crate::robot_programs::correction::rapid::state::{DISPLACED, MONITORED, States};
 use crate::robot_programs::correction::rapid::statements::{
-    Routine, Statement, is_instruction, statements,
+    Parameter, Routine, Statement, is_instruction, statements,
 };
-use crate::robot_programs::correction::rapid::syntax::{is_equal, list_starts, stays};
+use crate::robot_programs::correction::rapid::syntax::{list_starts, stays};
 use crate::robot_programs::correction::source::Source;
-use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};
+use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
 
 const LEXICON: Lexicon = Lexicon {
     comment: b'!',
@@ -61,40 +63,28 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         given: frames,
         named: Names::default(),
         frames: Names::default(),
-        assigned: Vec::new(),
-        routines: HashMap::new(),
+        routines: Vec::new(),
+        by_name: HashMap::new(),
     };
     let mut all = Vec::new();
     for text in &reader.texts {
         let (found, routines) = statements(text);
         all.extend(found);
-        for routine in routines {
-            reader
-                .routines
-                .entry(routine.name.clone())
-                .or_insert(routine);
-        }
+        reader.routines.extend(routines);
     }
+    reader.note_routines();
     for statement in &all {
         reader.declare(statement);
     }
     for statement in &all {
-        reader.note_assignment(statement);
+        reader.note_changed_parameter(statement);
     }
-    reader.run(&all)?;
+    for statement in &all {
+        reader.note_change(statement);
+    }
+    let states = reader.states(&all);
+    reader.run(&all, &states)?;
     Ok(reader.program)
-}
-
-/// An assignment of the code to a tool or work object.
-#[derive(Clone, Debug)]
-struct Assignment {
-    name: String,
-    component: String,
-    value: Value,
-    file: usize,
-    routine: usize,
-    at: usize,
-    is_conditional: bool,
 }
 
 struct Reader<'a> {
@@ -104,23 +94,21 @@ struct Reader<'a> {
     /// Indices of the targets of each name; an array has several.
     named: Names<Vec<usize>>,
     frames: Names<FrameData>,
-    assigned: Vec<Assignment>,
-    routines: HashMap<String, Routine>,
+    routines: Vec<Routine>,
+    /// Indices of the routines of each name.
+    by_name: HashMap<String, Vec<usize>>,
 }
 
 /// State of the program at a statement.
-struct State {
-    frames: Names<FrameData>,
-    /// Assignments under a condition, with the blocks in which alone they hold.
-    conditional: Vec<(Vec<usize>, Assignment)>,
-    is_displaced: bool,
-    /// Whether configurations are monitored: in joint moves, and in straight moves.
-    is_monitored: [bool; 2],
+struct State<'a> {
+    states: &'a States,
+    /// Index of the statement's step.
+    step: usize,
     /// Index of the previous move and the conditions around it, as long as nothing else may have moved the arm since.
     before: Option<(usize, Vec<usize>)>,
 }
 
-impl<'a> Reader<'a> {
+impl Reader<'_> {
     fn location(&self, s: &Statement, token: usize) -> Location {
         Location {
             file: s.file,
@@ -132,6 +120,7 @@ impl<'a> Reader<'a> {
     fn declare(&mut self, s: &Statement) {
         let text = self.texts[s.file];
         let mut at = s.from;
+        let is_local = text.name(at) == "local";
         while matches!(text.name(at).as_str(), "local" | "task") {
             at += 1;
         }
@@ -161,7 +150,7 @@ impl<'a> Reader<'a> {
                         Read::Target(_) => {}
                     }
                 }
-                self.named.add(&name, s.file, s.routine, indices);
+                self.named.add(&name, s.file, s.routine, is_local, indices);
             }
             "tooldata" | "wobjdata" => {
                 let found = match kind.as_str() {
@@ -169,7 +158,7 @@ impl<'a> Reader<'a> {
                     _ => FrameData::object(&value),
                 };
                 if let Some(found) = found {
-                    self.frames.add(&name, s.file, s.routine, found);
+                    self.frames.add(&name, s.file, s.routine, is_local, found);
                 }
             }
             _ => {}
@@ -198,22 +187,56 @@ impl<'a> Reader<'a> {
         Some((text.name(s.from), component.join("."), equals + 2))
     }
 
-    fn note_assignment(&mut self, s: &Statement) {
-        let Some((name, component, from)) = self.assignment(s) else {
+    /// Notes names of the routines, and their parameters: these hide data of the module.
+    fn note_routines(&mut self) {
+        for (index, routine) in self.routines.iter().enumerate() {
+            let all = self.by_name.entry(routine.name.clone()).or_default();
+            all.push(index);
+            let (file, number) = (routine.file, routine.number);
+            for p in &routine.parameters {
+                if let Some(frame) = FrameData::parameter(&p.kind) {
+                    self.frames.add(&p.name, file, number, true, frame);
+                } else if matches!(p.kind.as_str(), "robtarget" | "jointtarget") {
+                    self.named.add(&p.name, file, number, true, Vec::new());
+                }
+            }
+        }
+    }
+
+    /// Returns the routine to which a name refers in a file.
+    fn routine(&self, name: &str, file: usize) -> Option<usize> {
+        let all = self.by_name.get(name)?;
+        let is_own = |index: &&usize| self.routines[**index].file == file;
+        let is_seen = |index: &&usize| !self.routines[**index].is_local;
+        let own = all.iter().find(is_own);
+        own.or_else(|| all.iter().find(is_seen)).copied()
+    }
+
+    /// Notes a routine that assigns to what its caller gives it.
+    fn note_changed_parameter(&mut self, s: &Statement) {
+        let Some((name, ..)) = self.assignment(s) else {
             return;
         };
+        let is_own = |r: &&mut Routine| (r.file, r.number) == (s.file, s.routine);
+        if let Some(routine) = self.routines.iter_mut().find(is_own) {
+            let is_it = |p: &Parameter| p.is_reference && p.name == name;
+            routine.has_changes |= routine.parameters.iter().any(is_it);
+        }
+    }
+
+    /// Leaves the targets that a statement changes as they are.
+    fn note_change(&mut self, s: &Statement) {
         let text = self.texts[s.file];
-        if self.frames.find(&name, s.file, s.routine).is_some() {
-            self.assigned.push(Assignment {
-                name,
-                component,
-                value: text.value(from, s.end),
-                file: s.file,
-                routine: s.routine,
-                at: text.byte(s.from),
-                is_conditional: !s.blocks.is_empty(),
-            });
-        } else if let Some(indices) = self.named.find(&name, s.file, s.routine) {
+        let is_search = text.name(s.from).starts_with("search");
+        let changed = match self.assignment(s) {
+            Some((name, ..)) => vec![name],
+            None if is_search => (s.from + 1..s.end).map(|at| text.name(at)).collect(),
+            None => self.changed_arguments(s),
+        };
+        for name in changed {
+            let Some(indices) = self.named.find(&name, s.file, s.routine) else {
+                continue;
+            };
             let line = self.program.line_of(self.location(s, s.from));
             for index in indices.clone() {
                 let location = self.program.targets[index].location;
@@ -223,124 +246,38 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Returns tools and work objects at the beginning of a routine: as declared, or as the routines set them if all set the
-    /// same value.
-    fn at_routine(&self, file: usize, routine: usize) -> Names<FrameData> {
-        let mut frames = self.frames.clone();
-        for (i, first) in self.assigned.iter().enumerate() {
-            let same = |a: &&Assignment| a.name == first.name && a.component == first.component;
-            if self.assigned[..i].iter().any(|a| same(&a)) {
-                continue;
-            }
-            let Some(data) = frames.find_mut(&first.name, file, routine) else {
-                continue;
-            };
-            let others = self.assigned.iter().filter(same);
-            let is_one = others
-                .clone()
-                .all(|a| is_equal(&a.value, &first.value) && !a.is_conditional);
-            let line = self.program.line_of(Location {
-                file: first.file,
-                at: first.at,
-            });
-            match is_one {
-                true => data.assign(&first.component, &first.value, &line),
-                false => data.assign(
-                    &first.component,
-                    &Value::Computed,
-                    &format!("{line} and elsewhere"),
-                ),
-            }
-        }
-        frames
-    }
-
-    fn run(&mut self, all: &[Statement]) -> Result<(), InputError> {
+    fn run(&mut self, all: &[Statement], states: &States) -> Result<(), InputError> {
         let mut of = None;
         let mut state = State {
-            frames: Names::default(),
-            conditional: Vec::new(),
-            is_displaced: false,
-            is_monitored: [true; 2],
+            states,
+            step: 0,
             before: None,
         };
-        for s in all {
+        for (s, step) in all.iter().zip(&states.steps) {
             if of != Some((s.file, s.routine)) {
-                state.frames = self.at_routine(s.file, s.routine);
-                state.conditional.clear();
-                state.is_displaced = false;
                 state.before = None;
                 of = Some((s.file, s.routine));
             }
             if self.texts[s.file].source.is_corrected {
-                self.end_conditions(s, &mut state);
+                state.step = *step;
                 self.statement(s, &mut state)?;
             }
         }
         Ok(())
     }
 
-    /// Marks as unknown, behind a condition, what was assigned under it.
-    fn end_conditions(&self, s: &Statement, state: &mut State) {
-        let (inside, behind): (Vec<_>, Vec<_>) = std::mem::take(&mut state.conditional)
-            .into_iter()
-            .partition(|(blocks, _)| s.blocks.starts_with(blocks));
-        state.conditional = inside;
-        for (_, a) in behind {
-            if let Some(data) = state.frames.find_mut(&a.name, s.file, s.routine) {
-                let line = self.program.line_of(Location {
-                    file: a.file,
-                    at: a.at,
-                });
-                data.assign(
-                    &a.component,
-                    &Value::Computed,
-                    &format!("{line}, under a condition"),
-                );
-            }
-        }
-    }
-
-    fn assign(&self, state: &mut State, a: &Assignment, s: &Statement) {
-        if let Some(data) = state.frames.find_mut(&a.name, s.file, s.routine) {
-            let line = self.program.line_of(Location {
-                file: a.file,
-                at: a.at,
-            });
-            data.assign(&a.component, &a.value, &line);
-            if !s.blocks.is_empty() {
-                state.conditional.push((s.blocks.clone(), a.clone()));
-            }
-        }
-    }
-
-    fn statement(&mut self, s: &Statement, state: &mut State) -> Result<(), InputError> {
+    fn statement(&mut self, s: &Statement, state: &mut State<'_>) -> Result<(), InputError> {
         let text = self.texts[s.file];
         let name = text.name(s.from);
-        let at = text.byte(s.from);
+        let is_motion = is_instruction(&name) && self.routine(&name, s.file).is_none();
         let is_same = state
             .before
             .as_ref()
             .is_some_and(|(_, blocks)| *blocks == s.blocks);
-        if !is_same || !(stays(&name) || is_instruction(&name)) {
+        if !is_same || !(stays(&name) || is_motion) {
             state.before = None;
         }
-        if let Some(a) = self
-            .assigned
-            .iter()
-            .find(|a| a.file == s.file && a.at == at)
-            .cloned()
-        {
-            self.assign(state, &a, s);
-            return Ok(());
-        }
         match name.as_str() {
-            "confl" | "confj" => {
-                let is_on = (s.from..s.end).any(|i| text.name(i) == "on");
-                state.is_monitored[usize::from(name == "confl")] = is_on;
-            }
-            "pdispon" | "pdispset" => state.is_displaced = true,
-            "pdispoff" => state.is_displaced = false,
             "gripload" if text.name(s.from + 1) != "load0" => {
                 let line = self.program.line_of(self.location(s, s.from));
                 self.program.remarks.push(format!(
@@ -348,17 +285,9 @@ impl<'a> Reader<'a> {
                 ));
             }
             "const" | "pers" | "var" | "local" | "task" => {}
-            _ if is_instruction(&name) => self.motion(s, &name, state)?,
-            _ => {
-                if let Some(routine) = self.routines.get(&name).cloned() {
-                    let by =
-                        |a: &&Assignment| a.file == routine.file && a.routine == routine.number;
-                    for a in self.assigned.iter().filter(by).cloned().collect::<Vec<_>>() {
-                        self.assign(state, &a, s);
-                    }
-                }
-                self.leave_literals(s, "it stands in an instruction that is not corrected");
-            }
+            _ if is_motion => self.motion(s, &name, state)?,
+            _ if self.assignment(s).is_some() => {}
+            _ => self.leave_literals(s, "it stands in an instruction that is not corrected"),
         }
         Ok(())
     }

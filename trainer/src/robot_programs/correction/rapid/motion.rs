@@ -4,10 +4,10 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{Frame, Line, Literal, Way};
-use crate::robot_programs::correction::rapid::data::{FrameData, Read, target};
+use crate::robot_programs::correction::rapid::data::{FrameData, Read, Setting, target};
 use crate::robot_programs::correction::rapid::statements::Statement;
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
-use crate::robot_programs::correction::rapid::{Reader, State};
+use crate::robot_programs::correction::rapid::{DISPLACED, MONITORED, Reader, State};
 
 impl Reader<'_> {
     /// Notes a motion and the targets to which it goes.
@@ -15,7 +15,7 @@ impl Reader<'_> {
         &mut self,
         s: &Statement,
         name: &str,
-        state: &mut State,
+        state: &mut State<'_>,
     ) -> Result<(), InputError> {
         let before = state.before.take();
         let text = self.texts[s.file];
@@ -41,18 +41,24 @@ impl Reader<'_> {
                 .map(|(_, v)| *v)
         };
         let is_joints = name.contains("absj");
+        let goals: Vec<(usize, usize)> = positional.iter().take(points).copied().collect();
         if switch("corr").is_some() {
-            self.program.leave(location, "a sensor corrects its path");
+            self.leave_motion(s, &goals, "a sensor corrects its path".to_owned());
             return Ok(());
         }
-        if state.is_displaced && !is_joints {
-            self.program.leave(
-                location,
-                "a program displacement is active (PDispOn, PDispSet)",
-            );
+        let (states, step) = (state.states, state.step);
+        let switched = |key: usize| states.certain.value(step, key, &self.program);
+        let displaced = match switched(DISPLACED) {
+            Ok(value) if value == Setting::Is(false) => None,
+            Ok(_) => Some("a program displacement is active (PDispOn, PDispSet)".to_owned()),
+            Err(reason) => Some(format!("a program displacement may be active: {reason}")),
+        };
+        let is_monitored = switched(MONITORED[usize::from(way != Way::Joints)]);
+        if let Some(reason) = displaced.filter(|_| !is_joints) {
+            self.leave_motion(s, &goals, reason);
             return Ok(());
         }
-        let tool = self.tool(s, (tool_from, tool_end), state)?;
+        let tool = self.tool(s, (tool_from, tool_end), state, is_joints)?;
         let object = match (switch("wobj"), is_joints) {
             (Some(value), false) => self.object(s, value, state)?,
             _ => Ok((
@@ -64,7 +70,7 @@ impl Reader<'_> {
         let (tool, object) = match (tool, object) {
             (Ok(tool), Ok(object)) => (tool, object),
             (Err(reason), _) | (_, Err(reason)) => {
-                self.program.leave(location, reason);
+                self.leave_motion(s, &goals, reason);
                 return Ok(());
             }
         };
@@ -82,12 +88,11 @@ impl Reader<'_> {
         }
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
         let first = self.program.moves.len();
-        let is_monitored = state.is_monitored[usize::from(way != Way::Joints)];
-        for (i, point) in positional.iter().take(points).enumerate() {
+        for (i, point) in goals.iter().enumerate() {
             let way = if i + 1 < points { Way::Arc } else { way };
             for target in self.targets_of(s, *point) {
                 if let Some(configuration) = &mut self.program.targets[target].configuration {
-                    configuration.is_monitored = is_monitored;
+                    configuration.is_monitored = is_monitored != Ok(Setting::Is(false));
                 }
                 self.program.move_to(target, way, tool, base);
             }
@@ -112,6 +117,22 @@ impl Reader<'_> {
             state.before = Some((last - 1, s.blocks.clone()));
         }
         Ok(())
+    }
+
+    /// Leaves a motion as it is, and its targets: another motion to them would correct them for another place.
+    fn leave_motion(&mut self, s: &Statement, goals: &[(usize, usize)], reason: String) {
+        let location = self.location(s, s.from);
+        let line = self.program.line_of(location);
+        let text = self.texts[s.file];
+        for (from, _) in goals {
+            let named = self.named.find(&text.name(*from), s.file, s.routine);
+            for index in named.cloned().unwrap_or_default() {
+                let target = self.program.targets[index].location;
+                let reason = format!("the move at {line} goes to it, and is left as it is");
+                self.program.leave(target, reason);
+            }
+        }
+        self.program.leave(location, reason);
     }
 
     /// Returns the targets to which an argument may refer.
@@ -179,7 +200,8 @@ impl Reader<'_> {
         &self,
         s: &Statement,
         (from, end): (usize, usize),
-        state: &State,
+        state: &State<'_>,
+        is_joints: bool,
     ) -> Result<Result<Frame, String>, InputError> {
         let text = self.texts[s.file];
         let name = text.name(from);
@@ -193,10 +215,14 @@ impl Reader<'_> {
         if end != from + 1 {
             return Ok(Err("its tool is computed".to_owned()));
         }
-        match state.frames.find(&name, s.file, s.routine) {
+        match &self.frame_at(&name, s, state.states, state.step) {
             Some(FrameData::Tool { is_held: false, .. }) => Ok(Err(format!(
                 "{name} stands still, and the robot holds the part"
             ))),
+            // Joints need no tool, but its weight.
+            Some(FrameData::Tool {
+                pose: Err(_), mass, ..
+            }) if is_joints => Ok(Ok(frame(Pose::identity(), *mass, "the program".to_owned()))),
             Some(FrameData::Tool {
                 pose: Err(reason), ..
             }) => Ok(Err(format!("tool {name}: {reason}"))),
@@ -230,14 +256,14 @@ impl Reader<'_> {
         &self,
         s: &Statement,
         (from, end): (usize, usize),
-        state: &State,
+        state: &State<'_>,
     ) -> Result<Result<(String, Pose<f64>, String), String>, InputError> {
         let text = self.texts[s.file];
         let name = text.name(from);
         if end != from + 1 {
             return Ok(Err("its work object is computed".to_owned()));
         }
-        Ok(match state.frames.find(&name, s.file, s.routine) {
+        Ok(match &self.frame_at(&name, s, state.states, state.step) {
             Some(FrameData::Object { is_held: true, .. }) => {
                 Err(format!("the robot holds work object {name}"))
             }

@@ -96,16 +96,3 @@ pub fn list_starts(text: &Text<'_>, from: usize, end: usize, depth: usize) -> Ve
         .flat_map(|(a, b)| list_starts(text, a, b, usize::from(is_deeper)))
         .collect()
 }
-
-/// Returns whether two values have the same numbers and names, wherever in the file they are.
-pub fn is_equal(a: &Value, b: &Value) -> bool {
-    match (a, b) {
-        (Value::Number(a), Value::Number(b)) => a.value == b.value,
-        (Value::List(a), Value::List(b)) => {
-            a.len() == b.len() && a.iter().zip(b).all(|(a, b)| is_equal(a, b))
-        }
-        (Value::Name(a), Value::Name(b)) => a == b,
-        (Value::Text, Value::Text) => true,
-        _ => false,
-    }
-}

@@ -1,0 +1,298 @@
+//! What is certain at each line of KRL: `$TOOL`, `$BASE` and `$IPO_MODE`, `TOOL_DATA` and `BASE_DATA`.
+
+use std::collections::{BTreeMap, HashMap};
+
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::flow::{Certain, Flow, Step};
+use crate::robot_programs::correction::krl::{Line, Reader};
+use crate::robot_programs::correction::tokens::Kind;
+
+/// Keys of tool, base, and of whether the robot holds the part.
+pub const TOOL: usize = 0;
+pub const BASE: usize = 1;
+pub const MODE: usize = 2;
+
+/// A value as a line names it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Named {
+    /// Number of the tool or base.
+    Number(u32),
+    /// Pose that is written in the line.
+    Written(Pose<f64>),
+    /// Whether the robot holds the part (`#TCP`).
+    HoldsPart(bool),
+    /// The tool or base is not known, for this reason.
+    Unknown(String),
+}
+
+/// What is certain at each line.
+pub struct States {
+    pub certain: Certain<Named>,
+    /// Keys of `TOOL_DATA` (true) and `BASE_DATA` (false) by number, where the code sets them.
+    pub numbered: BTreeMap<(bool, u32), usize>,
+    /// Step of each line.
+    pub steps: Vec<usize>,
+}
+
+/// The routines of all files: file, name, whether other modules see it, and its index.
+type Routines = Vec<(usize, String, bool, usize)>;
+
+impl Reader<'_> {
+    /// Follows the lines of all routines.
+    pub(super) fn states(&self, all: &[Line]) -> States {
+        let mut flow = Flow::new();
+        for kind in ["tool", "base"] {
+            let reason = format!("no {kind} is set before it");
+            flow.key(Some(Named::Unknown(reason)));
+        }
+        flow.key(Some(Named::HoldsPart(false)));
+        let numbered = self.numbered_keys(&mut flow, all);
+        let mut begins: HashMap<(usize, usize), usize> = HashMap::new();
+        let mut routines = Routines::new();
+        for line in all.iter().filter(|line| self.is_code(line.file)) {
+            if let Some((name, is_global)) = self.defined(*line) {
+                let is_first = routines.iter().all(|(file, ..)| *file != line.file);
+                let index = flow.routine();
+                begins.insert((line.file, line.from), index);
+                routines.push((line.file, name, is_first || is_global, index));
+            }
+        }
+        let mut own = 0;
+        let mut steps = Vec::with_capacity(all.len());
+        for line in all {
+            let begin = begins.get(&(line.file, line.from)).copied();
+            let text = self.texts[line.file];
+            let word = text.name(line.from);
+            if let Some(index) = begin {
+                own = index;
+            }
+            let location = self.location(line.file, line.from);
+            let mut first = None;
+            let mut push = |flow: &mut Flow<Named>, step| {
+                let index = flow.push(own, step, location);
+                first.get_or_insert(index);
+            };
+            let called = match begin {
+                None => self.called(*line, &routines),
+                Some(_) => Vec::new(),
+            };
+            let is_interrupt = (line.from..line.end.min(line.from + 2))
+                .any(|at| matches!(text.name(at).as_str(), "interrupt" | "trigger"));
+            for index in &called {
+                match is_interrupt {
+                    true => flow.interrupts(*index),
+                    false => push(&mut flow, Step::Call(vec![*index])),
+                }
+            }
+            let step = self.step(*line, &word);
+            let is_loop = matches!(step, Step::Loop);
+            push(&mut flow, step);
+            // The condition of a loop is evaluated before each pass.
+            for index in called.iter().filter(|_| is_loop) {
+                push(&mut flow, Step::Call(vec![*index]));
+            }
+            for (key, value) in self.set(*line, &word, &numbered) {
+                push(&mut flow, Step::Set(key, Some(value)));
+            }
+            if matches!(word.as_str(), "end" | "endfct" | "enddat") {
+                own = 0;
+            }
+            steps.push(first.unwrap_or(0));
+        }
+        States {
+            certain: flow.certain(),
+            numbered,
+            steps,
+        }
+    }
+
+    /// Adds a key for each tool and base that the code sets. Before that they have their value of a data list; where there
+    /// is none, that of the code, if it is always the same.
+    fn numbered_keys(&self, flow: &mut Flow<Named>, all: &[Line]) -> BTreeMap<(bool, u32), usize> {
+        let mut values: BTreeMap<(bool, u32), Vec<Named>> = BTreeMap::new();
+        for line in all.iter().filter(|line| self.is_code(line.file)) {
+            if let Some((is_tool, number, found)) = self.numbered_frame(*line) {
+                let values = values.entry((is_tool, number)).or_default();
+                values.push(found.map_or_else(Named::Unknown, Named::Written));
+            }
+        }
+        let key = |(name, values): ((bool, u32), Vec<Named>)| {
+            let declared = self.numbered.get(&name).cloned();
+            let initial = match declared {
+                Some(found) => Some(found.map_or_else(Named::Unknown, Named::Written)),
+                None => {
+                    let first = values.first().cloned();
+                    first.filter(|first| values.iter().all(|value| value == first))
+                }
+            };
+            (name, flow.key(initial))
+        };
+        values.into_iter().map(key).collect()
+    }
+
+    /// Returns the name of the routine that begins at a line, and whether it is global.
+    fn defined(&self, line: Line) -> Option<(String, bool)> {
+        let text = self.texts[line.file];
+        let (at, is_global) = self.declared(line);
+        if !matches!(text.name(at).as_str(), "def" | "deffct") {
+            return None;
+        }
+        let open = text.find(at, line.end, b"(");
+        Some((text.name(open - 1), is_global))
+    }
+
+    /// Returns the routines of the files that a line calls.
+    fn called(&self, line: Line, routines: &Routines) -> Vec<usize> {
+        let text = self.texts[line.file];
+        let is_call = |at: &usize| {
+            let is_name = text.at(*at).is_some_and(|t| t.kind == Kind::Name);
+            is_name && text.is(at + 1, b'(')
+        };
+        let named = |at: usize| {
+            let name = text.name(at);
+            let all = || routines.iter().filter(|(_, own, ..)| *own == name);
+            let own = all().find(|(file, ..)| *file == line.file);
+            let found = own.or_else(|| all().find(|(_, _, is_seen, _)| *is_seen));
+            found.map(|(.., index)| *index)
+        };
+        (line.from..line.end)
+            .filter(is_call)
+            .filter_map(named)
+            .collect()
+    }
+
+    /// Returns what the first word of a line does to the order of the lines.
+    fn step(&self, line: Line, word: &str) -> Step<Named> {
+        let text = self.texts[line.file];
+        match word {
+            "if" => Step::Branch,
+            "switch" => Step::Cases,
+            "else" | "default" => Step::Next(true),
+            "case" => Step::Next(false),
+            "for" | "while" | "loop" | "repeat" => Step::Loop,
+            "endif" | "endswitch" | "endfor" | "endwhile" | "endloop" | "until" => Step::End,
+            "exit" => Step::Break,
+            "return" => Step::Return,
+            "goto" => Step::Jump(text.name(line.from + 1)),
+            _ if text.is(line.from + 1, b':') && line.end == line.from + 2 => {
+                Step::Label(word.to_owned())
+            }
+            _ => Step::Other,
+        }
+    }
+
+    /// Returns the keys that a line sets, with their values.
+    fn set(
+        &self,
+        line: Line,
+        word: &str,
+        numbered: &BTreeMap<(bool, u32), usize>,
+    ) -> Vec<(usize, Named)> {
+        let Line { file, from, end } = line;
+        let text = self.texts[file];
+        let equals = text.is(from + 1, b'=');
+        let in_part = || Named::Unknown(format!("{word} is changed in part"));
+        match word {
+            "fdat_act" => {
+                let data = match (equals, text.is(from + 2, b'{')) {
+                    (true, true) => Some(self.frame_data_of(file, from + 2, end)),
+                    (true, false) => self.frame_data.find(&text.name(from + 2), file).cloned(),
+                    (false, _) => return vec![(TOOL, in_part()), (BASE, in_part())],
+                };
+                let unknown =
+                    || Named::Unknown("its frame data are in none of the files".to_owned());
+                let (tool, base, is_fixed) = match data {
+                    Some(data) => (data.tool, data.base, data.is_fixed_tool),
+                    None => (unknown(), unknown(), false),
+                };
+                vec![
+                    (TOOL, tool),
+                    (BASE, base),
+                    (MODE, Named::HoldsPart(is_fixed)),
+                ]
+            }
+            "$tool" | "$base" | "$ipo_mode" if equals => self.assigned(file, from, end),
+            "$tool" => vec![(TOOL, in_part())],
+            "$base" => vec![(BASE, in_part())],
+            "bas" if text.is(from + 1, b'(') => {
+                let number = text.number(from + 4).filter(|_| text.is(from + 5, b')'));
+                let value = number.map_or(
+                    Named::Unknown("BAS gets a computed number".to_owned()),
+                    |n| Named::Number(n.value as u32),
+                );
+                match text.name(from + 2).as_str() {
+                    "#tool" => vec![(TOOL, value)],
+                    "#base" => vec![(BASE, value)],
+                    command if command.starts_with('#') => Vec::new(),
+                    _ => vec![(TOOL, value.clone()), (BASE, value)],
+                }
+            }
+            // What a spline sets holds within it, and what holds behind it is not certain.
+            "spline" | "endspline" => {
+                let set = self.settings_with(line).into_iter();
+                set.map(|(key, value)| match word {
+                    "spline" => (key, value),
+                    _ => (key, Named::Unknown("a spline sets it".to_owned())),
+                })
+                .collect()
+            }
+            _ if self.is_code(file) => {
+                let found = self.numbered_frame(line);
+                let set = found.and_then(|(is_tool, number, found)| {
+                    let key = numbered.get(&(is_tool, number))?;
+                    Some((*key, found.map_or_else(Named::Unknown, Named::Written)))
+                });
+                set.into_iter().collect()
+            }
+            _ => Vec::new(),
+        }
+    }
+
+    /// Returns the keys that a motion sets for itself: `SPTP XP1 WITH $TOOL = STOOL2(FP1), …`.
+    pub(super) fn settings_with(&self, line: Line) -> Vec<(usize, Named)> {
+        let text = self.texts[line.file];
+        let with = (line.from..line.end).find(|at| text.name(*at) == "with");
+        let all = with.map_or(Vec::new(), |with| text.arguments(with + 1, line.end));
+        let set = |(from, end): (usize, usize)| self.assigned(line.file, from, end);
+        all.into_iter().flat_map(set).collect()
+    }
+
+    /// Returns the keys that an assignment `$TOOL=…` sets, with their values.
+    fn assigned(&self, file: usize, from: usize, end: usize) -> Vec<(usize, Named)> {
+        let text = self.texts[file];
+        let (name, value) = (text.name(from), text.name(from + 2));
+        let (key, list) = match name.as_str() {
+            "$tool" => (TOOL, "tool_data"),
+            "$base" => (BASE, "base_data"),
+            "$ipo_mode" => (MODE, ""),
+            _ => return Vec::new(),
+        };
+        let is_alone = end == from + 3;
+        let argument = text.name(from + 4);
+        let data = || self.frame_data.find(&argument, file).cloned();
+        if text.is(from + 3, b'(')
+            && matches!(value.as_str(), "stool2" | "sbase" | "sipo_mode")
+            && let Some(data) = data()
+        {
+            let mode = Named::HoldsPart(data.is_fixed_tool);
+            return match key {
+                TOOL => vec![(TOOL, data.tool), (MODE, mode)],
+                BASE => vec![(BASE, data.base)],
+                _ => vec![(MODE, mode)],
+            };
+        }
+        let unknown = || Named::Unknown(format!("{name} is computed"));
+        let found = match self.element(file, from + 2) {
+            Some((number, behind)) if value == list && behind == end => Named::Number(number),
+            _ if key == MODE && is_alone && value.starts_with('#') => {
+                Named::HoldsPart(value == "#tcp")
+            }
+            _ if value == "$nullframe" && is_alone => Named::Number(0),
+            _ => self
+                .pose(file, from + 2, end)
+                .map_or_else(unknown, Named::Written),
+        };
+        vec![(key, found)]
+    }
+}

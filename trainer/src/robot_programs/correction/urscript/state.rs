@@ -1,0 +1,133 @@
+//! What is certain at each line of a script: tool, payload, and whether something moves the targets.
+
+use std::collections::HashMap;
+
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::flow::{Certain, Flow, Step};
+use crate::robot_programs::correction::urscript::Reader;
+use crate::robot_programs::correction::urscript::lines::Line;
+
+/// Keys of tool and payload, and of whether the targets are displaced.
+pub const TOOL: usize = 0;
+pub const PAYLOAD: usize = 1;
+pub const DISPLACED: usize = 2;
+
+/// What a line sets.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Setting {
+    /// The script does not set it.
+    Nothing,
+    /// A tool.
+    Tool(Pose<f64>),
+    /// A payload in kg.
+    Payload(f64),
+    /// A switch.
+    Is(bool),
+}
+
+/// What is certain at each line.
+pub struct States {
+    pub certain: Certain<Setting>,
+    /// Step of each line.
+    pub steps: Vec<usize>,
+}
+
+impl Reader<'_> {
+    /// Follows the lines of all functions.
+    pub(super) fn states(&self) -> States {
+        let mut flow = Flow::new();
+        let given = self.given.tool("tcp");
+        let tool = given.map_or(Setting::Nothing, |given| Setting::Tool(given.pose));
+        for initial in [tool, Setting::Nothing, Setting::Is(false)] {
+            flow.key(Some(initial));
+        }
+        let text = self.text;
+        // Routine of each function, by its number and its name.
+        let mut routines = HashMap::from([(0, 0)]);
+        let mut named = HashMap::new();
+        for line in self.lines.iter().filter(|line| line.is_definition) {
+            let routine = flow.routine();
+            routines.insert(line.function, routine);
+            named.entry(text.spelling(line.from + 1)).or_insert(routine);
+            // Threads run beside the program.
+            if text.name(line.from) != "def" {
+                flow.interrupts(routine);
+            }
+        }
+        let threads = self
+            .lines
+            .iter()
+            .filter(|line| line.is_definition && text.name(line.from) != "def");
+        let threads: Vec<String> = threads.map(|line| text.spelling(line.from + 1)).collect();
+        let mut steps = Vec::with_capacity(self.lines.len());
+        for line in &self.lines {
+            let routine = routines[&line.function];
+            let location = self.location(line.from);
+            let mut first = None;
+            let mut push = |flow: &mut Flow<Setting>, step| {
+                let index = flow.push(routine, step, location);
+                first.get_or_insert(index);
+            };
+            let is_call = |at: &usize| !line.is_definition && text.is(at + 1, b'(');
+            let calls = (line.from..line.end).filter(is_call);
+            let called = calls
+                .map(|at| text.spelling(at))
+                .filter(|name| !threads.contains(name));
+            let called: Vec<usize> = called
+                .filter_map(|name| named.get(&name).copied())
+                .collect();
+            for routine in &called {
+                push(&mut flow, Step::Call(vec![*routine]));
+            }
+            push(&mut flow, line.step.clone());
+            // The condition of a loop is evaluated before each pass.
+            for routine in called.iter().filter(|_| matches!(line.step, Step::Loop)) {
+                push(&mut flow, Step::Call(vec![*routine]));
+            }
+            for (key, value) in self.set(line) {
+                push(&mut flow, Step::Set(key, value));
+            }
+            steps.push(first.unwrap_or(0));
+        }
+        States {
+            certain: flow.certain(),
+            steps,
+        }
+    }
+
+    /// Returns the keys that a line sets, with their values unless they are computed.
+    fn set(&self, line: &Line) -> Vec<(usize, Option<Setting>)> {
+        let text = self.text;
+        let mut out = Vec::new();
+        for at in line.from..line.end {
+            if line.is_definition || !text.is(at + 1, b'(') {
+                continue;
+            }
+            // Within a line of something else it may be under a condition.
+            let is_alone = at == line.from;
+            let first = self.first(line).first().copied().filter(|_| is_alone);
+            match text.name(at).as_str() {
+                "set_tcp" => {
+                    let pose = first.and_then(|(from, end)| self.pose_of(from, end).ok());
+                    out.push((TOOL, pose.map(Setting::Tool)));
+                }
+                "set_payload" | "set_target_payload" | "set_payload_mass" => {
+                    let kg = first
+                        .filter(|(from, end)| *end == from + 1)
+                        .and_then(|(from, _)| text.number(from));
+                    out.push((PAYLOAD, kg.map(|kg| Setting::Payload(kg.value))));
+                }
+                "track_conveyor_linear"
+                | "track_conveyor_circular"
+                | "path_offset_enable"
+                | "force_mode" => out.push((DISPLACED, Some(Setting::Is(true)))),
+                "stop_conveyor_tracking" | "path_offset_disable" | "end_force_mode" => {
+                    out.push((DISPLACED, Some(Setting::Is(false)).filter(|_| is_alone)));
+                }
+                _ => {}
+            }
+        }
+        out
+    }
+}
