@@ -46,6 +46,25 @@ fn bad_cells_are_named_where_they_stand() {
     import(b"a,b\0", MAP).refused();
 }
 
+/// A mark of thousands is one only before exactly three digits of the integer part.
+#[test]
+fn numbers_that_contradict_their_marks_are_refused() {
+    let _texts = texts();
+    let map = |decimal: &str, thousands: &str| {
+        format!("[file]\nseparator = \"semicolon\"\ndecimal = \"{decimal}\"\nthousands = \"{thousands}\"\n\n{MAP}")
+    };
+    let raw = |cell: &str| RAW.replace(',', ";").replace("310", cell);
+    for cell in ["1.310", "-1.310,5", "310,25", "1.310.000,5"] {
+        import(raw(cell), &map(",", ".")).ok();
+    }
+    for cell in ["12.5", "46.25", "1234.567", "1.23.456", "1,5.000", ".310"] {
+        import(raw(cell), &map(",", ".")).refused();
+    }
+    for cell in ["12,5", "1,2345", "1.5,000"] {
+        import(raw(cell), &map(".", ",")).refused();
+    }
+}
+
 #[test]
 fn bad_maps_are_named_where_they_are_wrong() {
     let _texts = texts();

@@ -48,6 +48,7 @@ mod program;
 mod programs;
 mod programs_beside;
 mod programs_checked;
+mod programs_flow;
 mod programs_split;
 mod project;
 mod report;
