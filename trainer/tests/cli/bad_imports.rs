@@ -51,7 +51,9 @@ fn bad_cells_are_named_where_they_stand() {
 fn numbers_that_contradict_their_marks_are_refused() {
     let _texts = texts();
     let map = |decimal: &str, thousands: &str| {
-        format!("[file]\nseparator = \"semicolon\"\ndecimal = \"{decimal}\"\nthousands = \"{thousands}\"\n\n{MAP}")
+        format!(
+            "[file]\nseparator = \"semicolon\"\ndecimal = \"{decimal}\"\nthousands = \"{thousands}\"\n\n{MAP}"
+        )
     };
     let raw = |cell: &str| RAW.replace(',', ";").replace("310", cell);
     for cell in ["1.310", "-1.310,5", "310,25", "1.310.000,5"] {

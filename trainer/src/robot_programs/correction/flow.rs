@@ -118,6 +118,8 @@ fn lead<V: Clone + PartialEq>(place: &mut Option<State<V>>, state: Option<&State
 #[derive(Clone, Debug)]
 pub struct Flow<V> {
     initial: Vec<Held<V>>,
+    /// Whether the value of each key outlasts a run of the program.
+    lasts: Vec<bool>,
     steps: Vec<Step<V>>,
     locations: Vec<Location>,
     routines: Vec<Vec<usize>>,
@@ -202,6 +204,7 @@ impl<V: Clone + PartialEq> Flow<V> {
     pub fn new() -> Self {
         Self {
             initial: Vec::new(),
+            lasts: Vec::new(),
             steps: Vec::new(),
             locations: Vec::new(),
             routines: vec![Vec::new()],
@@ -209,8 +212,10 @@ impl<V: Clone + PartialEq> Flow<V> {
         }
     }
 
-    /// Adds a key and returns it; `initial` is its value before the program runs, `None` if that is not known.
-    pub fn key(&mut self, initial: Option<V>) -> usize {
+    /// Adds a key and returns it; `initial` is its value before the program runs, `None` if that is not known. If it `lasts`,
+    /// the next run begins with what this one leaves.
+    pub fn key(&mut self, initial: Option<V>, lasts: bool) -> usize {
+        self.lasts.push(lasts);
         self.initial.push(Held::new(initial, None));
         self.initial.len() - 1
     }
@@ -323,8 +328,8 @@ impl<V: Clone + PartialEq> Flow<V> {
                 places.is_changed |= lead(&mut places.entries[*routine], Some(&initial));
                 // What one run of the program leaves is there when the next one begins.
                 for other in &first {
-                    let exit = places.exits[*other].clone();
-                    places.is_changed |= lead(&mut places.entries[*routine], exit.as_ref());
+                    let left = places.exits[*other].as_ref().map(|exit| self.lasting(exit));
+                    places.is_changed |= lead(&mut places.entries[*routine], left.as_ref());
                 }
             }
             for routine in 0..self.routines.len() {
@@ -337,6 +342,13 @@ impl<V: Clone + PartialEq> Flow<V> {
             anywhere,
             interrupting,
         }
+    }
+
+    /// Returns the state in which a run begins after one that ends in this state.
+    fn lasting(&self, exit: &State<V>) -> State<V> {
+        let all = self.initial.iter().zip(exit.iter()).zip(&self.lasts);
+        let left = all.map(|((initial, left), lasts)| if *lasts { left } else { initial });
+        Rc::new(left.cloned().collect())
     }
 
     /// Goes once through a routine.

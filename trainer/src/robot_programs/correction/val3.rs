@@ -361,6 +361,17 @@ impl Reader<'_> {
             Some(key) => self.frame(text, location.at, &key, true)?,
             None => Err("its tool is computed".to_owned()),
         };
+        let tool = match tool {
+            // Joints need no tool.
+            Err(_) if is_joints => Ok(Frame {
+                name: "none".to_owned(),
+                is_tool: true,
+                pose: Pose::identity(),
+                payload_kg: None,
+                origin: "the controller".to_owned(),
+            }),
+            tool => tool,
+        };
         let target_at = self.program.targets[target].location;
         let base = match is_joints {
             true => self.frame(text, location.at, "world[0]", false)?,

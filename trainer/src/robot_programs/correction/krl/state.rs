@@ -44,9 +44,9 @@ impl Reader<'_> {
         let mut flow = Flow::new();
         for kind in ["tool", "base"] {
             let reason = format!("no {kind} is set before it");
-            flow.key(Some(Named::Unknown(reason)));
+            flow.key(Some(Named::Unknown(reason)), true);
         }
-        flow.key(Some(Named::HoldsPart(false)));
+        flow.key(Some(Named::HoldsPart(false)), true);
         let numbered = self.numbered_keys(&mut flow, all);
         let mut begins: HashMap<(usize, usize), usize> = HashMap::new();
         let mut routines = Routines::new();
@@ -126,7 +126,7 @@ impl Reader<'_> {
                     first.filter(|first| values.iter().all(|value| value == first))
                 }
             };
-            (name, flow.key(initial))
+            (name, flow.key(initial, true))
         };
         values.into_iter().map(key).collect()
     }

@@ -31,7 +31,8 @@ impl Reader<'_> {
         let mut flow = Flow::new();
         let mut keys: HashMap<Slot, usize> = HashMap::new();
         for initial in [false, true, true] {
-            flow.key(Some(Setting::Is(initial)));
+            // The controller resets them at the beginning of a program.
+            flow.key(Some(Setting::Is(initial)), false);
         }
         let routines: Vec<usize> = self.routines.iter().map(|_| flow.routine()).collect();
         let handlers = flow.routine();
@@ -66,7 +67,7 @@ impl Reader<'_> {
             for ((name, index, part), value) in self.set_parts(s) {
                 let key = *keys.entry((name.clone(), index, part)).or_insert_with(|| {
                     let found = self.frames.find(&name, s.file, s.routine);
-                    flow.key(found.and_then(|data| data.declared(part)))
+                    flow.key(found.and_then(|data| data.declared(part)), true)
                 });
                 push(&mut flow, Step::Set(key, value));
             }

@@ -39,9 +39,10 @@ impl Reader<'_> {
         let mut flow = Flow::new();
         let given = self.given.tool("tcp");
         let tool = given.map_or(Setting::Nothing, |given| Setting::Tool(given.pose));
-        for initial in [tool, Setting::Nothing, Setting::Is(false)] {
-            flow.key(Some(initial));
-        }
+        flow.key(Some(tool), true);
+        flow.key(Some(Setting::Nothing), true);
+        // The controller ends it with the program.
+        flow.key(Some(Setting::Is(false)), false);
         let text = self.text;
         // Routine of each function, by its number and its name.
         let mut routines = HashMap::from([(0, 0)]);
