@@ -453,10 +453,8 @@ fn data_that_a_val3_program_changes_are_left() {
             "part.pgx",
             code.replace("begin\n", &format!("begin\n  {line}\n")),
         );
-        let line = format!(
-            "correct elas.blob part.dtx --payload-kg 2.5 --frames frames.toml --json - --out out.dtx"
-        );
-        let outcome = folder.run(&line);
+        let command = "correct elas.blob part.dtx --payload-kg 2.5 --frames frames.toml";
+        let outcome = folder.run(&format!("{command} --json - --out out.dtx"));
         let document = outcome.json();
         assert_eq!(
             document["targets"].as_u64(),
