@@ -95,7 +95,7 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
     Ok(program)
 }
 
-/// Returns the bytes of a listing with blanks in place of the remarks, messages and names among the instructions: an apostrophe
+/// Returns the bytes of a listing with blanks instead of the remarks, messages and names among the instructions: an apostrophe
 /// or a bracket in these begins nothing.
 fn without_remarks(bytes: &[u8], from: usize, to: usize) -> Vec<u8> {
     let mut out = bytes.to_vec();
@@ -121,7 +121,7 @@ fn without_remarks(bytes: &[u8], from: usize, to: usize) -> Vec<u8> {
     out
 }
 
-/// Puts blanks in place of the name in each `R[1:name]` of a line.
+/// Puts blanks instead of the name in each `R[1:name]` of a line.
 fn blank_names(line: &mut [u8]) {
     let mut at = 0;
     while at < line.len() {

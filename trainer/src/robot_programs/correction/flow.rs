@@ -101,15 +101,15 @@ fn joined<V: Clone + PartialEq>(a: Option<State<V>>, b: Option<&State<V>>) -> Op
     }
 }
 
-/// Adds a state to the ways that lead to a place, and returns whether that changed what is certain there.
-fn lead<V: Clone + PartialEq>(place: &mut Option<State<V>>, state: Option<&State<V>>) -> bool {
-    let both = joined(place.clone(), state);
-    let is_same = match (&both, &*place) {
+/// Adds a state to the ways that lead to a slot, and returns whether that changed what is certain there.
+fn lead<V: Clone + PartialEq>(slot: &mut Option<State<V>>, state: Option<&State<V>>) -> bool {
+    let both = joined(slot.clone(), state);
+    let is_same = match (&both, &*slot) {
         (Some(both), Some(old)) => Rc::ptr_eq(both, old) || both == old,
         (both, old) => both.is_none() && old.is_none(),
     };
     if !is_same {
-        *place = both;
+        *slot = both;
     }
     !is_same
 }
@@ -189,8 +189,8 @@ struct Block<V> {
     is_complete: bool,
 }
 
-/// States that ways from several places lead to.
-struct Places<V> {
+/// States that ways from several arrivals lead to.
+struct Arrivals<V> {
     /// At the first step of each routine, and behind its last.
     entries: Vec<Option<State<V>>>,
     exits: Vec<Option<State<V>>>,
@@ -311,7 +311,7 @@ impl<V: Clone + PartialEq> Flow<V> {
             *other = Some(other.as_ref().map_or(held.clone(), |other| other.or(&held)));
         }
         let none = || vec![None; self.routines.len()];
-        let mut places = Places {
+        let mut arrivals = Arrivals {
             entries: none(),
             exits: none(),
             heads: HashMap::new(),
@@ -320,20 +320,22 @@ impl<V: Clone + PartialEq> Flow<V> {
         };
         let first = self.first_routines();
         let mut states = vec![None; self.steps.len()];
-        while std::mem::take(&mut places.is_changed) {
+        while std::mem::take(&mut arrivals.is_changed) {
             for routine in &self.interrupts {
-                places.is_changed |= lead(&mut places.entries[*routine], Some(&anywhere));
+                arrivals.is_changed |= lead(&mut arrivals.entries[*routine], Some(&anywhere));
             }
             for routine in &first {
-                places.is_changed |= lead(&mut places.entries[*routine], Some(&initial));
+                arrivals.is_changed |= lead(&mut arrivals.entries[*routine], Some(&initial));
                 // What one run of the program leaves is there when the next one begins.
                 for other in &first {
-                    let left = places.exits[*other].as_ref().map(|exit| self.lasting(exit));
-                    places.is_changed |= lead(&mut places.entries[*routine], left.as_ref());
+                    let left = arrivals.exits[*other]
+                        .as_ref()
+                        .map(|exit| self.lasting(exit));
+                    arrivals.is_changed |= lead(&mut arrivals.entries[*routine], left.as_ref());
                 }
             }
             for routine in 0..self.routines.len() {
-                self.walk(routine, &settings, &mut places, &mut states);
+                self.walk(routine, &settings, &mut arrivals, &mut states);
             }
         }
         Certain {
@@ -356,10 +358,10 @@ impl<V: Clone + PartialEq> Flow<V> {
         &self,
         routine: usize,
         settings: &[BTreeSet<usize>],
-        places: &mut Places<V>,
+        arrivals: &mut Arrivals<V>,
         states: &mut [Option<State<V>>],
     ) {
-        let mut state = places.entries[routine].clone();
+        let mut state = arrivals.entries[routine].clone();
         let mut open: Vec<Block<V>> = Vec::new();
         for at in self.routines[routine].iter().copied() {
             states[at].clone_from(&state);
@@ -372,16 +374,16 @@ impl<V: Clone + PartialEq> Flow<V> {
                 Step::Call(callees) => {
                     let mut behind = None;
                     for callee in callees {
-                        places.is_changed |= lead(&mut places.entries[*callee], state.as_ref());
-                        let exit = places.exits[*callee].as_ref();
+                        arrivals.is_changed |= lead(&mut arrivals.entries[*callee], state.as_ref());
+                        let exit = arrivals.exits[*callee].as_ref();
                         let after = self.behind_call(&settings[*callee], state.as_ref(), exit);
                         behind = joined(behind, after.as_ref());
                     }
                     state = behind;
                 }
                 Step::Loop => {
-                    let head = places.heads.entry(at).or_default();
-                    places.is_changed |= lead(head, state.as_ref());
+                    let head = arrivals.heads.entry(at).or_default();
+                    arrivals.is_changed |= lead(head, state.as_ref());
                     state.clone_from(head);
                     open.push(Block {
                         head: Some(at),
@@ -412,8 +414,8 @@ impl<V: Clone + PartialEq> Flow<V> {
                     if let Some(block) = open.pop() {
                         state = match block.head {
                             Some(head) => {
-                                let head = places.heads.entry(head).or_default();
-                                places.is_changed |= lead(head, state.as_ref());
+                                let head = arrivals.heads.entry(head).or_default();
+                                arrivals.is_changed |= lead(head, state.as_ref());
                                 joined(block.behind, head.as_ref())
                             }
                             None if block.is_complete => joined(block.behind, state.as_ref()),
@@ -430,8 +432,8 @@ impl<V: Clone + PartialEq> Flow<V> {
                         let is_break = matches!(self.steps[at], Step::Break);
                         match block.head.filter(|_| !is_break) {
                             Some(head) => {
-                                let head = places.heads.entry(head).or_default();
-                                places.is_changed |= lead(head, state.as_ref());
+                                let head = arrivals.heads.entry(head).or_default();
+                                arrivals.is_changed |= lead(head, state.as_ref());
                             }
                             None => block.behind = joined(block.behind.take(), state.as_ref()),
                         }
@@ -439,23 +441,23 @@ impl<V: Clone + PartialEq> Flow<V> {
                     }
                 }
                 Step::Jump(label) => {
-                    let label = places.labels.entry((routine, label.clone())).or_default();
-                    places.is_changed |= lead(label, state.as_ref());
+                    let label = arrivals.labels.entry((routine, label.clone())).or_default();
+                    arrivals.is_changed |= lead(label, state.as_ref());
                     state = None;
                 }
                 Step::Label(label) => {
-                    let label = places.labels.entry((routine, label.clone())).or_default();
-                    places.is_changed |= lead(label, state.as_ref());
+                    let label = arrivals.labels.entry((routine, label.clone())).or_default();
+                    arrivals.is_changed |= lead(label, state.as_ref());
                     state.clone_from(label);
                 }
                 Step::Return => {
-                    places.is_changed |= lead(&mut places.exits[routine], state.as_ref());
+                    arrivals.is_changed |= lead(&mut arrivals.exits[routine], state.as_ref());
                     state = None;
                 }
                 Step::Other => {}
             }
         }
-        places.is_changed |= lead(&mut places.exits[routine], state.as_ref());
+        arrivals.is_changed |= lead(&mut arrivals.exits[routine], state.as_ref());
     }
 
     /// Returns the state behind a call: what the routine sets is as at its end, and everything else as before.

@@ -7,7 +7,8 @@
 
 mod motion;
 mod names;
-mod state;
+mod states;
+mod steps;
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -18,7 +19,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::krl::names::Names;
-use crate::robot_programs::correction::krl::state::{Named, States};
+use crate::robot_programs::correction::krl::states::{Line, Named, States};
 use crate::robot_programs::correction::program::{
     Configuration, Goal, Location, Program, Target, Way, of_sign,
 };
@@ -75,14 +76,6 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         }
     }
     Ok(reader.program)
-}
-
-/// A line of a file: its tokens from the first to the one behind the last.
-#[derive(Clone, Copy, Debug)]
-struct Line {
-    file: usize,
-    from: usize,
-    end: usize,
 }
 
 /// Returns the token ranges of the lines that are not empty.
@@ -219,9 +212,9 @@ impl Reader<'_> {
     fn declared(&self, line: Line) -> (usize, bool) {
         let text = self.texts[line.file];
         let is_word = |at: &usize| matches!(text.name(*at).as_str(), "decl" | "global" | "const");
-        let words = (line.from..line.end).take_while(is_word);
-        let is_global = words.clone().any(|at| text.name(at) == "global");
-        (line.from + words.count(), is_global)
+        let prefixes = (line.from..line.end).take_while(is_word);
+        let is_global = prefixes.clone().any(|at| text.name(at) == "global");
+        (line.from + prefixes.count(), is_global)
     }
 
     /// Notes the points, frame data and frames that a line declares.
@@ -287,11 +280,11 @@ impl Reader<'_> {
             true => self.pose(line.file, behind + 1, line.end),
             false => None,
         };
-        let place = self.program.line_of(self.location(line.file, at));
+        let at_line = self.program.line_of(self.location(line.file, at));
         Some((
             is_tool,
             number,
-            pose.ok_or(format!("it is computed at {place}")),
+            pose.ok_or(format!("it is computed at {at_line}")),
         ))
     }
 
@@ -309,8 +302,8 @@ impl Reader<'_> {
             return;
         }
         let name = text.name(at);
-        let place = self.program.line_of(self.location(line.file, at));
-        let reason = format!("the program changes it at {place}");
+        let at_line = self.program.line_of(self.location(line.file, at));
+        let reason = format!("the program changes it at {at_line}");
         if let Some(Some(index)) = self.points.find(&name, line.file).copied() {
             let location = self.program.targets[index].location;
             self.program.leave(location, reason);

@@ -3,8 +3,8 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::krl::state::{BASE, MODE, Named, States, TOOL};
-use crate::robot_programs::correction::krl::{Line, Reader};
+use crate::robot_programs::correction::krl::Reader;
+use crate::robot_programs::correction::krl::states::{BASE, Line, MODE, Named, States, TOOL};
 use crate::robot_programs::correction::program;
 use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Way};
 use crate::robot_programs::correction::tokens::Kind;

@@ -6,8 +6,9 @@
 
 mod data;
 mod motion;
-mod state;
 mod statements;
+mod states;
+mod steps;
 mod syntax;
 
 use std::collections::HashMap;
@@ -18,10 +19,10 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Location, Program};
 use crate::robot_programs::correction::rapid::data::{FrameData, Names, Read, target};
-use crate::robot_programs::correction::rapid::state::{DISPLACED, MONITORED, States};
 use crate::robot_programs::correction::rapid::statements::{
     Parameter, Routine, Statement, is_instruction, statements,
 };
+use crate::robot_programs::correction::rapid::states::States;
 use crate::robot_programs::correction::rapid::syntax::{list_starts, stays};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};

@@ -6,8 +6,9 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::program::{Frame, Line, Literal, Way};
 use crate::robot_programs::correction::rapid::data::{FrameData, Read, Setting, target};
 use crate::robot_programs::correction::rapid::statements::Statement;
+use crate::robot_programs::correction::rapid::states::{DISPLACED, MONITORED};
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
-use crate::robot_programs::correction::rapid::{DISPLACED, MONITORED, Reader, State};
+use crate::robot_programs::correction::rapid::{Reader, State};
 
 impl Reader<'_> {
     /// Notes a motion and the targets to which it goes.

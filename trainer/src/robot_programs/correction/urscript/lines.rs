@@ -2,7 +2,7 @@
 
 use crate::robot_programs::correction::flow::Step;
 use crate::robot_programs::correction::tokens::{Kind, Text};
-use crate::robot_programs::correction::urscript::state::Setting;
+use crate::robot_programs::correction::urscript::states::Setting;
 
 /// One line, with its function and the conditions around it.
 #[derive(Clone)]

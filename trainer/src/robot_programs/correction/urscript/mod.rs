@@ -5,7 +5,8 @@
 //! module motion.)
 
 mod lines;
-mod state;
+mod states;
+mod steps;
 mod targets;
 
 use std::collections::{HashMap, HashSet};
@@ -20,7 +21,7 @@ use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location,
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, tokens};
 use crate::robot_programs::correction::urscript::lines::{Line, lines_of};
-use crate::robot_programs::correction::urscript::state::{
+use crate::robot_programs::correction::urscript::states::{
     DISPLACED, PAYLOAD, Setting, States, TOOL,
 };
 

@@ -1,39 +1,11 @@
-//! What is certain at each line of KRL: `$TOOL`, `$BASE` and `$IPO_MODE`, `TOOL_DATA` and `BASE_DATA`.
+//! Follows the lines of KRL: `$TOOL`, `$BASE` and `$IPO_MODE`, `TOOL_DATA` and `BASE_DATA`.
 
 use std::collections::{BTreeMap, HashMap};
 
-use poegp_runtime::math::se3::Pose;
-
-use crate::robot_programs::correction::flow::{Certain, Flow, Step};
-use crate::robot_programs::correction::krl::{Line, Reader};
+use crate::robot_programs::correction::flow::{Flow, Step};
+use crate::robot_programs::correction::krl::Reader;
+use crate::robot_programs::correction::krl::states::{BASE, Line, MODE, Named, States, TOOL};
 use crate::robot_programs::correction::tokens::Kind;
-
-/// Keys of tool, base, and of whether the robot holds the part.
-pub const TOOL: usize = 0;
-pub const BASE: usize = 1;
-pub const MODE: usize = 2;
-
-/// A value as a line names it.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Named {
-    /// Number of the tool or base.
-    Number(u32),
-    /// Pose that is written in the line.
-    Written(Pose<f64>),
-    /// Whether the robot holds the part (`#TCP`).
-    HoldsPart(bool),
-    /// The tool or base is not known, for this reason.
-    Unknown(String),
-}
-
-/// What is certain at each line.
-pub struct States {
-    pub certain: Certain<Named>,
-    /// Keys of `TOOL_DATA` (true) and `BASE_DATA` (false) by number, where the code sets them.
-    pub numbered: BTreeMap<(bool, u32), usize>,
-    /// Step of each line.
-    pub steps: Vec<usize>,
-}
 
 /// The routines of all files: file, name, whether other modules see it, and its index.
 type Routines = Vec<(usize, String, bool, usize)>;

@@ -1,29 +1,14 @@
-//! What is certain at each statement of RAPID: tools and work objects as the code assigns them, program displacements, and
+//! Follows the statements of RAPID: tools and work objects as the code assigns them, program displacements, and
 //! whether configurations are monitored.
 
 use std::collections::HashMap;
 
-use crate::robot_programs::correction::flow::{Certain, Flow, Step};
+use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::rapid::Reader;
 use crate::robot_programs::correction::rapid::data::{FrameData, Part, Setting};
 use crate::robot_programs::correction::rapid::statements::Statement;
+use crate::robot_programs::correction::rapid::states::{DISPLACED, MONITORED, Slot, States};
 use crate::robot_programs::correction::tokens::Kind;
-
-/// Key of a program displacement.
-pub const DISPLACED: usize = 0;
-/// Keys that say whether configurations are monitored: in joint moves, and in straight moves.
-pub const MONITORED: [usize; 2] = [1, 2];
-
-/// Name of a tool or work object, its index among the data of this name, and a part of it.
-type Slot = (String, usize, Part);
-
-/// What is certain at each statement.
-pub struct States {
-    pub certain: Certain<Setting>,
-    keys: HashMap<Slot, usize>,
-    /// Step of each statement.
-    pub steps: Vec<usize>,
-}
 
 impl Reader<'_> {
     /// Follows the statements of all routines.

@@ -1,37 +1,13 @@
-//! What is certain at each line of a script: tool, payload, and whether something moves the targets.
+//! Follows the lines of a script: tool, payload, and whether something moves the targets.
 
 use std::collections::HashMap;
 
-use poegp_runtime::math::se3::Pose;
-
-use crate::robot_programs::correction::flow::{Certain, Flow, Step};
+use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::urscript::Reader;
 use crate::robot_programs::correction::urscript::lines::Line;
-
-/// Keys of tool and payload, and of whether the targets are displaced.
-pub const TOOL: usize = 0;
-pub const PAYLOAD: usize = 1;
-pub const DISPLACED: usize = 2;
-
-/// What a line sets.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Setting {
-    /// The script does not set it.
-    Nothing,
-    /// A tool.
-    Tool(Pose<f64>),
-    /// A payload in kg.
-    Payload(f64),
-    /// A switch.
-    Is(bool),
-}
-
-/// What is certain at each line.
-pub struct States {
-    pub certain: Certain<Setting>,
-    /// Step of each line.
-    pub steps: Vec<usize>,
-}
+use crate::robot_programs::correction::urscript::states::{
+    DISPLACED, PAYLOAD, Setting, States, TOOL,
+};
 
 impl Reader<'_> {
     /// Follows the lines of all functions.

@@ -1,0 +1,42 @@
+//! The lines of KRL, and what is certain at them.
+
+use std::collections::BTreeMap;
+
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::flow::Certain;
+
+/// A line of a file: its tokens from the first to the one behind the last.
+#[derive(Clone, Copy, Debug)]
+pub struct Line {
+    pub file: usize,
+    pub from: usize,
+    pub end: usize,
+}
+
+/// Keys of tool, base, and of whether the robot holds the part.
+pub const TOOL: usize = 0;
+pub const BASE: usize = 1;
+pub const MODE: usize = 2;
+
+/// A value as a line names it.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Named {
+    /// Number of the tool or base.
+    Number(u32),
+    /// Pose that is written in the line.
+    Written(Pose<f64>),
+    /// Whether the robot holds the part (`#TCP`).
+    HoldsPart(bool),
+    /// The tool or base is not known, for this reason.
+    Unknown(String),
+}
+
+/// What is certain at each line.
+pub struct States {
+    pub certain: Certain<Named>,
+    /// Keys of `TOOL_DATA` (true) and `BASE_DATA` (false) by number, where the code sets them.
+    pub numbered: BTreeMap<(bool, u32), usize>,
+    /// Step of each line.
+    pub steps: Vec<usize>,
+}

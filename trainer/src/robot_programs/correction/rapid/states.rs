@@ -1,0 +1,24 @@
+//! What is certain at the statements of RAPID.
+
+use std::collections::HashMap;
+
+use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::rapid::data::{Part, Setting};
+
+/// Key of a program displacement.
+pub const DISPLACED: usize = 0;
+/// Keys that say whether configurations are monitored: in joint moves, and in straight moves.
+pub const MONITORED: [usize; 2] = [1, 2];
+
+/// Name of a tool or work object, its index among the data of this name, and a part of it.
+pub type Slot = (String, usize, Part);
+
+/// What is certain at each statement.
+pub struct States {
+    /// Contents of all keys at each step.
+    pub certain: Certain<Setting>,
+    /// Key of each part that the code sets.
+    pub keys: HashMap<Slot, usize>,
+    /// Step of each statement.
+    pub steps: Vec<usize>,
+}

@@ -1,0 +1,30 @@
+//! What is certain at the lines of a script.
+
+use poegp_runtime::math::se3::Pose;
+
+use crate::robot_programs::correction::flow::Certain;
+
+/// Keys of tool and payload, and of whether the targets are displaced.
+pub const TOOL: usize = 0;
+pub const PAYLOAD: usize = 1;
+pub const DISPLACED: usize = 2;
+
+/// What a line sets.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Setting {
+    /// The script does not set it.
+    Nothing,
+    /// A tool.
+    Tool(Pose<f64>),
+    /// A payload in kg.
+    Payload(f64),
+    /// A switch.
+    Is(bool),
+}
+
+/// What is certain at each line.
+pub struct States {
+    pub certain: Certain<Setting>,
+    /// Step of each line.
+    pub steps: Vec<usize>,
+}
