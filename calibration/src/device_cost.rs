@@ -4,30 +4,45 @@
 use poegp_protocol::blob::HEADER_LENGTH;
 use poegp_runtime::elastic::curve::coefficient_count;
 use poegp_runtime::elastic::position_variance::landmark_words;
-use poegp_runtime::model::cost::{CorrectionSize, ElasticSize, ModelSize};
+use poegp_runtime::gp::joint_processes::UNROLLED;
+use poegp_runtime::model::cost::{CorrectionSize, ElasticSize, ModelSize, ProcessesSize};
 
 /// Returns the size of the largest elastic model of an arm with `joints` joints, `sliding` of them prismatic, and `points`
 /// inducing points of `groups` payloads: kernels of all joints, points of every payload for every joint, gravity in any
 /// direction; no coupling, ripple, curves or landmarks.
 pub fn largest(joints: usize, sliding: usize, points: usize, groups: usize) -> ModelSize {
     let sets = if points > 0 { joints } else { 0 };
+    let mut size = ElasticSize {
+        loaded_joints: joints - sliding,
+        loaded_links: joints * joints.saturating_sub(1) / 2,
+        groups,
+        ..ElasticSize::default()
+    };
+    *processes_of(&mut size, joints) = ProcessesSize {
+        sets,
+        looked_at: sets * joints,
+        points,
+        words: points * (2 * joints + 1),
+        blocks: (joints * groups).min(points),
+    };
+    if size.unrolled.sets > 0 {
+        size.centred = sliding;
+    }
     ModelSize {
         joints,
         sliding,
         coupling_terms: 0,
         coupled_joints: 0,
-        correction: CorrectionSize::Elastic(ElasticSize {
-            loaded_joints: joints - sliding,
-            loaded_links: joints * joints.saturating_sub(1) / 2,
-            sets,
-            looked_at: sets * joints,
-            points,
-            words: points * (2 * joints + 1),
-            groups,
-            blocks: (joints * groups).min(points),
-            unrolled: true,
-            ..ElasticSize::default()
-        }),
+        correction: CorrectionSize::Elastic(size),
+    }
+}
+
+/// Returns the sizes to which processes belong that depend on this number of joints.
+fn processes_of(size: &mut ElasticSize, looked_at: usize) -> &mut ProcessesSize {
+    if u8::try_from(looked_at).is_ok_and(|count| UNROLLED.contains(&count)) {
+        &mut size.unrolled
+    } else {
+        &mut size.general
     }
 }
 
@@ -59,6 +74,7 @@ fn each(change: impl FnOnce(&mut ElasticSize)) -> f64 {
 /// Returns the instructions of one inducing point whose row takes so many memory words.
 pub fn row_instructions(words: usize) -> f64 {
     each(|size| {
+        let size = processes_of(size, words / 2);
         size.points += 1_000;
         size.words += 1_000 * words;
     })
@@ -66,7 +82,7 @@ pub fn row_instructions(words: usize) -> f64 {
 
 /// Returns the instructions of one payload group of a joint, without those of its rows.
 pub fn block_instructions() -> f64 {
-    each(|size| size.blocks += 1_000)
+    each(|size| size.unrolled.blocks += 1_000)
 }
 
 /// Returns the number of bytes of `value` in the variable-length encoding that postcard uses for lengths.
@@ -91,15 +107,15 @@ pub fn blob_bytes(arm: &ModelSize, texts: [usize; 5]) -> usize {
     let frames = 2 * (1 + (n + 1) * 12 * floats);
     // No coupling, units, range of the payload, warnings.
     let rest = 1 + 3 + 9 + 4;
-    // Index of the enum variant, bound, gravity.
+    // Index of the enum variant, limit, gravity.
     let mut elastic = 1 + 2 * floats + 3 * floats;
     elastic += 1 + n * (n + 1) / 2 * 3 * floats;
     elastic += 1 + n * 4 * floats;
     elastic += 1 + size.ripple * (1 + 3 * floats);
-    let processes = if size.points > 0 { n } else { 0 };
+    let processes = if size.points() > 0 { n } else { 0 };
     elastic += 1 + processes * (1 + n * floats + 3 * floats);
     elastic += 1 + size.groups * floats;
-    let rows = floats * size.words;
+    let rows = floats * size.words();
     let mut variance = 1;
     if size.landmarks > 0 {
         let words: usize = (0..size.landmarks).map(|l| landmark_words(n, l)).sum();

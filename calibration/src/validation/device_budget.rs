@@ -5,8 +5,9 @@
 //! enough inducing points.
 
 use poegp_protocol::JointKind;
+use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::elastic::curve::coefficient_count;
-use poegp_runtime::model::cost::{ElasticSize, ModelSize};
+use poegp_runtime::model::cost::ModelSize;
 use serde::Serialize;
 
 use crate::device_cost::{
@@ -178,7 +179,7 @@ pub fn fit_to_budget(
     let curve_orders = model.map_or(0, |e| e.deflection.curve_orders);
     let sized = |landmarks: usize| budget.largest(task.robot, task.train, curve_orders, landmarks);
     let with_variance = sized(LANDMARKS)
-        .filter(|size| config.device_variance && elastic(size).points >= ENOUGH_POINTS);
+        .filter(|size| config.device_variance && elastic(size).points() >= ENOUGH_POINTS);
     let Some(size) = with_variance.or_else(|| sized(0)) else {
         return Ok(None);
     };
@@ -192,7 +193,7 @@ pub fn fit_to_budget(
         let size = with_elastic(&size, |size| size.landmarks = landmarks);
         let size = size_of(task, trial, &size)?;
         table.push(BudgetTrial {
-            inducing_points: elastic(&size).points,
+            inducing_points: elastic(&size).points(),
             predictive_std: landmarks > 0,
             instructions: size.command_bound().into(),
             bytes: blob_bytes(&size, TEXTS),
@@ -211,12 +212,11 @@ fn size_of(task: &Task<'_>, config: &Config, arm: &ModelSize) -> Result<ModelSiz
     let found = task.calibrated(config, task.train)?;
     Ok(match found.calibration.correction.elastic() {
         Some(found) => with_elastic(arm, |size| {
-            let processes = &found.deflection.processes;
-            *size = ElasticSize {
-                // With sliding joints, their ranges decide when the model is loaded, usually in favour of unrolling.
-                unrolled: processes.is_unrolled() || arm.sliding > 0,
-                ..size.with_processes(processes)
-            };
+            let mut processes = found.deflection.processes.clone();
+            let kinds: Vec<JointKind> = task.robot.joints.iter().map(|j| j.kind).collect();
+            // The ranges of prismatic joints decide when the model is loaded, usually in favour of unrolling.
+            processes.choose_loops(&kinds, &[(0.0, 0.0); MAX_JOINTS]);
+            *size = size.with_processes(&processes);
         }),
         None => *arm,
     })

@@ -1,5 +1,7 @@
 //! The Gaussian processes of the joints: kernels, and the posterior mean over the inducing points of each.
 
+use core::ops::RangeInclusive;
+
 use heapless::Vec;
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_GROUPS, MAX_JOINTS};
@@ -63,6 +65,8 @@ fn half_square<T: Scalar>(x: T) -> T {
 /// Largest Σ_d W_cd of a kernel for the unrolled loops: with it, no exponent leaves the range of [`Scalar::exp2_scaled`].
 /// Fitted kernels stay below 20.
 const MAX_FAST_RATE_SUM: f64 = 60.0;
+/// Numbers of joints on which a kernel may depend for the unrolled loops.
+pub const UNROLLED: RangeInclusive<u8> = 1..=7;
 
 impl<T: Scalar> JointProcesses<T> {
     /// Returns no processes.
@@ -97,9 +101,9 @@ impl<T: Scalar> JointProcesses<T> {
         words
     }
 
-    /// Returns whether the unrolled loops are used.
-    pub fn is_unrolled(&self) -> bool {
-        self.unrolled
+    /// Returns the number of prismatic joints that [`JointProcesses::mean`] centres for the unrolled loops.
+    pub fn centred_joints(&self) -> usize {
+        self.sliding.len()
     }
 
     /// Decides whether the unrolled loops can evaluate these joints with these lengthscales. Call it once, when everything
@@ -132,7 +136,7 @@ impl<T: Scalar> JointProcesses<T> {
                 let rate = kernel.rates[usize::from(joint.joint) % MAX_JOINTS];
                 largest += T::from_f64(3.0) * half_square(joint.reach) * rate;
             }
-            fast &= largest <= limit && (self.sliding.is_empty() || set.count <= 7);
+            fast &= largest <= limit && (self.sliding.is_empty() || set.count <= *UNROLLED.end());
         }
         self.unrolled = fast;
         if !fast || self.sets.is_empty() {
@@ -164,8 +168,8 @@ impl<T: Scalar> JointProcesses<T> {
 
     /// Returns whether the unrolled loops are used for this set.
     #[inline(always)]
-    fn is_unrolled_for(&self, set: &InducingSet) -> bool {
-        self.unrolled && (1..=7).contains(&set.count)
+    pub fn is_unrolled_for(&self, set: &InducingSet) -> bool {
+        self.unrolled && UNROLLED.contains(&set.count)
     }
 }
 

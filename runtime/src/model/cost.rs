@@ -56,6 +56,21 @@ pub enum TaskSpaceForm {
     PerOutput,
 }
 
+/// The sizes of the Gaussian processes that one kind of loops evaluates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ProcessesSize {
+    /// Number of joints with such a process.
+    pub sets: usize,
+    /// Number of joints on which a process depends, summed over the processes.
+    pub looked_at: usize,
+    /// Number of inducing points of all processes.
+    pub points: usize,
+    /// Number of words of all rows of inducing points.
+    pub words: usize,
+    /// Number of payload groups with inducing points, summed over the processes.
+    pub blocks: usize,
+}
+
 /// The sizes of an elastic correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ElasticSize {
@@ -65,20 +80,14 @@ pub struct ElasticSize {
     pub loaded_links: usize,
     /// Whether gravity is parallel to the z axis of the base.
     pub upright: bool,
-    /// Number of joints with a Gaussian process.
-    pub sets: usize,
-    /// Number of joints on which a process depends, summed over the processes.
-    pub looked_at: usize,
-    /// Number of inducing points of all processes.
-    pub points: usize,
-    /// Number of words of all rows of inducing points.
-    pub words: usize,
+    /// Sizes of the processes that the unrolled loops evaluate.
+    pub unrolled: ProcessesSize,
+    /// Sizes of the processes that the general loops evaluate.
+    pub general: ProcessesSize,
+    /// Number of prismatic joints that are centred for the unrolled loops.
+    pub centred: usize,
     /// Number of payload groups.
     pub groups: usize,
-    /// Number of payload groups with inducing points, summed over the processes.
-    pub blocks: usize,
-    /// Whether the unrolled loops evaluate the processes.
-    pub unrolled: bool,
     /// Number of terms of gear ripple.
     pub ripple: usize,
     /// Number of orders of each joint's own-joint curve; 0 for none.
@@ -90,21 +99,41 @@ pub struct ElasticSize {
 impl ElasticSize {
     /// Returns these sizes with those of `processes` filled in.
     pub fn with_processes<T: Scalar>(self, processes: &JointProcesses<T>) -> Self {
-        let (mut looked_at, mut blocks) = (0, 0);
+        let groups = processes.group_payloads_kg.len();
+        let mut unrolled = ProcessesSize::default();
+        let mut general = unrolled;
         for set in &processes.sets {
-            looked_at += set.joints().len();
-            blocks += set.points().iter().filter(|points| **points > 0).count();
+            let size = if processes.is_unrolled_for(set) {
+                &mut unrolled
+            } else {
+                &mut general
+            };
+            size.sets += 1;
+            size.looked_at += set.joints().len();
+            // There are no points beyond the groups, and the loop stays a loop.
+            for points in set.points().iter().take(groups) {
+                size.points += usize::from(*points);
+                size.words += usize::from(*points) * set.row_words();
+                size.blocks += usize::from(*points > 0);
+            }
         }
         Self {
-            sets: processes.sets.len(),
-            looked_at,
-            points: processes.points(),
-            words: processes.words(),
-            groups: processes.group_payloads_kg.len(),
-            blocks,
-            unrolled: processes.is_unrolled(),
+            unrolled,
+            general,
+            centred: processes.centred_joints(),
+            groups,
             ..self
         }
+    }
+
+    /// Returns the number of inducing points of all processes.
+    pub fn points(&self) -> usize {
+        self.unrolled.points + self.general.points
+    }
+
+    /// Returns the number of words of all rows of inducing points.
+    pub fn words(&self) -> usize {
+        self.unrolled.words + self.general.words
     }
 }
 
@@ -177,7 +206,8 @@ impl ElasticSize {
         let (n, sliding) = (arm.joints, arm.sliding);
         let (joints, links) = (self.loaded_joints, self.loaded_links);
         let (upright, tilted) = (usize::from(self.upright), usize::from(!self.upright));
-        let (fast, slow) = (usize::from(self.unrolled), usize::from(!self.unrolled));
+        let (fast, slow) = (&self.unrolled, &self.general);
+        let sets = fast.sets + slow.sets;
         let curves = if self.curve_orders > 0 {
             n - sliding.min(n)
         } else {
@@ -194,19 +224,19 @@ impl ElasticSize {
             upright * links,
             tilted * joints,
             tilted * links,
-            usize::from(self.sets > 0),
-            fast * self.sets,
-            fast * self.looked_at,
-            fast * self.groups * self.sets,
-            fast * self.blocks,
-            fast * self.points,
-            fast * self.words,
-            fast * self.sets * sliding,
-            fast * usize::from(self.sets > 0 && sliding > 0),
-            slow * self.sets,
-            slow * self.groups * self.sets,
-            slow * self.points,
-            slow * self.words,
+            usize::from(sets > 0),
+            fast.sets,
+            fast.looked_at,
+            fast.sets * self.groups,
+            fast.blocks,
+            fast.points,
+            fast.words,
+            sets * self.centred,
+            usize::from(self.centred > 0),
+            slow.sets,
+            slow.sets * self.groups,
+            slow.points,
+            slow.words,
             self.ripple,
             usize::from(self.curve_orders > 0),
             curves,

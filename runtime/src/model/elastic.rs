@@ -89,6 +89,7 @@ impl<T: Scalar> ElasticCorrection<T> {
 
 impl<T: Scalar> ElasticCorrection<T> {
     /// Returns the sizes of the correction, which determine its cost.
+    #[inline(never)]
     pub(super) fn size(&self, kinds: &[JointKind]) -> ElasticSize {
         let terms = &self.deflection;
         let (loaded_joints, loaded_links) = terms.gravity.loads(kinds);

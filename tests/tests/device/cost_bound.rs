@@ -34,7 +34,7 @@ fn shape(generator: &mut ChaCha8Rng) -> Sample {
         _ => SampleCorrection::Elastic(Elastic {
             points: [0, generator.random_range(1..=250)][generator.random_range(0..5).min(1)],
             groups: generator.random_range(1..=8),
-            looks_at: generator.random_range(1..=7),
+            looks_at: generator.random_range(1..=8),
             ripple: generator.random_range(0..=8),
             upright: generator.random_bool(0.7),
             landmarks: 0,
@@ -186,6 +186,29 @@ fn no_evaluation_takes_more_than_the_bound_of_a_command() {
         let bound = size.command_bound();
         println!("{joints} joints, {points} points: {pose:.0}, {command:.0}, {any:.0} of {bound}");
         assert!(any <= f64::from(bound), "{any} of {bound}");
+    }
+}
+
+/// A process that depends on all eight joints takes the general loops, beside unrolled ones of those that depend on seven.
+#[test]
+fn processes_of_eight_joints_are_within_the_bound() {
+    let correction = SampleCorrection::Elastic(Elastic {
+        looks_at: 8,
+        ..Elastic::PLAIN
+    });
+    let sample = Sample {
+        joints: 8,
+        ..Sample::plain(194, correction)
+    };
+    let blob = sample.blob();
+    let (size, [pose, command, ..]) = (size_of(&blob), measured(&sample, &blob));
+    let bounds = [size.pose_bound(), size.computation_bound()];
+    println!("{pose:.0}, {command:.0} of {bounds:?}");
+    for (found, bound) in [pose, command].into_iter().zip(bounds.map(f64::from)) {
+        assert!(
+            (0.95..=1.0).contains(&(found / bound)),
+            "{found} of {bound}"
+        );
     }
 }
 

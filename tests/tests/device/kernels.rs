@@ -184,7 +184,7 @@ fn the_same_bits_for_every_number_of_orders() {
 #[test]
 fn the_same_bits_for_every_shape_of_sets() {
     let mut devices = all(Clock::Real);
-    for joints in [4, 5, 6, 7] {
+    for joints in [4, 5, 6, 7, 8] {
         for looks_at in 1..=joints {
             // Rows of a group: about 0 or 1, 1, 2, 3, 5 or 6.
             for (points, groups) in [
