@@ -11,12 +11,11 @@
 use heapless::Deque;
 
 use crate::board::{Board, Chosen, Link};
+use crate::drivers::outgoing::Outgoing;
 use crate::mailbox::Mailbox;
 
 /// Capacity for received bytes: the longest frame and the beginning of the next.
 const RECEIVED: usize = 512;
-/// Capacity for bytes to send: the longest answer of the background and several of the cycle.
-const OUTGOING: usize = 512;
 /// Maximum number of waiting frames whose end time is recorded.
 const FRAMES: usize = 8;
 /// Maximum number of bytes that are moved at once while interrupts are disabled.
@@ -28,7 +27,7 @@ pub struct Line<L> {
     received: Deque<u8, RECEIVED>,
     /// Times at which the zeros in `received` arrived, in ticks, as far as there is room.
     ends: Deque<u32, FRAMES>,
-    outgoing: Deque<u8, OUTGOING>,
+    outgoing: Outgoing,
     lost: u32,
     /// Last received byte. A zero after a zero means nothing and is skipped; a line like SPI is full of them.
     last: u8,
@@ -42,9 +41,9 @@ pub static LINE: Mailbox<Line<<Chosen as Board>::Link>> = Mailbox::new();
 impl<L: Link> Line<L> {
     /// Creates the line over a started link.
     pub fn new(link: L) -> Self {
-        let mut outgoing = Deque::new();
+        let mut outgoing = Outgoing::new();
         // The zero ends an answer that a restart may have cut short; otherwise the next answer would look damaged.
-        let _ = outgoing.push_back(0);
+        outgoing.put(&[0]);
         Self {
             link,
             received: Deque::new(),
@@ -69,27 +68,16 @@ impl<L: Link> Line<L> {
         taken
     }
 
-    /// Queues up to [`CHUNK`] bytes, for which there must be room, and writes as many as the link accepts now.
+    /// Queues up to [`CHUNK`] bytes of a frame, for which there must be room, and writes as many of complete frames as the
+    /// link accepts now.
     pub fn put(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            let _ = self.outgoing.push_back(*byte);
-        }
+        self.outgoing.put(bytes);
         self.pump();
     }
 
-    /// Writes as many queued bytes as the link accepts now.
     fn pump(&mut self) {
-        while let Ok(true) = self.link.write_ready() {
-            let (bytes, _) = self.outgoing.as_slices();
-            let written = match self.link.write(bytes) {
-                Ok(written) if written > 0 => written,
-                _ => break,
-            };
-            for _ in 0..written {
-                self.outgoing.pop_front();
-            }
-        }
-        self.link.notify_writable(!self.outgoing.is_empty());
+        let wanted = self.outgoing.pump(&mut self.link);
+        self.link.notify_writable(wanted);
     }
 
     /// Whether everything has been sent except the one or two bytes that the hardware holds. If not, the interrupt that
@@ -154,7 +142,7 @@ pub fn frame_end() -> Option<u32> {
 
 /// Whether there is room for a frame of `length` bytes.
 fn has_room(length: usize) -> bool {
-    LINE.with(|line| OUTGOING - line.outgoing.len() >= length) == Some(true)
+    LINE.with(|line| line.outgoing.room() >= length) == Some(true)
 }
 
 /// Queues a frame for sending, or drops it completely if there is no room. Only the cycle calls this, so frames do not mix.

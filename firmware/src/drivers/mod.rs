@@ -4,6 +4,7 @@
 //!  line ────> receive    a ring that a DMA controller fills        ReceiveDma: its position, what it has passed
 //!   │  └────> send       a queue that DMA sends in pieces          SendDma: start of a piece
 //!   └───────> fill       a ring that DMA sends endlessly (SPI)     FillDma: its position, what it has passed
+//!  outgoing              the bytes that wait for the line
 //!  flash                 the flash of the STM32F4                  FlashRegisters: its registers and its memory
 //! ```
 //!
@@ -12,6 +13,7 @@
 pub mod fill;
 pub mod flash;
 pub mod line;
+pub mod outgoing;
 pub mod receive;
 pub mod send;
 

@@ -11,6 +11,7 @@ use poegp_protocol::link::frame::{Received, Receiver};
 use crate::drivers::Passed;
 use crate::drivers::fill::{AHEAD, FillDma, FilledRing};
 use crate::drivers::line::{DmaLine, Sender};
+use crate::drivers::outgoing::Outgoing;
 use crate::drivers::receive::{ReceiveDma, ReceiveRing};
 use crate::drivers::send::{SendDma, SendQueue};
 use crate::random;
@@ -396,6 +397,39 @@ fn a_peripheral_sends_frames_among_zeros() {
         assert!(gone[gone.len() - 1_000..].iter().all(|byte| *byte == 0));
         let (sequences, damaged) = intact_but_empty(&gone);
         assert_eq!((sequences, damaged), ((0..300).collect(), 0), "seed {seed}");
+    }
+}
+
+/// Interrupts that come while a frame is queued piece by piece, and a controller that clocks much in between, damage no frame.
+#[test]
+fn a_frame_that_is_queued_in_pieces_leaves_whole() {
+    for hurry in 0..3 {
+        let transfer = Transfer::new(256, hurry, 7);
+        let wire = Rc::clone(&transfer);
+        let ring = ReceiveRing::new(Writes(Transfer::new(RING, 0, 1)));
+        let mut line = DmaLine::new(ring, FilledRing::new(Clocked(transfer)));
+        let (mut queue, mut state) = (Outgoing::new(), 7);
+        for frame in frames(300) {
+            while queue.room() < frame.len() {
+                wire.borrow_mut().send(20);
+                queue.pump(&mut line);
+            }
+            for piece in frame.chunks(16) {
+                queue.put(piece);
+                for _ in 0..random(&mut state, 3) {
+                    let count = random(&mut state, 30);
+                    wire.borrow_mut().send(count);
+                    queue.pump(&mut line);
+                }
+            }
+            queue.pump(&mut line);
+        }
+        while !(queue.is_empty() && line.is_sent()) {
+            wire.borrow_mut().send(20);
+            queue.pump(&mut line);
+        }
+        let found = intact_but_empty(&wire.borrow().gone);
+        assert_eq!(found, ((0..300).collect(), 0));
     }
 }
 
