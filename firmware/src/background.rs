@@ -143,8 +143,7 @@ impl Shell {
                 self.log_model(&identity.model);
             }
             if response == Response::Restarting {
-                // There is no beat here, so the watchdog restarts the board if the line does not become empty.
-                while !uart::is_sent() {}
+                let_the_answer_leave();
                 watchdog::restart(StartReason::Requested);
             }
         }
@@ -181,6 +180,18 @@ impl Shell {
             }
         }
     }
+}
+
+/// Waits until the answer has left the device, for a second at most: the other side of an SPI may not clock.
+fn let_the_answer_leave() {
+    let within = |start, ticks| Chosen::ticks().wrapping_sub(start) < ticks;
+    let start = Chosen::ticks();
+    while (cycle::ANSWER.is_full() || !uart::is_sent()) && within(start, Chosen::TICK_HZ) {
+        SCB::set_pendsv();
+    }
+    // The hardware still holds one or two bytes.
+    let start = Chosen::ticks();
+    while within(start, Chosen::TICK_HZ / 1_000) {}
 }
 
 /// The background's access to the cycle and the device.
