@@ -54,6 +54,10 @@ pub struct Deflection<T> {
     pub variance: Option<PositionVariance<T>>,
 }
 
+/// Largest root of the sum of the squared deflections of the serial joints, in rad or m. Those of robots are a few
+/// milliradians; up to this bound the series of [`deflected`] holds.
+const MAX_DEFLECTION: f64 = 0.1;
+
 /// Computes the twist in the base frame that `deflection` of the serial joints causes, to first order: Σ ξ_i δ_i.
 #[inline(always)]
 pub fn deflection_twist<T: Scalar>(
@@ -214,6 +218,14 @@ fn deflect<T: Scalar>(
     let mut twist = deflection_twist(kinds, frames, &serial);
     let (factor, limited) =
         limit.map_or((T::ONE, false), |b| b.factor(&twist, &target.translation));
+    // Joints can deflect much without moving the target.
+    let mut squared = T::ZERO;
+    for delta in &serial {
+        squared += *delta * *delta;
+    }
+    let whole = T::from_f64(MAX_DEFLECTION * MAX_DEFLECTION);
+    let factor = factor * (whole / if squared > whole { squared } else { whole });
+    let limited = limited | (squared > whole);
     // Multiplies even by a factor of one: the time must not depend on the data.
     let scaled = |value: T| {
         if factor == T::ZERO {

@@ -1,8 +1,10 @@
 //! What is refused of an elastic correction, and that nothing that gets past it makes a NaN.
 
+use nalgebra::Matrix3;
 use poegp_protocol::blob::Ripple;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
+use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::Model;
 use poegp_runtime::model::load_error::LoadError;
 use proptest::prelude::*;
@@ -263,6 +265,27 @@ fn task_space_and_elastic_models_replace_each_other() {
             model.load_decoded(&arm.blob()).unwrap();
             assert_eq!(model.evaluate(&q, 1.0), *expected);
         }
+    }
+}
+
+/// Two joints on one axis turn against each other: the target stands still, so no bound on its motion acts.
+#[test]
+fn joints_that_cancel_are_limited() {
+    for size in [1.0, 1e6] {
+        let mut arm = Arm::elastic(2, 0, false);
+        arm.calibrated[1] = Pose::identity().to_rows();
+        let terms = [(0, size), (1, -size)].map(|(joint, cos)| Ripple {
+            joint,
+            cycles: 0.0,
+            sin: 0.0,
+            cos,
+        });
+        arm.joint_space().ripple = terms.into_iter().collect();
+        let answer = arm.model::<f32>().evaluate(&[0.3, 0.4], 1.0);
+        assert_eq!(answer.status, Status::CORRECTION_LIMITED);
+        let rotation = answer.pose.rotation;
+        let error = (rotation.transpose() * rotation - Matrix3::identity()).norm();
+        assert!(error < 1e-5, "{answer:?}");
     }
 }
 
