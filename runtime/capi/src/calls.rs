@@ -95,6 +95,9 @@ pub(crate) unsafe fn load_signed<T: Number>(
     length: usize,
     public_key: *const u8,
 ) -> i32 {
+    if let Err(code) = apart((model, size_of::<Model<T>>()), (public_key, 32)) {
+        return code;
+    }
     // SAFETY: the same contract.
     match unsafe { key(public_key) } {
         // SAFETY: the same contract.

@@ -374,6 +374,10 @@ fn a_signature_is_asked_for_and_verified() {
     // SAFETY: refused before it is read.
     let code = unsafe { poegp_load_signed(model, good.as_ptr(), good.len(), null()) };
     assert_eq!(code, POEGP_ERROR_NULL);
+    let inside = model.cast::<u8>().wrapping_add(100);
+    // SAFETY: the same.
+    let code = unsafe { poegp_load_signed(model, good.as_ptr(), good.len(), inside) };
+    assert_eq!(code, POEGP_ERROR_OVERLAP);
     assert_eq!(identify(model).1.joints, 0);
     refused(&good, POEGP_OK);
     assert_eq!(
