@@ -230,6 +230,8 @@ fn the_lengths_are_those_of_the_documentation() {
             "{row} is not in docs/reference/link.md"
         );
     }
+    let wait = format!("on the line, at most {} bytes;", on_line(service_answer));
+    assert!(LINK.contains(&wait), "{wait}");
     assert_eq!(on_line(longest(&REQUESTS)), MAX_FRAME);
     // What the service relies on: an answer is never longer than the longest request.
     assert!(on_line(longest(&RESPONSES)) < MAX_FRAME);

@@ -87,8 +87,8 @@
 #define POEGP_STATUS_BAD_INPUT 16
 
 /*
- Status bit: according to the model, more than 5 um or 5 urad of the arm's error remain, because the arm is near
- a singularity or a bound acts.
+ Status bit: by an estimate from the model, more than 5 um or 5 urad of the arm's error remain, because the arm is
+ near a singularity or a bound acts.
  */
 #define POEGP_STATUS_PARTLY_CORRECTED 32
 

@@ -53,8 +53,8 @@ pub const POEGP_STATUS_CORRECTION_LIMITED: u32 = 4;
 pub const POEGP_STATUS_NO_MODEL: u32 = 8;
 /// Status bit: the number of joints is wrong, or a number is not finite or far out of range. Nothing was corrected.
 pub const POEGP_STATUS_BAD_INPUT: u32 = 16;
-/// Status bit: according to the model, more than 5 um or 5 urad of the arm's error remain, because the arm is near
-/// a singularity or a bound acts.
+/// Status bit: by an estimate from the model, more than 5 um or 5 urad of the arm's error remain, because the arm is
+/// near a singularity or a bound acts.
 pub const POEGP_STATUS_PARTLY_CORRECTED: u32 = 32;
 /// Status bit of `poegp_command`: the correction is switched off. The joints to send are those of the command, or
 /// soon will be.

@@ -15,7 +15,7 @@ pub(crate) fn square_root(value: f32) -> f32 {
             "vmov {bits}, s0",
             bits = inout(reg) bits,
             out("s0") _,
-            options(pure, nomem, nostack, preserves_flags)
+            options(pure, nomem, nostack)
         );
     }
     f32::from_bits(bits)

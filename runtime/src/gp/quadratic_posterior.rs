@@ -19,7 +19,7 @@
 //! row j of the inducing points:  | v_j1 … v_jD | weight′_j1 … weight′_j6 |             weight′_jc = weight_jc · 2^(−|v_j|²)
 //! ```
 //!
-//! which takes a fifth less time. It requires |v_j| ≤ [`FOLDED_RADIUS`] of every inducing point, so that no exponent leaves
+//! which takes a third less time. It requires |v_j| ≤ [`FOLDED_RADIUS`] of every inducing point, so that no exponent leaves
 //! the range of exp2 and none is large enough to lose digits; beyond |v| = [`FOLDED_REACH`] the sum counts as zero. The blob
 //! says which form it has, and the loader checks that this form is allowed; the query never decides.
 //!

@@ -31,8 +31,8 @@ macro_rules! model {
 }
 
 /// The golden models, whose arms reach 2 m: an ulp of that is 0.12 to 0.24 µm. An elastic command may be further off than
-/// the 5 µm that the runtime sees, in `f64` as well: it takes the deflection for constant over its last step (`LAG` in
-/// `runtime/src/model/correct.rs`), and these are random ones.
+/// the 5 µm that the runtime sees, in `f64` as well: it takes the deflection for constant over its last step, and these
+/// are random ones.
 const MODELS: [Allowed; 7] = [
     model!("shared", 1.0, 0.4, 5.5),
     model!("folded", 1.0, 0.4, 5.5),
