@@ -116,19 +116,13 @@ impl<F: NorFlash> Store<F> {
             })?;
         let start = self.blob_start(stored.slot);
         flash::read(&mut self.flash, start, bytes)?;
-        let computed = flash::checksum(bytes);
-        if computed != stored.crc {
-            return Err(StoreError::CrcMismatch {
-                stored: stored.crc,
-                computed,
-            });
-        }
+        intact(stored, flash::checksum(bytes))?;
         Ok(bytes)
     }
 
     /// Writes `blob` and makes it the first candidate. `keep` is the slot of the active model, which stays as it is and
-    /// becomes the second candidate; without `keep`, the present first candidate is kept. A blob that is already in either
-    /// slot is not written again.
+    /// becomes the second candidate; without `keep`, or if its blob is damaged, the first intact candidate is kept. A blob
+    /// that is already in either slot is not written again.
     ///
     /// # Errors
     /// [`StoreError::BlobLength`], `ReadBack`, `Flash`, `SequenceExhausted`. The kept blob is then the first candidate.
@@ -147,12 +141,15 @@ impl<F: NorFlash> Store<F> {
                 return self.promote(&stored);
             }
         }
-        // A slot that holds nothing is not worth keeping.
+        // A slot that holds nothing, or a damaged blob, is not worth keeping.
         let kept = state.and_then(|state| {
             [keep, Some(state.first), Some(state.first.other())]
                 .into_iter()
                 .flatten()
-                .find_map(|slot| self.announced(&state, slot))
+                .find_map(|slot| {
+                    let stored = self.announced(&state, slot)?;
+                    self.check(&stored).map(|()| stored).ok()
+                })
         });
         let slot = kept.map_or(Slot::A, |kept| kept.slot.other());
         if let Some(kept) = &kept {
@@ -180,14 +177,7 @@ impl<F: NorFlash> Store<F> {
         if state.and_then(|state| self.announced(&state, slot)) != Some(*stored) {
             return Err(StoreError::NotStored { slot });
         }
-        let start = self.blob_start(slot);
-        let computed = flash::crc(&mut self.flash, start, stored.length)?;
-        if computed != stored.crc {
-            return Err(StoreError::CrcMismatch {
-                stored: stored.crc,
-                computed,
-            });
-        }
+        self.check(stored)?;
         self.put_first(stored)?;
         Ok(*stored)
     }
@@ -233,6 +223,13 @@ impl<F: NorFlash> Store<F> {
             .filter(|stored| stored.length <= self.room(slot))
     }
 
+    /// Checks that the bytes in the slot are the blob that its header announces.
+    #[inline(never)]
+    fn check(&mut self, stored: &Stored) -> Result<(), StoreError> {
+        let start = self.blob_start(stored.slot);
+        intact(stored, flash::crc(&mut self.flash, start, stored.length)?)
+    }
+
     /// Ensures that the state puts `stored` first.
     fn put_first(&mut self, stored: &Stored) -> Result<State, StoreError> {
         let journal = self.survey();
@@ -255,4 +252,15 @@ impl<F: NorFlash> Store<F> {
     fn blob_start(&self, slot: Slot) -> u32 {
         self.layout.slot(slot).start + flash::size(F::ERASE_SIZE)
     }
+}
+
+/// Checks that these bytes are the announced blob.
+fn intact(stored: &Stored, computed: u32) -> Result<(), StoreError> {
+    if computed == stored.crc {
+        return Ok(());
+    }
+    Err(StoreError::CrcMismatch {
+        stored: stored.crc,
+        computed,
+    })
 }

@@ -92,6 +92,31 @@ fn every_single_bit_of_the_slots() {
     assert_eq!(counts.values().sum::<u64>(), 7 * 2 * 3 * 64 * 8);
 }
 
+/// Whatever the caller knows of the blobs, a damaged one is not kept in place of an intact one.
+#[test]
+fn a_damaged_blob_is_not_kept() {
+    for (damaged, keep) in [
+        (Slot::B, None),
+        (Slot::B, Some(Slot::B)),
+        (Slot::A, Some(Slot::A)),
+    ] {
+        let mut store = store::<4, 64>(UNITS);
+        let slots = [Slot::A, Slot::B];
+        for (slot, number) in slots.into_iter().zip(1..) {
+            assert_eq!(store.write(&blob(number), None).unwrap().slot, slot);
+        }
+        let start = layout::<64>(UNITS).slots[usize::from(damaged.index())].start as usize;
+        store.flash().bytes_mut()[start + 64] ^= 1;
+        let intact = whole(&mut store);
+        assert_eq!(intact.len(), 1);
+        store.write(&blob(3), keep).unwrap();
+        assert_eq!(
+            whole(&mut store),
+            [vec![(damaged, blob(3))], intact].concat()
+        );
+    }
+}
+
 /// A record that says something else with the right checksum cannot come from damage; one that points beyond its slot
 /// is not followed all the same.
 #[test]
