@@ -294,7 +294,7 @@
 #define POEGP_FILTER_PERIOD 401
 
 /*
- The rate limit is not between 1e-4 and 1 rad/s.
+ The rate limit is not between 1e-4 and 1 rad/s, or in single precision less than 15 nrad in a period.
  */
 #define POEGP_FILTER_RATE 402
 
@@ -1038,7 +1038,8 @@ int32_t poegp_filter_init(void *memory,
  request.
 
  Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
- trusted. Bad input is answered with the joints that were sent last. With an error code the answer depends on the
+ trusted. Bad input is answered with the joints that were sent last. While `engage` is 0, what only the model
+ refuses, such as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the
  argument that is wrong:
  - `joints`: the joints that were sent last, with POEGP_STATUS_BAD_INPUT;
  - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;

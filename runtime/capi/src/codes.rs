@@ -93,7 +93,7 @@ pub const POEGP_SIGNATURE_INVALID: i32 = 304;
 
 /// The period is not between 50 us and 0.1 s.
 pub const POEGP_FILTER_PERIOD: i32 = 401;
-/// The rate limit is not between 1e-4 and 1 rad/s.
+/// The rate limit is not between 1e-4 and 1 rad/s, or in single precision less than 15 nrad in a period.
 pub const POEGP_FILTER_RATE: i32 = 402;
 /// The acceleration limit is not between 1e-3 and 100 rad/s^2.
 pub const POEGP_FILTER_ACCELERATION: i32 = 403;

@@ -67,7 +67,8 @@ pub unsafe extern "C" fn poegp_filter_init(
 /// request.
 ///
 /// Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
-/// trusted. Bad input is answered with the joints that were sent last. With an error code the answer depends on the
+/// trusted. Bad input is answered with the joints that were sent last. While `engage` is 0, what only the model
+/// refuses, such as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the
 /// argument that is wrong:
 /// - `joints`: the joints that were sent last, with POEGP_STATUS_BAD_INPUT;
 /// - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;

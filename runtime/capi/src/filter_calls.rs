@@ -157,17 +157,9 @@ fn filtered<T: Number>(
     engage: bool,
     cycles: u32,
 ) -> Commanded<T> {
-    // A command that the model refuses holds the arm only while the correction is used, not when it is switched off.
-    let status = if !engage & filter.disengaged() {
-        Status::OK
-    } else {
-        corrected.status
-    };
+    let status = corrected.status;
     let sent = filter.step(command, &corrected.joints, status, engage, cycles);
-    let status = sent
-        .status
-        .with(corrected.status)
-        .with_if(!engage, Status::BYPASSED);
+    let status = sent.status.with(status).with_if(!engage, Status::BYPASSED);
     Commanded {
         joints: sent.joints,
         weight: sent.weight,

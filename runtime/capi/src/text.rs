@@ -51,7 +51,9 @@ pub fn of(code: i32) -> &'static CStr {
         POEGP_SIGNATURE_WRONG_KEY => c"the blob is signed by another key",
         POEGP_SIGNATURE_INVALID => c"the signature does not fit the blob and the key",
         POEGP_FILTER_PERIOD => c"the period is not within 50 us and 0.1 s",
-        POEGP_FILTER_RATE => c"the rate limit is not within 1e-4 and 1 rad/s",
+        POEGP_FILTER_RATE => {
+            c"the rate limit is not within 1e-4 and 1 rad/s, or below 15 nrad in a period"
+        }
         POEGP_FILTER_ACCELERATION => c"the acceleration limit is not within 1e-3 and 100 rad/s2",
         POEGP_FILTER_BLEND => c"the blend time is not within 0.01 s and 10 s, or below ten periods",
         _ if (201..300).contains(&code) => c"the numbers of the model are not usable",

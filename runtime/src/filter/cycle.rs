@@ -10,8 +10,6 @@ use crate::model::validate::MAX_PAYLOAD_KG;
 
 /// Largest change of the correction that the path explains, per rad or m of motion of the fastest joint.
 const SLOPE: f64 = 0.5;
-/// Rounding of a correction in rad or m: several times that of q to `f32`.
-const NOISE: f64 = 3e-6;
 /// Sum of the absolute offsets, rad or m, above which the path explains nothing. However often and wherever the model steps,
 /// the correction stays of that size.
 const FAR: f64 = 0.5;
@@ -35,13 +33,11 @@ impl<T: Scalar> CommandFilter<T> {
         }
         let applied = self.weight() != T::ZERO;
         let way = &mut self.payload;
-        let change = asked - way.asked;
+        let rest = select(applied, way.rest + (asked - way.asked), T::ZERO);
         way.asked = asked;
-        let rest = select(applied, way.rest + change, T::ZERO);
         let rate = select(applied, way.rate, T::ZERO);
         let on_its_way = (rest != T::ZERO) | (rate != T::ZERO);
         let scale = larger(rest.abs(), select(on_its_way, way.scale, T::ZERO));
-        way.moves |= (rest != T::ZERO) | (change != T::ZERO);
         let time = Time::of(cycles.clamp(1, GRACE));
         // Largest change of rate so far on this way: it always suffices to brake before the payload that is asked for.
         let change = self.limits.blend * scale;
@@ -58,7 +54,10 @@ impl<T: Scalar> CommandFilter<T> {
         way.rate = select(passes, next, rate);
         way.scale = scale;
         // Rounding may leave the range by an ulp.
-        smaller(larger(asked - way.rest, T::ZERO), largest)
+        let now = smaller(larger(asked - way.rest, T::ZERO), largest);
+        way.moves |= now != way.now;
+        way.now = now;
+        now
     }
 
     #[inline(always)]
@@ -113,10 +112,11 @@ impl<T: Scalar> CommandFilter<T> {
 
         // The offsets take up what the path does not explain.
         let jumped = moved > limits.jump * time.cycles;
-        let noise = select(moved > T::ZERO, T::from_f64(NOISE), T::ZERO);
+        let noise = select(moved > T::ZERO, limits.noise, T::ZERO);
         let explained = T::from_f64(SLOPE) * moved + noise;
         let far = self.offsets > T::from_f64(FAR);
-        let explained = select(lost | jumped | far, T::ZERO, explained);
+        let payload_moves = core::mem::replace(&mut self.payload.moves, false);
+        let explained = select(lost | jumped | far | payload_moves, T::ZERO, explained);
         let (mut excesses, mut offsets, mut rates) = (T::ZERO, T::ZERO, T::ZERO);
         for (joint, c) in self.joints.iter_mut().zip(&corrections).take(command.len()) {
             let path = weight * (*c - joint.correction);
@@ -201,8 +201,8 @@ impl<T: Scalar> CommandFilter<T> {
             *slot = sent;
         }
         self.offsets = offsets;
-        let differs = differences != T::ZERO;
-        let payload_moves = core::mem::replace(&mut self.payload.moves, false);
+        let due = self.payload_is_due() & (size != T::ZERO);
+        let differs = due | (differences != T::ZERO);
         let counts = &mut self.counts;
         count_if(lost, &mut counts.lost);
         count_if(jumped & !lost, &mut counts.held);
@@ -247,6 +247,14 @@ macro_rules! compiled {
                 engage: bool,
                 cycles: u32,
             ) -> Filtered<Self> {
+                // A model that refuses a command must not keep its correction from being taken back.
+                let last;
+                let (corrected, status) = if !engage & status.contains(Status::BAD_INPUT) {
+                    last = filter.with_last_correction(command);
+                    (&last[..], Status::OK)
+                } else {
+                    (corrected, status)
+                };
                 filter.next_step(command, corrected, status, engage, cycles)
             }
         }
@@ -269,6 +277,9 @@ impl<T: CompiledFilter> CommandFilter<T> {
     /// Returns the joints to send for a `command`, `corrected` joints and `status` of the model (rad or m). `engage` says
     /// whether the correction is to be applied. `cycles` counts the cycles since the last call, 0 for another answer to the
     /// same request.
+    ///
+    /// While `engage` is false, a command that is bad only by `status` is taken with the last correction, which is taken back
+    /// as always, and the status of the answer is without remark.
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
     /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.

@@ -8,6 +8,16 @@ use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 
 impl<T: Scalar> CommandFilter<T> {
+    /// Returns the command with the correction of the last good one.
+    #[inline(never)]
+    pub(super) fn with_last_correction(&self, command: &[T]) -> [T; MAX_JOINTS] {
+        let mut corrected = [T::ZERO; MAX_JOINTS];
+        for ((slot, joint), q) in corrected.iter_mut().zip(&self.joints).zip(command) {
+            *slot = *q + joint.correction;
+        }
+        corrected
+    }
+
     /// Answers bad input with the last answer.
     #[inline(never)]
     pub(super) fn hold(&mut self, command: &[T], status: Status, cycles: u32) -> Filtered<T> {
@@ -76,6 +86,7 @@ impl<T: Scalar> CommandFilter<T> {
     ) -> Filtered<T> {
         let weight = self.weight();
         let mut joints = [T::ZERO; MAX_JOINTS];
+        let due = self.payload_is_due();
         let mut differs = false;
         let numbers = command.iter().zip(corrected);
         for ((slot, joint), (q, target)) in joints.iter_mut().zip(&self.joints).zip(numbers) {
@@ -85,6 +96,7 @@ impl<T: Scalar> CommandFilter<T> {
                 (*q == joint.command) & (q.is_sign_negative() == joint.command.is_sign_negative());
             let sent = select(same, joint.sent, moved);
             differs |= sent != select(engage, *target, *q);
+            differs |= due & (sent != *q);
             *slot = sent;
         }
         Filtered {

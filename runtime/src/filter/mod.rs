@@ -13,9 +13,10 @@
 //!
 //! **Limits.** A step of x has two parts, x_k − x_(k−1) = path + own:
 //!
-//! - path = w_(k−1) (c_k − c_(k−1)), held within ±(½ max|Δq| + 3 µrad). It is what the motion of the command explains;
-//!   3 µrad allow for the rounding of `f32`. A command that stands still explains nothing; nor does one that jumps or comes
-//!   after a gap.
+//! - path = w_(k−1) (c_k − c_(k−1)), held within ±(½ max|Δq| + noise). It is what the motion of the command explains;
+//!   the noise allows for rounding: 3 µrad for `f32`, 1 prad for `f64`, and at most half of `rate` per cycle. A command that
+//!   stands still explains nothing; nor does one that jumps or comes after a gap, nor any while the payload moves, because
+//!   nothing tells what the payload changes from what the path does.
 //! - own = Δw c_k + Δo. For every joint |own| ≤ `rate` per cycle. Where the path is not held,
 //!   |Δ²x − w_(k−1) Δ²c| ≤ `acceleration` per cycle²: this bounds all that the weight and the offset add to the second
 //!   difference of x (ẅ c + 2 ẇ ċ + ö). Where the path is held, the own steps are just as smooth.

@@ -9,7 +9,8 @@ use crate::math::scalar::Scalar;
 pub struct FilterSettings<T> {
     /// Time between two commands in s, 50 µs to 0.1 s.
     pub period_s: T,
-    /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1.
+    /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1. In a period it is at least an eighth
+    /// of the number type's resolution of 1 rad; smaller steps would be lost when they are added to a correction.
     pub rate: T,
     /// Largest acceleration of the correction beyond what the path explains, rad/s², 1e-3 to 100.
     pub acceleration: T,
@@ -40,7 +41,8 @@ impl<T: Scalar> FilterSettings<T> {
         if !is(self.period_s, 50e-6, 0.1) {
             return Err(FilterError::Period);
         }
-        if !is(self.rate, 1e-4, 1.0) {
+        let step = self.rate * self.period_s;
+        if !is(self.rate, 1e-4, 1.0) | (step < T::from_f64(0.25) * T::ROUNDING) {
             return Err(FilterError::Rate);
         }
         if !is(self.acceleration, 1e-3, 100.0) {
@@ -65,7 +67,7 @@ impl<T: Scalar> Default for FilterSettings<T> {
 pub enum FilterError {
     /// The period is out of range.
     Period,
-    /// The rate is out of range.
+    /// The rate is out of range, or too small for the number type in a period.
     Rate,
     /// The acceleration is out of range.
     Acceleration,
@@ -92,7 +94,9 @@ impl fmt::Display for FilterError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Period => "the period is not within 50 us and 0.1 s",
-            Self::Rate => "the rate limit is not within 1e-4 and 1 rad/s",
+            Self::Rate => {
+                "the rate limit is not within 1e-4 and 1 rad/s, or below 15 nrad in a period"
+            }
             Self::Acceleration => "the acceleration limit is not within 1e-3 and 100 rad/s2",
             Self::Blend => "the blend time is not within 0.01 s and 10 s, or below ten periods",
             Self::Engaged => "the filter takes settings only while it is disengaged",

@@ -3,6 +3,7 @@
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::settings::{FilterError, FilterSettings};
+use crate::filter::approach::smaller;
 use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 
@@ -12,6 +13,9 @@ pub const GRACE: u32 = 5;
 pub const JUMP: f64 = 10.0;
 /// Largest correction of a joint that is accepted, rad or m: twice the largest that [`crate::model::Model::correct`] makes.
 pub const MAX_CORRECTION: f64 = 0.2;
+/// Rounding of a correction in rad or m: several times that of q, which comes as this type.
+const NOISE_F32: f64 = 3e-6;
+const NOISE_F64: f64 = 1e-12;
 /// Number of blend times after which a filter that cannot disengage, because the model steps again and again, stops waiting.
 pub const PATIENCE: f64 = 4.0;
 
@@ -46,6 +50,8 @@ pub struct Filtered<T> {
 pub(super) struct Limits<T> {
     /// Largest own step, rad or m.
     pub(super) rate: T,
+    /// Rounding of the correction that counts as path while the command moves, rad or m.
+    pub(super) noise: T,
     /// Largest change of the own step, rad or m.
     pub(super) acceleration: T,
     /// Largest change of the weight's step, by which the weight goes from 0 to 1 in the blend time.
@@ -87,6 +93,8 @@ impl<T: Scalar> Joint<T> {
 pub(super) struct Payload<T> {
     /// Payload that is asked for, kg.
     pub(super) asked: T,
+    /// Payload that the model was given last, kg.
+    pub(super) now: T,
     /// Remaining change of the payload, kg. This small number is stored because the payload itself might be too large to
     /// change by a step.
     pub(super) rest: T,
@@ -94,7 +102,7 @@ pub(super) struct Payload<T> {
     pub(super) rate: T,
     /// Largest remaining change on this way, kg.
     pub(super) scale: T,
-    /// Whether the payload has changed since the last step.
+    /// Whether the payload that the model was given has changed since the last step.
     pub(super) moves: bool,
 }
 
@@ -130,6 +138,7 @@ impl<T: Scalar> Default for CommandFilter<T> {
 impl<T: Scalar> CommandFilter<T> {
     const NO_PAYLOAD: Payload<T> = Payload {
         asked: T::ZERO,
+        now: T::ZERO,
         rest: T::ZERO,
         rate: T::ZERO,
         scale: T::ZERO,
@@ -141,6 +150,7 @@ impl<T: Scalar> CommandFilter<T> {
         Self {
             limits: Limits {
                 rate: T::ZERO,
+                noise: T::ZERO,
                 acceleration: T::ZERO,
                 blend: T::ZERO,
                 jump: T::ZERO,
@@ -177,8 +187,12 @@ impl<T: Scalar> CommandFilter<T> {
         }
         let period = settings.period_s;
         let part = period / settings.blend_s;
+        let rate = settings.rate * period;
+        let is_double = T::ROUNDING < T::from_f32(f32::ROUNDING);
+        let noise = T::from_f64(if is_double { NOISE_F64 } else { NOISE_F32 });
         self.limits = Limits {
-            rate: settings.rate * period,
+            rate,
+            noise: smaller(noise, T::from_f64(0.5) * rate),
             acceleration: settings.acceleration * period * period,
             blend: T::from_f64(4.0) * part * part,
             jump: T::from_f64(JUMP) * period,
@@ -221,6 +235,12 @@ impl<T: Scalar> CommandFilter<T> {
             moves += joint.offset.abs() + joint.rate.abs();
         }
         moves == T::ZERO
+    }
+
+    /// Returns whether the correction is wanted, and for another payload than the model was given.
+    #[inline(always)]
+    pub(super) fn payload_is_due(&self) -> bool {
+        self.engage & (self.payload.rest != T::ZERO)
     }
 
     /// Returns the increase of the weight per cycle.

@@ -33,6 +33,7 @@ impl Brief {
 }
 
 /// Checks that a command takes no more instructions than are allowed.
+#[inline(never)]
 pub(super) fn in_time(instructions: u32, allowed: u32) -> Result<(), Refusal> {
     if instructions > allowed {
         return Err(Refusal::TooSlow {

@@ -10,7 +10,8 @@
 //!
 //! The nonce is valid until the next service: anything that comes between the two frames ends it. A repetition of the very
 //! same frame is the same request whose answer was lost, as long as nothing else has come in between; every request may be
-//! repeated.
+//! repeated. While commands come, a repetition is not accepted: commands are no services, and a `StopCyclic` that was
+//! recorded would stop those that came after it.
 
 use poegp_protocol::blob::envelope::SIGNATURE_LENGTH;
 use poegp_protocol::link::{NONCE_LENGTH, Refusal, Request, order};
@@ -41,7 +42,7 @@ impl Authority {
         *self = Self::default();
     }
 
-    /// Verifies a signed request and returns the request inside.
+    /// Verifies a signed request and returns the request inside. `commanded` says whether commands come.
     ///
     /// # Errors
     /// [`Refusal::WrongSignature`], [`Refusal::UnknownMessage`]. After the first, no nonce is valid.
@@ -50,8 +51,9 @@ impl Authority {
         signature: &[u8],
         request: &'r [u8],
         key: &[u8; 32],
+        commanded: bool,
     ) -> Result<Request<'r>, Refusal> {
-        if self.used.is_some_and(|used| used != signature) {
+        if (self.used).is_some_and(|used| commanded || used != signature) {
             self.forget();
         }
         let message = self.nonce.and_then(|nonce| order(&nonce, request));

@@ -19,7 +19,7 @@ use crate::service::commands::for_filter;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
 use crate::service::loaded_model::{ModelSlot, name};
 use crate::service::upload::Upload;
-use crate::store::{Store, StoreError, Stored};
+use crate::store::{Slot, Store, StoreError, Stored};
 
 /// Functions of the rest of the device that the background needs.
 pub trait Device<'m, const WORDS: usize> {
@@ -42,6 +42,8 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     authority: Authority,
     /// Lowest revision that is accepted: the one of the stored model that runs after a restart.
     lowest_revision: u32,
+    /// Slot of the model that was started from flash last, as long as it is there.
+    started: Option<Slot>,
     /// Number of slot changes since the start, including failed ones.
     slot_changes: u32,
 }
@@ -61,6 +63,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             store,
             authority: Authority::default(),
             lowest_revision: 0,
+            started: None,
             slot_changes: 0,
         }
     }
@@ -103,8 +106,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             let Some(stored) = stored else { continue };
             match self.load_stored(&stored, device) {
                 Ok(()) => {
-                    self.lowest_revision = self.spare_revision();
-                    self.run_spare(device);
+                    self.start(&stored, device);
                     break;
                 }
                 Err(why) => *refusal = Some(why),
@@ -157,7 +159,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     ) -> Result<Option<Request<'r>>, Refusal> {
         if let Request::Signed { signature, request } = request {
             let key = self.key()?.ok_or(Refusal::WrongSignature)?;
-            return self.authority.open(signature, request, &key).map(Some);
+            let opened = self.authority.open(signature, request, &key, commanded);
+            return opened.map(Some);
         }
         if !matches!(request, Request::Challenge) {
             self.authority.forget();
@@ -318,6 +321,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let model = spare.identity().ok_or(Refusal::NotVerified)?;
         self.upload.verified = Some(model.blob_crc);
         self.upload.revision = model.revision.unwrap_or(0);
+        self.upload.instructions = model.instructions;
         Ok(model)
     }
 
@@ -341,6 +345,14 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.check_time(device)?;
         self.run_spare(device);
         Ok(())
+    }
+
+    /// Runs the stored model that was loaded into the spare one.
+    #[inline(never)]
+    fn start(&mut self, stored: &Stored, device: &mut impl Device<'m, WORDS>) {
+        self.lowest_revision = self.spare_revision();
+        self.started = Some(stored.slot);
+        self.run_spare(device);
     }
 
     fn run_spare(&mut self, device: &mut impl Device<'m, WORDS>) {
@@ -432,7 +444,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         }
         let written = self.store.set_cycle_settings(settings);
         if written.is_err() {
-            // The settings in force must be those that a restart finds.
+            // The settings in force must be those that a restart finds. Nothing was ordered since, so these are accepted.
             self.notify(device, CycleCommand::Settings(before));
         }
         written.map_err(refused)

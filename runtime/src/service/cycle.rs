@@ -36,6 +36,8 @@ pub struct Cycle<'m, const WORDS: usize> {
     bypass: bool,
     running: bool,
     commanded: bool,
+    /// Whether the last order has applied settings: no correction begins then.
+    new_settings: bool,
     /// Stages of the last evaluation, kept here because clearing them each time would cost more than filling them.
     stages: Stages<f32>,
 }
@@ -65,6 +67,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
             bypass,
             running: false,
             commanded: false,
+            new_settings: false,
             stages: Stages::new(),
         }
     }
@@ -284,18 +287,10 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         let start = clock.ticks();
         let model = &self.active.model;
         let payload_kg = self.commands.filter.payload(query.payload_kg, cycles);
-        let mut result = model.correct(&query.joints, payload_kg);
-        // While nothing is applied, every finite command passes, as in `correct`.
-        if self.bypass && self.commands.filter.disengaged() {
-            result.joints = [0.0; MAX_JOINTS];
-            for (slot, joint) in result.joints.iter_mut().zip(&query.joints) {
-                *slot = *joint;
-            }
-            result.status = Status::OK;
-            (result.applied, result.position_error, result.rotation_error) = (0.0, 0.0, 0.0);
-        }
+        let result = model.correct(&query.joints, payload_kg);
         let status = result.status.with_if(self.bypass, Status::BYPASSED);
-        let engage = !self.bypass & self.pending.is_none() & (model.joints() > 0);
+        let engage =
+            !self.bypass & !self.new_settings & self.pending.is_none() & (model.joints() > 0);
         let filtered = self.commands.step(&result.joints, status, engage, cycles);
         let mut joints = query.joints.clone();
         for (slot, value) in joints.iter_mut().zip(&filtered.joints) {
@@ -341,6 +336,7 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
     pub fn apply(&mut self, order: CycleCommand<'m, WORDS>, now: u32) -> CycleAck<'m, WORDS> {
         self.look(now);
         let mut refused = None;
+        self.new_settings = false;
         match order {
             CycleCommand::Report => {}
             CycleCommand::Run(model) => {
@@ -356,7 +352,10 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                     pending.note_stored(blob_crc, slot);
                 }
             }
-            CycleCommand::Settings(settings) => refused = self.commands.configure(&settings).err(),
+            CycleCommand::Settings(settings) => {
+                refused = self.commands.configure(&settings).err();
+                self.new_settings = refused.is_none();
+            }
             CycleCommand::Bypass(on) => self.bypass = on,
             CycleCommand::Stop => {
                 (self.running, self.commanded) = (false, false);

@@ -48,7 +48,7 @@ pub enum CycleCommand<'m, const WORDS: usize> {
         /// Slot that holds the blob.
         slot: Slot,
     },
-    /// Apply these settings.
+    /// Apply these settings. No correction begins before the next order, so that other settings may still take their place.
     Settings(CycleSettings),
     /// Answer commands without correction if true, with it if false.
     Bypass(bool),

@@ -13,6 +13,8 @@ pub(super) struct Upload<'m, const BYTES: usize> {
     pub(super) verified: Option<u32>,
     /// Revision of the verified blob; 0 when no signature was verified.
     pub(super) revision: u32,
+    /// Bound on the instructions of a command with the verified blob.
+    pub(super) instructions: u32,
     pub(super) committed: Option<StoredModel>,
 }
 
@@ -30,6 +32,7 @@ impl<'m, const BYTES: usize> Upload<'m, BYTES> {
             announced: None,
             verified: None,
             revision: 0,
+            instructions: 0,
             committed: None,
         }
     }

@@ -1,11 +1,11 @@
 //! The filter and one event at a time: the first command, switches, jumps, gaps, repetitions, payloads.
 
-use poegp_runtime::filter::{CommandFilter, FilterCounts, FilterSettings, GRACE};
+use poegp_runtime::filter::{CommandFilter, CompiledFilter, FilterCounts, FilterSettings, GRACE};
 use poegp_runtime::guard::status::Status;
 
 use crate::filter_paths::{
     ACCELERATION, Correction, Dice, JOINTS, Judge, PERIOD, Path, RATE, Six, assert_twins, bits,
-    filter, give, many, plus, same, settled,
+    filter, give, many, noise, plus, same, settled,
 };
 
 #[test]
@@ -305,7 +305,7 @@ fn a_payload_moves_a_standing_arm_within_the_limits() {
     let mut judge = Judge::<f64>::new([1e-14, 2e-14]);
     for (asked, cycles) in [(0.0, 6_000), (10.0, 300), (2.0, 200), (10.0, 6_000)] {
         for _ in 0..cycles {
-            let payload = judge.filter.payload(asked, 1);
+            let payload = judge.payload(asked, 1);
             judge.step(&q, &model.at(&q, payload), true, 1);
         }
     }
@@ -314,6 +314,83 @@ fn a_payload_moves_a_standing_arm_within_the_limits() {
     assert_eq!(judge.filter.counts(), FilterCounts::default());
     let (_, corrected, sent) = judge.step(&q, &model.at(&q, 10.0), true, 1);
     assert!(same(&corrected, &sent));
+}
+
+/// The same while the arm moves. The answer says that it blends until the payload is reached.
+#[test]
+fn a_payload_moves_a_moving_arm_within_the_limits() {
+    for seed in 30..38 {
+        let mut dice = Dice(seed);
+        let (mut path, model) = (Path::new(&mut dice), Correction::of(&mut dice, 0.02));
+        let mut judge = Judge::<f64>::new([1e-14, 2e-14]);
+        let mut reached = 0;
+        for (asked, cycles) in [(0.0, 6_000), (10.0, 300), (2.0, 200), (10.0, 6_000)] {
+            for _ in 0..cycles {
+                path.advance(&mut dice, 1);
+                let (q, payload) = (path.at(), judge.payload(asked, 1));
+                let (command, _, sent) = judge.step(&q, &model.at(&q, payload), true, 1);
+                let answer = judge.answer.expect("an answer");
+                if answer.status.is_ok() {
+                    assert!(same(&sent, &plus(&command, &model.at(&q, asked))));
+                    reached += u32::from(asked > 2.0);
+                }
+            }
+        }
+        judge.assert("payload of a moving arm");
+        assert!(reached > 0);
+        assert_eq!(judge.filter.counts(), FilterCounts::default());
+    }
+}
+
+/// A correction that drifts while the command creeps and an offset is taken back.
+fn drifts<T: CompiledFilter>(period: f64, drift: f64) {
+    let mut filter = CommandFilter::<T>::new();
+    let settings = FilterSettings::with_period(T::from_f64(period));
+    filter.configure(&settings).expect("sound");
+    let rate = 0.02 * period;
+    let (mut q, mut c, mut last) = (0.3, 5e-3, 0.0);
+    for k in 0..30_000 {
+        let moved = if k < 20_000 { 0.0 } else { 0.5 * rate };
+        q += moved;
+        c += match k {
+            19_500 => 0.05,
+            20_000.. => drift,
+            _ => 0.0,
+        };
+        let (command, target) = (T::from_f64(q), T::from_f64(q + c));
+        let answer = filter.step(&[command], &[target], Status::OK, true, 1);
+        let x = answer.joints[0].to_f64() - command.to_f64();
+        let limit = rate + 0.5 * moved + noise::<T>(rate);
+        let rounding = 3.0 * T::ROUNDING.to_f64();
+        assert!((x - last).abs() <= limit + rounding, "{k}: {}", x - last);
+        last = x;
+    }
+}
+
+/// At short periods and in double precision, too.
+#[test]
+fn what_counts_as_rounding_is_little_beside_the_rate() {
+    drifts::<f32>(1e-4, 3.4e-6);
+    drifts::<f64>(1e-3, 7.9e-6);
+}
+
+/// The smallest step per cycle that single precision takes.
+#[test]
+fn the_slowest_settings_arrive() {
+    let mut filter = CommandFilter::<f32>::new();
+    let settings = FilterSettings {
+        rate: 3e-4,
+        ..FilterSettings::with_period(50e-6)
+    };
+    filter.configure(&settings).expect("sound");
+    for c in [0.02, -0.1] {
+        let target = 0.3 + c;
+        let arrived = (0..10_000_000).any(|_| {
+            let answer = filter.step(&[0.3], &[target], Status::OK, true, 1);
+            answer.status.is_ok() & (answer.joints[0].to_bits() == target.to_bits())
+        });
+        assert!(arrived, "{c}");
+    }
 }
 
 /// One event after another, in both number types. Largest differences in rad: of all answers, and with both settled.

@@ -4,7 +4,7 @@ use poegp_runtime::filter::{CommandFilter, FilterError, FilterSettings, MAX_CORR
 use poegp_runtime::guard::status::Status;
 use proptest::prelude::*;
 
-use crate::filter_paths::{Dice, JOINTS, assert_twins, filter, give, plus, settled};
+use crate::filter_paths::{Dice, JOINTS, Judge, Path, assert_twins, filter, give, plus, settled};
 use crate::seeded::config;
 
 #[test]
@@ -31,7 +31,7 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
                 one.step(&q, &odd_answer, Status::OK, true, 1),
                 one.step(&q, &far, Status::OK, true, 0),
                 one.step(&q, &good[..5], Status::OK, true, 0),
-                one.step(&q, &q, Status::BAD_INPUT, false, 1),
+                one.step(&q, &q, Status::BAD_INPUT, true, 1),
             ];
             for other in answers {
                 assert_eq!(other.joints, answer.joints);
@@ -47,6 +47,35 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
             assert_eq!(other.joints[..4], [q[0], q[1], 0.0, q[3]]);
             assert_eq!(other.joints[4..], [0.0; 4]);
         }
+    }
+}
+
+/// A model that refuses every command, say for its payload, does not keep its correction from being taken back.
+#[test]
+fn what_the_model_refuses_is_taken_back_all_the_same() {
+    let mut dice = Dice(21);
+    for c in [dice.six(-0.01, 0.01), dice.six(-0.1, 0.1)] {
+        let (mut path, mut judge) = (Path::new(&mut dice), Judge::<f64>::new([1e-14, 2e-14]));
+        let q = path.at();
+        judge.filter = settled(&q, &c);
+        judge.step(&q, &c, true, 1);
+        for cycle in 0.. {
+            path.advance(&mut dice, 1);
+            let q = path.at();
+            let answer = judge.refused(&q, &c);
+            assert!(!answer.status.contains(Status::BAD_INPUT));
+            if judge.filter.disengaged() {
+                assert_eq!(answer.joints[..JOINTS], q);
+                break;
+            }
+            assert!(cycle < 8_000);
+        }
+        judge.assert("refused by the model");
+        // Not what no filter can use.
+        let bad = judge
+            .filter
+            .step(&[f64::NAN; JOINTS], &q, Status::BAD_INPUT, false, 1);
+        assert_eq!(bad.status, Status::BAD_INPUT);
     }
 }
 
@@ -105,6 +134,17 @@ fn settings_out_of_range_are_refused() {
         ..FilterSettings::with_period(0.05_f32)
     };
     assert_eq!(filter.configure(&short), Err(FilterError::Blend));
+    // Smaller steps than single precision can add to a correction.
+    let slow = FilterSettings {
+        rate: 2.9e-4,
+        ..FilterSettings::with_period(50e-6)
+    };
+    assert_eq!(filter.configure(&slow), Err(FilterError::Rate));
+    let slow = FilterSettings {
+        rate: 1e-4,
+        ..FilterSettings::<f64>::with_period(50e-6)
+    };
+    assert_eq!(slow.check(), Ok(()));
     // Without settings nothing is corrected.
     for _ in 0..1_000 {
         let answer = filter.step(&[0.5], &[0.51], Status::OK, true, 1);

@@ -5,7 +5,7 @@ use poegp_runtime::filter::CompiledFilter;
 use crate::filter_paths::{Correction, Dice, Judge, PERIOD, Path, same};
 
 /// For f64 nothing but the rounding of q + x; for f32 so many roundings of q and of q* (half an ulp is 0.12 µrad below
-/// 4 rad), with the 3 µrad of the path's part in between.
+/// 4 rad), with the noise of the path's part in between.
 const EXACT: [f64; 2] = [1e-14, 2e-14];
 const SINGLE: [f64; 2] = [0.5e-6, 1e-6];
 
@@ -45,7 +45,7 @@ impl Scene {
         }
         let engage = !self.bypass & self.wanted.is_none();
         let asked = T::from_f64(self.payload);
-        let payload = judge.filter.payload(asked, cycles).to_f64();
+        let payload = judge.payload(asked, cycles).to_f64();
         let q = self.path.at();
         let c = self.model.at(&q, payload);
         let (command, corrected, sent) = judge.step(&q, &c, engage, cycles);

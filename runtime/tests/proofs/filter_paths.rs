@@ -142,7 +142,7 @@ struct Seen {
 /// Largest numbers, as parts of their limits.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Worst {
-    /// |Δx| of ½ max|Δq| + 3 µrad + rate.
+    /// |Δx| of ½ max|Δq| + noise + rate.
     pub step: f64,
     /// |own| of rate.
     pub own: f64,
@@ -163,8 +163,17 @@ pub struct Judge<T> {
     pub answer: Option<Filtered<T>>,
     /// Allowed for rounding: of a step, and of a second difference.
     rounding: [f64; 2],
+    /// Payload of the last step, and whether it has moved since.
+    payload: T,
+    payload_moves: bool,
     seen: Option<Seen>,
     pub gave_up: u32,
+}
+
+/// Rounding that counts as path, by the rate per cycle.
+pub fn noise<T>(rate: f64) -> f64 {
+    let is_single = size_of::<T>() == 4;
+    (0.5 * rate).min(if is_single { 3e-6 } else { 1e-12 })
 }
 
 pub fn many<T: CompiledFilter>(values: &Six) -> [T; JOINTS] {
@@ -180,9 +189,19 @@ impl<T: CompiledFilter> Judge<T> {
             worst: Worst::default(),
             answer: None,
             rounding,
+            payload: T::ZERO,
+            payload_moves: false,
             seen: None,
             gave_up: 0,
         }
+    }
+
+    /// The payload at which the model is to be asked.
+    pub fn payload(&mut self, asked: T, cycles: u32) -> T {
+        let payload = self.filter.payload(asked, cycles);
+        self.payload_moves |= payload != self.payload;
+        self.payload = payload;
+        payload
     }
 
     /// Gives a command and its correction to the filter and checks every limit. Returns command, corrected joints, answer.
@@ -203,6 +222,16 @@ impl<T: CompiledFilter> Judge<T> {
         self.answer = Some(answer);
         self.look(&command, &corrected, &sent, answer.weight.to_f64(), cycles);
         (command, corrected, sent)
+    }
+
+    /// Gives a command that the model refuses, with the correction switched off; `c` is the last correction.
+    pub fn refused(&mut self, q: &Six, c: &Six) -> Filtered<T> {
+        let command: [T; JOINTS] = many(q);
+        let corrected: [T; JOINTS] = many(&plus(q, c));
+        let answer = (self.filter).step(&command, &command, Status::BAD_INPUT, false, 1);
+        let sent: [T; JOINTS] = core::array::from_fn(|i| answer.joints[i]);
+        self.look(&command, &corrected, &sent, answer.weight.to_f64(), 1);
+        answer
     }
 
     fn look(
@@ -241,14 +270,16 @@ impl<T: CompiledFilter> Judge<T> {
                 .iter()
                 .fold(0.0, |a: f64, b| a.max(b.abs()));
             let jumped = now.moved > JUMP * PERIOD * n * (1.0 + 1e-6);
-            let noise = if now.moved > 0.0 { 3e-6 } else { 0.0 };
-            let explained = if lost | jumped {
+            let scale = if lost { 1.0 } else { n };
+            let rounding_of_q = noise::<T>(RATE);
+            let noise = if now.moved > 0.0 { rounding_of_q } else { 0.0 };
+            let payload_moves = core::mem::take(&mut self.payload_moves);
+            let explained = if lost | jumped | payload_moves {
                 0.0
             } else {
                 0.5 * now.moved + noise
             };
             now.plain = !lost & !jumped;
-            let scale = if lost { 1.0 } else { n };
             let [of_step, of_change] = self.rounding;
             // A filter that gives up has no weight at once and keeps x: that is no motion of the weight.
             let gave_up = (weight == 0.0) & (last.weight > 1.7e-5 * scale);
@@ -262,7 +293,7 @@ impl<T: CompiledFilter> Judge<T> {
                 now.own[i] = own / scale;
                 // What the weight has added at the last call, it added at the correction before it.
                 now.before[i] = now.own[i] - by_weight / scale * now.change[i];
-                let limit = 0.5 * now.moved + 3e-6 + RATE * n;
+                let limit = 0.5 * now.moved + rounding_of_q + RATE * n;
                 self.worst.step = self.worst.step.max((now.step[i].abs() - of_step) / limit);
                 let excess = (own.abs() - of_step) / (RATE * scale);
                 self.worst.own = self.worst.own.max(excess);

@@ -118,13 +118,7 @@ impl Corrector {
         let payload_kg = self.filter.payload(self.settings.payload_kg, cycles);
         let corrected = self.commander.correct(&joints, payload_kg);
         let command = &joints[..AXES];
-        // While the filter is disengaged, a refusal by the model has no effect.
-        let is_idle = !engage && self.filter.disengaged();
-        let status = if is_idle {
-            Status::OK
-        } else {
-            corrected.status
-        };
+        let status = corrected.status;
         // After a gap the filter stops where it is. A correction that is withdrawn, perhaps because packets are lost, goes on
         // to zero.
         let cycles = if engage { cycles } else { cycles.min(GRACE) };
@@ -133,7 +127,7 @@ impl Corrector {
             // The filter has counted the cycles. It holds the arm where it was, but RSI adds to a setpoint that moves on:
             // hold the correction instead.
             self.missed = 0;
-            return self.hold(sent.status.with(corrected.status));
+            return self.hold(sent.status.with(status));
         }
         self.missed = 0;
         let mut wanted = [0.0; AXES];
@@ -143,7 +137,7 @@ impl Corrector {
         let bounded = self.bound.next(&wanted);
         Correction {
             axes: self.applied(),
-            status: corrected.status,
+            status,
             held: false,
             limited: bounded.limited,
             slowed: bounded.slowed,

@@ -212,12 +212,10 @@ impl Dice {
 fn composed(filter: &mut CommandFilter<f32>, arm: &Capacity, asked: &Asked) -> Commanded {
     let payload = filter.payload(asked.payload_kg, asked.cycles);
     let corrected = arm.correct(asked.joints, payload);
-    let away = !asked.engage && filter.disengaged();
-    let status = if away { Status::OK } else { corrected.status };
     let sent = filter.step(
         asked.joints,
         &corrected.joints,
-        status,
+        corrected.status,
         asked.engage,
         asked.cycles,
     );

@@ -4,7 +4,7 @@ use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::{Refusal, StoredModel};
 
 use super::{Background, Device, on_wire, refused};
-use crate::service::admission::Brief;
+use crate::service::admission::{Brief, in_time};
 use crate::service::exchange::CycleCommand;
 use crate::store::Stored;
 
@@ -19,10 +19,14 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             return Ok(stored);
         }
         let active = self.check_slots(device)?;
+        // The model was verified, but there may be less time by now.
+        in_time(self.upload.instructions, active.cycle.max_instructions)?;
         let before = self.store.writes();
-        let written = self.store.write(self.upload.bytes(), active.slot);
+        let keep = active.slot.or(self.started);
+        let written = self.store.write(self.upload.bytes(), keep);
         self.count_change(before, written.is_err());
         let stored = written.map_err(refused)?;
+        self.started = self.started.filter(|started| *started != stored.slot);
         let (blob_crc, slot) = (verified, stored.slot);
         self.notify(device, CycleCommand::Stored { blob_crc, slot });
         if let Some(spare) = &mut self.spare {
@@ -57,8 +61,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             self.upload.abandon(0);
             match promoted {
                 Ok(()) => {
-                    self.lowest_revision = self.spare_revision();
-                    self.run_spare(device);
+                    self.start(&stored, device);
                     return Ok(());
                 }
                 Err(why) => refusal = why,

@@ -171,6 +171,24 @@ fn a_signed_request_is_carried_out_once() {
     assert!(desk.identity().bypass);
 }
 
+/// Commands are no services: a stop that was recorded is none for the commands that come after it.
+#[test]
+fn a_recorded_stop_does_not_stop_later_commands() {
+    let (mut desk, _) = owned();
+    command(&mut desk);
+    let stop = recorded(&mut desk, &Request::StopCyclic, &key(1));
+    for _ in 0..2 {
+        assert_eq!(send(&mut desk, &stop), Response::CyclicStopped);
+    }
+    for _ in 0..2 {
+        command(&mut desk);
+        assert_eq!(send(&mut desk, &stop), WRONG);
+        assert!(desk.is_running());
+    }
+    let answer = desk.ask_signed(&Request::StopCyclic, &key(1));
+    assert_eq!(answer, Response::CyclicStopped);
+}
+
 #[test]
 fn what_is_signed_otherwise_is_not_carried_out() {
     let (mut desk, _) = owned();

@@ -6,7 +6,7 @@
 use poegp_protocol::link::{Commanded, CycleSettings, Query, Refusal, Request, Response};
 use poegp_runtime::guard::status::Status;
 
-use super::desk::{Desk, MAX_INSTRUCTIONS, TICK_HZ};
+use super::desk::{Desk, MAX_INSTRUCTIONS, TICK_HZ, wire};
 use super::known::{Known, bits, public, query, refused};
 use crate::arm::Arm;
 use crate::filter_paths::JOINTS;
@@ -282,6 +282,40 @@ fn settings_are_kept_and_refused_by_name() {
     assert_eq!(desk.restarted().identity().cycle, period_us(9_000));
 }
 
+/// Commands that come while the flash is written do not keep refused settings in force.
+#[test]
+fn settings_that_cannot_be_kept_are_not_in_force() {
+    let models = models();
+    let mut desk = desk_with(&models);
+    let usual = desk.identity().cycle;
+    let period_us = |period_us| CycleSettings { period_us, ..usual };
+    for number in 1..=9 {
+        let answer = desk.ask(&Request::ProvisionCycle(period_us(
+            1_000 * (number % 2 + 1),
+        )));
+        assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
+    }
+    let (mut full, mut at_rest) = (0, Some(desk));
+    // Spaces on the line: the commands come at every moment of the service.
+    for spaces in (0..1_600).step_by(20) {
+        let mut desk = at_rest.take().expect("a desk").restarted();
+        desk.set_tick_step(1);
+        let mut bytes = wire(1, &Request::ProvisionCycle(period_us(1_000)));
+        bytes.extend(vec![0; spaces]);
+        for sequence in 2..6 {
+            let query = query(&[0.3, -0.4, 0.2, 0.1, 0.5, -0.2], 2.0);
+            bytes.extend(wire(sequence, &Request::Command(query)));
+        }
+        let answers = desk.answers(&bytes);
+        full += u32::from(answers.contains(&(1, refused(Refusal::Store { code: 17 }))));
+        let found = desk.identity().cycle;
+        desk = desk.restarted();
+        assert_eq!(found, desk.identity().cycle, "{spaces}");
+        at_rest = Some(desk);
+    }
+    assert!(full > 5, "{full}");
+}
+
 /// Whichever way a model would come to run, it needs the time that is provisioned; what runs, runs on.
 #[test]
 fn a_model_without_time_is_refused_whichever_way_it_comes() {
@@ -312,7 +346,13 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
     // Verified before there was less time, activated after.
     assert!(matches!(slow.upload(&mut desk), Response::Verified(_)));
     assert!(matches!(allow(&mut desk, enough), Response::Identity(_)));
-    assert_eq!(desk.ask(&slow.activate()), too_slow(enough));
+    for request in [
+        Request::CommitUpload,
+        slow.activate(),
+        Request::CommitUpload,
+    ] {
+        assert_eq!(desk.ask(&request), too_slow(enough), "{request:?}");
+    }
     assert_eq!(desk.active(), Some(quick.blob_crc));
     assert_eq!(slow.upload(&mut desk), too_slow(enough));
     assert_eq!(desk.ask_twice(&quick.roll_back()), too_slow(enough));
@@ -329,6 +369,40 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
     let mut desk = desk.restarted();
     assert_eq!(desk.active(), Some(quick.blob_crc));
     assert_eq!(desk.identity().cycle.max_instructions, enough);
+}
+
+/// Whatever the model refuses, the bypass takes the correction back, and a model that waits runs.
+#[test]
+fn the_bypass_takes_a_correction_back_from_commands_that_the_model_refuses() {
+    let models = models();
+    let joints = [0.3, -0.4, 0.2, 0.1, 0.5, -0.2];
+    for bypass in [true, false] {
+        let mut desk = desk_with(&models);
+        let (mut sequence, mut at) = (0, joints);
+        let (_, settled) = settle(&mut desk, &query(&joints, 2.0), &mut sequence);
+        let mut last = settled.joints[0] - at[0];
+        desk.ask(&match bypass {
+            true => Request::SetBypass { on: true },
+            false => models[0].activate(),
+        });
+        let arrived = (0..2_000).any(|_| {
+            desk.wait(1);
+            sequence += 1;
+            at[0] += 1e-5;
+            let refused = query(&at, if bypass { -1.0 } else { f32::NAN });
+            let commanded = command(&mut desk, sequence, &refused);
+            let x = commanded.joints[0] - at[0];
+            assert!(
+                (x - last).abs() <= 20e-6 + 5e-6 + 0.5e-6,
+                "{x} after {last}"
+            );
+            last = x;
+            bits(&commanded.joints) == bits(&at) && !desk.identity().pending
+        });
+        assert!(arrived);
+        let active = models[usize::from(bypass)].blob_crc;
+        assert_eq!(desk.active(), Some(active));
+    }
 }
 
 #[test]

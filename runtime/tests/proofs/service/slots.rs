@@ -275,6 +275,42 @@ fn a_model_that_was_overwritten_has_no_slot() {
     assert_eq!(desk.active(), Some(third.blob_crc));
 }
 
+/// The newest is damaged or too slow, so the older one was started. A model that runs before it is committed takes the place of
+/// the one that does not start.
+#[test]
+fn what_was_started_is_kept() {
+    for spoilt in [true, false] {
+        let bound = |known: &Known| known.model.size().expect("a model").command_bound();
+        let mut three = Known::three();
+        three.sort_by_key(bound);
+        let [old, third, new] = three;
+        let mut desk = Desk::default();
+        old.install(&mut desk);
+        new.upload(&mut desk);
+        desk.ask(&Request::CommitUpload);
+        let board = BoardInfo {
+            max_instructions: match spoilt {
+                true => BOARD.max_instructions,
+                false => bound(&new) - 1,
+            },
+            ..BOARD
+        };
+        if spoilt {
+            let slot = slot_of(&mut desk, &new).expect("stored");
+            damage(&desk, slot);
+        }
+        let mut desk = Desk::start_on(desk.flash, false, board);
+        assert_eq!(desk.active(), Some(old.blob_crc));
+        third.upload(&mut desk);
+        desk.ask(&third.activate());
+        assert_eq!(desk.active(), Some(third.blob_crc));
+        desk.ask(&Request::CommitUpload);
+        assert!(slot_of(&mut desk, &old).is_some());
+        desk.ask(&third.roll_back());
+        assert_eq!(desk.active(), Some(old.blob_crc));
+    }
+}
+
 /// Power fails in the middle of a commit: the old model runs, before and after the restart.
 #[test]
 fn flash_that_fails_is_named() {
