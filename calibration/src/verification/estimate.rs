@@ -90,6 +90,8 @@ impl Fit {
 
 /// Largest change for which the equations of a check are linear, m and rad.
 const LINEAR: f64 = 0.1;
+/// Largest relative difference of an arm's size from its model's that a check is asked to find.
+const LARGEST_SIZE: f64 = 5e-3;
 /// Heaviest payload, kg.
 const HEAVIEST_KG: f64 = 1000.0;
 
@@ -131,6 +133,7 @@ pub fn change(
         offset_deg: None,
         offset_mm: None,
         mass_kg: None,
+        size_ppm: None,
         or_else: Vec::new(),
     };
     match hypothesis.part {
@@ -147,6 +150,7 @@ pub fn change(
         }
         Part::Joint(_) => out.offset_mm = one(0, 1e3, LINEAR),
         Part::Payload => out.mass_kg = one(0, 1.0, HEAVIEST_KG),
+        Part::Size => out.size_ppm = one(0, 1e6, LINEAR),
     }
     out
 }
@@ -193,6 +197,7 @@ pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> V
         let (factor, unit, range) = match hypothesis.part {
             Part::Joint(_) if hypothesis.turns => (1_f64.to_degrees(), "deg", LINEAR),
             Part::Payload => (1.0, "kg", HEAVIEST_KG),
+            Part::Size => (1e6, "ppm", LARGEST_SIZE),
             _ => (1e3, "mm", LINEAR),
         };
         let smallest = test.smallest(h, false_alarms, critical);

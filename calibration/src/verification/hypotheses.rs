@@ -21,6 +21,8 @@ pub enum Part {
     Joint(usize),
     /// Mass of the payload, compared with what the file says.
     Payload,
+    /// Size of the arm, compared with the lengths that the file states.
+    Size,
 }
 
 /// One way in which a part may have moved.

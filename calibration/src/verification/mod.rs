@@ -214,7 +214,8 @@ fn number(part: Part) -> usize {
         Part::Base => 0,
         Part::Tool => 1,
         Part::Payload => 2,
-        Part::Joint(joint) => 2 + joint,
+        Part::Size => 3,
+        Part::Joint(joint) => 3 + joint,
     }
 }
 

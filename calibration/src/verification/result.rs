@@ -52,6 +52,9 @@ pub struct Change {
     /// Mass of the payload minus what the file says, kg.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass_kg: Option<Estimate>,
+    /// By how much the stated lengths say that the arm is larger than its model, ppm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_ppm: Option<Estimate>,
     /// Other parts that would explain these measurements as well.
     pub or_else: Vec<Part>,
 }

@@ -217,6 +217,19 @@ fn shifted(set: &TouchSet, joint: usize, by: f64) -> TouchSet {
     out
 }
 
+/// What `calibrate` says of a known distance by the drawing is what `evaluate` says: the drawing is not pulled onto it.
+#[test]
+fn a_known_distance_as_drawn_is_by_the_touches_alone() {
+    let robot = robot();
+    let set = touched(&robot, &mut simulator(&robot, 5), &[("socket", 4)], 40);
+    let summary = calibrated(&robot, &set).summary;
+    let evaluated = evaluated(&robot, &set, &model(&robot, &set));
+    for (a, b) in summary.distances.iter().zip(&evaluated.distances) {
+        let [a, b] = [a.error_mm[0], b.error_mm[0]];
+        assert!((a - b).abs() < 0.01 && b.abs() > 0.1, "{a} and {b} mm");
+    }
+}
+
 /// A joint that has lost 5 mrad is found, with its amount; that of the first joint is seen by nobody.
 #[test]
 fn a_lost_zero_is_found() {

@@ -11,7 +11,7 @@
 //! P is what a row sees of a pose and F what it sees of its surroundings. Unknowns u that were stated with a standard
 //! deviation have it in Λ; the others are free. v is the noise variance in units of the stated one, found from the residuals
 //! and never below it. Touches cannot distinguish a moved base from moved features, nor the tool from the tip that is
-//! fitted, so neither base nor tool is a hypothesis here.
+//! fitted, so neither base nor tool is a hypothesis here. The size of the arm is one: a wrong known length looks like it.
 
 mod rows;
 mod weighed;
@@ -35,7 +35,7 @@ use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitiv
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, CheckError, Sensitivity};
 use crate::verification::touches::rows::{ArmAtTouches, Rows};
-use crate::verification::touches::weighed::{Weighed, size_ppm};
+use crate::verification::touches::weighed::Weighed;
 use crate::verification::{FEWEST_FREEDOM, number};
 
 /// Result of checking a calibration by touches.
@@ -129,10 +129,11 @@ pub fn check_touches(
     let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &weighed.all[*h]).collect();
     let found =
         Fit::new((&rows.y, &weighed.factor), &rows.free, &chosen).ok_or(CheckError::Unsolvable)?;
-    let sensitivity = sensitivity(&test, &weighed.all, false_alarms);
+    let mut sensitivity = sensitivity(&test, &weighed.all, false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);
     }
+    let size = sensitivity.pop_if(|s| s.part == Part::Size);
     let reach = test.reach() * test.variance().sqrt();
     let changes = choices.iter().enumerate().map(|(i, choice)| Change {
         or_else: alternatives(&test, &weighed.all, &taken, i, false_alarms),
@@ -159,8 +160,7 @@ pub fn check_touches(
         false => {
             let parts = choices.iter().enumerate();
             let parts = parts.map(|(i, c)| (weighed.all[c.hypothesis].part, found.of(i).0[0]));
-            let states = moved_states(&problem, &parts.collect::<Vec<_>>());
-            let poses: Vec<Pose<f64>> = flanges(loaded, &states).into_iter().map(|f| f.0).collect();
+            let poses = moved_flanges(loaded, &problem, &parts.collect::<Vec<_>>());
             let fit = TouchFit::on_known(&problem, &poses);
             let left_out = fit.left_out(&problem).ok_or(CheckError::Unsolvable)?;
             summary(&self::misses(&problem, &left_out), &fit.weights)
@@ -189,7 +189,7 @@ pub fn check_touches(
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.arm.knows_its_error,
         sensitivity,
-        size_ppm: size_ppm(&rows, &arm, &weighed),
+        size_ppm: size.and_then(|size| size.smallest),
         odd_lines: (0..set.rows.len())
             .filter(|row| !belongs(row))
             .map(|row| set.rows[row].line)
@@ -219,17 +219,32 @@ fn summary(misses: &[Option<f64>], weights: &[f64]) -> Summary {
     Summary::new(&all)
 }
 
-/// Returns the true states of the arm once these parts have moved.
-fn moved_states(problem: &TouchProblem, parts: &[(Part, f64)]) -> Vec<BaseSample> {
-    let mut states = problem.states.clone();
+/// Returns base_from_flange in the true states of the arm once these parts have moved.
+fn moved_flanges(
+    loaded: &BlobModel,
+    problem: &TouchProblem,
+    parts: &[(Part, f64)],
+) -> Vec<Pose<f64>> {
+    let mut states: Vec<BaseSample> = problem.states.clone();
+    let mut size = 1.0;
+    for (part, value) in parts {
+        if *part == Part::Size {
+            size += value;
+        }
+    }
     for state in &mut states {
         for (part, value) in parts {
             match part {
                 Part::Joint(joint) => state.joints[joint - 1] += value,
                 Part::Payload => state.payload_kg = state.payload_kg.map(|kg| kg + value),
-                Part::Base | Part::Tool => {}
+                Part::Base | Part::Tool | Part::Size => {}
             }
         }
     }
-    states
+    let scaled = |pose: Pose<f64>| Pose {
+        translation: size * pose.translation,
+        ..pose
+    };
+    let poses = flanges(loaded, &states).into_iter();
+    poses.map(|(pose, _)| scaled(pose)).collect()
 }

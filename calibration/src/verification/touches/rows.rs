@@ -140,8 +140,6 @@ pub(super) struct ArmAtTouches {
     pub(super) scales: NoiseScales,
     /// Hypotheses, with effects in rows of poses.
     pub(super) all: Vec<Hypothesis>,
-    /// Displacements for a relative change of size of 1 (an arm twice as large), in rows of poses.
-    pub(super) size: Mat<f64>,
 }
 
 impl ArmAtTouches {
@@ -186,13 +184,18 @@ impl ArmAtTouches {
                 size[(ROWS * k + i, 0)] = pose.translation[i] / scales.position;
             }
         }
+        // A wrong unit or a mistyped distance looks like an arm of another size.
+        all.push(Hypothesis {
+            part: Part::Size,
+            turns: false,
+            effect: size,
+        });
         Self {
             arm,
             samples,
             at,
             scales,
             all,
-            size,
         }
     }
 }

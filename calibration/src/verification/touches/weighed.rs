@@ -1,4 +1,4 @@
-//! The rows of touches with their covariance, and the change of the arm's size that they can show.
+//! The rows of touches with their covariance.
 
 use crate::identification::parametric::state::ROWS;
 use crate::numeric::cholesky::Factor;
@@ -10,11 +10,6 @@ use crate::verification::noise::{Factors, Parts};
 use crate::verification::result::CheckError;
 use crate::verification::touches::rows::{ArmAtTouches, Rows};
 
-/// Effect, in standard deviations, of a change that a test with 1 % false alarms finds nine times in ten.
-const SURELY: f64 = 3.86;
-/// Largest difference of an arm's size from its model's, ppm.
-const LARGEST_PPM: f64 = 5000.0;
-
 /// The rows of touches with their covariance and the hypotheses.
 pub(super) struct Weighed {
     /// Hypotheses, with effects in rows of touches.
@@ -22,8 +17,6 @@ pub(super) struct Weighed {
     pub(super) factors: Factors,
     pub(super) factor: Factor,
     pub(super) model_mm: f64,
-    /// Matrix from rows of poses, in units of their scales, to rows of touches.
-    by_pose: Mat<f64>,
 }
 
 impl Weighed {
@@ -80,19 +73,6 @@ impl Weighed {
             all,
             factors,
             model_mm: 1e3 * mean.max(0.0).sqrt(),
-            by_pose,
         })
     }
-}
-
-/// Returns the change of the arm's size, ppm, that these touches find nine times in ten; `None` if it is larger than any
-/// arm's.
-pub(super) fn size_ppm(rows: &Rows, arm: &ArmAtTouches, weighed: &Weighed) -> Option<f64> {
-    let effect = product(&weighed.by_pose, &arm.size);
-    let column = columns(&weighed.factor.half_solve(&effect));
-    let free = columns(&weighed.factor.half_solve(&rows.free));
-    let free = drift_test::basis(&free, &[]);
-    let left = drift_test::without(column.first()?, &free);
-    let ppm = 1e6 * SURELY / drift_test::inner(&left, &left).sqrt();
-    (ppm <= LARGEST_PPM).then_some(ppm)
 }

@@ -359,6 +359,7 @@ fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
     one("stands off by", &c.offset_deg, "°", 4, "offset_deg");
     one("stands off by", &c.offset_mm, "mm", 4, "offset_mm");
     one("differs by", &c.mass_kg, "kg", 3, "mass_kg");
+    one("larger by", &c.size_ppm, "ppm", 0, "size_ppm");
     out
 }
 

@@ -22,7 +22,7 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
     let f = d.touches;
     let found = Changes {
         at: "/touches",
-        looked_at: "a joint or the payload",
+        looked_at: "a joint, the payload or the size",
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
         unknown_error: (!f.model_knows_its_error).then_some(

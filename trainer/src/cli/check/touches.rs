@@ -195,7 +195,7 @@ fn print(report: Printer, a: &Asked<'_>, d: &CheckTouchesJson<'_>, date: &str) {
              simulated arms).",
         );
     }
-    for line in wording::drift(&f.changes, "joint or payload", f.false_alarm_rate) {
+    for line in wording::drift(&f.changes, "joint, payload or size", f.false_alarm_rate) {
         report.line(line);
     }
     if !f.odd_lines.is_empty() {

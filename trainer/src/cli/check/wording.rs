@@ -18,6 +18,7 @@ pub fn part(part: Part) -> String {
         Part::Tool => "the tool".to_owned(),
         Part::Joint(joint) => format!("joint {joint}"),
         Part::Payload => "the payload's mass".to_owned(),
+        Part::Size => "the arm's size".to_owned(),
     }
 }
 
@@ -108,6 +109,13 @@ fn sentence(c: &Change) -> String {
             let size = size.map(|e| format!("{:+.3} ± {:.3} kg", e.value, e.plus_minus));
             let size = known(size);
             return format!("the payload weighs more than the file says, by {size} ({p})");
+        }
+        Part::Size => {
+            let size = c.size_ppm;
+            let size = known(size.map(|e| format!("{:+.0} ± {:.0} ppm", e.value, e.plus_minus)));
+            return format!(
+                "by the stated lengths, the arm is larger than its model by {size} ({p})"
+            );
         }
         Part::Joint(joint) => {
             let size = |e: Option<Estimate>, unit: &str| {
@@ -216,6 +224,10 @@ pub fn advice(
                 )
             }
             Part::Payload => "weigh what is mounted, and give its mass".to_owned(),
+            Part::Size => {
+                "measure the known distances, radii and wires again: an arm does not change its size"
+                    .to_owned()
+            }
         };
         let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
         let others = if others.is_empty() {
