@@ -88,9 +88,12 @@ fn simulated_arms_within_what_is_asked() {
                 if is_refused { ", refused" } else { "" }
             );
             assert!(is_refused || mm <= *limit, "{arm}_{kind}: {mm:.3} mm");
-            for (index, distance) in found.summary.distances.iter().enumerate() {
+            let distances = &found.summary.distances;
+            let measured = distances.iter().map(|d| d.measured_mm);
+            let measured = measured.map(|mm| mm.map(|[d, sigma]| (1e-3 * d, 1e-3 * sigma)));
+            assert!(set.contradiction(&measured.collect::<Vec<_>>()).is_none());
+            for distance in distances {
                 let [length, sigma] = distance.measured_mm.unwrap().map(|mm| 1e-3 * mm);
-                assert!(set.contradiction(index, length, sigma).is_none());
                 let both = (1e6 * sigma * sigma + distance.sigma_mm * distance.sigma_mm).sqrt();
                 let sigmas = (1e3 * length - distance.said_mm) / both;
                 println!(

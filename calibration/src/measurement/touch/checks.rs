@@ -4,6 +4,7 @@
 //! The arm as drawn is accurate enough to reveal two sockets under one name, a distance in inches, or touches that are all
 //! from one side. Its tip is fitted to the touches first, without any prior, because they are the best source for it.
 
+use std::cmp::Ordering;
 use std::collections::HashSet;
 
 use nalgebra::{Matrix3, Vector3};
@@ -296,25 +297,27 @@ impl TouchSet {
 
     /// Refuses a known distance that the touches contradict, even by the arm as drawn.
     fn check_distances(&self, centres: &[Option<Centre>]) -> Result<(), InputError> {
-        for (index, known) in self.distances.iter().enumerate() {
+        let measured = self.distances.iter().map(|known| {
             let [a, b] = known.between.map(|feature| centres[feature]);
-            let (Some((a, of_a)), Some((b, of_b))) = (a, b) else {
-                continue;
-            };
+            let ((a, of_a), (b, of_b)) = (a?, b?);
             let sigma = (of_a * of_a + of_b * of_b + DRAWN * DRAWN).sqrt();
-            if let Some(error) = self.contradiction(index, (a - b).norm(), sigma) {
-                return Err(error);
-            }
-        }
-        Ok(())
+            Some(((a - b).norm(), sigma))
+        });
+        let measured: Vec<_> = measured.collect();
+        self.contradiction(&measured).map_or(Ok(()), Err)
     }
 
-    /// Returns the refusal of the known distance with this index if touches contradict it by more than five standard
-    /// deviations of both. The touches give `distance` with the standard deviation `sigma`, in m.
-    pub fn contradiction(&self, index: usize, distance: f64, sigma: f64) -> Option<InputError> {
-        let known = &self.distances[index];
-        let both = (known.sigma * known.sigma + sigma * sigma).sqrt();
-        ((distance - known.distance).abs() > CONTRADICTION * both).then(|| {
+    /// Returns the refusal of the known distance that touches contradict most, if by more than five standard deviations of
+    /// both. `measured` has, for each known distance, the one by the touches and its standard deviation, in m.
+    pub fn contradiction(&self, measured: &[Option<(f64, f64)>]) -> Option<InputError> {
+        let each = self.distances.iter().zip(measured);
+        let off = each.filter_map(|(known, measured)| {
+            let (distance, sigma) = (*measured)?;
+            let missed = (distance - known.distance).abs();
+            Some((missed / known.sigma.hypot(sigma), known, distance, sigma))
+        });
+        let (missed, known, distance, sigma) = off.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        (missed > CONTRADICTION).then(|| {
             let [a, b] = known
                 .between
                 .map(|feature| quoted(&self.features[feature].name));
@@ -381,8 +384,8 @@ fn mean_and_spread(points: &[Vector3<f64>]) -> (Vector3<f64>, f64) {
     (mean, (square / (3.0 * count)).sqrt())
 }
 
-/// Returns whether points form two groups far apart: their distance, and the index of the first point outside the first
-/// point's group.
+/// Returns whether points form two groups far apart: their distance, and the index of the first point of the smaller
+/// group; of groups of one size, of that which comes later.
 fn two_groups(points: &[Vector3<f64>]) -> Option<(f64, usize)> {
     let (mean, _) = mean_and_spread(points);
     let farthest_from = |at: &Vector3<f64>| {
@@ -414,7 +417,13 @@ fn two_groups(points: &[Vector3<f64>]) -> Option<(f64, usize)> {
         .sum();
     let spread = (within / points.len() as f64).sqrt();
     let apart = (centres[0] - centres[1]).norm();
-    let second = nearer.iter().position(|group| *group != nearer[0])?;
+    let of_second = nearer.iter().sum::<usize>();
+    let smaller = match (2 * of_second).cmp(&points.len()) {
+        Ordering::Less => 1,
+        Ordering::Greater => 0,
+        Ordering::Equal => 1 - nearer[0],
+    };
+    let second = nearer.iter().position(|group| *group == smaller)?;
     (apart > TWO_SOCKETS && apart > TWO_SOCKETS_SPREADS * spread).then_some((apart, second))
 }
 

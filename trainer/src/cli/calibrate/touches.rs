@@ -269,14 +269,14 @@ fn no_other_options(a: &Job) -> Result<(), Failure> {
 
 /// Refuses stated distances that the calibrated touches contradict.
 fn contradictions(set: &TouchSet, summary: &TouchSummary) -> Result<(), Failure> {
-    for (index, distance) in summary.distances.iter().enumerate() {
-        let measured = distance.measured_mm.map(|mm| mm.map(|x| 1e-3 * x));
-        let error = measured.and_then(|[found, sigma]| set.contradiction(index, found, sigma));
-        if let Some(error) = error {
-            return Err(error.into());
-        }
-    }
-    Ok(())
+    let measured = summary.distances.iter();
+    let measured = measured.map(|d| {
+        d.measured_mm
+            .map(|[found, sigma]| (1e-3 * found, 1e-3 * sigma))
+    });
+    let measured: Vec<_> = measured.collect();
+    let error = set.contradiction(&measured).map(Failure::from);
+    error.map_or(Ok(()), Err)
 }
 
 fn provenance(a: &Job, set: &TouchSet, warnings: &[Finding]) -> Provenance {

@@ -306,6 +306,37 @@ fn one_name_for_two_sockets() {
     );
 }
 
+/// One touch under the name of another socket is the one that is named, even if it comes first.
+#[test]
+fn the_touch_of_another_socket_is_named() {
+    let (csv, toml) = simulated(TouchKind::Socket, 2, 12);
+    let toml = toml.split("\n[[distance]]").next().unwrap();
+    let mut lines: Vec<&str> = csv.lines().collect();
+    let other = lines.pop().unwrap().replace("socket/1", "socket/0");
+    lines.insert(2, &other);
+    let found = "touches.csv:3: column 1 (feature): found a touch";
+    refused(
+        &lines.join("\n"),
+        toml,
+        &[found, "mm from others of \"socket/0\""],
+    );
+}
+
+/// Of several distances that are contradicted, the one that is farthest off is named: it may be what makes the others seem wrong.
+#[test]
+fn the_distance_that_is_contradicted_most_is_named() {
+    let (csv, toml) = simulated(TouchKind::Socket, 4, 24);
+    let set = parse(&csv, &toml).unwrap();
+    let line = |sigmas: [f64; 3]| {
+        let off = set.distances.iter().zip(sigmas);
+        let off = off.map(|(known, x)| (known.distance + x * known.sigma.hypot(1e-3), 1e-3));
+        let measured: Vec<_> = off.map(Some).collect();
+        set.contradiction(&measured).map(|error| error.line)
+    };
+    assert_eq!(line([6.0, -9.0, 5.5]), Some(Some(set.distances[1].line)));
+    assert_eq!(line([4.9, -4.9, 0.0]), None);
+}
+
 #[test]
 fn boards_without_enough_corners() {
     let (csv, toml) = simulated(TouchKind::Camera, 1, 16);
