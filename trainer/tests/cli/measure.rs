@@ -183,7 +183,8 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
     let events = |name: &str| documents.iter().filter(|d| d["event"] == name).count();
     assert_eq!(events("refused"), 3);
     assert_eq!(events("taken"), good.len() + 1);
-    let rows = folder.text("measured.csv").lines().count() - 1;
+    let text = folder.text("measured.csv");
+    let rows = text.lines().filter(|line| !line.starts_with('#')).count() - 1;
     assert_eq!(rows, good.len() + 1, "the strange row is kept");
     // Other columns than those of the file.
     let outcome = folder.run_with_input(&line, "feature,q1_deg\n");
@@ -194,6 +195,52 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
     );
     folder.refuses("measure --robot abb-irb120 plan.csv --out m.csv");
     folder.refuses("measure --robot abb-irb120 plan.csv --features touched/touches.toml --out m.csv --from unix:nowhere");
+}
+
+/// A row is taken back, what was skipped stays skipped, bytes that are no text end nothing, and a wrong header may be
+/// corrected; a second session with the same source repeats nothing of it.
+#[test]
+fn answers_are_taken_back_and_never_repeated() {
+    let folder = Folder::new();
+    let arm = Answers::new(&folder);
+    let header = folder.text("touched/touches.csv");
+    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let mut log = format!("feature,q1_deg\n{header}\n").into_bytes();
+    log.extend(b"# gr\xfcn\nskip\n");
+    log.extend(format!("{}\n{}\nundo 1\n", arm.lines[0], arm.lines[1]).bytes());
+    log.extend(b"\xff\n");
+    folder.write("log.csv", &log);
+    let line = format!("{MEASURE} --from log.csv");
+    let mut skipped = None;
+    for session in 0..2 {
+        let mut running = Session::begin(&folder, &line);
+        let mut events: Vec<String> = Vec::new();
+        let (asked, repeated) = (1 - session, 2 * (1 - session));
+        let mut documents = Vec::new();
+        while events.iter().filter(|event| *event == "next").count() <= asked + repeated + asked
+            || events.iter().filter(|event| *event == "refused").count() < 1 + asked
+        {
+            let document = running.next().unwrap();
+            events.push(document["event"].as_str().unwrap().to_owned());
+            documents.push(document);
+        }
+        let count = |name: &str| events.iter().filter(|event| *event == name).count();
+        assert_eq!(count("taken"), repeated, "{events:?}");
+        assert_eq!(count("taken-back"), asked, "{events:?}");
+        let next = documents
+            .iter()
+            .filter(|document| document["event"] == "next");
+        let mut lines = next.map(|document| document["line"].as_u64());
+        if session == 0 {
+            skipped = lines.next().unwrap();
+        }
+        assert!(lines.all(|line| line != skipped), "{documents:?}");
+        running.child.kill().unwrap();
+        running.code();
+        let text = folder.text("measured.csv");
+        let rows: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
+        assert_eq!(rows, [header, &arm.lines[1]], "{text}");
+    }
 }
 
 /// Kills the program at a random moment, so many times; the last is let live. Returns how many rows were confirmed.

@@ -115,6 +115,48 @@ impl Journal {
     }
 }
 
+impl Journal {
+    /// Takes back the row in this line of the file, counted from 1: `said` says so in a comment at the end, and the first
+    /// character of the row becomes that of a comment. Returns the row.
+    ///
+    /// # Errors
+    /// [`Failure::LostOutput`].
+    pub fn take_back(&mut self, line: usize, said: &str) -> Result<String, Failure> {
+        let text = String::from_utf8_lossy(&self.bytes).into_owned();
+        let mut lines = text.split_inclusive('\n');
+        let at: usize = lines.by_ref().take(line - 1).map(str::len).sum();
+        let row = lines.next().unwrap_or_default().trim().to_owned();
+        let OnDisk(()) = self.append(&format!("# {said}: {row}"))?;
+        let _writing = writing();
+        self.file
+            .seek(SeekFrom::Start(at as u64))
+            .and_then(|_| self.file.write_all(b"#"))
+            .and_then(|()| self.file.sync_data())
+            .map_err(|error| Failure::lost(&self.path, error))?;
+        self.bytes[at] = b'#';
+        Ok(row)
+    }
+
+    /// Returns what was said of rows: pairs of the answer and what it was about, such as (`skip`, `line 12`) and (`undo`,
+    /// the row).
+    pub fn said(&self) -> Vec<(String, String)> {
+        let text = String::from_utf8_lossy(&self.bytes);
+        let of = |line: &str| {
+            let (said, about) = line.strip_prefix("# ")?.split_once(": ")?;
+            let word = said.split(' ').next()?;
+            [SKIP, UNDO]
+                .contains(&word)
+                .then(|| (said.to_owned(), about.to_owned()))
+        };
+        text.lines().filter_map(of).collect()
+    }
+}
+
+/// The answer that leaves out the row of the plan that is asked for.
+pub const SKIP: &str = "skip";
+/// The answer that takes back the last row, or with a number that row.
+pub const UNDO: &str = "undo";
+
 /// Returns the first line of a table that is neither blank nor a comment.
 pub fn first_line(text: &str) -> Option<&str> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
@@ -136,6 +178,26 @@ fn on_disk(path: &Path) -> std::io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_row_that_is_taken_back_is_a_comment() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rows.csv");
+        let (mut journal, _) = Journal::open(&path).unwrap();
+        for line in ["# skip: line 7", "q1_deg,x_mm", "1,2", "3,4"] {
+            let OnDisk(()) = journal.append(line).unwrap();
+        }
+        assert_eq!(journal.take_back(3, "undo 1").unwrap(), "1,2");
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(
+            text,
+            "# skip: line 7\nq1_deg,x_mm\n#,2\n3,4\n# undo 1: 1,2\n"
+        );
+        assert_eq!(journal.bytes(), text.as_bytes());
+        let said = journal.said();
+        let said: Vec<_> = said.iter().map(|(a, b)| (a.as_str(), b.as_str())).collect();
+        assert_eq!(said, [("skip", "line 7"), ("undo 1", "1,2")]);
+    }
 
     #[test]
     fn what_is_complete_stays_and_what_is_torn_becomes_a_comment() {

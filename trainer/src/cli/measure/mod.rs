@@ -14,7 +14,7 @@ use nalgebra::Vector3;
 use crate::cli::args::{Gravity, RobotArgs, gravity, positive};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::measure::journal::{Journal, OnDisk, first_line};
+use crate::cli::measure::journal::{Journal, OnDisk, SKIP, UNDO, first_line};
 use crate::cli::measure::plan::Planned;
 use crate::cli::measure::show::{End, Show};
 use crate::cli::measure::source::{Lines, Origin};
@@ -32,8 +32,8 @@ use poegp_calibration::robot::ClassPrior;
 #[command(
     after_help = "The program says which row of the plan to measure next: the one after which the positions over the work volume are \
     known best. It takes what was measured as a line of CSV, in the columns of OUT: the joints are those that the controller shows, \
-    and need not be the planned ones. The line \"skip\" leaves out what cannot be measured. A row is on disk before it is \
-    confirmed; start the same command again to continue.\n\n\
+    and need not be the planned ones. The line \"skip\" leaves out what cannot be measured, \"undo\" takes back the last row, and \
+    \"undo 5\" row 5. A row is on disk before it is confirmed; start the same command again to continue.\n\n\
     The expected error is a mean over the work volume, of a model without processes and with the noise that the rows show.\n\n\
     Examples:\n  \
     trainer measure --robot ur10 touches.csv --out measured.csv --until-mm 0.2\n  \
@@ -96,7 +96,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     let gravity = Vector3::from(a.gravity.0);
     let class = class_of(&arm.robot, &planned.set);
     let chooser = Chooser::new(&arm.robot, &arm.nominal, &planned.set, gravity, class);
-    lines.pass_over(journal.bytes());
+    lines.pass_over(&journal);
     let show = Show::new(a.json.as_deref())?;
     let mut session = Session {
         options: a,
@@ -111,6 +111,8 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
         found: None,
         missing: waiting(&planned.without_rows()),
         rows: 0,
+        strange: Vec::new(),
+        incomplete: None,
         show,
     };
     session.resume()?;
@@ -133,6 +135,10 @@ struct Session<'a> {
     /// Features that still have too few rows.
     missing: Vec<Waiting>,
     rows: usize,
+    /// Rows that were reported as strange.
+    strange: Vec<usize>,
+    /// Why `calibrate` refuses the file although the expected error is small enough.
+    incomplete: Option<InputError>,
     show: Show,
 }
 
@@ -142,6 +148,8 @@ enum Answer {
     Row(Box<TouchSet>, OnDisk),
     /// The requested row cannot be measured.
     Skip,
+    /// This row is to be taken back, as the text says.
+    Undo(usize, String),
     /// No more rows will come.
     End,
 }
@@ -149,27 +157,85 @@ enum Answer {
 impl Session<'_> {
     /// Continues from the rows that the file already contains.
     fn resume(&mut self) -> Result<(), Failure> {
-        let out = &self.options.out;
-        let Some(header) = &self.header else {
-            return Ok(());
-        };
-        if self
-            .journal
-            .bytes()
-            .trim_ascii_end()
-            .ends_with(header.as_bytes())
-        {
-            return Ok(());
+        if self.look_again()? {
+            let out = &self.options.out;
+            self.show.resumed(out, self.rows, self.found.as_ref());
         }
-        let set = self.planned.so_far(out, self.journal.bytes(), self.arm)?;
+        Ok(())
+    }
+
+    /// Computes from the file what is known and what is left of the plan; returns whether the file has rows.
+    fn look_again(&mut self) -> Result<bool, Failure> {
+        for (said, about) in self.journal.said() {
+            let line = about.strip_prefix("line ").and_then(|n| n.parse().ok());
+            let rows = &self.planned.set.rows;
+            let row = rows.iter().position(|row| Some(row.line) == line);
+            if let Some(row) = row.filter(|_| said == SKIP) {
+                self.chooser.skip(row);
+            }
+        }
+        let Some(set) = self.so_far()? else {
+            (self.rows, self.found) = (0, None);
+            self.missing = waiting(&self.planned.without_rows());
+            return Ok(false);
+        };
+        self.rows = set.rows.len();
         self.look(&set);
         for (index, row) in set.rows.iter().enumerate() {
             if !self.is_strange(index) {
                 self.chooser.measured(&set, row);
             }
         }
-        self.rows = set.rows.len();
-        self.show.resumed(out, self.rows, self.found.as_ref());
+        self.report_strange()?;
+        Ok(true)
+    }
+
+    /// Parses the rows of the file; `None` if it has none.
+    fn so_far(&self) -> Result<Option<TouchSet>, InputError> {
+        let text = String::from_utf8_lossy(self.journal.bytes());
+        let lines = text.lines().filter(|line| first_line(line).is_some());
+        if lines.count() < 2 {
+            return Ok(None);
+        }
+        let (out, bytes) = (&self.options.out, self.journal.bytes());
+        self.planned.so_far(out, bytes, self.arm).map(Some)
+    }
+
+    /// Reports the rows that have become strange.
+    fn report_strange(&mut self) -> Result<(), Failure> {
+        let found = self.found.as_ref();
+        let strange = found.map_or_else(Vec::new, |found| found.strange.clone());
+        for (row, missed) in strange
+            .iter()
+            .filter(|(row, _)| !self.strange.contains(row))
+        {
+            self.show.strange(row + 1, *missed)?;
+        }
+        self.strange = strange.into_iter().map(|(row, _)| row).collect();
+        Ok(())
+    }
+
+    /// Takes a row back.
+    fn take_back(&mut self, row: usize, said: &str) -> Result<(), Failure> {
+        let set = self.so_far()?;
+        let line = set.and_then(|set| Some(set.rows.get(row.checked_sub(1)?)?.line));
+        let Some(line) = line else {
+            let found = format!("\"{said}\" after {} rows", self.rows);
+            let error = InputError::new(self.lines.name(), found, "a row that was taken");
+            return self.show.refused(&error);
+        };
+        let text = self.journal.take_back(line, said)?;
+        self.show.taken_back(row, &text)?;
+        let (arm, planned) = (self.arm, self.planned);
+        self.chooser = Chooser::new(
+            &arm.robot,
+            &arm.nominal,
+            &planned.set,
+            self.gravity,
+            self.class,
+        );
+        self.strange.clear();
+        self.look_again()?;
         Ok(())
     }
 
@@ -203,21 +269,32 @@ impl Session<'_> {
 
     /// Chooses the next row: first those that every feature needs. The first touches of a point only determine where the
     /// point is, so that each by itself never seems worth measuring.
-    fn next(&self) -> Result<Next, End> {
+    fn next(&mut self) -> Result<Result<Next, End>, Failure> {
         let missing = |feature| self.missing.iter().any(|(m, _)| Some(*m) == feature);
         if let Some(next) = self.chooser.best(missing) {
-            return Ok(next);
+            return Ok(Ok(next));
         }
         let (out, bytes) = (&self.options.out, self.journal.bytes());
-        if self.is_within() && self.planned.is_whole(out, bytes, self.arm) {
-            return Err(End::Within);
+        let refusal = match self.is_within() {
+            true => match self.planned.whole(out, bytes, self.arm) {
+                Ok(()) => return Ok(Err(End::Within)),
+                Err(refusal) => Some(refusal),
+            },
+            false => None,
+        };
+        let text = |error: &InputError| error.to_string();
+        if refusal.as_ref().map(text) != self.incomplete.as_ref().map(text) {
+            if let Some(error) = &refusal {
+                self.show.incomplete(self.options.until_mm, error)?;
+            }
+            self.incomplete = refusal;
         }
-        self.chooser.best(|_| true).ok_or(End::UsedUp)
+        Ok(self.chooser.best(|_| true).ok_or(End::UsedUp))
     }
 
     fn work(&mut self) -> Result<End, Failure> {
         loop {
-            let next = match self.next() {
+            let next = match self.next()? {
                 Ok(next) => next,
                 Err(end) => return Ok(end),
             };
@@ -228,7 +305,13 @@ impl Session<'_> {
             self.show.next(&asked, &next, self.arm, left)?;
             match self.answer()? {
                 Answer::End => return Ok(End::NoMore),
-                Answer::Skip => self.chooser.skip(next.row),
+                Answer::Skip => {
+                    let _ = self
+                        .journal
+                        .append(&format!("# {SKIP}: line {}", asked.line))?;
+                    self.chooser.skip(next.row);
+                }
+                Answer::Undo(row, said) => self.take_back(row, &said)?,
                 Answer::Row(set, kept) => self.took(&set, &kept)?,
             }
         }
@@ -246,8 +329,15 @@ impl Session<'_> {
             if first_line(&line).is_none() {
                 continue;
             }
-            if line == "skip" {
+            if line == SKIP {
                 return Ok(Answer::Skip);
+            }
+            let row = line.strip_prefix(UNDO).and_then(|row| match row.trim() {
+                "" => Some(self.rows),
+                number => number.parse().ok(),
+            });
+            if let Some(row) = row {
+                return Ok(Answer::Undo(row, line));
             }
             match self.taken(number, &line) {
                 Ok(Some((set, kept))) => return Ok(Answer::Row(Box::new(set), kept)),
@@ -264,15 +354,24 @@ impl Session<'_> {
             error.line = error.line.map(|_| number);
             error
         };
+        if line.contains(char::REPLACEMENT_CHARACTER) {
+            let found = "bytes that are not UTF-8 text";
+            let error = InputError::new(self.lines.name(), found, "a row as CSV");
+            return Err(error.at_line(number).into());
+        }
         if line.split(',').any(|field| field.trim().starts_with("q1_")) {
-            let is_new = self.header.is_none();
-            let header = self.header.get_or_insert_with(|| line.to_owned());
+            // Other columns may still come until the first row is on disk.
+            let known = self.journal.header();
+            let header = known.unwrap_or_else(|| line.to_owned());
             let same = header
                 .split(',')
                 .map(str::trim)
                 .eq(line.split(',').map(str::trim));
-            return match same || is_new {
-                true => Ok(None),
+            return match same {
+                true => {
+                    self.header = Some(header);
+                    Ok(None)
+                }
                 false => Err(InputError::new(
                     self.lines.name(),
                     "other columns than before",
@@ -311,19 +410,13 @@ impl Session<'_> {
         self.show.taken(self.rows, kept)?;
         let before = self.found.as_ref().map(|found| found.expected.mean_mm);
         let seconds = self.look(set);
-        let is_strange = self.is_strange(index);
-        if !is_strange {
+        if !self.is_strange(index) {
             self.chooser.measured(set, &set.rows[index]);
         }
         let until = self.options.until_mm;
         self.show
             .known(self.rows, self.found.as_ref(), before, until, seconds)?;
-        if let Some(found) = self.found.as_ref().filter(|_| is_strange) {
-            let missed = found.strange.iter().find(|(row, _)| *row == index);
-            self.show
-                .strange(self.rows, missed.and_then(|(_, missed)| *missed))?;
-        }
-        Ok(())
+        self.report_strange()
     }
 
     fn finish(mut self, end: End) -> Result<(), Failure> {
@@ -341,13 +434,23 @@ impl Session<'_> {
             .end(end, self.rows, found, options.until_mm, &calibrate)?;
         match (end, options.until_mm) {
             (End::UsedUp | End::NoMore, Some(until)) => {
-                let expected = found.map_or_else(
-                    || "no expected error: too few rows".to_owned(),
-                    |found| format!("an expected error of {:.3} mm", found.expected.mean_mm),
-                );
+                let (found, expected) = match (&self.incomplete, found) {
+                    (Some(error), _) => (
+                        format!("{until} mm, but {}", error.found),
+                        format!("{}, which `calibrate` needs", error.expected),
+                    ),
+                    (None, Some(found)) => (
+                        format!("an expected error of {:.3} mm", found.expected.mean_mm),
+                        format!("{until} mm or less"),
+                    ),
+                    (None, None) => (
+                        "no expected error: too few rows".to_owned(),
+                        format!("{until} mm or less"),
+                    ),
+                };
                 let out = options.out.display();
                 Err(Failure::Quality(format!(
-                    "{out}: found {expected}, expected {until} mm or less in a file that `calibrate` takes\n\
+                    "{out}: found {found}, expected {expected}\n\
                      help: all {} rows are kept; plan more rows and continue with the same --out",
                     self.rows
                 )))

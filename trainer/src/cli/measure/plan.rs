@@ -141,17 +141,22 @@ impl Planned {
         }
     }
 
-    /// Whether `calibrate` would accept the file as it is.
-    pub fn is_whole(&self, path: &Path, bytes: &[u8], arm: &Arm) -> bool {
-        match &self.features {
-            Some((features, text)) => {
-                TouchSet::parse((path, bytes), (features, text), &arm.robot).is_ok()
+    /// Checks that `calibrate` accepts the file as it is.
+    ///
+    /// # Errors
+    /// [`InputError`] with which `calibrate` refuses it.
+    pub fn whole(&self, path: &Path, bytes: &[u8], arm: &Arm) -> Result<(), InputError> {
+        let Some((features, text)) = &self.features else {
+            let set = self.so_far(path, bytes, arm)?;
+            let equations: usize = set.rows.iter().map(|row| row.reading.equations()).sum();
+            let needed = 6 * Method::Elastic.min_poses(arm.robot.joints.len());
+            if equations >= needed {
+                return Ok(());
             }
-            None => self.so_far(path, bytes, arm).is_ok_and(|set| {
-                let equations: usize = set.rows.iter().map(|row| row.reading.equations()).sum();
-                equations >= 6 * Method::Elastic.min_poses(arm.robot.joints.len())
-            }),
-        }
+            let found = format!("{equations} equations");
+            return Err(InputError::new(path, found, format!("at least {needed}")));
+        };
+        TouchSet::parse((path, bytes), (features, text), &arm.robot).map(|_| ())
     }
 
     /// Describes what to measure for a row: the feature, the joints in the units of files, the payload.

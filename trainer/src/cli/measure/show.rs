@@ -153,8 +153,7 @@ impl Show {
                     Some(until) if expected.mean_mm > until => {
                         format!("; go on: more than {until} mm")
                     }
-                    Some(until) => format!("; {until} mm is reached"),
-                    None => String::new(),
+                    _ => String::new(),
                 };
                 self.report.line(format_args!(
                     "  expected error {:.3} mm, 95 % within {:.3} mm (as drawn {:.3} mm){change}{go_on}",
@@ -175,14 +174,35 @@ impl Show {
         }))
     }
 
-    /// Reports that the last row contradicts the others.
+    /// Reports that the expected error is small enough, but that `calibrate` refuses the file.
+    pub fn incomplete(&mut self, until: Option<f64>, error: &InputError) -> Result<(), Failure> {
+        let until = until.map_or_else(String::new, |until| format!("{until} mm is reached, but "));
+        note(format_args!(
+            "{until}`calibrate` would refuse the file: {}",
+            snippet::render(error)
+        ));
+        self.document(json!({
+            "event": "incomplete", "line": error.line, "column": error.column.as_ref().map(|(n, _)| n),
+            "found": error.found, "expected": error.expected
+        }))
+    }
+
+    /// Reports that a row was taken back.
+    pub fn taken_back(&mut self, row: usize, text: &str) -> Result<(), Failure> {
+        self.report.line(format_args!(
+            "row {row} is taken back, and a comment now: {text}"
+        ));
+        self.document(json!({"event": "taken-back", "row": row}))
+    }
+
+    /// Reports that a row contradicts the others.
     pub fn strange(&mut self, row: usize, missed_mm: Option<f64>) -> Result<(), Failure> {
         let by = missed_mm.map_or_else(
             || "is far from what the other rows predict".to_owned(),
             |mm| format!("is {mm:.1} mm from what the other rows predict"),
         );
         note(format_args!(
-            "row {row} {by}: measure it again? It stays in the file, and `calibrate` leaves out what does not fit"
+            "row {row} {by}: was it this feature? \"undo {row}\" takes it back, and then measure it again"
         ));
         self.document(json!({"event": "strange", "row": row, "missed_mm": missed_mm}))
     }

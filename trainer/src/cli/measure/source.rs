@@ -11,6 +11,7 @@ use std::time::Duration;
 use poegp_calibration::input_error::InputError;
 
 use crate::cli::failure::Failure;
+use crate::cli::measure::journal::Journal;
 use crate::device::port::{self, Address, AddressError, Stream, advice};
 
 /// Time between two reads of a growing file, and timeout of a read from a port.
@@ -106,12 +107,16 @@ impl Lines {
         })
     }
 
-    /// Skips lines of a source file that an earlier session has taken, each as often as it occurs in `known`.
-    pub fn pass_over(&mut self, known: &[u8]) {
-        if let Input::File(_) = self.input {
-            for line in String::from_utf8_lossy(known).lines() {
-                *self.known.entry(line.trim().to_owned()).or_default() += 1;
-            }
+    /// Skips lines of a source file that an earlier session has taken, each as often as it is in `journal`.
+    pub fn pass_over(&mut self, journal: &Journal) {
+        if !matches!(self.input, Input::File(_)) {
+            return;
+        }
+        let text = String::from_utf8_lossy(journal.bytes());
+        let said = journal.said();
+        let answers = said.iter().flat_map(|(said, about)| [said.as_str(), about]);
+        for line in text.lines().chain(answers) {
+            *self.known.entry(line.trim().to_owned()).or_default() += 1;
         }
     }
 
@@ -120,7 +125,8 @@ impl Lines {
         &self.name
     }
 
-    /// Waits for the next line; returns its number, from 1, and its text. `None` if no more lines come.
+    /// Waits for the next line; returns its number, from 1, and its text, with U+FFFD in place of what is not UTF-8. `None`
+    /// if no more lines come.
     ///
     /// # Errors
     /// [`InputError`] if the source cannot be read any further.
@@ -130,10 +136,8 @@ impl Lines {
                 return Ok(None);
             };
             self.number += 1;
-            let line = String::from_utf8(bytes).map_err(|_| {
-                InputError::new(&self.name, "bytes that are not UTF-8 text", "a row as CSV")
-                    .at_line(self.number)
-            })?;
+            // A byte that is not UTF-8 may be in a comment; it makes a row one that cannot be used.
+            let line = String::from_utf8_lossy(&bytes);
             let line = line.trim().trim_start_matches('\u{feff}').to_owned();
             match self.known.get_mut(&line) {
                 Some(count) if *count > 0 => *count -= 1,
