@@ -29,6 +29,28 @@ fn folder() -> Folder {
     folder
 }
 
+/// The default limit of the correction is that of the work volume: at the few states of a plan alone, it is smaller.
+#[test]
+fn a_model_of_planned_touches_is_not_limited_elsewhere() {
+    let folder = Folder::new();
+    for line in [
+        "plan --robot ur10 --touch socket=600,100,500 --touch socket=400,-300,500 --count 40 --seed 2 --out touches.csv \
+         --features-out touches.toml",
+        "simulate --robot ur10 --touch-plan touches.csv --seed 52 --out practice",
+        "calibrate --robot ur10 practice/touches.csv --out default.blob",
+        "calibrate --robot ur10 practice/touches.csv --max-correction-mm 50 --max-correction-mrad 100 --out wide.blob",
+    ] {
+        folder.run(line).ok();
+    }
+    let mean = |blob: &str| {
+        let line = format!("evaluate {blob} practice/truth.csv --json -");
+        let found = folder.run(&line).ok().json();
+        found["sets"][0]["position_mm"]["mean"].as_f64().unwrap()
+    };
+    let (default, wide) = (mean("default.blob"), mean("wide.blob"));
+    assert!(default < 1.02 * wide, "{default} and {wide} mm");
+}
+
 /// The header of a simulated touch file is behind its comment.
 fn rows(csv: &str) -> String {
     csv.lines().skip(1).fold(String::new(), |mut out, line| {

@@ -10,7 +10,7 @@ use crate::identification::touch::judge::Verdict;
 use crate::identification::touch::scene::Figure;
 use crate::identification::touch::unseen::Unseen;
 use crate::identification::touch::volume::{Exceeded, Expected, Knowledge};
-use crate::measurement::touch::KnownDistance;
+use crate::measurement::touch::{KnownDistance, TouchSet};
 
 /// The summary of a calibration by touches.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -96,7 +96,7 @@ pub struct DistanceSummary {
     pub said_mm: f64,
     /// Standard deviation of the stated distance, in mm.
     pub sigma_mm: f64,
-    /// Distance as drawn and as calibrated, minus the stated one, in mm.
+    /// Distance minus the stated one, in mm: as drawn, by the touches without any known distance, and as calibrated.
     pub error_mm: [f64; 2],
     /// The distance that all other data give, and its standard deviation, in mm.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -184,7 +184,7 @@ impl TouchSummary {
             class: [scales(&class), scales(&fit.scales)],
             features: features(problem, fit, &residuals),
             tracker: tracker(problem, fit, &residuals),
-            distances: distances(problem, drawing, fit),
+            distances: distances(problem, fit),
             tips_mm: tips_mm(problem, fit),
             noise: noise(problem, fit),
             outliers: outliers(problem, fit, &residuals[1]),
@@ -348,8 +348,20 @@ pub fn tracker(
     both.into_iter().filter_map(of).collect()
 }
 
-fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<DistanceSummary> {
+fn distances(problem: &TouchProblem, fit: &TouchFit) -> Vec<DistanceSummary> {
     let set = problem.set;
+    if set.distances.is_empty() {
+        return Vec::new();
+    }
+    let alone = TouchSet {
+        distances: Vec::new(),
+        ..set.clone()
+    };
+    let without = TouchProblem {
+        set: &alone,
+        ..problem.clone()
+    };
+    let drawing = TouchFit::on_drawing_without(&without, &fit.weights);
     let of = |(known, measured): (&KnownDistance, Option<Measured>)| {
         let error = |fit: &TouchFit| {
             let missed = fit.distance(known.between, known.distance);
@@ -359,7 +371,7 @@ fn distances(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Vec<
             between: known.between.map(|f| set.features[f].name.clone()),
             said_mm: 1e3 * known.distance,
             sigma_mm: 1e3 * known.sigma,
-            error_mm: [error(drawing), error(fit)],
+            error_mm: [error(&drawing), error(fit)],
             measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
         }
     };
