@@ -270,6 +270,7 @@ fn the_tip_moves_as_the_derivatives_of_the_arm_say() {
         gravity: true,
         payload: false,
         orders: 2,
+        size: true,
     };
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     let mut arm = TouchArm::new(&robot.chain().unwrap(), &tips, None, gravity, terms);

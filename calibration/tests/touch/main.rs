@@ -5,6 +5,7 @@ mod jacobians;
 mod judged;
 mod kinds;
 mod laws;
+mod lengths;
 mod measured;
 mod sets;
 mod sisters;

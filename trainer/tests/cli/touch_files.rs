@@ -5,7 +5,7 @@ use std::path::Path;
 use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::robot::{LoadOptions, Robot};
 
-use crate::program::Folder;
+use crate::program::{Folder, changed};
 use crate::texts::texts;
 
 /// A touch file as every command reads it, with NAME.toml beside NAME.csv.
@@ -199,6 +199,22 @@ fn touches_are_refused_before_a_model_is_written() {
         .run("simulate --robot abb-irb120 --touch plane1 --touches 8 --seed 1 --out few")
         .ok();
     folder.refuses_data(format!("{calibrate} few/touches.csv"));
+    // A wire that reads 1 % too much, and one with a wrong zero: the touches of either fit an arm that is none.
+    folder
+        .run("simulate --robot ur10 --touch wire1 --touches 60 --seed 1 --out wire")
+        .ok();
+    let wire = folder.text("wire/touches.csv");
+    folder.write("wrong.toml", folder.text("wire/touches.toml"));
+    for (scale, zero) in [(1.01, 0.0), (1.0, 40.0)] {
+        // The header is behind a comment.
+        let csv = changed(wire.split_once('\n').unwrap().1, |names, fields| {
+            let at = names.iter().position(|name| *name == "value_mm").unwrap();
+            let value: f64 = fields[at].parse().unwrap();
+            fields[at] = (scale * value + zero).to_string();
+        });
+        folder.write("wrong.csv", csv);
+        folder.refuses_data("calibrate --robot ur10 wrong.csv --out wrong.blob");
+    }
     folder.run(&format!("{calibrate} t/touches.csv")).ok();
     assert!(folder.names().contains(&"model.blob".to_owned()));
 }

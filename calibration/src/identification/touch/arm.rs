@@ -41,6 +41,8 @@ pub enum Group {
     Payload,
     /// Own-joint errors that repeat once and twice in a turn of the joint, in rad.
     Curve,
+    /// Relative change of all link offsets in proportion.
+    Size,
 }
 
 impl Group {
@@ -80,6 +82,8 @@ pub struct Terms {
     pub payload: bool,
     /// Number of orders of the own-joint errors.
     pub orders: usize,
+    /// Whether a common scale of all links is fitted.
+    pub size: bool,
 }
 
 /// A tip before the fit.
@@ -223,6 +227,23 @@ impl TouchArm {
                 single(Group::Curve, line.joint);
             }
         }
+        if terms.size {
+            let mut to = Vec::new();
+            for frame in 1..n {
+                let drawn = &nominal.frames()[frame];
+                let (adjoint, lever) = (
+                    drawn.adjoint(),
+                    drawn.rotation.transpose() * drawn.translation,
+                );
+                let along = |row: usize| (0..3).map(|i| adjoint[row][i] * lever[i]).sum::<f64>();
+                to.extend((0..6).map(|row| (6 * frame + row, along(row))));
+            }
+            columns.push(Column {
+                group: Group::Size,
+                index: 0,
+                to,
+            });
+        }
         let mut chain = *nominal;
         if let (Some(last), Some(tool)) = (chain.frames_mut().last_mut(), tools.first()) {
             *last = *tool;
@@ -242,6 +263,7 @@ impl TouchArm {
             gravity: false,
             payload: false,
             orders: 0,
+            size: false,
         };
         let mut out = Self::new(nominal, tips, None, Vector3::zeros(), terms);
         out.columns

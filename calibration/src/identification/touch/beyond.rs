@@ -14,6 +14,11 @@ pub struct Beyond {
 }
 
 impl Beyond {
+    /// Returns whether the touches determine enough parameters to tell.
+    fn says(self) -> bool {
+        self.determined > 1.0
+    }
+
     /// Returns the factor by which the stated errors of what the touches do not determine are wider than the class. A
     /// scale that few parameters determine is uncertain itself: a t distribution of so many degrees of freedom has this
     /// standard deviation.
@@ -71,32 +76,39 @@ impl TouchFit {
         }
     }
 
+    /// Returns the fit with the priors that are stated where the arm is beyond its class, times `by`.
+    pub(super) fn widened(&self, problem: &TouchProblem, beyond: Beyond, by: f64) -> Self {
+        let mut wide = self.clone();
+        let least = match beyond.says() {
+            true => beyond.stated(),
+            false => 0.0,
+        };
+        wide.width = by * self.width;
+        if problem.sisters.is_some() {
+            wide.width = by * self.width.max(least);
+        } else {
+            let class = Scales::new(&problem.class);
+            let scales = &mut wide.scales;
+            scales.length = scales.length.max(least * class.length);
+            scales.tilt = scales.tilt.max(least * class.tilt);
+            scales.zero = scales.zero.max(least * class.zero);
+        }
+        wide
+    }
+
     /// Returns the stated distribution when all priors of the class are exp(`deviations` · [`Stated::scale_deviation`])
     /// times as wide as is most probable; `None` when the equations cannot be solved.
     pub fn as_stated(&self, problem: &TouchProblem, deviations: f64) -> Option<Stated> {
         let covariance = self.solved(problem)?.covariance();
         let beyond = self.beyond_class(problem, &covariance);
         let scale_deviation = (0.5 / (COMMON_COUNTS + beyond.determined)).sqrt();
-        let says = beyond.determined > 1.0;
-        let mut wide = self.clone();
-        let least = if says { beyond.stated() } else { 0.0 };
-        let by = libm::exp(deviations * scale_deviation);
-        let class = Scales::new(&problem.class);
-        wide.width = by * self.width;
-        if problem.sisters.is_some() {
-            wide.width = by * self.width.max(least);
-        } else {
-            let scales = &mut wide.scales;
-            scales.length = scales.length.max(least * class.length);
-            scales.tilt = scales.tilt.max(least * class.tilt);
-            scales.zero = scales.zero.max(least * class.zero);
-        }
+        let wide = self.widened(problem, beyond, libm::exp(deviations * scale_deviation));
         let solved = wide.solved(problem)?;
         Some(Stated {
             priors: wide.priors(problem),
             mean: solved.step().0,
             covariance: solved.covariance(),
-            beyond_class: says.then_some(beyond.factor),
+            beyond_class: beyond.says().then_some(beyond.factor),
             scale_deviation,
         })
     }

@@ -51,6 +51,8 @@ pub struct TouchFit {
     visits: Vec<Visit>,
 }
 
+/// Standard deviation of the size of an arm of any size, relative to its drawing.
+pub(super) const ANY_SIZE: f64 = 0.1;
 /// Most rounds over noise, priors and parameters.
 const ROUNDS: usize = 25;
 /// Most steps in a round.
@@ -140,7 +142,7 @@ impl TouchFit {
     }
 
     /// Iterates to convergence and leaves out the rows that do not belong.
-    fn settle_robustly(&mut self, problem: &TouchProblem) {
+    pub(super) fn settle_robustly(&mut self, problem: &TouchProblem) {
         self.settle(problem, true);
         for pass in 0..PASSES {
             let Some(left_out) = self.left_out(problem) else {
@@ -160,6 +162,7 @@ impl TouchFit {
         match column.group {
             Group::Tip => problem.set.tips.get(column.index).map_or(0.0, |t| t.sigma),
             Group::Turn => 1.0,
+            Group::Size if self.moves => ANY_SIZE,
             group if self.moves && group.is_of_class() && problem.sisters.is_none() => {
                 self.width * self.scales.of(group).unwrap_or(0.0)
             }

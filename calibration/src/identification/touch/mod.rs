@@ -9,6 +9,7 @@ pub mod form;
 pub mod jet;
 pub mod judge;
 pub mod left_out;
+pub mod lengths;
 pub mod noise;
 pub mod problem;
 mod rows;

@@ -120,7 +120,7 @@ impl Scales {
             Group::Links => Some(self.links),
             Group::Payload => Some(self.payload),
             Group::Curve => Some(self.curve),
-            Group::Tip | Group::Turn => None,
+            Group::Tip | Group::Turn | Group::Size => None,
         }
     }
 
@@ -132,7 +132,7 @@ impl Scales {
             Group::Links => self.links = value,
             Group::Payload => self.payload = value,
             Group::Curve => self.curve = value,
-            Group::Tip | Group::Turn => {}
+            Group::Tip | Group::Turn | Group::Size => {}
         }
     }
 }

@@ -138,10 +138,20 @@ impl<'a> TouchProblem<'a> {
 
     /// Creates the arm as drawn; `orders` is the number of orders of own-joint errors.
     pub fn arm(&self, orders: usize) -> TouchArm {
+        self.arm_with(orders, false)
+    }
+
+    /// Creates the arm as drawn, with its size as a parameter of its own.
+    pub fn arm_of_any_size(&self) -> TouchArm {
+        self.arm_with(0, true)
+    }
+
+    fn arm_with(&self, orders: usize, size: bool) -> TouchArm {
         let terms = Terms {
             gravity: true,
             payload: self.payload_varies(),
             orders,
+            size,
         };
         TouchArm::new(
             &self.nominal,

@@ -4,6 +4,7 @@
 //! is that of the drawing, because touches show no other; if the file has rows of a tracker, it is related to the
 //! instrument as in any calibration. The tool is the first tip.
 
+pub mod doubted;
 pub mod findings;
 pub mod record;
 pub mod summary;
@@ -17,6 +18,7 @@ use crate::identification::base_tools::BaseAndTools;
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::judge::Verdict;
+use crate::identification::touch::lengths::doubt;
 use crate::identification::touch::unseen::unseen;
 use crate::identification::touch::volume::{Knowledge, WorkVolume};
 use crate::learning::elastic::reduced_model::ElasticModel;
@@ -31,6 +33,7 @@ use crate::model::error::CalibrationError;
 use crate::model::gauge::{Gauge, GaugeChoice, GaugeFrame, GaugeGrid};
 use crate::model::methods::Method;
 use crate::model::methods::problem::{FrameEstimate, seen_from_first};
+use crate::model::touches::doubted::doubted;
 use crate::model::touches::findings::findings;
 use crate::model::touches::record::{ArmRecord, NotASisterArm, by_sisters};
 use crate::model::touches::summary::TouchSummary;
@@ -110,8 +113,11 @@ pub fn calibrate_beside_sisters(
     let record = ArmRecord::new(&problem, &fit).ok_or_else(unsolvable)?;
     let unseen = unseen(&problem, &fit, &known);
     let summary = TouchSummary::new(&problem, (&drawing, &fit), &known, &verdict, unseen);
-    let findings = findings(&summary);
-    let (calibration, samples) = stated(robot, &problem, &fit, &known, config, gauge)?;
+    let mut findings = findings(&summary);
+    let doubt = doubt(&problem, &drawing, &fit);
+    findings.0.extend(doubt.map(|doubt| doubted(set, &doubt)));
+    findings.accept(&[]);
+    let (calibration, samples) = stated(robot, &problem, &fit, (&known, &volume), config, gauge)?;
     Ok(Ok(TouchCalibration {
         calibration,
         samples,
@@ -127,7 +133,7 @@ fn stated(
     robot: &Robot,
     problem: &TouchProblem,
     fit: &TouchFit,
-    known: &Knowledge,
+    (known, volume): (&Knowledge, &WorkVolume),
     config: &Config,
     gauge: &GaugeChoice,
 ) -> Result<(Calibration, Vec<InstrumentSample>), CalibrationError> {
@@ -205,7 +211,10 @@ fn stated(
     for sample in &mut samples {
         sample.observation = Observation::Pose(instrument * out.predict(sample));
     }
-    out.correction_limit = out.limit(&in_base_frame(&samples, &instrument));
+    // The corrections at the touches alone would be too small a limit for the rest of the work volume.
+    let mut states = in_base_frame(&samples, &instrument);
+    states.extend_from_slice(&volume.states);
+    out.correction_limit = out.limit(&states);
     let over_grid = GaugeChoice {
         over_grid: true,
         ..gauge.clone()

@@ -1,0 +1,213 @@
+//! Stated lengths that the touches contradict.
+//!
+//! If all lengths are off alike, an arm of another size fits the touches; if the zero of a wire, the radius of a ball or a tip is off by
+//! many standard deviations, so does an arm with much noise. Fits that believe less find them:
+//!
+//! - an arm of any size. Its size by the stated lengths, against the drawing and the class, is in doubt from [`SIZE`]
+//!   standard deviations;
+//! - zeros, radii or tips that may be anything. One is in doubt from [`OWN`] standard deviations, if the noise falls with it.
+
+use crate::identification::touch::arm::Group;
+use crate::identification::touch::equations::Solved;
+use crate::identification::touch::fit::{ANY_SIZE, Noise, TouchFit, TouchProblem};
+use crate::measurement::touch::{Feature, FeatureKind, Reading, TouchSet};
+use crate::numeric::matrix::Mat;
+
+/// Standard deviations from which the size by all stated lengths together is in doubt.
+pub const SIZE: f64 = 3.0;
+/// Standard deviations from which one zero, radius or tip is in doubt.
+pub const OWN: f64 = 5.0;
+/// Share of the noise, as a variance, that must be left when a zero, a radius or a tip is not believed.
+const EXPLAINED: f64 = 0.75;
+/// Standard deviation of a length that is not believed, m.
+const ANYTHING: f64 = 0.1;
+
+/// What is stated in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Said {
+    /// All lengths alike.
+    Lengths,
+    /// Zero of the anchor with this index.
+    Zero(usize),
+    /// Radius of the sphere with this index.
+    Radius(usize),
+    /// Position of the tip with this index, along an axis of the flange.
+    Tip(usize, usize),
+}
+
+/// Something stated that the touches contradict.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Doubt {
+    /// What is in doubt.
+    pub said: Said,
+    /// By the touches, minus what is stated, in m; for [`Said::Lengths`] how much larger than drawn the arm is with them,
+    /// relative to its size.
+    pub off: f64,
+    /// Standard deviation of `off`, by what is stated and by the touches.
+    pub sigma: f64,
+}
+
+impl Doubt {
+    /// Creates a doubt from an estimate with a prior of standard deviation `wide`, which it removes.
+    fn new(said: Said, (mean, variance): (f64, f64), wide: f64, stated: f64) -> Self {
+        let rest = (1.0 - variance / (wide * wide)).max(1e-6);
+        Self {
+            said,
+            off: mean / rest,
+            sigma: stated.hypot((variance / rest).sqrt()),
+        }
+    }
+
+    /// Returns `off` in standard deviations, without its sign.
+    pub fn sigmas(&self) -> f64 {
+        (self.off / self.sigma).abs()
+    }
+}
+
+/// Computes the size of the arm by the stated lengths, with the fit of an arm of any size; `None` if the equations cannot
+/// be solved.
+pub fn size(problem: &TouchProblem, drawing: &TouchFit) -> Option<(Doubt, TouchFit)> {
+    let mut fit = drawing.clone();
+    fit.arm = problem.arm_of_any_size();
+    let mut theta = drawing.arm.theta.clone();
+    theta.push(0.0);
+    fit.arm.update(&theta);
+    fit.moves = true;
+    fit.settle_robustly(problem);
+    let at = fit
+        .arm
+        .columns
+        .iter()
+        .position(|c| c.group == Group::Size)?;
+    let variance = believed(&fit, problem)?.covariance()[(at, at)] * ANY_SIZE.powi(2);
+    let found = (fit.arm.theta[at], variance);
+    Some((Doubt::new(Said::Lengths, found, ANY_SIZE, 0.0), fit))
+}
+
+/// Returns the factored equations of a fit with the priors that are stated for an arm beyond its class.
+fn believed(fit: &TouchFit, problem: &TouchProblem) -> Option<Solved> {
+    let covariance = fit.solved(problem)?.covariance();
+    let beyond = fit.beyond_class(problem, &covariance);
+    fit.widened(problem, beyond, 1.0).solved(problem)
+}
+
+/// Computes what the touches say of every zero, radius and tip if those of its kind are not believed, with the fit.
+pub fn own(problem: &TouchProblem) -> Vec<(Vec<Doubt>, TouchFit)> {
+    let kinds: [fn(&mut TouchSet) -> Vec<(Said, f64)>; 3] = [zeros, radii, tips];
+    let of = |loosened: fn(&mut TouchSet) -> Vec<(Said, f64)>| {
+        let mut set = problem.set.clone();
+        let said = loosened(&mut set);
+        let loose = TouchProblem {
+            set: &set,
+            ..problem.clone()
+        };
+        (!said.is_empty()).then(|| doubts(&loose, &said))?
+    };
+    kinds.into_iter().filter_map(of).collect()
+}
+
+fn zeros(set: &mut TouchSet) -> Vec<(Said, f64)> {
+    let features = set.features.iter_mut().enumerate();
+    let of = |(index, feature): (usize, &mut Feature)| match &mut feature.kind {
+        FeatureKind::Anchor { zero_sigma, .. } => Some((Said::Zero(index), loosened(zero_sigma)?)),
+        _ => None,
+    };
+    features.filter_map(of).collect()
+}
+
+fn radii(set: &mut TouchSet) -> Vec<(Said, f64)> {
+    let features = set.features.iter_mut().enumerate();
+    let of = |(index, feature): (usize, &mut Feature)| match &mut feature.kind {
+        FeatureKind::Sphere {
+            radius: Some(_),
+            radius_sigma,
+            ..
+        } => Some((Said::Radius(index), loosened(radius_sigma)?)),
+        _ => None,
+    };
+    features.filter_map(of).collect()
+}
+
+fn tips(set: &mut TouchSet) -> Vec<(Said, f64)> {
+    let sees =
+        |reading: &Reading| !matches!(reading, Reading::Level { .. } | Reading::Board { .. });
+    let rows = &set.rows;
+    let is_seen = |tip: usize| rows.iter().any(|row| row.tip == tip && sees(&row.reading));
+    let mut out = Vec::new();
+    for (tip, stated) in set.tips.iter_mut().enumerate() {
+        let sigma = is_seen(tip).then(|| loosened(&mut stated.sigma)).flatten();
+        out.extend(
+            sigma
+                .iter()
+                .flat_map(|sigma| (0..3).map(move |axis| (Said::Tip(tip, axis), *sigma))),
+        );
+    }
+    out
+}
+
+/// Replaces a standard deviation by that of anything, and returns it; `None` if it is as wide already.
+fn loosened(sigma: &mut f64) -> Option<f64> {
+    (*sigma < ANYTHING).then(|| std::mem::replace(sigma, ANYTHING))
+}
+
+/// Fits a set in which `said`, with standard deviations, is not believed.
+fn doubts(loose: &TouchProblem, said: &[(Said, f64)]) -> Option<(Vec<Doubt>, TouchFit)> {
+    let fit = TouchFit::new(loose, &TouchFit::on_drawing(loose, 0));
+    let solved = believed(&fit, loose)?;
+    let covariance = solved.covariance();
+    let of = |(said, stated): &(Said, f64)| {
+        let (mean, variance) = match *said {
+            Said::Lengths => return None,
+            Said::Zero(feature) | Said::Radius(feature) => {
+                // Both follow the three coordinates of the feature.
+                let at = fit.scene.first[feature] + 3;
+                let groups = &fit.scene.groups;
+                let group = groups.iter().position(|group| group.contains(&at))?;
+                let mut own = Mat::zeros(1, groups[group].len());
+                own[(0, at - groups[group].start)] = ANYTHING;
+                let arm = Mat::zeros(1, fit.arm.columns.len());
+                let variance = solved.predictive(&arm, &[(group, own)])[(0, 0)];
+                (fit.scene.deviation[at], variance)
+            }
+            Said::Tip(tip, axis) => {
+                let columns = fit.arm.columns.iter().enumerate();
+                let own = columns.filter(|(_, c)| c.group == Group::Tip && c.index == tip);
+                let (at, _) = own.skip(axis).next()?;
+                (fit.arm.theta[at], covariance[(at, at)] * ANYTHING.powi(2))
+            }
+        };
+        Some(Doubt::new(*said, (mean, variance), ANYTHING, *stated))
+    };
+    let found = said.iter().filter_map(of).collect();
+    Some((found, fit))
+}
+
+/// Returns the mean variance of the rows of a length.
+fn noise(problem: &TouchProblem, fit: &TouchFit) -> f64 {
+    let rows = problem.set.rows.iter().enumerate();
+    let lengths = rows.filter(|(_, row)| Noise::of(&row.reading, 0).is_length());
+    let all: Vec<f64> = lengths.map(|(k, _)| fit.variance(problem, k, 0)).collect();
+    all.iter().sum::<f64>() / all.len().max(1) as f64
+}
+
+/// Returns what is stated and in doubt, if anything is: of several, that without which the noise is least.
+pub fn doubt(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Option<Doubt> {
+    let limit = EXPLAINED * noise(problem, fit);
+    let mut found: Vec<(Doubt, f64)> = Vec::new();
+    for (doubts, loose) in own(problem) {
+        let most = doubts
+            .into_iter()
+            .max_by(|a, b| a.sigmas().total_cmp(&b.sigmas()));
+        let left = noise(problem, &loose);
+        found.extend(
+            most.filter(|d| d.sigmas() > OWN && left < limit)
+                .map(|d| (d, left)),
+        );
+    }
+    if let Some((doubt, fit)) = size(problem, drawing).filter(|(d, _)| d.sigmas() > SIZE) {
+        // One scale is a simpler reason than many radii.
+        found.push((doubt, EXPLAINED * noise(problem, &fit)));
+    }
+    let least = found.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
+    least.map(|(doubt, _)| doubt)
+}

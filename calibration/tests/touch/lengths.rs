@@ -1,0 +1,174 @@
+//! Stated lengths that are wrong: how often they are refused, and how often honest touches are.
+//!
+//! `cargo test --release -p poegp-calibration --test touch -- lengths::many --ignored --nocapture` prints the table of
+//! docs/evidence/touches.md.
+
+use std::collections::BTreeMap;
+
+use poegp_calibration::measurement::touch::{FeatureKind, Reading, TouchSet};
+use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::simulation::Scenario;
+use poegp_calibration::trust::Tier;
+use poegp_protocol::cause::Cause;
+
+use crate::measured::calibrated;
+use crate::trial::simulated;
+
+/// What is stated falsely.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lie {
+    None,
+    /// The zero of joint 2 is 1 degree off; all lengths are honest.
+    Joint,
+    /// All lengths are so many times the true ones.
+    Scale(f64),
+    /// The first wire reads so much too much, or the first radius is a fifth of it too short, m.
+    Zero(f64),
+    /// The tip as drawn is so far off, m.
+    Tip(f64),
+}
+
+const LIES: [Lie; 7] = [
+    Lie::None,
+    Lie::Joint,
+    Lie::Scale(1.01),
+    Lie::Scale(0.99),
+    Lie::Zero(20e-3),
+    Lie::Zero(50e-3),
+    Lie::Tip(50e-3),
+];
+
+impl Lie {
+    /// The same touches with the lie; `None` if they have nothing that it is about.
+    fn told(self, set: &TouchSet, robot: &Robot) -> Option<TouchSet> {
+        let mut out = set.clone();
+        let mut is_told = !matches!(self, Self::Zero(_));
+        let scale = if let Self::Scale(by) = self { by } else { 1.0 };
+        out.distances.iter_mut().for_each(|d| d.distance *= scale);
+        for (index, feature) in out.features.iter_mut().enumerate() {
+            if let FeatureKind::Sphere {
+                radius: Some(radius),
+                ..
+            } = &mut feature.kind
+            {
+                *radius *= scale;
+                if let (Self::Zero(by), 0) = (self, index) {
+                    *radius -= 0.2 * by;
+                    is_told = true;
+                }
+            }
+        }
+        for row in &mut out.rows {
+            if self == Self::Joint {
+                row.joints[1] += 1_f64.to_radians();
+                row.serial_joints = robot.serial_joints(&row.joints);
+            }
+            if let Reading::Anchor { feature, value } = &mut row.reading {
+                *value *= scale;
+                if let (Self::Zero(by), 0) = (self, *feature) {
+                    *value += by;
+                    is_told = true;
+                }
+            }
+        }
+        if let Self::Tip(by) = self {
+            out.tips[0].position.x += by;
+        }
+        is_told.then_some(out)
+    }
+}
+
+/// Refusals of sets, by robot and lie: all sets, those refused for what is stated, and those refused for anything.
+type Rates = BTreeMap<(&'static str, usize), [usize; 3]>;
+
+fn rates(
+    kinds: &[&[(&str, usize)]],
+    scenarios: &[Scenario],
+    counts: &[usize],
+    seeds: u64,
+) -> Rates {
+    let robots = [
+        "abb-irb120",
+        "ur5",
+        "ur10",
+        "kuka-iiwa7",
+        "abb-irb4400-serial",
+    ];
+    let mut out = Rates::new();
+    for name in robots {
+        let robot = Robot::load(name, &LoadOptions::default()).unwrap();
+        for (scenario, kinds) in scenarios
+            .iter()
+            .flat_map(|s| kinds.iter().map(move |k| (s, k)))
+        {
+            for (count, seed) in counts.iter().flat_map(|c| (1..=seeds).map(move |s| (c, s))) {
+                let Some((set, _)) = simulated(&robot, *scenario, kinds, *count, 77_100 + seed)
+                else {
+                    continue;
+                };
+                for (index, lie) in LIES.iter().enumerate() {
+                    let Some(set) = lie.told(&set, &robot) else {
+                        continue;
+                    };
+                    let findings = calibrated(&robot, &set).findings;
+                    let is_stated = |cause| matches!(cause, Cause::Frames | Cause::Noise);
+                    let refused: Vec<_> = findings.of(Tier::Refused).collect();
+                    let sums = out.entry((name, index)).or_default();
+                    sums[0] += 1;
+                    sums[1] += usize::from(refused.iter().any(|f| is_stated(f.cause)));
+                    sums[2] += usize::from(!refused.is_empty());
+                }
+            }
+        }
+    }
+    out
+}
+
+fn print(rates: &Rates) -> Vec<[usize; 3]> {
+    println!(
+        "| stated falsely | robot | sets | refused for it | refused at all |\n|---|---|---|---|---|"
+    );
+    let mut all = vec![[0; 3]; LIES.len()];
+    for (index, lie) in LIES.iter().enumerate() {
+        for ((robot, _), sums) in rates.iter().filter(|((_, of), _)| *of == index) {
+            let [sets, stated, any] = sums;
+            println!("| {lie:?} | {robot} | {sets} | {stated} | {any} |");
+            (0..3).for_each(|i| all[index][i] += sums[i]);
+        }
+        let [sets, stated, any] = all[index];
+        println!("| {lie:?} | all | {sets} | {stated} | {any} |");
+    }
+    all
+}
+
+/// One arm of each type: no honest set is refused for what it states, nearly all false ones are.
+#[test]
+fn false_lengths_are_refused_and_honest_ones_are_not() {
+    let kinds: [&[(&str, usize)]; 2] = [&[("wire", 1)], &[("ballbar", 4)]];
+    let all = print(&rates(&kinds, &[Scenario::Paper], &[40], 1));
+    assert_eq!([all[0][1], all[1][1]], [0, 0], "honest sets");
+    // The fit itself corrects a wrong tip that adds no noise.
+    for (lie, [sets, stated, _]) in LIES.iter().zip(&all).take(6).skip(2) {
+        assert!(10 * stated >= 9 * sets, "{lie:?}: {stated} of {sets}");
+    }
+}
+
+/// More arms, kinds and numbers of touches.
+#[test]
+#[ignore = "half an hour in release; its command is in the head of this file"]
+fn many() {
+    let kinds: [&[(&str, usize)]; 5] = [
+        &[("wire", 1)],
+        &[("wire", 3)],
+        &[("socket", 4)],
+        &[("ballbar", 4)],
+        &[("sphere", 4)],
+    ];
+    let scenarios = [Scenario::Paper, Scenario::Nonlinear];
+    let all = print(&rates(&kinds, &scenarios, &[20, 80], 2));
+    let [sets, stated, _] = all[0];
+    assert!(
+        50 * stated <= sets,
+        "{stated} of {sets} honest sets are refused"
+    );
+}
