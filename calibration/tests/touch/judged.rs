@@ -277,6 +277,25 @@ fn a_lost_zero_is_found() {
     assert_eq!(checked(&robot, &unknown, &blob).size_ppm, None);
 }
 
+/// A mistyped distance is no joint that has lost its zero.
+#[test]
+fn a_wrong_distance_is_named_as_the_size() {
+    let robot = robot();
+    let mut simulator = simulator(&robot, 7);
+    let trained = touched(&robot, &mut simulator, &[("socket", 4)], 80);
+    let blob = model(&robot, &trained);
+    let mut set = touched(&robot, &mut simulator, &[("socket", 2)], 20);
+    set.distances[0].distance *= 1.02;
+    let found = checked(&robot, &set, &blob);
+    let parts: Vec<Part> = found.changes.iter().map(|c| c.part).collect();
+    assert_eq!(parts, [Part::Size], "{:?}", found.changes);
+    let size = found.changes[0].size_ppm.unwrap();
+    assert!(
+        (size.value - 20_000.0).abs() < 2.0 * size.plus_minus,
+        "{size:?}"
+    );
+}
+
 /// Alarms of arms that have not changed, and of joints that have lost 1 mrad.
 #[test]
 #[ignore = "a minute in release; its command is in the head of this file"]

@@ -5,13 +5,19 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Vector3;
+use poegp_calibration::identification::touch::fit::{TouchFit, TouchProblem};
+use poegp_calibration::identification::touch::lengths::{doubt, own, size};
 use poegp_calibration::measurement::touch::{FeatureKind, Reading, TouchSet};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::touches::class_of;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
 use poegp_calibration::trust::Tier;
 use poegp_protocol::cause::Cause;
 
-use crate::measured::calibrated;
+use crate::measured::{SIMULATED, calibrated};
+use crate::sets::{folder, robot, touches};
 use crate::trial::simulated;
 
 /// What is stated falsely.
@@ -171,4 +177,32 @@ fn many() {
         50 * stated <= sets,
         "{stated} of {sets} honest sets are refused"
     );
+}
+
+/// The honest sets of others are not in doubt.
+#[test]
+fn measured_sets_are_not_in_doubt() {
+    let Some(folder) = folder("touch") else {
+        return;
+    };
+    let mut doubted = Vec::new();
+    for (arm, description, kinds) in SIMULATED {
+        let robot = robot(description).unwrap();
+        let chain = robot.chain().unwrap();
+        for (kind, _) in kinds {
+            let name = format!("{arm}_{kind}");
+            let set = touches(&folder, &name, &robot);
+            let gravity = Vector3::from(Config::default().gravity_m_s2);
+            let class = class_of(&robot, &set);
+            let problem = TouchProblem::new(&set, &chain, robot.coupling.clone(), gravity, class);
+            let drawing = TouchFit::on_drawing(&problem, 0);
+            let fit = TouchFit::new(&problem, &drawing);
+            let size = size(&problem, &drawing).map(|(size, _)| size.sigmas());
+            let own = own(&problem).into_iter().flat_map(|(doubts, _)| doubts);
+            let own = own.map(|doubt| doubt.sigmas()).fold(0.0, f64::max);
+            println!("{name}: the size by {size:.1?}, one length by {own:.1} standard deviations");
+            doubted.extend(doubt(&problem, &drawing, &fit).map(|doubt| (name, doubt)));
+        }
+    }
+    assert_eq!(doubted, []);
 }

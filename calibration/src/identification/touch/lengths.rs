@@ -8,7 +8,6 @@
 //! - zeros, radii or tips that may be anything. One is in doubt from [`OWN`] standard deviations, if the noise falls with it.
 
 use crate::identification::touch::arm::Group;
-use crate::identification::touch::equations::Solved;
 use crate::identification::touch::fit::{ANY_SIZE, Noise, TouchFit, TouchProblem};
 use crate::measurement::touch::{Feature, FeatureKind, Reading, TouchSet};
 use crate::numeric::matrix::Mat;
@@ -17,6 +16,9 @@ use crate::numeric::matrix::Mat;
 pub const SIZE: f64 = 3.0;
 /// Standard deviations from which one zero, radius or tip is in doubt.
 pub const OWN: f64 = 5.0;
+/// Largest standard deviation of the size, in those of the class, with which it is determined: an arm of any size becomes
+/// smaller where nothing holds it, because its errors do, too.
+const DETERMINED: f64 = 2.0;
 /// Share of the noise, as a variance, that must be left when a zero, a radius or a tip is not believed.
 const EXPLAINED: f64 = 0.75;
 /// Standard deviation of a length that is not believed, m.
@@ -64,8 +66,8 @@ impl Doubt {
     }
 }
 
-/// Computes the size of the arm by the stated lengths, with the fit of an arm of any size; `None` if the equations cannot
-/// be solved.
+/// Computes the size of the arm by the stated lengths, with the fit of an arm of any size; `None` if the lengths do not
+/// determine it.
 pub fn size(problem: &TouchProblem, drawing: &TouchFit) -> Option<(Doubt, TouchFit)> {
     let mut fit = drawing.clone();
     fit.arm = problem.arm_of_any_size();
@@ -79,16 +81,35 @@ pub fn size(problem: &TouchProblem, drawing: &TouchFit) -> Option<(Doubt, TouchF
         .columns
         .iter()
         .position(|c| c.group == Group::Size)?;
-    let variance = believed(&fit, problem)?.covariance()[(at, at)] * ANY_SIZE.powi(2);
+    let wide = believed(&fit, problem)?;
+    let variance = wide.solved(problem)?.covariance()[(at, at)] * ANY_SIZE.powi(2);
     let found = (fit.arm.theta[at], variance);
-    Some((Doubt::new(Said::Lengths, found, ANY_SIZE, 0.0), fit))
+    let doubt = Doubt::new(Said::Lengths, found, ANY_SIZE, 0.0);
+    (doubt.sigma < DETERMINED * size_of_class(&wide, problem)).then_some((doubt, fit))
 }
 
-/// Returns the factored equations of a fit with the priors that are stated for an arm beyond its class.
-fn believed(fit: &TouchFit, problem: &TouchProblem) -> Option<Solved> {
+/// Returns the standard deviation of the size by the priors of a fit: that of the weighted mean of independent links.
+fn size_of_class(fit: &TouchFit, problem: &TouchProblem) -> f64 {
+    let frames = problem.nominal.frames();
+    let mut axes = vec![0; frames.len()];
+    let mut weight = 0.0;
+    for (column, sd) in fit.arm.columns.iter().zip(fit.priors(problem)) {
+        if column.group == Group::Length {
+            let frame = &frames[column.index];
+            let lever = frame.rotation.transpose() * frame.translation;
+            let axis = &mut axes[column.index];
+            weight += (lever[*axis] / sd).powi(2);
+            *axis += 1;
+        }
+    }
+    1.0 / f64::sqrt(weight)
+}
+
+/// Returns a fit with the priors that are stated for an arm beyond its class.
+fn believed(fit: &TouchFit, problem: &TouchProblem) -> Option<TouchFit> {
     let covariance = fit.solved(problem)?.covariance();
     let beyond = fit.beyond_class(problem, &covariance);
-    fit.widened(problem, beyond, 1.0).solved(problem)
+    Some(fit.widened(problem, beyond, 1.0))
 }
 
 /// Computes what the touches say of every zero, radius and tip if those of its kind are not believed, with the fit.
@@ -153,7 +174,7 @@ fn loosened(sigma: &mut f64) -> Option<f64> {
 /// Fits a set in which `said`, with standard deviations, is not believed.
 fn doubts(loose: &TouchProblem, said: &[(Said, f64)]) -> Option<(Vec<Doubt>, TouchFit)> {
     let fit = TouchFit::new(loose, &TouchFit::on_drawing(loose, 0));
-    let solved = believed(&fit, loose)?;
+    let solved = believed(&fit, loose)?.solved(loose)?;
     let covariance = solved.covariance();
     let of = |(said, stated): &(Said, f64)| {
         let (mean, variance) = match *said {
