@@ -18,7 +18,7 @@ pub const SIZE: f64 = 3.0;
 pub const OWN: f64 = 5.0;
 /// Largest standard deviation of the size, in those of the class, with which it is determined: an arm of any size becomes
 /// smaller where nothing holds it, because its errors do, too.
-const DETERMINED: f64 = 2.0;
+const DETERMINED: f64 = 3.0;
 /// Share of the noise, as a variance, that must be left when a zero, a radius or a tip is not believed.
 const EXPLAINED: f64 = 0.75;
 /// Standard deviation of a length that is not believed, m.
