@@ -9,6 +9,7 @@ use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
 
+use crate::identification::base_tools::UNKNOWN_TOOL;
 use crate::input_error::InputError;
 use crate::learning::task_space::MAX_POINTS;
 use crate::measurement::sample::{InstrumentSample, ToolName};
@@ -185,15 +186,17 @@ impl BlobModel {
         &self.tools
     }
 
-    /// Predicts as [`BlobModel::predict`] does, for the tool of the blob with index `tool`.
+    /// Predicts as [`BlobModel::predict`] does, for the tool of the blob with index `tool`; the pose of a tool that the blob
+    /// does not have is not a number.
     pub fn predict_tool(&self, joints: &[f64], payload_kg: Option<f64>, tool: usize) -> Prediction {
         let first = self.predict(joints, payload_kg);
-        match self.tools.get(tool) {
-            Some((_, first_from_target)) if tool > 0 => Prediction {
-                pose: first.pose * *first_from_target,
-                ..first
-            },
-            _ => first,
+        if tool == 0 {
+            return first;
+        }
+        let known = self.tools.get(tool).map(|(_, tool)| *tool);
+        Prediction {
+            pose: first.pose * known.unwrap_or(UNKNOWN_TOOL),
+            ..first
         }
     }
 

@@ -27,6 +27,22 @@ pub struct BaseAndTools {
     pub fit: FrameFit,
 }
 
+/// The frame of a tool that was not calibrated: what is predicted of it is not a number, and no error hides it.
+pub const UNKNOWN_TOOL: Pose<f64> = Pose {
+    rotation: Matrix3::new(
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+        f64::NAN,
+    ),
+    translation: Vector3::new(f64::NAN, f64::NAN, f64::NAN),
+};
+
 /// Returns the number of tools that the samples refer to.
 pub fn tool_count<F>(samples: &[Sample<F>]) -> usize {
     samples.iter().map(|s| s.tool + 1).max().unwrap_or(1)

@@ -3,6 +3,11 @@
 //! Two measurements of the same joint configuration differ only by noise. If one is in the training set and the other in the
 //! test set, the test reports only the noise. Configurations whose joints are all equal within 0.1° (0.1 mm for a prismatic
 //! joint) are therefore kept in one fold, including those connected by a chain of neighbours.
+//!
+//! A tool is known only from its own poses. A row whose fold would leave fewer than [`POSES_OF_A_TOOL`] of them to train
+//! on is in no fold: it is always trained on and never tested.
+
+use std::collections::HashSet;
 
 use poegp_protocol::JointKind;
 use rand::SeedableRng;
@@ -14,6 +19,8 @@ use crate::measurement::sample::Sample;
 /// Largest difference of joint values that counts as the same configuration, in rad and m.
 const SAME_ANGLE: f64 = 0.1 * std::f64::consts::PI / 180.0;
 const SAME_LENGTH: f64 = 1e-4;
+/// Least number of different configurations of a tool in a training part: fewer do not show how it is mounted.
+const POSES_OF_A_TOOL: usize = 3;
 
 /// Returns the group index of each row of joints (rad or m). A group holds all rows of the same configuration.
 pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize> {
@@ -45,13 +52,13 @@ pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize>
 /// A partition of samples into folds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Folds {
-    /// Fold index of each sample.
-    fold: Vec<usize>,
+    /// Fold of each sample; `None` if it cannot be held out.
+    fold: Vec<Option<usize>>,
 }
 
 impl Folds {
     /// Divides `samples` at random, with `seed`, into `count` folds. Fold sizes differ by at most the size of the largest
-    /// group of equal configurations.
+    /// group of equal configurations and by the samples that cannot be held out.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
         let joints: Vec<&[f64]> = samples.iter().map(|s| s.joints.as_slice()).collect();
         let group = same_configurations(&joints, kinds);
@@ -64,12 +71,28 @@ impl Folds {
         // Large groups come first, each into the currently smallest fold. The sort is stable, so the random order decides
         // among equals.
         members.sort_by_key(|m| std::cmp::Reverse(m.len()));
-        let (mut fold, mut sizes) = (vec![0; samples.len()], vec![0_usize; count]);
+        let (mut fold, mut sizes) = (vec![None; samples.len()], vec![0_usize; count]);
         for group in members {
             let smallest = (0..count).min_by_key(|f| sizes[*f]).unwrap_or(0);
             sizes[smallest] += group.len();
             for sample in group {
-                fold[sample] = smallest;
+                fold[sample] = Some(smallest);
+            }
+        }
+        let drawn = fold.clone();
+        let is_enough = |(tool, tested): &(usize, Option<usize>)| {
+            let trained = (0..samples.len())
+                .filter(|i| samples[*i].tool == *tool && drawn[*i] != *tested)
+                .map(|i| group[i]);
+            trained.collect::<HashSet<_>>().len() >= POSES_OF_A_TOOL
+        };
+        let mut parts: Vec<_> = samples.iter().map(|s| s.tool).zip(drawn.clone()).collect();
+        parts.sort_unstable();
+        parts.dedup();
+        parts.retain(|part| !is_enough(part));
+        for (sample, fold) in samples.iter().zip(&mut fold) {
+            if parts.contains(&(sample.tool, *fold)) {
+                *fold = None;
             }
         }
         Self { fold }
@@ -77,14 +100,28 @@ impl Folds {
 
     /// Returns the indices of the samples in fold `k`.
     pub fn members(&self, k: usize) -> impl Iterator<Item = usize> {
-        (0..self.fold.len()).filter(move |i| self.fold[*i] == k)
+        (0..self.fold.len()).filter(move |i| self.fold[*i] == Some(k))
+    }
+
+    /// Returns the indices of the samples that are in a fold, in order.
+    pub fn held_out(&self) -> Vec<usize> {
+        let all = 0..self.fold.len();
+        all.filter(|i| self.fold[*i].is_some()).collect()
+    }
+
+    /// Returns those of `items`, one for each sample of [`Folds::held_out`], whose sample is in fold `k`.
+    pub fn tested<T: Clone>(&self, items: &[T], k: usize) -> Vec<T> {
+        let own = items.iter().zip(self.fold.iter().flatten());
+        own.filter(|(_, fold)| **fold == k)
+            .map(|(item, _)| item.clone())
+            .collect()
     }
 
     /// Splits `items`, one per sample, into the training set and the test set of fold `k`. Both keep the order of `items`.
     pub fn split<T: Clone>(&self, items: &[T], k: usize) -> (Vec<T>, Vec<T>) {
         let part = |tested: bool| {
             let own = items.iter().zip(&self.fold);
-            own.filter(|(_, fold)| (**fold == k) == tested)
+            own.filter(|(_, fold)| (**fold == Some(k)) == tested)
                 .map(|(item, _)| item.clone())
                 .collect()
         };

@@ -4,7 +4,7 @@ use poegp_protocol::limits::OUTPUTS;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tools::BaseAndTools;
+use crate::identification::base_tools::{BaseAndTools, UNKNOWN_TOOL};
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
@@ -83,7 +83,8 @@ impl Calibration {
         }
     }
 
-    /// Predicts `base_from_target` of the sample's tool with the f64 model, without the correction limit.
+    /// Predicts `base_from_target` of the sample's tool with the f64 model, without the correction limit; not a number for a
+    /// tool that was not calibrated.
     pub fn predict<F>(&self, sample: &Sample<F>) -> Pose<f64> {
         let first = self.correction.corrected(&self.calibrated, sample).0;
         self.with_tool(first, sample.tool)
@@ -91,9 +92,9 @@ impl Calibration {
 
     /// Converts the pose of the first tool to that of tool `tool`.
     fn with_tool(&self, first: Pose<f64>, tool: usize) -> Pose<f64> {
-        match self.tools.get(tool) {
-            Some(other) if tool > 0 => first * *other,
-            _ => first,
+        match tool {
+            0 => first,
+            tool => first * self.tools.get(tool).copied().unwrap_or(UNKNOWN_TOOL),
         }
     }
 

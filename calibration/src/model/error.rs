@@ -59,6 +59,19 @@ pub enum CalibrationError {
     /// A method that needs the payload, for data without payloads.
     #[error("`poe-gp-load` needs a payload_kg column; without one use `poe-gp`")]
     NoPayload,
+    /// A tool has no row that the model may be trained on.
+    #[error(
+        "no row of session or target {tool} is left, for they contradict the others: measure more of them, or take them out"
+    )]
+    NoPoseOfTool {
+        /// Number of the session or target in the order of the file, from 1.
+        tool: usize,
+    },
+    /// No pose can be held out.
+    #[error(
+        "no pose can be held out, for each session and target needs three others: measure more poses of each"
+    )]
+    NothingHeldOut,
     /// The robot has no chain of 1 to 8 joints.
     #[error(transparent)]
     Chain(#[from] WrongChain),

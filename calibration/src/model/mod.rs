@@ -25,7 +25,7 @@ pub use crate::model::error::CalibrationError;
 pub use crate::model::methods::Method;
 
 use crate::identification::base_tool::with_base_and_tool;
-use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools};
+use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools, tool_count};
 use crate::identification::parametric::gear_line::GearLine;
 use crate::learning::elastic::fit::setup_units;
 use crate::learning::elastic::options::OutlierPolicy;
@@ -66,7 +66,8 @@ pub(crate) fn calibrate_within(
     signal_variance: &SignalVarianceLimit,
     context: &FitContext,
 ) -> Result<Calibration, CalibrationError> {
-    check(robot, samples, config.method)?;
+    let tools = tool_count(samples);
+    check(robot, samples, tools, config.method)?;
     check_memory(samples.len(), config, memory::available())?;
     let nominal = robot.chain()?;
     let (mut base_and_tools, mut problem) =
@@ -78,7 +79,7 @@ pub(crate) fn calibrate_within(
     if config.outliers == OutlierPolicy::Reject && !outliers.is_empty() {
         kept.retain(|i| !outliers.iter().any(|o| o.sample == *i));
         let samples: Vec<InstrumentSample> = kept.iter().map(|i| samples[*i].clone()).collect();
-        check(robot, &samples, config.method)?;
+        check(robot, &samples, tools, config.method)?;
         (base_and_tools, problem) = posed(robot, &nominal, &samples, config, signal_variance);
     }
     let fit = config.method.implementation().fit(&problem, context)?;
@@ -201,8 +202,13 @@ fn check_memory(
 fn check(
     robot: &Robot,
     samples: &[InstrumentSample],
+    tools: usize,
     method: Method,
 ) -> Result<(), CalibrationError> {
+    let is_measured = |tool: &usize| samples.iter().any(|s| s.tool == *tool);
+    if let Some(tool) = (0..tools).find(|tool| !is_measured(tool)) {
+        return Err(CalibrationError::NoPoseOfTool { tool: tool + 1 });
+    }
     let joints = robot.joints.len();
     let (found, needed) = (different_poses(samples), method.min_poses(joints));
     if found < needed {

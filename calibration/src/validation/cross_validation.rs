@@ -9,8 +9,8 @@ use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_b
 use crate::measurement::folds::Folds;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::samples::Samples;
-use crate::model::Method;
 use crate::model::config::Config;
+use crate::model::{CalibrationError, Method};
 use crate::numeric::parallel::in_order;
 use crate::numeric::statistics::{ErrorSummary, PoseError};
 use crate::progress::threads;
@@ -26,7 +26,7 @@ pub struct ModelComparison {
     /// Name of the method.
     #[serde(rename = "method")]
     pub model: &'static str,
-    /// Errors of every training pose, each predicted by a model that did not see it; absent when no folds were asked for.
+    /// Errors of the training poses, each predicted by a model that did not see it; absent when no folds were asked for.
     pub cross_validation: Option<CrossValidation>,
     /// Errors on the test sets of the model of all training poses.
     pub sets: Vec<SetErrors>,
@@ -43,7 +43,10 @@ pub struct CrossValidation {
     /// Whether the predicted standard deviations were true; absent when there are none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<Coverage>,
-    /// All training poses in order, each with its held-out error.
+    /// Indices of the training poses that were held out, in order: all but those that their tool needs.
+    #[serde(skip)]
+    pub rows: Vec<usize>,
+    /// These poses with their held-out errors.
     #[serde(skip)]
     pub poses: Vec<HeldOutPose>,
 }
@@ -164,8 +167,9 @@ impl Task<'_> {
     ) -> Result<CrossValidation, CompareError> {
         let folds = self.folds();
         let poses = self.held_out_poses(config, true, progress)?;
-        let of = |k: usize| summary(&folds.split(&poses, k).1);
+        let of = |k: usize| summary(&folds.tested(&poses, k));
         Ok(CrossValidation {
+            rows: folds.held_out(),
             folds: (0..self.folds).map(of).collect(),
             all: summary(&poses),
             coverage: coverage(&poses),
@@ -179,7 +183,8 @@ impl Task<'_> {
         Folds::draw(self.train, &kinds, self.folds, self.seed)
     }
 
-    /// Returns the error of every training pose, in order, each predicted by a model that did not see it.
+    /// Returns the error of every training pose that can be held out ([`Folds::held_out`]), in order, each predicted by a
+    /// model that did not see it.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -192,8 +197,8 @@ impl Task<'_> {
         Ok(poses.iter().map(|pose| pose.error).collect())
     }
 
-    /// Predicts every training pose, in order, by a model that did not see it, and returns all that is known of each
-    /// prediction. `with_sigma` also asks for predicted standard deviations, which may cost further fits.
+    /// Predicts every training pose that can be held out, in order, by a model that did not see it, and returns all that is
+    /// known of each prediction. `with_sigma` also asks for predicted standard deviations, which may cost further fits.
     ///
     /// # Errors
     /// [`CompareError`].
@@ -204,6 +209,12 @@ impl Task<'_> {
         progress: &mut dyn FnMut(),
     ) -> Result<Vec<HeldOutPose>, CompareError> {
         let folds = self.folds();
+        if folds.held_out().is_empty() {
+            return Err(CompareError {
+                model: config.method.name(),
+                error: CalibrationError::NothingHeldOut.into(),
+            });
+        }
         let mut out: Vec<Option<HeldOutPose>> = vec![None; self.train.len()];
         let mut next = 0..self.folds;
         let at_a_time = self.threads.min(self.folds);
@@ -233,7 +244,6 @@ impl Task<'_> {
                 Ok(())
             },
         )?;
-        // Every sample is in one of the folds.
         Ok(out.into_iter().flatten().collect())
     }
 

@@ -108,7 +108,7 @@ pub fn curve(
     });
     let mut out: Vec<Point> = found.into_iter().flatten().collect();
     let errors = match task.tests.is_empty() {
-        true => summary(&task.folds().split(whole, 0).1),
+        true => summary(&task.folds().tested(whole, 0)),
         false => summary(whole),
     };
     out.push(Point {

@@ -19,7 +19,7 @@ use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::cli::touches::{self, are_touches};
 use crate::report::certificate::{Certificate, Statement};
 use crate::report::sections;
-use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData};
+use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData, never_held_out};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
@@ -342,10 +342,11 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             print(
                 report,
                 &[(uncorrected, ""), (&models, ", drift corrected")],
+                train.len(),
                 a,
             );
         }
-        _ => print(report, &[(&models, "")], a),
+        _ => print(report, &[(&models, "")], train.len(), a),
     }
     if let Some(path) = &a.report {
         report.line(format_args!(
@@ -424,7 +425,7 @@ fn methods(
 }
 
 /// Prints one table of all `runs`; the text of a run is appended to the names of its sets.
-fn print(report: Printer, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
+fn print(report: Printer, runs: &[(&Vec<ModelComparison>, &str)], rows: usize, a: &Compare) {
     report.line("Held-out errors: position in mm, orientation in mrad.");
     if a.folds() > 0 {
         report.line(format_args!(
@@ -432,6 +433,12 @@ fn print(report: Printer, runs: &[(&Vec<ModelComparison>, &str)], a: &Compare) {
             a.folds(),
             a.seed()
         ));
+    }
+    let first = runs.first().and_then(|(models, _)| models.first());
+    let folds = first.and_then(|model| model.cross_validation.as_ref());
+    let never = folds.and_then(|folds| never_held_out(rows - folds.rows.len()));
+    if let Some(text) = never {
+        report.line(text);
     }
     report.line("");
     let mut rows = Vec::new();

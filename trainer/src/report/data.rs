@@ -61,6 +61,8 @@ pub struct ReportData {
     pub how: HoldOutMethod,
     /// Rows of the held-out poses.
     pub rows: Vec<Row>,
+    /// Number of training rows that no fold holds out, because their session or target has too few others.
+    pub never_held_out: usize,
     /// Errors of each model, simplest model first; every model has as many poses as there are rows.
     pub methods: Vec<Method>,
     /// Index of the model that the report calls "before".
@@ -107,6 +109,9 @@ pub struct HeldOutSummary {
     /// Seed of the draw of folds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    /// Number of training rows that no fold holds out, if there are any.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub never_held_out: usize,
     /// Errors before the calibration: base and tool fitted, the arm as drawn.
     pub nominal: MethodSummary,
     /// Errors of the report's model.
@@ -173,7 +178,16 @@ impl ReportData {
                 poses: poses(model),
             })
             .collect();
-        let rows: Vec<Row> = sets.iter().flat_map(|set| rows(set)).collect();
+        let mut rows: Vec<Row> = sets.iter().flat_map(|set| rows(set)).collect();
+        let mut never_held_out = 0;
+        if let (HoldOutMethod::CrossValidation { .. }, Some(folds)) = (
+            &how,
+            models.first().and_then(|m| m.cross_validation.as_ref()),
+        ) {
+            never_held_out = rows.len().saturating_sub(folds.rows.len());
+            let held_out = folds.rows.iter().filter_map(|i| rows.get(*i).cloned());
+            rows = held_out.collect();
+        }
         if rows.is_empty() || methods.iter().any(|m| m.poses.len() != rows.len()) {
             return None;
         }
@@ -184,6 +198,7 @@ impl ReportData {
         Some(Self {
             how,
             rows,
+            never_held_out,
             nominal: methods
                 .iter()
                 .position(|m| m.name == base_tool)
@@ -273,6 +288,7 @@ impl ReportData {
             },
             folds,
             seed,
+            never_held_out: self.never_held_out,
             nominal: method(self.nominal()),
             calibrated: method(self.calibrated()),
             methods: self.methods.iter().map(method).collect(),
@@ -282,6 +298,18 @@ impl ReportData {
             learning_curve: self.learning.clone(),
         }
     }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "as serde calls it")]
+fn is_zero(number: &usize) -> bool {
+    *number == 0
+}
+
+/// Returns a sentence on `rows` training rows that are in no fold, if there are any.
+pub fn never_held_out(rows: usize) -> Option<String> {
+    (rows > 0).then(|| {
+        format!("Rows that are trained on but never held out, because their session or target has too few others: {rows}.")
+    })
 }
 
 /// Returns the rows of a file.

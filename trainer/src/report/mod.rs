@@ -30,7 +30,9 @@ mod tests;
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-pub use crate::report::data::{HeldOutSummary, HoldOutMethod, Method, ReportData, Row};
+pub use crate::report::data::{
+    HeldOutSummary, HoldOutMethod, Method, ReportData, Row, never_held_out,
+};
 pub use crate::report::provenance::{FileSummary, Provenance};
 
 const STYLE: &str = include_str!("style.css");

@@ -72,6 +72,7 @@ fn evidence(poses: usize) -> ReportData {
         how: HoldOutMethod::TestSets,
         rows: (0..poses).map(row).collect(),
         methods: names.iter().enumerate().map(method).collect(),
+        never_held_out: 0,
         nominal: 0,
         calibrated: 4,
         kinds: vec![poegp_protocol::JointKind::Revolute; 6],

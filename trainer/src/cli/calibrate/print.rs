@@ -113,6 +113,9 @@ fn print(
                 before.position_mm.mean,
                 before.position_mm.p95
             ));
+            if let Some(text) = never_held_out(held_out.never_held_out) {
+                report.line(format_args!("  {text}"));
+            }
         }
     }
     if let Some(certificate) = &document.certificate {

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use crate::report::{HeldOutSummary, HoldOutMethod, Number, ReportData, Section};
+use crate::report::{HeldOutSummary, HoldOutMethod, Number, ReportData, Section, never_held_out};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 
 /// Returns the section with the sentence, and tiles with mean and 95 % of position and orientation, before and after.
@@ -42,6 +42,7 @@ pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         HoldOutMethod::CrossValidation { folds, .. } => html! {
             "Held out: the rows were divided into " (Number::count(folds, "/held_out/folds"))
             " folds, and each pose was predicted by a model that was calibrated without its fold; equal poses stay together."
+            @if let Some(text) = never_held_out(summary.never_held_out) { " " (text) }
         },
         HoldOutMethod::TestSets => html! {
             "Held out: these poses are in files of their own that no model was calibrated with."
