@@ -89,9 +89,13 @@ pub fn curve(
         }
         let found = task.calibrated(config, &train).ok()?;
         let base = &found.calibration.base_and_tools.instrument_from_base;
+        let tests = match task.tests.is_empty() {
+            true => found.calibration.without_warm_up(parts.tests.clone()),
+            false => parts.tests.clone(),
+        };
         Some(Point {
             trained_on: train.len(),
-            errors: summary(&held_out(&found.blob, base, &parts.tests, None)),
+            errors: summary(&held_out(&found.blob, base, &tests, None)),
         })
     };
     let sizes = sizes(task, config);

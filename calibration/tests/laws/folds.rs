@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::measurement::elapsed::{Elapsed, TimeUnit};
 use poegp_calibration::measurement::folds::Folds;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::{Instrument, InstrumentSample, Sample, ToolName};
@@ -192,4 +193,41 @@ fn no_size_of_a_learning_curve_is_trained_on_its_test_fold() {
             clean.trained_on
         );
     }
+}
+
+/// An arm whose joints 2 and 3 are off when the session begins: the sizes of the learning curve are compared with their test
+/// fold without that, as the last point is.
+#[test]
+fn a_learning_curve_is_without_the_warm_up() {
+    let (robot, chain) = sets::arm();
+    let mut steady = sets::simulated(&robot, "train");
+    steady.truncate(200);
+    for (row, sample) in steady.iter_mut().enumerate() {
+        sample.elapsed = Some(Elapsed {
+            value: row as f64,
+            unit: TimeUnit::Rows,
+        });
+    }
+    let origin = origin(vec![ToolName::default()]);
+    let found = crate::calibrated(&robot, &steady, &base_and_tool());
+    let base = found.calibration.base_and_tools.instrument_from_base;
+    let mut warming = steady.clone();
+    for (row, sample) in warming.iter_mut().enumerate() {
+        let mut cold = sample.joints.clone();
+        let share = libm::exp(-(row as f64) / 50.0);
+        cold[1] += 200e-6 * share;
+        cold[2] -= 400e-6 * share;
+        let moved = chain.forward(&cold) * chain.forward(&sample.joints).inverse();
+        let moved = base * moved * base.inverse();
+        sample.observation = sample.observation.transformed(&moved);
+    }
+    let last = |samples: &[InstrumentSample]| {
+        let task = task(&robot, samples, &[], FOLDS, &origin);
+        let points = curve(&task, &Config::new(Method::Elastic), &[], &mut || ());
+        let of = |size: usize| points.iter().find(|point| point.trained_on == size);
+        of(100).unwrap().errors.position_mm.mean
+    };
+    let (steady, warming) = (last(&steady), last(&warming));
+    println!("learning curve at 100: {steady} mm, warming {warming} mm");
+    assert!(warming < 1.3 * steady, "{warming} mm, {steady} mm without");
 }
