@@ -7,7 +7,7 @@
 //! A tool is known only from its own poses. A row whose fold would leave fewer than [`POSES_OF_A_TOOL`] of them to train
 //! on is in no fold: it is always trained on and never tested.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use poegp_protocol::JointKind;
 use rand::SeedableRng;
@@ -49,6 +49,32 @@ pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize>
     group
 }
 
+/// Returns the groups of samples with the same configuration, in the order of their first sample.
+pub fn configurations<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<Vec<usize>> {
+    let joints: Vec<&[f64]> = samples.iter().map(|s| s.joints.as_slice()).collect();
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); samples.len()];
+    for (sample, group) in same_configurations(&joints, kinds).into_iter().enumerate() {
+        members[group].push(sample);
+    }
+    members.retain(|m| !m.is_empty());
+    members
+}
+
+/// Returns the first sample of every pose, in order: a configuration with a tool and a payload is one pose.
+pub fn different_poses<'a, F>(samples: &'a [Sample<F>], kinds: &[JointKind]) -> Vec<&'a Sample<F>> {
+    let mut seen = BTreeSet::new();
+    let mut first: Vec<usize> = Vec::new();
+    for (group, rows) in configurations(samples, kinds).into_iter().enumerate() {
+        let is_new = |row: &usize| {
+            let sample = &samples[*row];
+            seen.insert((group, sample.tool, sample.payload_kg.map(f64::to_bits)))
+        };
+        first.extend(rows.into_iter().filter(is_new));
+    }
+    first.sort_unstable();
+    first.into_iter().map(|row| &samples[row]).collect()
+}
+
 /// A partition of samples into folds.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Folds {
@@ -60,40 +86,32 @@ impl Folds {
     /// Divides `samples` at random, with `seed`, into `count` folds. Fold sizes differ by at most the size of the largest
     /// group of equal configurations and by the samples that cannot be held out.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
-        let joints: Vec<&[f64]> = samples.iter().map(|s| s.joints.as_slice()).collect();
-        let group = same_configurations(&joints, kinds);
-        let mut members: Vec<Vec<usize>> = vec![Vec::new(); samples.len()];
-        for (sample, g) in group.iter().enumerate() {
-            members[*g].push(sample);
-        }
-        members.retain(|m| !m.is_empty());
+        let mut members = configurations(samples, kinds);
         members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
         // Large groups come first, each into the currently smallest fold. The sort is stable, so the random order decides
         // among equals.
         members.sort_by_key(|m| std::cmp::Reverse(m.len()));
         let (mut fold, mut sizes) = (vec![None; samples.len()], vec![0_usize; count]);
+        // Number of different configurations of each tool: in all folds, and in each.
+        let (mut all, mut own) = (BTreeMap::new(), BTreeMap::new());
         for group in members {
             let smallest = (0..count).min_by_key(|f| sizes[*f]).unwrap_or(0);
             sizes[smallest] += group.len();
+            for tool in group
+                .iter()
+                .map(|i| samples[*i].tool)
+                .collect::<BTreeSet<_>>()
+            {
+                *all.entry(tool).or_insert(0_usize) += 1;
+                *own.entry((tool, smallest)).or_insert(0_usize) += 1;
+            }
             for sample in group {
                 fold[sample] = Some(smallest);
             }
         }
-        let drawn = fold.clone();
-        let is_enough = |(tool, tested): &(usize, Option<usize>)| {
-            let trained = (0..samples.len())
-                .filter(|i| samples[*i].tool == *tool && drawn[*i] != *tested)
-                .map(|i| group[i]);
-            trained.collect::<HashSet<_>>().len() >= POSES_OF_A_TOOL
-        };
-        let mut parts: Vec<_> = samples.iter().map(|s| s.tool).zip(drawn.clone()).collect();
-        parts.sort_unstable();
-        parts.dedup();
-        parts.retain(|part| !is_enough(part));
         for (sample, fold) in samples.iter().zip(&mut fold) {
-            if parts.contains(&(sample.tool, *fold)) {
-                *fold = None;
-            }
+            let others = |k: &usize| all[&sample.tool] - own[&(sample.tool, *k)];
+            *fold = fold.filter(|k| others(k) >= POSES_OF_A_TOOL);
         }
         Self { fold }
     }

@@ -9,6 +9,7 @@ use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_compone
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
 use crate::learning::elastic::warm_up::WarmUp;
+use crate::measurement::folds::different_poses;
 use crate::measurement::sample::{BaseSample, InstrumentSample, Sample, in_base_frame};
 use crate::model::config::Config;
 use crate::model::correction::Correction;
@@ -104,6 +105,7 @@ impl Calibration {
     pub fn standard_deviation<F: Clone>(&self, sample: &Sample<F>) -> Option<[f64; OUTPUTS]> {
         if let FrameEstimate::Parametric {
             uncertainty: Some(uncertainty),
+            ..
         } = &self.estimate
         {
             let sample = sample.clone().with_noise(self.config.instrument_noise());
@@ -121,21 +123,30 @@ impl Calibration {
     /// Returns whether the standard deviation depends on the pose.
     pub fn has_local_deviation(&self) -> bool {
         match &self.estimate {
-            FrameEstimate::Parametric { uncertainty } => uncertainty.is_some(),
+            FrameEstimate::Parametric { uncertainty, .. } => uncertainty.is_some(),
             _ => matches!(self.correction, Correction::TaskSpace(_)),
         }
     }
 
     /// Computes the standard deviation of new poses from the residuals of the training `samples` by generalised
     /// cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m components.
+    /// Repeats of a pose add no components: what the model does not know of the pose is in all of them.
     pub(super) fn constant_deviation_of(&self, samples: &[BaseSample]) -> (f64, f64) {
-        let whole = samples.iter().filter(|s| s.observation.has_orientation());
-        let components = 3 * (samples.len() + whole.count());
-        let method = self.config.method.implementation();
-        let joints = self.nominal.kinds().len();
-        let parameters = method.parameters(joints) + 6 * self.tools.len().saturating_sub(1);
-        let left = components.saturating_sub(parameters).max(1);
-        let factor = components as f64 / left as f64;
+        let poses = different_poses(samples, self.nominal.kinds());
+        let components: usize = poses.iter().map(|s| s.observation.equations()).sum();
+        let parameters = match self.estimate {
+            FrameEstimate::Parametric {
+                parameters: Some(parameters),
+                ..
+            } => parameters,
+            _ => {
+                let method = self.config.method.implementation();
+                let other_tools = self.tools.len().saturating_sub(1);
+                (method.parameters(self.nominal.kinds().len()) + 6 * other_tools) as f64
+            }
+        };
+        let components = components as f64;
+        let factor = components / (components - parameters).max(1.0);
         let (position, rotation) = self.rms(samples);
         (factor * position, factor * rotation)
     }

@@ -39,6 +39,7 @@ pub fn prediction_covariance(
         (
             FrameEstimate::Parametric {
                 uncertainty: Some(known),
+                ..
             },
             _,
         ) => known.of_predictions(&new),

@@ -66,8 +66,12 @@ impl Robot {
     /// # Errors
     /// None for a robot that was loaded: it has 1 to 8 joints and one frame more.
     pub fn chain(&self) -> Result<Poe<f64>, WrongChain> {
-        let kinds: Vec<JointKind> = self.joints.iter().map(|j| j.kind).collect();
-        Poe::new(&kinds, &self.parent_from_joint)
+        Poe::new(&self.kinds(), &self.parent_from_joint)
+    }
+
+    /// Returns the kinds of the joints.
+    pub fn kinds(&self) -> Vec<JointKind> {
+        self.joints.iter().map(|j| j.kind).collect()
     }
 
     /// Returns C q: the joint values of the serial chain at the controller's joint values `q`, in rad or m.

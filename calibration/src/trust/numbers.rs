@@ -9,6 +9,7 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::measurement::MeasurementSet;
 use crate::measurement::elapsed::LEAST_SORTED;
+use crate::measurement::folds::different_poses;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::extremes;
 use crate::robot::Robot;
@@ -63,7 +64,7 @@ pub fn examine(
     out.extend(scene.cut_off(&copies, &still));
     out.extend(scene.sorted());
     if fits_geometry {
-        out.extend(scene.few(copies.len(), still.len()));
+        out.extend(scene.few(still.len()));
     }
     out.extend(scene.payload(reach));
     if copies.len() >= COPIES.0 && copies.len() as f64 >= COPIES.1 * samples.len() as f64 {
@@ -331,23 +332,22 @@ impl Scene<'_> {
     }
 
     /// Checks whether there are enough equations.
-    fn few(&self, copies: usize, still: usize) -> Option<Finding> {
-        let whole = self.samples.iter().any(|s| s.observation.has_orientation());
-        let equations: usize = self.samples.iter().map(|s| s.observation.equations()).sum();
-        let share = (self.samples.len() - copies) as f64 / self.samples.len() as f64;
+    fn few(&self, still: usize) -> Option<Finding> {
+        let poses = different_poses(self.samples, &self.robot.kinds());
+        let whole = poses.iter().any(|s| s.observation.has_orientation());
+        let equations: usize = poses.iter().map(|s| s.observation.equations()).sum();
         let moving = self.robot.joints.len() - still;
         let unknowns = 4 * moving + if whole { 6 } else { 3 };
-        let ratio = share * equations as f64 / unknowns as f64;
+        let ratio = equations as f64 / unknowns as f64;
         let tier = match ratio {
             r if r < FEW.0 => Tier::Refused,
             r if r < FEW.1 => Tier::Warning,
             _ => return None,
         };
         let text = format!(
-            "{} poses give {:.0} equations for {unknowns} unknowns: measure {} poses at least",
-            self.samples.len() - copies,
-            share * equations as f64,
-            (FEW.1 * unknowns as f64 / (equations as f64 / self.samples.len() as f64)).ceil()
+            "{} poses give {equations} equations for {unknowns} unknowns: measure {} poses at least",
+            poses.len(),
+            (FEW.1 * unknowns as f64 / (equations as f64 / poses.len() as f64)).ceil()
         );
         let threshold = if tier == Tier::Refused { FEW.0 } else { FEW.1 };
         Some(Finding {

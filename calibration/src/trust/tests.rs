@@ -105,3 +105,24 @@ fn a_sorted_file_says_that_it_has_lost_its_time() {
     };
     assert_eq!((finding.cause, finding.tier), (Cause::Time, Tier::Note));
 }
+
+/// Twelve poses are few, however often each was measured.
+#[test]
+fn repeats_of_a_pose_are_not_enough_poses() {
+    let (header, rows) = table();
+    let x = column(&header, "x_mm");
+    let mut all = Vec::new();
+    for repeat in 0..5 {
+        for row in &rows[..12] {
+            let mut row = row.clone();
+            add(&mut row[x], 0.03 * f64::from(repeat));
+            all.push(row);
+        }
+    }
+    let findings = examined(&header, &all);
+    let few = findings.0.iter().find(|f| f.cause == Cause::Few).unwrap();
+    assert!(
+        few.text.starts_with("12 poses give 72 equations"),
+        "{few:?}"
+    );
+}

@@ -2,7 +2,6 @@
 //!
 //! Every number comes from the bytes of a blob, through the f32 runtime, on poses that were not trained on.
 
-use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use crate::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_to_blob};
@@ -179,8 +178,7 @@ impl Task<'_> {
 
     /// Draws the folds of the training poses.
     pub fn folds(&self) -> Folds {
-        let kinds: Vec<JointKind> = self.robot.joints.iter().map(|j| j.kind).collect();
-        Folds::draw(self.train, &kinds, self.folds, self.seed)
+        Folds::draw(self.train, &self.robot.kinds(), self.folds, self.seed)
     }
 
     /// Returns the error of every training pose that can be held out ([`Folds::held_out`]), in order, each predicted by a
@@ -266,6 +264,11 @@ impl Task<'_> {
         samples: &[InstrumentSample],
     ) -> Result<CalibratedBlob, CompareError> {
         let context = FitContext::new(&(), self.cancel).with_threads(threads);
+        // No error depends on the device's standard deviation, which costs further fits.
+        let config = &Config {
+            device_variance: false,
+            ..*config
+        };
         calibrate_to_blob(self.robot, samples, config, self.origin, &context).map_err(|error| {
             CompareError {
                 model: config.method.name(),

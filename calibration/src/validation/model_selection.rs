@@ -6,13 +6,17 @@
 //! the user named is kept, with a warning when a simpler one is better. In either case the mean error must be well below
 //! that of the drawing.
 
+use std::collections::BTreeMap;
+
 use poegp_protocol::cause::Cause;
 use serde::Serialize;
 
+use crate::measurement::folds::configurations;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::config::{Config, Weighting};
 use crate::model::{Method, without_gross_outliers};
 use crate::numeric::statistics::Summary;
+use crate::robot::Robot;
 use crate::trust::{Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task, applicable};
 
@@ -22,10 +26,10 @@ pub const FOLDS: usize = 5;
 const MORE_FOLDS: usize = 10;
 /// Largest number of poses for which [`MORE_FOLDS`] are used.
 const FEW: usize = 20;
-/// Number of poses below which a richer model must be better by two standard errors. With one standard error, one of nine
+/// Number of different poses below which a richer model must be better by two standard errors. With one standard error, one of nine
 /// sets of thirty poses got a process that costs 5 %.
 const CAREFUL: usize = 40;
-/// Number of poses below which the folds may choose the wrong model.
+/// Number of different poses below which the folds may choose the wrong model.
 const UNCERTAIN: usize = 25;
 /// Factor by which the error differed from what the folds of fewer poses expected, over nine sets.
 const FEW_FACTOR: u32 = 3;
@@ -36,7 +40,7 @@ const WORSE: f64 = 1.03;
 /// Largest share of the drawing's mean held-out error that a calibration may have; otherwise it is refused.
 pub const GAIN: f64 = 0.9;
 
-/// Returns the number of folds for the choice among this many poses.
+/// Returns the number of folds for the choice among this many different poses.
 pub fn folds(poses: usize) -> usize {
     match poses <= FEW {
         true => MORE_FOLDS.min(poses),
@@ -67,7 +71,7 @@ pub struct Row {
     pub position_mm: Summary,
     /// Mean of the pose-by-pose difference to the best candidate, in mm.
     pub behind_best_mm: f64,
-    /// Standard error of `behind_best_mm`.
+    /// Standard error of `behind_best_mm`; the rows of one configuration count once.
     pub standard_error_mm: f64,
     /// Whether this candidate was chosen.
     pub chosen: bool,
@@ -87,8 +91,10 @@ pub struct LeftOut {
 pub struct Choice {
     /// Whether the user named the method beforehand.
     pub is_named: bool,
-    /// Number of held-out poses.
+    /// Number of different configurations.
     pub poses: usize,
+    /// Number of held-out rows.
+    pub held_out: usize,
     /// Configuration of the chosen model.
     pub config: Config,
     /// Candidates that were compared, simplest first.
@@ -98,7 +104,7 @@ pub struct Choice {
 }
 
 /// Returns all candidates that the data allow, simplest first; `base` has the settings that they share.
-pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) -> Vec<Candidate> {
+pub fn candidates(samples: &[InstrumentSample], robot: &Robot, base: &Config) -> Vec<Candidate> {
     let of = |name, method| Candidate {
         name,
         config: Config {
@@ -115,23 +121,23 @@ pub fn candidates(samples: &[InstrumentSample], joints: usize, base: &Config) ->
         parameters_only,
         of("elastic", Method::Elastic),
     ];
-    possible(all, samples, joints)
+    possible(all, samples, robot)
 }
 
 /// Returns the candidates that a named method is compared with, simplest first: base and tool alone, the chain if the method
 /// has more, and the method itself. Empty if the method needs every pose.
 pub fn named_and_simpler(
     samples: &[InstrumentSample],
-    joints: usize,
+    robot: &Robot,
     named: &Config,
 ) -> Vec<Candidate> {
-    let mut all = candidates(samples, joints, named);
+    let mut all = candidates(samples, robot, named);
     all.retain(|c| c.config.method < named.method && c.config.method <= Method::Poe);
     let own = Candidate {
         name: named.method.name(),
         config: *named,
     };
-    let own = possible(vec![own], samples, joints);
+    let own = possible(vec![own], samples, robot);
     match own.is_empty() {
         true => own,
         false => [all, own].concat(),
@@ -142,13 +148,13 @@ pub fn named_and_simpler(
 fn possible(
     mut all: Vec<Candidate>,
     samples: &[InstrumentSample],
-    joints: usize,
+    robot: &Robot,
 ) -> Vec<Candidate> {
     let allowed = applicable(samples);
-    let smallest = samples.len() - samples.len().div_ceil(folds(samples.len()));
-    all.retain(|c| {
-        allowed.contains(&c.config.method) && c.config.method.min_poses(joints) <= smallest
-    });
+    let poses = configurations(samples, &robot.kinds()).len();
+    let smallest = poses - poses.div_ceil(folds(poses));
+    let needed = |c: &Candidate| c.config.method.min_poses(robot.joints.len());
+    all.retain(|c| allowed.contains(&c.config.method) && needed(c) <= smallest);
     all
 }
 
@@ -190,11 +196,18 @@ fn select(
         Some(first) => without_gross_outliers(task.robot, task.train, &first.config),
         None => Vec::new(),
     };
+    let groups = configurations(&train, &task.robot.kinds());
+    let poses = groups.len();
     let task = &Task {
         train: &train,
-        folds: folds(train.len()),
+        folds: folds(poses),
         ..*task
     };
+    let mut pose = vec![0; train.len()];
+    for (group, rows) in groups.iter().enumerate() {
+        rows.iter().for_each(|row| pose[*row] = group);
+    }
+    let rows = task.folds().held_out();
     let mut errors: Vec<Vec<f64>> = Vec::new();
     let (mut usable, mut left_out, mut first) = (Vec::new(), Vec::new(), None);
     for candidate in candidates {
@@ -239,13 +252,19 @@ fn select(
             d.len() as f64,
             d.iter().sum::<f64>() / d.len().max(1) as f64,
         );
-        let variance = d.iter().map(|x| (x - m).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-        (m, (variance / n).sqrt())
+        // Repeats of a configuration have one model error: they count together.
+        let mut sums = BTreeMap::new();
+        for (row, x) in rows.iter().zip(&d) {
+            *sums.entry(pose[*row]).or_insert(0.0) += x - m;
+        }
+        let count = sums.len() as f64;
+        let variance = sums.values().map(|s: &f64| s * s).sum::<f64>() / (count - 1.0).max(1.0);
+        (m, (variance * count).sqrt() / n)
     };
     let simplest = (0..errors.len())
         .find(|i| {
             let (m, standard_error) = behind(*i);
-            m <= standard_errors(train.len()) * standard_error
+            m <= standard_errors(poses) * standard_error
         })
         .unwrap_or(best);
     let chosen = match is_named {
@@ -264,7 +283,8 @@ fn select(
     });
     Ok(Choice {
         is_named,
-        poses: train.len(),
+        poses,
+        held_out: rows.len(),
         table: table.collect(),
         config: candidates[chosen].config,
         left_out,
@@ -303,7 +323,7 @@ impl Choice {
             "`{}`, {why}: {:.4} mm in the mean on {} rows held out by {} folds{against}",
             chosen.candidate,
             chosen.position_mm.mean,
-            self.poses,
+            self.held_out,
             folds(self.poses)
         )
     }

@@ -3,6 +3,7 @@
 //!
 //! `tests/faults` plants a fault for each of them.
 
+mod few_poses;
 mod folds;
 mod gauge;
 mod gear_lines;

@@ -1,9 +1,11 @@
 //! The choice of a model, recomputed from the held-out errors of its candidates.
 
-use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::learning::elastic::options::OutlierPolicy;
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
-use poegp_calibration::validation::model_selection::{Candidate, select_model};
+use poegp_calibration::validation::model_selection::{Candidate, Choice, candidates, select_model};
+use poegp_protocol::cause::Cause;
 
 use crate::{origin, sets, task};
 
@@ -61,4 +63,48 @@ fn the_simplest_within_one_standard_error_is_chosen() {
     let chosen: Vec<usize> = (0..3).filter(|i| choice.table[*i].chosen).collect();
     assert_eq!(chosen, [simplest.unwrap()]);
     assert_eq!(simplest, Some(1), "the chain is needed, and once is enough");
+}
+
+/// A file that has every row five times says no more of the models than the file itself: the same poses, differences and
+/// standard errors.
+#[test]
+fn copies_of_all_rows_choose_as_the_rows_do() {
+    let (robot, _) = sets::arm();
+    let mut once = sets::simulated(&robot, "train");
+    once.truncate(20);
+    let origin = origin(vec![ToolName::default()]);
+    let base = Config {
+        outliers: OutlierPolicy::Keep,
+        ..Config::default()
+    };
+    let chosen = |rows: &[InstrumentSample]| {
+        let models = candidates(rows, &robot, &base);
+        select_model(
+            &task(&robot, rows, &[], 5, &origin),
+            &models[..2],
+            &mut || (),
+        )
+        .unwrap()
+    };
+    let (one, five) = (chosen(&once), chosen(&vec![once.clone(); 5].concat()));
+    assert_eq!((one.poses, one.held_out), (20, 20));
+    assert_eq!((five.poses, five.held_out), (20, 100));
+    assert!(one.table[0].standard_error_mm > 0.01, "{:?}", one.table);
+    for (one, five) in one.table.iter().zip(&five.table) {
+        assert!((one.behind_best_mm - five.behind_best_mm).abs() < 1e-3);
+        let ratio = five.standard_error_mm / one.standard_error_mm;
+        assert!(
+            one.standard_error_mm == 0.0 || (ratio - 1.0).abs() < 0.01,
+            "{ratio}"
+        );
+    }
+    let causes = |choice: &Choice| {
+        choice
+            .findings()
+            .iter()
+            .map(|f| f.cause)
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(causes(&one), causes(&five));
+    assert!(causes(&five).contains(&Cause::Model));
 }

@@ -5,14 +5,15 @@ use std::path::Path;
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::measurement;
 use poegp_calibration::measurement::observation::Observation;
-use poegp_calibration::measurement::sample::{ToolName, samples};
-use poegp_calibration::model::Method;
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName, samples};
 use poegp_calibration::model::config::{Config, Weighting};
+use poegp_calibration::model::{CalibrationError, Method, calibrate};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::progress::FitContext;
+use poegp_calibration::validation::model_selection::{candidates, select_model};
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::{origin, sets};
+use crate::{calibrated, origin, sets, task};
 
 /// Rows are of one tool if session and target are the same, and only then.
 #[test]
@@ -147,4 +148,76 @@ fn the_papers_process_takes_two_tools() {
     assert!(two < 1.1 * one, "{two} mm, {one} with one tool");
     let off = (calibration.tools[1].inverse() * mount).log().to_array();
     assert!(off.iter().all(|x| x.abs() < 5e-4), "{off:?}");
+}
+
+/// A second session of one to four poses, mounted 80 mm elsewhere: each row that is held out is predicted with its own tool, and
+/// a session that needs all of its rows has none held out, in every choice of a model, too.
+#[test]
+fn a_small_session_is_predicted_by_its_own_tool_or_not_at_all() {
+    const ROWS: usize = 40;
+    let (robot, _) = sets::arm();
+    let mount = Pose::exp(&Twist::from_array(&[0.04, -0.03, 0.06, 0.0, 0.5, 0.0]));
+    let sessions = ["first", "second"].map(|session| ToolName {
+        session: session.to_owned(),
+        ..ToolName::default()
+    });
+    let origin = origin(sessions.to_vec());
+    for small in 1..=4 {
+        let mut rows = sets::simulated(&robot, "train");
+        rows.truncate(ROWS + small);
+        for row in &mut rows[ROWS..] {
+            row.observation = Observation::Pose(row.observation.pose().unwrap() * mount);
+            row.tool = 1;
+        }
+        let task = task(&robot, &rows, &[], 5, &origin);
+        let held_out = task.folds().held_out();
+        assert!((0..ROWS).all(|row| held_out.contains(&row)));
+        for k in 0..5 {
+            let (train, test) = task.folds().split(&rows, k);
+            let of = |rows: &[InstrumentSample]| rows.iter().filter(|s| s.tool == 1).count();
+            assert!(of(&test) == 0 || of(&train) >= 3, "{small} rows, fold {k}");
+        }
+        let found = task.run(&Config::new(Method::Poe), &mut || ()).unwrap();
+        let found = found.cross_validation.unwrap();
+        assert_eq!((&found.rows, found.all.poses), (&held_out, held_out.len()));
+        let folds: usize = found.folds.iter().map(|fold| fold.poses).sum();
+        assert_eq!(folds, held_out.len());
+        // The drawing is 2 mm off, and another tool 80 mm.
+        assert!(
+            found.all.position_mm.max < 10.0,
+            "{small} rows: {:?}",
+            found.all
+        );
+        let models = candidates(&rows, &robot, &Config::default());
+        let choice = select_model(&task, &models[..2], &mut || ()).unwrap();
+        assert_eq!(choice.held_out, held_out.len());
+    }
+}
+
+/// A tool that nothing is known of is no other tool: a session without a row is refused, and so is a cross-validation of
+/// sessions that need all of their rows.
+#[test]
+fn no_tool_stands_for_one_that_was_not_measured() {
+    let (robot, _) = sets::arm();
+    let mut rows = sets::simulated(&robot, "train");
+    rows.truncate(12);
+    let config = Config::new(Method::BaseTool);
+    let found = calibrated(&robot, &rows, &config);
+    let unknown = found.blob.predict_tool(&rows[0].joints, None, 1).pose;
+    assert!(unknown.translation.iter().all(|x| x.is_nan()));
+    for (i, row) in rows.iter_mut().enumerate() {
+        row.tool = 2 * (i % 2);
+    }
+    let fit = |rows: &[InstrumentSample]| calibrate(&robot, rows, &config, &FitContext::default());
+    assert!(matches!(
+        fit(&rows),
+        Err(CalibrationError::NoPoseOfTool { tool: 2 })
+    ));
+    for (i, row) in rows.iter_mut().enumerate() {
+        row.tool = i / 3;
+    }
+    let origin = origin(vec![ToolName::default(); 4]);
+    let held_out = task(&robot, &rows, &[], 5, &origin).held_out(&config, &mut || ());
+    let error = held_out.unwrap_err().error.to_string();
+    assert!(error.contains("three others"), "{error}");
 }

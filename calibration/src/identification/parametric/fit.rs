@@ -84,6 +84,36 @@ fn objective(
     data + prior
 }
 
+/// Returns the effective number of parameters that `samples` determine beside the prior, tr(A (AᵀA + Λ⁻¹)⁻¹ Aᵀ), with
+/// rows in units of `scales`; `None` when the normal equations cannot be factored.
+pub fn effective_parameters(
+    state: &ParametricModel,
+    samples: &[BaseSample],
+    scales: NoiseScales,
+    hyper: &[f64],
+) -> Option<f64> {
+    let linear = state.linearise(samples, scales);
+    let (_, normal) = normal_equations(&linear.a, &prior_sd(&state.layout.groups(), hyper));
+    let left = Factor::new(normal, 1).ok()?.inverse();
+    Some((0..left.nrows()).map(|i| 1.0 - left[(i, i)]).sum())
+}
+
+/// Returns the prior standard deviation of every parameter.
+fn prior_sd(groups: &[PriorGroup], hyper: &[f64]) -> Vec<f64> {
+    let variances = groups.iter().map(|g| prior_variance(*g, hyper));
+    variances.map(f64::sqrt).collect()
+}
+
+/// Returns A with its columns in units of the prior, and the normal matrix of that and the prior.
+fn normal_equations(a: &Mat<f64>, sd: &[f64]) -> (Mat<f64>, Mat<f64>) {
+    let scaled = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * sd[j]);
+    let mut normal = product(Transposed(&scaled), &scaled);
+    for i in 0..normal.nrows() {
+        normal[(i, i)] += 1.0;
+    }
+    (scaled, normal)
+}
+
 /// Solves argmin |y − A x|² + xᵀΛ⁻¹x; `None` when the normal equations cannot be factored.
 fn map_estimate(
     a: &Mat<f64>,
@@ -91,15 +121,8 @@ fn map_estimate(
     groups: &[PriorGroup],
     hyper: &[f64],
 ) -> Option<Vec<f64>> {
-    let sd: Vec<f64> = groups
-        .iter()
-        .map(|g| prior_variance(*g, hyper).sqrt())
-        .collect();
-    let scaled = Mat::from_fn(a.nrows(), a.ncols(), |i, j| a[(i, j)] * sd[j]);
-    let mut normal = product(Transposed(&scaled), &scaled);
-    for i in 0..normal.nrows() {
-        normal[(i, i)] += 1.0;
-    }
+    let sd = prior_sd(groups, hyper);
+    let (scaled, normal) = normal_equations(a, &sd);
     let z = Factor::new(normal, 1)
         .ok()?
         .solve(&product(Transposed(&scaled), y));

@@ -11,7 +11,8 @@
 //!   half of the trainer's standard deviation far from all data.
 //!
 //! The share that measurements leave unexplained at a pose, with K = C Cᵀ, V = C⁻¹ K_LN, V Vᵀ = Q Λ Qᵀ and v = C⁻¹ k, is
-//! 1 − |v|² + s, s = Σ_i (Qᵀv)_i² / (1 + λ_i/ν). For a measured pose that is left out, s/(1 − s/ν) replaces s.
+//! 1 − |v|² + s, s = Σ_i (Qᵀv)_i² / (1 + λ_i/ν). For a configuration that was measured r times and is left out,
+//! s/(1 − r s/ν) replaces s.
 
 use std::ops::RangeInclusive;
 
@@ -28,6 +29,7 @@ use crate::learning::elastic::inputs::{Inputs, kernel};
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::learning::landmarks::landmarks;
+use crate::measurement::folds::configurations;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::cholesky::Factor;
@@ -86,11 +88,17 @@ pub fn device_variance(
             })
         });
     let known: Vec<Known> = known.collect();
-    let (inputs, trained) = (Inputs::new(&fit.state, &all), samples.len());
+    let inputs = Inputs::new(&fit.state, &all);
+    let mut repeats = vec![1.0; samples.len()];
+    for group in configurations(samples, fit.state.kinds()) {
+        for pose in &group {
+            repeats[*pose] = group.len() as f64;
+        }
+    }
     let common = common_kernel(fit, samples, &kernels)?;
     let trial = |factor: &f64| {
         let kernel = scaled(&common, *factor);
-        Landmarks::new(&inputs, trained, kernel)?.fitted(&known, noise)
+        Landmarks::new(&inputs, &repeats, kernel)?.fitted(&known, noise)
     };
     let best = SHORTER.iter().filter_map(trial);
     let best = best.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
@@ -201,8 +209,8 @@ struct Landmarks {
     kernel: JointKernel<f64>,
     /// Indices of the landmarks' poses.
     poses: Vec<usize>,
-    /// Number of measured poses, which come first.
-    trained: usize,
+    /// Number of measurements of the configuration of each measured pose; these poses come first.
+    repeats: Vec<f64>,
     /// Cholesky factor C of K = C Cᵀ.
     factor: Factor,
     /// Columns v = C⁻¹ k of all poses; those of the measured poses form V.
@@ -223,7 +231,8 @@ struct Fitted {
 }
 
 impl Landmarks {
-    fn new(inputs: &Inputs, trained: usize, common: JointKernel<f64>) -> Option<Self> {
+    fn new(inputs: &Inputs, repeats: &[f64], common: JointKernel<f64>) -> Option<Self> {
+        let trained = repeats.len();
         let input = |i: usize| (&inputs.features[i], inputs.payloads[i]);
         let between = |i: usize, j: usize| kernel(&common, &inputs.kinds, input(i), input(j));
         let poses = landmarks(&Mat::from_fn(trained, trained, between), LANDMARKS);
@@ -242,30 +251,29 @@ impl Landmarks {
             v,
             factor,
             poses,
-            trained,
+            repeats: repeats.to_vec(),
             kernel: common,
         })
     }
 
     /// Returns the share of the prior that measurements with noise ν leave unexplained at a pose; for a measured pose,
-    /// that which the other measurements leave.
+    /// that which the measurements of other configurations leave.
     fn unexplained(&self, pose: usize, nu: f64) -> f64 {
         let count = self.poses.len();
         let v2: f64 = (0..count).map(|i| self.v[(i, pose)].powi(2)).sum();
         let s: f64 = (0..count)
             .map(|i| self.w[(i, pose)].powi(2) / (1.0 + self.lambda[i] / nu))
             .sum();
-        let left = if pose < self.trained {
-            s / (1.0 - s / nu).max(1e-9)
-        } else {
-            s
+        let left = match self.repeats.get(pose) {
+            Some(repeats) => s / (1.0 - repeats * s / nu).max(1e-9),
+            None => s,
         };
         (1.0 - v2 + left).clamp(0.0, 1.0)
     }
 
     /// Fits ν, floor and gain by least relative squares.
     fn fitted(self, known: &[Known], noise: f64) -> Option<Fitted> {
-        let is_trained = |known: &Known| known.pose < self.trained;
+        let is_trained = |known: &Known| known.pose < self.repeats.len();
         let trained = known.iter().filter(|known| is_trained(known)).count();
         let of_one_around = SHARE_AROUND * trained as f64 / AROUND as f64;
         let trial = |nu: f64| {

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
-use crate::identification::parametric::fit::parametric_fit;
+use crate::identification::parametric::fit::{effective_parameters, parametric_fit};
 use crate::identification::parametric::gear_line::{AmbiguousLine, GearLine};
 use crate::identification::parametric::ripple::{
     Peak, RANGE, SIGNIFICANT, peaks, refined_frequency,
@@ -147,6 +147,7 @@ pub fn fit(
     if !options.processes {
         // Fit again under the priors that the evidence prefers.
         let scales = parametric_fit(&mut state, samples, &hyper);
+        let effective_parameters = effective_parameters(&state, samples, scales, &hyper);
         return Ok(ElasticFit {
             origin: state.clone(),
             inputs: Inputs::new(&state, samples),
@@ -154,6 +155,7 @@ pub fn fit(
             hyperparameters: hyper,
             layout: h,
             scales,
+            effective_parameters,
             solved: None,
             ambiguous,
             search,
@@ -224,6 +226,7 @@ pub fn fit(
         layout: h,
         scales,
         inputs,
+        effective_parameters: None,
         solved: Some(solved),
         ambiguous,
         search,

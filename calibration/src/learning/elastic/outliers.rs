@@ -4,6 +4,9 @@
 //! are fitted to the poses that a robust scale (the median residual) accepts, until that set settles. Then the whole
 //! model predicts every remaining pose from all others, χ²_k = α_kᵀ ([S⁻¹]_kk)⁻¹ α_k, with S⁻¹ and α = S⁻¹y from the
 //! factorisation that exists anyway.
+//!
+//! A measurement that was repeated is judged beside its repeats, which show best that it does not belong. How well new
+//! poses are predicted is seen without them: all rows of one configuration are left out together.
 
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -13,10 +16,12 @@ use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::state::{ParametricModel, ROWS};
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::learning::elastic::solution::ElasticFit;
+use crate::measurement::folds::configurations;
 use crate::measurement::noise::{NoiseScales, QUIETEST};
 use crate::measurement::sample::BaseSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::{Standardised, calibration_factor};
 
 /// Leave-one-out χ² of a pose above which it is an outlier: six degrees of freedom, p < 10⁻⁶.
@@ -124,12 +129,30 @@ pub fn robust_outliers(
 pub struct LeaveOneOut {
     /// Outliers, by their index among the samples of the fit.
     pub outliers: Vec<Outlier>,
-    /// Factors that make the predicted standard deviations of position and rotation true for the poses left out: the mean
-    /// of the factors that the 68 % and the 95 % quantile of their standardised errors ask for.
+    /// Factors that make the predicted standard deviations of position and rotation true for the configurations left out:
+    /// the mean of the factors that the 68 % and the 95 % quantile of their standardised errors ask for.
     pub inflation: [f64; 2],
-    /// Variance of one position component of every pose as predicted by the others, in m²: the mean of three components,
-    /// with noise, not inflated. `None` for outliers.
+    /// Variance of one position component of every pose as predicted by other configurations, in m²: the mean of three
+    /// components, with noise, not inflated. `None` for outliers.
     pub position_variance: Vec<Option<f64>>,
+}
+
+/// Some rows as all others predict them.
+struct LeftOut {
+    error: Mat<f64>,
+    covariance: Mat<f64>,
+}
+
+impl LeftOut {
+    /// Leaves rows out; `block` is that of the rows in S⁻¹, and `alpha` has their elements of α.
+    fn new(block: Mat<f64>, alpha: &Mat<f64>) -> Option<Self> {
+        // The error of the rows is the block's inverse times α, and that inverse is its covariance.
+        let factor = Factor::new(block, 1).ok()?;
+        Some(Self {
+            error: factor.solve(alpha),
+            covariance: factor.inverse(),
+        })
+    }
 }
 
 /// Predicts every pose of a fit from all others.
@@ -142,33 +165,64 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     let Some(solved) = &fit.solved else {
         return out;
     };
-    let blocks = solved.factor.inverse_blocks(ROWS);
+    let rows_of = |k: &usize| ROWS * k..ROWS * k + samples[*k].observation.equations();
+    let alpha = |rows: &[usize]| Mat::from_fn(rows.len(), 1, |i, _| solved.alpha[(rows[i], 0)]);
+    let mut alone = Vec::with_capacity(samples.len());
+    for (k, block) in solved.factor.inverse_blocks(ROWS).into_iter().enumerate() {
+        let rows: Vec<usize> = rows_of(&k).collect();
+        let alpha = alpha(&rows);
+        let block = block.view((0, 0), (rows.len(), rows.len())).into_owned();
+        let mut found = LeftOut::new(block, &alpha);
+        if let Some(LeftOut { error, covariance }) = &found {
+            let chi_squared: f64 = (0..rows.len()).map(|i| alpha[(i, 0)] * error[(i, 0)]).sum();
+            if chi_squared > LEFT_OUT {
+                out.outliers.push(Outlier {
+                    sample: k,
+                    reason: Reason::LeaveOneOut,
+                    chi_squared,
+                    sigmas: [0, 1].map(|part| marginal(error, covariance, 3 * part..rows.len())),
+                });
+                found = None;
+            }
+        }
+        alone.push(found);
+    }
+    let mut groups = configurations(samples, fit.state.kinds());
+    let repeated: Vec<Vec<usize>> = groups.extract_if(.., |group| group.len() > 1).collect();
     let mut standardised: Standardised = [Vec::new(), Vec::new()];
-    for (k, sample) in samples.iter().enumerate() {
-        let rows = sample.observation.equations();
-        let block = blocks[k].view((0, 0), (rows, rows)).into_owned();
-        let alpha = Mat::from_fn(rows, 1, |i, _| solved.alpha[(ROWS * k + i, 0)]);
-        // The error of the pose left out is the block's inverse times α, and that inverse is its covariance.
-        let Ok(factor) = Factor::new(block, 1) else {
+    let mut add = |k: usize, first: usize, LeftOut { error, covariance }: &LeftOut| {
+        let mean = (first..first + 3).map(|i| covariance[(i, i)]).sum::<f64>() / 3.0;
+        out.position_variance[k] = Some(fit.scales.position.powi(2) * mean);
+        for (i, row) in (first..first + rows_of(&k).len()).enumerate() {
+            standardised[usize::from(i >= 3)]
+                .push((error[(row, 0)] / covariance[(row, row)].sqrt()).abs());
+        }
+    };
+    for k in groups.into_iter().flatten() {
+        if let Some(found) = &alone[k] {
+            add(k, 0, found);
+        }
+    }
+    let rows: Vec<usize> = repeated.iter().flatten().flat_map(rows_of).collect();
+    let half = solved
+        .factor
+        .half_solve(&Mat::from_fn(solved.alpha.nrows(), rows.len(), |i, j| {
+            f64::from(u8::from(i == rows[j]))
+        }));
+    let mut column = 0;
+    for group in repeated {
+        let rows: Vec<usize> = group.iter().flat_map(rows_of).collect();
+        let own = half.columns(column, rows.len()).into_owned();
+        column += rows.len();
+        let Some(found) = LeftOut::new(product(Transposed(&own), &own), &alpha(&rows)) else {
             continue;
         };
-        let error = factor.solve(&alpha);
-        let covariance = factor.inverse();
-        let chi_squared: f64 = (0..rows).map(|i| alpha[(i, 0)] * error[(i, 0)]).sum();
-        if chi_squared > LEFT_OUT {
-            out.outliers.push(Outlier {
-                sample: k,
-                reason: Reason::LeaveOneOut,
-                chi_squared,
-                sigmas: [0, 1].map(|part| marginal(&error, &covariance, 3 * part..rows)),
-            });
-            continue;
-        }
-        let mean = (0..3).map(|i| covariance[(i, i)]).sum::<f64>() / 3.0;
-        out.position_variance[k] = Some(fit.scales.position.powi(2) * mean);
-        for i in 0..rows {
-            standardised[usize::from(i >= 3)]
-                .push((error[(i, 0)] / covariance[(i, i)].sqrt()).abs());
+        let mut first = 0;
+        for k in group {
+            if alone[k].is_some() {
+                add(k, first, &found);
+            }
+            first += rows_of(&k).len();
         }
     }
     out.inflation = calibration_factor(&mut standardised);

@@ -8,6 +8,7 @@ use crate::identification::prediction_covariance::PredictionCovariance;
 use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::learning::elastic::variance_inflation::{REFIT_BELOW, RefitSpec};
+use crate::measurement::folds::configurations;
 use crate::measurement::sample::{BaseSample, Sample};
 
 /// The predictive uncertainty of an elastic fit.
@@ -37,11 +38,13 @@ impl Uncertainty {
         })
     }
 
-    /// Scales by the factors that refits without a fold of the poses give, when there are at most [`REFIT_BELOW`] poses.
+    /// Scales by the factors that refits without a fold of the poses give, when there are at most [`REFIT_BELOW`] different
+    /// configurations.
     #[must_use]
     pub fn with_refit(self, refit: RefitSpec) -> Self {
+        let poses = configurations(self.posterior.samples(), refit.arm.chain.kinds()).len();
         Self {
-            refit: Some(refit).filter(|_| self.posterior.samples().len() <= REFIT_BELOW),
+            refit: Some(refit).filter(|_| poses <= REFIT_BELOW),
             ..self
         }
     }
@@ -52,7 +55,7 @@ impl Uncertainty {
     }
 
     /// Returns the factors for the standard deviations of position and rotation. With few poses, the first call costs
-    /// five fits, so a calibration that is only exported does not pay for them.
+    /// five fits, so a calibration whose standard deviation nobody asks for does not pay for them.
     pub fn inflation(&self) -> [f64; 2] {
         *self.inflation.get_or_init(|| {
             let samples = self.posterior.samples();

@@ -69,28 +69,31 @@ pub(super) fn fit_elastic(
         robust.fit.state.chain(0),
         seen_from_first(&robust.fit.state.tools),
     );
+    let parameters = robust.fit.effective_parameters;
+    let refit = RefitSpec {
+        arm,
+        options: *options,
+    };
     let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation);
+    let uncertainty = uncertainty.map(|u| Box::new(u.with_refit(refit)));
     if options.device_variance
         && let Some(uncertainty) = &uncertainty
     {
         model.sigma = device_variance(
             uncertainty.posterior(),
             &robust.left_out,
-            robust.inflation[0],
+            uncertainty.inflation()[0],
             model.coupling.as_ref(),
         );
     }
-    let uncertainty = uncertainty.map(|u| {
-        Box::new(u.with_refit(RefitSpec {
-            arm,
-            options: *options,
-        }))
-    });
     Ok(Fit {
         chain,
         tools,
         correction: Correction::Elastic(Box::new(model)),
-        estimate: FrameEstimate::Parametric { uncertainty },
+        estimate: FrameEstimate::Parametric {
+            uncertainty,
+            parameters,
+        },
         outliers: robust.outliers,
         warm_up,
     })

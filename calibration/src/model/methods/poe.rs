@@ -41,6 +41,10 @@ impl CalibrationMethod for PoeMethod {
         let fit = fit_elastic(problem, &options, context)?;
         Ok(Fit {
             correction: Correction::None,
+            estimate: FrameEstimate::Parametric {
+                uncertainty: None,
+                parameters: None,
+            },
             ..fit
         })
     }

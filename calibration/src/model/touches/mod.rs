@@ -202,7 +202,10 @@ fn stated(
         },
         calibrated,
         correction: Correction::Elastic(Box::new(model)),
-        estimate: FrameEstimate::Parametric { uncertainty: None },
+        estimate: FrameEstimate::Parametric {
+            uncertainty: None,
+            parameters: None,
+        },
         outliers: Vec::new(),
         warm_up: None,
         constant_deviation: (1e-3 * known.after.mean_mm / MEAN_LENGTH, 0.0),

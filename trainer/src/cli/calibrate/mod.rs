@@ -35,6 +35,7 @@ use crate::report::certificate::Certificate;
 use crate::report::controller::ControllerSummary;
 use crate::report::{FileSummary, ReportData};
 use poegp_calibration::blob::write::{CalibratedBlob, DeviceError, Provenance, calibrate_in_gauge};
+use poegp_calibration::measurement::folds::configurations;
 use poegp_calibration::measurement::reader::SampleFile;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::Method;
@@ -166,7 +167,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         None if config.method != Method::BaseTool
             && applicable(&samples).contains(&config.method) =>
         {
-            findings.0.push(too_few_to_show(&samples));
+            findings.0.push(too_few_to_show(different_poses(&samples)));
         }
         None => {}
     }
@@ -322,16 +323,15 @@ fn choose_model(
     options: &Config,
     origin: &Provenance,
 ) -> Result<Option<Choice>, Failure> {
-    let joints = arm.robot.joints.len();
     let candidates = match a.auto {
-        true => candidates(samples, joints, options),
-        false => named_and_simpler(samples, joints, options),
+        true => candidates(samples, &arm.robot, options),
+        false => named_and_simpler(samples, &arm.robot, options),
     };
     if candidates.is_empty() || !a.auto && options.method == Method::BaseTool {
         return Ok(None);
     }
     let bar = progress::bar(
-        candidates.len() * folds(samples.len()),
+        candidates.len() * folds(configurations(samples, &arm.robot.kinds()).len()),
         "choosing the model",
     );
     let choice = cancellable(|cancel| {
@@ -353,13 +353,12 @@ fn choose_model(
 }
 
 /// Creates the finding that there are too few poses to hold some out, so that nothing shows that the calibration helps.
-fn too_few_to_show(samples: &[InstrumentSample]) -> Finding {
+fn too_few_to_show(poses: usize) -> Finding {
     Finding {
         cause: Cause::Gain,
         tier: Tier::Refused,
         text: format!(
-            "{} poses are too few to hold one out: nothing shows that a calibration helps; measure more poses",
-            samples.len()
+            "{poses} poses are too few to hold one out: nothing shows that a calibration helps; measure more poses"
         ),
         rows: Vec::new(),
         value: 1.0,

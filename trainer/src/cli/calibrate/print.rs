@@ -6,6 +6,7 @@ use crate::cli::calibrate::made::Made;
 use crate::cli::instrument_drift;
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::tolerance;
+use crate::report::never_held_out;
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::CalibratedBlob;

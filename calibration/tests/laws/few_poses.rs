@@ -1,0 +1,120 @@
+//! Standard deviations from few poses, of simulated arms whose truth is known: on the host, on the device, and where poses
+//! were measured again.
+
+use poegp_calibration::blob::write::CalibratedBlob;
+use poegp_calibration::measurement::observation::Observation;
+use poegp_calibration::measurement::sample::InstrumentSample;
+use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
+use poegp_runtime::math::se3::{Pose, Twist};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::{calibrated, sets};
+
+/// Standard deviations of one position component on poses that were not trained on, m.
+#[derive(Debug, Default)]
+struct Found {
+    components: f64,
+    squares: f64,
+    host: f64,
+    device: f64,
+    within: f64,
+}
+
+impl Found {
+    fn add(&mut self, model: &CalibratedBlob, test: &[InstrumentSample]) {
+        for (sample, pose) in test.iter().zip(model.held_out(test)) {
+            let answer = model.blob.predict(&sample.joints, sample.payload_kg);
+            let device = f64::from(answer.position_sigma.unwrap());
+            let sigma = pose.sigma.unwrap();
+            for (error, host) in pose.residual.iter().zip(&sigma).take(3) {
+                self.components += 1.0;
+                self.squares += error * error;
+                self.host += host * host;
+                self.device += device * device;
+                self.within += f64::from(u8::from(error.abs() <= device));
+            }
+        }
+    }
+
+    /// Ratios of the stated standard deviations of host and device to the errors.
+    fn ratios(&self) -> [f64; 2] {
+        [self.host, self.device].map(|sum| (sum / self.squares).sqrt())
+    }
+}
+
+fn elastic(processes: bool) -> Config {
+    Config {
+        processes,
+        ..Config::new(Method::Elastic)
+    }
+}
+
+/// Parameters alone, from 25 and 50 poses: gravity and ripple are parameters as well as the chain.
+#[test]
+fn parameters_alone_state_the_errors_of_new_poses() {
+    let (robot, _) = sets::arm();
+    let test = sets::simulated(&robot, "test1");
+    for poses in [25, 50] {
+        let mut found = Found::default();
+        for draw in 0..4 {
+            let mut train = sets::simulated(&robot, "train");
+            train.rotate_left(60 * draw);
+            found.add(&calibrated(&robot, &train[..poses], &elastic(false)), &test);
+        }
+        println!("parameters alone, {poses}: {:?} {found:?}", found.ratios());
+        for ratio in found.ratios() {
+            assert!((0.75..1.5).contains(&ratio), "{poses} poses: {ratio}");
+        }
+    }
+}
+
+/// From 40 poses the device states what the host states, and the errors are within it as often as they should be.
+#[test]
+fn the_device_knows_that_poses_are_few() {
+    let (robot, _) = sets::arm();
+    let test = sets::simulated(&robot, "test1");
+    let mut found = Found::default();
+    for draw in 0..2 {
+        let mut train = sets::simulated(&robot, "train");
+        train.rotate_left(100 * draw);
+        found.add(&calibrated(&robot, &train[..40], &elastic(true)), &test);
+    }
+    let [host, device] = found.ratios();
+    println!("40 poses: host {host}, device {device}, {found:?}");
+    assert!((device / host - 1.0).abs() < 0.15, "{device}, host {host}");
+    let share = found.within / found.components;
+    assert!((0.58..0.85).contains(&share), "{share}");
+}
+
+/// 16 poses that were measured four times are 16 poses: the errors elsewhere are within what is stated.
+#[test]
+fn repeats_of_a_pose_are_no_other_poses() {
+    let (robot, _) = sets::arm();
+    let test = sets::simulated(&robot, "test1");
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
+    let mut train = sets::simulated(&robot, "train");
+    train.truncate(16);
+    let mut rows = Vec::new();
+    for sample in vec![train; 4].concat() {
+        let mut pose = sample.observation.pose().unwrap();
+        let turn: [f64; 6] = std::array::from_fn(|i| if i < 3 { 0.0 } else { 25e-6 * normal() });
+        pose.rotation = Pose::exp(&Twist::from_array(&turn)).rotation * pose.rotation;
+        pose.translation
+            .iter_mut()
+            .for_each(|x| *x += 30e-6 * normal());
+        rows.push(InstrumentSample {
+            observation: Observation::Pose(pose),
+            ..sample
+        });
+    }
+    let mut found = Found::default();
+    found.add(&calibrated(&robot, &rows, &elastic(true)), &test);
+    println!("16 poses, four times: {:?} {found:?}", found.ratios());
+    for ratio in found.ratios() {
+        assert!((0.5..2.0).contains(&ratio), "{ratio}");
+    }
+}
