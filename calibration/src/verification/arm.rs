@@ -10,7 +10,8 @@
 //! ```
 //!
 //! with the parameters and processes of the elastic model (`elastic::state`). It is taken at the poses of the inducing
-//! points, each of which stands for `repeats` training poses. A model without such processes does not know the shape of its
+//! points, each of which stands for `repeats` training poses: a part of one where the inducing points of all joints are more
+//! than the training poses, which the inducing points of each joint cover. A model without such processes does not know the shape of its
 //! own error: it gets a smooth deflection of every joint, whose size the check itself estimates.
 
 use nalgebra::Vector3;
@@ -93,7 +94,7 @@ impl BlobArm {
         let training = training_poses(blob, coupling.as_ref());
         let training_poses = f64::from(loaded.host().provenance.training_poses);
         Self {
-            repeats: (training_poses / training.len() as f64).max(1.0),
+            repeats: training_poses.max(1.0) / training.len() as f64,
             knows_its_error: !kernels.is_empty(),
             kernels: if kernels.is_empty() {
                 let weights = vec![SMOOTH_WEIGHT; n];
