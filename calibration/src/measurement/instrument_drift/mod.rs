@@ -30,6 +30,12 @@ use crate::measurement::set::MeasurementSet;
 
 /// Largest distance in m of a reference point from its position in another file of the same set-up.
 const SAME_POSITION: f64 = 5e-3;
+/// Largest distance of a reference point from the instrument, in m: the range of laser trackers, with a margin.
+const FARTHEST: f64 = 200.0;
+/// Distance in m within which no instrument repeats nine tenths of a point's measurements, and the least number of them that
+/// show it.
+const REPEATS: f64 = 1e-6;
+const SEEN: usize = 10;
 /// Largest number of lines that a report lists.
 const LISTED: usize = 5;
 
@@ -132,6 +138,7 @@ impl Drift {
             )
             .with_help("take its columns out of the file"));
         }
+        plausible(set, &seen)?;
         let points = match points {
             None => motion::mean_positions(&seen),
             Some(points) => {
@@ -235,6 +242,32 @@ impl DriftReport {
         }
         out
     }
+}
+
+/// Refuses reference points in another unit: no instrument measures so far or repeats so well.
+fn plausible(set: &MeasurementSet, seen: &[Vec<Option<Vector3<f64>>>]) -> Result<(), InputError> {
+    for (i, seen) in seen.iter().enumerate() {
+        let seen: Vec<_> = seen.iter().flatten().copied().collect();
+        let middle = outliers::median(&seen);
+        let mut off: Vec<f64> = seen.iter().map(|p| (p - middle).norm()).collect();
+        off.sort_by(f64::total_cmp);
+        // Rounded coordinates of a point that stays are equal.
+        let most = off[off.len() * 9 / 10];
+        let found = if middle.norm() > FARTHEST {
+            format!("{:.0} m from the instrument", middle.norm())
+        } else if seen.len() >= SEEN && most > 0.0 && most < REPEATS {
+            format!("that repeats within {:.4} µm", 1e6 * most)
+        } else {
+            continue;
+        };
+        return Err(InputError::new(
+            &set.path,
+            format!("reference point {} {found}", i + 1),
+            "what an instrument measures, in the unit that the column states",
+        )
+        .with_help("columns in metres are named ref1_x_m, in millimetres ref1_x_mm"));
+    }
+    Ok(())
 }
 
 fn same_position(

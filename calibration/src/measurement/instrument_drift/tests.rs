@@ -183,3 +183,26 @@ fn refused() {
     let error = Drift::estimate_as(&at(200.0), &training).unwrap_err();
     assert!(error.to_string().contains("100.0 mm"), "{error}");
 }
+
+#[test]
+fn reference_points_in_another_unit_are_refused() {
+    let s = simulate(3, 0.0, false);
+    let scaled = |factor: f64| {
+        let mut lines = s.text.lines();
+        let mut text = lines.next().unwrap().to_owned();
+        for line in lines {
+            let fields = line.split(',').enumerate().map(|(i, field)| match i {
+                0..8 => field.to_owned(),
+                _ => (factor * field.parse::<f64>().unwrap()).to_string(),
+            });
+            text += &format!("\n{}", fields.collect::<Vec<_>>().join(","));
+        }
+        let set = measurements::parse("test.csv", text.as_bytes()).unwrap();
+        Drift::estimate(&set).err().map(|error| error.to_string())
+    };
+    assert_eq!(scaled(1.0), None);
+    for (factor, found) in [(1e-3, "repeats within"), (1e3, "from the instrument")] {
+        let error = scaled(factor).unwrap();
+        assert!(error.contains(found), "{error}");
+    }
+}
