@@ -30,7 +30,7 @@ const FEW: usize = 20;
 /// sets of thirty poses got a process that costs 5 %.
 const CAREFUL: usize = 40;
 /// Number of different poses below which the folds may choose the wrong model.
-const UNCERTAIN: usize = 25;
+pub const UNCERTAIN: usize = 25;
 /// Factor by which the error differed from what the folds of fewer poses expected, over nine sets.
 const FEW_FACTOR: u32 = 3;
 /// Most poses that a fold learns hyperparameters from.
@@ -39,6 +39,11 @@ const HYPERPARAMETER_POSES: usize = 40;
 const WORSE: f64 = 1.03;
 /// Largest share of the drawing's mean held-out error that a calibration may have; otherwise it is refused.
 pub const GAIN: f64 = 0.9;
+/// Number of poses from which on more of them do not lower an error above [`CONTRADICTORY_MM`] in the mean.
+const MANY: usize = 100;
+const CONTRADICTORY_MM: f64 = 1.0;
+/// Share of the poses that may be left out without a warning.
+const UNEXPLAINED: f64 = 0.05;
 
 /// Returns the number of folds for the choice among this many different poses.
 pub fn folds(poses: usize) -> usize {
@@ -101,6 +106,8 @@ pub struct Choice {
     pub table: Vec<Row>,
     /// Candidates that are not in the table.
     pub left_out: Vec<LeftOut>,
+    /// Number of poses that no geometry explains, and that were neither learnt from nor held out.
+    pub unexplained: usize,
 }
 
 /// Returns all candidates that the data allow, simplest first; `base` has the settings that they share.
@@ -198,6 +205,7 @@ fn select(
     };
     let groups = configurations(&train, &task.robot.kinds());
     let poses = groups.len();
+    let unexplained = task.train.len() - train.len();
     let task = &Task {
         train: &train,
         folds: folds(poses),
@@ -285,6 +293,7 @@ fn select(
         is_named,
         poses,
         held_out: rows.len(),
+        unexplained,
         table: table.collect(),
         config: candidates[chosen].config,
         left_out,
@@ -328,8 +337,8 @@ impl Choice {
         )
     }
 
-    /// Returns what is wrong with the choice: a simpler model is better on rows that were not trained on, or the drawing is
-    /// hardly worse.
+    /// Returns what is wrong with the choice: a simpler model is better on rows that were not trained on, many rows were left
+    /// out, or the drawing is hardly worse.
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings = Vec::new();
         let Some((rank, chosen)) = self.chosen() else {
@@ -371,6 +380,15 @@ impl Choice {
                 UNCERTAIN as f64,
             );
         }
+        let share = self.unexplained as f64 / (poses + self.unexplained) as f64;
+        if share > UNEXPLAINED {
+            let text = format!(
+                "no geometry explains {} of {} rows, which are left out: measure them again",
+                self.unexplained,
+                poses + self.unexplained
+            );
+            add(Cause::Outlier, Tier::Warning, text, share, UNEXPLAINED);
+        }
         let drawing = self
             .table
             .iter()
@@ -380,13 +398,65 @@ impl Choice {
             let before = drawing.position_mm.mean;
             let text = format!(
                 "these rows do not show that a calibration helps: {before:.4} mm as drawn with base and tool fitted, {after:.4} mm \
-                 expected of `{}` on other rows; measure more poses",
-                chosen.candidate
+                 expected of `{}` on other rows; {}",
+                chosen.candidate,
+                match poses >= MANY && after > CONTRADICTORY_MM {
+                    true =>
+                        "more poses do not help: the rows contradict each other (two targets, payloads or robots?), or the arm needs a \
+                             richer method",
+                    false => "measure more poses",
+                }
             );
             if after >= GAIN * before {
                 add(Cause::Gain, Tier::Refused, text, after / before, GAIN);
             }
         }
         findings
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn choice(poses: usize, unexplained: usize, drawn_mm: f64, chosen_mm: f64) -> Choice {
+        let row = |candidate, mean: f64, chosen| Row {
+            candidate,
+            position_mm: Summary::new(&[mean]),
+            behind_best_mm: 0.0,
+            standard_error_mm: 0.0,
+            chosen,
+        };
+        Choice {
+            is_named: false,
+            poses,
+            unexplained,
+            config: Config::default(),
+            table: vec![
+                row(Method::BaseTool.name(), drawn_mm, false),
+                row(Method::Poe.name(), chosen_mm, true),
+            ],
+            left_out: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_lack_of_gain_is_due_to_few_rows_or_to_rows_that_contradict_each_other() {
+        for (poses, says) in [(30, "measure more poses"), (300, "contradict each other")] {
+            let findings = choice(poses, 0, 6.0, 5.9).findings();
+            let [finding] = findings.as_slice() else {
+                panic!("{findings:?}");
+            };
+            assert_eq!((finding.cause, finding.tier), (Cause::Gain, Tier::Refused));
+            assert!(finding.text.contains(says), "{finding:?}");
+        }
+    }
+
+    #[test]
+    fn many_rows_that_are_left_out_are_a_warning() {
+        assert!(choice(285, 15, 6.0, 0.1).findings().is_empty());
+        let findings = choice(240, 60, 6.0, 0.1).findings();
+        assert_eq!(findings[0].cause, Cause::Outlier);
+        assert!(findings[0].text.contains("60 of 300"), "{findings:?}");
     }
 }

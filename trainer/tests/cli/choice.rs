@@ -109,3 +109,14 @@ fn a_budget_is_kept_and_its_price_is_told() {
     let wrong = folder.run(&format!("{calibrate} --method poe --max-instructions 9000"));
     assert_eq!(wrong.code, Some(2), "{wrong:?}");
 }
+
+/// From few poses nothing shows that more do not pay.
+#[test]
+fn few_poses_do_not_say_that_more_do_not_pay() {
+    let folder = Folder::new();
+    folder.write("few.csv", simulated("train", 8));
+    let line = format!("calibrate --robot {SERIAL} few.csv --accept gain --out arm.blob");
+    let said = folder.run(&line).ok();
+    assert!(!said.stdout.contains("do not pay"), "{said:?}");
+    assert!(said.stdout.contains("next: "), "{said:?}");
+}

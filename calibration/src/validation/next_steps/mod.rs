@@ -13,12 +13,14 @@ mod step;
 mod task;
 
 use poegp_protocol::JointKind;
+use poegp_protocol::cause::Cause;
 use serde::Serialize;
 
 pub use crate::validation::next_steps::step::{Kind, LEAST_MM, LEAST_SHARE, Range, Step};
 pub use crate::validation::next_steps::task::{Knowledge, Task};
 
 use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::validation::model_selection::UNCERTAIN;
 use crate::validation::work_volume::POSES;
 
 /// Factor by which a region must gain more than evenly spread poses to be proposed; less is chance of the draw.
@@ -215,8 +217,13 @@ fn verdict(
     noise: Option<f64>,
 ) -> (String, Option<String>) {
     let method = task.calibration.config.method.name();
+    let unknown = "What further measurements would gain is not known".to_owned();
+    let count = task.samples.len();
+    if !is_paid && (count < UNCERTAIN || task.warnings.iter().any(|w| w.cause == Cause::Few)) {
+        let why = format!("{count} poses are too few to tell what is missing: measure more");
+        return (unknown, Some(why));
+    }
     let Some(expected) = expected else {
-        let unknown = "What further measurements would gain is not known".to_owned();
         let why = format!(
             "This `{method}` model does not say how sure it is of the arm; `poe` does, and `elastic` with processes"
         );
