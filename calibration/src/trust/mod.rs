@@ -3,13 +3,16 @@
 //! [`examine`] has three stages: the numbers alone, the nominal arm with base and tool fitted, and the geometry fitted with
 //! priors. It needs no Gaussian process. A cause is named only if it was tested against the data.
 
+mod added_terms;
 mod alignment;
 mod change_points;
 mod conventions;
 mod finding;
 mod geometry;
+mod mixture;
 mod nominal_arm;
 mod numbers;
+mod payloads;
 mod readings;
 mod residuals;
 #[cfg(test)]
@@ -41,7 +44,7 @@ pub fn identify(
         return Findings::default();
     };
     let reach = robot.reach();
-    let mut numbers = numbers::examine(robot, &data.chain, set, samples, reach, false);
+    let mut numbers = numbers::examine(robot, &data.chain, set, samples, reach);
     numbers.retain(|f| f.is_of_values());
     let (numbers, _) = part_suspects(&data, numbers);
     let mut out = Findings(numbers);
@@ -57,7 +60,7 @@ const CONTRADICTS: f64 = 2.0;
 const POOR: f64 = 0.4;
 
 /// Examines the rows of `set`; `samples` are its samples for `robot` in the same order. `gravity` is in the base frame, in
-/// m/s². `fits_geometry` states whether more than base and tool will be fitted to them.
+/// m/s². `fits_geometry` states whether more than base and tool will be fitted to them, so that few rows are too few.
 pub fn examine(
     robot: &Robot,
     set: &MeasurementSet,
@@ -69,33 +72,36 @@ pub fn examine(
         return Findings::default();
     };
     let reach = robot.reach();
-    let numbers = numbers::examine(robot, &data.chain, set, samples, reach, fits_geometry);
+    let mut numbers = numbers::examine(robot, &data.chain, set, samples, reach);
+    // With few rows, any geometry fits. Base and tool alone need fewer.
+    let is_enough = numbers.iter().all(|f| f.cause != Cause::Few);
+    numbers.retain(|f| fits_geometry || f.cause != Cause::Few);
     let (numbers, suspects) = part_suspects(&data, numbers);
     let mut out = Findings(numbers);
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
         out.0.extend(arm.findings);
-        // With few rows, any geometry fits.
-        let is_enough = fits_geometry && out.0.iter().all(|f| f.cause != Cause::Few);
         if !out.is_refused()
             && is_enough
             && let Some(geometry) = Geometry::fit(&data, &arm.alignment, Priors::Made, gravity)
         {
+            out.0.extend(suspects.into_iter().filter(|f| {
+                let (cut, rest) = parted(&data, f);
+                let off = |rows: &[usize]| median(rows.iter().map(|k| geometry.size(*k)).collect());
+                off(&cut) > CONTRADICTS * off(&rest)
+            }));
+            let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);
             // An episode is searched for only if the geometry explains little.
             let is_poor = geometry.position > POOR * arm.alignment.position;
+            // Payloads that were measured one after the other are no step.
+            let geometry = payloads::with_terms_of_each_payload(geometry);
             let step = change_points::examine(&data, &geometry).or_else(|| {
                 is_poor
                     .then(|| change_points::episode(&data, &geometry))
                     .flatten()
             });
             let has_step = step.is_some();
-            out.0.extend(suspects.into_iter().filter(|f| {
-                let (cut, rest) = parted(&data, f);
-                let off = |rows: &[usize]| median(rows.iter().map(|k| geometry.size(*k)).collect());
-                off(&cut) > CONTRADICTS * off(&rest)
-            }));
             out.0.extend(step);
-            let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);
             // Other residuals beside a step are attributed to the step.
             out.0.extend(
                 rest.into_iter()

@@ -37,14 +37,13 @@ const FAR: f64 = 12.0;
 /// Largest payload of an arm of 1 m, in kg; it grows with the cube of the reach.
 const HEAVIEST: f64 = 40.0;
 
-/// Returns the findings from the numbers alone. The number of rows matters only if the geometry is fitted.
+/// Returns the findings from the numbers alone.
 pub fn examine(
     robot: &Robot,
     chain: &Poe<f64>,
     set: &MeasurementSet,
     samples: &[InstrumentSample],
     reach: f64,
-    fits_geometry: bool,
 ) -> Vec<Finding> {
     let flanges: Vec<Pose<f64>> = samples
         .iter()
@@ -63,9 +62,7 @@ pub fn examine(
     let still = scene.still();
     out.extend(scene.cut_off(&copies, &still));
     out.extend(scene.sorted());
-    if fits_geometry {
-        out.extend(scene.few(still.len()));
-    }
+    out.extend(scene.few(still.len()));
     out.extend(scene.payload(reach));
     if copies.len() >= COPIES.0 && copies.len() as f64 >= COPIES.1 * samples.len() as f64 {
         let rows: Vec<usize> = copies.iter().map(|k| scene.line(*k)).collect();

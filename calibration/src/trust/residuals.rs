@@ -1,19 +1,17 @@
-//! Examines the residuals of the geometry: rows that do not belong, payloads that do not explain how the arm sags, a scatter
-//! that neither the digits nor the stated uncertainty explain, links that differ from the drawing.
+//! Examines the residuals of the geometry: rows that do not belong, a scatter that neither the digits nor the stated
+//! uncertainty explain, links that differ from the drawing.
 
 use poegp_protocol::cause::Cause;
-use poegp_protocol::limits::MAX_JOINTS;
-use poegp_runtime::elastic::gravity::GravityRegressors;
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
-use crate::numeric::cholesky::Factor;
-use crate::numeric::matrix::Mat;
 use crate::trust::change_points::{Part, changes};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
+use crate::trust::mixture;
 use crate::trust::numbers::{positions_mm, step};
+use crate::trust::payloads;
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lengths, lines, three_digits};
 
@@ -23,11 +21,6 @@ const OUTLIER: f64 = 7.0;
 const MANY: f64 = 0.25;
 /// Ratio of the median residual to the reach above which the geometry does not explain the data.
 const LEFT: f64 = 0.0035;
-/// Ratio of the scatter along the direction of sag to that across it above which the payloads are doubted.
-const SAG: f64 = 13.0;
-/// Drop of χ² per row by gravity terms for each payload above which the payloads are doubted; tested if the scatter ratio
-/// along sag exceeds the second number.
-const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
 /// Ratio of the nominal arm's median residual to the geometry's below which the poses are the nominal ones.
 const NOMINAL: f64 = 1.12;
 /// Residual of the nominal arm above which the poses were not computed by a controller, in m.
@@ -73,7 +66,8 @@ pub fn examine(
         }
     }
     out.extend(scene.outliers());
-    out.extend(scene.payload());
+    out.extend(payloads::examine(geometry));
+    out.extend(mixture::examine(data, geometry));
     out.extend(scene.frames());
     if out.is_empty() {
         out.extend(scene.nominal(nominal));
@@ -169,118 +163,6 @@ impl Scene<'_> {
             rows,
             value: worst,
             threshold: least,
-        })
-    }
-
-    /// Returns the effect of a mass of 1 kg at the target on each joint, in N m or N.
-    fn torques(&self, row: usize) -> [f64; MAX_JOINTS] {
-        let g = self.geometry;
-        let sample = &g.samples[row];
-        let chain = g.state.chain(sample.tool);
-        let motions = chain.motions(&sample.serial_joints);
-        let (frames, target) = chain.joint_frames_with(&motions);
-        let at =
-            GravityRegressors::new(g.state.kinds(), &frames, &target, &g.state.gravity.gravity);
-        std::array::from_fn(|c| {
-            if c < g.state.layout.joints {
-                at.payload(c).0
-            } else {
-                0.0
-            }
-        })
-    }
-
-    fn payload(&self) -> Option<Finding> {
-        let g = self.geometry;
-        if !g.is_whole() {
-            return None;
-        }
-        let joints = g.state.layout.joints;
-        let effect = |row: usize, joint: usize| g.linear.jacobian[(row, joint)];
-        let (mut along, mut across, mut equations) = (0.0, 0.0, 0.0);
-        let torques: Vec<_> = (0..g.samples.len()).map(|k| self.torques(k)).collect();
-        for (k, torque) in torques.iter().enumerate() {
-            let weight = g.weights[k];
-            let sag: [f64; ROWS] = std::array::from_fn(|b| {
-                (0..joints)
-                    .map(|c| effect(ROWS * k + b, c) * torque[c])
-                    .sum()
-            });
-            let norm = sag.iter().map(|x| x * x).sum::<f64>().sqrt();
-            if norm <= 0.0 {
-                continue;
-            }
-            let residual = &g.residuals[k];
-            let part = sag.iter().zip(residual).map(|(s, r)| s * r).sum::<f64>() / norm;
-            along += weight * part * part;
-            across += weight * (residual.iter().map(|r| r * r).sum::<f64>() - part * part);
-            equations += (g.samples[k].observation.equations() - 1) as f64;
-        }
-        let count = g.samples.len() as f64;
-        let ratio = (along / count) / (across / equations.max(1.0)).max(1e-12);
-        if ratio > SAG {
-            let text = format!(
-                "the measurements scatter {} times as much along the direction of sag as across it: payload_kg is wrong or \
-                 exchanged in some rows, or several payloads were carried and one is stated",
-                three_digits(ratio)
-            );
-            return Some(warning(Cause::Payload, text, ratio, SAG));
-        }
-        let mut payloads: Vec<f64> = g.samples.iter().filter_map(|s| s.payload_kg).collect();
-        payloads.sort_by(f64::total_cmp);
-        payloads.dedup_by(|a, b| (*a - *b).abs() < 0.05);
-        if ratio <= BY_PAYLOAD.1 || payloads.len() < 2 || payloads.len() > 12 {
-            return None;
-        }
-        let group = |m: f64| {
-            payloads
-                .iter()
-                .position(|p| (p - m).abs() < 0.05)
-                .unwrap_or(0)
-        };
-        let size = joints * payloads.len();
-        let (mut own, mut with_all) = (
-            Mat::<f64>::zeros(size, size),
-            Mat::<f64>::zeros(size, g.linear.a.ncols()),
-        );
-        let mut right = Mat::<f64>::zeros(size, 1);
-        for (k, torque) in torques.iter().enumerate() {
-            let first = joints * group(g.samples[k].payload_kg.unwrap_or(0.0));
-            for b in 0..ROWS {
-                let row = ROWS * k + b;
-                for c in 0..joints {
-                    let x = g.weights[k] * effect(row, c) * torque[c];
-                    right[(first + c, 0)] += x * g.residuals[k][b];
-                    for d in 0..joints {
-                        own[(first + c, first + d)] += x * effect(row, d) * torque[d];
-                    }
-                    for j in 0..g.linear.a.ncols() {
-                        with_all[(first + c, j)] += x * g.linear.a[(row, j)];
-                    }
-                }
-            }
-        }
-        right -= &with_all * &g.next_step;
-        let explained = &with_all * &g.covariance * with_all.transpose();
-        let largest = (0..size).map(|i| own[(i, i)]).fold(0.0, f64::max);
-        let schur = Mat::from_fn(size, size, |i, j| {
-            own[(i, j)] - explained[(i, j)] + if i == j { 1e-6 * largest + 1e-12 } else { 0.0 }
-        });
-        let x = Factor::new(schur, 1).ok()?.solve(&right);
-        let of_group = |p: usize| -> f64 {
-            (joints * p..joints * (p + 1))
-                .map(|i| x[(i, 0)] * right[(i, 0)])
-                .sum()
-        };
-        let drop: f64 = (0..payloads.len()).map(of_group).sum::<f64>() / count;
-        let worst = (0..payloads.len()).max_by(|a, b| of_group(*a).total_cmp(&of_group(*b)))?;
-        (drop > BY_PAYLOAD.0).then(|| {
-            let text = format!(
-                "the arm does not sag in proportion to payload_kg, least so at {} kg: is a value in another unit, or are \
-                 two exchanged?",
-                three_digits(payloads[worst])
-            );
-            warning(Cause::Payload, text, drop, BY_PAYLOAD.0)
         })
     }
 

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_protocol::cause::Cause;
+use poegp_runtime::math::se3::Pose;
 
 use crate::measurement::parse;
 use crate::measurement::sample::samples;
@@ -12,15 +13,25 @@ use crate::trust::{Findings, Tier, examine};
 
 const TRAIN: &str = include_str!("../../../tests/data/simulated/irb4400_paper_s0_train.csv");
 
-/// The header and the rows of the simulated set.
+const WILD: &str = include_str!("../../../tests/data/simulated/irb4400_wild_s0_train.csv");
+
+/// The header and the rows of a simulated set.
 fn table() -> (String, Vec<Vec<String>>) {
-    let mut lines = TRAIN.lines().filter(|line| !line.starts_with('#'));
+    table_of(TRAIN)
+}
+
+fn table_of(text: &str) -> (String, Vec<Vec<String>>) {
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header = lines.next().unwrap().to_owned();
     let rows = lines.map(|line| line.split(',').map(str::to_owned).collect());
     (header, rows.collect())
 }
 
 fn examined(header: &str, rows: &[Vec<String>]) -> Findings {
+    examined_for(header, rows, -9.81, true)
+}
+
+fn examined_for(header: &str, rows: &[Vec<String>], gravity: f64, fits_geometry: bool) -> Findings {
     let mut text = header.to_owned();
     for row in rows {
         text += "\n";
@@ -29,7 +40,8 @@ fn examined(header: &str, rows: &[Vec<String>]) -> Findings {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
     let set = parse(Path::new("test.csv"), text.as_bytes()).unwrap();
     let samples = samples(&set, &robot, &mut Vec::new()).unwrap();
-    examine(&robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81), true)
+    let gravity = Vector3::new(0.0, 0.0, gravity);
+    examine(&robot, &set, &samples, gravity, fits_geometry)
 }
 
 fn column(header: &str, name: &str) -> usize {
@@ -125,4 +137,72 @@ fn repeats_of_a_pose_are_not_enough_poses() {
         few.text.starts_with("12 poses give 72 equations"),
         "{few:?}"
     );
+}
+
+#[test]
+fn an_arm_that_rises_under_load_is_refused() {
+    let (header, mut rows) = table();
+    let reversed = examined_for(&header, &rows, 9.81, true);
+    let payload = column(&header, "payload_kg");
+    for row in &mut rows {
+        row[payload] = format!("{}", 8.5 - row[payload].parse::<f64>().unwrap());
+    }
+    for findings in [reversed, examined(&header, &rows)] {
+        let [finding] = findings.0.as_slice() else {
+            panic!("{findings:?}");
+        };
+        assert_eq!(
+            (finding.cause, finding.tier),
+            (Cause::Payload, Tier::Refused)
+        );
+        assert!(finding.text.contains("rises under load"), "{finding:?}");
+    }
+}
+
+#[test]
+fn two_targets_that_alternate_are_found() {
+    let (header, mut rows) = table();
+    let columns = ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"].map(|n| column(&header, n));
+    for row in rows.iter_mut().step_by(2) {
+        let [x, y, z, qw, qx, qy, qz] = columns.map(|c| row[c].parse::<f64>().unwrap());
+        let position = Vector3::new(x, y, z);
+        let pose = Pose::from_quaternion(qw, &Vector3::new(qx, qy, qz), position);
+        let seen = pose.transform_point(&Vector3::new(0.6, 0.8, 0.0));
+        for axis in 0..3 {
+            row[columns[axis]] = format!("{:.6}", seen[axis]);
+        }
+    }
+    let findings = examined(&header, &rows);
+    let [finding] = findings.0.as_slice() else {
+        panic!("{findings:?}");
+    };
+    assert_eq!(finding.cause, Cause::Mixed);
+    assert!(finding.text.contains("1.00 mm"), "{finding:?}");
+}
+
+/// Gears and bearings do not give way along a straight line, which is no step where payloads change.
+#[test]
+fn payloads_one_after_the_other_are_no_step() {
+    let (header, mut rows) = table_of(WILD);
+    let payload = column(&header, "payload_kg");
+    rows.sort_by(|a, b| {
+        let number = |row: &Vec<String>| row[payload].parse::<f64>().unwrap();
+        number(a).total_cmp(&number(b))
+    });
+    let findings = examined(&header, &rows);
+    assert!(findings.0.is_empty(), "{findings:?}");
+}
+
+#[test]
+fn what_moves_is_found_whatever_is_fitted() {
+    let (header, mut rows) = table();
+    let x = column(&header, "x_mm");
+    rows[150..]
+        .iter_mut()
+        .for_each(|row| add(&mut row[x], 20.0));
+    let findings = examined_for(&header, &rows, -9.81, false);
+    assert!(findings.is_refused(), "{findings:?}");
+    assert_eq!(findings.0[0].cause, Cause::Step);
+    let few = examined_for(&header, &rows[..8], -9.81, false);
+    assert!(few.0.is_empty(), "{few:?}");
 }

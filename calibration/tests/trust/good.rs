@@ -15,10 +15,11 @@ type Make = fn(&Good, &mut ChaCha8Rng) -> Table;
 pub const SIZES: [usize; 4] = [30, 50, 100, 300];
 
 /// All ways but subsets.
-pub const VARIANTS: [(&str, Make); 11] = [
+pub const VARIANTS: [(&str, Make); 12] = [
     ("as it is", |g, _| g.table.clone()),
     ("rows shuffled", shuffled),
     ("rows shuffled, time stated", timed),
+    ("one payload after the other", in_blocks),
     ("joints in rad", in_rad),
     ("positions in m", in_metres),
     ("quaternion signs", signs),
@@ -37,6 +38,16 @@ pub fn subset(good: &Good, rows: usize, random: &mut ChaCha8Rng) -> Good {
 fn shuffled(good: &Good, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
     table.rows.shuffle(random);
+    table
+}
+
+/// The order in which a plan has the payloads.
+fn in_blocks(good: &Good, _: &mut ChaCha8Rng) -> Table {
+    let mut table = good.table.clone();
+    if let Some(column) = table.column("payload_kg") {
+        let payload = |row: &Vec<String>| row[column].parse::<f64>().expect("a payload");
+        table.rows.sort_by(|a, b| payload(a).total_cmp(&payload(b)));
+    }
     table
 }
 

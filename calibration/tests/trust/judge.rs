@@ -23,7 +23,7 @@ pub enum Answer {
 }
 
 /// Gives a file to the reader and to the gate.
-pub fn ask(robot: &Robot, text: &str) -> Answer {
+pub fn ask(robot: &Robot, text: &str, gravity: Vector3<f64>) -> Answer {
     let set = match read(robot, text) {
         Ok(set) => set,
         Err(error) => return Answer::Unread(error),
@@ -34,7 +34,7 @@ pub fn ask(robot: &Robot, text: &str) -> Answer {
     };
     let start = Instant::now();
     match catch_unwind(AssertUnwindSafe(|| {
-        examine(robot, &set, &samples, Vector3::new(0.0, 0.0, -9.81), true)
+        examine(robot, &set, &samples, gravity, true)
     })) {
         Ok(findings) => Answer::Examined(findings.0, start.elapsed()),
         Err(_) => Answer::Panicked,

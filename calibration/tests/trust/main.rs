@@ -26,6 +26,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::judge::{Answer, Changed, ask};
+use crate::mistakes::GRAVITY;
 use crate::record::Record;
 use crate::sets::Good;
 
@@ -95,7 +96,7 @@ impl Run {
             let text = good.text(&table);
             let robot = mistake.robot.as_ref().unwrap_or(&good.robot);
             let changed = Changed::between(&right_text, &text, mistake.robot.is_some());
-            let answer = ask(robot, &text);
+            let answer = ask(robot, &text, mistake.gravity);
             if let Some(reason) = hidden::reason(&good, left_mm, mistake, &table) {
                 self.record.of(&good.name).unseen += 1;
                 let verdict = format!("left out: {reason}");
@@ -129,7 +130,7 @@ impl Run {
         if !self.takes(&good.name) || !name.contains(&self.mistake) {
             return;
         }
-        let answer = ask(&good.robot, text);
+        let answer = ask(&good.robot, text, GRAVITY);
         let is_alarm = answer.is_caught(&good.exempt) || matches!(answer, Answer::Panicked);
         let count = self.record.of(&good.name);
         count.good += 1;
@@ -280,7 +281,8 @@ fn every_mistake_changes_the_file_or_the_robot() {
             let mut draw = random(1, &[&good.name, &mistake.name]);
             let table = mistake.table(good, &mut draw);
             let same = table.text() == good.table.text();
-            assert_eq!(same, mistake.robot.is_some(), "{}", mistake.name);
+            let elsewhere = mistake.robot.is_some() || mistake.gravity != GRAVITY;
+            assert_eq!(same, elsewhere, "{}", mistake.name);
         }
     }
 }

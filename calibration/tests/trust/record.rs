@@ -133,7 +133,7 @@ POEGP_MEASURED_DATA=FOLDER POEGP_RECORD=docs/evidence/trust.md cargo test --rele
     --ignored --nocapture whole
 ```
 
-Each set is written in about 150 wrong and eleven good ways, whole and as random rows.
+Each set is written in about 155 wrong and twelve good ways, whole and as random rows.
 
 - *Caught*: the program warns of a wrong file or refuses it. *Only warned*: it should have refused it.
 - *Right cause*: the cause is among the gravest findings and names the joint.

@@ -19,6 +19,9 @@ use crate::table::Table;
 
 type Make = dyn Fn(&Good, &mut ChaCha8Rng) -> Table;
 
+/// Gravity in the base frame of an arm that stands, in m/s².
+pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+
 /// Causes that warn; with any other a file is refused.
 const WARNED: [Cause; 8] = [
     Cause::Few,
@@ -57,6 +60,8 @@ pub struct Mistake {
     pub hidden_by: Option<HiddenBy>,
     /// The robot that the file is said to be of, where it is another.
     pub robot: Option<Robot>,
+    /// Gravity that is stated, in the base frame.
+    pub gravity: Vector3<f64>,
     make: Box<Make>,
 }
 
@@ -104,6 +109,12 @@ impl Mistake {
         self
     }
 
+    /// The arm is said to hang.
+    fn upside_down(&mut self) -> &mut Self {
+        self.gravity = -GRAVITY;
+        self
+    }
+
     /// The file is said to be of another robot.
     fn read_as(&mut self, robot: Robot) -> &mut Self {
         self.robot = Some(robot);
@@ -147,6 +158,7 @@ impl List<'_> {
             unseen: None,
             hidden_by: None,
             robot: None,
+            gravity: GRAVITY,
             make: Box::new(make),
         });
         self.all.last_mut().expect("just pushed")

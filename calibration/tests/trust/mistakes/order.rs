@@ -10,6 +10,8 @@ use crate::table::Table;
 
 /// A shift of fewer of its scatters than this is no loss, and nobody sees it.
 const VISIBLE: f64 = 3.0;
+/// Two clusters are apart from so many of their scatters on.
+const MIXED: f64 = 6.0;
 const SMALL: &str = "below three times the scatter of one component";
 
 pub fn add(list: &mut List) {
@@ -126,6 +128,21 @@ fn steps(list: &mut List) {
         )
         .unseen(mm < VISIBLE * scatter, SMALL)
         .warns_if(mm < 3.0);
+    }
+    for mm in [1.0, 5.0] {
+        for (what, of_base) in [("targets", false), ("places of the instrument", true)] {
+            list.add(
+                format!("mixed: two {what} by {mm} mm, row by row"),
+                &[Mixed],
+                move |t, r| {
+                    let by = shift(direction(mm, r));
+                    let rows: Vec<usize> = (0..t.len()).filter(|_| r.random()).collect();
+                    t.map_poses(rows, |_, p| if of_base { by * p } else { p * by });
+                },
+            )
+            .unseen(mm < MIXED * scatter, "below six times the scatter")
+            .warns_if(mm < 3.0);
+        }
     }
     let mut moving = list.good.moving();
     if list.good.is_narrow() {

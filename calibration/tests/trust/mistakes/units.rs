@@ -146,6 +146,16 @@ fn add_payload(list: &mut List) {
         "two payloads have one difference: only mass times compliance shows",
     )
     .unless_small();
+    let ends = [carried[0], carried[carried.len() - 1]];
+    list.add("payload: labels exchanged", &[Payload], move |t, _| {
+        set(t, &mut |_, p| ends[0] + ends[1] - p);
+    })
+    .unless_small()
+    .only_warns = false;
+    list.add("payload: gravity reversed", &[Payload], |_, _| {})
+        .unseen(ends[0] == ends[1], "one payload")
+        .upside_down()
+        .only_warns = false;
     list.add("payload: in another order", &[Payload], move |t, r| {
         let mut order = t.numbers(column);
         order.shuffle(r);

@@ -1,0 +1,103 @@
+//! Finds rows of two kinds that alternate: two targets or two places of the instrument that no column tells apart.
+//!
+//! The geometry settles between both kinds, and the residuals form two clusters: along the target's axes if the targets
+//! differ, along the instrument's if it stood in two places.
+
+use nalgebra::Vector3;
+use poegp_protocol::cause::Cause;
+
+use crate::numeric::matrix::Mat;
+use crate::numeric::svd::Svd;
+use crate::trust::change_points::{Part, REFUSED, changes, needed};
+use crate::trust::finding::{Finding, Tier};
+use crate::trust::geometry::Geometry;
+use crate::trust::readings::Data;
+use crate::trust::wording::{length, lines};
+
+/// Smallest number of rows, and the smallest share of them that is a kind of its own: fewer rows are outliers.
+const LEAST: (usize, f64) = (16, 0.15);
+/// Share of the variance that the distance of the clusters must explain: of one normal cluster that is cut in the middle it
+/// is 0.64, of a sine wave 0.81.
+const APART: f64 = 0.88;
+
+/// Returns a warning or a refusal if there are two kinds of rows.
+pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
+    let count = geometry.samples.len();
+    if count < LEAST.0 {
+        return None;
+    }
+    let needed = needed(geometry);
+    let halves = [Part::Tool, Part::Base].map(|part| [(part, 0), (part, 3)]);
+    let candidates = halves.into_iter().flatten().filter_map(|(part, first)| {
+        let rows = clusters(geometry, part, first)?;
+        let changes = changes(geometry, &rows);
+        let change = changes.into_iter().find(|c| c.part == part)?;
+        (change.drop > needed).then_some((rows, change))
+    });
+    let (rows, change) = candidates.max_by(|a, b| a.1.drop.total_cmp(&b.1.drop))?;
+    let rows: Vec<usize> = rows.iter().map(|k| data.line(*k)).collect();
+    let what = if change.part == Part::Tool {
+        "another target or reflector"
+    } else {
+        "another place of the instrument"
+    };
+    Some(Finding {
+        cause: Cause::Mixed,
+        tier: if change.displacement > REFUSED {
+            Tier::Refused
+        } else {
+            Tier::Warning
+        },
+        text: format!(
+            "{} of {count} rows ({}) lie {} from where the others would: {what} (a session of its own)",
+            rows.len(),
+            lines(&rows),
+            length(change.displacement)
+        ),
+        rows,
+        value: change.drop / count as f64,
+        threshold: needed / count as f64,
+    })
+}
+
+/// Cuts the rows in two along the principal axis of three components of their residuals: positions from 0 on, rotations
+/// from 3 on. Returns the smaller part if both are well apart.
+fn clusters(geometry: &Geometry, part: Part, first: usize) -> Option<Vec<usize>> {
+    let count = geometry.samples.len();
+    let mut turned = Mat::zeros(count, 3);
+    for (k, residual) in geometry.residuals.iter().enumerate() {
+        let mut seen = Vector3::from_fn(|i, _| geometry.weights[k].sqrt() * residual[first + i]);
+        if part == Part::Tool {
+            let sample = &geometry.samples[k];
+            let chain = geometry.state.chain(sample.tool);
+            seen = chain.forward(&sample.serial_joints).rotation.transpose() * seen;
+        }
+        turned.row_mut(k).copy_from(&seen.transpose());
+    }
+    for mut column in turned.column_iter_mut() {
+        let mean = column.sum() / count as f64;
+        column.add_scalar_mut(-mean);
+    }
+    let along = &turned * Svd::new(&turned)?.v.column(0);
+    let mut order: Vec<usize> = (0..count).collect();
+    order.sort_by(|a, b| along[*a].total_cmp(&along[*b]));
+    let all: f64 = along.iter().map(|x| x * x).sum();
+    // The sum of all is 0: a cut after `rows` of them, whose sum is s, explains s² (1/rows + 1/others).
+    let least = (LEAST.1 * count as f64).ceil() as usize;
+    let mut sum = 0.0;
+    let mut best = (0, 0.0);
+    for (i, k) in order.iter().enumerate() {
+        sum += along[*k];
+        let (rows, others) = (i + 1, count - i - 1);
+        if rows.min(others) >= least {
+            let explained = sum * sum * (1.0 / rows as f64 + 1.0 / others as f64);
+            if explained > best.1 {
+                best = (rows, explained);
+            }
+        }
+    }
+    let (low, high) = order.split_at(best.0);
+    let mut rows = if low.len() < high.len() { low } else { high }.to_vec();
+    rows.sort_unstable();
+    (best.1 > APART * all).then_some(rows)
+}
