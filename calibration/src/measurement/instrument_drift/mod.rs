@@ -30,8 +30,6 @@ use crate::measurement::set::MeasurementSet;
 
 /// Largest distance in m of a reference point from its position in another file of the same set-up.
 const SAME_POSITION: f64 = 5e-3;
-/// Largest distance of a reference point from the instrument, in m: the range of laser trackers, with a margin.
-const FARTHEST: f64 = 200.0;
 /// Distance in m within which no instrument repeats nine tenths of a point's measurements, and the least number of them that
 /// show it.
 const REPEATS: f64 = 1e-6;
@@ -244,7 +242,7 @@ impl DriftReport {
     }
 }
 
-/// Refuses reference points in another unit: no instrument measures so far or repeats so well.
+/// Refuses reference points that repeat better than any instrument does, as those in metres under `_mm`.
 fn plausible(set: &MeasurementSet, seen: &[Vec<Option<Vector3<f64>>>]) -> Result<(), InputError> {
     for (i, seen) in seen.iter().enumerate() {
         let seen: Vec<_> = seen.iter().flatten().copied().collect();
@@ -253,19 +251,18 @@ fn plausible(set: &MeasurementSet, seen: &[Vec<Option<Vector3<f64>>>]) -> Result
         off.sort_by(f64::total_cmp);
         // Rounded coordinates of a point that stays are equal.
         let most = off[off.len() * 9 / 10];
-        let found = if middle.norm() > FARTHEST {
-            format!("{:.0} m from the instrument", middle.norm())
-        } else if seen.len() >= SEEN && most > 0.0 && most < REPEATS {
-            format!("that repeats within {:.4} µm", 1e6 * most)
-        } else {
-            continue;
-        };
-        return Err(InputError::new(
-            &set.path,
-            format!("reference point {} {found}", i + 1),
-            "what an instrument measures, in the unit that the column states",
-        )
-        .with_help("columns in metres are named ref1_x_m, in millimetres ref1_x_mm"));
+        if seen.len() >= SEEN && most > 0.0 && most < REPEATS {
+            return Err(InputError::new(
+                &set.path,
+                format!(
+                    "reference point {} that repeats within {:.4} µm",
+                    i + 1,
+                    1e6 * most
+                ),
+                "what an instrument measures, in the unit that the column states",
+            )
+            .with_help("columns in metres are named ref1_x_m, in millimetres ref1_x_mm"));
+        }
     }
     Ok(())
 }
