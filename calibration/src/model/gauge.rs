@@ -99,6 +99,8 @@ pub struct Gauge {
 pub struct GaugeTooFar {
     /// Whether the frame is the base; otherwise it is the tool.
     pub is_base: bool,
+    /// Whether the user stated the frame; otherwise it is that of an earlier model.
+    pub is_stated: bool,
     /// Distance between the two frames, in mm.
     pub mm: f64,
     /// Angle between the two frames, in mrad.
@@ -111,12 +113,18 @@ impl GaugeTooFar {
 
     /// Returns the probable cause of the error and what the user can do.
     pub fn remedy(&self) -> &'static str {
-        match self.is_base {
-            true => {
+        match (self.is_base, self.is_stated) {
+            (true, true) => {
+                "see whether these are points or numbers of this station: instrument_from_base, in mm, the quaternion as QW,QX,QY,QZ"
+            }
+            (false, true) => {
+                "see whether the numbers are those of this target: flange_from_target, in mm, the quaternion as QW,QX,QY,QZ"
+            }
+            (true, false) => {
                 "the instrument was moved: measure fixed points before and after and give them as --references, or state the \
                  base with --base-from"
             }
-            false => {
+            (false, false) => {
                 "the target was mounted in another way: state the tool with --tool-from, or keep no gauge"
             }
         }

@@ -32,7 +32,7 @@ impl Calibration {
             (false, &own.flange_from_targets[0], choice.tool),
         ] {
             if let Some(stated) = stated {
-                near(is_base, found, &stated.pose)?;
+                near(is_base, found, &stated)?;
             }
         }
         let gauge = match choice.over_grid {
@@ -155,14 +155,15 @@ fn drawing_of(calibration: &Calibration) -> Poe<f64> {
 }
 
 /// Rejects a stated frame that is farther than [`FARTHEST`] from the one that was found.
-fn near(is_base: bool, found: &Pose<f64>, stated: &Pose<f64>) -> Result<(), GaugeTooFar> {
-    let between = found.inverse() * *stated;
+fn near(is_base: bool, found: &Pose<f64>, stated: &GaugeFrame) -> Result<(), GaugeTooFar> {
+    let between = found.inverse() * stated.pose;
     let (m, rad) = (between.translation.norm(), between.log().angular.norm());
     if m <= FARTHEST.0 && rad <= FARTHEST.1 {
         return Ok(());
     }
     Err(GaugeTooFar {
         is_base,
+        is_stated: stated.source == FrameSource::Stated,
         mm: 1e3 * m,
         mrad: 1e3 * rad,
     })

@@ -24,9 +24,9 @@ pub fn of_calibration(
     with_task(calibration, robot, samples, identify)
 }
 
-/// Computes the covariance of the predictions for `new` by `calibration`, which was made from `samples`. Returns `None` for
-/// a model that does not know how its predictions are correlated: one with a Gaussian process on the pose of the tool, or
-/// one without any parameter of the arm.
+/// Computes the covariance of the predictions for `new` by `calibration`, which was made from `samples`; without processes,
+/// it is that of the frames alone. Returns `None` for a model that does not know how its predictions are correlated: one
+/// with a Gaussian process on the pose of the tool, or one without any parameter of the arm.
 pub fn prediction_covariance(
     calibration: &Calibration,
     robot: &Robot,
@@ -35,6 +35,7 @@ pub fn prediction_covariance(
 ) -> Option<PredictionCovariance> {
     let noisy = |s: &InstrumentSample| s.clone().with_noise(calibration.config.instrument_noise());
     let new: Vec<InstrumentSample> = new.iter().map(noisy).collect();
+    let method = calibration.config.method;
     match (&calibration.estimate, &calibration.correction) {
         (
             FrameEstimate::Parametric {
@@ -43,7 +44,7 @@ pub fn prediction_covariance(
             },
             _,
         ) => known.of_predictions(&new),
-        (_, Correction::None) if calibration.config.method == Method::Poe => {
+        (_, Correction::None | Correction::Elastic(_)) if method != Method::BaseTool => {
             let base = &calibration.base_and_tools.instrument_from_base;
             let new = in_base_frame(&new, base);
             with_task(calibration, robot, samples, |task| {

@@ -20,8 +20,6 @@ use crate::planning::{PlannedPose, Planner, Strategy};
 use crate::progress::FitContext;
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
 
-/// Numbers of poses that a forecast usually compares.
-pub const COUNTS: [usize; 7] = [25, 50, 75, 100, 150, 200, 300];
 /// Number of simulated arms of each kind.
 pub const ARMS: u64 = 2;
 /// Number of configurations that each arm is tested on.

@@ -24,6 +24,7 @@ use nalgebra::Vector3;
 pub use poegp_protocol::cause::{Cause, Causes};
 
 pub use crate::trust::finding::{Finding, Findings, Tier};
+pub use crate::trust::residuals::overstated_noise;
 
 use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;

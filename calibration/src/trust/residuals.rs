@@ -92,6 +92,31 @@ fn warning(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
     }
 }
 
+/// Returns the finding that positions scatter by more than the stated standard uncertainty explains, both in m.
+fn understated_noise(stated: f64, scatter: f64) -> Option<Finding> {
+    let ratio = scatter / stated;
+    (ratio > UNDERSTATED.0 && (scatter > UNDERSTATED.1 || ratio > OTHER_UNIT)).then(|| {
+        let verdict = "is sigma in another unit, or is the instrument worse than stated?";
+        noise(stated, scatter, verdict, ratio, UNDERSTATED.0)
+    })
+}
+
+/// Returns the finding that positions scatter by less than the stated standard uncertainty, both in m.
+pub fn overstated_noise(stated: f64, scatter: f64) -> Option<Finding> {
+    let ratio = stated / scatter;
+    let verdict = "is sigma in another unit?";
+    (ratio > OVERSTATED).then(|| noise(stated, scatter, verdict, ratio, OVERSTATED))
+}
+
+fn noise(stated: f64, scatter: f64, verdict: &str, value: f64, threshold: f64) -> Finding {
+    let text = format!(
+        "a standard uncertainty of {} is stated, and the positions scatter by {}: {verdict}",
+        length(stated),
+        length(scatter)
+    );
+    warning(Cause::Noise, text, value, threshold)
+}
+
 impl Scene<'_> {
     fn has_orientation(&self) -> bool {
         self.geometry
@@ -174,26 +199,9 @@ impl Scene<'_> {
     fn noise(&self) -> Option<Finding> {
         let stated = InstrumentNoise::rms_over(&self.geometry.samples).position?;
         let scatter = self.scatter();
-        let (value, threshold, verdict) = if self.geometry.is_whole()
-            && scatter > UNDERSTATED.0 * stated
-            && (scatter > UNDERSTATED.1 || scatter > OTHER_UNIT * stated)
-        {
-            (
-                scatter / stated,
-                UNDERSTATED.0,
-                "is sigma in another unit, or is the instrument worse than stated?",
-            )
-        } else if stated > OVERSTATED * scatter {
-            (stated / scatter, OVERSTATED, "is sigma in another unit?")
-        } else {
-            return None;
-        };
-        let text = format!(
-            "the rows state a standard uncertainty of {}, and the positions scatter by {}: {verdict}",
-            length(stated),
-            length(scatter)
-        );
-        Some(warning(Cause::Noise, text, value, threshold))
+        understated_noise(stated, scatter)
+            .filter(|_| self.geometry.is_whole())
+            .or_else(|| overstated_noise(stated, scatter))
     }
 
     fn rounding(&self) -> Option<Finding> {

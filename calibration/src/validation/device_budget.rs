@@ -1,21 +1,22 @@
 //! Fits an elastic model to a controller: it gets as many inducing points as a budget of instructions or bytes allows.
 //!
-//! The cost model gives the size of the model. That model is cross-validated within the training data beside the one that
-//! was asked for, which shows what the budget costs in accuracy. The standard deviation is written when it leaves room for
-//! enough inducing points.
+//! The cost model gives the size of the model. That model is cross-validated within the training data beside the one without
+//! processes and the one that was asked for, which shows what the budget costs in accuracy. The standard deviation is written
+//! when it leaves room for enough inducing points.
 
 use poegp_protocol::JointKind;
-use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::elastic::curve::coefficient_count;
 use poegp_runtime::model::cost::ModelSize;
 use serde::Serialize;
 
+use crate::blob::predict::BlobModel;
 use crate::device_cost::{
     blob_bytes, block_instructions, elastic, largest, row_instructions, with_elastic,
 };
 use crate::learning::elastic::device_variance::LANDMARKS;
 use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::measurement::sample::InstrumentSample;
+use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::Summary;
 use crate::robot::Robot;
@@ -33,13 +34,16 @@ pub struct Budget {
 /// One model that was tried.
 #[derive(Clone, Debug, Serialize)]
 pub struct BudgetTrial {
+    /// Name of the model in a table.
+    #[serde(skip)]
+    pub name: &'static str,
     /// Number of inducing points of all joints together.
     pub inducing_points: usize,
     /// Whether the device gets a standard deviation.
     pub predictive_std: bool,
     /// Instructions of one command, at most.
     pub instructions: u64,
-    /// Bytes of the blob, by the cost model.
+    /// Bytes of the blob.
     pub bytes: usize,
     /// Held-out position errors in mm.
     pub position_mm: Summary,
@@ -48,12 +52,10 @@ pub struct BudgetTrial {
 }
 
 impl BudgetTrial {
-    /// Returns the name of this trial in a table.
-    pub fn name(&self) -> &'static str {
-        if self.chosen {
-            "within the budget"
-        } else {
-            "without a budget"
+    fn cost(&self) -> Cost {
+        Cost {
+            instructions: self.instructions,
+            bytes: self.bytes,
         }
     }
 }
@@ -82,14 +84,19 @@ impl Budget {
 
     /// Returns whether a model of this size fits the budget.
     pub fn allows(&self, size: &ModelSize) -> bool {
-        self.instructions
-            .is_none_or(|limit| u64::from(size.command_bound()) <= limit)
-            && self
-                .bytes
-                .is_none_or(|limit| blob_bytes(size, TEXTS) <= limit)
+        self.holds(Cost {
+            instructions: size.command_bound().into(),
+            bytes: blob_bytes(size, TEXTS),
+        })
     }
 
-    /// Returns the size of the arm's largest model that fits, or `None`. The kernels are assumed to depend on all joints;
+    fn holds(&self, cost: Cost) -> bool {
+        self.instructions
+            .is_none_or(|limit| cost.instructions <= limit)
+            && self.bytes.is_none_or(|limit| cost.bytes <= limit)
+    }
+
+    /// Returns the size of the arm's largest model with inducing points that fits, or `None`. The kernels are assumed to depend on all joints;
     /// the fit leaves some joints out, and what that saves is spent on more points.
     pub fn largest(
         &self,
@@ -116,16 +123,6 @@ impl Budget {
         };
         let most = points_beside(joints, curve_orders);
         (1..=most).rev().map(size).find(|s| self.allows(s))
-    }
-
-    /// Returns the instructions of a command, at most, and the bytes of the smallest model of an arm.
-    pub fn smallest(robot: &Robot) -> (u32, usize) {
-        let kinds = robot.joints.iter().map(|joint| joint.kind);
-        let sliding = kinds.filter(|kind| *kind == JointKind::Prismatic).count();
-        let size = with_elastic(&largest(robot.joints.len(), sliding, 1, 1), |size| {
-            size.ripple = RIPPLE_PER_JOINT * robot.joints.len();
-        });
-        (size.command_bound(), blob_bytes(&size, TEXTS))
     }
 
     /// Returns `config` with the model limited to this size.
@@ -161,9 +158,35 @@ impl Budget {
     }
 }
 
-/// Fills the budget, cross-validates the model that results and the one that `config` asks for (first in the table), and
-/// returns the configuration that fits. Returns `None` when not even one inducing point fits. `progress` is called after
-/// every calibration of the cross-validation, [`TRIALS`] times the number of folds.
+/// What a model costs the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cost {
+    /// Instructions of one command, at most.
+    pub instructions: u64,
+    /// Bytes of the blob.
+    pub bytes: usize,
+}
+
+impl Cost {
+    fn of(blob: &BlobModel) -> Self {
+        let size = blob.model().size();
+        Self {
+            instructions: size.map_or(0, |size| size.command_bound().into()),
+            bytes: blob.bytes().len(),
+        }
+    }
+}
+
+/// The configuration that was chosen, with the models that were compared, or the cost of the smallest model, which exceeds
+/// the budget.
+pub type Fitted = Result<(Config, Vec<BudgetTrial>), Cost>;
+
+/// Most models that [`fit_to_budget`] cross-validates.
+pub const TRIALS: usize = 3;
+
+/// Chooses the model with the least held-out error among those that fit the budget: the one that fills it, and the one
+/// without processes. The one that `config` asks for is first in the table. `progress` is called after every calibration of
+/// the cross-validation, at most [`TRIALS`] times the number of folds.
 ///
 /// # Errors
 /// [`CompareError`].
@@ -172,52 +195,57 @@ pub fn fit_to_budget(
     task: &Task<'_>,
     config: &Config,
     progress: &mut dyn FnMut(),
-) -> Result<Option<(Config, Vec<BudgetTrial>)>, CompareError> {
-    // Only a fit shows whether there is an own-joint curve and how long it is.
-    let found = task.calibrated(config, task.train)?;
-    let model = found.calibration.correction.elastic();
-    let curve_orders = model.map_or(0, |e| e.deflection.curve_orders);
-    let sized = |landmarks: usize| budget.largest(task.robot, task.train, curve_orders, landmarks);
-    let with_variance = sized(LANDMARKS)
-        .filter(|size| config.device_variance && elastic(size).points() >= ENOUGH_POINTS);
-    let Some(size) = with_variance.or_else(|| sized(0)) else {
-        return Ok(None);
+) -> Result<Fitted, CompareError> {
+    let asked = task.calibrated(config, task.train)?;
+    let mut models = vec![("without a budget", *config)];
+    let smallest = if config.method == Method::Elastic && config.processes {
+        let bare = Config {
+            processes: false,
+            ..*config
+        };
+        // Only a fit shows whether there is an own-joint curve and how long it is.
+        let model = asked.calibration.correction.elastic();
+        let curve_orders = model.map_or(0, |e| e.deflection.curve_orders);
+        let sized = |landmarks| budget.largest(task.robot, task.train, curve_orders, landmarks);
+        let with_variance = sized(LANDMARKS)
+            .filter(|size| config.device_variance && elastic(size).points() >= ENOUGH_POINTS);
+        if let Some(size) = with_variance.or_else(|| sized(0)) {
+            models.push(("within the budget", budget.limited(&size, config)));
+        }
+        models.push(("without processes", bare));
+        task.calibrated(&bare, task.train)?
+    } else {
+        models[0].0 = "within the budget";
+        asked
     };
-    let chosen = budget.limited(&size, config);
+    let cost = Cost::of(&smallest.blob);
+    if !budget.holds(cost) {
+        return Ok(Err(cost));
+    }
     let mut table = Vec::new();
-    for trial in [config, &chosen] {
+    for (name, trial) in &models {
         let errors = task.held_out(trial, progress)?;
         let errors: Vec<f64> = errors.iter().map(|e| e.position_mm).collect();
-        // Only choosing the points shows how many of them fit.
-        let landmarks = if trial.device_variance { LANDMARKS } else { 0 };
-        let size = with_elastic(&size, |size| size.landmarks = landmarks);
-        let size = size_of(task, trial, &size)?;
+        let blob = task.calibrated(trial, task.train)?.blob;
+        let Cost {
+            instructions,
+            bytes,
+        } = Cost::of(&blob);
         table.push(BudgetTrial {
-            inducing_points: elastic(&size).points(),
-            predictive_std: landmarks > 0,
-            instructions: size.command_bound().into(),
-            bytes: blob_bytes(&size, TEXTS),
+            name,
+            inducing_points: blob.model().inducing_points(),
+            predictive_std: blob.blob().variance.is_some(),
+            instructions,
+            bytes,
             position_mm: Summary::new(&errors),
-            chosen: std::ptr::eq(trial, &chosen),
+            chosen: false,
         });
     }
-    Ok(Some((chosen, table)))
-}
-
-/// Number of models that [`fit_to_budget`] cross-validates.
-pub const TRIALS: usize = 2;
-
-/// Returns the size of the model that a calibration with all training poses gives.
-fn size_of(task: &Task<'_>, config: &Config, arm: &ModelSize) -> Result<ModelSize, CompareError> {
-    let found = task.calibrated(config, task.train)?;
-    Ok(match found.calibration.correction.elastic() {
-        Some(found) => with_elastic(arm, |size| {
-            let mut processes = found.deflection.processes.clone();
-            let kinds: Vec<JointKind> = task.robot.joints.iter().map(|j| j.kind).collect();
-            // The ranges of prismatic joints decide when the model is loaded, usually in favour of unrolling.
-            processes.choose_loops(&kinds, &[(0.0, 0.0); MAX_JOINTS]);
-            *size = size.with_processes(&processes);
-        }),
-        None => *arm,
-    })
+    // The first model of several was asked for without regard to the budget.
+    let fitting = (models.len().min(2) - 1..table.len()).filter(|i| budget.holds(table[*i].cost()));
+    let mean = |i: &usize| table[*i].position_mm.mean;
+    let chosen = fitting.min_by(|a, b| mean(a).total_cmp(&mean(b)));
+    let chosen = chosen.unwrap_or(table.len() - 1);
+    table[chosen].chosen = true;
+    Ok(Ok((models[chosen].1, table)))
 }

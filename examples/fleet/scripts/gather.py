@@ -32,7 +32,7 @@ body { font: 15px/1.5 system-ui, sans-serif; color: var(--ink); background: var(
 table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
 th, td { padding: .3em .7em; border-bottom: 1px solid var(--rule); text-align: right; white-space: nowrap; }
 th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
-th { color: var(--faint); font-weight: 600; } a { color: var(--bar); }
+th { color: var(--faint); font-weight: 600; white-space: normal; } a { color: var(--bar); }
 .failed { color: var(--bad); white-space: pre-wrap; text-align: left; overflow-wrap: anywhere; }
 .bar { display: inline-block; height: .7em; background: var(--bar); } .p { color: var(--faint); }
 """

@@ -4,6 +4,7 @@ use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde::de::{DeserializeOwned, IntoDeserializer, value};
 
+use crate::cli::terminal::print::note;
 use poegp_calibration::blob::fitted_frames::FramesToFit;
 use poegp_calibration::learning::elastic::options::{OutlierPolicy, WarmUpPolicy};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
@@ -149,6 +150,29 @@ impl FitArgs {
             (self.warm_up.is_some(), "--warm-up"),
             (self.weighting.is_some(), "--weighting"),
         ]
+    }
+
+    /// Prints a note about options that none of `methods` reads.
+    pub fn note_unused(&self, methods: &[Method]) {
+        let of_paper = [Method::Poe, Method::PoeGp, Method::PoeGpLoad];
+        let options = [
+            (self.per_output, "--per-output", &of_paper[1..]),
+            (self.weighting.is_some(), "--weighting", &of_paper[..]),
+            (
+                self.inducing_points.is_some(),
+                "--inducing-points",
+                &[Method::Elastic],
+            ),
+        ];
+        for (is_given, name, readers) in options {
+            if is_given && !readers.iter().any(|reader| methods.contains(reader)) {
+                let readers: Vec<&str> = readers.iter().map(|reader| reader.name()).collect();
+                let readers = readers.join(", ");
+                note(format_args!(
+                    "{name} has no effect: it is for --method {readers}"
+                ));
+            }
+        }
     }
 
     /// Writes the options that were given into `config`, and returns the keys that they changed.

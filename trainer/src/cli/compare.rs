@@ -10,10 +10,10 @@ use crate::cli::calibrate::report_page;
 use crate::cli::examination::{AcceptArgs, Examined};
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs;
-use crate::cli::inputs::{Arm, enough_poses, equations, file_name, origin};
+use crate::cli::inputs::{Arm, KnownRows, enough_poses, equations, file_name, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::cli::touches::{self, are_touches};
@@ -174,11 +174,6 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
         ));
     }
-    if a.report.is_some() && a.folds() == 0 && a.tests.is_empty() {
-        return Err(Failure::Usage(
-            "--folds 0 without --test holds nothing out: the report would be empty".into(),
-        ));
-    }
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let mut tools = Vec::new();
     let SampleFile {
@@ -195,12 +190,13 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             train.len()
         )));
     }
+    let mut known = KnownRows::new(&set);
     let (mut tests, mut corrected_tests, mut test_files) = (Vec::new(), Vec::new(), Vec::new());
     for path in &a.tests {
         let none = DriftCorrection::None;
         let SampleFile {
             set: test, samples, ..
-        } = inputs::read_test(&arm, path, &set, &mut tools, trained_tools, none)?;
+        } = inputs::read_test(&arm, path, &mut known, &mut tools, trained_tools, none)?;
         let name = file_name(path);
         if let Some(drift) = &drift {
             let samples = Drift::estimate_as(&test, drift)?.correct(&samples);
@@ -211,6 +207,10 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         test_files.push(test);
     }
     let methods = methods(a, &train, &tests)?;
+    a.fit.note_unused(&methods);
+    if a.fit.no_variance {
+        note("--no-variance has no effect: a comparison writes no blob");
+    }
     // A fold may exceed its share by one group of equal configurations; the calibration itself checks its number of poses.
     let held_out = |rows: usize| {
         if a.folds() == 0 {
@@ -238,8 +238,13 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         json: a.json.as_deref(),
         accept: &a.accepted.accept,
     };
-    let gravity = a.fit.config(Method::Elastic).gravity_m_s2;
-    let warnings = examined.for_training(&methods, gravity)?;
+    let warnings = examined.for_training(&methods, &a.fit.config(Method::Elastic))?;
+    if a.folds() == 0 && a.tests.is_empty() {
+        return Err(Failure::Usage(
+            "--folds 0 without --test holds nothing out: there would be no errors to compare"
+                .into(),
+        ));
+    }
     let corrected = drift.as_ref().map(|drift| drift.correct(&train));
     let origin = origin(set.sha256, "", tools);
     let task = Task {

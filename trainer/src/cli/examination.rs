@@ -14,6 +14,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::measurement::{self, MeasurementSet};
 use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 
@@ -24,7 +25,7 @@ pub const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 #[derive(Clone, Debug, Default, Args)]
 pub struct AcceptArgs {
     /// Accept a cause of refusal or warning that you have looked into; may be repeated. A refusal becomes a
-    /// warning, a warning a note. The blob records the cause.
+    /// warning, a warning a note. `calibrate` records the cause in the blob.
     #[arg(long, value_name = "CAUSE", value_parser = |name: &str| name.parse::<Cause>())]
     pub accept: Vec<Cause>,
 }
@@ -41,22 +42,24 @@ pub struct Examined<'a> {
 }
 
 impl Examined<'_> {
-    /// Examines measurements that `methods` are fitted to, and returns the warnings. `gravity` is in the base frame, m/s².
+    /// Examines measurements that `methods` are fitted to with the gravity and the stated noise of `config`, and returns the
+    /// warnings.
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
     pub fn for_training(
         &self,
         methods: &[Method],
-        gravity: [f64; 3],
+        config: &Config,
     ) -> Result<Vec<Finding>, Failure> {
-        let (robot, set, samples) = (self.robot, self.set, self.samples);
+        let with_noise = |s: &InstrumentSample| s.clone().with_noise(config.instrument_noise());
+        let samples: Vec<InstrumentSample> = self.samples.iter().map(with_noise).collect();
         let fits_geometry = methods.iter().any(|m| *m != Method::BaseTool);
         self.settle(trust::examine(
-            robot,
-            set,
-            samples,
-            gravity.into(),
+            self.robot,
+            self.set,
+            &samples,
+            config.gravity_m_s2.into(),
             fits_geometry,
         ))
     }

@@ -39,7 +39,7 @@ pub struct Simulate {
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub test_poses: u32,
     /// Payloads in kg; one is drawn at random for each pose.
-    #[arg(long, value_delimiter = ',', default_values_t = [1.0, 2.5, 3.5, 5.0, 7.5])]
+    #[arg(long, value_delimiter = ',', default_value = "1,2.5,3.5,5,7.5")]
     pub payloads: Vec<f64>,
     /// Errors of the simulated robot.
     #[arg(long, value_name = "SCENARIO", default_value = "paper", value_parser = scenario())]

@@ -148,15 +148,15 @@ pub fn outcome(certificate: Option<&Certificate>, statement: &Statement) -> Resu
         return Ok(());
     }
     let found = certificate.and_then(|c| c.conformity.as_ref());
-    let narrower = match found.map(|c| c.evidence) {
-        Some(Evidence::Touches) => "touches",
-        _ => "poses that are not trained on (--test)",
+    let more = match found.map(|c| (c.verdict, c.evidence)) {
+        Some((Some(Verdict::Undecided), Evidence::Touches)) => "; more touches narrow the ± range",
+        Some((Some(Verdict::Undecided), _)) => "; more held-out poses narrow the ± range",
+        _ => "",
     };
     match found.map(|c| (c.verdict, sections::verdict_line(c))) {
         Some((Some(Verdict::Conforms), _)) => Ok(()),
         Some((_, Some(line))) => Err(Failure::Quality(format!(
-            "the tolerance is not shown to be met: {line}\nhelp: everything was written; with more {narrower} the range behind ± \
-             is narrower"
+            "the tolerance is not shown to be met: {line}\nhelp: everything was written{more}"
         ))),
         _ => Err(Failure::Quality(
             "the tolerance is not shown to be met: too few poses were held out\nhelp: everything was written; give at least 10 \

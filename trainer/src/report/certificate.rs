@@ -213,8 +213,8 @@ fn missing(statement: &Statement, serial_number: &str) -> Vec<&'static str> {
     missing.map(|(what, _)| *what).collect()
 }
 
-/// Returns for each row the number of the pose that it measures: rows of one file with equal joints, payload and tool
-/// measure one pose.
+/// Returns for each row the number of the pose that it measures: rows with equal joints, payload and tool measure one pose,
+/// in whichever file they are.
 fn repeats(judged: Judged<'_>) -> Vec<usize> {
     let joints: Vec<&[f64]> = judged.rows.iter().map(|r| r.joints.as_slice()).collect();
     let configurations = same_configurations(&joints, judged.kinds);
@@ -223,7 +223,7 @@ fn repeats(judged: Judged<'_>) -> Vec<usize> {
     for (row, configuration) in judged.rows.iter().zip(configurations) {
         let payload = row.payload_kg.map(f64::to_bits);
         let next = known.len();
-        let pose = (&row.file, &row.tool, payload, configuration);
+        let pose = (&row.tool, payload, configuration);
         out.push(*known.entry(pose).or_insert(next));
     }
     out

@@ -58,14 +58,19 @@ impl Script<'_> {
 
     /// Returns the comments at the beginning of every program.
     pub fn header(&self) -> [String; 4] {
+        let check = self.plan.poses.iter().filter(|pose| pose.check).count();
+        let checks = match check {
+            0 => String::new(),
+            _ => format!(", and {check} for its test"),
+        };
         [
             format!(
-                "{} poses of {} planned for calibration.",
-                self.plan.poses.len(),
+                "{} poses of {} planned for calibration{checks}.",
+                self.plan.poses.len() - check,
                 ascii(&self.robot.name)
             ),
             "Joints as the controller counts them, at rest before every measurement.".to_owned(),
-            "Planned without the links of the arm, cables, and the ways between poses:".to_owned(),
+            "Planned without cables and the ways between poses:".to_owned(),
             "run it first at reduced speed with a hand on the stop.".to_owned(),
         ]
     }

@@ -224,6 +224,23 @@ fn training_data_are_no_evidence() {
     folder.refuses(format!(
         "calibrate --robot {SERIAL} train.csv --test train.csv --method poe --out new.blob"
     ));
+    // Training rows are known whatever the line ends, the order and the file are, and poses count once.
+    let train = folder.text("train.csv");
+    let rows: Vec<&str> = train.lines().filter(|l| !l.starts_with('#')).collect();
+    let reversed: Vec<&str> = rows.iter().skip(1).rev().copied().collect();
+    folder.write("crlf.csv", train.replace('\n', "\r\n"));
+    folder.write("reversed.csv", [&rows[..1], &reversed].concat().join("\n"));
+    folder.write("last.csv", [rows[0], rows[rows.len() - 1]].join("\n"));
+    for tests in [
+        "crlf.csv",
+        "reversed.csv",
+        "last.csv",
+        "fresh.csv --test fresh.csv",
+    ] {
+        folder.refuses(format!(
+            "compare --robot {SERIAL} train.csv --test {tests} --folds 0 --methods poe"
+        ));
+    }
     // A copy is the same file.
     folder.write("copy.csv", folder.text("train.csv"));
     folder.refuses("check arm.blob copy.csv --max-mm 0.15");
@@ -235,4 +252,26 @@ fn training_data_are_no_evidence() {
     let outcome = folder.run(&line("fresh.csv")).ok();
     assert_eq!(outcome.stderr, "");
     assert_eq!(folder.json("out.json")["training_data"], false);
+}
+
+/// Drift hides under a noise that is stated too large; an option is examined as a column is.
+#[test]
+fn a_wrong_stated_noise_is_warned_of() {
+    let folder = folder();
+    let check = |flags: &str| {
+        let line = format!("check arm.blob fresh.csv --max-mm 0.15 --json out.json {flags}");
+        let outcome = folder.run(&line).ok();
+        let warnings = folder.json("out.json")["warnings"].to_string();
+        (outcome.stdout.contains("may be hidden"), warnings)
+    };
+    assert!(!check("").0);
+    let (is_hidden, warnings) = check("--position-sigma-mm 0.3");
+    assert!(is_hidden && warnings.contains("noise"), "{warnings}");
+    for sigma in ["5", "0.00001"] {
+        let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out new.blob");
+        let outcome = folder
+            .run(&format!("{line} --position-sigma-mm {sigma}"))
+            .ok();
+        assert!(outcome.stderr.contains("[noise]"), "{outcome:#?}");
+    }
 }

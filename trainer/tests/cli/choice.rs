@@ -82,23 +82,29 @@ fn a_budget_is_kept_and_its_price_is_told() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
     let calibrate = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
-    let line = format!("{calibrate} --max-instructions 27000 --json -");
-    let document = folder.run(&line).ok().json();
-    let table = document["budget"].as_array().unwrap();
-    assert_eq!(table.len(), 2, "without a budget, and within");
-    assert_eq!(table[1]["chosen"], true);
-    assert!(table[1]["instructions"].as_u64().unwrap() <= 27_000);
-    // By the blob itself, as the device will see it.
-    assert!(document["blob"]["instructions"].as_u64().unwrap() <= 27_000);
-    let taken = table.iter().find(|r| r["chosen"] == true).unwrap();
-    assert_eq!(
-        document["elastic"]["inducing_points"],
-        taken["inducing_points"]
-    );
+    let elastic = format!("{calibrate} --method elastic");
+    for (limit, trials) in [(27_000, 3), (21_000, 2)] {
+        let line = format!("{elastic} --max-instructions {limit} --json -");
+        let document = folder.run(&line).ok().json();
+        let table = document["budget"].as_array().unwrap();
+        assert_eq!(
+            table.len(),
+            trials,
+            "without a budget, within, without processes"
+        );
+        let taken = table.iter().find(|r| r["chosen"] == true).unwrap();
+        assert!(taken["instructions"].as_u64().unwrap() <= limit);
+        let mean = |r: &serde_json::Value| r["position_mm"]["mean"].as_f64().unwrap();
+        assert!(table[1..].iter().all(|r| mean(taken) <= mean(r)));
+        // By the blob itself, as the device will see it.
+        assert_eq!(document["blob"]["instructions"], taken["instructions"]);
+        assert_eq!(
+            document["elastic"]["inducing_points"],
+            taken["inducing_points"]
+        );
+    }
 
-    folder
-        .run(&format!("{calibrate} --max-blob-bytes 3000"))
-        .ok();
+    folder.run(&format!("{elastic} --max-blob-bytes 3000")).ok();
     assert!(folder.read("arm.blob").len() <= 3_000);
 
     // What cannot be met is an error that leaves the old blob.
@@ -119,4 +125,23 @@ fn few_poses_do_not_say_that_more_do_not_pay() {
     let said = folder.run(&line).ok();
     assert!(!said.stdout.contains("do not pay"), "{said:?}");
     assert!(said.stdout.contains("next: "), "{said:?}");
+}
+
+/// Limits of the size leave the choice to the folds; options that the choice does not read are named.
+#[test]
+fn a_limit_names_no_method() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let calibrate = format!("calibrate --robot {SERIAL} train.csv --out arm.blob --json -");
+    let limits = "--inducing-points 60 --max-instructions 30000 --weighting none --per-output";
+    let limited = folder.run(&format!("{calibrate} {limits}")).ok();
+    for option in ["--weighting", "--per-output"] {
+        let note = format!("note: {option} has no effect");
+        assert!(limited.stderr.contains(&note), "{limited:?}");
+    }
+    let limited = limited.json();
+    assert_eq!(limited["choice"].as_array().unwrap().len(), 4);
+    let reason = limited["chosen"].as_str().unwrap();
+    assert!(!reason.contains("named"), "{reason}");
+    assert!(limited["blob"]["instructions"].as_u64().unwrap() <= 30_000);
 }

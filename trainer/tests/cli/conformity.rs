@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::program::{Folder, Outcome, SERIAL, simulated};
+use crate::program::{Folder, Outcome, SERIAL, changed, simulated};
 use crate::texts::texts;
 
 fn folder() -> Folder {
@@ -48,6 +48,9 @@ fn the_verdict_follows_the_guard_band() {
         let flags = format!("--tolerance-mm {tolerance} --report report.html");
         let outcome = calibrate(&folder, &flags);
         assert_eq!(outcome.code, Some(code), "{outcome:#?}");
+        // More poses help only where it cannot be decided.
+        let is_undecided = verdict == "undecided";
+        assert_eq!(outcome.stderr.contains("more held-out poses"), is_undecided);
         let document = folder.json("arm.json");
         let found = &document["certificate"]["conformity"];
         assert_eq!(found["verdict"], verdict);
@@ -258,6 +261,21 @@ fn repeated_poses_have_accuracy_and_repeatability() {
         document["certificate"]["conformity"]["position"]["poses"],
         40
     );
+}
+
+/// Poses that were measured again are no new poses, in whichever file they are.
+#[test]
+fn a_second_file_of_the_same_poses_decides_nothing_more() {
+    let folder = folder();
+    let again = changed(&folder.text("test.csv"), |names, fields| {
+        let x = names.iter().position(|n| *n == "x_mm").unwrap();
+        fields[x] = format!("{}", fields[x].parse::<f64>().unwrap() + 0.01);
+    });
+    folder.write("again.csv", again);
+    calibrate(&folder, "--test again.csv").ok();
+    let certificate = &folder.json("arm.json")["certificate"];
+    assert_eq!(certificate["conformity"]["position"]["poses"], 40);
+    assert_eq!(certificate["repeated_poses"].as_array().unwrap().len(), 40);
 }
 
 /// What is signed is verified, and nothing else.

@@ -347,3 +347,25 @@ fn touches_have_rows() {
     );
     assert!(folder.text("a.csv").contains("\ndh,"));
 }
+
+/// A model without processes knows the deviations of its frames, and blames no geometry for the noise.
+#[test]
+fn an_elastic_model_without_processes_has_deviations() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 100));
+    let line = "calibrate --robot abb-irb4400-serial train.csv --method elastic --out arm.blob";
+    folder.run(&format!("{line} --write-project p.toml")).ok();
+    let project = folder.text("p.toml");
+    let bare = project.replace("processes = true", "processes = false");
+    folder.write("p.toml", bare);
+    folder.run("calibrate p.toml --json arm.json").ok();
+    let document = folder.json("arm.json");
+    let dh = document["controller"]["dh"].as_array().unwrap();
+    let std = |row: &Value| row["theta_deg"]["std"].as_f64();
+    assert!(dh[1..5].iter().all(|row| std(row) > Some(0.0)), "{dh:?}");
+    let why = document["next_steps"]["why"].as_str().unwrap();
+    assert!(
+        why.contains("rows scatter about this `elastic` model"),
+        "{why}"
+    );
+}

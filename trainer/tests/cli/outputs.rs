@@ -21,7 +21,7 @@ fn to(place: &str) -> Vec<String> {
     vec![
         format!("calibrate --robot {SERIAL} train.csv --method poe --out {place}"),
         format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob --json {place}"),
-        format!("compare --robot {SERIAL} train.csv --folds 0 --json {place}"),
+        format!("compare --robot {SERIAL} train.csv --methods poe --folds 2 --json {place}"),
         format!("evaluate arm.blob train.csv --predictions {place}"),
         format!("evaluate arm.blob train.csv --predictions new.csv --json {place}"),
         format!("inspect arm.blob --json {place}"),
@@ -229,7 +229,7 @@ fn a_full_device_is_named() {
             "calibrate --robot {SERIAL} train.csv --method poe --out old.blob --json /dev/full"
         ),
         "evaluate arm.blob train.csv --predictions new.csv --json /dev/full".to_owned(),
-        format!("compare --robot {SERIAL} train.csv --folds 0 --json /dev/full"),
+        format!("compare --robot {SERIAL} train.csv --methods poe --folds 2 --json /dev/full"),
         "keys new --out pair --json /dev/full".to_owned(),
         format!("simulate --robot {SERIAL} --poses 3 --out cell --json /dev/full"),
         "manual --out pages --json /dev/full".to_owned(),

@@ -54,8 +54,8 @@ impl NextSteps {
     pub fn new(task: &Task) -> Self {
         let mut steps = rows::steps(task);
         let pool = &task.knowledge.pool;
-        // A rigid model does not know how far the arm is from rigid, so its statements on poses unlike these are not to be
-        // believed.
+        // A model without processes does not know what it cannot describe, so its statements on poses unlike these are not to
+        // be believed.
         let is_own = task.calibration.has_local_deviation();
         let known = task.knowledge.covariance.as_ref().filter(|_| is_own);
         let mut gains: Vec<Step> = Vec::new();
@@ -71,7 +71,7 @@ impl NextSteps {
         let is_paid = !gains.is_empty();
         steps.extend(gains);
         steps.extend(rows::undetermined(task));
-        let noise = known.map(|covariance| {
+        let scatter = task.knowledge.covariance.as_ref().map(|covariance| {
             let of = |pose: usize| {
                 std::array::from_fn(|a| covariance.noise[covariance.first[pose] + a].sqrt())
             };
@@ -80,13 +80,13 @@ impl NextSteps {
         });
         let expected = task.expected.filter(|_| is_known);
         let expected = expected.map(|expected| expected.mean_mm);
-        let (verdict, why) = verdict(task, is_paid, &steps, expected, noise);
+        let (verdict, why) = verdict(task, is_paid, &steps, expected, scatter);
         Self {
             verdict,
             why,
             steps,
             expected_mm: expected,
-            noise_mm: noise,
+            noise_mm: scatter.filter(|_| is_own),
             poses: is_known.then_some(pool.count),
         }
     }
@@ -110,8 +110,8 @@ impl NextSteps {
 /// Ratio of the mean to the root mean square of the length of three normal components.
 const MEAN_OVER_RMS: f64 = 0.921;
 
-/// Returns the step of more poses of the same kind for a rigid model. Of the error on held-out rows, the part c that comes
-/// from the noise of N rows goes down with n more rows; what geometry cannot explain stays:
+/// Returns the step of more poses of the same kind for a model without processes. Of the error on held-out rows, the part c
+/// that comes from the noise of N rows goes down with n more rows; what the model cannot describe stays:
 ///
 /// ```text
 /// after² = before² − c² n / (N + n)
@@ -208,13 +208,14 @@ fn signed(value: f64) -> String {
     format!("{value}").replace('-', "−")
 }
 
-/// Returns one sentence about all steps, and the explanation that it leaves open.
+/// Returns one sentence about all steps, and the explanation that it leaves open. `scatter` is the part of the expected error
+/// in mm that comes from the fitted noise.
 fn verdict(
     task: &Task,
     is_paid: bool,
     steps: &[Step],
     expected: Option<f64>,
-    noise: Option<f64>,
+    scatter: Option<f64>,
 ) -> (String, Option<String>) {
     let method = task.calibration.config.method.name();
     let unknown = "What further measurements would gain is not known".to_owned();
@@ -225,7 +226,7 @@ fn verdict(
     }
     let Some(expected) = expected else {
         let why = format!(
-            "This `{method}` model does not say how sure it is of the arm; `poe` does, and `elastic` with processes"
+            "This `{method}` model does not say how sure it is of the arm; `poe` and `elastic` do"
         );
         return (unknown, Some(why));
     };
@@ -240,16 +241,16 @@ fn verdict(
     }
     let count = task.knowledge.pool.count;
     let nothing = format!(
-        "More poses do not pay: {count} of them would lower the expected error by less than {percent:.0} %"
+        "More poses would not help: {count} of them would lower the expected error by less than {percent:.0} %"
     );
-    let why = match noise {
-        Some(noise) => format!(
-            "Of the {expected:.3} mm expected, {noise:.3} mm would be seen of a perfect model, too: the noise of the measurement"
+    let why = scatter.map(|scatter| match task.calibration.has_local_deviation() {
+        true => format!(
+            "Of the {expected:.3} mm expected, {scatter:.3} mm would be seen of a perfect model, too: the noise of the measurement"
         ),
-        None => format!(
-            "Most of the {expected:.3} mm expected is what the geometry of the arm cannot explain; a richer model may need more poses \
-             than these"
+        false => format!(
+            "Of the {expected:.3} mm expected, {scatter:.3} mm is how the rows scatter about this `{method}` model: the noise of the \
+             measurement, and what the model cannot describe"
         ),
-    };
-    (nothing, Some(why))
+    });
+    (nothing, why)
 }

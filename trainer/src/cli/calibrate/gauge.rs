@@ -34,7 +34,12 @@ pub struct GaugeArgs {
     pub references: Option<PathBuf>,
     /// State the base: points known in its frame and measured (CSV: base_x_mm …, measured_x_mm …, at least three), or
     /// instrument_from_base as X,Y,Z,QW,QX,QY,QZ in mm.
-    #[arg(long, value_name = "CSV|POSE", conflicts_with = "keep_gauge")]
+    #[arg(
+        long,
+        value_name = "CSV|POSE",
+        allow_hyphen_values = true,
+        conflicts_with = "keep_gauge"
+    )]
     pub base_from: Option<String>,
     /// State the tool: flange_from_target as X,Y,Z,QW,QX,QY,QZ in mm.
     #[arg(long, value_name = "POSE", allow_hyphen_values = true)]

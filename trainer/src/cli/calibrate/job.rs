@@ -11,6 +11,7 @@ use crate::cli::terminal::print::note;
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::certificate::Statement;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::trust::Cause;
 use poegp_calibration::validation::device_budget::Budget;
@@ -59,13 +60,9 @@ impl Job {
             false => None,
         };
         let is_named = project.as_ref().is_some_and(Project::names_method);
-        // Only the elastic model has a budget or a number of inducing points, so these options exclude the automatic choice.
-        let is_sized = a.max_instructions.is_some()
-            || a.max_blob_bytes.is_some()
-            || a.fit.inducing_points.is_some();
         let auto = match a.method {
             Some(MethodChoice(method)) => method.is_none(),
-            None => !is_named && !is_sized,
+            None => !is_named,
         };
         let mut config = project
             .as_ref()
@@ -75,6 +72,11 @@ impl Job {
         if let Some(MethodChoice(Some(method))) = a.method {
             config.method = method;
         }
+        // The automatic choice has weights of its own.
+        a.fit.note_unused(match auto {
+            true => &[Method::BaseTool, Method::Elastic],
+            false => std::slice::from_ref(&config.method),
+        });
         config.max_correction_mm = a.max_correction_mm.or(config.max_correction_mm);
         config.max_correction_mrad = a.max_correction_mrad.or(config.max_correction_mrad);
         config

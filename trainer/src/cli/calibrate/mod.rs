@@ -46,7 +46,7 @@ use poegp_calibration::progress::NEVER;
 use poegp_calibration::progress::threads;
 use poegp_calibration::trust::{Cause, Finding, Findings, Tier};
 use poegp_calibration::validation::cross_validation::{Task, applicable};
-use poegp_calibration::validation::device_budget::{Budget, BudgetTrial, TRIALS, fit_to_budget};
+use poegp_calibration::validation::device_budget::{BudgetTrial, TRIALS, fit_to_budget};
 use poegp_calibration::validation::model_selection::{
     Choice, FOLDS, GAIN, candidates, folds, keep_named, named_and_simpler, select_model,
 };
@@ -143,7 +143,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     } else {
         &[a.config.method]
     };
-    let mut warnings = examined.for_training(methods, config.gravity_m_s2)?;
+    let mut warnings = examined.for_training(methods, &config)?;
     let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
     report_page::check(a, &samples, config.method, arm.robot.joints.len())?;
     let mut origin = origin(set.sha256, &a.serial_number, tools);
@@ -176,7 +176,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     origin.accepted = a.accept.iter().copied().collect();
     let mut fitted = None;
     if !a.budget.is_unlimited() {
-        if config.method != Method::Elastic {
+        if !a.auto && config.method != Method::Elastic {
             return Err(Failure::Usage(
                 "--max-instructions and --max-blob-bytes choose the size of the elastic model"
                     .into(),
@@ -366,7 +366,7 @@ fn too_few_to_show(poses: usize) -> Finding {
     }
 }
 
-/// Chooses the elastic model that fits the budget; returns its configuration with the trials.
+/// Chooses the model that fits the budget; returns its configuration with the trials.
 fn fit_budget(
     a: &Job,
     arm: &Arm,
@@ -380,11 +380,11 @@ fn fit_budget(
     bar.finish_and_clear();
     found
         .map_err(|e| device_failure(&a.train, e.error))?
-        .ok_or_else(|| {
-            let (instructions, bytes) = Budget::smallest(&arm.robot);
+        .map_err(|smallest| {
             Failure::Quality(format!(
-                "no elastic model fits the budget: with one inducing point, a command takes up to {instructions} instructions \
-                 and the blob {bytes} bytes; nothing was written"
+                "no model fits the budget: without inducing points, a command takes up to {} instructions and the blob {} bytes; \
+                 nothing was written",
+                smallest.instructions, smallest.bytes
             ))
         })
 }

@@ -47,7 +47,7 @@ fn print_budget(report: Printer, rows: &[BudgetTrial]) {
     report.line("Sized to the budget; held-out errors of the training data, in mm.\n");
     let row = |r: &BudgetTrial| {
         vec![
-            r.name().to_owned(),
+            r.name.to_owned(),
             r.inducing_points.to_string(),
             (if r.predictive_std { "yes" } else { "no" }).to_owned(),
             r.instructions.to_string(),
@@ -124,7 +124,7 @@ fn print(
     }
     if let Some(expected) = &document.expected_error {
         report.line(format_args!(
-            "  expected error all over the measured joint ranges, also where nothing was measured: {:.3} mm mean, 95 % within {:.3} mm",
+            "  expected error of new poses within the measured joint ranges: {:.3} mm mean, 95 % within {:.3} mm",
             expected.mean_mm, expected.p95_mm
         ));
     }

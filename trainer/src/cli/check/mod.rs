@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::args::{FrameArgs, NoiseArgs, heading};
 use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckJson, Statistic, provenance};
-use crate::cli::examination::AcceptArgs;
+use crate::cli::examination::{AcceptArgs, settled};
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
@@ -26,12 +26,15 @@ use crate::report::{FileSummary, data, sections};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::measurement::noise::InstrumentNoise;
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::numeric::statistics::Summary;
+use poegp_calibration::trust::{self, Finding, Findings};
 use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
 use poegp_protocol::JointKind;
+use poegp_runtime::math::se3::Pose;
 
 /// Default limit of the displacement by a drift, as a share of `--max-mm`.
 const DRIFT_SHARE: f64 = 0.5;
@@ -107,7 +110,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let data = inputs::read(&loaded, &Input::file(&a.measurements), correction)?;
     let sha256 = data.set.sha256;
     inputs::fresh(&loaded, &a.measurements, sha256, "fresh measurements")?;
-    let warnings = data.examined(
+    let mut warnings = data.examined(
         &a.measurements,
         a.json.as_deref(),
         &a.accepted.accept,
@@ -115,6 +118,10 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     )?;
     let tools = data.frames(&loaded, &a.measurements, options.frames)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
+    let noise = overstated_noise(&loaded, &data.samples, &tools, &lines, &options);
+    let (accept, json) = (&a.accepted.accept, a.json.as_deref());
+    let noise = Findings(noise.into_iter().collect());
+    warnings.extend(settled(&a.measurements, noise, accept, json)?);
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
         .map_err(|error| refused(a, &data.names, error))?;
     let commands_move = a
@@ -225,6 +232,30 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         reasons.join(", and "),
         document.advice.join("; ")
     )))
+}
+
+/// Returns the finding that the stated noise is larger than the one that the residuals show, under which drift hides.
+fn overstated_noise(
+    loaded: &BlobModel,
+    samples: &[InstrumentSample],
+    tools: &[Pose<f64>],
+    lines: &[usize],
+    options: &check::Options,
+) -> Option<Finding> {
+    let with_noise = |s: &InstrumentSample| s.clone().with_noise(options.instrument);
+    let stated: Vec<InstrumentSample> = samples.iter().map(with_noise).collect();
+    let stated = InstrumentNoise::rms_over(&stated).position?;
+    let without = |s: &InstrumentSample| InstrumentSample {
+        declared_noise: InstrumentNoise::UNKNOWN,
+        ..s.clone()
+    };
+    let samples: Vec<InstrumentSample> = samples.iter().map(without).collect();
+    let options = check::Options {
+        instrument: InstrumentNoise::UNKNOWN,
+        ..*options
+    };
+    let found = check::check(loaded, &samples, tools.to_vec(), lines, &options).ok()?;
+    trust::overstated_noise(stated, 1e-3 * found.noise_mm)
 }
 
 fn of_touches(a: &Check) -> Result<(), Failure> {
@@ -361,6 +392,9 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     }
     for line in wording::sensitivity(&f.sensitivity) {
         report.line(line);
+    }
+    if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm) {
+        report.line(format_args!("warning: {text}"));
     }
     if d.holds {
         report.line(format_args!(

@@ -29,13 +29,15 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
         unknown_error: (!f.model_knows_its_error).then_some(
-            "This model does not know its own error, so false alarms are more frequent than stated; `elastic` does.",
+            "This model has no processes of the joints and does not know its own error, so false alarms are more frequent than stated; one \
+             calibrated with `--method elastic` does.",
         ),
         sensitivity: &f.sensitivity,
     };
     let noise = html! {
         "Noise of these measurements: " (Number::new(f.noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
         (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
+        @if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm) { " " b { "Warning: " } (text) "." }
     };
     titled(&d.provenance, d.method, date)
         .with(headline(d))

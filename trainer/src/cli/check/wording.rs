@@ -34,7 +34,7 @@ pub fn findings(r: &Report) -> Vec<String> {
     if !r.model_knows_its_error {
         out.push(
             "warning: a model without processes of the joints does not know its own error: false alarms are more frequent than \
-             stated (14 in 100 at 1 % with `poe` on a measured arm); use `elastic`."
+             stated (14 in 100 at 1 % with `poe` on a measured arm); calibrate with `--method elastic` to have them."
                 .to_owned(),
         );
     }
@@ -175,6 +175,19 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
         }
     }
     out
+}
+
+/// States that a drift may be hidden although it would matter.
+pub fn hidden(found: &[Sensitivity], max_drift_mm: f64) -> Option<String> {
+    let shifts = found.iter().filter(|s| s.unit == "mm");
+    let frames = shifts.filter(|s| matches!(s.part, Part::Base | Part::Tool));
+    let largest = frames.filter_map(|s| s.smallest).fold(0.0, f64::max);
+    (largest > max_drift_mm).then(|| {
+        format!(
+            "a shift of base or tool of up to {largest:.3} mm may be hidden, and more than {max_drift_mm} mm matters \
+             (--max-drift-mm): measure more poses"
+        )
+    })
 }
 
 /// The findings that the advice depends on.

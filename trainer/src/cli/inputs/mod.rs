@@ -1,5 +1,6 @@
 //! Input files of commands: robots and measurements.
 
+mod known_rows;
 mod of_blob;
 
 use std::fmt::Display;
@@ -23,6 +24,7 @@ use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::validation::cross_validation::TestSet;
 
+pub use known_rows::KnownRows;
 pub use of_blob::{FRAMES_HELP, fitted_frames, frame_failure, read, read_long, robot_of};
 
 /// A robot with its nominal chain.
@@ -139,9 +141,7 @@ pub fn origin(data_sha256: [u8; 32], serial_number: &str, tools: Vec<ToolName>) 
     }
 }
 
-const TRAINING_DATA: &str = "the training data";
-
-/// Whether a model was calibrated with the file that has this hash.
+/// Whether a model was calibrated with the bytes of the file that has this hash.
 pub fn is_training_data(loaded: &BlobModel, sha256: [u8; 32]) -> bool {
     loaded.host().provenance.data_sha256 == sha256
 }
@@ -157,7 +157,7 @@ pub fn fresh(
     expected: &str,
 ) -> Result<(), InputError> {
     match is_training_data(loaded, sha256) {
-        true => Err(InputError::new(path, TRAINING_DATA, expected)
+        true => Err(InputError::new(path, "the training data", expected)
             .with_help("the model was fitted to these rows, so they cannot show that it is wrong")),
         false => Ok(()),
     }
@@ -189,19 +189,17 @@ pub fn file_name(path: &Path) -> String {
     )
 }
 
-/// Reads a test file of the same arm; its tools must be among the first `trained_tools`.
+/// Reads a test file of the same arm. Its rows must be new to `known`, its tools among the first `trained_tools`.
 pub fn read_test(
     arm: &Arm,
     path: &Path,
-    train: &MeasurementSet,
+    known: &mut KnownRows,
     tools: &mut Vec<ToolName>,
     trained_tools: usize,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
     let file = arm.read(path, tools, correction)?;
-    if file.set.sha256 == train.sha256 {
-        return Err(InputError::new(path, TRAINING_DATA, "held-out poses").into());
-    }
+    known.add(&file.set)?;
     if let Some(unknown) = tools.get(trained_tools) {
         return Err(InputError::new(
             path,
@@ -223,7 +221,7 @@ pub struct Tests {
 }
 
 impl Tests {
-    /// Reads all test files, and refuses the training file among them.
+    /// Reads all test files, and refuses training rows among theirs.
     pub fn read(
         arm: &Arm,
         paths: &[PathBuf],
@@ -233,10 +231,11 @@ impl Tests {
     ) -> Result<Self, Failure> {
         let (mut files, mut sets) = (Vec::new(), Vec::new());
         let mut names = tools.to_vec();
+        let mut known = KnownRows::new(train);
         for path in paths {
             let correction = drift.map_or(DriftCorrection::None, DriftCorrection::RelativeTo);
             let SampleFile { set, samples, .. } =
-                read_test(arm, path, train, &mut names, tools.len(), correction)?;
+                read_test(arm, path, &mut known, &mut names, tools.len(), correction)?;
             let name = file_name(path);
             files.push(set);
             sets.push(TestSet { name, samples });

@@ -25,7 +25,7 @@ use poegp_calibration::model::Method;
 use poegp_calibration::numeric::statistics::extremes;
 use poegp_calibration::planning::candidates::Candidates;
 use poegp_calibration::planning::constraints::Constraints;
-use poegp_calibration::planning::forecast::{ARMS, COUNTS};
+use poegp_calibration::planning::forecast::ARMS;
 use poegp_calibration::planning::links::{RADIUS_SHARE, RadiusSource};
 use poegp_calibration::planning::sister::Sister;
 use poegp_calibration::planning::table::to_csv;
@@ -98,7 +98,7 @@ pub struct Plan {
     #[arg(long, help_heading = heading::TOUCHES, value_name = "FILE", requires = "touch")]
     features_out: Option<PathBuf>,
     /// Numbers of poses for which the forecast simulates the error, beside the plan.
-    #[arg(long, help_heading = heading::FORECAST, value_name = "N,N", value_delimiter = ',', default_values_t = COUNTS, value_parser = forecast_count)]
+    #[arg(long, help_heading = heading::FORECAST, value_name = "N,N", value_delimiter = ',', default_value = "25,50,75,100,150,200,300", value_parser = forecast_count)]
     forecast: Vec<usize>,
     /// Skip the forecast, which takes half a minute on two cores.
     #[arg(long, help_heading = heading::FORECAST, conflicts_with = "forecast")]

@@ -123,7 +123,7 @@ pub fn parameters(
         section = section.table(&header, rows).text(html! {
             "By how much each frame differs from the drawing, ± one standard deviation; bold where that is certain. A link is what "
             "is behind the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of the "
-            "base and of the last joint. What could as well be said of the next frame is divided between the two."
+            "base and of the last joint. An error that could belong to either of two neighbouring frames is shared between them."
         });
     }
     if !identifiability.correlations.is_empty() {
@@ -301,7 +301,7 @@ pub fn choice(
     if let Some(rows) = budget {
         let row = |(i, r): (usize, &BudgetTrial)| {
             let at = |name: &str| format!("/budget/{i}/{name}");
-            let name = r.name();
+            let name = r.name;
             vec![
                 html! { @if r.chosen { b { (name) } } @else { (name) } },
                 html! { (Number::count(r.inducing_points, at("inducing_points"))) },

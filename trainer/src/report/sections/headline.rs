@@ -93,8 +93,8 @@ pub fn tile(name: &str, unit: &str, after: Number, before: Option<Number>) -> Ma
             div class="value" { (after) " " span { (unit) } }
             @if let Some(before) = before {
                 p {
-                    "was " (before) " " (unit)
-                    @if let Some((b, a)) = times { ", " (format!("{:.1}", b / a)) " times as much" }
+                    "before: " (before) " " (unit)
+                    @if let Some((b, a)) = times { " (" (format!("{:.1}", b / a)) " times larger)" }
                 }
             }
         }

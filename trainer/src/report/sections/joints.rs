@@ -104,10 +104,12 @@ pub fn joints(evidence: &ReportData) -> Section {
         let largest = means.iter().map(|m| m.1).fold(0.0, f64::max);
         section = section.figure(
             html! {
-                "Joint " (joint + 1)
                 @if means.len() > 1 {
-                    @if depends(&means, &after) { " still shows: " } @else { " hardly shows: " }
-                    (format!("{smallest:.3}")) " to " (format!("{largest:.3}")) " mm"
+                    @if depends(&means, &after) { "The error still depends on joint " }
+                    @else { "The error hardly depends on joint " }
+                    (joint + 1) " (" (format!("{smallest:.3}")) " to " (format!("{largest:.3}")) " mm)"
+                } @else {
+                    "Joint " (joint + 1)
                 }
             },
             plot.render(&format!("Error against joint {}", joint + 1)),

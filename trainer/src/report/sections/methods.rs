@@ -205,15 +205,11 @@ pub fn learning(summary: &HeldOutSummary) -> Section {
     section
         .figure(
             html! {
-                (Number::count(last.trained_on, format!("{}/trained_on", at(end)))) " instead of "
-                (Number::count(previous.trained_on, format!("{}/trained_on", at(end - 1)))) " training poses "
-                @if gain > 0.05 {
-                    "still took " (format!("{:.0}", 100.0 * gain)) " % off the mean error: more would help"
-                } @else if gain > -0.05 {
-                    "changed the mean error by " (format!("{:+.0}", -100.0 * gain)) " %: more would hardly help"
-                } @else {
-                    "made the mean error larger by " (format!("{:.0}", -100.0 * gain)) " %: look for bad rows"
-                }
+                "From "
+                (Number::count(previous.trained_on, format!("{}/trained_on", at(end - 1)))) " to "
+                (Number::count(last.trained_on, format!("{}/trained_on", at(end)))) " training poses, the mean error "
+                @if gain >= 0.0 { "fell" } @else { "rose" } " by " (format!("{:.0}", 100.0 * gain.abs())) " %"
+                @if gain < -0.05 { ": look for bad rows" }
             },
             plot.render("Held-out error by the number of training poses"),
             "Blue: mean. Grey: 95 % of the poses. All sizes were tested on the same held-out poses.",

@@ -75,11 +75,11 @@ pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let (one, two) = (coverage.all.one_sigma, coverage.all.two_sigma);
     let at = |name: &str| format!("/held_out/calibrated/coverage/{name}");
     let finding = if two < 0.95 - TOLERANCE || one < 0.683 - 1.5 * TOLERANCE {
-        "The model is too sure of itself: "
+        "The predicted standard deviations are too small: "
     } else if one > 0.683 + 1.5 * TOLERANCE {
-        "The model is more careful than it needs to be: "
+        "The predicted standard deviations are too large: "
     } else {
-        "The model knows how wrong it is: "
+        "The predicted standard deviations are right: "
     };
     section
         .figure(

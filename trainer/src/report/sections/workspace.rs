@@ -215,7 +215,7 @@ fn neighbours(evidence: &ReportData) -> Markup {
         return html! { "There are too few poses to say whether errors of neighbours agree." };
     };
     let verdict = if after > SYSTEMATIC {
-        "much of what is left is systematic, and more poses or a richer model could still learn it"
+        "much of what is left is systematic: this model has not learnt it"
     } else {
         "what is left is mostly noise of instrument and arm, which no model can learn"
     };

@@ -1,7 +1,7 @@
 MODULE small
-    ! 3 poses of ur10 planned for calibration.
+    ! 2 poses of ur10 planned for calibration, and 1 for its test.
     ! Joints as the controller counts them, at rest before every measurement.
-    ! Planned without the links of the arm, cables, and the ways between poses:
+    ! Planned without cables and the ways between poses:
     ! run it first at reduced speed with a hand on the stop.
 
     PROC small_run()
