@@ -430,6 +430,7 @@ mod tests {
         Choice {
             is_named: false,
             poses,
+            held_out: poses,
             unexplained,
             config: Config::default(),
             table: vec![

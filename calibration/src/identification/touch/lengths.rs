@@ -56,7 +56,7 @@ impl Doubt {
         Self {
             said,
             off: mean / rest,
-            sigma: stated.hypot((variance / rest).sqrt()),
+            sigma: libm::sqrt(stated * stated + variance / rest),
         }
     }
 
@@ -112,10 +112,13 @@ fn believed(fit: &TouchFit, problem: &TouchProblem) -> Option<TouchFit> {
     Some(fit.widened(problem, beyond, 1.0))
 }
 
+/// Takes the priors of one kind away, and returns what was stated with its standard deviation in m.
+type Loosen = fn(&mut TouchSet) -> Vec<(Said, f64)>;
+
 /// Computes what the touches say of every zero, radius and tip if those of its kind are not believed, with the fit.
 pub fn own(problem: &TouchProblem) -> Vec<(Vec<Doubt>, TouchFit)> {
-    let kinds: [fn(&mut TouchSet) -> Vec<(Said, f64)>; 3] = [zeros, radii, tips];
-    let of = |loosened: fn(&mut TouchSet) -> Vec<(Said, f64)>| {
+    let kinds: [Loosen; 3] = [zeros, radii, tips];
+    let of = |loosened: Loosen| {
         let mut set = problem.set.clone();
         let said = loosened(&mut set);
         let loose = TouchProblem {
@@ -192,8 +195,8 @@ fn doubts(loose: &TouchProblem, said: &[(Said, f64)]) -> Option<(Vec<Doubt>, Tou
             }
             Said::Tip(tip, axis) => {
                 let columns = fit.arm.columns.iter().enumerate();
-                let own = columns.filter(|(_, c)| c.group == Group::Tip && c.index == tip);
-                let (at, _) = own.skip(axis).next()?;
+                let mut own = columns.filter(|(_, c)| c.group == Group::Tip && c.index == tip);
+                let (at, _) = own.nth(axis)?;
                 (fit.arm.theta[at], covariance[(at, at)] * ANYTHING.powi(2))
             }
         };

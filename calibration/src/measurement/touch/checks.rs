@@ -314,7 +314,8 @@ impl TouchSet {
         let off = each.filter_map(|(known, measured)| {
             let (distance, sigma) = (*measured)?;
             let missed = (distance - known.distance).abs();
-            Some((missed / known.sigma.hypot(sigma), known, distance, sigma))
+            let both = libm::sqrt(known.sigma * known.sigma + sigma * sigma);
+            Some((missed / both, known, distance, sigma))
         });
         let (missed, known, distance, sigma) = off.max_by(|a, b| a.0.total_cmp(&b.0))?;
         (missed > CONTRADICTION).then(|| {

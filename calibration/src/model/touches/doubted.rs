@@ -52,9 +52,9 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
             )
         }
         Said::Tip(tip, axis) => format!(
-            "the tip {} is {mm:+.1} ± {plus_minus:.1} mm along {} of the flange from its tip_mm, {sigmas:.1} standard deviations, which \
+            "the tip \"{}\" is {mm:+.1} ± {plus_minus:.1} mm along {} of the flange from its tip_mm, {sigmas:.1} standard deviations, which \
              must be below {OWN}: measure it again, or state a larger sigma_mm",
-            format!("\"{}\"", set.tips[tip].name),
+            set.tips[tip].name,
             ["x", "y", "z"][axis]
         ),
     };

@@ -329,7 +329,12 @@ fn the_distance_that_is_contradicted_most_is_named() {
     let set = parse(&csv, &toml).unwrap();
     let line = |sigmas: [f64; 3]| {
         let off = set.distances.iter().zip(sigmas);
-        let off = off.map(|(known, x)| (known.distance + x * known.sigma.hypot(1e-3), 1e-3));
+        let off = off.map(|(known, x)| {
+            (
+                known.distance + x * libm::sqrt(known.sigma * known.sigma + 1e-6),
+                1e-3,
+            )
+        });
         let measured: Vec<_> = off.map(Some).collect();
         set.contradiction(&measured).map(|error| error.line)
     };

@@ -50,7 +50,7 @@ impl Reader<'_> {
         let (states, step) = (state.states, state.step);
         let switched = |key: usize| states.certain.value(step, key, &self.program);
         let displaced = match switched(DISPLACED) {
-            Ok(value) if value == Setting::Is(false) => None,
+            Ok(Setting::Is(false)) => None,
             Ok(_) => Some("a program displacement is active (PDispOn, PDispSet)".to_owned()),
             Err(reason) => Some(format!("a program displacement may be active: {reason}")),
         };
