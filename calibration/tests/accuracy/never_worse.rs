@@ -109,7 +109,7 @@ fn row(set: &Set, count: usize, seed: u64) -> Option<String> {
     let mut origin = origin(tools);
     origin.tools.resize(tools, ToolName::default());
     let task = task(&set.robot, train, &origin);
-    let models = candidates(train, set.robot.joints.len(), &Config::default());
+    let models = candidates(train, &set.robot, &Config::default());
     let start = Instant::now();
     let Ok(choice) = select_model(&task, &models, &mut || ()) else {
         say(format_args!(

@@ -100,7 +100,7 @@ fn the_choice_does_not_change_with_nine_gross_outliers() {
     let origin = origin(1);
     let run = |train: &[InstrumentSample]| {
         let task = task(&robot, train, &origin);
-        let all = candidates(train, robot.joints.len(), &Config::default());
+        let all = candidates(train, &robot, &Config::default());
         let choice = select_model(&task, &all, &mut || ()).unwrap();
         let found = task.calibrated(&choice.config, train).unwrap();
         let errors = ErrorSummary::new(&found.blob.errors(&test));

@@ -29,7 +29,7 @@ fn ratios(set: &Set, count: usize) -> [f64; 2] {
         let test = &test[..test.len().min(TESTED)];
         let origin = origin(set.rows.iter().map(|s| s.tool + 1).max().unwrap_or(1));
         let task = task(&set.robot, train, &origin);
-        let all = candidates(train, set.robot.joints.len(), &Config::default());
+        let all = candidates(train, &set.robot, &Config::default());
         let choice = select_model(&task, &all, &mut || ()).unwrap();
         let found = task.calibrated(&choice.config, train).unwrap();
         let expected =

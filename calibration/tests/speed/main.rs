@@ -208,7 +208,7 @@ fn the_choice_of_a_model_takes_little_time() {
         cancel: &NEVER,
         threads: 1,
     };
-    let all = candidates(&samples, robot.joints.len(), &Config::default());
+    let all = candidates(&samples, &robot, &Config::default());
     // The better of two: another program may take the core's caches.
     let (mut to_choose, mut to_fit) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..2 {

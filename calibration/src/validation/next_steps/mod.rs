@@ -221,7 +221,7 @@ fn verdict(
     let unknown = "What further measurements would gain is not known".to_owned();
     let count = task.samples.len();
     if !is_paid && (count < UNCERTAIN || task.warnings.iter().any(|w| w.cause == Cause::Few)) {
-        let why = format!("{count} poses are too few to tell what is missing: measure more");
+        let why = format!("{count} poses are too few to know what is missing: measure more");
         return (unknown, Some(why));
     }
     let Some(expected) = expected else {
