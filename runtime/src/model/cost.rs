@@ -71,6 +71,27 @@ pub struct ProcessesSize {
     pub blocks: usize,
 }
 
+impl ProcessesSize {
+    /// Returns the sizes of the `processes` that the unrolled loops evaluate, or of those that the general loops evaluate.
+    #[inline(never)]
+    fn of<T: Scalar>(processes: &JointProcesses<T>, unrolled: bool) -> Self {
+        let mut out = Self::default();
+        for set in &processes.sets {
+            if processes.is_unrolled_for(set) != unrolled {
+                continue;
+            }
+            out.sets += 1;
+            out.looked_at += set.joints().len();
+            out.words += set.words();
+            for points in set.points() {
+                out.points += usize::from(*points);
+                out.blocks += usize::from(*points > 0);
+            }
+        }
+        out
+    }
+}
+
 /// The sizes of an elastic correction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ElasticSize {
@@ -99,29 +120,11 @@ pub struct ElasticSize {
 impl ElasticSize {
     /// Returns these sizes with those of `processes` filled in.
     pub fn with_processes<T: Scalar>(self, processes: &JointProcesses<T>) -> Self {
-        let groups = processes.group_payloads_kg.len();
-        let mut unrolled = ProcessesSize::default();
-        let mut general = unrolled;
-        for set in &processes.sets {
-            let size = if processes.is_unrolled_for(set) {
-                &mut unrolled
-            } else {
-                &mut general
-            };
-            size.sets += 1;
-            size.looked_at += set.joints().len();
-            // There are no points beyond the groups, and the loop stays a loop.
-            for points in set.points().iter().take(groups) {
-                size.points += usize::from(*points);
-                size.words += usize::from(*points) * set.row_words();
-                size.blocks += usize::from(*points > 0);
-            }
-        }
         Self {
-            unrolled,
-            general,
+            unrolled: ProcessesSize::of(processes, true),
+            general: ProcessesSize::of(processes, false),
             centred: processes.centred_joints(),
-            groups,
+            groups: processes.group_payloads_kg.len(),
             ..self
         }
     }
