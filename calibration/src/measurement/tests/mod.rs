@@ -171,7 +171,7 @@ fn no_line_of_a_quoted_text_is_a_comment() {
     let rows: Vec<_> = set
         .measurements
         .iter()
-        .map(|m| (m.line, m.joints[0].to_degrees()))
+        .map(|m| (m.line, libm::round(m.joints[0].to_degrees())))
         .collect();
     assert_eq!(rows, [(2, 1.0), (4, 2.0), (6, 3.0), (9, 4.0)]);
 }

@@ -68,7 +68,7 @@ fn rows_of_another_width() {
     );
     refused(
         format!("{head}1,\"2\n# a\",3,4,5\n6,7,8,9\n"),
-        &["set.csv:4:", "a long row of 5", "comma"],
+        &["set.csv:4:", "a long row of 5", "quotation mark"],
     );
 }
 
