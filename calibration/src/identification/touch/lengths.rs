@@ -24,11 +24,11 @@ const EXPLAINED: f64 = 0.75;
 /// Standard deviation of a length that is not believed, m.
 const ANYTHING: f64 = 0.1;
 
-/// What is stated in a file.
+/// A length that a file states.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Said {
-    /// All lengths alike.
-    Lengths,
+pub enum StatedLength {
+    /// All of them alike.
+    All,
     /// Zero of the anchor with this index.
     Zero(usize),
     /// Radius of the sphere with this index.
@@ -37,12 +37,12 @@ pub enum Said {
     Tip(usize, usize),
 }
 
-/// Something stated that the touches contradict.
+/// A stated length that the touches contradict.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Doubt {
-    /// What is in doubt.
-    pub said: Said,
-    /// By the touches, minus what is stated, in m; for [`Said::Lengths`] how much larger than drawn the arm is with them,
+    /// The length in doubt.
+    pub length: StatedLength,
+    /// By the touches, minus what is stated, in m; for [`StatedLength::All`] how much larger than drawn the arm is with them,
     /// relative to its size.
     pub off: f64,
     /// Standard deviation of `off`, by what is stated and by the touches.
@@ -51,10 +51,10 @@ pub struct Doubt {
 
 impl Doubt {
     /// Creates a doubt from an estimate with a prior of standard deviation `wide`, which it removes.
-    fn new(said: Said, (mean, variance): (f64, f64), wide: f64, stated: f64) -> Self {
+    fn new(length: StatedLength, (mean, variance): (f64, f64), wide: f64, stated: f64) -> Self {
         let rest = (1.0 - variance / (wide * wide)).max(1e-6);
         Self {
-            said,
+            length,
             off: mean / rest,
             sigma: libm::sqrt(stated * stated + variance / rest),
         }
@@ -84,7 +84,7 @@ pub fn size(problem: &TouchProblem, drawing: &TouchFit) -> Option<(Doubt, TouchF
     let wide = believed(&fit, problem)?;
     let variance = wide.solved(problem)?.covariance()[(at, at)] * ANY_SIZE.powi(2);
     let found = (fit.arm.theta[at], variance);
-    let doubt = Doubt::new(Said::Lengths, found, ANY_SIZE, 0.0);
+    let doubt = Doubt::new(StatedLength::All, found, ANY_SIZE, 0.0);
     (doubt.sigma < DETERMINED * size_of_class(&wide, problem)).then_some((doubt, fit))
 }
 
@@ -113,46 +113,48 @@ fn believed(fit: &TouchFit, problem: &TouchProblem) -> Option<TouchFit> {
 }
 
 /// Takes the priors of one kind away, and returns what was stated with its standard deviation in m.
-type Loosen = fn(&mut TouchSet) -> Vec<(Said, f64)>;
+type Loosen = fn(&mut TouchSet) -> Vec<(StatedLength, f64)>;
 
 /// Computes what the touches say of every zero, radius and tip if those of its kind are not believed, with the fit.
 pub fn own(problem: &TouchProblem) -> Vec<(Vec<Doubt>, TouchFit)> {
     let kinds: [Loosen; 3] = [zeros, radii, tips];
     let of = |loosened: Loosen| {
         let mut set = problem.set.clone();
-        let said = loosened(&mut set);
+        let lengths = loosened(&mut set);
         let loose = TouchProblem {
             set: &set,
             ..problem.clone()
         };
-        (!said.is_empty()).then(|| doubts(&loose, &said))?
+        (!lengths.is_empty()).then(|| doubts(&loose, &lengths))?
     };
     kinds.into_iter().filter_map(of).collect()
 }
 
-fn zeros(set: &mut TouchSet) -> Vec<(Said, f64)> {
+fn zeros(set: &mut TouchSet) -> Vec<(StatedLength, f64)> {
     let features = set.features.iter_mut().enumerate();
     let of = |(index, feature): (usize, &mut Feature)| match &mut feature.kind {
-        FeatureKind::Anchor { zero_sigma, .. } => Some((Said::Zero(index), loosened(zero_sigma)?)),
+        FeatureKind::Anchor { zero_sigma, .. } => {
+            Some((StatedLength::Zero(index), loosened(zero_sigma)?))
+        }
         _ => None,
     };
     features.filter_map(of).collect()
 }
 
-fn radii(set: &mut TouchSet) -> Vec<(Said, f64)> {
+fn radii(set: &mut TouchSet) -> Vec<(StatedLength, f64)> {
     let features = set.features.iter_mut().enumerate();
     let of = |(index, feature): (usize, &mut Feature)| match &mut feature.kind {
         FeatureKind::Sphere {
             radius: Some(_),
             radius_sigma,
             ..
-        } => Some((Said::Radius(index), loosened(radius_sigma)?)),
+        } => Some((StatedLength::Radius(index), loosened(radius_sigma)?)),
         _ => None,
     };
     features.filter_map(of).collect()
 }
 
-fn tips(set: &mut TouchSet) -> Vec<(Said, f64)> {
+fn tips(set: &mut TouchSet) -> Vec<(StatedLength, f64)> {
     let sees =
         |reading: &Reading| !matches!(reading, Reading::Level { .. } | Reading::Board { .. });
     let rows = &set.rows;
@@ -163,7 +165,7 @@ fn tips(set: &mut TouchSet) -> Vec<(Said, f64)> {
         out.extend(
             sigma
                 .iter()
-                .flat_map(|sigma| (0..3).map(move |axis| (Said::Tip(tip, axis), *sigma))),
+                .flat_map(|sigma| (0..3).map(move |axis| (StatedLength::Tip(tip, axis), *sigma))),
         );
     }
     out
@@ -174,15 +176,15 @@ fn loosened(sigma: &mut f64) -> Option<f64> {
     (*sigma < ANYTHING).then(|| std::mem::replace(sigma, ANYTHING))
 }
 
-/// Fits a set in which `said`, with standard deviations, is not believed.
-fn doubts(loose: &TouchProblem, said: &[(Said, f64)]) -> Option<(Vec<Doubt>, TouchFit)> {
+/// Fits a set in which `lengths`, with their stated standard deviations, are not believed.
+fn doubts(loose: &TouchProblem, lengths: &[(StatedLength, f64)]) -> Option<(Vec<Doubt>, TouchFit)> {
     let fit = TouchFit::new(loose, &TouchFit::on_drawing(loose, 0));
     let solved = believed(&fit, loose)?.solved(loose)?;
     let covariance = solved.covariance();
-    let of = |(said, stated): &(Said, f64)| {
-        let (mean, variance) = match *said {
-            Said::Lengths => return None,
-            Said::Zero(feature) | Said::Radius(feature) => {
+    let of = |(length, stated): &(StatedLength, f64)| {
+        let (mean, variance) = match *length {
+            StatedLength::All => return None,
+            StatedLength::Zero(feature) | StatedLength::Radius(feature) => {
                 // Both follow the three coordinates of the feature.
                 let at = fit.scene.first[feature] + 3;
                 let groups = &fit.scene.groups;
@@ -193,16 +195,16 @@ fn doubts(loose: &TouchProblem, said: &[(Said, f64)]) -> Option<(Vec<Doubt>, Tou
                 let variance = solved.predictive(&arm, &[(group, own)])[(0, 0)];
                 (fit.scene.deviation[at], variance)
             }
-            Said::Tip(tip, axis) => {
+            StatedLength::Tip(tip, axis) => {
                 let columns = fit.arm.columns.iter().enumerate();
                 let mut own = columns.filter(|(_, c)| c.group == Group::Tip && c.index == tip);
                 let (at, _) = own.nth(axis)?;
                 (fit.arm.theta[at], covariance[(at, at)] * ANYTHING.powi(2))
             }
         };
-        Some(Doubt::new(*said, (mean, variance), ANYTHING, *stated))
+        Some(Doubt::new(*length, (mean, variance), ANYTHING, *stated))
     };
-    let found = said.iter().filter_map(of).collect();
+    let found = lengths.iter().filter_map(of).collect();
     Some((found, fit))
 }
 

@@ -3,7 +3,7 @@
 use poegp_protocol::cause::Cause;
 
 use crate::identification::identifiability::list;
-use crate::identification::touch::lengths::{Doubt, OWN, SIZE, Said};
+use crate::identification::touch::lengths::{Doubt, OWN, SIZE, StatedLength};
 use crate::measurement::touch::{FeatureKind, Reading, TouchSet};
 use crate::trust::{Finding, Tier};
 
@@ -15,8 +15,8 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
     let name = |feature: usize| format!("\"{}\"", set.features[feature].name);
     let plus_minus = 1.96e3 * doubt.sigma;
     let (mm, sigmas) = (1e3 * doubt.off, doubt.sigmas());
-    let text = match doubt.said {
-        Said::Lengths => {
+    let text = match doubt.length {
+        StatedLength::All => {
             let percent = 100.0 * doubt.off;
             let (size, length) = match doubt.off > 0.0 {
                 true => ("larger", "long"),
@@ -31,14 +31,14 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
                 percent.abs()
             )
         }
-        Said::Zero(feature) => format!(
+        StatedLength::Zero(feature) => format!(
             "{} reads {:.1} ± {plus_minus:.1} mm too {}, {sigmas:.1} standard deviations, which must be below {OWN}: measure its zero \
              again, or state a larger zero_sigma_mm",
             name(feature),
             mm.abs(),
             if mm < 0.0 { "much" } else { "little" }
         ),
-        Said::Radius(feature) => {
+        StatedLength::Radius(feature) => {
             let stated = match set.features[feature].kind {
                 FeatureKind::Sphere { radius, .. } => 1e3 * radius.unwrap_or(0.0),
                 _ => 0.0,
@@ -51,14 +51,14 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
                 stated + mm
             )
         }
-        Said::Tip(tip, axis) => format!(
+        StatedLength::Tip(tip, axis) => format!(
             "the tip \"{}\" is {mm:+.1} ± {plus_minus:.1} mm along {} of the flange from its tip_mm, {sigmas:.1} standard deviations, which \
              must be below {OWN}: measure it again, or state a larger sigma_mm",
             set.tips[tip].name,
             ["x", "y", "z"][axis]
         ),
     };
-    let is_size = doubt.said == Said::Lengths;
+    let is_size = doubt.length == StatedLength::All;
     Finding {
         cause: if is_size { Cause::Frames } else { Cause::Noise },
         tier: Tier::Refused,
