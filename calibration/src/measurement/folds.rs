@@ -4,7 +4,7 @@
 //! test set, the test reports only the noise. Configurations whose joints are all equal within 0.1° (0.1 mm for a prismatic
 //! joint) are therefore kept in one fold, including those connected by a chain of neighbours.
 //!
-//! A tool is known only from its own poses. A row whose fold would leave fewer than [`POSES_OF_A_TOOL`] of them to train
+//! A tool is known only from its own poses. A row whose fold would leave fewer than three of them to train
 //! on is in no fold: it is always trained on and never tested.
 
 use std::collections::{BTreeMap, BTreeSet};
