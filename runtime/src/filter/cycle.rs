@@ -251,7 +251,7 @@ macro_rules! compiled {
                 let last;
                 let (corrected, status) = if !engage & status.contains(Status::BAD_INPUT) {
                     last = filter.with_last_correction(command);
-                    (&last[..], Status::OK)
+                    (&last[..], status.without(Status::BAD_INPUT))
                 } else {
                     (corrected, status)
                 };
@@ -279,7 +279,7 @@ impl<T: CompiledFilter> CommandFilter<T> {
     /// same request.
     ///
     /// While `engage` is false, a command that is bad only by `status` is taken with the last correction, which is taken back
-    /// as always, and the status of the answer is without remark.
+    /// as always, and the answer does not say [`Status::BAD_INPUT`].
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
     /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.

@@ -61,6 +61,12 @@ impl Status {
         if condition { self.with(other) } else { self }
     }
 
+    /// Returns `self` without the remarks of `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
     /// Returns whether all remarks of `other` are in `self`.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

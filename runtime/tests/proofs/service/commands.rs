@@ -397,6 +397,11 @@ fn the_bypass_takes_a_correction_back_from_commands_that_the_model_refuses() {
                 "{x} after {last}"
             );
             last = x;
+            let bypassed = commanded.status & Status::BYPASSED.bits() != 0;
+            assert_eq!(
+                bypassed, bypass,
+                "what bypasses is said whatever is refused"
+            );
             bits(&commanded.joints) == bits(&at) && !desk.identity().pending
         });
         assert!(arrived);

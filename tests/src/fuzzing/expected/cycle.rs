@@ -128,14 +128,7 @@ impl Expected {
         let payload_kg = filter.payload(query.payload_kg, cycles);
         let empty = Model::<f32, WORDS>::new();
         let model = self.active.as_ref().map_or(&empty, |active| &active.model);
-        let mut result = model.correct(&query.joints, payload_kg);
-        let passes = self.bypass && filter.disengaged();
-        if passes {
-            result.joints = [0.0; 8];
-            result.joints[..query.joints.len()].copy_from_slice(&query.joints);
-            result.status = Status::OK;
-            (result.applied, result.position_error, result.rotation_error) = (0.0, 0.0, 0.0);
-        }
+        let result = model.correct(&query.joints, payload_kg);
         let status = result.status.with_if(self.bypass, Status::BYPASSED);
         let engage = !self.bypass && self.pending.is_none() && self.active.is_some();
         let filtered = filter.step(&query.joints, &result.joints, status, engage, cycles);

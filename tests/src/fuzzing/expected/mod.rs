@@ -36,6 +36,8 @@ pub(super) struct Expected {
     spare: Option<Rc<Known>>,
     slots: [Option<Vec<u8>>; 2],
     first: usize,
+    /// Slot of the model that was started from flash last, until another blob takes it.
+    started: Option<usize>,
     key: Option<[u8; 32]>,
     pub bypass: bool,
     running: bool,
@@ -43,6 +45,7 @@ pub(super) struct Expected {
     /// Whether the announced blob may be the model of another robot.
     replaces_robot: bool,
     verified_revision: u32,
+    verified_instructions: u32,
     lowest_revision: u32,
     nonce: Option<[u8; NONCE_LENGTH]>,
     /// The signature that was accepted with `nonce`.
@@ -99,14 +102,14 @@ impl Expected {
             bypass,
             ..Self::default()
         };
-        let order = [new.first, 1 - new.first];
-        let stored = order.into_iter().filter_map(|slot| new.slots[slot].clone());
-        let (key, settings) = (new.key, new.commands.settings);
-        new.active = stored
-            .filter_map(|bytes| Known::of(&bytes, key.as_ref()).ok())
-            .filter(|known| in_time(known, &settings).is_ok())
-            .map(Rc::new)
-            .next();
+        for slot in [new.first, 1 - new.first] {
+            let stored = new.slots[slot].as_ref();
+            let known = stored.and_then(|bytes| Known::of(bytes, new.key.as_ref()).ok());
+            if let Some(known) = known.filter(|known| in_time(known, &settings).is_ok()) {
+                (new.active, new.started) = (Some(Rc::new(known)), Some(slot));
+                break;
+            }
+        }
         new.statistics.activations = u32::from(new.active.is_some());
         new.lowest_revision = new.active.as_ref().map_or(0, |model| model.revision());
         new
@@ -146,8 +149,9 @@ impl Expected {
             Request::Challenge => {}
             Request::Signed { signature, request } => {
                 let key = self.key.ok_or(Refusal::WrongSignature)?;
-                // A different signature with a nonce that was already used.
-                if self.used.as_ref().is_some_and(|used| used != signature) {
+                // A different signature with a nonce that was already used; while commands come, the same one, too.
+                let is_repeated = |used: &Vec<u8>| self.commanded || used != signature;
+                if self.used.as_ref().is_some_and(is_repeated) {
                     self.nonce = None;
                 }
                 let message = self.nonce.and_then(|nonce| order(&nonce, request));

@@ -157,6 +157,7 @@ impl Expected {
         }
         self.verified = Some(known.blob_crc());
         self.verified_revision = known.revision();
+        self.verified_instructions = known.identity.instructions;
         self.spare = Some(Rc::new(known));
         Ok(identity)
     }
@@ -211,8 +212,20 @@ impl Expected {
             return Ok(stored);
         }
         self.check_slots()?;
-        // Neither the active model nor the newest one is overwritten.
-        let taken = [self.ordered_slot(), Some(self.first), Some(1 - self.first)];
+        // There may be less time than when the model was verified.
+        let (instructions, allowed) = (
+            self.verified_instructions,
+            self.commands.settings.max_instructions,
+        );
+        if instructions > allowed {
+            return Err(Refusal::TooSlow {
+                instructions,
+                allowed,
+            });
+        }
+        // Neither the active model nor the one that was started is overwritten, nor else the newest one.
+        let kept = self.ordered_slot().or(self.started);
+        let taken = [kept, Some(self.first), Some(1 - self.first)];
         let kept = taken
             .into_iter()
             .flatten()
@@ -224,6 +237,7 @@ impl Expected {
         self.slot_changes += u32::from(moved || there.is_none());
         self.first = there.unwrap_or(kept.map_or(0, |slot| 1 - slot));
         self.slots[self.first] = Some(self.staged.clone());
+        self.started = self.started.filter(|slot| *slot != self.first);
         self.committed = self.stored(self.first);
         self.lowest_revision = self.verified_revision;
         Ok(self.committed.expect("it was stored"))
@@ -299,6 +313,7 @@ impl Expected {
                     self.slot_changes += u32::from(slot != self.first);
                     self.first = slot;
                     self.lowest_revision = known.revision();
+                    self.started = Some(slot);
                     self.run(Some(Rc::new(known)));
                     return Ok(());
                 }
