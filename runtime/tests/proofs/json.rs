@@ -16,7 +16,7 @@ pub fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-/// `value` as exactly N numbers.
+/// `value` as an array of exactly N numbers.
 pub fn array<const N: usize>(value: &Value) -> [f64; N] {
     let numbers = numbers(value);
     numbers.try_into().expect("so many numbers")
@@ -37,6 +37,6 @@ pub fn pose_rows(value: &Value) -> [f64; 12] {
 pub fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
-    // Not `f64::max`, which loses a NaN.
+    // `f64::max` would ignore a NaN.
     differences.fold(0.0, |largest, d| if d <= largest { largest } else { d })
 }
