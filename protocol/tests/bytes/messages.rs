@@ -1,4 +1,4 @@
-//! One message of each kind, and the longest one of each kind: in the order of their numbers on the wire.
+//! One message of each kind, and the longest of each kind, in the order of their numbers on the wire.
 
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::cause::Cause;
@@ -136,7 +136,7 @@ pub fn decode_errors() -> Vec<DecodeError> {
     ]
 }
 
-/// One start of each kind.
+/// One start reason of each kind.
 pub const STARTS: [StartReason; 7] = [
     StartReason::PowerOn,
     StartReason::Requested,

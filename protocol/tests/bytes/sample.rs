@@ -1,4 +1,4 @@
-//! The arm of the worked example in `docs/reference/blob-format.md`: one revolute and one prismatic joint, two inducing points.
+//! The arm of the worked example in `docs/reference/blob-format.md`: a revolute and a prismatic joint, two inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
@@ -7,7 +7,7 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::cause::Causes;
 
-/// The documentation that has its bytes.
+/// The page with the bytes of the example.
 pub const BLOB_FORMAT: &str = include_str!("../../../docs/reference/blob-format.md");
 
 /// Rows of inducing points: three scaled inputs and six weights each.
@@ -113,7 +113,7 @@ pub fn task_space_landmark() -> Vec<u8> {
     words.flat_map(|word: f32| word.to_le_bytes()).collect()
 }
 
-/// The example with its rows taken for folded ones, and a landmark.
+/// The example with its rows as folded ones, and a landmark.
 pub fn folded_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     let mut out = blob(rows);
     if let Correction::TaskSpace(task) = &mut out.correction {
@@ -124,7 +124,7 @@ pub fn folded_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     out
 }
 
-/// Inducing points of the elastic example: joint 1 looks at both joints, joint 2 at itself alone.
+/// Inducing points of the elastic example: the kernel of joint 1 depends on both joints, that of joint 2 on joint 2 alone.
 pub fn elastic_rows() -> Vec<u8> {
     let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0];
     let second = [0.25, 0.0, -1.0 / 16_384.0, 0.5, 0.0, 1.0 / 16_384.0];
@@ -132,7 +132,7 @@ pub fn elastic_rows() -> Vec<u8> {
     words.flat_map(|word: f32| word.to_le_bytes()).collect()
 }
 
-/// One order of an own-joint curve: 2^-15 rad of sin q and 2^-16 of cos q of joint 1, nothing of the sliding one.
+/// Own-joint curves of one order: 2^-15 rad of sin q and 2^-16 rad of cos q for joint 1, nothing for the prismatic joint.
 const CURVES: [u8; 16] = [0, 0, 0, 0x38, 0, 0, 0x80, 0x37, 0, 0, 0, 0, 0, 0, 0, 0];
 
 /// The same arm with an elastic correction.
@@ -180,7 +180,7 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
     }
 }
 
-/// One landmark of the variance example: q = (0, 0.25 m), 10 kg and the one word of its factor.
+/// A landmark of the variance example: q = (0, 0.25 m), 10 kg, and the single word of its factor.
 pub fn landmark() -> Vec<u8> {
     let words = [0.0, 1.0, 0.25, -0.031_25, 10.0, 0.5];
     words.into_iter().flat_map(f32::to_le_bytes).collect()
