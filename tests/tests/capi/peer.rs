@@ -1,4 +1,4 @@
-//! `tests/peers/c`: the paper's process in C with newlib, in one run with ours.
+//! `tests/peers/c`: the paper's process in C with newlib, compared with the runtime in one run.
 
 use std::fs;
 
@@ -17,7 +17,7 @@ fn bytes(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
     values.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// The numbers of the blob as the peer has them: its kernel is e^(−|u|²), ours 2^(−|u|²).
+/// The numbers of the blob in the peer's form: its kernel is e^(−|u|²), the runtime's 2^(−|u|²).
 fn peer_model(blob: &[u8]) -> Vec<u8> {
     let decoded = blob::decode(blob).unwrap();
     let Correction::TaskSpace(task) = &decoded.correction else {
@@ -43,7 +43,7 @@ fn peer_model(blob: &[u8]) -> Vec<u8> {
 
 #[test]
 fn peer_in_c() {
-    // The same mean in two forms: the peer has the difference form.
+    // The same mean in two forms; the peer has the difference form.
     let sample = Sample::plain(30, SampleCorrection::Folded(POINTS));
     let (blob, of_peer) = (
         sample.blob(),
