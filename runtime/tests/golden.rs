@@ -9,7 +9,7 @@ use poegp_runtime::trace::Stages;
 /// Capacity on the smallest machine that must compute these bits (`tests/bits`, 16 kB of RAM).
 const WORDS: usize = 512;
 
-/// The groups of hexadecimal words in one line.
+/// Returns the groups of hexadecimal words in one line.
 fn groups(line: &str) -> Vec<Vec<u32>> {
     let words = |group: &str| {
         group

@@ -31,7 +31,7 @@ fn page() -> (std::path::PathBuf, String) {
     (path, text)
 }
 
-/// The program's message about a mistake in the simulated set `paper`: standard error before the help line.
+/// Returns the program's message about a mistake in the simulated set `paper`: standard error before the help line.
 fn says(mistake: &str) -> String {
     let good = &sets::simulated_files()[0];
     let all = mistakes::all(good);
@@ -53,7 +53,7 @@ fn says(mistake: &str) -> String {
     said.trim_end().to_owned()
 }
 
-/// The text wrapped to at most [`WIDTH`] columns; existing line breaks stay.
+/// Returns the text wrapped to at most [`WIDTH`] columns; existing line breaks stay.
 fn wrapped(text: &str) -> String {
     let mut out = String::new();
     for line in text.lines() {

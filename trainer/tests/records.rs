@@ -45,7 +45,7 @@ fn every_planted_fault_stands_beside_its_law() {
     assert_eq!(listed, faults, "faults without a patch");
 }
 
-/// The cells of the table below `heading`, row by row.
+/// Returns the cells of the table below `heading`, row by row.
 fn table(page: &str, heading: &str) -> Vec<Vec<String>> {
     let (_, rest) = page.split_once(&format!("\n{heading}\n")).unwrap();
     let rows = rest.lines().skip_while(|line| !line.starts_with('|'));

@@ -9,7 +9,7 @@ use poegp_calibration::validation::model_selection::{Candidate, FOLDS, select_mo
 
 use crate::{arm, origin, samples, simulated_path};
 
-/// A candidate that no device can run: its correction limit is above the largest that a device takes, a metre.
+/// Returns a candidate that no device can run: its correction limit is above the largest that a device takes, a metre.
 fn impossible(name: &'static str) -> Candidate {
     Candidate {
         name,

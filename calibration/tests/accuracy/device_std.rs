@@ -108,7 +108,7 @@ fn of_simulated_sets() {
     held_out("wild", 100);
 }
 
-/// The minimum, the 5 %, 50 % and 95 % quantiles, and the maximum.
+/// Returns the minimum, the 5 %, 50 % and 95 % quantiles, and the maximum.
 fn spread(mut values: Vec<f64>) -> [f64; 5] {
     values.sort_by(f64::total_cmp);
     let last = values.len() - 1;

@@ -70,7 +70,7 @@ impl Gauges {
     }
 }
 
-/// Mean distance over all pairs of models, mm.
+/// Returns the mean distance over all pairs of models, mm.
 fn of_pairs(of: &[BlobModel], distance: impl Fn(&BlobModel, &BlobModel) -> f64) -> f64 {
     let mut all = Vec::new();
     for (i, a) in of.iter().enumerate() {

@@ -41,7 +41,7 @@ fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// Number of simulated arms of each kind: `POEGP_SEEDS`, or `sample` without it.
+/// Returns the number of simulated arms of each kind: `POEGP_SEEDS`, or `sample` without it.
 fn seeds(sample: u64) -> u64 {
     let given = std::env::var("POEGP_SEEDS").ok();
     given.map_or(sample, |text| {
@@ -49,14 +49,14 @@ fn seeds(sample: u64) -> u64 {
     })
 }
 
-/// A built-in robot with its chain.
+/// Returns a built-in robot with its chain.
 fn arm(name: &str) -> (Robot, Poe<f64>) {
     let robot = Robot::load(name, &LoadOptions::default()).unwrap();
     let nominal = robot.chain().unwrap();
     (robot, nominal)
 }
 
-/// The samples of a measurement file.
+/// Returns the samples of a measurement file.
 fn samples(path: &Path, robot: &Robot) -> Vec<InstrumentSample> {
     let set = poegp_calibration::measurement::read(path).unwrap_or_else(|e| panic!("{e}"));
     set.check(robot).unwrap_or_else(|e| panic!("{e}"));
@@ -64,7 +64,7 @@ fn samples(path: &Path, robot: &Robot) -> Vec<InstrumentSample> {
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// `method` with hyperparameters per output.
+/// Returns `method` with hyperparameters per output.
 fn per_output(method: Method) -> Config {
     Config {
         hyperparameters: HyperparameterSharing::PerOutput,
@@ -72,13 +72,13 @@ fn per_output(method: Method) -> Config {
     }
 }
 
-/// Path of a set that another implementation simulated, `<scenario>_s<seed>_<set>`.
+/// Returns the path of a set that another implementation simulated, `<scenario>_s<seed>_<set>`.
 fn simulated_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join(format!("../tests/data/simulated/irb4400_{name}.csv"))
 }
 
-/// The provenance of a calibration with `tools` tools.
+/// Returns the provenance of a calibration with `tools` tools.
 fn origin(tools: usize) -> Provenance {
     let tool = |i: usize| ToolName {
         session: if tools > 1 {
@@ -148,7 +148,7 @@ fn true_deviations(what: &str, found: &Coverage) -> Vec<String> {
         .collect()
 }
 
-/// Mean position error in mm over the poses of all sets.
+/// Returns the mean position error in mm over the poses of all sets.
 fn mean(found: &ModelComparison) -> f64 {
     let (mut sum, mut poses) = (0.0, 0);
     for set in &found.sets {

@@ -34,7 +34,7 @@ const CANDIDATES: usize = 580;
 const DRAWS: usize = 3;
 const SPLITS: u64 = 5;
 
-/// The first `count` rows of a plan in the order in which `trainer measure` asks for them.
+/// Returns the first `count` rows of a plan in the order in which `trainer measure` asks for them.
 fn asked(arm: &(Robot, Poe<f64>), plan: &TouchSet, count: usize) -> Vec<usize> {
     let mut chooser = Chooser::new(&arm.0, &arm.1, plan, GRAVITY, USUAL_CLASS);
     let mut next = || {

@@ -58,7 +58,7 @@ impl Bound {
     }
 }
 
-/// The folder of the measured sets; without one, prints that `what` is not run.
+/// Returns the folder of the measured sets; without one, prints that `what` is not run.
 pub fn folder(what: &str) -> Option<PathBuf> {
     let folder = std::env::var_os(FOLDER).map(PathBuf::from);
     if folder.is_none() {
@@ -257,7 +257,7 @@ fn gross_outliers_among_poses_of_the_irb_120() {
     assert!(percent <= 15.0);
 }
 
-/// The rows of a V-optimal plan of `count` poses whose candidates are `all` rows, and the remaining rows.
+/// Returns the rows of a V-optimal plan of `count` poses whose candidates are `all` rows, and the remaining rows.
 fn planned(
     (robot, nominal): &(Robot, Poe<f64>),
     all: &[InstrumentSample],

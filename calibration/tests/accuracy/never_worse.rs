@@ -44,7 +44,7 @@ pub fn simulated(name: &'static str) -> Set {
     }
 }
 
-/// The sets measured by others, if the folder is available.
+/// Returns the sets measured by others, if the folder is available.
 pub fn measured() -> Vec<Set> {
     let Some(folder) = std::env::var_os("POEGP_MEASURED_DATA").map(PathBuf::from) else {
         say("the sets of others: NOT RUN: POEGP_MEASURED_DATA is not set");
@@ -76,7 +76,7 @@ pub fn measured() -> Vec<Set> {
     .into()
 }
 
-/// A model selection that uses `train` alone.
+/// Returns a model selection that uses `train` alone.
 pub fn task<'a>(
     robot: &'a Robot,
     train: &'a [InstrumentSample],

@@ -36,7 +36,8 @@ fn measure(robot: &Robot, seed: u64) -> [TestSet; 4] {
     })
 }
 
-/// Mean errors of the four methods with shared hyperparameters, then of the two processes with hyperparameters per output.
+/// Returns the mean errors of the four methods with shared hyperparameters, then of the two processes with hyperparameters
+/// per output.
 fn means(seed: u64) -> [f64; 6] {
     let arm = arm("abb-irb4400-serial");
     let [train, tests @ ..] = measure(&arm.0, seed);

@@ -24,7 +24,7 @@ const TIME_CONSTANT: f64 = 25.0;
 /// Change of the zeros of joints 2 and 3 at the first row, rad.
 const ZEROS: [f64; 2] = [200e-6, -400e-6];
 
-/// `samples` in the order of time.
+/// Returns `samples` in the order of time.
 fn in_order(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
     let timed = |(row, sample): (usize, &InstrumentSample)| InstrumentSample {
         elapsed: Some(Elapsed {

@@ -18,7 +18,7 @@ const DRAWS: u64 = 4;
 /// Most poses on which a model is tested.
 const TESTED: usize = 400;
 
-/// Mean ratios of expected to found error, for the means and for the 95th percentiles. Prints each draw.
+/// Returns the mean ratios of expected to found error, for the means and for the 95th percentiles. Prints each draw.
 fn ratios(set: &Set, count: usize) -> [f64; 2] {
     let mut logs = [0.0; 2];
     for draw in 1..=DRAWS {

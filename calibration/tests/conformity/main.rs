@@ -41,7 +41,7 @@ const TRAINING: [usize; 4] = [40, 60, 100, 200];
 const TEST: usize = 100;
 const FRESH: usize = 2000;
 
-/// The noise that the rows of an arm declare: the tracker's, with the error that the budget assumes.
+/// Returns the noise that the rows of an arm declare: the tracker's, with the error that the budget assumes.
 fn declared_noise(seed: u64) -> InstrumentNoise {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(1);
@@ -55,7 +55,7 @@ fn declared_noise(seed: u64) -> InstrumentNoise {
     }
 }
 
-/// Rows as the program reads them, with the declared noise.
+/// Returns rows as the program reads them, with the declared noise.
 fn rows(robot: &Robot, poses: &[SimulatedPose], noise: InstrumentNoise) -> Vec<InstrumentSample> {
     let csv = to_csv(robot, poses, false, "simulated");
     let set = measurements::parse(Path::new("simulated.csv"), csv.as_bytes()).unwrap();
@@ -135,7 +135,7 @@ fn run(number: usize, method: Method) -> Run {
     [judged(&found.held_out(&test)), judged(&folds)]
 }
 
-/// The errors that 95 of 100 poses do not exceed, mm and mrad.
+/// Returns the errors that 95 of 100 poses do not exceed, mm and mrad.
 fn true_errors(found: &CalibratedBlob, fresh: &[InstrumentSample]) -> [f64; 2] {
     let poses = found.held_out(fresh);
     [0, 3].map(|first| {

@@ -51,7 +51,7 @@ fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<Ba
         .collect()
 }
 
-/// Frames alone: no gravity terms, no ripple.
+/// Returns a model with frames alone: no gravity terms, no ripple.
 fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> ParametricModel {
     let layout = Layout {
         joints: JOINTS,
@@ -65,7 +65,7 @@ fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> ParametricMode
     ParametricModel::new(chain, vec![tool], None, layout, down)
 }
 
-/// The hyperparameters of the vector file in our order; our payloads are in kg, the file's in units of m0.
+/// Returns the hyperparameters of the vector file in our order; our payloads are in kg, the file's in units of m0.
 fn hyperparameters(file: &Value, layout: HyperLayout) -> Vec<f64> {
     let theta = numbers(&file["theta_log"]);
     let at = |name: &str| -> Vec<usize> {
@@ -88,13 +88,13 @@ fn hyperparameters(file: &Value, layout: HyperLayout) -> Vec<f64> {
     out
 }
 
-/// Largest difference as a share of the largest expected number.
+/// Returns the largest difference as a share of the largest expected number.
 fn share(ours: &[f64], theirs: &[f64]) -> f64 {
     let largest = theirs.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     largest_difference(ours, theirs) / largest
 }
 
-/// Largest distance between origins in metres, and largest angle in radians.
+/// Returns the largest distance between origins in metres, and largest angle in radians.
 fn apart(ours: &[Pose<f64>], theirs: &[Pose<f64>]) -> (f64, f64) {
     let pairs = ours.iter().zip(theirs);
     pairs.fold((0.0, 0.0), |(distance, angle): (f64, f64), (a, b)| {
@@ -105,7 +105,7 @@ fn apart(ours: &[Pose<f64>], theirs: &[Pose<f64>]) -> (f64, f64) {
     })
 }
 
-/// The likelihood with processes of all joints and no own-joint curve.
+/// Returns the likelihood with processes of all joints and no own-joint curve.
 fn likelihood<'a>(
     linear: &'a Linearised,
     groups: &'a [PriorGroup],
@@ -202,7 +202,7 @@ fn weights_deflections_and_poses_are_numpys() {
     assert!(frame_distance <= 1e-12 && frame_angle <= 1e-12);
 }
 
-/// Poses of the simulated arm in its base frame, with or without their payloads.
+/// Returns poses of the simulated arm in its base frame, with or without their payloads.
 fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<BaseSample>) {
     let (robot, nominal) = arm();
     let mut samples = simulated(&robot, "train");

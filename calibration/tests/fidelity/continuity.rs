@@ -37,7 +37,7 @@ enum Kind {
     Edge,
 }
 
-/// Limits of the joints; a joint that turns further is limited to its middle turn.
+/// Returns the limits of the joints; a joint that turns further is limited to its middle turn.
 fn limits(fitted: &Fitted) -> Vec<(f64, f64)> {
     let pi = std::f64::consts::PI;
     let limits = fitted
@@ -53,7 +53,7 @@ fn anywhere(limits: &[(f64, f64)], random: &mut ChaCha8Rng) -> Vec<f64> {
     limits.iter().map(value).collect()
 }
 
-/// A singular pose that `joint` reaches by turning alone, if there is one.
+/// Returns a singular pose that `joint` reaches by turning alone, if there is one.
 fn singular(
     fitted: &Fitted,
     limits: &[(f64, f64)],
@@ -77,7 +77,7 @@ fn singular(
     (fitted.smallest_singular_value(&q) < 3e-3).then_some(q)
 }
 
-/// Start and step of a path with [`POINTS`] points.
+/// Returns the start and step of a path with [`POINTS`] points.
 fn path(fitted: &Fitted, kind: Kind, random: &mut ChaCha8Rng) -> Option<(Vec<f64>, Vec<f64>)> {
     let limits = limits(fitted);
     let n = limits.len();
@@ -134,7 +134,7 @@ fn corrections<T: CompiledCorrection>(
     out
 }
 
-/// The largest step of a correction, and the index of its end.
+/// Returns the largest step of a correction, and the index of its end.
 fn largest_step(corrections: &[(Vec<f64>, Vec<f64>)]) -> (f64, usize) {
     let mut out = (0.0, 0);
     for (k, pair) in corrections.windows(2).enumerate() {
@@ -224,7 +224,7 @@ fn look(
     left
 }
 
-/// The 95th percentile of the rotation without correction.
+/// Returns the 95th percentile of the rotation without correction.
 fn usual_rotation(fitted: &Fitted, random: &mut ChaCha8Rng) -> f64 {
     let limits = limits(fitted);
     let mut angles: Vec<f64> = (0..2_000)

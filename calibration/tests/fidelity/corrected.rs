@@ -83,7 +83,8 @@ pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
 }
 
 impl Fitted {
-    /// Distance (m) and angle (rad) between the calibrated arm's pose at `command` and the nominal arm's at `joints`.
+    /// Returns the distance (m) and angle (rad) between the calibrated arm's pose at `command` and the nominal arm's at
+    /// `joints`.
     pub fn error(&self, joints: &[f64], command: &[f64], payload_kg: f64) -> (f64, f64) {
         let nominal = self.double.nominal(joints).unwrap();
         let pose = self.double.evaluate(command, payload_kg).pose;
@@ -94,7 +95,8 @@ impl Fitted {
         )
     }
 
-    /// The same error at the corrected command in number type T, with its status and the distance that the model states.
+    /// Returns the same error at the corrected command in number type T, with its status and the distance that the model
+    /// states.
     fn corrected<T: CompiledCorrection>(
         &self,
         model: &Arm<T>,
@@ -112,7 +114,7 @@ impl Fitted {
         (error, found.status, found.position_error.to_f64())
     }
 
-    /// Smallest singular value of the nominal arm's Jacobian at the target, by finite differences.
+    /// Returns the smallest singular value of the nominal arm's Jacobian at the target, by finite differences.
     pub fn smallest_singular_value(&self, joints: &[f64]) -> f64 {
         let step = 1e-6;
         let here = self.double.nominal(joints).unwrap();
@@ -142,7 +144,7 @@ impl Fitted {
     }
 }
 
-/// The value that this many thousandths of the numbers do not exceed.
+/// Returns the value that this many thousandths of the numbers do not exceed.
 pub fn quantile(sorted: &[f64], thousandths: usize) -> f64 {
     sorted[(sorted.len() * thousandths).div_ceil(1000) - 1]
 }

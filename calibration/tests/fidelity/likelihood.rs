@@ -32,7 +32,7 @@ fn column(of: &Mat<f64>, c: usize) -> Mat<f64> {
     Mat::from_fn(of.nrows(), 1, |i, _| of[(i, c)])
 }
 
-/// |a − b| / |b|.
+/// Returns |a − b| / |b|.
 fn relative(a: f64, b: f64) -> f64 {
     (a - b).abs() / b.abs()
 }
@@ -80,7 +80,8 @@ fn value_and_gradient_are_scikit_learns() {
     assert!(value <= 1e-10 && slope <= 1e-8 && difference <= 1e-8);
 }
 
-/// Largest relative differences at `points`: of the mean (as a share of the output's largest) and of the standard deviation.
+/// Returns the largest relative differences at `points`: of the mean (as a share of the output's largest) and of the
+/// standard deviation.
 fn posterior(
     gp: &TaskSpaceGp,
     points: &[Vec<f64>],

@@ -33,7 +33,7 @@ fn stated(factor: f64) -> InstrumentNoise {
     }
 }
 
-/// The training poses. Every third is made `factor` times as noisy and declares that noise.
+/// Returns the training poses. Every third is made `factor` times as noisy and declares that noise.
 fn uneven(factor: f64) -> Vec<InstrumentSample> {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let mut normal = |sigma: f64| -> Vector3<f64> {
@@ -83,7 +83,8 @@ fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob 
     calibrate_to_blob(&robot, samples, options, &origin, &FitContext::default()).unwrap()
 }
 
-/// Weighting by noise, and no outliers: noisy rows that do not declare their noise would be left out as outliers.
+/// Returns a configuration with weighting by noise and without outliers: noisy rows that do not declare their noise would
+/// be left out as outliers.
 fn weighted(method: Method) -> Config {
     Config {
         weighting: Weighting::Noise,

@@ -95,8 +95,8 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
     }
 }
 
-/// Measurements without noise of an arm whose second joint has a large smooth error that no geometry explains. The correction
-/// is decimetres, and without noise the process fits every digit; `f32` has only seven.
+/// Returns measurements without noise of an arm whose second joint has a large smooth error that no geometry explains. The
+/// correction is decimetres, and without noise the process fits every digit; `f32` has only seven.
 fn absurd(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
     let mut out = samples.to_vec();
     for sample in &mut out {

@@ -39,7 +39,7 @@ impl Found {
         }
     }
 
-    /// Stated standard deviations of host and device, each divided by the RMS error.
+    /// Returns the stated standard deviations of host and device, each divided by the RMS error.
     fn ratios(&self) -> [f64; 2] {
         [self.host, self.device].map(|sum| (sum / self.squares).sqrt())
     }

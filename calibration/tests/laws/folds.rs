@@ -18,8 +18,8 @@ use crate::{origin, sets, task};
 
 const FOLDS: usize = 5;
 
-/// Rows on a coarse grid of angles, each displaced by up to 0.08°. Some configurations are equal in all joints, many in one
-/// or two, and some are connected only through a common neighbour.
+/// Returns rows on a coarse grid of angles, each displaced by up to 0.08°. Some configurations are equal in all joints,
+/// many in one or two, and some are connected only through a common neighbour.
 fn on_a_grid(seed: u64) -> Vec<InstrumentSample> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut joint = || -> f64 {
@@ -120,7 +120,7 @@ fn displaced(samples: &[InstrumentSample], which: impl Fn(usize) -> bool) -> Vec
     out
 }
 
-/// Base and tool alone: every training row moves them, since none is left out as an outlier.
+/// Returns the configuration with base and tool alone: every training row moves them, since none is left out as an outlier.
 fn base_and_tool() -> Config {
     Config {
         outliers: OutlierPolicy::Keep,

@@ -18,7 +18,7 @@ const OVER_GRID: GaugeChoice = GaugeChoice {
     tool: None,
 };
 
-/// Measurements of the simulated arm at 60 poses.
+/// Returns measurements of the simulated arm at 60 poses.
 fn some(robot: &Robot) -> Vec<InstrumentSample> {
     let mut out = sets::simulated(robot, "train");
     out.truncate(60);
@@ -29,7 +29,7 @@ fn fitted(robot: &Robot, samples: &[InstrumentSample], method: Method) -> Calibr
     calibrate(robot, samples, &Config::new(method), &FitContext::default()).unwrap()
 }
 
-/// A frame a few millimetres and milliradians from `pose`.
+/// Returns a frame a few millimetres and milliradians from `pose`.
 fn beside(pose: &Pose<f64>, sign: f64) -> GaugeFrame {
     let twist = Twist::from_array(&[1e-3, -2e-3, 3e-3, 2e-3, -1e-3, 3e-3].map(|x| sign * x));
     GaugeFrame {
@@ -38,13 +38,13 @@ fn beside(pose: &Pose<f64>, sign: f64) -> GaugeFrame {
     }
 }
 
-/// The predicted target of each sample in the instrument's frame.
+/// Returns the predicted target of each sample in the instrument's frame.
 fn seen(model: &Calibration, samples: &[InstrumentSample]) -> Vec<Pose<f64>> {
     let base = model.base_and_tools.instrument_from_base;
     samples.iter().map(|s| base * model.predict(s)).collect()
 }
 
-/// Largest distances between two lists of poses, m and rad.
+/// Returns the largest distances between two lists of poses, m and rad.
 fn apart(a: &[Pose<f64>], b: &[Pose<f64>]) -> (f64, f64) {
     let mut out = (0.0_f64, 0.0_f64);
     for (a, b) in a.iter().zip(b) {

@@ -16,8 +16,8 @@ const COUNTS: (usize, usize) = (40, 150);
 const CYCLES: usize = 200;
 const AMPLITUDE: f64 = 5e-5;
 
-/// Mean held-out error in mm when the description states these lines for every joint, and the ripple frequencies that the
-/// last draw fitted.
+/// Returns the mean held-out error in mm when the description states these lines for every joint, and the ripple
+/// frequencies that the last draw fitted.
 fn found(stated: &[f64]) -> (f64, Vec<f64>) {
     let mut robot = robot();
     for joint in &mut robot.joints {

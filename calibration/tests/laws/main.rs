@@ -30,7 +30,7 @@ use poegp_calibration::progress::threads as all_threads;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{Task, TestSet};
 
-/// A provenance without a date, with these tools.
+/// Returns a provenance without a date, with these tools.
 fn origin(tools: Vec<ToolName>) -> Provenance {
     Provenance {
         serial_number: String::new(),
@@ -47,7 +47,7 @@ fn calibrated(robot: &Robot, samples: &[InstrumentSample], config: &Config) -> C
     calibrate_to_blob(robot, samples, config, &origin, &FitContext::default()).unwrap()
 }
 
-/// A cross-validation with additional test sets.
+/// Returns a cross-validation with additional test sets.
 fn task<'a>(
     robot: &'a Robot,
     train: &'a [InstrumentSample],

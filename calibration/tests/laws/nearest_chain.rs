@@ -25,7 +25,7 @@ fn frame(rows: &[f32; 12]) -> Pose<f64> {
     Pose { rotation, ..stored }
 }
 
-/// The model's poses over its trained region.
+/// Returns the model's poses over its trained region.
 fn trained(blob: &BlobModel) -> PredictedPoses {
     PredictedPoses::new(blob, Region::trained(blob.blob()))
 }
@@ -42,7 +42,7 @@ fn payloads(blob: &BlobModel) -> (f32, f32) {
     blob.blob().ranges.payload_kg.unwrap_or_default()
 }
 
-/// Distances in mm between a chain and the model's predictions at the poses of a test set.
+/// Returns the distances in mm between a chain and the model's predictions at the poses of a test set.
 fn distances(blob: &BlobModel, chain: &Poe<f64>, test: &[InstrumentSample]) -> Summary {
     let of = |s: &InstrumentSample| {
         let predicted = blob.predict(&s.joints, s.payload_kg).pose;

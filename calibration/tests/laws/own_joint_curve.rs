@@ -69,7 +69,7 @@ fn the_spectrum_is_the_fourier_integral_of_the_kernel() {
     }
 }
 
-/// An arm whose description states no gear lines.
+/// Returns an arm whose description states no gear lines.
 pub fn robot() -> Robot {
     let mut robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
     robot.joints.iter_mut().for_each(|j| j.gear_lines.clear());
@@ -278,7 +278,8 @@ fn the_gradient_is_that_of_differences() {
     }
 }
 
-/// Mean error in mm at `test` of a fit to `train`, whether the fit has a curve, and the cycles per turn of its ripple.
+/// Returns the mean error in mm at `test` of a fit to `train`, whether the fit has a curve, and the cycles per turn of its
+/// ripple.
 fn found(
     train: &[InstrumentSample],
     test: &[InstrumentSample],

@@ -15,7 +15,8 @@ use poegp_runtime::math::se3::{Pose, Twist};
 /// Prior standard deviations of the frames of links, and of base and tool, m and rad.
 const PRIORS: (f64, f64) = (2e-3, 60e-3);
 
-/// Displacement and rotation of the target when frame `k / 6` of the chain is moved by a step of number `k % 6`.
+/// Returns the displacement and rotation of the target when frame `k / 6` of the chain is moved by a step of number `k %
+/// 6`.
 fn columns(robot: &Robot, frames: &[Pose<f64>], samples: &[InstrumentSample]) -> DMatrix<f64> {
     let stands = |k: usize, step: f64| -> Vec<Pose<f64>> {
         let twist = std::array::from_fn(|i| if i == k % 6 { step } else { 0.0 });
@@ -44,7 +45,7 @@ fn columns(robot: &Robot, frames: &[Pose<f64>], samples: &[InstrumentSample]) ->
     out
 }
 
-/// (AᵀA/σ² + Λ⁻¹)⁻¹ with rows divided by their noise.
+/// Returns (AᵀA/σ² + Λ⁻¹)⁻¹ with rows divided by their noise.
 fn posterior(a: &DMatrix<f64>, noise: &[f64], priors: &[f64]) -> DMatrix<f64> {
     let mut precision = DMatrix::from_fn(a.ncols(), a.ncols(), |i, j| {
         (0..a.nrows())

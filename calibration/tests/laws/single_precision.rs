@@ -10,8 +10,8 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::{origin, sets};
 
-/// The same arm with the origin of its base `distance` metres away. The poses are the same in `f64`; in `f32` they have the
-/// rounding errors of larger numbers.
+/// Returns the same arm with the origin of its base `distance` metres away. The poses are the same in `f64`; in `f32` they
+/// have the rounding errors of larger numbers.
 fn far(calibration: Calibration, distance: f64) -> Calibration {
     let shift = |x: f64| Pose {
         translation: Vector3::new(x, 0.0, 0.0),

@@ -144,7 +144,7 @@ impl Arm {
             .blob
     }
 
-    /// Another arm of the same scenario, calibrated with many random poses.
+    /// Returns another arm of the same scenario, calibrated with many random poses.
     fn sister(&self, scenario: Scenario) -> &Sister {
         let slot = &self.sisters[usize::from(scenario == Scenario::Nonlinear)];
         slot.get_or_init(|| {
@@ -153,7 +153,7 @@ impl Arm {
         })
     }
 
-    /// Mean errors over the arms, and the standard error of the first.
+    /// Returns the mean errors over the arms, and the standard error of the first.
     fn mean(&self, scenario: Scenario, count: usize, poses: Poses) -> (Errors, f64) {
         let next = Mutex::new(1..=seeds());
         let found = Mutex::new(Vec::new());

@@ -30,7 +30,7 @@ fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// CPU seconds of this thread so far.
+/// Returns the CPU seconds of this thread so far.
 fn cpu_seconds() -> f64 {
     let path = "/proc/thread-self/schedstat";
     let text =
@@ -39,8 +39,8 @@ fn cpu_seconds() -> f64 {
     1e-9 * nanoseconds.parse::<u64>().unwrap() as f64
 }
 
-/// CPU time of `work` in units of ten million exponentials, timed on the same core just before and just after. A shared or
-/// slow core slows both alike.
+/// Returns the CPU time of `work` in units of ten million exponentials, timed on the same core just before and just after.
+/// A shared or slow core slows both alike.
 fn in_ten_million_exponentials<R>(work: impl FnOnce() -> R) -> (R, f64) {
     let exponentials = || {
         let start = cpu_seconds();
@@ -57,12 +57,12 @@ fn in_ten_million_exponentials<R>(work: impl FnOnce() -> R) -> (R, f64) {
     (result, 2.0 * seconds / (before + exponentials()))
 }
 
-/// A fit on one thread, so that the thread's CPU time is that of the whole fit.
+/// Returns a fit on one thread, so that the thread's CPU time is that of the whole fit.
 fn one_thread() -> FitContext<'static> {
     FitContext::default().with_threads(1)
 }
 
-/// The arm and 300 simulated poses of `tests/data`.
+/// Returns the arm and 300 simulated poses of `tests/data`.
 fn arm() -> (Robot, Vec<InstrumentSample>) {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -87,7 +87,7 @@ fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>)
     (found.calibration, found.blob, samples)
 }
 
-/// The six means written as eq. 7 reads, in f64, without any optimisation.
+/// Returns the six means written as eq. 7 reads, in f64, without any optimisation.
 fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
     let task_space = found.correction.task_space().unwrap();
     let gp = &task_space.gp;

@@ -18,7 +18,7 @@ const HOLES: [(&str, [f64; 2]); 6] = [
 /// Largest mean error, mm.
 const MOST: f64 = 0.27;
 
-/// Mean distance of points after the best rigid registration (Kabsch 1976).
+/// Returns the mean distance of points after the best rigid registration (Kabsch 1976).
 fn registered(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
     let mean = |all: &[Vector3<f64>]| all.iter().sum::<Vector3<f64>>() / all.len() as f64;
     let (a, b) = (mean(found), mean(truth));

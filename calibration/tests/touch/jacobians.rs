@@ -23,7 +23,7 @@ fn pose(linear: [f64; 3], angular: [f64; 3]) -> Pose<f64> {
     }
 }
 
-/// Every kind of feature, with a reading at which its row is linear enough.
+/// Returns every kind of feature, with a reading at which its row is linear enough.
 fn features() -> Vec<(FeatureKind, Figure, Reading)> {
     let directions = |count: usize| Some((Form::directions(), vec![1e-4; 12 * count]));
     let corner = Vector3::new(0.05, -0.03, 0.0);

@@ -24,7 +24,7 @@ fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
 }
 
-/// Touches of a simulator's arm.
+/// Returns touches of a simulator's arm.
 fn touched(
     robot: &Robot,
     simulator: &mut Simulator,
@@ -207,7 +207,7 @@ fn checked(robot: &Robot, set: &TouchSet, blob: &BlobModel) -> TouchReport {
     check_touches(blob, set, &chain, robot.coupling.as_ref(), 0.01).unwrap()
 }
 
-/// The same touches by an arm whose joint zero is off by `by` rad: the controller reports a smaller angle.
+/// Returns the same touches by an arm whose joint zero is off by `by` rad: the controller reports a smaller angle.
 fn shifted(set: &TouchSet, joint: usize, by: f64) -> TouchSet {
     let mut out = set.clone();
     for row in &mut out.rows {

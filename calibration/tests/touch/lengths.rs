@@ -45,7 +45,7 @@ const LIES: [Lie; 7] = [
 ];
 
 impl Lie {
-    /// The touches with the wrong statement; `None` if they contain nothing that it concerns.
+    /// Returns the touches with the wrong statement; `None` if they contain nothing that it concerns.
     fn told(self, set: &TouchSet, robot: &Robot) -> Option<TouchSet> {
         let mut out = set.clone();
         let mut is_told = !matches!(self, Self::Zero(_));

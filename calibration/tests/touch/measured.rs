@@ -135,7 +135,7 @@ pub fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, V
     (set, others.collect())
 }
 
-/// Mean distance of touches of a socket from their middle, mm.
+/// Returns the mean distance of touches of a socket from their middle, mm.
 pub fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize]) -> f64 {
     let mut sum = 0.0;
     for f in 0..all.features.len() {

@@ -12,7 +12,7 @@ use crate::trial::simulated;
 const TOUCHES: f64 = 2.0;
 const CORNERS: f64 = 20.0;
 
-/// CPU seconds of this thread as Linux counts them; elapsed time on other systems.
+/// Returns the CPU seconds of this thread as Linux counts them; elapsed time on other systems.
 fn cpu_seconds(work: impl FnOnce()) -> f64 {
     let cpu = || {
         let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;

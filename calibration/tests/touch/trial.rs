@@ -75,7 +75,7 @@ pub fn simulated(
 }
 
 impl Trial {
-    /// Share of the error components within 1.96 times the standard deviations stated at their poses.
+    /// Returns the share of the error components within 1.96 times the standard deviations stated at their poses.
     pub fn components_within(&self) -> f64 {
         let pairs = self.calibrated.iter().zip(self.known.deviations());
         let within = pairs.map(|(e, sd)| (0..3).filter(|i| e[*i].abs() <= 1.96 * sd[*i]).count());

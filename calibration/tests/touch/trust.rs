@@ -97,7 +97,7 @@ impl Covered {
     }
 }
 
-/// Upper 95 % confidence limit of a share, when `found` of `of` cases were seen (Clopper and Pearson 1934).
+/// Returns the upper 95 % confidence limit of a share, when `found` of `of` cases were seen (Clopper and Pearson 1934).
 fn upper_limit(found: usize, of: usize) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {

@@ -63,7 +63,7 @@ fn virtual_wires_on_a_real_arm() {
     assert_eq!(missed, [""; 0]);
 }
 
-/// Readings of the wires of `kinds` at some rows, whose positions are in the base frame.
+/// Returns readings of the wires of `kinds` at some rows, whose positions are in the base frame.
 fn wires(
     kinds: &TouchSet,
     samples: &Samples,

@@ -30,7 +30,7 @@ pub const VARIANTS: [(&str, Make); 12] = [
     ("sigma stated", sigma),
 ];
 
-/// Random rows in the order of the file.
+/// Returns random rows in the order of the file.
 pub fn subset(good: &Good, rows: usize, random: &mut ChaCha8Rng) -> Good {
     good.of_rows(&some(good.table.len(), rows, random))
 }

@@ -47,13 +47,13 @@ impl Fitted {
         })
     }
 
-    /// The target of the nominal arm in the instrument's frame.
+    /// Returns the target of the nominal arm in the instrument's frame.
     fn pose(&self, sample: &InstrumentSample) -> Pose<f64> {
         let flange = self.chain.forward(&sample.serial_joints);
         self.ends.instrument_from_base * flange * self.ends.flange_from_targets[sample.tool]
     }
 
-    /// Median distance in mm between `samples` and the nominal arm at these joints.
+    /// Returns the median distance in mm between `samples` and the nominal arm at these joints.
     fn apart_mm(&self, samples: impl Iterator<Item = InstrumentSample>) -> f64 {
         let error = |(s, other): (&InstrumentSample, InstrumentSample)| {
             let error = other.observation.error(&self.pose(s));
@@ -64,7 +64,7 @@ impl Fitted {
         percentile(&errors, 0.5)
     }
 
-    /// The samples with the poses of the nominal arm.
+    /// Returns the samples with the poses of the nominal arm.
     fn nominal(&self) -> impl Iterator<Item = InstrumentSample> {
         self.samples.iter().map(|s| {
             let pose = self.pose(s);
@@ -80,13 +80,13 @@ impl Fitted {
     }
 }
 
-/// Median residual in mm after base and tool are fitted to a file.
+/// Returns the median residual in mm after base and tool are fitted to a file.
 pub fn left_mm(robot: &Robot, text: &str) -> Option<f64> {
     let fitted = Fitted::new(robot, text)?;
     Some(fitted.apart_mm(fitted.samples.iter().cloned()))
 }
 
-/// By how much the wrong joints of the last quarter of the rows move the target of the nominal arm, mm.
+/// Returns by how much the wrong joints of the last quarter of the rows move the target of the nominal arm, mm.
 fn moved_mm(good: &Good, wrong: &Table) -> Option<f64> {
     let mut fitted = Fitted::new(&good.robot, &good.text(&good.table))?;
     let last = good.table.len() * 3 / 4;
@@ -98,7 +98,7 @@ fn moved_mm(good: &Good, wrong: &Table) -> Option<f64> {
     Some(fitted.apart_mm(rows.into_iter()))
 }
 
-/// Why a mistake is not counted, or `None` if it is.
+/// Returns why a mistake is not counted, or `None` if it is.
 pub fn reason(
     good: &Good,
     good_left_mm: f64,
@@ -130,7 +130,7 @@ pub fn reason(
     }
 }
 
-/// RMS change of the target of a simulated arm due to the changed payloads, mm.
+/// Returns the RMS change of the target of a simulated arm due to the changed payloads, mm.
 fn payload_change_mm(good: &Good, wrong: &Table) -> f64 {
     let column = good.table.column("payload_kg").expect("payloads");
     let (old, new) = (good.table.numbers(column), wrong.numbers(column));

@@ -42,7 +42,7 @@ pub fn ask(robot: &Robot, text: &str, gravity: Vector3<f64>) -> Answer {
 }
 
 impl Answer {
-    /// The findings that a user sees: warnings and refusals.
+    /// Returns the findings that a user sees: warnings and refusals.
     pub fn alarms(&self) -> impl Iterator<Item = &Finding> {
         let all: &[Finding] = match self {
             Self::Examined(findings, _) => findings,
@@ -51,7 +51,7 @@ impl Answer {
         all.iter().filter(|f| f.tier >= Tier::Warning)
     }
 
-    /// Whether there is an alarm besides those that are `true_anyway` of the set.
+    /// Returns whether there is an alarm besides those that are `true_anyway` of the set.
     pub fn is_caught(&self, true_anyway: &[Cause]) -> bool {
         matches!(self, Self::Unread(_)) || self.alarms().any(|f| !true_anyway.contains(&f.cause))
     }
@@ -60,7 +60,8 @@ impl Answer {
         matches!(self, Self::Unread(_)) || self.alarms().any(|f| f.tier == Tier::Refused)
     }
 
-    /// Whether one of the `right` causes is among the gravest findings, or the reader's error names what was `changed`.
+    /// Returns whether one of the `right` causes is among the gravest findings, or the reader's error names what was
+    /// `changed`.
     pub fn is_right(&self, right: &[Cause], changed: &Changed) -> bool {
         if let Self::Unread(error) = self {
             let column = error.column.as_ref().map(|(_, name)| name.as_str());
@@ -75,7 +76,7 @@ impl Answer {
             .any(|f| Some(f.tier) == gravest && right.contains(&f.cause))
     }
 
-    /// Whether an alarm names one of these joints.
+    /// Returns whether an alarm names one of these joints.
     pub fn names(&self, joints: &[usize]) -> bool {
         let patterns = joints.iter().flat_map(|j| {
             let after = [
@@ -95,7 +96,7 @@ impl Answer {
         joints.is_empty() || matches!(self, Self::Unread(_)) || self.alarms().any(is_named)
     }
 
-    /// The causes with value and threshold, or the reader's error.
+    /// Returns the causes with value and threshold, or the reader's error.
     pub fn summary(&self) -> String {
         match self {
             Self::Panicked => "PANICKED".to_owned(),
@@ -115,7 +116,7 @@ impl Answer {
         }
     }
 
-    /// The sentences of the findings.
+    /// Returns the sentences of the findings.
     pub fn texts(&self) -> Vec<String> {
         match self {
             Self::Examined(all, _) => all

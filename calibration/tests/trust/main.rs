@@ -42,7 +42,7 @@ fn filter(name: &str) -> String {
     std::env::var(name).unwrap_or_default()
 }
 
-/// A random generator for each case, so that filtering does not change what other cases draw.
+/// Returns a random generator for each case, so that filtering does not change what other cases draw.
 fn random(seed: u64, names: &[&str]) -> ChaCha8Rng {
     let mut hasher = DefaultHasher::new();
     (seed, names).hash(&mut hasher);
@@ -194,7 +194,7 @@ impl Run {
     }
 }
 
-/// All sets for mistakes: simulated sets, the same reduced to one reflector, and measured sets.
+/// Returns all sets for mistakes: simulated sets, the same reduced to one reflector, and measured sets.
 fn sets_with_mistakes() -> (Vec<Good>, Vec<String>) {
     let mut sets = sets::simulated_files();
     sets.push(sets[0].clone().with_positions_only());

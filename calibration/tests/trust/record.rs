@@ -46,7 +46,7 @@ fn percent(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// A count with its share of `whole`, or a dash if `whole` is zero.
+/// Returns a count with its share of `whole`, or a dash if `whole` is zero.
 fn share(part: usize, whole: usize) -> String {
     if whole == 0 {
         return "–".to_owned();
@@ -54,7 +54,7 @@ fn share(part: usize, whole: usize) -> String {
     format!("{part} ({:.1} %)", percent(part, whole))
 }
 
-/// Median and maximum in seconds.
+/// Returns the median and maximum in seconds.
 fn times(times: &[Duration]) -> (f64, f64) {
     let mut seconds: Vec<f64> = times.iter().map(Duration::as_secs_f64).collect();
     seconds.sort_by(f64::total_cmp);
@@ -73,7 +73,7 @@ impl Record {
         total
     }
 
-    /// Share of caught cases, and share of right causes among them, percent.
+    /// Returns the share of caught cases, and share of right causes among them, percent.
     pub fn shares(&self) -> (f64, f64) {
         let total = self.total();
         (
@@ -82,7 +82,7 @@ impl Record {
         )
     }
 
-    /// The tables as Markdown.
+    /// Returns the tables as Markdown.
     pub fn text(&self) -> String {
         let mut out = String::from(
             "| set | wrong files | caught | only warned | right cause | left out | good files | false alarms |\n|---|---|---|---|---|---|---|---|\n",

@@ -38,7 +38,7 @@ pub struct Good {
 }
 
 impl Good {
-    /// The file that a table of this set becomes.
+    /// Returns the file that a table of this set becomes.
     pub fn text(&self, table: &Table) -> String {
         let mut table = table.clone();
         if self.positions_only() {
@@ -47,12 +47,12 @@ impl Good {
         table.text()
     }
 
-    /// Whether the file has no orientations.
+    /// Returns whether the file has no orientations.
     pub fn positions_only(&self) -> bool {
         self.orientations != Orientations::Measured
     }
 
-    /// Sum of the links' lengths in metres.
+    /// Returns the sum of the links' lengths in metres.
     pub fn reach(&self) -> f64 {
         let lengths = self
             .robot
@@ -66,12 +66,13 @@ impl Good {
         !self.name.starts_with("measured")
     }
 
-    /// Whether this is the set with one reflector over a narrow grid, where a model of the arm fits nearly anything.
+    /// Returns whether this is the set with one reflector over a narrow grid, where a model of the arm fits nearly
+    /// anything.
     pub fn is_narrow(&self) -> bool {
         self.name.contains("motoman")
     }
 
-    /// Indices of the joints that move by more than three degrees.
+    /// Returns the indices of the joints that move by more than three degrees.
     pub fn moving(&self) -> Vec<usize> {
         let columns = self.table.joints();
         let span = |c: usize| {
@@ -84,7 +85,7 @@ impl Good {
             .collect()
     }
 
-    /// Whether some point of the flange stays within a millimetre: positions around such a point fit any scale.
+    /// Returns whether some point of the flange stays within a millimetre: positions around such a point fit any scale.
     pub fn turns_about_a_point(&self) -> bool {
         let chain = self.robot.chain().expect("a chain");
         let flange = |row: usize| {
@@ -112,7 +113,7 @@ impl Good {
         })
     }
 
-    /// The set reduced to these rows.
+    /// Returns the set reduced to these rows.
     pub fn of_rows(&self, rows: &[usize]) -> Self {
         Self {
             table: self.table.subset(rows),
@@ -120,7 +121,7 @@ impl Good {
         }
     }
 
-    /// The set as it would have been measured with one reflector.
+    /// Returns the set as it would have been measured with one reflector.
     pub fn with_positions_only(mut self) -> Self {
         self.name += "/positions";
         self.orientations = Orientations::Hidden;
@@ -128,7 +129,7 @@ impl Good {
     }
 }
 
-/// Minimum and maximum.
+/// Returns the minimum and maximum.
 pub fn extremes(values: &[f64]) -> (f64, f64) {
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -150,7 +151,7 @@ const SCENARIOS: [(&str, Scenario, f64); 4] = [
     ("full", Scenario::PaperFullRange, 0.03),
 ];
 
-/// The simulated sets of the repository.
+/// Returns the simulated sets of the repository.
 pub fn simulated_files() -> Vec<Good> {
     let robot = robot("abb-irb4400-serial");
     let set = |(name, _, scatter_mm): &(&str, Scenario, f64)| {
@@ -168,19 +169,19 @@ pub fn simulated_files() -> Vec<Good> {
     SCENARIOS.iter().map(set).collect()
 }
 
-/// A robot description in the repository that is not built in.
+/// Returns a robot description in the repository that is not built in.
 pub fn description(name: &str) -> String {
     let path = root().join("tests/data/robots").join(name);
     path.display().to_string()
 }
 
-/// The folder of measured sets: `POEGP_MEASURED_DATA`, otherwise a folder beside the repository.
+/// Returns the folder of measured sets: `POEGP_MEASURED_DATA`, otherwise a folder beside the repository.
 fn measured_folder() -> PathBuf {
     std::env::var_os("POEGP_MEASURED_DATA")
         .map_or_else(|| root().join("../shared/data/real"), PathBuf::from)
 }
 
-/// A description that comes with the measured sets, if it is available.
+/// Returns a description that comes with the measured sets, if it is available.
 pub fn model(name: &str) -> Option<String> {
     let folder = measured_folder();
     let paths = [folder.join(name), folder.join("../models").join(name)];
@@ -188,7 +189,7 @@ pub fn model(name: &str) -> Option<String> {
     found.map(|p| p.display().to_string())
 }
 
-/// A simulated set; `spec` is a robot by name or path, `scenario` an index into all scenarios.
+/// Returns a simulated set; `spec` is a robot by name or path, `scenario` an index into all scenarios.
 pub fn simulated(spec: &str, scenario: usize, seed: u64, rows: usize) -> Good {
     let robot = robot(spec);
     let (name, scenario, scatter_mm) = SCENARIOS[scenario];
@@ -222,7 +223,7 @@ const MEASURED: [(&str, &str, f64); 5] = [
     ("ur10_tmac_b", "ur10", 0.25),
 ];
 
-/// The measured sets that are available, and the names of the others.
+/// Returns the measured sets that are available, and the names of the others.
 pub fn measured() -> (Vec<Good>, Vec<String>) {
     let folder = measured_folder();
     let (mut sets, mut missing) = (Vec::new(), Vec::new());

@@ -27,7 +27,7 @@ impl Table {
         }
     }
 
-    /// The file as CSV text: the header is line 1, row `i` is line `i + 2`.
+    /// Returns the file as CSV text: the header is line 1, row `i` is line `i + 2`.
     pub fn text(&self) -> String {
         let mut out = self.header.join(",");
         for row in &self.rows {
@@ -41,12 +41,12 @@ impl Table {
         self.rows.len()
     }
 
-    /// The column with that name.
+    /// Returns the column with that name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.header.iter().position(|h| h == name)
     }
 
-    /// The columns of the joints, base first.
+    /// Returns the columns of the joints, base first.
     pub fn joints(&self) -> Vec<usize> {
         let is_joint = |h: &String| {
             let number = h.strip_prefix('q').and_then(|h| h.split('_').next());
@@ -57,7 +57,7 @@ impl Table {
             .collect()
     }
 
-    /// The columns of the position.
+    /// Returns the columns of the position.
     pub fn position(&self) -> [usize; 3] {
         ["x_", "y_", "z_"].map(|axis| {
             let found = self.header.iter().position(|h| h.starts_with(axis));
@@ -65,7 +65,7 @@ impl Table {
         })
     }
 
-    /// The columns of the quaternion, w first.
+    /// Returns the columns of the quaternion, w first.
     pub fn orientation(&self) -> Option<[usize; 4]> {
         let columns = ["qw", "qx", "qy", "qz"].map(|name| self.column(name));
         Some([columns[0]?, columns[1]?, columns[2]?, columns[3]?])
@@ -81,7 +81,7 @@ impl Table {
         (0..self.len()).map(|r| self.number(r, column)).collect()
     }
 
-    /// The largest number of decimals of any field of the column.
+    /// Returns the largest number of decimals of any field of the column.
     pub fn decimals(&self, column: usize) -> usize {
         let of = |text: &str| {
             let (digits, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
@@ -157,7 +157,7 @@ impl Table {
         self.remove_columns(&["qw", "qx", "qy", "qz"]);
     }
 
-    /// The table of some rows, in their order.
+    /// Returns the table of some rows, in their order.
     pub fn subset(&self, rows: &[usize]) -> Self {
         Self {
             header: self.header.clone(),
@@ -165,7 +165,7 @@ impl Table {
         }
     }
 
-    /// The joints of a row in rad; all joints of these sets are revolute.
+    /// Returns the joints of a row in rad; all joints of these sets are revolute.
     pub fn joints_rad(&self, row: usize) -> Vec<f64> {
         let radians = |c: &usize| {
             let value = self.number(row, *c);
@@ -178,7 +178,7 @@ impl Table {
         self.joints().iter().map(radians).collect()
     }
 
-    /// The measured pose of a row, with its position in the unit of the file.
+    /// Returns the measured pose of a row, with its position in the unit of the file.
     pub fn pose(&self, row: usize) -> Pose<f64> {
         let position = self.position().map(|c| self.number(row, c));
         let [w, x, y, z] = self
@@ -215,7 +215,7 @@ impl Table {
         self.map_poses(0..self.len(), change);
     }
 
-    /// The columns of position and quaternion.
+    /// Returns the columns of position and quaternion.
     pub fn pose_columns(&self) -> [usize; 7] {
         let [x, y, z] = self.position();
         let [w, a, b, c] = self.orientation().expect("an orientation");

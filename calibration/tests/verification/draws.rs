@@ -3,7 +3,7 @@
 use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::verification::drift_test::{Columns, DriftTest};
 
-/// A test of one hypothesis with three orthonormal columns and ν = 100 residual degrees of freedom.
+/// Returns a test of one hypothesis with three orthonormal columns and ν = 100 residual degrees of freedom.
 fn one_test(size: f64) -> DriftTest {
     let rows = 103;
     // 100 residuals of ±1 alternating, and three values of the hypothesis.

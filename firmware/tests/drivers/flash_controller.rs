@@ -61,7 +61,7 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// An erased flash after a reset, with these option bytes.
+    /// Returns an erased flash after a reset, with these option bytes.
     pub fn new(options: u32) -> Self {
         let bytes = KIB * SECTORS.iter().sum::<usize>();
         Self {
@@ -87,7 +87,7 @@ impl Controller {
         }
     }
 
-    /// The controller after a loss of power: a reset with empty caches.
+    /// Returns the controller after a loss of power: a reset with empty caches.
     pub fn restarted(&self) -> Self {
         Self {
             cells: self.cells.clone(),

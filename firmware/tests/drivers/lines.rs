@@ -171,7 +171,8 @@ fn frames(count: u16) -> Vec<Vec<u8>> {
     (0..count).map(frame).collect()
 }
 
-/// Sequence numbers of intact frames in received bytes, and the number of damaged ones, by the device's receiver.
+/// Returns the sequence numbers of intact frames in received bytes, and the number of damaged ones, by the device's
+/// receiver.
 fn intact(bytes: &[u8]) -> (Vec<u16>, usize) {
     let (mut receiver, mut sequences, mut damaged) = (Receiver::new(), Vec::new(), 0);
     for byte in bytes {
@@ -435,7 +436,7 @@ fn a_frame_that_is_queued_in_pieces_leaves_whole() {
     }
 }
 
-/// Intact frames in received bytes, where zeros between frames are ignored.
+/// Returns intact frames in received bytes, where zeros between frames are ignored.
 fn intact_but_empty(bytes: &[u8]) -> (Vec<u16>, usize) {
     let mut kept = vec![0];
     for byte in bytes {

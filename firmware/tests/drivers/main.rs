@@ -10,7 +10,7 @@ mod flash_rules;
 mod lines;
 mod store;
 
-/// xorshift: a random number below `below`.
+/// Returns a random number below `below` (xorshift).
 pub fn random(state: &mut u64, below: usize) -> usize {
     *state ^= *state << 13;
     *state ^= *state >> 7;

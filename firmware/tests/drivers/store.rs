@@ -9,7 +9,7 @@ use crate::flash_rules::{LEVEL_3, OFF};
 
 type Device = Store<SectorFlash<Shared>>;
 
-/// The layout of `firmware/src/board/stm32f405.rs`.
+/// Returns the layout of `firmware/src/board/stm32f405.rs`.
 fn layout() -> Layout {
     Layout {
         slots: [2 * SECTOR..4 * SECTOR, 4 * SECTOR..6 * SECTOR],
@@ -30,7 +30,7 @@ fn blob(number: u8) -> Vec<u8> {
         .collect()
 }
 
-/// The stored models that are whole, the first candidate first.
+/// Returns the stored models that are whole, the first candidate first.
 fn whole(store: &mut Device) -> Vec<(Stored, Vec<u8>)> {
     let mut buffer = [0; 64];
     let candidates = store.candidates();

@@ -110,13 +110,13 @@ const CRATES: [Layer; 7] = [
 /// Folders and files with cycles that still have to be removed. This list may only become shorter.
 const CIRCLES_LEFT: [&str; 0] = [];
 
-/// The room of a file. The root of a crate has none: everything may use what it defines, and it may use all rooms.
+/// Returns the room of a file. The root of a crate has none: everything may use what it defines, and it may use all rooms.
 fn room(file: &str) -> Option<&str> {
     let first = file.split('/').next().unwrap().trim_end_matches(".rs");
     (first != "lib" && first != "main").then_some(first)
 }
 
-/// The uses that point to a higher room, as texts.
+/// Returns the uses that point to a higher room, as texts.
 fn upward(rooms: &[&str], read: &Crate) -> Vec<String> {
     let floor = |room: &str| {
         let found = rooms.iter().position(|name| *name == room);
@@ -133,7 +133,7 @@ fn upward(rooms: &[&str], read: &Crate) -> Vec<String> {
     arrows.map(ToString::to_string).collect()
 }
 
-/// The uses in every cycle, except those of the folders `left`.
+/// Returns the uses in every cycle, except those of the folders `left`.
 fn circles(read: &Crate, folder: &str, left: &[&str]) -> Vec<String> {
     let is_left = |file: &String| {
         left.iter()

@@ -337,7 +337,7 @@ impl Crate {
     }
 }
 
-/// The module path of a file: `a/b.rs` and `a/b/mod.rs` are `a::b`, and the root is empty.
+/// Returns the module path of a file: `a/b.rs` and `a/b/mod.rs` are `a::b`, and the root is empty.
 fn names(path: &str) -> Vec<String> {
     let path = path.trim_end_matches(".rs");
     let names = path
@@ -346,7 +346,7 @@ fn names(path: &str) -> Vec<String> {
     names.map(str::to_owned).collect()
 }
 
-/// The index of the closing brace of the block that begins `tokens`.
+/// Returns the index of the closing brace of the block that begins `tokens`.
 fn braces(tokens: &[Token]) -> usize {
     let mut depth = 0;
     for (i, token) in tokens.iter().enumerate() {

@@ -64,7 +64,7 @@ const STORAGE: [&str; 5] = [
     "capacity_words",
 ];
 
-/// The parts of an identifier, in lower case.
+/// Returns the parts of an identifier, in lower case.
 fn parts(word: &str) -> Vec<String> {
     let mut parts = vec![String::new()];
     let mut was_lower = false;
@@ -80,7 +80,7 @@ fn parts(word: &str) -> Vec<String> {
     parts
 }
 
-/// Whether `text` contains `word`, or its plural, as a whole word.
+/// Returns whether `text` contains `word`, or its plural, as a whole word.
 fn has(text: &str, word: &str) -> bool {
     let text = text.to_lowercase();
     let letter = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
@@ -90,7 +90,7 @@ fn has(text: &str, word: &str) -> bool {
     })
 }
 
-/// The forbidden words of a source, each with its place.
+/// Returns the forbidden words of a source, each with its place.
 fn forbidden(path: &str, tokens: &[Token]) -> Vec<(&'static str, String)> {
     // In these sources, `words` are storage of four bytes.
     let counts_storage = !path.starts_with("trainer") && !path.starts_with("calibration")

@@ -24,8 +24,8 @@ pub fn golden() -> Vec<u8> {
         .expect("a listing")
 }
 
-/// A blob from pieces of later listings: its header, the first listing up to the correction, these pieces, and the first
-/// listing's bytes from the warnings on.
+/// Returns a blob from pieces of later listings: its header, the first listing up to the correction, these pieces, and the
+/// first listing's bytes from the warnings on.
 fn pieced(header: usize, pieces: &[&[u8]]) -> Vec<u8> {
     let first = golden();
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
@@ -53,7 +53,7 @@ fn bytes_to_value() {
     assert_eq!(stored_crc(&bytes), Some(0x68f1_16b6));
 }
 
-/// Correction and variance of the elastic example.
+/// Returns the correction and variance of the elastic example.
 fn elastic_piece() -> Vec<u8> {
     listing::hex_blocks(sample::BLOB_FORMAT)[2].clone()
 }
@@ -62,14 +62,14 @@ fn elastic_golden() -> Vec<u8> {
     pieced(1, &[&elastic_piece()])
 }
 
-/// The elastic example with the fifth listing in place of its last byte, which states that there is no variance.
+/// Returns the elastic example with the fifth listing in place of its last byte, which states that there is no variance.
 fn variance_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     let elastic = elastic_piece();
     pieced(3, &[&elastic[..elastic.len() - 1], &blocks[4]])
 }
 
-/// The first listing, with the last listing from the centre on.
+/// Returns the first listing, with the last listing from the centre on.
 fn folded_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     let first = golden();
@@ -106,7 +106,7 @@ fn an_elastic_blob_is_the_listing_of_the_documentation() {
     assert_eq!(decode(encoded), Ok(sample::elastic_blob(&rows)));
 }
 
-/// `bytes` with another version and a matching checksum.
+/// Returns `bytes` with another version and a matching checksum.
 fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
     let mut out = bytes.to_vec();
     out[8..10].copy_from_slice(&version.to_le_bytes());
@@ -182,7 +182,7 @@ fn a_blob_without_correction_warnings_and_host_ends_in_seven_zeros() {
     assert_eq!(decode(encoded), Ok(blob));
 }
 
-/// Name of an error without its numbers.
+/// Returns the name of an error without its numbers.
 pub fn kind(error: DecodeError) -> &'static str {
     match error {
         DecodeError::Truncated { .. } => "Truncated",
@@ -253,7 +253,7 @@ fn every_truncation_and_every_extra_byte_is_refused_by_name() {
     }
 }
 
-/// `payload` in an envelope with right length and CRC.
+/// Returns `payload` in an envelope with right length and CRC.
 fn sealed(payload: &[u8]) -> Vec<u8> {
     let mut bytes = golden()[..12].to_vec();
     bytes.extend((payload.len() as u32).to_le_bytes());

@@ -5,7 +5,7 @@ use poegp_protocol::link::cobs::{decode_in_place, encode, max_encoded};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// The encoding, which must be the same with both encoders. Ours must not need more space than it states.
+/// Returns the encoding, which must be the same with both encoders. Ours must not need more space than it states.
 fn encoded(data: &[u8]) -> Vec<u8> {
     let mut ours = vec![0xaa; max_encoded(data.len())];
     let used = encode(data, &mut ours).expect("room for the longest");

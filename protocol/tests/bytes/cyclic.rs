@@ -24,7 +24,7 @@ fn sent_answer(sequence: u16, answer: &CyclicAnswer) -> Vec<u8> {
     encode_answer(sequence, answer, &mut out).unwrap().to_vec()
 }
 
-/// A frame with these bytes before its CRC.
+/// Returns a frame with these bytes before its CRC.
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; cobs::max_encoded(raw.len()) + 1];
@@ -33,7 +33,7 @@ fn sealed(body: &[u8]) -> Vec<u8> {
     out
 }
 
-/// What the device receives: sequence number and command, which is `None` if the length is that of no command.
+/// Returns what the device receives: sequence number and command, which is `None` if the length is that of no command.
 fn received(bytes: &[u8]) -> Result<(u16, Option<Query>), FrameError> {
     let mut receiver = Receiver::new();
     let (last, before) = bytes.split_last().unwrap();

@@ -15,7 +15,7 @@ use crate::messages::{
     decode_errors, longest_requests, longest_responses, refusals, requests, responses,
 };
 
-/// The frame of a message without its final zero.
+/// Returns the frame of a message without its final zero.
 fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; 2_048], [0; 2_048]);
     let frame = encode(sequence, message, &mut scratch, &mut out).unwrap();
@@ -25,7 +25,8 @@ fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
     frame.to_vec()
 }
 
-/// Pieces that need several COBS blocks, with zeros inside and at the end, and runs of more than 254 bytes without a zero.
+/// Returns pieces that need several COBS blocks, with zeros inside and at the end, and runs of more than 254 bytes without
+/// a zero.
 fn awkward_pieces() -> [Vec<u8>; 3] {
     let mut zeros = vec![0x55; 253];
     zeros.extend([0, 0, 7]);
@@ -60,7 +61,7 @@ fn round_trip() {
     }
 }
 
-/// Every message with its name, including the longest of each kind and every refusal.
+/// Returns every message with its name, including the longest of each kind and every refusal.
 fn all_messages() -> Vec<(String, Vec<u8>)> {
     let mut frames = Vec::new();
     let pieces = awkward_pieces();
@@ -170,7 +171,7 @@ fn every_truncation_and_every_extra_byte_is_damage() {
     }
 }
 
-/// The COBS encoding of `body` with its CRC.
+/// Returns the COBS encoding of `body` with its CRC.
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; raw.len() + raw.len() / 254 + 2];

@@ -19,7 +19,7 @@ fn bytes_of(value: &impl Serialize) -> Vec<u8> {
     postcard::to_slice(value, &mut buffer).unwrap().to_vec()
 }
 
-/// Number on the wire and variant name of each value.
+/// Returns the number on the wire and variant name of each value.
 fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
     values: impl IntoIterator<Item = &'a V>,
 ) -> Vec<(u8, String)> {
@@ -34,7 +34,7 @@ fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
         .collect()
 }
 
-/// The names of a message's fields in the `Debug` output, for the outermost braces only.
+/// Returns the names of a message's fields in the `Debug` output, for the outermost braces only.
 fn field_names(value: &impl core::fmt::Debug) -> Vec<String> {
     let (mut names, mut word, mut depth) = (Vec::new(), String::new(), 0);
     for letter in format!("{value:?}").chars() {
@@ -53,7 +53,7 @@ fn field_names(value: &impl core::fmt::Debug) -> Vec<String> {
     names
 }
 
-/// The field names in a row of a table: each is the text before a colon.
+/// Returns the field names in a row of a table: each is the text before a colon.
 fn declared_names(row: &Message) -> Vec<String> {
     let fields = row.fields.split(", ").filter(|field| !field.is_empty());
     let name = |field: &str| field.split(':').next().unwrap_or("").to_owned();
@@ -139,7 +139,7 @@ fn requests_in_signed_ones() {
     assert_eq!(Request::decode(&[14, 0]), None);
 }
 
-/// The rows of the section of `docs/reference/link.md` with this heading, without quotes.
+/// Returns the rows of the section of `docs/reference/link.md` with this heading, without quotes.
 fn documented(heading: &str) -> Vec<(u8, Vec<String>)> {
     let (_, section) = LINK
         .split_once(&format!("\n## {heading}\n"))

@@ -15,7 +15,7 @@ fn wire(sequence: u16, request: &Request<'_>) -> Vec<u8> {
         .to_vec()
 }
 
-/// What is received from `bytes`: the content of every complete frame, or `None` for one that was too long.
+/// Returns what is received from `bytes`: the content of every complete frame, or `None` for one that was too long.
 fn arrivals(receiver: &mut Receiver, bytes: &[u8]) -> Vec<Option<Vec<u8>>> {
     let mut out = Vec::new();
     for byte in bytes {

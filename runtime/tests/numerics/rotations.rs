@@ -11,7 +11,8 @@ use poegp_runtime::math::se3::{Pose, Twist, left_jacobian};
 use crate::sweep::{Random, Worst, exhaustive, sweep};
 use crate::table::{REFERENCE, Row, ulp};
 
-/// Largest error of `computed`, in ulp of the largest element of `truth`. Includes 8 ulp of `f64` for the reference.
+/// Returns the largest error of `computed`, in ulp of the largest element of `truth`. Includes 8 ulp of `f64` for the
+/// reference.
 fn block_error(computed: &[f32], truth: &[f64]) -> f64 {
     assert_eq!(computed.len(), truth.len());
     let largest = truth.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
@@ -62,7 +63,8 @@ fn log_about_one_axis() {
     row("SO(3) log, about z", "0 to pi - 1e-6", 4.0).check(&found);
 }
 
-/// A random twist, exact in `f32`: tiny angles are as frequent as ordinary ones, up to π, and translations reach 3 m.
+/// Returns a random twist, exact in `f32`: tiny angles are as frequent as ordinary ones, up to π, and translations reach 3
+/// m.
 fn twist(random: &mut Random) -> [f32; 6] {
     let angle = if random.unit() < 0.5 {
         random.between(0.0, 3.1)

@@ -44,7 +44,7 @@ impl Worst {
     }
 }
 
-/// Whether `POEGP_NUMERICS` asks for every number.
+/// Returns whether `POEGP_NUMERICS` asks for every number.
 pub fn exhaustive() -> bool {
     match env::var("POEGP_NUMERICS").as_deref() {
         Ok("all") => true,
@@ -86,7 +86,7 @@ pub fn sweep(from: f32, to: f32, error: impl Fn(f32) -> f64 + Sync) -> Worst {
     worst
 }
 
-/// The same on both sides of zero.
+/// Sweeps a range on both sides of zero.
 pub fn both_signs(from: f32, to: f32, error: impl Fn(f32) -> f64 + Sync) -> Worst {
     sweep(from, to, &error).or(sweep(-from, -to, &error))
 }
@@ -95,7 +95,7 @@ pub fn both_signs(from: f32, to: f32, error: impl Fn(f32) -> f64 + Sync) -> Wors
 pub struct Random(pub u64);
 
 impl Random {
-    /// In [0, 1).
+    /// Returns a number in [0, 1).
     pub fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -104,7 +104,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// In [lower, upper).
+    /// Returns a number in [lower, upper).
     pub fn between(&mut self, lower: f64, upper: f64) -> f64 {
         lower + self.unit() * (upper - lower)
     }

@@ -43,7 +43,7 @@ impl Row {
     }
 }
 
-/// One ulp of `f32` at the magnitude of `truth`. Below the smallest normal number, that number's ulp.
+/// Returns one ulp of `f32` at the magnitude of `truth`. Below the smallest normal number, that number's ulp.
 pub fn ulp(truth: f64) -> f64 {
     let exponent = if truth == 0.0 {
         -126
@@ -53,12 +53,13 @@ pub fn ulp(truth: f64) -> f64 {
     libm::ldexp(1.0, exponent.max(-126) - 23)
 }
 
-/// The error of `computed` in ulp of `truth`, with the error of the reference added.
+/// Returns the error of `computed` in ulp of `truth`, with the error of the reference added.
 pub fn error(computed: f32, truth: f64) -> f64 {
     (f64::from(computed) - truth).abs() / ulp(truth) + REFERENCE
 }
 
-/// The error in ulp of numbers from ½ to 1: an absolute error in units of 2⁻²⁴, with the error of the reference added.
+/// Returns the error in ulp of numbers from ½ to 1: an absolute error in units of 2⁻²⁴, with the error of the reference
+/// added.
 pub fn absolute_error(computed: f32, truth: f64) -> f64 {
     (f64::from(computed) - truth).abs() * f64::from(1 << 24) + REFERENCE
 }

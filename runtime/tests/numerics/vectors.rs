@@ -17,7 +17,7 @@ struct Truth {
 }
 
 impl Truth {
-    /// The error of `value` in ulp of a type with `digits` binary digits more than `f32`.
+    /// Returns the error of `value` in ulp of a type with `digits` binary digits more than `f32`.
     fn error(&self, value: f64, digits: i32) -> f64 {
         let error = ((value - self.high) - self.low).abs();
         error / ulp(self.high) * libm::ldexp(1.0, digits)

@@ -31,7 +31,7 @@ fn shapes(joints: core::ops::RangeInclusive<usize>) -> impl Strategy<Value = Sha
     )
 }
 
-/// An arm of this shape. Its frames are a millimetre and a milliradian from the nominal ones.
+/// Returns an arm of this shape. Its frames are a millimetre and a milliradian from the nominal ones.
 fn arm(shape: Shape) -> Arm {
     let n = shape.joints;
     let mut arm = match shape.correction {
@@ -58,7 +58,7 @@ fn arm(shape: Shape) -> Arm {
     arm
 }
 
-/// Distance (m) between the model's pose at `command` and the nominal pose at `joints`.
+/// Returns the distance (m) between the model's pose at `command` and the nominal pose at `joints`.
 fn distance(model: &Model<f64, WORDS>, joints: &[f64], command: &[f64], payload_kg: f64) -> f64 {
     let pose = model.evaluate(command, payload_kg).pose;
     let error = model.nominal(joints).unwrap().translation - pose.translation;

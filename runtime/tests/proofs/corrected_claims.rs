@@ -13,7 +13,7 @@ use crate::arm::{Arm, WORDS};
 /// Number of poses for each arm.
 const POSES: u32 = 600;
 
-/// An arm whose frames are off by at most `size` metres and radians, with a task-space or an elastic correction.
+/// Returns an arm whose frames are off by at most `size` metres and radians, with a task-space or an elastic correction.
 fn arm(joints: usize, elastic: bool, size: f32) -> Arm {
     let mut arm = match elastic {
         false => Arm::sound(joints, 20),
@@ -27,13 +27,13 @@ fn arm(joints: usize, elastic: bool, size: f32) -> Arm {
     arm
 }
 
-/// Joints within the trained ranges.
+/// Returns joints within the trained ranges.
 fn poses(joints: usize) -> impl Iterator<Item = Vec<f64>> {
     let joint = |index: u32, i: u32| 2.0 * libm::sin(f64::from(index * 17 + i * 5) * 1.3);
     (0..POSES).map(move |index| (0..joints as u32).map(|i| joint(index, i)).collect())
 }
 
-/// Distance (m) and angle (rad) between the model's pose at `command` and the nominal pose at `joints`.
+/// Returns the distance (m) and angle (rad) between the model's pose at `command` and the nominal pose at `joints`.
 fn apart(model: &Model<f64, WORDS>, joints: &[f64], command: &[f64]) -> (f64, f64) {
     let (wanted, found) = (
         model.nominal(joints).unwrap(),

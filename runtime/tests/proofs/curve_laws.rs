@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, CURVE_ORDERS, Seen};
 use crate::seeded::config;
 
-/// Σ_k (α_k sin kq + β_k cos kq) and its derivative, term by term.
+/// Returns Σ_k (α_k sin kq + β_k cos kq) and its derivative, term by term.
 fn naive(words: &[f64], q: f64) -> (f64, f64) {
     let mut sums = (0.0, 0.0);
     for (i, pair) in words.chunks_exact(2).enumerate() {

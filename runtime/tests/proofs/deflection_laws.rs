@@ -17,7 +17,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe};
 
-/// The joints in the form that the kernel compares, computed without the runtime.
+/// Returns the joints in the form that the kernel compares, computed without the runtime.
 fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> JointTrig<T> {
     let mut out = [[T::ZERO; 2]; 8];
     for ((slot, kind), q) in out.iter_mut().zip(kinds).zip(q) {
@@ -33,7 +33,7 @@ fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> JointTrig<T> {
 /// Natural parameters of one kernel: w_d, w_m, a0, a1.
 type Natural = (Vec<f64>, f64, f64, f64);
 
-/// exp(−½ Σ w_d d²), where d is the chord of a revolute joint and the displacement of a prismatic one.
+/// Returns exp(−½ Σ w_d d²), where d is the chord of a revolute joint and the displacement of a prismatic one.
 fn direct_joint_factor(kinds: &[JointKind], natural: &Natural, a: &[f64], b: &[f64]) -> f64 {
     let mut sum = 0.0;
     for (d, kind) in kinds.iter().enumerate() {
@@ -76,7 +76,7 @@ fn kinds() -> impl Strategy<Value = Vec<JointKind>> {
     prop_oneof![turning, prop::collection::vec(any, 1..=8)]
 }
 
-/// Parameters of eight kernels, with weights up to `steepest`.
+/// Returns parameters of eight kernels, with weights up to `steepest`.
 fn naturals(steepest: f64) -> impl Strategy<Value = Vec<Natural>> {
     let weights = prop::collection::vec(0.0..steepest, 8);
     prop::collection::vec((weights, 0.0..0.2_f64, 0.0..2.0_f64, 0.0..0.1_f64), 8)
@@ -94,8 +94,8 @@ fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point, 0..=count)
 }
 
-/// The processes at (q, m), by the runtime and by the formula. `ranges` are the trained ranges of all joints, or empty; see
-/// [`JointProcesses::choose_loops`]. Point j is in the set of joint c unless j + c is a multiple of three.
+/// Returns the processes at (q, m), by the runtime and by the formula. `ranges` are the trained ranges of all joints, or
+/// empty; see [`JointProcesses::choose_loops`]. Point j is in the set of joint c unless j + c is a multiple of three.
 fn mean<T: KernelLoops>(
     kinds: &[JointKind],
     naturals: &[Natural],

@@ -25,7 +25,7 @@ fn chain(arm: &Arm) -> Poe<f64> {
     MinimalForm::new(&Poe::new(&kinds(arm), &frames).unwrap()).poe
 }
 
-/// Orthonormal to the precision of f64: the polar factor, by Newton's iteration.
+/// Returns the nearest rotation, orthonormal to the precision of f64: the polar factor, by Newton's iteration.
 fn nearest_rotation(mut pose: Pose<f64>) -> Pose<f64> {
     for _ in 0..4 {
         let r = pose.rotation;

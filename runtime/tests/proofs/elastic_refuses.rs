@@ -146,7 +146,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
-/// Mistakes in inducing sets, with the expected errors.
+/// Returns mistakes in inducing sets, with the expected errors.
 fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
     let mut out = Vec::new();
     let mut add = |what, expected, change: &dyn Fn(&mut Arm)| {

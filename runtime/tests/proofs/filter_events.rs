@@ -342,7 +342,7 @@ fn a_payload_moves_a_moving_arm_within_the_limits() {
     }
 }
 
-/// A correction that drifts while the command creeps and the filter removes an offset.
+/// Tests a correction that drifts while the command creeps and the filter removes an offset.
 fn drifts<T: CompiledFilter>(period: f64, drift: f64) {
     let mut filter = CommandFilter::<T>::new();
     let settings = FilterSettings::with_period(T::from_f64(period));

@@ -170,7 +170,7 @@ pub struct Judge<T> {
     pub gave_up: u32,
 }
 
-/// The rounding that counts as part of the path, by the rate per cycle.
+/// Returns the rounding that counts as part of the path, by the rate per cycle.
 pub fn noise<T>(rate: f64) -> f64 {
     let is_single = size_of::<T>() == 4;
     (0.5 * rate).min(if is_single { 3e-6 } else { 1e-12 })
@@ -196,7 +196,7 @@ impl<T: CompiledFilter> Judge<T> {
         }
     }
 
-    /// The payload at which the model is evaluated.
+    /// Returns the payload at which the model is evaluated.
     pub fn payload(&mut self, asked: T, cycles: u32) -> T {
         let payload = self.filter.payload(asked, cycles);
         self.payload_moves |= payload != self.payload;
@@ -357,7 +357,7 @@ pub fn give(filter: &mut CommandFilter<f64>, q: &Six, c: &Six, cycles: u32) -> F
     filter.step(q, &plus(q, c), Status::OK, true, cycles)
 }
 
-/// A filter that has settled at `q` with the correction `c`.
+/// Returns a filter that has settled at `q` with the correction `c`.
 pub fn settled(q: &Six, c: &Six) -> CommandFilter<f64> {
     let mut filter = filter();
     for _ in 0..6_000 {

@@ -7,8 +7,8 @@ use poegp_runtime::gp::quadratic_posterior::{
 
 use crate::arm::scattered;
 
-/// A mean of `points` points in the difference form. The points fill a box of half-width `half` in scaled units, about a
-/// centre away from zero.
+/// Returns a mean of `points` points in the difference form. The points fill a box of half-width `half` in scaled units,
+/// about a centre away from zero.
 fn mean(inputs: usize, points: usize, half: f32) -> (MeanHeader<f64>, Vec<f64>) {
     let mut next = scattered(100 * inputs as u32 + points as u32);
     let mut header = MeanHeader::zero(inputs);
@@ -24,7 +24,7 @@ fn mean(inputs: usize, points: usize, half: f32) -> (MeanHeader<f64>, Vec<f64>) 
     (header, rows)
 }
 
-/// Queries in a box that is wider by the factor `stretch`.
+/// Returns queries in a box that is wider by the factor `stretch`.
 fn queries(inputs: usize, half: f32, stretch: f32) -> impl Iterator<Item = [f64; MAX_INPUTS]> {
     let mut next = scattered(inputs as u32 + 7);
     (0..400).map(move |_| {
@@ -38,7 +38,7 @@ fn queries(inputs: usize, half: f32, stretch: f32) -> impl Iterator<Item = [f64;
     })
 }
 
-/// Σ |weight| of each output.
+/// Returns Σ |weight| of each output.
 fn weights(inputs: usize, rows: &[f64]) -> [f64; OUTPUTS] {
     let mut out = [0.0; OUTPUTS];
     for row in rows.chunks_exact(row_words(inputs)) {

@@ -14,7 +14,7 @@ use crate::json::{array, list, numbers, parse, pose_rows};
 
 const JOINTS: usize = 6;
 
-/// The axis in a feature's name.
+/// Returns the axis in a feature's name.
 fn axis(letter: &str) -> usize {
     ["x", "y", "z"]
         .iter()

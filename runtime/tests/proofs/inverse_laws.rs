@@ -11,14 +11,14 @@ use crate::seeded::config;
 
 static BLOB: &[u8] = include_bytes!("../../capi/examples/arm.blob");
 
-/// The calibrated arm of the examples.
+/// Returns the calibrated arm of the examples.
 pub fn example<T: Scalar>() -> Model<T, WORDS> {
     let mut model = Model::new();
     model.load(BLOB).unwrap();
     model
 }
 
-/// Displacement and angle between two poses.
+/// Returns the displacement and angle between two poses.
 pub fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     let norm = |v: nalgebra::Vector3<f64>| libm::sqrt(v.dot(&v));
     (
@@ -27,7 +27,7 @@ pub fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     )
 }
 
-/// Joints away from the singularities of the example arm.
+/// Returns joints away from the singularities of the example arm.
 pub fn ordinary() -> impl Strategy<Value = [f64; 6]> {
     (
         -1.5..1.5,

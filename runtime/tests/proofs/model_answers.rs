@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, Seen, WORDS};
 use crate::seeded::{config, distance};
 
-/// f(q) of an arm without coupling.
+/// Returns f(q) of an arm without coupling.
 fn chain<T: Scalar>(arm: &Arm, q: &[T]) -> Pose<T> {
     let kinds: Vec<_> = arm.joints.iter().map(|joint| joint.kind).collect();
     let frames: Vec<Pose<T>> = arm

@@ -254,7 +254,7 @@ fn codes_of_load_errors_never_change() {
     }
 }
 
-/// Any bit pattern; special values and ordinary numbers are frequent.
+/// Returns any bit pattern; special values and ordinary numbers are frequent.
 fn any_f32() -> impl Strategy<Value = f32> {
     let special = [
         0.0,

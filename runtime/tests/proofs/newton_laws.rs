@@ -15,7 +15,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{chains, config, poe};
 
-/// The columns of J, as [`NormalEquations::moved`] gives them.
+/// Returns the columns of J, as [`NormalEquations::moved`] gives them.
 fn columns(equations: &NormalEquations<f64>) -> [SVector<f64, 6>; 8] {
     core::array::from_fn(|joint| {
         let mut unit = [0.0; 8];

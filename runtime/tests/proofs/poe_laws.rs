@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe, twist};
 
-/// Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1 as the paper writes it (eq. 3), with general exponentials.
+/// Returns Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1 as the paper writes it (eq. 3), with general exponentials.
 fn literal<T: Scalar>(kinds: &[JointKind], frames: &[[f64; 6]], q: &[T]) -> Pose<T> {
     let mut pose = Pose::identity();
     for (index, kind) in kinds.iter().enumerate() {

@@ -27,7 +27,7 @@ fn kernel(case: &Value) -> QuadraticKernel<f64> {
     }
 }
 
-/// Header and rows as the trainer writes them, from the weights K⁻¹ε of scaled outputs.
+/// Returns the header and rows as the trainer writes them, from the weights K⁻¹ε of scaled outputs.
 fn posterior(file: &Value, case: &Value) -> (MeanHeader<f64>, Vec<f64>) {
     let kernel = kernel(case);
     let output_scale = array::<OUTPUTS>(&file["y_scale"]);

@@ -23,7 +23,7 @@ const SCALES: [f32; OUTPUTS] = [1e-3, 2e-3, 1.5e-3, 4e-4, 2e-4, 3e-4];
 /// The exponent rate of each output when outputs have their own kernels.
 const RATES: [f32; OUTPUTS] = [1.0, 0.5, 0.25, 0.8, 0.1, 0.6];
 
-/// The hyperparameters of each output, with its own kernel or with a shared one.
+/// Returns the hyperparameters of each output, with its own kernel or with a shared one.
 fn hyperparameters(own: bool) -> Vec<[f32; 5]> {
     let of = |c: usize| {
         let [signal, rest @ .., noise] = HYPERPARAMETERS;
@@ -58,7 +58,7 @@ impl Sample {
         }
     }
 
-    /// The bytes as a blob stores them.
+    /// Returns the bytes as a blob stores them.
     fn rows(&self) -> Vec<u8> {
         let mut words: Vec<f32> = Vec::new();
         for input in &self.inputs {
@@ -85,7 +85,7 @@ impl Sample {
         words.into_iter().flat_map(f32::to_le_bytes).collect()
     }
 
-    /// u at z, computed with natural exponentials.
+    /// Returns u at z, computed with natural exponentials.
     fn unexplained(&self, z: &[f64]) -> f64 {
         let kernel = |input: &Vec<f32>| {
             let square: f64 = input
@@ -114,7 +114,7 @@ fn process<'a, 'b>(blob: &'b mut Blob<'a>) -> &'b mut TaskSpace<'a> {
     }
 }
 
-/// The blob of `arm` with this many landmarks.
+/// Returns the blob of `arm` with this many landmarks.
 fn with_landmarks<'a>(arm: &'a mut Arm, landmarks: usize, rows: &'a [u8]) -> Blob<'a> {
     let mut blob = arm.blob();
     let process = process(&mut blob);

@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{config, poe};
 
-/// A deflection of two joints by these terms alone.
+/// Returns a deflection of two joints by these terms alone.
 fn deflection(terms: &[RippleTerm<f64>]) -> Deflection<f64> {
     let kinds = [JointKind::Revolute; 2];
     let chain: Poe<f64> = poe(&kinds, &[[0.0; 6]; 3]);

@@ -2,7 +2,7 @@
 
 use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
 
-/// Every `stride`-th `f32` by bit pattern, from `from` away from zero to `to`, both of one sign.
+/// Returns every `stride`-th `f32` by bit pattern, from `from` away from zero to `to`, both of one sign.
 fn stride(from: f32, to: f32, stride: usize) -> impl Iterator<Item = f32> {
     (from.to_bits()..=to.to_bits())
         .step_by(stride)
@@ -113,7 +113,7 @@ fn exp2_is_monotonic_up_to_its_rounding() {
     }
 }
 
-/// Largest error of sine and cosine over ±[from, to], with its angle.
+/// Returns the largest error of sine and cosine over ±[from, to], with its angle.
 fn sin_cos_error(from: f32, to: f32, step: usize) -> (f64, f32) {
     let (mut worst, mut at) = (0.0, 0.0);
     for magnitude in stride(from, to, step) {

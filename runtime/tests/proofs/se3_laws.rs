@@ -14,7 +14,7 @@ use crate::seeded::{config, distance, twist, twists};
 /// Largest angle of the tests. At π the logarithm turns its axis around.
 const NEAR_PI: f64 = core::f64::consts::PI - 3e-6;
 
-/// Allowed error: `factor` times the spacing of T at 1, for numbers up to about five.
+/// Returns the allowed error: `factor` times the spacing of T at 1, for numbers up to about five.
 fn tolerance<T: Scalar>(factor: f64) -> f64 {
     let epsilon = if T::SERIES_TERMS == f32::SERIES_TERMS {
         f64::from(f32::EPSILON)

@@ -54,7 +54,8 @@ fn exact(value: &Value) -> Vec<Exact> {
         .collect()
 }
 
-/// Largest error of `computed` in ulp (of a type with `digits` binary digits) of the largest element of `truth`.
+/// Returns the largest error of `computed` in ulp (of a type with `digits` binary digits) of the largest element of
+/// `truth`.
 fn ulp_error<T: Scalar>(computed: &[T], truth: &[Exact], digits: i32) -> f64 {
     assert_eq!(computed.len(), truth.len());
     let largest = truth.iter().fold(0.0, |m: f64, t| m.max(t.high.abs()));
@@ -88,7 +89,7 @@ fn block<T: Copy>(matrix: &[T], width: usize, row: usize, column: usize) -> Vec<
         .collect()
 }
 
-/// Errors of the six blocks of [`ALLOWED`] for one case.
+/// Returns the errors of the six blocks of [`ALLOWED`] for one case.
 fn errors<T: Scalar>(case: &Value, digits: i32) -> [f64; 6] {
     let twist: [T; 6] = scalars(&array::<6>(&case["twist"])).try_into().unwrap();
     let twist = Twist::from_array(&twist);

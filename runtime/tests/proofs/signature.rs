@@ -25,7 +25,7 @@ fn strict(message: &[u8], signature: &[u8; 64], key: &[u8; 32]) -> bool {
     VerifyingKey::from_bytes(key).is_ok_and(|key| key.verify_strict(message, &signature).is_ok())
 }
 
-/// The verdict of both implementations, which must agree.
+/// Returns the verdict of both implementations, which must agree.
 #[track_caller]
 fn verdict(message: &[u8], signature: &[u8; 64], key: &[u8; 32]) -> bool {
     let verdict = strict(message, signature, key);
@@ -159,8 +159,8 @@ fn scalars_that_are_not_reduced() {
     }
 }
 
-/// All encodings of points of small order, canonical or not: y is 0, ±1 or one of ±y₈, plain or with p added where that fits,
-/// with either sign.
+/// Returns all encodings of points of small order, canonical or not: y is 0, ±1 or one of ±y₈, plain or with p added where
+/// that fits, with either sign.
 fn small_order_encodings() -> Vec<[u8; 32]> {
     let mut all: Vec<[u8; 32]> = EIGHT_TORSION
         .iter()

@@ -25,7 +25,7 @@ fn scale(usual_rotation: Option<f64>) -> Scale<f64> {
     }
 }
 
-/// A Jacobian with these singular values, between two rotations of all six dimensions.
+/// Returns a Jacobian with these singular values, between two rotations of all six dimensions.
 fn jacobian(values: &[f64; 6], seed: &[f64; 72]) -> Matrix {
     let turned = |seed: &[f64]| Matrix::from_row_slice(seed).qr().q();
     turned(&seed[..36]) * Matrix::from_diagonal(&Vector::from(*values)) * turned(&seed[36..])
@@ -36,7 +36,7 @@ fn gram(jacobian: &Matrix) -> Gram<f64> {
     core::array::from_fn(|i| core::array::from_fn(|j| gram[(i, j)]))
 }
 
-/// The step against an error: the step, its joint changes, and the remaining error.
+/// Returns the step against an error: the step, its joint changes, and the remaining error.
 fn step(jacobian: &Matrix, error: &Vector) -> (LimitedStep<f64>, Vector, Vector) {
     let gram = gram(jacobian);
     let error_in: PoseError6<f64> = core::array::from_fn(|i| error[i]);
@@ -51,7 +51,7 @@ fn damped(jacobian: &Matrix, error: &Vector) -> Vector {
     Vector::from(limit.damped(&core::array::from_fn(|i| error[i])))
 }
 
-/// The damping matrix, with one λ for displacements and one for rotations.
+/// Returns the damping matrix, with one λ for displacements and one for rotations.
 fn diagonal(position: f64, rotation: f64) -> Matrix {
     let damping = [position, position, position, rotation, rotation, rotation];
     Matrix::from_diagonal(&Vector::from(damping))
@@ -65,7 +65,7 @@ fn rotation(v: &Vector) -> f64 {
     v.fixed_rows::<3>(3).norm()
 }
 
-/// Singular values of arms, some of them nearly zero.
+/// Returns singular values of arms, some of them nearly zero.
 fn values() -> impl Strategy<Value = [f64; 6]> {
     prop::array::uniform6(prop_oneof![3 => 0.15..2.0, 1 => 0.0..0.15, 1 => 0.0..1e-3])
 }
@@ -196,8 +196,8 @@ fn nothing_is_asked_of_nothing() {
     let _ = StepLimit::new(&nan, scale(Some(f64::NAN))).step(&[f64::INFINITY; 6]);
 }
 
-/// The steepest step, in radians per radian, along a path on which the Jacobian changes by 1 for each radian in its largest
-/// singular value and loses a rank halfway.
+/// Returns the steepest step, in radians per radian, along a path on which the Jacobian changes by 1 for each radian in its
+/// largest singular value and loses a rank halfway.
 fn steepest(path: (Matrix, Matrix), error: &Vector, usual_rotation: f64) -> f64 {
     const WAY: f64 = 0.1;
     const POINTS: i32 = 500;

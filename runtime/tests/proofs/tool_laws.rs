@@ -20,12 +20,12 @@ const NOISE: f64 = 0.01;
 /// the derivative of the deflection. The worst of the 200 draws is printed.
 const BY_THE_DEFLECTION: f64 = 0.004;
 
-/// A tool 0.3 m from the target, turned about every axis.
+/// Returns a tool 0.3 m from the target, turned about every axis.
 fn tool() -> Pose<f64> {
     Pose::exp(&Twist::from_array(&[0.1, -0.2, 0.25, 0.4, -0.7, 0.2]))
 }
 
-/// Columns of central differences of the pose, along the axes of the base.
+/// Returns the columns of central differences of the pose, along the axes of the base.
 fn differences(model: &Model<f64, WORDS>, tool: &Pose<f64>, q: &[f64], kg: f64) -> Vec<[f64; 6]> {
     let step = 1e-5;
     let moved = |joint: usize, by: f64| {
@@ -42,7 +42,7 @@ fn differences(model: &Model<f64, WORDS>, tool: &Pose<f64>, q: &[f64], kg: f64) 
     (0..q.len()).map(column).collect()
 }
 
-/// The largest difference of two Jacobians.
+/// Returns the largest difference of two Jacobians.
 fn largest(found: &[[f64; 6]], expected: &[[f64; 6]]) -> f64 {
     let pairs = found.as_flattened().iter().zip(expected.as_flattened());
     pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
@@ -144,8 +144,8 @@ fn the_jacobian_leaves_out_the_derivative_of_the_deflection_alone() {
     assert!(worst > 1e-4, "{worst}");
 }
 
-/// RMS of the noise in the second differences at 1 kHz, rad/s². It is computed from fourth differences, which for white noise
-/// are √(70/6) times as large as the second ones and for a smooth path nearly zero.
+/// Returns the RMS of the noise in the second differences at 1 kHz, rad/s². It is computed from fourth differences, which
+/// for white noise are √(70/6) times as large as the second ones and for a smooth path nearly zero.
 fn roughness(path: &[[f64; 8]]) -> f64 {
     let mut squares = 0.0;
     for five in path.windows(5) {
@@ -159,7 +159,7 @@ fn roughness(path: &[[f64; 8]]) -> f64 {
     1e6 * libm::sqrt(mean * 6.0 / 70.0)
 }
 
-/// The noise of commands along a smooth path of the tool of 2 s, each seeded by the one before.
+/// Returns the noise of commands along a smooth path of the tool of 2 s, each seeded by the one before.
 fn commanded<T: CompiledCorrection + CompiledInverse>() -> [f64; 2] {
     let (model, wide) = (example::<T>(), example::<f64>());
     let tool = tool();

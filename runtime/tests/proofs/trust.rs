@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, WORDS};
 use crate::seeded::config;
 
-/// An arm of each kind: with the paper's correction, with an elastic one, and the chain alone.
+/// Returns an arm of each kind: with the paper's correction, with an elastic one, and the chain alone.
 fn arm(kind: usize, joints: usize) -> Arm {
     let mut arm = match kind {
         0 => Arm::sound(joints, 10),
@@ -29,7 +29,7 @@ fn arm(kind: usize, joints: usize) -> Arm {
 /// A landmark for `arm`: joints, payload, and the words of its factor.
 type Landmark = (Vec<f32>, f32, Vec<f32>);
 
-/// The words of landmarks.
+/// Returns the words of landmarks.
 fn bytes(arm: &Arm, landmarks: &[Landmark]) -> Vec<u8> {
     let mut words = Vec::new();
     for (q, payload, factor) in landmarks {
@@ -45,7 +45,7 @@ fn bytes(arm: &Arm, landmarks: &[Landmark]) -> Vec<u8> {
     words.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// The variance of an arm with `joints` joints.
+/// Returns the variance of an arm with `joints` joints.
 fn variance(joints: usize, landmarks: u8, rows: &[u8]) -> Variance<'_> {
     Variance {
         floor_m2: 1e-9,
@@ -58,7 +58,7 @@ fn variance(joints: usize, landmarks: u8, rows: &[u8]) -> Variance<'_> {
     }
 }
 
-/// A variance that is the same everywhere.
+/// Returns a variance that is the same everywhere.
 fn constant<'a>(floor_m2: f32) -> Variance<'a> {
     Variance {
         floor_m2,
@@ -99,7 +99,7 @@ fn without_processes_sigma_is_the_same_everywhere() {
     }
 }
 
-/// The model of `arm` with this variance.
+/// Returns the model of `arm` with this variance.
 fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, LoadError> {
     let mut blob = arm.blob();
     blob.variance = Some(v);
@@ -107,7 +107,7 @@ fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, 
     model.load_decoded(&blob).map(|()| model)
 }
 
-/// Three landmarks, for an arm of `joints` joints.
+/// Returns three landmarks, for an arm of `joints` joints.
 fn sample(joints: usize) -> Vec<Landmark> {
     let place =
         |seed: usize| (0..joints).map(move |d| ((3 * d + 7 * seed) % 11) as f32 / 5.0 - 1.0);

@@ -3,7 +3,7 @@
 use crate::nor::Cut;
 use crate::steps::{Step, TestStore, again, boots_with, carry_out, read, store, whole};
 
-/// Erase units of a slot: one for the head, and those for blobs of at most 85 bytes.
+/// Returns the erase units of a slot: one for the head, and those for blobs of at most 85 bytes.
 fn units(erase: usize) -> usize {
     1 + 85_usize.div_ceil(erase)
 }
@@ -122,7 +122,8 @@ fn every_operation_of_every_short_sequence() {
     );
 }
 
-/// Heads of ordinary size, filled to the last record; power is cut around the moment when they are full.
+/// Fills heads of ordinary size to the last record, and cuts power around the moment when they are full. Returns the number
+/// of cuts and of erased heads.
 fn full_heads<const WRITE: usize>() -> (u64, u64) {
     let units = units(4096);
     let mut store = store::<WRITE, 4096>(units);

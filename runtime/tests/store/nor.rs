@@ -61,7 +61,7 @@ pub struct Nor<const WRITE: usize, const ERASE: usize> {
 }
 
 impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
-    /// Erased flash of `units` erase units.
+    /// Returns erased flash of `units` erase units.
     pub fn new(units: usize) -> Self {
         Self {
             bytes: vec![0xff; units * ERASE],
@@ -90,12 +90,12 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
         self.off = false;
     }
 
-    /// Whether power has failed.
+    /// Returns whether power has failed.
     pub fn is_off(&self) -> bool {
         self.off
     }
 
-    /// The bytes, for inspection and damage.
+    /// Returns the bytes, for inspection and damage.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         &mut self.bytes
     }

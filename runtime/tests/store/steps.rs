@@ -32,7 +32,8 @@ impl Step {
     ];
 }
 
-/// The layout of the simulated flash: slots of `units` erase units with the key page between them, then the settings.
+/// Returns the layout of the simulated flash: slots of `units` erase units with the key page between them, then the
+/// settings.
 pub fn layout<const ERASE: usize>(units: usize) -> Layout {
     let (erase, units) = (ERASE as u32, units as u32);
     Layout {
@@ -45,12 +46,12 @@ pub fn layout<const ERASE: usize>(units: usize) -> Layout {
     }
 }
 
-/// A store in erased flash with slots of `units` erase units.
+/// Returns a store in erased flash with slots of `units` erase units.
 pub fn store<const WRITE: usize, const ERASE: usize>(units: usize) -> TestStore<WRITE, ERASE> {
     Store::new(Nor::new(2 * units + 6), layout::<ERASE>(units)).expect("a layout")
 }
 
-/// The same store after a restart.
+/// Returns the same store after a restart.
 pub fn again<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
     units: usize,
@@ -60,7 +61,7 @@ pub fn again<const WRITE: usize, const ERASE: usize>(
     Store::new(flash, layout::<ERASE>(units)).expect("a layout")
 }
 
-/// The blob with this number; no two have the same length and bytes.
+/// Returns the blob with this number; no two have the same length and bytes.
 pub fn blob(number: u32) -> Vec<u8> {
     let length = 41 + number % 37;
     let mut state = number.wrapping_mul(0x9e37_79b9) | 1;
@@ -77,7 +78,7 @@ pub fn blob(number: u32) -> Vec<u8> {
     bytes
 }
 
-/// The bytes of a candidate if they match its header.
+/// Returns the bytes of a candidate if they match its header.
 pub fn read<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
     stored: &Stored,
@@ -86,7 +87,7 @@ pub fn read<const WRITE: usize, const ERASE: usize>(
     store.read(stored, &mut buffer).ok().map(<[u8]>::to_vec)
 }
 
-/// The whole candidates in order: what a device boots with, and what it can roll back to.
+/// Returns the whole candidates in order: what a device boots with, and what it can roll back to.
 pub fn whole<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
 ) -> Vec<(Slot, Vec<u8>)> {
@@ -123,7 +124,7 @@ pub fn carry_out<const WRITE: usize, const ERASE: usize>(
     }
 }
 
-/// What a device may boot with after `step`, starting from `before`.
+/// Returns what a device may boot with after `step`, starting from `before`.
 pub fn boots_with(before: &[(Slot, Vec<u8>)], step: Step, number: u32) -> Outcomes {
     let first = before.first().map(|(_, bytes)| bytes.clone());
     let second = before.get(1).map(|(_, bytes)| bytes.clone());

@@ -30,12 +30,12 @@ const CORTEX_M4F: [&str; 4] = [
     "-mfpu=fpv4-sp-d16",
 ];
 
-/// The folder of the C interface.
+/// Returns the folder of the C interface.
 pub fn capi() -> PathBuf {
     workspace().join("runtime/capi")
 }
 
-/// The static library, built at the first call.
+/// Returns the static library, built at the first call.
 fn library(machine: Machine) -> &'static Path {
     static BUILT: [OnceLock<PathBuf>; 2] = [const { OnceLock::new() }; 2];
     BUILT[machine as usize].get_or_init(|| build_library(machine))
@@ -96,7 +96,7 @@ fn build_library(machine: Machine) -> PathBuf {
     place.join("firmware/libpoegp_capi.a")
 }
 
-/// The output of a program that ended successfully.
+/// Returns the output of a program that ended successfully.
 fn finish(command: &mut Command, remedy: &str) -> String {
     let output = command.output().unwrap_or_else(|error| match error.kind() {
         ErrorKind::NotFound => panic!("{:?} is not installed: {remedy}", command.get_program()),
@@ -174,7 +174,7 @@ pub fn compile_cpp(source: &Path, options: &[&str], program: &Path) {
     finish(&mut command, "apt-get install g++ (Debian)");
 }
 
-/// The semihosting output of a program on the emulated device. With `counting`, an instruction takes 64 ns.
+/// Returns the semihosting output of a program on the emulated device. With `counting`, an instruction takes 64 ns.
 pub fn run_on_device(program: &Path, counting: bool) -> String {
     let said = program.with_extension("txt");
     let mut command = Command::new("qemu-system-arm");
@@ -211,7 +211,7 @@ pub fn run_on_device(program: &Path, counting: bool) -> String {
     said
 }
 
-/// The output of a program on this machine.
+/// Returns the output of a program on this machine.
 pub fn run_on_host(program: &Path, argument: &Path) -> String {
     finish(Command::new(program).arg(argument), "compile it first")
 }

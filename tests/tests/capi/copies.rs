@@ -48,7 +48,7 @@ int main(void)
 }
 "#;
 
-/// The strings of the firmware's `global_asm!`.
+/// Returns the strings of the firmware's `global_asm!`.
 fn assembly() -> String {
     let source = fs::read_to_string(workspace().join("firmware/src/mem_intrinsics.rs")).unwrap();
     let mut out = String::from("__asm__(\".syntax unified\\n\"\n");

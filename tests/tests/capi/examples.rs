@@ -262,7 +262,7 @@ fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
     }
 }
 
-/// The commands of the README that made the blob.
+/// Returns the commands of the README that made the blob.
 fn commands() -> String {
     let readme = fs::read_to_string(capi().join("README.md")).unwrap();
     let (_, section) = readme.split_once("## The blob of the examples").unwrap();

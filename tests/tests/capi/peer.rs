@@ -17,7 +17,7 @@ fn bytes(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
     values.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// The numbers of the blob in the peer's form: its kernel is e^(−|u|²), the runtime's 2^(−|u|²).
+/// Returns the numbers of the blob in the peer's form: its kernel is e^(−|u|²), the runtime's 2^(−|u|²).
 fn peer_model(blob: &[u8]) -> Vec<u8> {
     let decoded = blob::decode(blob).unwrap();
     let Correction::TaskSpace(task) = &decoded.correction else {

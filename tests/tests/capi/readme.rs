@@ -113,7 +113,7 @@ int main(int count, char **arguments)
 }
 "#;
 
-/// The bytes of a cyclic frame as a C initialiser.
+/// Returns the bytes of a cyclic frame as a C initialiser.
 fn answer() -> String {
     let answer = CyclicAnswer {
         joints: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25].into_iter().collect(),

@@ -20,7 +20,7 @@ const SHAPES: [(&str, SampleCorrection); 5] = [
     ),
 ];
 
-/// Fewest and most instructions of `ask` over all queries.
+/// Returns the fewest and most instructions of `ask` over all queries.
 fn range(
     device: &mut Device,
     queries: &[Query],

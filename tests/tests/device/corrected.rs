@@ -19,8 +19,8 @@ struct Outcomes {
     bad: usize,
 }
 
-/// Poses at and near the singularities of an arm with a wrist: a wrist joint at zero, the elbow, all joints at zero, and a
-/// step to either side.
+/// Returns poses at and near the singularities of an arm with a wrist: a wrist joint at zero, the elbow, all joints at
+/// zero, and a step to either side.
 fn singular_queries(joints: usize) -> Vec<Query> {
     let usual = [0.4, -0.3, 0.2, 0.5, 0.6, -0.4, 0.3];
     let mut queries = Vec::new();

@@ -6,7 +6,7 @@ use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
-/// Instructions of each evaluation.
+/// Returns the instructions of each evaluation.
 fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
     let tick_hz = device.identify().unwrap().tick_hz;
     let ticks = queries
@@ -15,7 +15,7 @@ fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
     ticks.map(|ticks| instructions(ticks, tick_hz)).collect()
 }
 
-/// Mean instructions of one evaluation; the count must not depend on the query.
+/// Returns the mean instructions of one evaluation; the count must not depend on the query.
 fn cost(device: &mut Device, sample: Sample) -> f64 {
     device.load(&sample.blob()).unwrap();
     // Only queries within the trained ranges: three of four.
@@ -135,7 +135,7 @@ fn instructions_of_a_standard_deviation() {
     assert!(beyond.is_empty(), "{beyond:?}");
 }
 
-/// Instructions of one evaluation and of one corrected command.
+/// Returns the instructions of one evaluation and of one corrected command.
 fn pose_and_command(device: &mut Device, sample: Sample) -> [f64; 2] {
     let pose = cost(device, sample);
     let tick_hz = device.identify().unwrap().tick_hz;

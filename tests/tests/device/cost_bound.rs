@@ -17,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::device;
 
-/// A model of random shape that fits the device.
+/// Returns a model of random shape that fits the device.
 fn shape(generator: &mut ChaCha8Rng) -> Sample {
     let joints = generator.random_range(1..=8);
     let correction = match generator.random_range(0..10) {
@@ -70,7 +70,7 @@ fn shape(generator: &mut ChaCha8Rng) -> Sample {
     }
 }
 
-/// The blob of a sample. A coupled sample gets up to three further coupling elements.
+/// Returns the blob of a sample. A coupled sample gets up to three further coupling elements.
 fn blob_of(sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
     let bytes = sample.blob();
     if !sample.coupled {

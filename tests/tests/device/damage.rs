@@ -12,7 +12,7 @@ use crate::device;
 
 const SMALL: Sample = Sample::plain(50, SampleCorrection::Shared(3));
 
-/// Whether `error` is the one that flipping this bit of an unsigned blob must give.
+/// Returns whether `error` is the one that flipping this bit of an unsigned blob must give.
 fn names_flip(bit: usize, length: u32, error: &DecodeError) -> bool {
     match bit / 8 {
         // The flag of a signed blob is set, but the trailer is missing.

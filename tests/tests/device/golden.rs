@@ -79,7 +79,7 @@ const CURVE: Elastic = Elastic {
     ..Elastic::WITH_STD
 };
 
-/// An elastic correction with fewer points than payload groups, so that some groups are empty.
+/// Returns an elastic correction with fewer points than payload groups, so that some groups are empty.
 const fn small(elastic: Elastic) -> Elastic {
     Elastic {
         points: 24,
@@ -106,7 +106,7 @@ fn text(name: &str, stages: &mut dyn FnMut(&Query) -> Stages, queries: &[Query])
     std::iter::once(head).chain(lines).collect()
 }
 
-/// The files of the committed blob and its bits; with `POEGP_BLESS` they are written first.
+/// Returns the files of the committed blob and its bits; with `POEGP_BLESS` they are written first.
 fn files(name: &str) -> (PathBuf, PathBuf) {
     static BLESSED: Once = Once::new();
     BLESSED.call_once(|| {
@@ -140,7 +140,8 @@ fn trust_path() -> PathBuf {
     workspace().join("tests/data/golden_trust.txt")
 }
 
-/// Trust and standard deviation for every query of every case. `answer` gets the name of the case and the query.
+/// Returns the trust and standard deviation for every query of every case. `answer` gets the name of the case and the
+/// query.
 fn trust_text(answer: &mut dyn FnMut(&str, &Query) -> String) -> String {
     let mut out = "# Bits of trust and standard deviation for the queries of golden_*_bits.txt, in order; written like them.\n\
          # case trust sigma\n"
@@ -165,7 +166,7 @@ fn commands_path() -> PathBuf {
     workspace().join("tests/data/golden_commands.txt")
 }
 
-/// The corrected commands for every query of every case.
+/// Returns the corrected commands for every query of every case.
 fn commands_text(answer: &mut dyn FnMut(&str, &Query) -> CommandBits) -> String {
     let mut out = "# Bits of corrected commands for the queries of golden_*_bits.txt, in order; written like them.\n\
          # case joints | position error | status\n"

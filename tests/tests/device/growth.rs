@@ -7,7 +7,7 @@ use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
 const POINTS: [usize; 5] = [25, 50, 100, 200, 400];
 
-/// Instructions of one evaluation within the trained ranges; `None` if the blob does not fit the device.
+/// Returns the instructions of one evaluation within the trained ranges; `None` if the blob does not fit the device.
 fn count(device: &mut Device, correction: SampleCorrection) -> Option<f64> {
     let sample = Sample::plain(40, correction);
     match device.load(&sample.blob()) {
@@ -23,7 +23,7 @@ fn count(device: &mut Device, correction: SampleCorrection) -> Option<f64> {
     Some(instructions(ticks, tick_hz))
 }
 
-/// Slope of log count over log M, by least squares.
+/// Returns the slope of log count over log M, by least squares.
 fn exponent(sizes: &[usize], counts: &[f64]) -> f64 {
     let points: Vec<(f64, f64)> = sizes
         .iter()

@@ -24,7 +24,7 @@ const NO_POINTS: Elastic = Elastic {
 /// Cost of a command that is corrected in part beyond one that is corrected fully or not at all, on a Cortex-M4F.
 const CONTINUOUS: f64 = 4_232.0;
 
-/// Most instructions of a pose, and of a corrected command.
+/// Returns the most instructions of a pose, and of a corrected command.
 fn pose_and_command(device: &mut Device, sample: &Sample) -> [f64; 2] {
     let tick_hz = device.load(&sample.blob()).unwrap().tick_hz;
     let mut most = [0, 0];

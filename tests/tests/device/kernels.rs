@@ -212,7 +212,7 @@ fn the_same_bits_for_every_shape_of_sets() {
     }
 }
 
-/// Mean instructions for queries within the trained ranges.
+/// Returns the mean instructions for queries within the trained ranges.
 fn cost(device: &mut Device, sample: Sample) -> f64 {
     device.load(&sample.blob()).unwrap();
     let tick_hz = device.identify().unwrap().tick_hz;

@@ -153,7 +153,7 @@ fn start(memory: &Path) -> Device {
     Device::on(&machine).unwrap()
 }
 
-/// The CRC of the running model, after its answers were checked.
+/// Returns the CRC of the running model, after its answers were checked.
 fn running(device: &mut Device, models: &[Known], queries: &[Query]) -> u32 {
     let crc = device
         .identify()

@@ -8,7 +8,7 @@ use poegp_tests::sample::{Sample, SampleCorrection};
 
 use crate::device;
 
-/// The next answer, whatever its sequence number.
+/// Returns the next answer, whatever its sequence number.
 fn answer(device: &mut Device) -> (u16, Response) {
     device
         .receive()
@@ -16,7 +16,7 @@ fn answer(device: &mut Device) -> (u16, Response) {
         .expect("the device answers every frame")
 }
 
-/// The refusal that answers a request.
+/// Returns the refusal that answers a request.
 fn refusal(device: &mut Device, request: &Request<'_>) -> Refusal {
     match device.request(request).unwrap() {
         Response::Refused(refusal) => refusal,
@@ -82,7 +82,7 @@ fn too_long_frames_are_dropped_whole() {
     assert_eq!(device.statistics().unwrap().bad_frames, 1);
 }
 
-/// A frame of these bytes, whatever they are, with CRC and COBS.
+/// Returns a frame of these bytes, whatever they are, with CRC and COBS.
 fn frame_of(body: &[u8]) -> Vec<u8> {
     let mut raw = body.to_vec();
     raw.extend(CRC.checksum(body).to_le_bytes());

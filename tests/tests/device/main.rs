@@ -33,7 +33,7 @@ mod watchdog;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::Clock;
 
-/// A device whose clock is real time.
+/// Returns a device whose clock is real time.
 fn device() -> Device {
     Device::start(Clock::Real).unwrap_or_else(|error| panic!("{error}"))
 }

@@ -9,7 +9,7 @@ use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
 use poegp_tests::workspace;
 
-/// The package of a source file as the image names it, without its version.
+/// Returns the package of a source file as the image names it, without its version.
 fn package(path: &str) -> String {
     if let Some(rest) = path.strip_prefix("/crates/") {
         let folder = rest.split('/').next().unwrap_or(rest);
@@ -29,8 +29,8 @@ fn package(path: &str) -> String {
     "no source line".to_owned()
 }
 
-/// Bytes of code of each package. Debug information assigns each half-word to a source line, so a function of `nalgebra`
-/// that is inlined into the runtime counts as nalgebra's.
+/// Returns the bytes of code of each package. Debug information assigns each half-word to a source line, so a function of
+/// `nalgebra` that is inlined into the runtime counts as nalgebra's.
 fn bytes_of_code() -> BTreeMap<String, usize> {
     let firmware = firmware().unwrap_or_else(|error| panic!("{error}"));
     let image = Image::read(&firmware.elf).unwrap();

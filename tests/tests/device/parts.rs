@@ -23,7 +23,7 @@ const SHAPES: [(&str, SampleCorrection); 4] = [
     ),
 ];
 
-/// One column: the instructions of a pose or of a command by part, and the value of the device's own counter.
+/// Returns one column: the instructions of a pose or of a command by part, and the value of the device's own counter.
 fn column(
     device: &mut Device,
     recorder: &mut Recorder,
@@ -108,8 +108,8 @@ fn the_parts_of_an_evaluation() {
     }
 }
 
-/// Instructions of [`ModelSlot::load_unverified`](poegp_runtime::service), instructions of the whole request that verifies
-/// an uploaded blob, and the length of the blob.
+/// Returns the instructions of [`ModelSlot::load_unverified`](poegp_runtime::service), instructions of the whole request
+/// that verifies an uploaded blob, and the length of the blob.
 fn load(device: &mut Device, recorder: &mut Recorder, correction: SampleCorrection) -> [usize; 3] {
     let blob = Sample::plain(37, correction).blob();
     device.allow_any_time().unwrap();

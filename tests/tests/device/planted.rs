@@ -40,12 +40,12 @@ fn with_planted_faults() -> &'static Firmware {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A freshly started device with a stored model and no running cycles.
+/// Returns a freshly started device with a stored model and no running cycles.
 fn prepared() -> Device {
     prepared_with(Clock::Real)
 }
 
-/// [`prepared`] with this clock. With [`Clock::Counting`] the time of a hang passes several times as fast.
+/// Returns [`prepared`] with this clock. With [`Clock::Counting`] the time of a hang passes several times as fast.
 fn prepared_with(clock: Clock) -> Device {
     let machine = Machine {
         board: Board::default(),
@@ -96,7 +96,7 @@ fn restarted(device: &mut Device, since: Instant, within: Duration) -> StartReas
     reason
 }
 
-/// The source line of the planted panic.
+/// Returns the source line of the planted panic.
 fn line_of_the_panic() -> u32 {
     let source = include_str!("../../../firmware/src/planted_faults.rs");
     let line = source.lines().position(|line| line.contains("panic!()"));
@@ -202,7 +202,7 @@ fn a_hang_that_stops_everything_restarts_the_board() {
     }
 }
 
-/// A large signed model, with its key.
+/// Returns a large signed model, with its key.
 fn large() -> (SecretKey, Vec<u8>) {
     let key = SecretKey::generate().unwrap();
     let sample = Sample {

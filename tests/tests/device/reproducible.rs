@@ -42,7 +42,7 @@ fn hash(bytes: &[u8]) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Whether `bytes` contain `needle`.
+/// Returns whether `bytes` contain `needle`.
 fn contains(bytes: &[u8], needle: &str) -> bool {
     !needle.is_empty()
         && bytes

@@ -229,7 +229,7 @@ impl Soak {
 }
 
 impl Soak {
-    /// The device's statistics, read after all pending work.
+    /// Returns the device's statistics, read after all pending work.
     fn statistics(&mut self) -> Statistics {
         while !self.steps.is_empty() {
             self.turn();
@@ -244,7 +244,7 @@ impl Soak {
         }
     }
 
-    /// A turn in which the workstation has work.
+    /// Runs a turn in which the workstation has work.
     fn busy_turn(&mut self) {
         if self.steps.is_empty() {
             let model = &self.models[self.round % self.models.len()];
@@ -253,7 +253,7 @@ impl Soak {
         self.turn();
     }
 
-    /// Whether the flash may be in the middle of a write; a cut at that moment may leave only one model.
+    /// Returns whether the flash may be in the middle of a write; a cut at that moment may leave only one model.
     fn may_be_writing(&self) -> bool {
         self.waiting.is_some() && matches!(self.steps.front(), Some(Step::Commit | Step::RollBack))
     }

@@ -32,7 +32,7 @@ const LEVELS: [Level; 4] = [
     ("a fault", |number| number == 3),
 ];
 
-/// Every image for a robot: each board's, and that of the STM32F405 with its link over SPI.
+/// Returns every image for a robot: each board's, and that of the STM32F405 with its link over SPI.
 fn products() -> impl Iterator<Item = (Board, Variant)> {
     let images = Board::ALL.map(|board| (board, Variant::Product));
     images

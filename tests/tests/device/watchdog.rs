@@ -17,7 +17,7 @@ pub const SAMPLE: Sample = Sample::plain(120, SampleCorrection::Elastic(Elastic:
 /// Time limit for a restart; the watchdog of the board waits for two times four seconds.
 const LIMIT: Duration = Duration::from_secs(40);
 
-/// Number of restarts since power-on. Asking for it does not count as a cycle.
+/// Returns the number of restarts since power-on. Asking for it does not count as a cycle.
 pub fn restarts(device: &mut Device) -> u32 {
     device.statistics().unwrap().restarts
 }

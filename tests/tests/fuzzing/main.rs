@@ -15,7 +15,7 @@ use poegp_tests::workspace;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// The number in an environment variable, or `otherwise`.
+/// Returns the number in an environment variable, or `otherwise`.
 fn asked(variable: &str, otherwise: u64) -> u64 {
     env::var(variable).map_or(otherwise, |text| {
         text.parse()
@@ -23,7 +23,7 @@ fn asked(variable: &str, otherwise: u64) -> u64 {
     })
 }
 
-/// The kept inputs of a target, with their places.
+/// Returns the kept inputs of a target, with their places.
 fn kept_inputs(which: Kept, target: &Target) -> Vec<(String, Vec<u8>)> {
     let inputs = kept::read(which, target.name).unwrap_or_else(|error| panic!("{error}"));
     let name = |number| format!("line {number} of its {which:?}");

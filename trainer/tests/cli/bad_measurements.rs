@@ -5,7 +5,7 @@ use crate::texts::texts;
 
 const POSES: usize = 24;
 
-/// A folder with a good set, a blob calibrated from it, and an old blob that must be kept.
+/// Returns a folder with a good set, a blob calibrated from it, and an old blob that must be kept.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("good.csv", simulated("train", POSES));

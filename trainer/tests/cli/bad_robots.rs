@@ -17,7 +17,7 @@ fn refused(folder: &Folder, robot: &str) {
     }
 }
 
-/// A URDF of four links with these joints: name, parent, child, and further elements.
+/// Returns a URDF of four links with these joints: name, parent, child, and further elements.
 fn urdf(joints: &[(&str, &str, &str, &str)]) -> String {
     let mut text = "<robot name=\"arm\">\n".to_owned();
     for link in ["a", "b", "c", "d"] {

@@ -47,7 +47,7 @@ impl Drop for Board {
 /// The port, with a timeout for a loaded machine.
 const PORT: &str = "--port unix:link --timeout-ms 20000";
 
-/// Two models and a test set.
+/// Returns two models and a test set.
 fn folder() -> Folder {
     Folder::prepared("board", |folder| {
         folder.write("train.csv", simulated("train", 40));

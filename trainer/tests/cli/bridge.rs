@@ -20,7 +20,7 @@ const RAMP: i64 = 50_000;
 /// Cycles until the whole correction is applied: those in which the bridge learns the cycle time, and half a second.
 const BEGINNING: u64 = 250;
 
-/// A datagram that is not a packet.
+/// Returns a datagram that is not a packet.
 fn garbage(good: &str, random: &mut ChaCha8Rng) -> Vec<u8> {
     let bytes = good.as_bytes();
     match random.random_range(0..6) {
@@ -35,7 +35,7 @@ fn garbage(good: &str, random: &mut ChaCha8Rng) -> Vec<u8> {
     }
 }
 
-/// A packet that must be answered although its axes cannot be read.
+/// Returns a packet that must be answered although its axes cannot be read.
 fn without_axes(good: &str, random: &mut ChaCha8Rng) -> String {
     let numbers = ["NaN", "inf", "-1e999", "", "0x10"];
     let number = numbers[random.random_range(0..numbers.len())];
@@ -192,8 +192,8 @@ fn assert_same(judged: &Judged, document: &Value) {
     assert_eq!(document["applied_deg"], 0.0);
 }
 
-/// Median CPU time in µs in which a thread waits for a packet, sends it back and reads its clock: what the kernel of this
-/// machine needs for a cycle.
+/// Returns the median CPU time in µs in which a thread waits for a packet, sends it back and reads its clock: what the
+/// kernel of this machine needs for a cycle.
 #[cfg(all(target_os = "linux", not(debug_assertions)))]
 fn bare_cycle() -> f64 {
     use rustix::time::{ClockId, clock_gettime};

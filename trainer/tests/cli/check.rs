@@ -3,7 +3,7 @@
 use crate::program::{Folder, Outcome, SERIAL, changed, simulated, without};
 use crate::texts::texts;
 
-/// A folder with an elastic model of 150 poses, and 20 fresh poses.
+/// Returns a folder with an elastic model of 150 poses, and 20 fresh poses.
 fn folder() -> Folder {
     Folder::prepared("check", |folder| {
         folder.write("train.csv", simulated("train", 150));
@@ -18,7 +18,7 @@ fn folder() -> Folder {
 
 const ORIENTATION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 
-/// The fresh poses with something added to a column.
+/// Returns the fresh poses with something added to a column.
 fn moved(column: &str, by: f64) -> String {
     changed(&simulated("test2", 20), |names, fields| {
         let at = names.iter().position(|n| *n == column).unwrap();
@@ -71,7 +71,7 @@ fn it_holds_until_something_moves() {
     does_not_hold(run("fresh.csv --max-mm 0.05 --statistic max"));
 }
 
-/// Joints whose changes the check cannot see.
+/// Returns joints whose changes the check cannot see.
 fn hidden_joints(document: &serde_json::Value) -> Vec<u64> {
     let all = document["sensitivity"].as_array().unwrap().iter();
     let hidden = all.filter(|s| s["smallest"].is_null());

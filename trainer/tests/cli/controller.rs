@@ -26,7 +26,7 @@ use serde_json::Value;
 use crate::export::{calibrated, chain};
 use crate::program::{Folder, SERIAL, simulated};
 
-/// An approximately normal number: the sum of twelve uniform ones.
+/// Returns an approximately normal number: the sum of twelve uniform ones.
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
@@ -70,7 +70,7 @@ fn deviations_of_dh_rows_are_those_of_drawn_frames() {
     }
 }
 
-/// `chain` with each frame multiplied from the left by a small motion of six numbers.
+/// Returns `chain` with each frame multiplied from the left by a small motion of six numbers.
 fn moved(chain: &CalibratedChain, step: impl Fn(usize) -> f64) -> CalibratedChain {
     let mut out = chain.clone();
     for (i, frame) in out.frames.iter_mut().enumerate() {

@@ -12,7 +12,7 @@ const TARGETS: &str = "# welding program 7\nname,q1_deg,q2_deg,q3_deg,q4_deg,q5_
     a,10,20,-30,5,30,70,fast\n\n# all joints at zero: beside the wrist's singularity\nb,0,0,0,0,0,0,slow\n\
     \"c, d\",-31.25,-10.5,22,8.25,-40,12,\"fast\n# not slow\"\n";
 
-/// A folder with an elastic model of 60 poses.
+/// Returns a folder with an elastic model of 60 poses.
 fn folder() -> Folder {
     Folder::prepared("correct", |folder| {
         folder.write("train.csv", simulated("train", 60));
@@ -33,7 +33,7 @@ impl Clock for Stopped {
     }
 }
 
-/// The device's answer to a controller's frame.
+/// Returns the device's answer to a controller's frame.
 fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Corrected {
     let facts = BoardInfo {
         board: "",

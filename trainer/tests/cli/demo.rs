@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::program::{Folder, Outcome};
 
-/// `docs/evidence/paper.md` quotes the output, and has another command that plots the folds.
+/// Checks that `docs/evidence/paper.md` quotes the output and has another command that plots the folds.
 fn the_page_on_the_paper_is_right(folder: &Folder, outcome: &Outcome) {
     let page = include_str!("../../../docs/evidence/paper.md");
     let block = page.split("```console\n$ trainer demo --out demo\n").nth(1);

@@ -12,7 +12,7 @@ use crate::fake_device::{
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
-/// A folder with arm.blob and test1.csv; also returns the blob.
+/// Returns a folder with arm.blob and test1.csv; also returns the blob.
 fn folder() -> (Folder, Vec<u8>) {
     let folder = Folder::prepared("device", |folder| {
         folder.write("train.csv", simulated("train", 20));
@@ -242,7 +242,7 @@ fn a_device_that_falls_silent() {
     folder.refuses(format!("device statistics {PORT}"));
 }
 
-/// A device that accepts every model until the request `at`, which it refuses.
+/// Returns a device that accepts every model until the request `at`, which it refuses.
 fn flashed(folder: &Folder, at: &'static str, refusal: Refusal) -> FakeDevice {
     FakeDevice::start(folder, move |request| {
         let name = format!("{request:?}");

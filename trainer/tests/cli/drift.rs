@@ -5,8 +5,8 @@ use std::fmt::Write as _;
 use crate::program::{Folder, SERIAL, changed, simulated};
 use crate::texts::texts;
 
-/// The set as an instrument would measure it that drifts by `creep_mm` along x, with two reference points. The first point is
-/// missed once, and the second is wrong once.
+/// Returns the set as an instrument would measure it that drifts by `creep_mm` along x, with two reference points. The
+/// first point is missed once, and the second is wrong once.
 fn drifted(set: &str, poses: usize, creep_mm: f64) -> String {
     let csv = simulated(set, poses);
     let mut k = 0;

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::program::{Folder, SERIAL, simulated, with_field};
 use crate::texts::texts;
 
-/// Mean position error in mm of a blob on the poses of a file.
+/// Returns the mean position error in mm of a blob on the poses of a file.
 #[track_caller]
 fn mean(folder: &Folder, blob: &str, file: &str) -> f64 {
     let line = format!("evaluate {blob} {file} --json -");

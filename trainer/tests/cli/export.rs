@@ -11,7 +11,7 @@ use poegp_trainer::export::CalibratedChain;
 use crate::program::{Folder, data};
 use crate::texts::texts;
 
-/// A folder with `arm.blob`, calibrated from few poses. `robot` is a name or a file of `tests/data/urdf`.
+/// Returns a folder with `arm.blob`, calibrated from few poses. `robot` is a name or a file of `tests/data/urdf`.
 pub fn calibrated(robot: &str, model: &str) -> Folder {
     Folder::prepared(format!("export {robot} {model}"), |folder| {
         if robot.ends_with(".urdf") {
@@ -37,7 +37,7 @@ pub fn chain(folder: &Folder) -> CalibratedChain {
     CalibratedChain::of(&BlobModel::read(&folder.path("arm.blob")).unwrap())
 }
 
-/// The robot of a description, whose chain ends at the flange.
+/// Returns the robot of a description, whose chain ends at the flange.
 fn described(folder: &Folder, file: &str, tip: Option<&str>) -> Robot {
     let options = LoadOptions {
         base: None,
@@ -46,7 +46,7 @@ fn described(folder: &Folder, file: &str, tip: Option<&str>) -> Robot {
     Robot::load(folder.path(file).to_str().unwrap(), &options).unwrap()
 }
 
-/// Largest difference in metres and of rotation elements, over joint values of the whole range.
+/// Returns the largest difference in metres and of rotation elements, over joint values of the whole range.
 fn apart(a: &Poe<f64>, b: &Poe<f64>, b_end: &Pose<f64>) -> (f64, f64) {
     let mut worst = (0.0_f64, 0.0_f64);
     for k in 0..200 {

@@ -17,14 +17,14 @@ const ARMS: [&str; 5] = [
     "no_tool0.urdf",
 ];
 
-/// Joint values over the whole range.
+/// Returns joint values over the whole range.
 fn joints(n: usize, k: i32) -> Vec<f64> {
     (0..n)
         .map(|i| 2.5 * (0.37 * f64::from(k * k) + 1.9 * i as f64).sin())
         .collect()
 }
 
-/// Largest differences in metres and of rotation elements from the program's chain.
+/// Returns the largest differences in metres and of rotation elements from the program's chain.
 fn apart(folder: &Folder, forward: impl Fn(&[f64]) -> Matrix4<f64>) -> f64 {
     let chain = chain(folder).poe();
     let mut worst = 0.0_f64;
@@ -51,7 +51,8 @@ fn text(tag: &BytesStart<'_>, key: &str) -> Option<String> {
     Some(found.unescape_value().unwrap().into_owned())
 }
 
-/// `pos` and `quat` as MuJoCo's documentation defines them: the frame in that of its parent, scalar first.
+/// Returns the frame of `pos` and `quat` as MuJoCo's documentation defines them: the frame in that of its parent, scalar
+/// first.
 fn frame(tag: &BytesStart<'_>) -> Matrix4<f64> {
     let (pos, quat) = (numbers(tag, "pos").unwrap(), numbers(tag, "quat").unwrap());
     let quaternion = Quaternion::new(quat[0], quat[1], quat[2], quat[3]);
@@ -216,7 +217,7 @@ fn rpy(pose: &Value) -> Matrix4<f64> {
         .append_translation(&Vector3::from(three("xyz_m")))
 }
 
-/// The matrix of a row by Craig, "Introduction to Robotics", eq. 3.6, with β about the y axis that a and α lead to.
+/// Returns the matrix of a row by Craig, "Introduction to Robotics", eq. 3.6, with β about the y axis that a and α lead to.
 fn craig(joint: &Value, q: f64) -> Matrix4<f64> {
     let number = |key: &str| joint[key].as_f64().unwrap_or(0.0);
     let along = joint["kind"] == "prismatic";
@@ -270,7 +271,7 @@ fn craigs_rows_have_the_poses_of_the_chain() {
     }
 }
 
-/// A CSV file with its rows by column name, and its comments.
+/// Returns a CSV file with its rows by column name, and its comments.
 fn rows(folder: &Folder, file: &str) -> (Vec<Map<String, Value>>, String) {
     let text = folder.text(file);
     let comments: Vec<&str> = text.lines().filter(|line| line.starts_with('#')).collect();
@@ -292,7 +293,7 @@ fn rows(folder: &Folder, file: &str) -> (Vec<Map<String, Value>>, String) {
     (rows.collect(), comments.join("\n"))
 }
 
-/// The frame of a row: `x_m` to `yaw_rad`.
+/// Returns the frame of a row: `x_m` to `yaw_rad`.
 fn origin(row: &Map<String, Value>) -> Matrix4<f64> {
     let three = |names: [&str; 3]| json!(names.map(|name| row[name].as_f64().unwrap()));
     rpy(&json!({
@@ -304,7 +305,7 @@ fn origin(row: &Map<String, Value>) -> Matrix4<f64> {
 /// The matrix of a row at a joint value.
 type Motion = dyn Fn(&Value, f64) -> Matrix4<f64>;
 
-/// Distal rows: θ and d come first, whereas in Craig's rows they come last.
+/// Returns the matrix of a distal row: θ and d come first, whereas in Craig's rows they come last.
 fn distal(joint: &Value, q: f64) -> Matrix4<f64> {
     let mut own = joint.clone();
     let mut before = joint.clone();

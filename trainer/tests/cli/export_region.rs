@@ -11,7 +11,7 @@ use crate::export::calibrated;
 use crate::program::{Folder, data};
 use crate::texts::texts;
 
-/// The model of a simulated arm with all errors for which the trainer has no formula.
+/// Returns the model of a simulated arm with all errors for which the trainer has no formula.
 fn wild() -> Folder {
     Folder::prepared("wild", |folder| {
         let rows = std::fs::read(data("simulated/irb4400_wild_s0_train.csv")).unwrap();
@@ -27,8 +27,8 @@ fn mean_mm(document: &Value, of: &str) -> f64 {
     mean.as_f64().unwrap()
 }
 
-/// Mean distance in mm between a chain's target and the model's predictions at `kg`, over poses that fill `ranges` evenly: the
-/// fractional parts of multiples of powers of the root of x⁷ = x + 1.
+/// Returns the mean distance in mm between a chain's target and the model's predictions at `kg`, over poses that fill
+/// `ranges` evenly: the fractional parts of multiples of powers of the root of x⁷ = x + 1.
 fn judged(
     folder: &Folder,
     instrument_from_target: impl Fn(&[f64]) -> Pose<f64>,

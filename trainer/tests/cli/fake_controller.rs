@@ -24,7 +24,7 @@ const SEED: u64 = 3;
 /// Speed of the target, m/s.
 pub const SPEED: f64 = 0.7;
 
-/// A model calibrated from 300 measured poses of the simulated arm.
+/// Returns a model calibrated from 300 measured poses of the simulated arm.
 pub fn blob() -> &'static [u8] {
     static BLOB: OnceLock<Vec<u8>> = OnceLock::new();
     BLOB.get_or_init(|| {
@@ -69,7 +69,8 @@ impl Arm {
         (self.instrument_from_base * nominal).translation
     }
 
-    /// Distance in mm between the real target and the wanted one, with this correction in millionths of a degree.
+    /// Returns the distance in mm between the real target and the wanted one, with this correction in millionths of a
+    /// degree.
     pub fn error_mm(&mut self, joints: &Joints, correction: &[i64; 6]) -> f64 {
         let mut there = *joints;
         for (q, micro_degrees) in there.iter_mut().zip(correction) {
@@ -79,7 +80,7 @@ impl Arm {
         1e3 * (stands - self.wanted(joints)).norm()
     }
 
-    /// Joints on a path through the trained ranges, by its parameter.
+    /// Returns joints on a path through the trained ranges, by its parameter.
     pub fn path(&self, s: f64) -> Joints {
         let mut joints = self.commander.middle();
         let waves = [0.31, 0.43, 0.37, 0.53, 0.29, 0.61];
@@ -93,7 +94,7 @@ impl Arm {
         joints
     }
 
-    /// The parameter one cycle later, at [`SPEED`].
+    /// Returns the parameter one cycle later, at [`SPEED`].
     pub fn advance(&self, s: f64, cycle_s: f64) -> f64 {
         let here = self.wanted(&self.path(s));
         let slope = (self.wanted(&self.path(s + 1e-4)) - here).norm() / 1e-4;
@@ -189,8 +190,8 @@ pub fn answer(text: &str) -> (u64, [i64; 6]) {
     (ipoc.parse().unwrap(), correction)
 }
 
-/// A packet of the controller with its four decimals. Only the setpoints or only the actual values are right, and the bridge
-/// must read those.
+/// Returns a packet of the controller with its four decimals. Only the setpoints or only the actual values are right, and
+/// the bridge must read those.
 pub fn packet(ipoc: u64, joints: &Joints, correction: &[i64; 6], is_actual: bool) -> String {
     let mut text = "<Rob Type=\"KUKA\"><RIst X=\"0.0\" Y=\"0.0\"/>".to_owned();
     for (element, is_right) in [("AIPos", is_actual), ("ASPos", !is_actual)] {

@@ -66,12 +66,12 @@ impl FakeDevice {
         Self { heard }
     }
 
-    /// The names of the requests so far, in order.
+    /// Returns the names of the requests so far, in order.
     pub fn heard(&self) -> Vec<String> {
         self.heard.lock().unwrap().clone()
     }
 
-    /// The number of requests with this name so far.
+    /// Returns the number of requests with this name so far.
     pub fn count(&self, name: &str) -> usize {
         self.heard().iter().filter(|heard| *heard == name).count()
     }
@@ -127,7 +127,7 @@ fn serve(
     }
 }
 
-/// The frame of an answer.
+/// Returns the frame of an answer.
 pub fn encoded(sequence: u16, response: &Response) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
     frame::encode(sequence, response, &mut scratch, &mut out)
@@ -135,7 +135,7 @@ pub fn encoded(sequence: u16, response: &Response) -> Vec<u8> {
         .to_vec()
 }
 
-/// A device without a model and with room for any.
+/// Returns a device without a model and with room for any.
 pub fn identity() -> Identity {
     Identity {
         protocol_version: PROTOCOL_VERSION,
@@ -163,7 +163,7 @@ pub fn identity() -> Identity {
     }
 }
 
-/// A model with this CRC.
+/// Returns a model with this CRC.
 pub fn model(blob_crc: u32) -> ModelIdentity {
     ModelIdentity {
         robot: "arm".try_into().unwrap(),
@@ -177,7 +177,7 @@ pub fn model(blob_crc: u32) -> ModelIdentity {
     }
 }
 
-/// A blob in the first slot.
+/// Returns a blob in the first slot.
 pub fn stored(bytes: &[u8]) -> StoredModel {
     StoredModel {
         slot: 0,

@@ -23,7 +23,7 @@ pub fn import(folder: &Folder, files: &str, map: &str) -> Outcome {
     folder.run(&format!("import {files} --map map.toml --out data.csv"))
 }
 
-/// The columns of a measurement file, by name.
+/// Returns the columns of a measurement file, by name.
 fn table(csv: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     let text = rows(csv);
     let mut lines = text.lines();
@@ -152,7 +152,7 @@ fn units_that_are_missing_unknown_or_contradict_are_named() {
     folder.refuses("import kuka.csv --preset kuka --out data.csv");
 }
 
-/// A map of the tracker's poses and of joints, with these keys.
+/// Returns a map of the tracker's poses and of joints, with these keys.
 fn joined(joints: &str) -> String {
     format!(
         "file = {{ separator = \"semicolon\" }}\nposition = {{ columns = [\"X\", \"Y\", \"Z\"] }}\n\
@@ -218,7 +218,7 @@ fn names_of_other_drivers_are_their_joints() {
     }
 }
 
-/// The tracker's times, 2.5 s apart from 1 000 s after its clock began, written as dates and times.
+/// Returns the tracker's times, 2.5 s apart from 1 000 s after its clock began, written as dates and times.
 fn dated(
     folder: &Folder,
     file: &str,

@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::program::{Folder, SERIAL, changed, simulated};
 use crate::texts::texts;
 
-/// A folder with two measurements of one arm, and a model of the first.
+/// Returns a folder with two measurements of one arm, and a model of the first.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("first.csv", simulated("train", 60));
@@ -27,7 +27,7 @@ fn again(folder: &Folder, options: &str) -> String {
     )
 }
 
-/// X,Y,Z,QW,QX,QY,QZ in mm.
+/// Returns X,Y,Z,QW,QX,QY,QZ in mm.
 fn text(rows: &[f64; 12]) -> String {
     let pose = Pose::from_rows(rows);
     let (w, v) = pose.quaternion();

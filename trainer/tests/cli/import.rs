@@ -3,7 +3,7 @@
 use crate::program::{Folder, SERIAL, data, simulated};
 use crate::texts::texts;
 
-/// The rows of a measurement file without the comment that states their origin.
+/// Returns the rows of a measurement file without the comment that states their origin.
 pub fn rows(csv: &str) -> String {
     let kept = csv.lines().filter(|line| !line.starts_with('#'));
     kept.map(|line| format!("{line}\n")).collect()
@@ -13,7 +13,7 @@ fn expected() -> String {
     std::fs::read_to_string(data("import/expected.csv")).unwrap()
 }
 
-/// A folder with these files of `tests/data/import`.
+/// Returns a folder with these files of `tests/data/import`.
 pub fn folder(files: &[&str]) -> Folder {
     let folder = Folder::new();
     for file in files {

@@ -13,7 +13,7 @@ use crate::texts::texts;
 #[cfg(target_os = "linux")]
 const MOST_EXPONENTIALS: f64 = 60.0;
 
-/// A folder with an elastic model of 60 poses.
+/// Returns a folder with an elastic model of 60 poses.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
@@ -25,7 +25,7 @@ fn folder() -> Folder {
     folder
 }
 
-/// Elapsed seconds, CPU seconds and peak memory in MB of a program. Linux only; sampled every few milliseconds.
+/// Returns the elapsed seconds, CPU seconds and peak memory in MB of a program. Linux only; sampled every few milliseconds.
 fn watched(mut child: Child) -> (f64, f64, f64) {
     let start = Instant::now();
     let path = format!("/proc/{}", child.id());
@@ -118,7 +118,8 @@ fn a_report_takes_little_time() {
     assert!(with - without <= MOST_SECONDS);
 }
 
-/// CPU seconds of ten million exponentials on this thread. A shared or slow core slows them as much as the program.
+/// Returns the CPU seconds of ten million exponentials on this thread. A shared or slow core slows them as much as the
+/// program.
 #[cfg(target_os = "linux")]
 fn exponentials() -> f64 {
     let cpu_seconds = || {

@@ -135,7 +135,7 @@ fn ctrl_c_leaves_nothing() {
     }
 }
 
-/// The messages of a calibration that gets SIGINT `signals` times while it fits.
+/// Returns the messages of a calibration that gets SIGINT `signals` times while it fits.
 #[cfg(unix)]
 fn interrupted_calibration(signals: usize) -> String {
     use std::io::Read;

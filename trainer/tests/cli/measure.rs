@@ -47,7 +47,7 @@ impl Answers {
         }
     }
 
-    /// The line of the row that answers a request.
+    /// Returns the line of the row that answers a request.
     fn to(&mut self, asked: &Value) -> String {
         let wanted: Vec<f64> = asked["joints"]
             .as_array()
@@ -86,7 +86,7 @@ impl Session {
         }
     }
 
-    /// The next JSON document; `None` at the end.
+    /// Returns the next JSON document; `None` at the end.
     fn next(&mut self) -> Option<Value> {
         let mut line = String::new();
         match self.from.read_line(&mut line) {

@@ -97,7 +97,7 @@ fn check_value(line: &str, key: &str, largest: f64, value: &Value) {
     }
 }
 
-/// Rows of a simulated set without the noiseless truth.
+/// Returns rows of a simulated set without the noiseless truth.
 fn rows(set: &str, poses: usize) -> String {
     let csv = simulated(set, poses);
     let names = csv.lines().next().unwrap().split(',');
@@ -105,7 +105,7 @@ fn rows(set: &str, poses: usize) -> String {
     without(&csv, &truth)
 }
 
-/// `csv` with its first `different` rows repeated in place of the others.
+/// Returns `csv` with its first `different` rows repeated in place of the others.
 fn repeated(csv: &str, different: usize) -> String {
     let rows: Vec<&str> = csv.lines().collect();
     let repeat = |k: usize| rows[1 + k % different].to_owned() + "\n";

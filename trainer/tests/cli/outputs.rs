@@ -16,7 +16,7 @@ fn folder() -> Folder {
     })
 }
 
-/// Every command with an output, with `place` as its destination.
+/// Returns every command with an output, with `place` as its destination.
 fn to(place: &str) -> Vec<String> {
     vec![
         format!("calibrate --robot {SERIAL} train.csv --method poe --out {place}"),
@@ -118,7 +118,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     assert_eq!(folder.read("old.blob"), b"old");
 }
 
-/// Commands whose printed text is lost, and the files that they have written by then.
+/// Returns commands whose printed text is lost, and the files that they have written by then.
 fn commands_with_text() -> Vec<(String, &'static [&'static str])> {
     vec![
         ("--help".to_owned(), &[]),
@@ -141,7 +141,7 @@ fn commands_with_text() -> Vec<(String, &'static [&'static str])> {
     ]
 }
 
-/// Commands that write their result to standard output.
+/// Returns commands that write their result to standard output.
 fn commands_with_document() -> Vec<String> {
     vec![
         "inspect arm.blob --json -".to_owned(),

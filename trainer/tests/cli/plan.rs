@@ -5,7 +5,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use crate::program::{Folder, SERIAL};
 use crate::texts::texts;
 
-/// The rows of a plan as numbers.
+/// Returns the rows of a plan as numbers.
 fn rows(csv: &str) -> Vec<Vec<f64>> {
     csv.lines()
         .filter(|line| !line.starts_with('#'))
@@ -38,7 +38,7 @@ normal = [0, 0, 1]
 max_angle_deg = 60
 "#;
 
-/// The target at joints in degrees, by plain trigonometry with the links of the IRB 4400's drawing.
+/// Returns the target at joints in degrees, by plain trigonometry with the links of the IRB 4400's drawing.
 fn irb4400_target(q: &[f64], tool: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     type M = [[f64; 3]; 3];
     let rotation = |axis: usize, degrees: f64| -> M {

@@ -3,7 +3,7 @@
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
-/// The columns `names` of a CSV text, row by row.
+/// Returns the columns `names` of a CSV text, row by row.
 fn columns<const N: usize>(csv: &str, names: [&str; N]) -> Vec<[f64; N]> {
     let mut lines = csv.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();

@@ -39,7 +39,7 @@ impl Outcome {
         self.refused_after_output()
     }
 
-    /// Like [`Outcome::refused`], but something may have been printed before.
+    /// Asserts what [`Outcome::refused`] asserts, but something may have been printed before.
     #[track_caller]
     pub fn refused_after_output(self) -> Self {
         assert_eq!(self.code, Some(2), "{self:#?}");
@@ -69,7 +69,7 @@ impl Outcome {
         self
     }
 
-    /// Standard output, which must be one JSON document.
+    /// Returns standard output, which must be one JSON document.
     #[track_caller]
     pub fn json(&self) -> Value {
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:#?}"))
@@ -84,8 +84,8 @@ impl Folder {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// A folder with the files that `make` writes. `make` runs once in a test program for each `name`, so that not every test
-    /// calibrates its own model.
+    /// Returns a folder with the files that `make` writes. `make` runs once in a test program for each `name`, so that not
+    /// every test calibrates its own model.
     pub fn prepared(name: impl Into<String>, make: impl FnOnce(&Folder)) -> Self {
         type Files = BTreeMap<PathBuf, Vec<u8>>;
         static PREPARED: Mutex<BTreeMap<String, Arc<OnceLock<Files>>>> =
@@ -134,7 +134,7 @@ impl Folder {
         document
     }
 
-    /// The names of everything in the folder, sorted.
+    /// Returns the names of everything in the folder, sorted.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = std::fs::read_dir(self.0.path())
             .unwrap()
@@ -144,7 +144,7 @@ impl Folder {
         names
     }
 
-    /// Everything in the folder and its subfolders.
+    /// Returns everything in the folder and its subfolders.
     fn contents(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut contents = BTreeMap::new();
         let mut folders = vec![self.0.path().to_owned()];
@@ -221,7 +221,7 @@ impl Folder {
         self.finish(self.command(line).stdout(writer))
     }
 
-    /// The command for the arguments in `line`, in the folder.
+    /// Returns the command for the arguments in `line`, in the folder.
     pub fn command(&self, line: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
         command
@@ -263,14 +263,14 @@ impl Folder {
     }
 }
 
-/// A file of `tests/data`.
+/// Returns a file of `tests/data`.
 pub fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/data")
         .join(name)
 }
 
-/// One of the simulated sets (`train`, `test1`, `test2`, `test3`), its header and first `poses` rows.
+/// Returns one of the simulated sets (`train`, `test1`, `test2`, `test3`), its header and first `poses` rows.
 pub fn simulated(set: &str, poses: usize) -> String {
     let path = data(&format!("simulated/irb4400_paper_s0_{set}.csv"));
     let text = std::fs::read_to_string(path).unwrap();
@@ -278,7 +278,7 @@ pub fn simulated(set: &str, poses: usize) -> String {
     lines.join("\n") + "\n"
 }
 
-/// `csv` with every row passed through `change`, which gets the names of the columns and the fields.
+/// Returns `csv` with every row passed through `change`, which gets the names of the columns and the fields.
 pub fn changed(csv: &str, mut change: impl FnMut(&[&str], &mut Vec<String>)) -> String {
     let mut lines = csv.lines();
     let header = lines.next().unwrap();
@@ -293,7 +293,7 @@ pub fn changed(csv: &str, mut change: impl FnMut(&[&str], &mut Vec<String>)) -> 
     out
 }
 
-/// `csv` without the columns `dropped`.
+/// Returns `csv` without the columns `dropped`.
 pub fn without(csv: &str, dropped: &[&str]) -> String {
     let names: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
     let mut out = String::new();
@@ -310,7 +310,7 @@ pub fn without(csv: &str, dropped: &[&str]) -> String {
     out
 }
 
-/// `csv` with `field` in column `name` of line `line` (from 1, the header).
+/// Returns `csv` with `field` in column `name` of line `line` (from 1, the header).
 pub fn with_field(csv: &str, line: usize, name: &str, field: &str) -> String {
     let mut at = 1;
     changed(csv, |names, fields| {

@@ -25,7 +25,7 @@ const PROGRAMS: [&str; 7] = [
 /// Other files that the programs need.
 const OTHERS: [&str; 3] = ["part.dat", "part.pgx", "frames.toml"];
 
-/// The exit code: the job has pulses, which are left uncorrected.
+/// Returns the exit code: the job has pulses, which are left uncorrected.
 pub fn code(name: &str) -> Option<i32> {
     Some(i32::from(name.ends_with("jbi")))
 }
@@ -34,7 +34,7 @@ pub fn file(name: &str) -> Vec<u8> {
     std::fs::read(data(&format!("programs/{name}"))).unwrap()
 }
 
-/// A folder with an elastic model and one that corrects nothing.
+/// Returns a folder with an elastic model and one that corrects nothing.
 pub fn folder() -> Folder {
     Folder::prepared("programs", |folder| {
         for name in PROGRAMS.iter().chain(&OTHERS) {
@@ -52,7 +52,7 @@ pub fn folder() -> Folder {
     })
 }
 
-/// The numbers of a text that are not part of a name, and the text with a mark in place of each.
+/// Returns the numbers of a text that are not part of a name, and the text with a mark in place of each.
 pub fn skeleton(bytes: &[u8]) -> (Vec<f64>, Vec<u8>) {
     let (mut numbers, mut rest) = (Vec::new(), Vec::new());
     let mut at = 0;
@@ -78,13 +78,13 @@ pub fn skeleton(bytes: &[u8]) -> (Vec<f64>, Vec<u8>) {
     (numbers, rest)
 }
 
-/// A pose from millimetres and a quaternion.
+/// Returns a pose from millimetres and a quaternion.
 pub fn pose(n: &[f64]) -> Pose<f64> {
     let position = Vector3::new(n[0], n[1], n[2]) / 1000.0;
     Pose::from_quaternion(n[3], &Vector3::new(n[4], n[5], n[6]), position)
 }
 
-/// The numbers of the first target after `start`.
+/// Returns the numbers of the first target after `start`.
 pub fn numbers_after(bytes: &[u8], start: &str, count: usize) -> Vec<f64> {
     let at = bytes
         .windows(start.len())

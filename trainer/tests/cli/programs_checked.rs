@@ -10,7 +10,7 @@ use crate::texts::texts;
 const ONE: &str = "MODULE One\n  PERS tooldata gun:=[TRUE,[[30,-45,210],[0.97629601,0.21643961,0,0]],[2.5,[0,0,15],[1,0,0,0],0,0,0]];\n  \
     PROC main()\n    MoveAbsJ [[12.5,20.25,-4.125,-18.5,48,31.75],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,fine,gun;\n  ENDPROC\nENDMODULE\n";
 
-/// Programs corrected by another model, corrected by the model of the check, and brought back; and a longer one.
+/// Returns programs corrected by another model, corrected by the model of the check, and brought back; and a longer one.
 fn checked() -> Folder {
     let folder = folder();
     folder.write("fresh.csv", simulated("test2", 20));

@@ -47,7 +47,8 @@ fn check(
     }
 }
 
-/// A module with two points, two tools and a work object; `part` has the statements and routines that follow `main`.
+/// Returns a module with two points, two tools and a work object; `part` has the statements and routines that follow
+/// `main`.
 fn module(part: &str) -> String {
     let text = String::from_utf8_lossy(&file("part.mod")).replace("\r\n", "\n");
     let line = |start: &str| text.lines().find(|line| line.contains(start)).unwrap();
@@ -195,7 +196,7 @@ fn local_data_are_of_their_module() {
     assert!(run("--with c.mod --with b.mod") == run("--with b.mod"));
 }
 
-/// A source of two routines, with the tools and bases of `part.src`.
+/// Returns a source of two routines, with the tools and bases of `part.src`.
 fn source(part: &str) -> String {
     let (main, rest) = part.split_once("DEF ").unwrap_or((part, "OTHER( )"));
     format!(
@@ -308,7 +309,7 @@ fn modules_of_krl_have_their_own_points() {
 const TCP: &str = "set_tcp(p[0.03, -0.045, 0.21, 0.436332, 0, 0])\n";
 const POINT: &str = "p[1.492296, 0.156780, 0.895801, 0.331928, 2.688217, -0.739401]";
 
-/// A script with a tool, joints, and a feature.
+/// Returns a script with a tool, joints, and a feature.
 fn script(part: &str) -> String {
     format!(
         "def A():\n{TCP}set_payload(1)\nmovej([0.218166, 0.353429, -0.071995, -0.322886, 0.837758, 0.554142])\n\

@@ -6,7 +6,7 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use crate::program::Folder;
 use crate::programs::{commander, file, folder, numbers_after, pose, skeleton};
 
-/// The program with three consecutive lines in place of the arc and the loop.
+/// Returns the program with three consecutive lines in place of the arc and the loop.
 fn lines() -> String {
     let text = String::from_utf8_lossy(&file("part.mod")).into_owned();
     let (start, end) = (
@@ -17,7 +17,7 @@ fn lines() -> String {
     format!("{}{lines}{}", &text[..start], &text[end..])
 }
 
-/// The places in a file where instructions were inserted, according to its record.
+/// Returns the places in a file where instructions were inserted, according to its record.
 fn inserted(folder: &Folder, name: &str) -> Vec<(usize, usize)> {
     let record = folder.json(&format!("{name}.poegp.json"));
     let all = record["inserted"].as_array().cloned().unwrap_or_default();
@@ -25,7 +25,7 @@ fn inserted(folder: &Folder, name: &str) -> Vec<(usize, usize)> {
     all.iter().map(|s| (number(&s[0]), number(&s[1]))).collect()
 }
 
-/// The pose at a share of the way between two poses.
+/// Returns the pose at a share of the way between two poses.
 fn on_line(a: &Pose<f64>, b: &Pose<f64>, share: f64) -> Pose<f64> {
     let turned = (a.inverse() * *b).log().angular * share;
     let turn = Pose::exp(&Twist {
@@ -38,7 +38,8 @@ fn on_line(a: &Pose<f64>, b: &Pose<f64>, share: f64) -> Pose<f64> {
     }
 }
 
-/// Largest distance of the real tool from the wanted line while the controller moves straight between the written poses.
+/// Returns the largest distance of the real tool from the wanted line while the controller moves straight between the
+/// written poses.
 fn largest(folder: &Folder, wanted: [&Pose<f64>; 2], written: &[Pose<f64>]) -> f64 {
     let commander = commander(folder, "elas.blob");
     let tool = pose(&numbers_after(&file("part.mod"), "gun:=[TRUE,", 7));

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::program::{Folder, Outcome, SERIAL, changed, simulated, without};
 use crate::texts::texts;
 
-/// The `data` elements of a page: value, JSON pointer, text.
+/// Returns the `data` elements of a page: value, JSON pointer, text.
 fn numbers(page: &str) -> Vec<(f64, String, String)> {
     let attribute = |tag: &str, name: &str| -> String {
         let begin = format!("{name}=\"");

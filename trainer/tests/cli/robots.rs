@@ -4,14 +4,14 @@ use serde_json::Value;
 
 use crate::program::{Folder, SERIAL, changed, data, simulated};
 
-/// The mean position error of a model on the first test set.
+/// Returns the mean position error of a model on the first test set.
 fn mean(document: &Value, model: &str) -> f64 {
     let models = document["methods"].as_array().unwrap();
     let found = models.iter().find(|m| m["method"] == model).unwrap();
     found["sets"][0]["position_mm"]["mean"].as_f64().unwrap()
 }
 
-/// Rows of a simulated set whose third joint is the controller's, `q3 = q2 + q3_serial`, or the serial one.
+/// Returns rows of a simulated set whose third joint is the controller's, `q3 = q2 + q3_serial`, or the serial one.
 fn counted(set: &str, poses: usize, by_controller: bool) -> String {
     changed(&simulated(set, poses), |names, fields| {
         let at = |name: &str| names.iter().position(|n| *n == name).unwrap();

@@ -14,7 +14,7 @@ use crate::program::Folder;
 
 type Names = BTreeSet<String>;
 
-/// Whether a program is installed; prints NOT RUN if not.
+/// Returns whether a program is installed; prints NOT RUN if not.
 fn is_installed(program: &str, test: &str) -> bool {
     let found = Command::new("sh")
         .args(["-c", "command -v \"$1\"", "sh", program])
@@ -69,7 +69,7 @@ fn ask_of(command: &clap::Command, typed: &str, questions: &mut Vec<Question>) {
     }
 }
 
-/// Every question there is.
+/// Returns every question there is.
 fn questions() -> Vec<Question> {
     let mut command = Arguments::command();
     command.build();
@@ -235,7 +235,7 @@ exit
     compare("elvish", &questions, &answers);
 }
 
-/// The warnings of `program` about the manual pages.
+/// Returns the warnings of `program` about the manual pages.
 fn complaints(program: &[&str], folder: &Folder) -> Vec<String> {
     let names = folder.names();
     let pages = names.iter().filter(|name| name.ends_with(".1"));

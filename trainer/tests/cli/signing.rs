@@ -3,7 +3,7 @@
 use crate::program::{Folder, Outcome, SERIAL, simulated};
 use crate::texts::texts;
 
-/// A folder with a blob and two pairs of keys.
+/// Returns a folder with a blob and two pairs of keys.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 12));

@@ -62,7 +62,7 @@ pub fn record(line: &str, answer: &str) {
     });
 }
 
-/// Whether a word differs from run to run: a checksum, a key, or the name of a temporary file.
+/// Returns whether a word differs from run to run: a checksum, a key, or the name of a temporary file.
 fn is_arbitrary(word: &str) -> bool {
     let is_hex = word.chars().all(|c| c.is_ascii_hexdigit());
     is_hex && matches!(word.len(), 8 | 16 | 64) || word.starts_with(".tmp")
@@ -73,8 +73,8 @@ fn is_number(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_digit()) && word.parse::<f64>().is_ok()
 }
 
-/// `text` with `#` for what differs from run to run. With `numbers`, also for numbers, and with columns that do not depend on
-/// their width, because the last digits of a fit differ between machines. Quoted lines of files stay.
+/// Returns `text` with `#` for what differs from run to run. With `numbers`, also for numbers, and with columns that do not
+/// depend on their width, because the last digits of a fit differ between machines. Quoted lines of files stay.
 pub fn masked(text: &str, numbers: bool) -> String {
     let mut out = String::new();
     for line in text.split_inclusive('\n') {

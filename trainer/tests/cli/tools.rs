@@ -19,7 +19,7 @@ fn measured(train: usize, test: usize) -> (Robot, Vec<SimulatedPose>, Vec<Simula
     (robot, train, test)
 }
 
-/// Pose of tool `i` relative to the first: decimetres away, with a large rotation.
+/// Returns the pose of tool `i` relative to the first: decimetres away, with a large rotation.
 fn tool(i: usize) -> Pose<f64> {
     let i = i as f64;
     Pose::exp(&Twist::from_array(&[
@@ -32,7 +32,7 @@ fn tool(i: usize) -> Pose<f64> {
     ]))
 }
 
-/// A file whose row `i` has tool `of(i)`, named by `names` in column `column`.
+/// Returns a file whose row `i` has tool `of(i)`, named by `names` in column `column`.
 fn with_tools(
     robot: &Robot,
     poses: &[SimulatedPose],
@@ -62,7 +62,7 @@ fn with_tools(
     out
 }
 
-/// Positions of a `to_csv` text, without its comment.
+/// Returns positions of a `to_csv` text, without its comment.
 fn positions(csv: &str) -> String {
     without(csv.split_once('\n').unwrap().1, &ORIENTATION)
 }

@@ -6,7 +6,7 @@ use crate::program::{Folder, changed};
 use crate::report::{check_numbers, check_page};
 use crate::texts::texts;
 
-/// An arm with two models by sockets, and fresh touches of other features. The same seed gives the same arm.
+/// Returns an arm with two models by sockets, and fresh touches of other features. The same seed gives the same arm.
 fn folder() -> Folder {
     let folder = Folder::new();
     for (kinds, touches, out) in [
@@ -51,7 +51,7 @@ fn a_model_of_planned_touches_is_not_limited_elsewhere() {
     assert!(default < 1.02 * wide, "{default} and {wide} mm");
 }
 
-/// The rows of a simulated touch file after its comment.
+/// Returns the rows of a simulated touch file after its comment.
 fn rows(csv: &str) -> String {
     csv.lines().skip(1).fold(String::new(), |mut out, line| {
         writeln!(out, "{line}").unwrap();

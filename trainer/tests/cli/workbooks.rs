@@ -40,7 +40,7 @@ fn a_sheet_of_a_workbook_is_a_table() {
     files.refuses("import workbook.xlsx --preset kuka --out data.csv");
 }
 
-/// A zip file of these parts, with compressed bytes.
+/// Returns a zip file of these parts, with compressed bytes.
 fn zip(parts: &[(&str, &[u8])]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     for (name, bytes) in parts {
@@ -52,7 +52,7 @@ fn zip(parts: &[(&str, &[u8])]) -> Vec<u8> {
     archive.finish().unwrap().into_inner()
 }
 
-/// A workbook with one sheet.
+/// Returns a workbook with one sheet.
 fn workbook(sheet: &str, shared: &str) -> Vec<u8> {
     let head = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>";
     let main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";

@@ -11,7 +11,7 @@ const RECORD: &str = "docs/evidence/performance.md";
 /// The generated page.
 const COMMANDS: &str = "docs/reference/commands.md";
 
-/// The anchor of a heading: lower case, hyphens for spaces, no punctuation.
+/// Returns the anchor of a heading: lower case, hyphens for spaces, no punctuation.
 fn anchor(heading: &str) -> String {
     let kept: String = heading
         .trim()

@@ -127,7 +127,7 @@ fn the_commands_of_the_page_on_results_work() {
     }
 }
 
-/// x, y, z in mm of every row of a predictions file.
+/// Returns x, y, z in mm of every row of a predictions file.
 fn positions(file: &Path) -> Vec<[f64; 3]> {
     let text = fs::read_to_string(file).unwrap();
     let row = |line: &str| {

@@ -38,7 +38,7 @@ fn document(name: &str) -> String {
     fs::read_to_string(workspace().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-/// Every Markdown file of the workspace.
+/// Returns every Markdown file of the workspace.
 fn documents() -> Vec<PathBuf> {
     fn collect(folder: &Path, out: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).unwrap() {

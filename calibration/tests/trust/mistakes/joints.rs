@@ -22,7 +22,7 @@ pub fn add(list: &mut List) {
     two_at_once(list);
 }
 
-/// Whether reversing this joint is equivalent to turning its neighbour by 180 degrees.
+/// Returns whether reversing this joint is equivalent to turning its neighbour by 180 degrees.
 fn is_wrist(robot: &Robot, joint: usize) -> bool {
     match robot.name.as_str() {
         name if name.contains("iiwa") => joint % 2 == 1,
@@ -153,8 +153,8 @@ fn offsets(list: &mut List) {
     }
 }
 
-/// A robot with link `frame` 25 mm longer in a direction that neither base nor tool absorbs: these move along the axes of the
-/// first and the last moving joint. Returns `None` if too little of the link remains in that direction.
+/// Returns a robot with link `frame` 25 mm longer in a direction that neither base nor tool absorbs: these move along the
+/// axes of the first and the last moving joint. Returns `None` if too little of the link remains in that direction.
 fn longer(robot: &Robot, frame: usize, moving: &[usize]) -> Option<Robot> {
     let link = robot.parent_from_joint[frame];
     let mut way = link.translation;
@@ -220,7 +220,7 @@ fn robots(list: &mut List) {
     }
 }
 
-/// Two mistakes in one file: naming either is right, and so is stating that nothing explains the file.
+/// Adds pairs of mistakes in one file: naming either is right, and so is stating that nothing explains the file.
 fn two_at_once(list: &mut List) {
     let moving = list.good.moving();
     if moving.len() < 4 {
@@ -257,7 +257,7 @@ fn two_at_once(list: &mut List) {
     );
 }
 
-/// Measurements of a simulated arm, of the set's robot or another, with the columns of the set.
+/// Returns measurements of a simulated arm, of the set's robot or another, with the columns of the set.
 fn foreign(table: &Table, robot: &Robot, seed: u64, rows: usize) -> Table {
     let poses = Simulator::new(robot, Scenario::Paper, &[], seed).measure(rows);
     let other = Table::parse(&to_csv(robot, &poses, false, "another robot"));

@@ -165,7 +165,7 @@ impl List<'_> {
     }
 }
 
-/// All mistakes that a set can have.
+/// Returns all mistakes that a set can have.
 pub fn all(good: &Good) -> Vec<Mistake> {
     let mut list = List {
         good,
@@ -188,23 +188,23 @@ pub fn some(n: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     all
 }
 
-/// A standard normal number.
+/// Returns a standard normal number.
 fn standard(random: &mut ChaCha8Rng) -> f64 {
     let (u, v): (f64, f64) = (random.random(), random.random());
     (-2.0 * libm::log(1.0 - u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
 }
 
-/// Three normal numbers of standard deviation `sigma`.
+/// Returns three normal numbers of standard deviation `sigma`.
 pub fn normal(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::from_fn(|_, _| sigma * standard(random))
 }
 
-/// A vector of length `length` in any direction.
+/// Returns a vector of length `length` in any direction.
 pub fn direction(length: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
     normal(1.0, random).normalize() * length
 }
 
-/// A random orientation at `distance`.
+/// Returns a random orientation at `distance`.
 pub fn any_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     Pose::from_quaternion(
         standard(random),
@@ -213,7 +213,7 @@ pub fn any_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     )
 }
 
-/// A pure translation.
+/// Returns a pure translation.
 pub fn shift(by: Vector3<f64>) -> Pose<f64> {
     Pose {
         translation: by,
@@ -221,7 +221,7 @@ pub fn shift(by: Vector3<f64>) -> Pose<f64> {
     }
 }
 
-/// A rotation by a vector.
+/// Returns a rotation by a vector.
 pub fn turn(by: Vector3<f64>) -> Pose<f64> {
     Pose::exp(&Twist {
         linear: Vector3::zeros(),

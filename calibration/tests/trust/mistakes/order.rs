@@ -70,7 +70,7 @@ fn shuffles(list: &mut List) {
     );
 }
 
-/// A random row in the middle half of a table.
+/// Returns a random row in the middle half of a table.
 fn middle(table: &Table, random: &mut impl RngExt) -> usize {
     random.random_range(table.len() / 4..3 * table.len() / 4)
 }
@@ -182,7 +182,7 @@ fn steps(list: &mut List) {
     }
 }
 
-/// Events that follow the time column instead of the order of the rows.
+/// Adds events that follow the time column instead of the order of the rows.
 fn times(list: &mut List) {
     let with_time = |t: &mut Table| {
         t.add_column("time_s", "0");
@@ -215,7 +215,7 @@ fn times(list: &mut List) {
     );
 }
 
-/// A drift that settles, as when an instrument or an arm warms up.
+/// Adds a drift that settles, as when an instrument or an arm warms up.
 fn warm_up(list: &mut List) {
     let is_small = 2.0 < VISIBLE * list.good.scatter_mm;
     list.add("drift: warm-up of 2 mm", &[Drift, Step], |t, r| {

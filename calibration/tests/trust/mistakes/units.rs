@@ -97,7 +97,7 @@ fn add_sigma(list: &mut List) {
     }
 }
 
-/// The distinct payloads of a table.
+/// Returns the distinct payloads of a table.
 fn payloads(table: &Table, column: usize) -> Vec<f64> {
     let once: BTreeSet<u64> = table.numbers(column).iter().map(|p| p.to_bits()).collect();
     once.into_iter().map(f64::from_bits).collect()

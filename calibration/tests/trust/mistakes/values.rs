@@ -27,7 +27,7 @@ pub fn add(list: &mut List) {
     }
 }
 
-/// The poses that the controller computes, with noise of `noise_um` per axis.
+/// Returns the poses that the controller computes, with noise of `noise_um` per axis.
 fn readout(good: &Good, noise_um: f64, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
     let chain = good.robot.chain().expect("a chain");
@@ -272,7 +272,7 @@ fn roundings(list: &mut List) {
     }
 }
 
-/// Fields that are not numbers; the reader must name them.
+/// Adds fields that are not numbers; the reader must name them.
 fn texts(list: &mut List) {
     for (name, text) in [
         ("NaN", "NaN"),

@@ -45,7 +45,7 @@ fn load(model: *mut Model, bytes: &[u8]) -> i32 {
     unsafe { poegp_load(model, bytes.as_ptr(), bytes.len()) }
 }
 
-/// Code and answer of a call that writes its answer.
+/// Returns the code and answer of a call that writes its answer.
 fn answered<T>(call: impl FnOnce(*mut T) -> i32) -> (i32, T) {
     let mut out = MaybeUninit::uninit();
     let code = call(out.as_mut_ptr());
@@ -303,7 +303,7 @@ fn loading_is_all_or_nothing() {
     assert_eq!((evaluate(model, &COMMAND, 1.0), identify(model)), before);
 }
 
-/// The blob with a changed payload and a matching checksum.
+/// Returns the blob with a changed payload and a matching checksum.
 fn sealed(change: impl Fn(&mut [u8])) -> Vec<u8> {
     let mut bytes = BLOB.to_vec();
     let (header, payload) = bytes.split_at_mut(blob::HEADER_LENGTH);
@@ -313,7 +313,7 @@ fn sealed(change: impl Fn(&mut [u8])) -> Vec<u8> {
     bytes
 }
 
-/// The blob with other numbers.
+/// Returns the blob with other numbers.
 fn edited(change: impl Fn(&mut blob::Blob<'_>)) -> Vec<u8> {
     let mut blob = blob::decode(BLOB).unwrap();
     change(&mut blob);
@@ -321,7 +321,7 @@ fn edited(change: impl Fn(&mut blob::Blob<'_>)) -> Vec<u8> {
     blob::encode(&blob, &mut buffer).unwrap().to_vec()
 }
 
-/// The blob, signed.
+/// Returns the blob, signed.
 fn signed(keys: &KeyPair) -> Vec<u8> {
     let mut bytes = BLOB.to_vec();
     envelope::set_signed(&mut bytes, true);

@@ -89,7 +89,7 @@ impl Cell {
         is_disengaged(self.filter)
     }
 
-    /// A cell whose filter was switched on at this command and has settled.
+    /// Returns a cell whose filter was switched on at this command and has settled.
     fn engaged(bytes: &[u8], joints: &[f32]) -> Self {
         let cell = Self::new(bytes);
         for _ in 0..LONG {
@@ -181,7 +181,7 @@ fn make(start: *mut u8, bytes: usize, settings: *const FilterSettings) -> (i32, 
     (code, filter)
 }
 
-/// The blob with other numbers.
+/// Returns the blob with other numbers.
 fn another_arm() -> Vec<u8> {
     let mut blob = blob::decode(BLOB).unwrap();
     blob.geometry.calibrated[2][3] += 0.004;
@@ -208,7 +208,7 @@ impl Dice {
     }
 }
 
-/// `poegp_command` composed from parts of the runtime, as its documentation describes.
+/// Returns `poegp_command` composed from parts of the runtime, as its documentation describes.
 fn composed(filter: &mut CommandFilter<f32>, arm: &Capacity, asked: &Asked) -> Commanded {
     let payload = filter.payload(asked.payload_kg, asked.cycles);
     let corrected = arm.correct(asked.joints, payload);

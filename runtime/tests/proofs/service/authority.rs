@@ -10,7 +10,7 @@ use super::desk::{Desk, signature};
 use super::known::{Known, begin, key, public, query, refused, signed_as, upload};
 use crate::arm::Arm;
 
-/// A device with the owner's key (seed 1) that stores two revisions of a robot's model and runs the second.
+/// Returns a device with the owner's key (seed 1) that stores two revisions of a robot's model and runs the second.
 fn owned() -> (Desk, [Known; 2]) {
     let [first, second, _] = Known::three();
     let revisions = [
@@ -34,7 +34,7 @@ fn command(desk: &mut Desk) {
     desk.ask(&Request::Command(query(&[0.1, 0.2], 1.0)));
 }
 
-/// A signed request with a nonce, as bytes that anybody can record and send again.
+/// Returns a signed request with a nonce, as bytes that anybody can record and send again.
 fn recorded(desk: &mut Desk, request: &Request<'_>, key: &SigningKey) -> ([u8; 64], Vec<u8>) {
     let nonce = desk.challenge();
     let mut buffer = [0; MAX_SIGNED];
@@ -259,7 +259,7 @@ fn a_request_is_no_blob() {
     assert_eq!(order(&[0; 16], &[0; MAX_SIGNED + 1]), None);
 }
 
-/// The model with another serial number.
+/// Returns the model with another serial number.
 fn of_another_robot(known: &Known) -> Known {
     let mut decoded = blob::decode(&known.bytes).expect("a blob");
     decoded.robot.serial_number = "another one";

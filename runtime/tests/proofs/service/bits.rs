@@ -17,7 +17,7 @@ use crate::arm::WORDS;
 
 const ERASE: u32 = 256;
 
-/// The parts of the flash, with their byte ranges.
+/// Returns the parts of the flash, with their byte ranges.
 fn parts() -> Vec<(&'static str, Range<u32>)> {
     let [a, b] = layout().slots;
     vec![
@@ -30,7 +30,8 @@ fn parts() -> Vec<(&'static str, Range<u32>)> {
     ]
 }
 
-/// What the device would run: the store and the loader as [`Desk`]'s start uses them, without a whole device for each bit.
+/// Returns what the device would run: the store and the loader as [`Desk`]'s start uses them, without a whole device for
+/// each bit.
 fn runs(flash: Flash, resident: &mut ModelSlot<WORDS>) -> Option<u32> {
     let mut store = Store::new(flash, layout()).expect("a layout");
     let key = store.public_key().ok()?;

@@ -14,7 +14,7 @@ use crate::filter_paths::JOINTS;
 /// Allowances for rounding in single precision, as in the laws of the filter.
 pub(super) const ROUNDING: [f64; 2] = [0.5e-6, 1e-6];
 
-/// Two models with different corrections of some milliradians.
+/// Returns two models with different corrections of some milliradians.
 pub(super) fn models() -> [Known; 2] {
     [(6, 40.0), (12, 15.0)].map(|(points, factor)| {
         let mut arm = Arm::elastic(JOINTS, points, false);
@@ -26,7 +26,7 @@ pub(super) fn models() -> [Known; 2] {
     })
 }
 
-/// A device with both models stored, the second active, no command yet, and a clock that only the test advances.
+/// Returns a device with both models stored, the second active, no command yet, and a clock that only the test advances.
 pub(super) fn desk_with(models: &[Known; 2]) -> Desk {
     let mut desk = Desk::default();
     for known in models {
@@ -50,7 +50,7 @@ pub(super) fn answer_of(desk: &mut Desk, query: &Query) -> poegp_protocol::link:
     }
 }
 
-/// Whether neither blending nor payload is in progress.
+/// Returns whether neither blending nor payload is in progress.
 pub(super) fn is_settled(commanded: &Commanded) -> bool {
     let blends = Status::from_bits(commanded.status).contains(Status::BLENDING);
     !blends
@@ -121,7 +121,7 @@ fn a_correction_ramps_in_and_a_model_waits_for_it_to_ramp_out() {
     models[1].install(&mut desk_after_stop(desk));
 }
 
-/// After `StopCyclic` no request has to wait.
+/// Stops the cycle, so that no request has to wait.
 fn desk_after_stop(mut desk: Desk) -> Desk {
     desk.ask(&Request::StopCyclic);
     desk

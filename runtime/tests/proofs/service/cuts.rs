@@ -61,7 +61,7 @@ fn cut_everywhere(
     cuts
 }
 
-/// A flash in which `models` were installed one after the other.
+/// Returns a flash in which `models` were installed one after the other.
 fn used(models: &[&Known]) -> Flash {
     let flash = flash();
     let mut desk = Desk::start(flash.clone(), false);

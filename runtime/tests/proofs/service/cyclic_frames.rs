@@ -14,7 +14,7 @@ fn frame(sequence: u16, query: &Query) -> Vec<u8> {
     encode_command(sequence, query, &mut out).unwrap().to_vec()
 }
 
-/// What the device sends in answer to `bytes`.
+/// Returns what the device sends in answer to `bytes`.
 fn sent(desk: &mut Desk, bytes: &[u8]) -> Vec<u8> {
     desk.send(bytes);
     desk.run();

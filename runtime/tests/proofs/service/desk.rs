@@ -48,7 +48,7 @@ pub const BOARD: BoardInfo = BoardInfo {
 const SLOT: u32 = BYTES as u32 + 256;
 const UNITS: usize = 2 * SLOT as usize / 256 + 2;
 
-/// The layout of the flash.
+/// Returns the layout of the flash.
 pub fn layout() -> Layout {
     Layout {
         slots: [0..SLOT, SLOT..2 * SLOT],
@@ -57,7 +57,7 @@ pub fn layout() -> Layout {
     }
 }
 
-/// An empty flash.
+/// Returns an empty flash.
 pub fn flash() -> Rc<RefCell<Flash>> {
     Rc::new(RefCell::new(Flash::new(UNITS)))
 }
@@ -317,20 +317,20 @@ impl Desk {
         self.restarting |= response == Response::Restarting;
     }
 
-    /// All answers to these bytes.
+    /// Returns all answers to these bytes.
     pub fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
         self.send(bytes);
         self.run();
         decoded(&self.sent())
     }
 
-    /// The answer to a request.
+    /// Returns the answer to a request.
     pub fn ask(&mut self, request: &Request<'_>) -> Response {
         self.sequence = self.sequence.wrapping_add(257);
         self.ask_as(self.sequence, request)
     }
 
-    /// The answer to a request and to its repetition, which must be the same.
+    /// Returns the answer to a request and to its repetition, which must be the same.
     pub fn ask_twice(&mut self, request: &Request<'_>) -> Response {
         let first = self.ask(request);
         assert_eq!(self.ask(request), first, "{request:?} repeated");
@@ -345,7 +345,7 @@ impl Desk {
         }
     }
 
-    /// The answer to a request signed by `key`.
+    /// Returns the answer to a request signed by `key`.
     pub fn ask_signed(&mut self, request: &Request<'_>, key: &SigningKey) -> Response {
         let nonce = self.challenge();
         let mut buffer = [0; MAX_SIGNED];
@@ -357,7 +357,7 @@ impl Desk {
         })
     }
 
-    /// The device's identity.
+    /// Returns the device's identity.
     pub fn identity(&mut self) -> Identity {
         match self.ask(&Request::Identify) {
             Response::Identity(identity) => identity,
@@ -365,12 +365,12 @@ impl Desk {
         }
     }
 
-    /// CRC in the header of the active model's blob.
+    /// Returns the CRC in the header of the active model's blob.
     pub fn active(&mut self) -> Option<u32> {
         self.identity().model.map(|model| model.blob_crc)
     }
 
-    /// The device's counters.
+    /// Returns the device's counters.
     pub fn statistics(&mut self) -> Statistics {
         match self.ask(&Request::ReadStatistics) {
             Response::Statistics(statistics) => statistics,
@@ -378,12 +378,12 @@ impl Desk {
         }
     }
 
-    /// Whether cyclic requests are expected.
+    /// Returns whether cyclic requests are expected.
     pub fn is_running(&self) -> bool {
         self.front.borrow().cycle.is_running()
     }
 
-    /// Answered cyclic requests: all, and those in the middle of a service.
+    /// Returns the answered cyclic requests: all, and those in the middle of a service.
     pub fn completed(&self) -> (u32, u32) {
         let front = self.front.borrow();
         (front.completed, front.completed_meanwhile)
@@ -412,7 +412,7 @@ impl Desk {
         front.cycle.look(now);
     }
 
-    /// The answer to a request with this sequence number.
+    /// Returns the answer to a request with this sequence number.
     pub fn ask_as(&mut self, sequence: u16, request: &Request<'_>) -> Response {
         let mut answers = self.answers(&wire(sequence, request));
         let answer = answers.pop().expect("an answer");
@@ -421,20 +421,20 @@ impl Desk {
     }
 }
 
-/// The signature of a request.
+/// Returns the signature of a request.
 pub fn signature(nonce: &[u8; NONCE_LENGTH], request: &[u8], key: &SigningKey) -> [u8; 64] {
     let message = order(nonce, request).expect("short");
     key.sign(&message).to_bytes()
 }
 
-/// The frame of a request.
+/// Returns the frame of a request.
 pub fn wire(sequence: u16, request: &Request<'_>) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
     let frame = frame::encode(sequence, request, &mut scratch, &mut out);
     frame.expect("fits a frame").to_vec()
 }
 
-/// The responses in frames, all of which must be intact.
+/// Returns the responses in frames, all of which must be intact.
 pub fn decoded(bytes: &[u8]) -> Vec<(u16, Response)> {
     let mut frames: Vec<&[u8]> = bytes.split(|byte| *byte == 0).collect();
     assert_eq!(frames.pop(), Some(&[][..]), "the last frame is complete");

@@ -10,7 +10,7 @@ use super::desk::{Desk, wire};
 use super::known::{Known, query, refused};
 use crate::seeded::config;
 
-/// A frame with this body and a right CRC.
+/// Returns a frame with this body and a right CRC.
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; cobs::max_encoded(raw.len()) + 1];

@@ -33,7 +33,7 @@ impl Known {
         }
     }
 
-    /// Three models that differ in joints and kind of correction.
+    /// Returns three models that differ in joints and kind of correction.
     pub fn three() -> [Self; 3] {
         [
             Self::new(Arm::sound(2, 5)),
@@ -42,7 +42,7 @@ impl Known {
         ]
     }
 
-    /// The request that begins its upload.
+    /// Returns the request that begins its upload.
     pub fn begin(&self) -> Request<'static> {
         begin(&self.bytes)
     }
@@ -84,7 +84,7 @@ impl Known {
         assert_eq!(answer.status, expected.status.bits());
     }
 
-    /// The same for `Correct`.
+    /// Asserts the same for `Correct`.
     pub fn assert_corrected(&self, query: &Query, answer: &Corrected) {
         assert_eq!(answer.blob_crc, self.blob_crc);
         let expected = self.model.correct(&query.joints, query.payload_kg);
@@ -101,7 +101,7 @@ impl Known {
     }
 }
 
-/// Bit patterns for comparison, which also works for NaN.
+/// Returns the bit patterns for comparison, which also works for NaN.
 pub fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
@@ -157,7 +157,7 @@ pub fn refused(refusal: Refusal) -> Response {
     Response::Refused(refusal)
 }
 
-/// A secret key made from a known seed.
+/// Returns a secret key made from a known seed.
 pub fn key(seed: u8) -> SigningKey {
     SigningKey::from_bytes(&[seed; 32])
 }
@@ -166,12 +166,12 @@ pub fn public(key: &SigningKey) -> [u8; 32] {
     key.verifying_key().to_bytes()
 }
 
-/// `known` signed by `key`, as the first revision.
+/// Returns `known` signed by `key`, as the first revision.
 pub fn signed(known: &Known, key: &SigningKey) -> Known {
     signed_as(1, known, key)
 }
 
-/// `known` signed by `key`, as this revision.
+/// Returns `known` signed by `key`, as this revision.
 pub fn signed_as(revision: u32, known: &Known, key: &SigningKey) -> Known {
     let mut bytes = known.bytes.clone();
     set_signed(&mut bytes, true);

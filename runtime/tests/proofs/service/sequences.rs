@@ -81,7 +81,7 @@ struct Expected {
 }
 
 impl Expected {
-    /// The slot that holds a blob.
+    /// Returns the slot that holds a blob.
     fn slot_of(&self, blob: Option<usize>) -> Option<usize> {
         self.slots
             .iter()

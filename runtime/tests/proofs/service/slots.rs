@@ -14,7 +14,7 @@ fn damage(desk: &Desk, slot: u8) {
     desk.flash.borrow_mut().bytes_mut()[start + 256 + 100] ^= 0x40;
 }
 
-/// The slot that holds `known`.
+/// Returns the slot that holds `known`.
 fn slot_of(desk: &mut Desk, known: &Known) -> Option<u8> {
     let crc = poegp_protocol::blob::CRC.checksum(&known.bytes);
     let slots = desk.identity().slots;

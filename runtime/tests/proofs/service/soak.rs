@@ -22,7 +22,7 @@ impl Random {
         (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) as u32 % limit
     }
 
-    /// What arrives of `bytes`: one byte in a hundred is damaged, dropped or doubled.
+    /// Returns what arrives of `bytes`: one byte in a hundred is damaged, dropped or doubled.
     fn line(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut out = Vec::with_capacity(bytes.len() + 8);
         for byte in bytes {
@@ -132,7 +132,7 @@ impl Workstation {
     }
 }
 
-/// The intact responses in bytes that may be damaged.
+/// Returns the intact responses in bytes that may be damaged.
 fn arrived(bytes: &[u8]) -> Vec<(u16, Response)> {
     let frames = bytes.split(|byte| *byte == 0);
     frames

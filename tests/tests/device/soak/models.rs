@@ -17,7 +17,7 @@ pub struct Known {
     pub seen: usize,
 }
 
-/// Three models of different kinds.
+/// Returns three models of different kinds.
 pub fn models(queries: &[Query]) -> Vec<Known> {
     let small = |elastic: Elastic| Elastic {
         points: 12,

@@ -150,12 +150,12 @@ impl Record {
         }
     }
 
-    /// The file of the flash.
+    /// Returns the file of the flash.
     pub fn memory(&self) -> &Path {
         &self.memory
     }
 
-    /// Number of corrections in all rounds.
+    /// Returns the number of corrections in all rounds.
     pub fn answered(&self) -> usize {
         self.rounds.iter().map(|round| round.answered).sum()
     }

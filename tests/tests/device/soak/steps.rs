@@ -28,7 +28,7 @@ pub enum Step {
     Statistics,
 }
 
-/// All steps with one model, with commit and activation in either order, and without a commit every third time.
+/// Returns all steps with one model, with commit and activation in either order, and without a commit every third time.
 pub fn steps(round: usize, length: usize) -> VecDeque<Step> {
     let mut steps = VecDeque::from([Step::Begin]);
     steps.extend((0..length).step_by(PIECE).map(Step::Piece));

@@ -8,7 +8,7 @@ use crate::browser::chromium::Browser;
 use crate::browser::{open, pages, silent};
 use crate::program::Folder;
 
-/// Line number and joints in degrees of every row of a measurement file.
+/// Returns the line number and joints in degrees of every row of a measurement file.
 fn joints(folder: &Folder, file: &str) -> Vec<(usize, Vec<f64>)> {
     let text = folder.text(file);
     let mut lines = text.lines();
@@ -29,7 +29,7 @@ fn joints(folder: &Folder, file: &str) -> Vec<(usize, Vec<f64>)> {
     lines.enumerate().map(row).collect()
 }
 
-/// The line number and the joints in the box of a pose.
+/// Returns the line number and the joints in the box of a pose.
 #[track_caller]
 fn said(tip: &str) -> (usize, Vec<f64>) {
     let line = tip.lines().next().unwrap().rsplit(' ').next().unwrap();

@@ -43,7 +43,7 @@ pub struct Browser {
     _profile: TempDir,
 }
 
-/// The command of an installed Chromium.
+/// Returns the command of an installed Chromium.
 fn installed() -> Option<&'static str> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let runs = |name: &&str| {
@@ -164,7 +164,7 @@ impl Browser {
         }
     }
 
-    /// The value of an expression in the page.
+    /// Returns the value of an expression in the page.
     #[track_caller]
     pub fn evaluate(&mut self, expression: &str) -> Value {
         let parameters =
@@ -177,7 +177,7 @@ impl Browser {
         answer["result"]["value"].take()
     }
 
-    /// A text of the page.
+    /// Returns a text of the page.
     #[track_caller]
     pub fn text(&mut self, expression: &str) -> String {
         let value = self.evaluate(expression);

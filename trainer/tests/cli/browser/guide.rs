@@ -105,7 +105,7 @@ fn take_the_pictures() {
     }
 }
 
-/// Base64, RFC 4648.
+/// Decodes Base64 (RFC 4648).
 fn decoded(text: &str) -> Vec<u8> {
     let digits = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let (mut out, mut bits, mut count) = (Vec::new(), 0_u32, 0);

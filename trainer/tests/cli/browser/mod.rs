@@ -13,7 +13,7 @@ use crate::program::{Folder, SERIAL, changed, simulated};
 
 const PAGE: &str = include_str!("page.js");
 
-/// A folder with measurements and, for each command that plots poses, its page and JSON document.
+/// Returns a folder with measurements and, for each command that plots poses, its page and JSON document.
 fn pages() -> (Folder, Vec<(&'static str, &'static str)>) {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
