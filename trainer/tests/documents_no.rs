@@ -101,7 +101,7 @@ fn the_page_on_refusals_quotes_the_program() {
         let is_same = quoted.iter().eq(said.lines().collect::<Vec<_>>().iter());
         assert!(
             is_blessed || is_same,
-            "{PAGE}: of {mistake} the program says\n{said}"
+            "{PAGE}: the program's message about {mistake} is\n{said}"
         );
     }
     assert!(blocks > 5);

@@ -93,7 +93,10 @@ fn simulated_arms() {
     }
     let means = sums.row(&format!("wild, {seeds} arms"));
     let [least, .., most] = sums.sizes.map(|size| size[1]);
-    assert!(least < most, "the size does not follow the number");
+    assert!(
+        least < most,
+        "the size does not grow with the number of points"
+    );
     let best = means.into_iter().fold(f64::INFINITY, f64::min);
     assert!(means[DEFAULT] <= WORSE * best, "{means:?}");
 }

@@ -158,7 +158,7 @@ fn what_is_proposed_gains_what_was_forecast() {
     ));
     assert!(
         f64::from(regions) >= 0.75 * 2.0 * arms as f64,
-        "{regions} arms have something to do"
+        "a step is proposed for only {regions} arms"
     );
     assert!(WITHIN.contains(&(found / forecast)));
 }

@@ -86,7 +86,11 @@ fn nine_gross_outliers_in_three_hundred_poses() {
     say(format_args!(
         "  kept by poe --weighting noise: {kept:.4} mm"
     ));
-    assert_eq!(found.len(), SIZES_MM.len(), "they are listed either way");
+    assert_eq!(
+        found.len(),
+        SIZES_MM.len(),
+        "outliers must be listed with both policies"
+    );
     assert!(kept > (1.0 + AT_MOST) * without, "{kept} {without}");
     assert!(failed.is_empty(), "{failed:#?}");
 }

@@ -126,7 +126,10 @@ fn a_bounded_search_that_begins_elsewhere_ends_as_high() {
             .1;
         let lost = (best - likelihood.log_likelihood) / inputs.len() as f64;
         bounded += usize::from(larger[c].kernel.signal_variance > BOUND);
-        assert!(lost <= WORSE, "output {c}: {lost} nats a pose below");
+        assert!(
+            lost <= WORSE,
+            "output {c}: {lost} nats per pose below the optimum"
+        );
     }
     say(format_args!(
         "{bounded} of 6 outputs beyond the bound: as likely as from the usual starts"

@@ -89,7 +89,7 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         );
         assert_eq!(
             bounded, 0,
-            "{name}: twice the training's largest is enough here"
+            "{name}: no correction should exceed the default limit"
         );
         assert!(angle < 2e-6, "{name}");
     }

@@ -118,7 +118,7 @@ fn a_cross_validation_is_its_folds_one_by_one() {
     }
     assert!(
         without_payload > 0.05,
-        "the payload does not matter: {without_payload}"
+        "the payload makes no difference: {without_payload}"
     );
 }
 

@@ -62,7 +62,11 @@ fn the_simplest_within_one_standard_error_is_chosen() {
     }
     let chosen: Vec<usize> = (0..3).filter(|i| choice.table[*i].chosen).collect();
     assert_eq!(chosen, [simplest.unwrap()]);
-    assert_eq!(simplest, Some(1), "the chain is needed, and once is enough");
+    assert_eq!(
+        simplest,
+        Some(1),
+        "the chain is the simplest that suffices, and it is chosen once"
+    );
 }
 
 /// A file that has every row five times has no more information than the file itself: selection counts the same poses and

@@ -243,7 +243,10 @@ fn a_lost_zero_is_found() {
     let still = checked(&robot, &set, &blob);
     assert!(still.changes.is_empty(), "{:?}", still.changes);
     assert!(still.miss_mm.mean < 0.25, "{:?}", still.miss_mm);
-    assert!(still.size_ppm.is_some(), "a distance is known");
+    assert!(
+        still.size_ppm.is_some(),
+        "the size is checked, because a distance is known"
+    );
     let unseen: Vec<Part> = still
         .sensitivity
         .iter()

@@ -152,7 +152,7 @@ fn print(rates: &Rates) -> Vec<[usize; 3]> {
 fn false_lengths_are_refused_and_honest_ones_are_not() {
     let kinds: [&[(&str, usize)]; 2] = [&[("wire", 1)], &[("ballbar", 4)]];
     let all = print(&rates(&kinds, &[Scenario::Paper], &[40], 1));
-    assert_eq!([all[0][1], all[1][1]], [0, 0], "honest sets");
+    assert_eq!([all[0][1], all[1][1]], [0, 0], "honest sets are refused");
     // The last lie, the wrong tip, is not counted: it adds no noise, and the fit corrects it.
     for (lie, [sets, stated, _]) in LIES.iter().zip(&all).take(6).skip(2) {
         assert!(10 * stated >= 9 * sets, "{lie:?}: {stated} of {sets}");
@@ -174,7 +174,7 @@ fn many() {
     let [sets, stated, _] = all[0];
     assert!(
         50 * stated <= sets,
-        "{stated} of {sets} honest sets are refused"
+        "{stated} of {sets} correct sets are refused"
     );
 }
 

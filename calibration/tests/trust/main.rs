@@ -264,8 +264,8 @@ fn sample() {
     run.record.not_run = missing;
     run.finish();
     let (caught, right) = run.record.shares();
-    assert!(caught >= 98.0, "caught {caught:.1} %");
-    assert!(right >= 95.0, "right cause {right:.1} %");
+    assert!(caught >= 98.0, "only {caught:.1} % caught");
+    assert!(right >= 95.0, "only {right:.1} % with the right cause");
     assert_eq!(run.record.total().false_alarms, 0);
 }
 

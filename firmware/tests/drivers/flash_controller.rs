@@ -164,7 +164,10 @@ impl Controller {
             return;
         }
         let (start, length) = (Self::start_of(sector), KIB * SECTORS[sector]);
-        assert!(start >= START_OFFSET as usize, "that is the image");
+        assert!(
+            start >= START_OFFSET as usize,
+            "the erased sector contains the image"
+        );
         self.change(start, &vec![0xff; length]);
         self.micros += if width == 0b10 { 2_000_000 } else { 4_000_000 };
     }
@@ -256,10 +259,13 @@ impl FlashRegisters for Shared {
                     return;
                 }
                 assert_eq!(value & (1 << 2), 0, "mass erase");
-                assert!(this.busy_for == 0 || this.stays_busy, "control while busy");
+                assert!(
+                    this.busy_for == 0 || this.stays_busy,
+                    "the control register is written while busy"
+                );
                 this.control = value & !(1 << 16);
                 if value & (1 << 16) != 0 {
-                    assert_ne!(value & 0b10, 0, "started, but what?");
+                    assert_ne!(value & 0b10, 0, "started without a selected operation");
                     this.erase(value as usize >> 3 & 0xf);
                 }
             }

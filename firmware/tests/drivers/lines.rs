@@ -291,7 +291,7 @@ impl SendDma for Piece {
         if let Some((from, length)) = this.running {
             assert!(
                 !(from + this.done..from + length).contains(&at),
-                "it is being sent"
+                "the byte is overwritten while it is being sent"
             );
         }
         this.memory[at] = byte;

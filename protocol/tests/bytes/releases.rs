@@ -29,7 +29,7 @@ fn blobs_of_0_1_are_kept_and_read() {
         assert_eq!(
             CRC.checksum(bytes),
             crc,
-            "{file} is not what 0.1 wrote: keep that, too"
+            "{file} is not the file that 0.1 wrote: keep that file as well"
         );
         assert!(decode(bytes).is_ok(), "{file} is not read");
     }

@@ -40,7 +40,10 @@ fn small_corrections_take_the_blend_time_and_large_ones_that_of_the_limits() {
                 let (command, corrected, sent) = judge.step(&q, &c, engage, 1);
                 for i in 0..JOINTS {
                     let (x, c) = (sent[i] - command[i], corrected[i] - command[i]);
-                    assert!((x * c >= 0.0) & (x.abs() <= c.abs()), "beyond {x} of {c}");
+                    assert!(
+                        (x * c >= 0.0) & (x.abs() <= c.abs()),
+                        "the correction {x} exceeds the wanted one {c}"
+                    );
                 }
                 let goal = if engage { corrected } else { command };
                 if same(&sent, &goal) {

@@ -225,7 +225,7 @@ fn the_first_candidate_is_whole_whenever_power_fails() {
             }
             let mut store = again(&mut store, 3);
             let [Some(first), _] = store.candidates() else {
-                panic!("{cut:?} at {operation}: nothing is announced")
+                panic!("{cut:?} at {operation}: there is no candidate")
             };
             let bytes = read(&mut store, &first);
             assert!(

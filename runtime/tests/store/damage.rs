@@ -35,7 +35,7 @@ fn every_bit<const WRITE: usize, const ERASE: usize>(
             let now = whole(&mut store);
             assert!(
                 now.iter().all(|model| there.contains(model)),
-                "bit {bit}: a model that never was: {now:02x?}"
+                "bit {bit}: a model that was never stored: {now:02x?}"
             );
             assert!(
                 there.is_empty() || there.len() == 1 || !now.is_empty(),
@@ -62,7 +62,10 @@ fn every_bit<const WRITE: usize, const ERASE: usize>(
         }
     }
     // Damage of an older record never makes it the newest.
-    assert!(changed <= RECORD_BITS, "{changed} bits change what counts");
+    assert!(
+        changed <= RECORD_BITS,
+        "{changed} bits change which models are found"
+    );
 }
 
 #[test]

@@ -114,7 +114,7 @@ pub fn frames() -> Vec<Vec<u8>> {
     let framed: Vec<_> = framed
         .chain(responses.iter().map(|response| wire(1, response)))
         .collect();
-    // What is between the frame's head and its checksum, where COBS has not moved anything but the first bytes.
+    // The bytes between the frame's head and its checksum; COBS changes only the first bytes there.
     let bare = framed
         .iter()
         .map(|frame| frame[4..frame.len() - 4].to_vec());
@@ -130,7 +130,7 @@ pub fn scripts() -> Vec<Vec<u8>> {
     let ask = [
         1, 10, 1, 5, 6, 7, 8, 9, 10, 11, 3, 10, 1, 5, 6, 7, 8, 9, 10, 11,
     ];
-    // `Talk::command`: three joints, so many commands, a slope, one in a period.
+    // `Talk::command`: three joints, `count` commands, a slope, one command in a period.
     let path = |count: u8| [195, 3, 1, 5, 6, 7, 8, count, 9, 12];
     let [a, b, c] = [0, 1, 2].map(install);
     let script = |parts: &[&[u8]]| [&[1][..], &parts.concat()].concat();

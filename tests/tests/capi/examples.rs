@@ -147,7 +147,7 @@ fn assert_answers(said: &str) {
     assert!(ways.iter().all(|cycles| *cycles >= 5), "{ways:?}");
     assert!(
         trusted >= 4,
-        "{trusted} answers are within what was trained"
+        "only {trusted} answers are within the trained ranges"
     );
 }
 
@@ -241,7 +241,7 @@ fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
         "poegp_command",
         "poegp_load",
     ]);
-    assert_eq!(ours.len(), 4, "the search finds symbols: {ours:?}");
+    assert_eq!(ours.len(), 4, "the search must find our symbols: {ours:?}");
     for part in [
         "panic",
         "unwrap_failed",

@@ -34,7 +34,7 @@ fn identifies_itself_and_its_capacity() {
     assert_eq!(
         identity.key,
         Key::None,
-        "no key is provisioned, and it says so"
+        "the device must report that no key is provisioned"
     );
     assert!(!identity.bypass);
     let image = Image::read(&firmware().unwrap().elf).unwrap();

@@ -63,7 +63,7 @@ impl Controller {
                 return (query, commanded);
             }
         }
-        panic!("the correction never came to its end")
+        panic!("the correction did not settle")
     }
 }
 
@@ -78,7 +78,7 @@ fn a_path_with_an_activation_in_the_middle() {
         CYCLE
     );
     let identity = device.load(&samples[0].blob()).unwrap();
-    assert!(!identity.pending, "nobody commands yet");
+    assert!(!identity.pending, "without commands no model has to wait");
     let middle = samples[0].queries(1).remove(0);
     let apart = {
         let joints = hosts.each_ref().map(|host| host.command(&middle).joints());

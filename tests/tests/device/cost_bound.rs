@@ -153,7 +153,7 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
         );
         assert!(
             any <= bounds[2] * tolerance,
-            "{any} instructions of another request: {sample:?}"
+            "another request takes {any} instructions: {sample:?}"
         );
         shares.push([
             pose / bounds[0],

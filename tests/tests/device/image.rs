@@ -27,7 +27,7 @@ fn fits_its_budgets() {
     );
     assert!(
         image.flash > 10 * KIB,
-        "{} bytes is no firmware",
+        "{} bytes are too few for the firmware",
         image.flash
     );
     assert!(image.flash <= 144 * KIB, "{}", image.flash);

@@ -231,7 +231,10 @@ fn two_hundred_kills_lose_nothing() {
             tally.new += 1;
         }
         let statistics = device.statistics().unwrap();
-        assert_eq!(statistics.restarts, 0, "a power cut is no restart");
+        assert_eq!(
+            statistics.restarts, 0,
+            "a power cut must not count as a restart"
+        );
         first = runs;
     }
     println!("{KILLS} kills with the flash in a file; what ran after the start:");

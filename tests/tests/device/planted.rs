@@ -126,7 +126,7 @@ fn a_fault_restarts_the_board_and_is_named() {
         (start..start + function.size).contains(&u64::from(address))
     });
     println!("{:?}", function.map(|function| &function.name));
-    assert!(function.is_some(), "{address:08x} is no code");
+    assert!(function.is_some(), "{address:08x} is in no function");
 }
 
 #[test]

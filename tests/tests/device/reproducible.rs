@@ -72,7 +72,7 @@ fn two_folders_give_one_image() {
         hash(&other)
     );
     let images = [&here.elf, &there.elf].map(|elf| Image::read(elf).unwrap().crc);
-    assert_eq!(images[0], images[1], "what is loaded differs");
+    assert_eq!(images[0], images[1], "the loaded bytes differ");
     assert_eq!(hash(&one), hash(&other));
     let folder = source.to_string_lossy();
     assert!(!contains(&other, &folder), "{folder} is in the image");

@@ -181,7 +181,7 @@ impl Soak {
         }
         assert!(
             now - self.heard < DEADLOCK,
-            "nothing comes any more after {} answers",
+            "no more answers arrive after {} answers",
             self.answered
         );
     }
@@ -328,7 +328,7 @@ fn round(
         soak.damaged_answers
     );
     println!("{last:?}");
-    assert_eq!(last.restarts, 0, "a cut of the power is no restart");
+    assert_eq!(last.restarts, 0, "a power cut must not count as a restart");
     assert!(last.cycles as usize >= goal);
     assert!(last.bad_frames as usize > goal / 10);
     assert!(last.activations as usize >= seen.iter().filter(|seen| **seen > 0).count());

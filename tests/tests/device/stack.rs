@@ -126,5 +126,5 @@ fn no_stack_was_ever_deeper() {
     let painted = u64::from(device.statistics().unwrap().stack_bytes);
     println!("painted {painted} of at most {bound} bytes");
     assert!(painted <= bound, "{painted}");
-    assert!(2 * painted > bound, "{painted}: the bound says little");
+    assert!(2 * painted > bound, "{painted}: the bound is far too large");
 }

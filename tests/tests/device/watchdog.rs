@@ -60,7 +60,11 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
         0,
         "a stopped cycle is no silence"
     );
-    assert_eq!(restarts(&mut idle), 0, "nothing was expected of it");
+    assert_eq!(
+        restarts(&mut idle),
+        0,
+        "a device without cycles must not restart"
+    );
     // It runs the stored model, and after this answer silence is no fault any more.
     let identity = silent.identify().unwrap();
     assert_eq!(identity.start, StartReason::Cycles);

@@ -262,7 +262,7 @@ fn the_monitor_shows_numbers_and_the_decoded_log() {
         let mut read = lines.by_ref().map_while(Result::ok).take(100);
         assert!(
             read.any(|line| line.contains(text)),
-            "{text:?} did not come"
+            "{text:?} was not printed"
         );
     };
     wait_for("fake: firmware");

@@ -369,7 +369,10 @@ fn another_computer_is_not_answered() {
             break;
         }
     }
-    assert!(other.recv(&mut [0; 1500]).is_err(), "an answer to another");
+    assert!(
+        other.recv(&mut [0; 1500]).is_err(),
+        "another computer got an answer"
+    );
     let (_, document) = bridge.end(&folder);
     assert_eq!(document["foreign"], foreign);
     assert_eq!(

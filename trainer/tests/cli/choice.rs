@@ -72,7 +72,11 @@ fn a_named_method_that_a_simpler_one_beats_is_warned_of() {
         "calibrate -q --robot {SERIAL} train.csv --method poe-gp --accept gain --out arm.blob --json -"
     );
     let outcome = folder.run(&line);
-    assert_ne!(outcome.code, Some(0), "ten poses are the least");
+    assert_ne!(
+        outcome.code,
+        Some(0),
+        "nine poses are too few: ten are needed"
+    );
     folder.write("train.csv", simulated("train", 14));
     let document = folder.run(&line).ok().json();
     assert_eq!(document["method"], "poe-gp");

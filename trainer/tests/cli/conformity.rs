@@ -60,7 +60,7 @@ fn the_verdict_follows_the_guard_band() {
             page.find(words).unwrap(),
             page.find("id=\"result\"").unwrap(),
         );
-        assert!(said < results, "the verdict stands first");
+        assert!(said < results, "the verdict must come before the results");
         // The blob is written whatever the verdict is.
         assert!(!folder.read("arm.blob").is_empty());
     }

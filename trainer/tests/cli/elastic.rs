@@ -201,7 +201,7 @@ fn outliers_are_named_and_left_out_unless_they_are_kept() {
     assert!(rejected <= bound, "{rejected} {bound}");
     assert!(
         kept > bound,
-        "the outliers were not in the fit: {kept} {bound}"
+        "keeping the outliers must make the model worse: {kept} {bound}"
     );
 }
 

@@ -110,7 +110,10 @@ fn interrupted(
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = child.spawn().unwrap();
     while !begun(&mut child) {
-        assert!(child.try_wait().unwrap().is_none(), "it ended: {line}");
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "the program ended too early: {line}"
+        );
         std::thread::yield_now();
     }
     for _ in 0..signals {

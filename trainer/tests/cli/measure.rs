@@ -135,7 +135,10 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
     assert!(expected.len() > 10 && expected[0] > 0.2, "{expected:?}");
     let last = *expected.last().unwrap();
     assert!(last <= 0.2, "{expected:?}");
-    assert!(said.len() < arm.lines.len(), "it ends before the plan does");
+    assert!(
+        said.len() < arm.lines.len(),
+        "the session must end before the plan"
+    );
     let text = folder.text("measured.csv");
     let rows: Vec<&str> = text.lines().skip(1).collect();
     assert_eq!(

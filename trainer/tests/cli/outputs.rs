@@ -302,7 +302,10 @@ fn a_rename_that_fails_takes_the_others_back() {
                 == 2
         };
         while !is_staged() {
-            assert!(child.try_wait().unwrap().is_none(), "it ended");
+            assert!(
+                child.try_wait().unwrap().is_none(),
+                "the program ended too early"
+            );
             std::thread::yield_now();
         }
         // A folder that is not empty cannot be replaced.

@@ -127,7 +127,10 @@ fn folders_of_sockets_are_imported() {
     assert_eq!(names, ["front/0", "front/1"]);
     for (row, before) in one.rows.iter().zip(&set.rows) {
         for (q, known) in row.joints.iter().zip(&before.joints) {
-            assert!((q - known).abs() < 1e-15, "the digits of the file");
+            assert!(
+                (q - known).abs() < 1e-15,
+                "the joints must have the digits of the file"
+            );
         }
     }
     let import = |what: &str| folder.run(&format!("import {what} --out x.csv"));

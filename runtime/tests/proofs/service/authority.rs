@@ -387,7 +387,7 @@ fn what_each_message_may_without_the_key() {
                 signature: &[7; 64],
                 request: &[14],
             },
-            other => panic!("{other} is new: what may it?"),
+            other => panic!("{other} is new: add it to this test and to SECURITY.md"),
         };
         let (mut desk, _) = owned();
         desk.ask(&begin(&new.bytes));

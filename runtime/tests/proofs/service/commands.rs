@@ -86,7 +86,11 @@ fn a_correction_ramps_in_and_a_model_waits_for_it_to_ramp_out() {
     let query = query(&[0.3, -0.4, 0.2, 0.1, 0.5, -0.2], 2.0);
     let mut sequence = 0;
     let first = command(&mut desk, sequence, &query);
-    assert_eq!(bits(&first.joints), bits(&query.joints), "as it came");
+    assert_eq!(
+        bits(&first.joints),
+        bits(&query.joints),
+        "the first command is uncorrected"
+    );
     assert_eq!(first.weight.to_bits(), 0);
     let (count, settled) = settle(&mut desk, &query, &mut sequence);
     assert_eq!(settled.weight.to_bits(), 1.0_f32.to_bits());

@@ -42,9 +42,14 @@ fn cut_everywhere(
             let runs = may_run
                 .iter()
                 .position(|known| known.blob_crc == answer.blob_crc);
-            let runs = runs.unwrap_or_else(|| panic!("neither, at {operation} {cut:?}"));
+            let runs = runs.unwrap_or_else(|| {
+                panic!("neither the old nor the new model runs, at {operation} {cut:?}")
+            });
             may_run[runs].assert_corrected(&question, &answer);
-            assert!(!done || runs == 1, "done is done, at {operation} {cut:?}");
+            assert!(
+                !done || runs == 1,
+                "a completed request was lost, at {operation} {cut:?}"
+            );
             // The interrupted request can be repeated.
             if runs == 0 {
                 before(&mut desk);

@@ -208,9 +208,12 @@ fn only_cyclic_requests_say_that_more_will_come() {
         assert!(desk.is_running());
         for service in &services {
             desk.ask(service);
-            assert!(desk.is_running(), "a service takes nothing back");
+            assert!(desk.is_running(), "a service does not end the cycle");
         }
-        assert!(!desk.answers(&[5, 5, 0]).is_empty(), "nor does noise");
+        assert!(
+            !desk.answers(&[5, 5, 0]).is_empty(),
+            "noise is answered and does not end the cycle"
+        );
         assert!(desk.is_running());
         assert_eq!(
             desk.ask_twice(&Request::StopCyclic),
@@ -275,7 +278,7 @@ fn services_do_not_hold_up_the_cycle() {
     for (sequence, answer) in &answers {
         if let Response::Corrected(answer) = answer {
             old.assert_corrected(&query, answer);
-            assert_eq!(*sequence, 100 + corrected, "in their order");
+            assert_eq!(*sequence, 100 + corrected, "answers out of order");
             corrected += 1;
         }
     }

@@ -89,7 +89,10 @@ impl Scene {
         let answer = self.judge.answer.expect("an answer");
         assert_eq!(bits(&commanded.joints), bits(&sent));
         assert_eq!(commanded.weight.to_bits(), answer.weight.to_bits());
-        assert_eq!(commanded.blob_crc, known.blob_crc, "one model at a time");
+        assert_eq!(
+            commanded.blob_crc, known.blob_crc,
+            "the answer names another model than the expected one"
+        );
         let status = Status::from_bits(commanded.status);
         assert_eq!(status.contains(Status::BYPASSED), self.bypass);
         let blends = answer.status.contains(Status::BLENDING);

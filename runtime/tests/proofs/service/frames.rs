@@ -149,7 +149,10 @@ fn everything_is_counted() {
     desk.ask(&known.roll_back());
     desk.answers(&[1, 2, 3, 0]);
     let statistics = desk.statistics();
-    assert!(statistics.flagged >= 2, "bad input and far away");
+    assert!(
+        statistics.flagged >= 2,
+        "bad input and poses far outside must be flagged"
+    );
     let expected = Statistics {
         frames: 1 + (2 + pieces) + 2 + 4 + 1 + 1 + 1,
         bad_frames: 1,

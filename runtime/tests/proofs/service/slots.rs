@@ -172,7 +172,11 @@ fn a_roll_back_is_done_once_and_survives() {
     for from in [&old, &other] {
         let before = desk.identity();
         let answer = desk.ask_twice(&from.roll_back());
-        assert_eq!(answer, Response::Identity(before), "not the active one");
+        assert_eq!(
+            answer,
+            Response::Identity(before),
+            "a roll back from another model than the active one does nothing"
+        );
     }
     // Repeated twice: done once, refused afterwards.
     let Response::Identity(identity) = desk.ask_twice(&new.roll_back()) else {

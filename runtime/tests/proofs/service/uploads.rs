@@ -70,7 +70,11 @@ fn every_refusal_of_a_transfer_by_name() {
         };
         assert_eq!(desk.ask_twice(&request), refused(too_long));
     }
-    assert_eq!(desk.ask(&Request::VerifyUpload), no_upload, "still none");
+    assert_eq!(
+        desk.ask(&Request::VerifyUpload),
+        no_upload,
+        "still no upload"
+    );
     let received = |received| Response::Uploading { received };
     assert_eq!(desk.ask_twice(&begin(&bytes)), received(0));
     assert_eq!(desk.ask_twice(&piece(&bytes, 0, 100)), received(100));

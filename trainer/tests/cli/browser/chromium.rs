@@ -136,7 +136,7 @@ impl Browser {
     #[track_caller]
     fn message(&mut self, during: &str) -> Value {
         let message = self.from.recv_timeout(PATIENCE);
-        let message = message.unwrap_or_else(|e| panic!("chromium says nothing to {during}: {e}"));
+        let message = message.unwrap_or_else(|e| panic!("chromium does not answer {during}: {e}"));
         let event = &message["params"];
         match message["method"].as_str().unwrap_or_default() {
             "Runtime.exceptionThrown" | "Runtime.consoleAPICalled" | "Log.entryAdded" => {
@@ -159,7 +159,7 @@ impl Browser {
         self.call("Page.navigate", json!({"url": url}));
         let begin = Instant::now();
         while self.evaluate("document.readyState + location.protocol") != "completefile:" {
-            assert!(begin.elapsed() < PATIENCE, "{url} is not there");
+            assert!(begin.elapsed() < PATIENCE, "{url} is not loaded");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
