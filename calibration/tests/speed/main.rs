@@ -114,7 +114,7 @@ fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
     })
 }
 
-/// Predicting 10 000 whole poses with all checks takes little time compared with the naive computation of the means alone.
+/// Predicting 10 000 whole poses with all checks takes less time than the naive computation of the means alone.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
 fn ten_thousand_predictions_take_little_time() {

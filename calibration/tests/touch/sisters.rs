@@ -75,7 +75,7 @@ fn a_sister_that_is_the_same_arm_is_heard() {
     assert!(with < 0.6 * without);
 }
 
-/// Whatever the sisters say, the standard deviation of the size stays that of the class.
+/// Whatever the sisters say, they do not shift the size, and its standard deviation stays at least that of the class.
 #[test]
 fn sisters_say_nothing_of_the_size() {
     use poegp_calibration::identification::touch::arm::Group;

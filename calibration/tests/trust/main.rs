@@ -269,7 +269,7 @@ fn sample() {
     assert_eq!(run.record.total().false_alarms, 0);
 }
 
-/// A table writes what it read, and every mistake changes the file or the robot.
+/// A table writes what it read. Every mistake changes either the file, or the robot or the gravity that is stated for it.
 #[test]
 fn every_mistake_changes_the_file_or_the_robot() {
     for good in [

@@ -98,7 +98,7 @@ fn every_truncation_and_every_changed_byte_has_the_same_verdict() {
     }
 }
 
-/// Both decoders give the same verdict on every frame of up to three bytes.
+/// Both decoders give the same verdict on frames of up to three bytes: any last byte after values around the block lengths.
 #[test]
 fn all_short_frames() {
     let interesting = [0, 1, 2, 3, 4, 5, 254, 255];

@@ -171,7 +171,7 @@ fn late_commands_go_on_within_the_limits_of_their_time() {
     }
 }
 
-/// After a gap and after a jump of the command, to whatever the model has changed.
+/// After a gap or a jump of the command, the correction is held, and then moves to the model's new one without overshoot.
 #[test]
 fn gaps_and_jumps_hold_the_correction_and_then_let_it_go() {
     let mut dice = Dice(7);

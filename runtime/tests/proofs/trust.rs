@@ -239,7 +239,7 @@ proptest! {
         let u = (1.0 - known).max(0.0);
         let expected = libm::sqrt(f64::from(1e-9_f32) + f64::from(1e-8_f32) * prior * u * u);
         prop_assert!((found / expected - 1.0).abs() < 1e-4, "{found:e} {expected:e}");
-        // f32 agrees to five digits.
+        // f32 agrees to four digits.
         let single = loaded::<f32>(&mut arm, variance(joints, 3, &rows)).unwrap();
         let narrow = q.map(|x| x as f32);
         let single = f64::from(single.evaluate(&narrow[..joints], m as f32).position_sigma.unwrap());
@@ -390,7 +390,7 @@ fn what_is_wrong_with_a_variance_is_named() {
     ] {
         assert_eq!(loaded::<f32>(&mut chain, changed).err(), wrong);
     }
-    // Landmarks of 27 words do not fit beside 1 008 words; the 30 words of the curves are gone.
+    // Landmarks of 27 words do not fit beside rows that are enlarged to 1 008 words.
     let mut full = Arm::elastic(3, 4, false);
     full.curves.clear();
     full.rows.resize(1_008, 0.0);

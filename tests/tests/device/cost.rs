@@ -144,7 +144,7 @@ fn pose_and_command(device: &mut Device, sample: Sample) -> [f64; 2] {
     [pose, instructions(ticks.max().unwrap(), tick_hz)]
 }
 
-/// A parallelogram costs only its one coupling element, and a prismatic joint costs what a revolute one does.
+/// A parallelogram costs only its one coupling element, and a prismatic joint costs at most a fifth more than a revolute one.
 #[test]
 fn coupled_and_sliding_joints_cost_little() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));

@@ -136,7 +136,7 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
         }
         let size = size_of(&blob);
         if let (SampleCorrection::Elastic(_), false) = (sample.correction, sample.coupled) {
-            // From 128 points on, their number takes two bytes.
+            // From 128 on, the number of training poses takes two bytes. A sample has as many poses as points.
             let longer = usize::from(sample.points() > 127);
             assert_eq!(blob_bytes(&size, TEXTS) + longer, blob.len(), "{sample:?}");
         }

@@ -279,7 +279,7 @@ fn document_and_file_have_the_same_numbers() {
         same(row[8], &after["axes_mm"][axis]["std"]);
     }
     assert_eq!(rows.iter().filter(|row| row[0] == "joint").count(), 6);
-    // The errors of all axes together equal those of the held-out poses.
+    // The RMS error over all axes is between the mean and the maximum of the held-out errors.
     let square = |errors: &Value| -> f64 {
         let axes = errors["axes_mm"].as_array().unwrap().iter();
         axes.map(|s| s["mean"].as_f64().unwrap().powi(2) + s["std"].as_f64().unwrap().powi(2))

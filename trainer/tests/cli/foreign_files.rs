@@ -488,7 +488,7 @@ fn reflectors_in_a_row_are_a_pose() {
         assert_ne!(map, REFLECTORS);
         import(&files, "reflectors.csv", &map).refused();
     }
-    // Reflectors on a line: four with these places are a plane, three are not.
+    // With this place three of the four reflectors are on a line, which determines no pose if the other one is missed.
     let line = REFLECTORS.replace("[15.5, 20, -60]", "[60, 0, 0]");
     import(&files, "reflectors.csv", &line).refused();
 }

@@ -154,7 +154,7 @@ fn modules_are_followed_on_every_way() {
             1,
             "p10",
         ),
-        // A point of one move with a certain frame and of another move.
+        // A point that both a certain move and a move with an uncertain frame use.
         (
             format!("{go}\nPDispOn p10,gun;\n{go}\nPDispOff;"),
             1,

@@ -171,7 +171,7 @@ fn a_signed_request_is_carried_out_once() {
     assert!(desk.identity().bypass);
 }
 
-/// Commands count as requests here: a recorded stop does not stop the commands that come after it.
+/// A recorded stop is not accepted again after a command, although commands are not services.
 #[test]
 fn a_recorded_stop_does_not_stop_later_commands() {
     let (mut desk, _) = owned();

@@ -50,7 +50,7 @@ pub(super) fn answer_of(desk: &mut Desk, query: &Query) -> poegp_protocol::link:
     }
 }
 
-/// Returns whether neither blending nor payload is in progress.
+/// Returns whether nothing is being blended and the weight is exactly 0 or 1.
 pub(super) fn is_settled(commanded: &Commanded) -> bool {
     let blends = Status::from_bits(commanded.status).contains(Status::BLENDING);
     !blends

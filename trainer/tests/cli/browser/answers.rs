@@ -144,7 +144,7 @@ fn the_keyboard_reaches_every_point() {
         assert_eq!(stops, each, "{page}");
         silent(&browser);
     }
-    // The largest error of the document is shown for its pose.
+    // The largest error in the table is that of the document.
     open(&mut browser, &folder, "calibrate.html");
     let largest = "Math.max(...Array.from(document.querySelectorAll('#poses tbody tr'), (row) => Number(row.cells[1].textContent)))";
     let largest = browser.evaluate(largest).as_f64().unwrap();
