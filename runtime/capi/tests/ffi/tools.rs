@@ -148,7 +148,7 @@ macro_rules! laws {
                         (found.base_from_tool, found.trust),
                         (expected.pose.to_rows(), expected.trust)
                     );
-                    // Without a tool it is the target.
+                    // Without a tool the pose is that of the target.
                     let bare = forward(model, null(), &q, kg).1.base_from_tool;
                     assert_eq!(bare, arm.evaluate(&q, kg).pose.to_rows());
 
