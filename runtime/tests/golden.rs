@@ -1,15 +1,15 @@
-//! The committed bits, computed by this crate alone: as `-p poegp-runtime` builds it, with no other crate's features.
+//! Compares the committed bits with this crate built alone, without the features that other crates enable.
 //!
-//! The files are written and described by the `tests` package, which compares the device with them too.
+//! The `tests` package writes and describes the files, and compares the device with them too.
 
 use poegp_protocol::blob;
 use poegp_runtime::model::Model;
 use poegp_runtime::trace::Stages;
 
-/// Room of the smallest machine that has to compute these bits (`tests/bits`, 16 kB of RAM).
+/// Capacity on the smallest machine that must compute these bits (`tests/bits`, 16 kB of RAM).
 const WORDS: usize = 512;
 
-/// The groups of one line: hexadecimal words.
+/// Returns the groups of hexadecimal words in one line.
 fn groups(line: &str) -> Vec<Vec<u32>> {
     let words = |group: &str| {
         group

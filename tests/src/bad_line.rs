@@ -35,7 +35,7 @@ impl BadLine {
     /// Creates a bad line over a good stream; a read ends after `patience` at the latest.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the system.
     pub fn over(stream: UnixStream, patience: Duration, seed: u64) -> io::Result<Self> {
         stream.set_read_timeout(Some(patience))?;
         Ok(Self {
@@ -76,7 +76,7 @@ impl BadLine {
     /// Sends bytes, some of them damaged, dropped or doubled.
     ///
     /// # Errors
-    /// What the system says.
+    /// The error of the system.
     pub fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         let bytes = self.pass(bytes);
         self.stream.write_all(&bytes)
@@ -85,7 +85,7 @@ impl BadLine {
     /// Returns the bytes that have arrived; empty if none arrive in time.
     ///
     /// # Errors
-    /// What the system says; `UnexpectedEof` when nobody is there any more.
+    /// The error of the system; `UnexpectedEof` after the other end has closed.
     pub fn receive(&mut self) -> io::Result<Vec<u8>> {
         let mut buffer = [0; 4096];
         match self.stream.read(&mut buffer) {

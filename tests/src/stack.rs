@@ -391,7 +391,7 @@ fn resolve_calls_by_register(functions: &mut BTreeMap<u64, Node>) -> Result<(), 
 mod tests {
     use super::*;
 
-    /// A function of a test graph: address, frame, calls, loaded addresses, whether it calls by register.
+    /// A function of a test graph: address, frame, calls, loaded addresses, and whether it calls by register.
     type Function<'a> = (u64, u64, &'a [u64], &'a [u64], bool);
 
     /// Creates a call graph whose functions are named by their address.
@@ -427,7 +427,7 @@ mod tests {
         assert_eq!(deepest.chain, [("2".to_owned(), 8), ("8".to_owned(), 100)]);
     }
 
-    /// The address in a register is loaded by the function that calls or by its caller.
+    /// The calling function or its caller loads the address in the register.
     #[test]
     fn calls_by_register_are_followed() {
         let nodes: [Function; 3] = [

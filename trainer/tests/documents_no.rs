@@ -1,7 +1,7 @@
-//! The page on refused measurements quotes what the program says of them, and names every cause.
+//! The page on refused measurements quotes the program's messages, and names every cause.
 //!
-//! A block after `<!-- says: MISTAKE -->` is what the trainer says of that mistake of the corpus in
-//! `calibration/tests/trust`, made in a simulated set. `POEGP_BLESS=1` writes the blocks anew.
+//! A block after `<!-- says: MISTAKE -->` is the trainer's message about that mistake of the corpus in
+//! `calibration/tests/trust`, applied to a simulated set. `POEGP_BLESS=1` rewrites the blocks.
 
 use std::fs;
 use std::path::Path;
@@ -22,7 +22,7 @@ mod sets;
 mod table;
 
 const PAGE: &str = "docs/guide/when-it-says-no.md";
-/// Columns of a line of a block.
+/// Width of a line in a block.
 const WIDTH: usize = 130;
 
 fn page() -> (std::path::PathBuf, String) {
@@ -31,7 +31,7 @@ fn page() -> (std::path::PathBuf, String) {
     (path, text)
 }
 
-/// What the program says of a mistake in the simulated set `paper`: what is on standard error before the help line.
+/// Returns the program's message about a mistake in the simulated set `paper`: standard error before the help line.
 fn says(mistake: &str) -> String {
     let good = &sets::simulated_files()[0];
     let all = mistakes::all(good);
@@ -53,7 +53,7 @@ fn says(mistake: &str) -> String {
     said.trim_end().to_owned()
 }
 
-/// The text in lines of at most [`WIDTH`] columns; its own lines stay.
+/// Returns the text wrapped to at most [`WIDTH`] columns; existing line breaks stay.
 fn wrapped(text: &str) -> String {
     let mut out = String::new();
     for line in text.lines() {
@@ -101,7 +101,7 @@ fn the_page_on_refusals_quotes_the_program() {
         let is_same = quoted.iter().eq(said.lines().collect::<Vec<_>>().iter());
         assert!(
             is_blessed || is_same,
-            "{PAGE}: of {mistake} the program says\n{said}"
+            "{PAGE}: the program's message about {mistake} is\n{said}"
         );
     }
     assert!(blocks > 5);

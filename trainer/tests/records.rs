@@ -1,4 +1,4 @@
-//! Records: pages that repeat one say the same, and each says when it was made.
+//! Records: pages that repeat a record agree with it, and each record states its date.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ fn document(name: &str) -> String {
     fs::read_to_string(workspace().join(name)).unwrap()
 }
 
-/// The list of planted faults has every patch beside the test that it names, and the evidence their number.
+/// The list of planted faults names every patch beside its test, and the evidence states their number.
 #[test]
 fn every_planted_fault_stands_beside_its_law() {
     let page = document("tests/faults/README.md");
@@ -45,7 +45,7 @@ fn every_planted_fault_stands_beside_its_law() {
     assert_eq!(listed, faults, "faults without a patch");
 }
 
-/// The cells of the table below `heading`, row by row.
+/// Returns the cells of the table below `heading`, row by row.
 fn table(page: &str, heading: &str) -> Vec<Vec<String>> {
     let (_, rest) = page.split_once(&format!("\n{heading}\n")).unwrap();
     let rows = rest.lines().skip_while(|line| !line.starts_with('|'));
@@ -59,7 +59,7 @@ fn table(page: &str, heading: &str) -> Vec<Vec<String>> {
         .collect()
 }
 
-/// The mean errors of the README are those of the record, which has them to as many digits or more.
+/// The mean errors in the README are those of the record, which has at least as many digits.
 #[test]
 fn the_errors_of_the_readme_are_those_of_the_record() {
     let (readme, record) = (
@@ -103,7 +103,7 @@ fn the_errors_of_the_readme_are_those_of_the_record() {
     }
 }
 
-/// Records that no test repeats say on which day and at which commit they were made.
+/// Records that no test repeats state the day and the commit at which they were made.
 #[test]
 fn records_have_a_day_and_a_commit() {
     for (page, headings) in [

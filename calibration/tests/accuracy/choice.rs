@@ -1,4 +1,4 @@
-//! `select_model` when not every candidate can be made.
+//! `select_model` chooses among the remaining candidates when some cannot be calibrated or exported.
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -9,7 +9,7 @@ use poegp_calibration::validation::model_selection::{Candidate, FOLDS, select_mo
 
 use crate::{arm, origin, samples, simulated_path};
 
-/// No device takes a bound above a metre: a candidate that cannot be exported.
+/// Returns a candidate that no device can run: its correction limit is above the largest that a device takes, a metre.
 fn impossible(name: &'static str) -> Candidate {
     Candidate {
         name,

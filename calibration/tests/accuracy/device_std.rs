@@ -1,4 +1,4 @@
-//! The standard deviation of blobs against the trainer's and against errors that were held out.
+//! The device's predictive standard deviation, compared with the trainer's and with held-out errors.
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
@@ -15,7 +15,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Held-out poses of one simulated set.
+/// Compares device, trainer and errors on the held-out poses of one simulated set.
 fn held_out(scenario: &str, poses: usize) {
     let (robot, _) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
@@ -48,7 +48,7 @@ fn held_out(scenario: &str, poses: usize) {
         }
         device_sum += sigma;
         trainer_sum += reference;
-        // The same pose with its first joints turned on, where nothing was measured.
+        // The same pose with joints 2 and 3 turned to where nothing was measured.
         let mut away = sample.clone();
         for joint in [1, 2] {
             away.joints[joint] += 1.5;
@@ -88,7 +88,7 @@ fn held_out(scenario: &str, poses: usize) {
         (0.6..1.25).contains(&ratio),
         "{scenario}, far away: {ratio}"
     );
-    // From few poses hyperparameters are known badly, and no share of that is in any of the numbers.
+    // From few poses the hyperparameters are uncertain, and no standard deviation includes that uncertainty.
     let least = if poses < 300 {
         (0.55, 0.88)
     } else {
@@ -108,14 +108,14 @@ fn of_simulated_sets() {
     held_out("wild", 100);
 }
 
-/// The lowest, three quantiles and the highest.
+/// Returns the minimum, the 5 %, 50 % and 95 % quantiles, and the maximum.
 fn spread(mut values: Vec<f64>) -> [f64; 5] {
     values.sort_by(f64::total_cmp);
     let last = values.len() - 1;
     [0, last / 20, last / 2, last - last / 20, last].map(|i| values[i])
 }
 
-/// Eq. 7 on the device, on held-out poses, on these far away, and close to training poses.
+/// Compares the device with eq. 7 of the paper on held-out poses, on poses far away, and close to training poses.
 fn papers_process(scenario: &str, poses: usize, sharing: HyperparameterSharing) {
     let (robot, _) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
@@ -148,7 +148,7 @@ fn papers_process(scenario: &str, poses: usize, sharing: HyperparameterSharing) 
             let squares: f64 = of_trainer[..3].iter().map(|s| s * s).sum();
             let answer = blob.predict(&sample.joints, sample.payload_kg);
             let ratio = f64::from(answer.position_sigma.unwrap()) / (squares / 3.0).sqrt();
-            // Where the outputs share u, what is not noise follows from one of them.
+            // Outputs that share hyperparameters share the latent variance, so that of the first is enough.
             let x = [sample.joints.clone(), vec![sample.payload_kg.unwrap()]].concat();
             let latent = gp.variance(&x)[0] / gp.output_scale[0].powi(2);
             let without = (ratio * ratio * (latent + noise) - noise).max(0.0) / latent;
@@ -156,7 +156,7 @@ fn papers_process(scenario: &str, poses: usize, sharing: HyperparameterSharing) 
         };
         samples.iter().map(ratio).unzip()
     };
-    // With a kernel of each output one quadratic form follows six variances.
+    // With hyperparameters per output, one quadratic form on the device approximates six different variances.
     let limits = match shared {
         true => [(0.93, 1.07), (0.87, 1.07), (0.96, 1.16)],
         false => [(0.85, 1.15), (0.7, 1.45), (0.9, 1.25)],
@@ -194,7 +194,7 @@ fn of_the_papers_process() {
     papers_process("wild", 100, HyperparameterSharing::PerOutput);
 }
 
-/// The others with hyperparameters of each output; `full` with 300 poses has none, for its prior is too large for its noise.
+/// The other sets, with hyperparameters per output. `full` with 300 poses is left out: its prior is too large for its noise.
 #[test]
 #[ignore = "takes half a minute"]
 fn of_the_papers_process_with_own_hyperparameters() {

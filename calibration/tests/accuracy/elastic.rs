@@ -1,4 +1,4 @@
-//! The elastic model with its defaults on the four simulated sets, against the measurements and against the truth.
+//! The elastic model with its defaults on the four simulated sets: errors against the measurements and against the truth.
 
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -19,11 +19,11 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::{arm, origin, say, simulated_path, true_deviations};
 
-/// Largest share by which the default's inducing points may be worse than many.
+/// Largest ratio of the error with the default number of inducing points to the error with [`MANY`].
 const REDUCED: f64 = 1.03;
 const MANY: usize = 600;
 
-/// A simulated arm with all that was measured of it.
+/// A simulated arm with all of its training and test sets.
 struct Cell {
     arm: (Robot, Poe<f64>),
     train: Vec<InstrumentSample>,
@@ -96,7 +96,7 @@ impl Cell {
     }
 }
 
-/// What one training gave.
+/// The results of one training.
 struct Measured {
     poses: usize,
     inducing_points: usize,
@@ -105,7 +105,7 @@ struct Measured {
     truth: f64,
     /// Mean and largest distance of the `f32` blob from the f64 model on the test poses.
     rounding_um: (f64, f64),
-    /// Whether the predicted standard deviations were true.
+    /// Shares of errors within the predicted standard deviations.
     coverage: Coverage,
     seconds: f64,
 }
@@ -115,7 +115,7 @@ impl Measured {
         self.errors.position_mm.mean
     }
 
-    /// A line of the table; `most` are the bounds of mean, truth and maximum.
+    /// Formats a line of the table; `most` are the bounds of mean, truth and maximum.
     fn line(&self, name: &str, most: &str) -> String {
         let p = &self.errors.position_mm;
         let (mean, max) = self.rounding_um;
@@ -128,7 +128,7 @@ impl Measured {
 
 const HEADER: &str = "  set          poses points      mean    truth      p95      max   f32 µm mean max    CPU s   at most\n";
 
-/// Processor time of this thread where the system tells it, else the time that passed.
+/// Processor time of this thread where the system reports it, otherwise elapsed time.
 struct Clock {
     processor: Option<f64>,
     wall: Instant,
@@ -156,7 +156,7 @@ impl Clock {
     }
 }
 
-/// Says the table and fails with everything that was too large.
+/// Prints the table, then fails with every value that was above its bound.
 struct Table {
     text: String,
     failed: Vec<String>,
@@ -187,7 +187,7 @@ impl Table {
     }
 }
 
-/// Bounds of one set in mm: mean against measurements, mean against the truth, largest.
+/// Checks one set. The bounds in mm: mean against the measurements, mean against the truth, and maximum.
 fn a_set(scenario: &str, mean: f64, truth: f64, max: f64) {
     let mut table = Table::new(&format!(
         "elastic, {scenario}: position error in mm on 3 x 100 poses"

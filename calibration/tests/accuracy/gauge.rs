@@ -1,4 +1,5 @@
-//! Two calibrations of one arm give the same commands: draws of simulated arms, and thirds of measured poses.
+//! Two calibrations of one arm must lead to nearly the same commands. The pairs are draws of simulated arms and thirds of
+//! measured poses.
 
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::calibrate_in_gauge;
@@ -18,18 +19,18 @@ use crate::measured::{FARO, folder};
 use crate::{arm, origin, say, seeds};
 
 const PAYLOADS_KG: [f64; 4] = [1.0, 2.5, 5.0, 7.5];
-/// Poses of a draw.
+/// Poses in a draw.
 const DRAW: usize = 150;
-/// Most mean distance between the commands of two calibrations of a simulated arm, mm.
+/// Largest mean distance between the commands of two calibrations of a simulated arm, mm.
 const SIMULATED_MM: f64 = 0.06;
-/// The least of them where base and tool are those of the poses that were measured: what this is to mend.
+/// The same distance is at least this large where base and tool are fitted to the measured poses. The grid mends that.
 const OF_POSES_MM: f64 = 0.2;
 
 fn frame(pose: Pose<f64>, source: FrameSource) -> Option<GaugeFrame> {
     Some(GaugeFrame { pose, source })
 }
 
-/// The gauges that are compared: over the grid, the one of the first draw, and the base-tool fit to the poses themselves.
+/// The models in each of the compared gauges: fitted over the grid, kept from the first draw, fitted to the measured poses.
 #[derive(Default)]
 struct Gauges {
     grid: Vec<BlobModel>,
@@ -38,7 +39,7 @@ struct Gauges {
 }
 
 impl Gauges {
-    /// One fit of each draw, stated in each of them.
+    /// Fits a model to each draw and states it in each gauge.
     fn new(robot: &Robot, draws: &[Vec<InstrumentSample>]) -> Self {
         let config = Config::new(Method::Elastic);
         let context = FitContext::default();
@@ -69,7 +70,7 @@ impl Gauges {
     }
 }
 
-/// Mean distance of the commands of all pairs, mm.
+/// Returns the mean distance over all pairs of models, mm.
 fn of_pairs(of: &[BlobModel], distance: impl Fn(&BlobModel, &BlobModel) -> f64) -> f64 {
     let mut all = Vec::new();
     for (i, a) in of.iter().enumerate() {
@@ -91,7 +92,7 @@ fn commands_of_two_calibrations_of_a_simulated_arm() {
             })
             .collect();
         let wanted = simulator.measure(300);
-        // Where the true arm goes by the commands of each.
+        // Where the true arm goes when a model corrects its commands.
         let goes = |model: &BlobModel| -> Vec<Pose<f64>> {
             let mut true_arm = simulator.clone();
             let stands = |pose: &poegp_calibration::simulation::SimulatedPose| {

@@ -1,8 +1,8 @@
-//! How many inducing points are enough: the mean error with few and with many, of simulated arms and of arms that others
-//! measured.
+//! How many inducing points are enough: the mean error with few and with many, on simulated arms and on arms measured by
+//! others.
 //!
 //! `POEGP_SEEDS=10 POEGP_MEASURED_DATA=FOLDER cargo test --release -p poegp-calibration --test accuracy -- --nocapture
-//! inducing_points` takes ten arms of each kind; that takes minutes.
+//! inducing_points` uses ten arms of each kind, which takes minutes.
 
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::measurement as measurements;
@@ -18,18 +18,18 @@ use crate::never_worse::measured;
 use crate::{arm, origin, say, seeds};
 
 const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
-/// Numbers of points, the default among them.
+/// The numbers of points that are compared; `DEFAULT` is the index of the default.
 const POINTS: [usize; 5] = [50, 100, 200, 300, 450];
 const DEFAULT: usize = 2;
-/// By how much the default may be worse than the best of them, on the mean.
+/// Largest ratio of the default's mean error to the smallest mean error.
 const WORSE: f64 = 1.02;
 
-/// Sums over calibrations.
+/// Sums over several calibrations.
 #[derive(Default)]
 struct Sums {
     /// Position errors in mm, for each number of points.
     errors: [Vec<f64>; POINTS.len()],
-    /// Bound on the instructions of a pose, and bytes of the blob.
+    /// Bound on the instructions for one pose, and bytes of the blob.
     sizes: [[f64; 2]; POINTS.len()],
     count: f64,
 }
@@ -54,7 +54,7 @@ impl Sums {
         self.count += 1.0;
     }
 
-    /// A row of the table; the means.
+    /// Prints a row of the table and returns the mean errors.
     fn row(&self, name: &str) -> [f64; POINTS.len()] {
         let mean = |errors: &Vec<f64>| errors.iter().sum::<f64>() / errors.len() as f64;
         let means = self.errors.each_ref().map(mean);
@@ -75,7 +75,7 @@ fn head() {
     say(format_args!("|---{}|", "|---".repeat(POINTS.len())));
 }
 
-/// Arms on which processes pay.
+/// Arms with errors that Gaussian processes can explain.
 #[test]
 fn simulated_arms() {
     let seeds = seeds(1);
@@ -93,12 +93,15 @@ fn simulated_arms() {
     }
     let means = sums.row(&format!("wild, {seeds} arms"));
     let [least, .., most] = sums.sizes.map(|size| size[1]);
-    assert!(least < most, "the size does not follow the number");
+    assert!(
+        least < most,
+        "the size does not grow with the number of points"
+    );
     let best = means.into_iter().fold(f64::INFINITY, f64::min);
     assert!(means[DEFAULT] <= WORSE * best, "{means:?}");
 }
 
-/// Five folds of each measured set that is there.
+/// Five folds of each measured set that is available.
 #[test]
 fn measured_arms() {
     let sets = measured();

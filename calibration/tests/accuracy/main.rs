@@ -1,7 +1,7 @@
-//! The figures of the README: the paper's Table I, ten simulated arms, and arms that others measured.
+//! The figures of the README: the paper's Table I, ten simulated arms, and arms measured by others.
 //!
-//! Each test prints what it measured, whether or not it passes. Some simulate a few arms in `tests/run`, and as many as
-//! `POEGP_SEEDS` says otherwise: the evidence has three for `gauge` and four for `next_steps`.
+//! Each test prints what it measured, whether or not it passes. Some simulate only a few arms; `POEGP_SEEDS` sets another
+//! number. The documents use three for `gauge` and four for `next_steps`.
 
 mod choice;
 mod device_std;
@@ -36,12 +36,12 @@ use poegp_calibration::validation::cross_validation::{ModelComparison, Task, Tes
 use poegp_calibration::validation::held_out::Coverage;
 use poegp_runtime::kinematics::poe::Poe;
 
-/// Shows a measured number: to the terminal, past what the test harness captures.
+/// Prints a measured number to the terminal, even when the test harness captures output.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// How many simulated arms of each kind: a sample, or what `POEGP_SEEDS` says.
+/// Returns the number of simulated arms of each kind: `POEGP_SEEDS`, or `sample` without it.
 fn seeds(sample: u64) -> u64 {
     let given = std::env::var("POEGP_SEEDS").ok();
     given.map_or(sample, |text| {
@@ -49,14 +49,14 @@ fn seeds(sample: u64) -> u64 {
     })
 }
 
-/// A built-in robot with its chain.
+/// Returns a built-in robot with its chain.
 fn arm(name: &str) -> (Robot, Poe<f64>) {
     let robot = Robot::load(name, &LoadOptions::default()).unwrap();
     let nominal = robot.chain().unwrap();
     (robot, nominal)
 }
 
-/// The samples of a measurement file.
+/// Returns the samples of a measurement file.
 fn samples(path: &Path, robot: &Robot) -> Vec<InstrumentSample> {
     let set = poegp_calibration::measurement::read(path).unwrap_or_else(|e| panic!("{e}"));
     set.check(robot).unwrap_or_else(|e| panic!("{e}"));
@@ -64,7 +64,7 @@ fn samples(path: &Path, robot: &Robot) -> Vec<InstrumentSample> {
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// `method` with hyperparameters per output.
+/// Returns `method` with hyperparameters per output.
 fn per_output(method: Method) -> Config {
     Config {
         hyperparameters: HyperparameterSharing::PerOutput,
@@ -72,13 +72,13 @@ fn per_output(method: Method) -> Config {
     }
 }
 
-/// One of the sets that another implementation simulated, `<scenario>_s<seed>_<set>`.
+/// Returns the path of a set that another implementation simulated, `<scenario>_s<seed>_<set>`.
 fn simulated_path(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join(format!("../tests/data/simulated/irb4400_{name}.csv"))
 }
 
-/// The origin of a calibration with so many tools.
+/// Returns the provenance of a calibration with `tools` tools.
 fn origin(tools: usize) -> Provenance {
     let tool = |i: usize| ToolName {
         session: if tools > 1 {
@@ -97,7 +97,7 @@ fn origin(tools: usize) -> Provenance {
     }
 }
 
-/// Held-out errors by the way of `trainer compare`.
+/// Computes held-out errors as `trainer compare` does.
 fn compare(
     (robot, _): &(Robot, Poe<f64>),
     train: &[InstrumentSample],
@@ -121,11 +121,11 @@ fn compare(
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Shares of the components that are to lie within one and within 1.96 predicted standard deviations.
+/// Accepted shares of error components within one and within 1.96 predicted standard deviations.
 const WITHIN: [(f64, f64); 2] = [(0.60, 0.76), (0.90, 0.98)];
 
-/// Says how true the predicted standard deviations were, of all components and by axis, and what is outside of
-/// [`WITHIN`] of all components.
+/// Prints the coverage of the predicted standard deviations, overall and by axis. Returns each overall share that is
+/// outside of [`WITHIN`].
 fn true_deviations(what: &str, found: &Coverage) -> Vec<String> {
     let percent = |share: f64| 100.0 * share;
     let axes: Vec<String> = found
@@ -148,7 +148,7 @@ fn true_deviations(what: &str, found: &Coverage) -> Vec<String> {
         .collect()
 }
 
-/// Mean position error in mm over all sets, pose by pose.
+/// Returns the mean position error in mm over the poses of all sets.
 fn mean(found: &ModelComparison) -> f64 {
     let (mut sum, mut poses) = (0.0, 0);
     for set in &found.sets {

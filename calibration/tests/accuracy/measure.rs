@@ -1,4 +1,4 @@
-//! `trainer measure` replayed on an arm that others measured, and how long a row takes.
+//! `trainer measure` replayed on an arm measured by others: the error with its poses, and how long the choice of a row takes.
 
 use std::time::Instant;
 
@@ -23,18 +23,18 @@ use crate::measured::{FARO, folder};
 use crate::{arm, origin, say};
 
 const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
-/// Poses that are asked for, and random ones that they are compared with: as many, and more.
+/// How many poses `trainer measure` chooses, and how many random poses they are compared with: as many, and more.
 const CHOSEN: usize = 60;
 const RANDOM: [usize; 2] = [CHOSEN, 100];
-/// By what factor the error may be larger than that of the more random ones. Asked for was 1: it is not reached.
+/// Largest ratio of the error with chosen poses to that with 100 random ones. The goal was 1, which is not reached.
 const MOST: f64 = 1.15;
-/// Rows to choose from; the others are predicted.
+/// Rows to choose from; the remaining rows are the test set.
 const CANDIDATES: usize = 580;
-/// Random choices of each split.
+/// Random choices in each split.
 const DRAWS: usize = 3;
 const SPLITS: u64 = 5;
 
-/// The rows of a plan in the order in which they are asked for.
+/// Returns the first `count` rows of a plan in the order in which `trainer measure` asks for them.
 fn asked(arm: &(Robot, Poe<f64>), plan: &TouchSet, count: usize) -> Vec<usize> {
     let mut chooser = Chooser::new(&arm.0, &arm.1, plan, GRAVITY, USUAL_CLASS);
     let mut next = || {
@@ -102,7 +102,7 @@ fn sixty_poses_that_are_asked_for_and_a_hundred_random_ones() {
     assert!(of_chosen <= MOST * of_random[1]);
 }
 
-/// cargo test --release -p poegp-calibration --test accuracy -- measure::time --ignored --nocapture
+/// Run it with: cargo test --release -p poegp-calibration --test accuracy -- measure::time --ignored --nocapture
 #[test]
 #[ignore = "times, which other programs on the machine make longer"]
 fn time_of_a_row() {

@@ -1,5 +1,5 @@
-//! Arms that others measured. The data are theirs and not part of this repository: the environment variable
-//! `POEGP_MEASURED_DATA` names a folder that has them.
+//! Arms measured by others. Their data are not part of this repository: the environment variable `POEGP_MEASURED_DATA`
+//! names a folder that contains them.
 
 use std::path::{Path, PathBuf};
 
@@ -32,7 +32,7 @@ use crate::{arm, compare, origin, samples, say, true_deviations};
 const FOLDER: &str = "POEGP_MEASURED_DATA";
 const FOLDS: usize = 5;
 
-/// A model with the largest mean position error in mm that it may have.
+/// The largest errors that a model may have.
 struct Bound {
     method: Method,
     weighted: bool,
@@ -58,7 +58,7 @@ impl Bound {
     }
 }
 
-/// The folder of the measured sets; where there is none, says that `what` is not run.
+/// Returns the folder of the measured sets; without one, prints that `what` is not run.
 pub fn folder(what: &str) -> Option<PathBuf> {
     let folder = std::env::var_os(FOLDER).map(PathBuf::from);
     if folder.is_none() {
@@ -69,7 +69,7 @@ pub fn folder(what: &str) -> Option<PathBuf> {
     folder
 }
 
-/// Cross-validates on `file` where it can be had, and says so where not.
+/// Cross-validates on `file` if the folder is available.
 fn check(file: &str, robot: &str, bounds: &[Bound]) {
     if let Some(folder) = folder(file) {
         check_arm(&folder.join(file), &arm(robot), bounds);
@@ -150,14 +150,14 @@ fn an_iiwa_with_seven_joints() {
     check("kuka_iiwa7_304.csv", "kuka-iiwa7", &bounds);
 }
 
-/// Two joints move, and the target was mounted again between the loads.
+/// Two joints move, and the target was remounted between the loads.
 #[test]
 fn an_iiwa_with_two_loads() {
     let bounds = [Bound::new(Method::Elastic, false, 0.30)];
     check("kuka_iiwa7_payload_0_and_2500g.csv", "kuka-iiwa7", &bounds);
 }
 
-/// Positions alone; the robot comes with the data.
+/// Positions only; the robot description comes with the data.
 #[test]
 fn a_motoman_and_one_reflector() {
     let file = "motoman_right_position_only.csv";
@@ -179,7 +179,7 @@ fn a_motoman_and_one_reflector() {
 
 pub const FARO: &str = "abb_irb120_faro_700.csv";
 
-/// `count` samples drawn with `seed`, and the others.
+/// Draws `count` samples with `seed`; returns them and the others.
 fn drawn(
     samples: &[InstrumentSample],
     count: usize,
@@ -257,7 +257,7 @@ fn gross_outliers_among_poses_of_the_irb_120() {
     assert!(percent <= 15.0);
 }
 
-/// The rows of a V-optimal plan of `count` poses whose candidates are `all` rows, and the others.
+/// Returns the rows of a V-optimal plan of `count` poses whose candidates are `all` rows, and the remaining rows.
 fn planned(
     (robot, nominal): &(Robot, Poe<f64>),
     all: &[InstrumentSample],

@@ -1,4 +1,4 @@
-//! The model that the folds choose against every simpler one, on poses that were not trained on.
+//! Compares the model that cross-validation selects with every simpler one, on poses that were not used in training.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -19,12 +19,12 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{arm, origin, samples, say, simulated_path};
 
-/// A chosen model may be that much worse than a simpler one without a warning.
+/// Largest ratio of the selected model's error to the error of a simpler one without a warning.
 const WORSE: f64 = 1.03;
-/// Fewest poses that a model is tested on, and most.
+/// Fewest and most test poses.
 const TESTED: (usize, usize) = (20, 400);
 
-/// A robot with poses to draw from, and those to test on: the poses that were not drawn where there are none.
+/// A robot, poses to draw from, and test poses. If `test` is empty, the poses that were not drawn are tested.
 pub struct Set {
     pub name: &'static str,
     pub robot: Robot,
@@ -44,7 +44,7 @@ pub fn simulated(name: &'static str) -> Set {
     }
 }
 
-/// The sets of others, where they can be had.
+/// Returns the sets measured by others, if the folder is available.
 pub fn measured() -> Vec<Set> {
     let Some(folder) = std::env::var_os("POEGP_MEASURED_DATA").map(PathBuf::from) else {
         say("the sets of others: NOT RUN: POEGP_MEASURED_DATA is not set");
@@ -76,7 +76,7 @@ pub fn measured() -> Vec<Set> {
     .into()
 }
 
-/// The choice among `train` alone.
+/// Returns a model selection that uses `train` alone.
 pub fn task<'a>(
     robot: &'a Robot,
     train: &'a [InstrumentSample],
@@ -94,7 +94,7 @@ pub fn task<'a>(
     }
 }
 
-/// Chooses among `count` poses drawn with `seed`, prints a row of the table, and says what is wrong with it.
+/// Selects a model from `count` poses drawn with `seed` and prints a row of the table. Returns a failure, if any.
 fn row(set: &Set, count: usize, seed: u64) -> Option<String> {
     let mut order: Vec<usize> = (0..set.rows.len()).collect();
     order.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));

@@ -1,4 +1,4 @@
-//! What a calibration proposes to do next, done to simulated arms: what it gains beside what was forecast.
+//! Follows on simulated arms what a calibration proposes to do next, and compares the gain with the forecast.
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::measurement::sample::InstrumentSample;
@@ -19,13 +19,13 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{arm, origin, say, seeds};
 
-/// Gain found over gain forecast, of all arms together. A forecast knows neither that more poses show better how an arm bends,
-/// nor that few poses showed it wrongly.
+/// Accepted ratio of the gain found to the gain forecast, over all arms together. A forecast cannot know that more poses
+/// show the compliance better, nor that few poses showed it wrongly.
 const WITHIN: std::ops::RangeInclusive<f64> = 0.6..=1.7;
-/// Where nothing pays, more poses gain at most this share in the mean over the arms: what counts as a gain, and half of it for the
-/// chance of a draw.
+/// Where no step pays, more poses gain at most this share in the mean over the arms: the least share that counts as a gain,
+/// and half of it for the randomness of a draw.
 const LEFT: f64 = 1.5 * LEAST_SHARE;
-/// Fresh poses that errors are found at.
+/// Poses for the errors before and after a step.
 const FRESH: usize = 300;
 
 type Ranges = Vec<(f64, f64)>;
@@ -59,7 +59,7 @@ fn steps(robot: &Robot, found: &CalibratedBlob, train: &[InstrumentSample]) -> N
     })
 }
 
-/// Measures what a step asks for.
+/// Measures the poses that a step asks for.
 fn followed(
     step: &Step,
     mut ranges: Ranges,
@@ -74,8 +74,9 @@ fn followed(
         .collect()
 }
 
-/// One arm, measured at `count` poses, of which a share of `aside` has joint 5 in the upper half of its range: forecast and found, each
-/// before and after.
+/// Measures one arm at `count` poses, calibrates, and follows the first step that has a forecast. In a share of `aside`
+/// poses, joint 5 is in the upper half of its range. Returns the forecast before and after, the error found before and
+/// after, and whether a step was proposed.
 fn trial(name: &str, scenario: Scenario, seed: u64, count: usize, aside: f64) -> ([f64; 4], bool) {
     let (robot, _) = arm(name);
     let mut simulator = Simulator::new(&robot, scenario, &[], seed);
@@ -157,7 +158,7 @@ fn what_is_proposed_gains_what_was_forecast() {
     ));
     assert!(
         f64::from(regions) >= 0.75 * 2.0 * arms as f64,
-        "{regions} arms have something to do"
+        "a step is proposed for only {regions} arms"
     );
     assert!(WITHIN.contains(&(found / forecast)));
 }
@@ -186,7 +187,7 @@ fn where_nothing_pays_more_poses_gain_nothing() {
     assert!(gains / silent < LEFT);
 }
 
-/// A rigid model of an arm that gives way: the error that is left is not one of noise, however many poses there are.
+/// A rigid model of a compliant arm: what remains is not noise, so more poses do not reduce it, and the forecast says so.
 #[test]
 fn a_rigid_model_promises_no_more_than_it_keeps() {
     for (poses, more) in [(15, 10), (200, 50)] {

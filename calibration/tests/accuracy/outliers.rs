@@ -1,4 +1,4 @@
-//! Gross outliers among the training poses: what they cost on poses without any.
+//! Gross outliers among the training poses: how much they increase the error on poses without outliers.
 
 use poegp_calibration::blob::write::calibrate_to_blob;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
@@ -13,10 +13,10 @@ use poegp_calibration::validation::model_selection::{candidates, select_model};
 use crate::never_worse::task;
 use crate::{arm, origin, samples, say, simulated_path};
 
-/// Displacements in mm, one along each axis in turn, of every 33rd of 300 poses.
+/// Displacements in mm of every 33rd of 300 poses, along each axis in turn.
 const SIZES_MM: [f64; 9] = [3.0, 5.0, 8.0, 12.0, 20.0, 30.0, 50.0, 75.0, 100.0];
 const EVERY: usize = 33;
-/// The price, as a share of the held-out error without outliers.
+/// Largest increase, as a share of the held-out error without outliers.
 const AT_MOST: f64 = 0.03;
 
 fn with_outliers(clean: &[InstrumentSample]) -> Vec<InstrumentSample> {
@@ -30,7 +30,7 @@ fn with_outliers(clean: &[InstrumentSample]) -> Vec<InstrumentSample> {
     dirty
 }
 
-/// Every method leaves out the nine and nothing else; a method that keeps them pays more.
+/// Every method leaves out the nine outliers and nothing else. A method that keeps them has a larger error.
 #[test]
 fn nine_gross_outliers_in_three_hundred_poses() {
     let (robot, _) = arm("abb-irb4400-serial");
@@ -86,12 +86,16 @@ fn nine_gross_outliers_in_three_hundred_poses() {
     say(format_args!(
         "  kept by poe --weighting noise: {kept:.4} mm"
     ));
-    assert_eq!(found.len(), SIZES_MM.len(), "they are listed either way");
+    assert_eq!(
+        found.len(),
+        SIZES_MM.len(),
+        "outliers must be listed with both policies"
+    );
     assert!(kept > (1.0 + AT_MOST) * without, "{kept} {without}");
     assert!(failed.is_empty(), "{failed:#?}");
 }
 
-/// The default, which chooses its model by folds, pays no more and chooses the same.
+/// The default, which selects its model by cross-validation, loses no more and selects the same model.
 #[test]
 fn the_choice_does_not_change_with_nine_gross_outliers() {
     let (robot, _) = arm("abb-irb4400-serial");

@@ -1,4 +1,4 @@
-//! Table I on data that this program did not make, against the means that an independent implementation has there.
+//! Table I on data that another implementation simulated, against the means that it computed.
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -6,7 +6,7 @@ use poegp_calibration::validation::cross_validation::TestSet;
 
 use crate::{arm, compare, mean, per_output, samples, say, simulated_path};
 
-/// How much larger than the other implementation's our means may be.
+/// By what share our means may be larger than the other implementation's.
 const TOLERANCE: f64 = 0.03;
 
 #[test]
@@ -46,7 +46,7 @@ fn the_means_are_those_of_an_independent_implementation() {
         if ours > theirs * (1.0 + TOLERANCE) {
             failed.push(name);
         }
-        // Without a process there is nothing that could be better: the same least squares.
+        // Without a process both implementations solve the same least squares, so ours cannot be better either.
         if !options.method.requires().whole_poses {
             assert!(percent.abs() < 100.0 * TOLERANCE, "{name}");
         }

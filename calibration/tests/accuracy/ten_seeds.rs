@@ -1,4 +1,4 @@
-//! Ten arms of our own simulator: how much of the error of the simpler methods the paper's method takes away.
+//! Ten arms of our own simulator: by how much the paper's method reduces the errors of the simpler methods.
 
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::model::Method;
@@ -12,11 +12,11 @@ use crate::{arm, compare, mean, per_output, say};
 const SEEDS: u64 = 10;
 const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const METHODS: [Method; 4] = Method::PAPER;
-/// Least reduction in percent against base-tool, POE and POE + GP.
+/// Least reduction in percent compared with base-tool, POE and POE + GP.
 const SHARED: [f64; 3] = [83.0, 65.0, 55.0];
 const PER_OUTPUT: [f64; 3] = [88.0, 73.0, 65.0];
 
-/// One arm: its training set and three test sets, through the measurement file as `trainer simulate` writes it.
+/// Measures one arm: its training set and three test sets, written and read as measurement files like `trainer simulate`'s.
 fn measure(robot: &Robot, seed: u64) -> [TestSet; 4] {
     let mut simulator = Simulator::new(robot, Scenario::Paper, &PAYLOADS_KG, seed);
     [
@@ -36,7 +36,8 @@ fn measure(robot: &Robot, seed: u64) -> [TestSet; 4] {
     })
 }
 
-/// Means of the four methods with shared hyperparameters, then of the two processes with their own.
+/// Returns the mean errors of the four methods with shared hyperparameters, then of the two processes with hyperparameters
+/// per output.
 fn means(seed: u64) -> [f64; 6] {
     let arm = arm("abb-irb4400-serial");
     let [train, tests @ ..] = measure(&arm.0, seed);
@@ -50,7 +51,7 @@ fn means(seed: u64) -> [f64; 6] {
 
 #[test]
 fn the_load_takes_away_as_much_as_in_the_paper() {
-    // Two at a time: the arms have nothing to do with each other.
+    // Two threads, since the arms are independent.
     let mut rows: Vec<(u64, [f64; 6])> = std::thread::scope(|scope| {
         let half = |first| {
             scope.spawn(move || -> Vec<_> {
@@ -82,7 +83,7 @@ fn the_load_takes_away_as_much_as_in_the_paper() {
         }
     }
     line("all", &pooled);
-    // POE + GP with loading against the simpler methods, hyperparameters of both alike.
+    // POE + GP with loading against the simpler methods; both sides have the same kind of hyperparameters.
     let cut = |load: f64, others: [f64; 3]| others.map(|other| 100.0 * (1.0 - load / other));
     let [base_tool, poe, gp, load, own_gp, own_load] = pooled;
     for (name, reduction, least) in [

@@ -1,4 +1,4 @@
-//! Warm-up: planted in a simulated arm it is found and removed, and an arm without it shows none.
+//! A warm-up that is simulated is found and removed; an arm without warm-up shows none.
 
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::learning::elastic::options::WarmUpPolicy;
@@ -18,13 +18,13 @@ use rand_chacha::ChaCha8Rng;
 use crate::never_worse::task;
 use crate::{arm, origin, samples, say, simulated_path};
 
-/// Rows, and the time constant in rows.
+/// Number of rows, and the time constant in rows.
 const ROWS: usize = 100;
 const TIME_CONSTANT: f64 = 25.0;
 /// Change of the zeros of joints 2 and 3 at the first row, rad.
 const ZEROS: [f64; 2] = [200e-6, -400e-6];
 
-/// `samples` in the order of time.
+/// Returns `samples` in the order of time.
 fn in_order(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
     let timed = |(row, sample): (usize, &InstrumentSample)| InstrumentSample {
         elapsed: Some(Elapsed {
@@ -36,7 +36,7 @@ fn in_order(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
     samples.iter().enumerate().map(timed).collect()
 }
 
-/// An arm whose joints 2 and 3 are displaced when the session begins; `instrument_from_base` is about where the base stands.
+/// Simulates an arm that warms up: at the first row, joints 2 and 3 and the base are displaced.
 fn warming_up(
     robot: &Robot,
     samples: &[InstrumentSample],
@@ -72,8 +72,8 @@ fn calibrate(robot: &Robot, samples: &[InstrumentSample], config: &Config) -> Ca
         .unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Removed, the model is as good for the warm arm as one of an arm that never was cold; kept, it is worse. The order of the
-/// rows in memory does not matter, only their time; and rows that were held out are seen without the warm-up, too.
+/// With the warm-up removed, the model of the warm arm is as good as that of an arm that was never cold; with the warm-up
+/// kept, it is worse. Only the time of the rows matters, not their order in memory.
 #[test]
 fn a_warm_up_is_found_and_removed() {
     let (robot, _) = arm("abb-irb4400-serial");
@@ -86,7 +86,10 @@ fn a_warm_up_is_found_and_removed() {
         (errors.position_mm.mean, found.calibration)
     };
     let (expected, calibration) = mean(&steady, &remove);
-    assert!(calibration.warm_up.is_none(), "found where there is none");
+    assert!(
+        calibration.warm_up.is_none(),
+        "found a warm-up in an arm without one"
+    );
     let base = calibration.base_and_tools.instrument_from_base;
     let mut samples = warming_up(&robot, &steady, &base);
     let (kept, calibration) = mean(&samples, &elastic(WarmUpPolicy::Keep));
@@ -110,7 +113,7 @@ fn a_warm_up_is_found_and_removed() {
         let part = found / (-1e6 * planted);
         assert!((0.6..1.4).contains(&part), "{found} µrad, {part}");
     }
-    // Without it every row is where the steady arm was.
+    // Without the warm-up, every row is where the steady arm was.
     let corrected = calibration.without_warm_up(samples.clone());
     let off = |rows: &[InstrumentSample]| {
         let far = rows.iter().map(|row| {
@@ -123,7 +126,7 @@ fn a_warm_up_is_found_and_removed() {
     assert!(after < 0.35 * before, "{before} mm, {after} after");
 }
 
-/// Rows that were held out are compared without the warm-up that the others show.
+/// Held-out rows are compared after subtracting the warm-up that the training rows show.
 #[test]
 fn rows_held_out_are_seen_without_the_warm_up() {
     let (robot, _) = arm("abb-irb4400-serial");
@@ -150,8 +153,8 @@ fn rows_held_out_are_seen_without_the_warm_up() {
     assert!(kept > 1.15 * expected, "{kept} mm, {expected} without");
 }
 
-/// An arm that does not warm up shows none, also where rows that follow each other are alike: the processes explain what
-/// depends on the joints.
+/// An arm without warm-up shows none, even where neighbouring rows are alike: the processes explain what depends on the
+/// joints.
 #[test]
 fn rows_in_the_order_of_a_joint_show_no_warm_up() {
     let (robot, _) = arm("abb-irb4400-serial");

@@ -1,4 +1,4 @@
-//! The error that a calibration from few poses expects all over its joint ranges, beside the error found there.
+//! The error that a calibration from few poses expects over its whole joint ranges, compared with the error found there.
 
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::ErrorSummary;
@@ -11,14 +11,14 @@ use rand_chacha::ChaCha8Rng;
 use crate::never_worse::{Set, measured, simulated, task};
 use crate::{origin, say};
 
-/// Mean over the draws of the expected error over the error found: hardly below one, and above where twenty poses do not
-/// show how regular an arm is.
+/// Accepted mean ratio of expected to found error. It is hardly below one; it is above where twenty poses do not show how
+/// smooth the errors of an arm are.
 const WITHIN: std::ops::RangeInclusive<f64> = 0.7..=2.5;
 const DRAWS: u64 = 4;
-/// Most poses that a model is tested on.
+/// Most poses on which a model is tested.
 const TESTED: usize = 400;
 
-/// Mean ratios of expected and found, of the means and of the 95th percentiles; prints each draw.
+/// Returns the mean ratios of expected to found error, for the means and for the 95th percentiles. Prints each draw.
 fn ratios(set: &Set, count: usize) -> [f64; 2] {
     let mut logs = [0.0; 2];
     for draw in 1..=DRAWS {
@@ -72,7 +72,7 @@ fn few_poses_state_the_error_of_the_work_volume() {
     table(&["paper", "wild"].map(simulated), &[12, 20, 50]);
 }
 
-/// The same of all sets, with those of others.
+/// All simulated sets, and those measured by others.
 #[test]
 #[ignore = "a quarter of an hour"]
 fn every_set_states_the_error_of_the_work_volume() {

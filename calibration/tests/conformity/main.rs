@@ -1,9 +1,9 @@
-//! Whether verdicts and expanded uncertainties are true: calibrations of simulated arms whose true errors are known.
+//! Tests whether verdicts and expanded uncertainties are right, on calibrations of simulated arms whose true errors are known.
 //!
-//! Each is judged by held-out poses with the tracker's noise, from a test set and by cross-validation. The rows of each arm
-//! declare a noise that is wrong by as much as the budget states of it. The truth is the error that 95 of 100 of 2 000 fresh
-//! poses without noise do not exceed. "Wrongly conforms" asks for the worst tolerance: the one that the arm just misses. The
-//! suite looks at a few arms; the study behind `docs/evidence/conformity.md` at 1 000:
+//! Held-out poses with the tracker's noise judge each calibration, once from a test set and once by cross-validation. The
+//! rows of each arm declare a noise that is wrong by as much as the uncertainty budget assumes. The truth is the error that
+//! 95 of 100 of 2 000 fresh poses without noise do not exceed. "Wrongly conforms" is tested at the worst tolerance, which the
+//! arm just misses. The suite tests a few arms; the study behind `docs/evidence/conformity.md` tests 1 000:
 //!
 //! ```sh
 //! cargo test --release -p poegp-calibration --test conformity -- --ignored --nocapture
@@ -37,11 +37,11 @@ use poegp_calibration::validation::held_out::HeldOutPose;
 const ROBOTS: [&str; 5] = ["abb-irb4400", "abb-irb120", "ur5", "ur10", "kuka-iiwa7"];
 const SCENARIOS: [Scenario; 3] = [Scenario::Paper, Scenario::WithBacklash, Scenario::Nonlinear];
 const TRAINING: [usize; 4] = [40, 60, 100, 200];
-/// Poses of a test set at most.
+/// Most poses of a test set.
 const TEST: usize = 100;
 const FRESH: usize = 2000;
 
-/// What the rows of an arm declare: the tracker's noise, as far as it is known.
+/// Returns the noise that the rows of an arm declare: the tracker's, with the error that the budget assumes.
 fn declared_noise(seed: u64) -> InstrumentNoise {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(1);
@@ -55,7 +55,7 @@ fn declared_noise(seed: u64) -> InstrumentNoise {
     }
 }
 
-/// Rows as the program reads them, with what they declare.
+/// Returns rows as the program reads them, with the declared noise.
 fn rows(robot: &Robot, poses: &[SimulatedPose], noise: InstrumentNoise) -> Vec<InstrumentSample> {
     let csv = to_csv(robot, poses, false, "simulated");
     let set = measurements::parse(Path::new("simulated.csv"), csv.as_bytes()).unwrap();
@@ -66,7 +66,7 @@ fn rows(robot: &Robot, poses: &[SimulatedPose], noise: InstrumentNoise) -> Vec<I
     rows
 }
 
-/// How one characteristic was judged.
+/// How the verdict on one characteristic compares with the truth.
 #[derive(Clone, Copy)]
 struct Judged {
     covered: bool,
@@ -89,7 +89,7 @@ impl Judged {
     }
 }
 
-/// Position and rotation, of a test set and of cross-validation.
+/// For the test set, then for cross-validation: position, then rotation.
 type Run = [[Judged; 2]; 2];
 
 fn run(number: usize, method: Method) -> Run {
@@ -135,7 +135,7 @@ fn run(number: usize, method: Method) -> Run {
     [judged(&found.held_out(&test)), judged(&folds)]
 }
 
-/// What 95 of 100 poses do not exceed, mm and mrad.
+/// Returns the errors that 95 of 100 poses do not exceed, mm and mrad.
 fn true_errors(found: &CalibratedBlob, fresh: &[InstrumentSample]) -> [f64; 2] {
     let poses = found.held_out(fresh);
     [0, 3].map(|first| {
@@ -149,7 +149,8 @@ fn true_errors(found: &CalibratedBlob, fresh: &[InstrumentSample]) -> [f64; 2] {
     })
 }
 
-/// A table, and for all runs by test sets and by cross-validation: covered and wrongly conforming, of position and rotation.
+/// Prints the tables. Returns the shares "covered" and "wrongly conforms" of all runs: for test set and cross-validation, and
+/// in each for position and rotation.
 fn study(runs: &[(Method, usize)]) -> [[(f64, f64); 2]; 2] {
     let mut all: Vec<Run> = Vec::new();
     println!(
@@ -199,7 +200,7 @@ fn table(name: &str, runs: &[Run]) -> [[(f64, f64); 2]; 2] {
     })
 }
 
-/// A sample: limits that true shares of 95 and 5 % miss once in a thousand times.
+/// A sample, with limits that true shares of 95 and 5 % exceed once in a thousand times.
 #[test]
 fn few_arms_conform_wrongly() {
     let runs = if cfg!(debug_assertions) { 30 } else { 60 };
@@ -211,8 +212,8 @@ fn few_arms_conform_wrongly() {
     }
 }
 
-/// The study: what is asked for, of 1 000 arms. By cross-validation the estimate is that of models of four fifths of the
-/// poses, which may be larger than the truth, never smaller.
+/// The study with 1 000 arms. Cross-validation estimates the error of models trained on four fifths of the poses, which may be
+/// larger than the truth but not smaller, so its coverage is not bounded.
 #[test]
 #[ignore = "takes minutes: a study"]
 fn a_thousand_arms() {

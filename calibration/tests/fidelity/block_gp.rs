@@ -1,5 +1,5 @@
 //! The joint-space processes solved together with the frames: weights, deflections and poses against numpy, and the
-//! gradient of the marginal likelihood against differences.
+//! gradient of the marginal likelihood against finite differences.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
@@ -51,7 +51,7 @@ fn samples(file: &Value, joints: &str, payloads: &str, measured: &str) -> Vec<Ba
         .collect()
 }
 
-/// Frames alone: no gravity terms, no ripple.
+/// Returns a model with frames alone: no gravity terms, no ripple.
 fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> ParametricModel {
     let layout = Layout {
         joints: JOINTS,
@@ -65,7 +65,7 @@ fn frames_only(chain: &Poe<f64>, payload: bool, gravity: bool) -> ParametricMode
     ParametricModel::new(chain, vec![tool], None, layout, down)
 }
 
-/// Their hyperparameters in our order; payloads are in kg here and in units of m0 there.
+/// Returns the hyperparameters of the vector file in our order; our payloads are in kg, the file's in units of m0.
 fn hyperparameters(file: &Value, layout: HyperLayout) -> Vec<f64> {
     let theta = numbers(&file["theta_log"]);
     let at = |name: &str| -> Vec<usize> {
@@ -88,13 +88,13 @@ fn hyperparameters(file: &Value, layout: HyperLayout) -> Vec<f64> {
     out
 }
 
-/// Largest difference as a share of the largest number there.
+/// Returns the largest difference as a share of the largest expected number.
 fn share(ours: &[f64], theirs: &[f64]) -> f64 {
     let largest = theirs.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     largest_difference(ours, theirs) / largest
 }
 
-/// Largest distance of the origins in metres, and largest angle in radians.
+/// Returns the largest distance between origins in metres, and largest angle in radians.
 fn apart(ours: &[Pose<f64>], theirs: &[Pose<f64>]) -> (f64, f64) {
     let pairs = ours.iter().zip(theirs);
     pairs.fold((0.0, 0.0), |(distance, angle): (f64, f64), (a, b)| {
@@ -105,7 +105,7 @@ fn apart(ours: &[Pose<f64>], theirs: &[Pose<f64>]) -> (f64, f64) {
     })
 }
 
-/// With processes of all joints and no curve.
+/// Returns the likelihood with processes of all joints and no own-joint curve.
 fn likelihood<'a>(
     linear: &'a Linearised,
     groups: &'a [PriorGroup],
@@ -139,14 +139,14 @@ fn weights_deflections_and_poses_are_numpys() {
     let scales = NoiseScales::uniform(file["sp"].as_f64().unwrap(), file["sr"].as_f64().unwrap());
     let inputs = Inputs::new(&state, &train);
     let similarities = inputs.similarities();
-    // There, all frames have the prior that the arm's have here.
+    // In the reference all frames have the prior that the arm's frames have here.
     let groups = vec![PriorGroup::Frames; state.deviation.len()];
     assert_eq!(
         PriorGroup::Frames.prior_sd(),
         file["prior_sd_param"].as_f64().unwrap()
     );
-    // Two solutions, the second linearised at the frames of the first, and its prior around them too: the fit keeps
-    // the prior where it was, these numbers were made without.
+    // Two solutions: the second is linearised at the frames of the first, with its prior around them as well. The fit keeps
+    // the prior where it was, but the reference did not, so the test resets the deviation.
     let mut solve = || {
         state.deviation.fill(0.0);
         let linear = state.linearise(&train, scales);
@@ -158,7 +158,7 @@ fn weights_deflections_and_poses_are_numpys() {
     solve();
     let solved = solve();
 
-    // Theirs are per 1e-4 rad.
+    // The reference's weights are per 1e-4 rad.
     let at = |k: usize| (0..JOINTS).map(move |c| (k, c));
     let weights: Vec<f64> = (0..train.len())
         .flat_map(at)
@@ -202,7 +202,7 @@ fn weights_deflections_and_poses_are_numpys() {
     assert!(frame_distance <= 1e-12 && frame_angle <= 1e-12);
 }
 
-/// Poses of the simulated arm seen from its base, with and without their payloads.
+/// Returns poses of the simulated arm in its base frame, with or without their payloads.
 fn in_base(count: usize, payload: bool) -> (Poe<f64>, Vec<BaseSample>) {
     let (robot, nominal) = arm();
     let mut samples = simulated(&robot, "train");
@@ -240,7 +240,7 @@ fn the_gradient_is_that_of_differences() {
             curve: false,
         };
         let evidence = likelihood(&linear, &groups, (&inputs, &similarities), layout);
-        // Away from the start, where outputs are alike; priors stay large enough to matter.
+        // Not at the start, where all outputs are alike; priors stay large enough to matter.
         let mut h = layout.start_and_bounds(4.0).0;
         for (i, value) in h.iter_mut().enumerate() {
             *value += 0.4 * libm::sin(1.7 * i as f64);
@@ -254,13 +254,13 @@ fn the_gradient_is_that_of_differences() {
                 moved[i] += step;
                 evidence.value_and_gradient(&moved).0
             };
-            // Fourth order, with a step so large because a value has seven digits less than f64: S is that
-            // ill-conditioned, the tool's prior against the noise.
+            // Fourth order with a large step, because a value has seven digits less than f64 has: S is that ill-conditioned
+            // (the tool's prior against the noise).
             let step = 3e-2;
             let central =
                 (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step))) / (12.0 * step);
             worst = worst.max((gradient[i] - central).abs() / largest);
-            // Without payloads nothing depends on the payload terms' prior.
+            // Without payloads nothing depends on the prior of the payload terms.
             assert!(gradient[i] != 0.0 || (!payload && i == COMMON - 1), "{i}");
         }
         let of = |yes: bool, name: &str| if yes { name.to_owned() } else { String::new() };

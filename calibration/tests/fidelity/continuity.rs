@@ -1,5 +1,5 @@
-//! The corrected command is a continuous function of the command, with a bounded slope, beside singularities, too, and leaves
-//! nothing worse than it was: laws over random paths of every built-in arm.
+//! The corrected command is a continuous function of the command with a bounded slope, near singularities too, and it never
+//! increases the error. These laws are tested over random paths of every built-in arm.
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -12,15 +12,15 @@ use rand_chacha::ChaCha8Rng;
 use crate::corrected::{Arm, Fitted, fit, fit_measured, quantile};
 use crate::say;
 
-/// Half of the speed of a joint that states none, rad/s.
+/// Half of the speed that is assumed for a joint without a stated one, rad/s.
 const SPEED: f64 = 1.5;
-/// Commands a second.
+/// Commands per second.
 const RATE: f64 = 1_000.0;
-/// Largest step of a correction beside the largest step of a commanded joint.
+/// Largest ratio of a step of the correction to the largest step of a commanded joint.
 const SLOPE: f64 = 0.5;
-/// The same, in radians, for rounding.
+/// Allowance for rounding, rad.
 const ROUNDING: f64 = 3e-6;
-/// Points of a path; a debug build looks at a tenth of the paths.
+/// Points of a path. A debug build tests a tenth of the paths.
 const POINTS: usize = 600;
 const PATHS: usize = if cfg!(debug_assertions) { 10 } else { 100 };
 
@@ -29,15 +29,15 @@ const PATHS: usize = if cfg!(debug_assertions) { 10 } else { 100 };
 enum Kind {
     /// Anywhere.
     Random,
-    /// Through a singularity that turning this joint makes.
+    /// Through a singularity that this joint reaches by turning.
     Through(usize),
-    /// Along one, 0.5° to 6° beside it.
+    /// Along a singularity, 0.5° to 6° beside it.
     Along,
     /// Across the edge of the trained ranges.
     Edge,
 }
 
-/// Limits of the joints, of those that turn further only the middle turn.
+/// Returns the limits of the joints; a joint that turns further is limited to its middle turn.
 fn limits(fitted: &Fitted) -> Vec<(f64, f64)> {
     let pi = std::f64::consts::PI;
     let limits = fitted
@@ -53,7 +53,7 @@ fn anywhere(limits: &[(f64, f64)], random: &mut ChaCha8Rng) -> Vec<f64> {
     limits.iter().map(value).collect()
 }
 
-/// A singular pose, by turning `joint` alone, if there is one.
+/// Returns a singular pose that `joint` reaches by turning alone, if there is one.
 fn singular(
     fitted: &Fitted,
     limits: &[(f64, f64)],
@@ -77,7 +77,7 @@ fn singular(
     (fitted.smallest_singular_value(&q) < 3e-3).then_some(q)
 }
 
-/// Start and step of a path of [`POINTS`] points.
+/// Returns the start and step of a path with [`POINTS`] points.
 fn path(fitted: &Fitted, kind: Kind, random: &mut ChaCha8Rng) -> Option<(Vec<f64>, Vec<f64>)> {
     let limits = limits(fitted);
     let n = limits.len();
@@ -134,7 +134,7 @@ fn corrections<T: CompiledCorrection>(
     out
 }
 
-/// The largest step of a correction, and where it ends.
+/// Returns the largest step of a correction, and the index of its end.
 fn largest_step(corrections: &[(Vec<f64>, Vec<f64>)]) -> (f64, usize) {
     let mut out = (0.0, 0);
     for (k, pair) in corrections.windows(2).enumerate() {
@@ -147,22 +147,22 @@ fn largest_step(corrections: &[(Vec<f64>, Vec<f64>)]) -> (f64, usize) {
     out
 }
 
-/// What is left along paths of one kind.
+/// What was measured along the paths of one kind.
 #[derive(Default)]
 struct Left {
-    /// Largest step of each path beside the largest step of a commanded joint, in f64; the largest of all in f32.
+    /// Largest step of each path divided by the largest step of a commanded joint, in f64; `single`: the largest of all in f32.
     slopes: Vec<f64>,
     single: f64,
-    /// How many times smaller the largest step of a path is with ten times as many points; from a hundred to a thousand times.
+    /// By what factor the largest step of a path falls with ten times as many points; `thousand`: from 100 to 1 000 times.
     ten: Vec<f64>,
     thousand: Vec<f64>,
     /// Largest slope with a hundred times as many points.
     steepest: f64,
-    /// Position error that stays, m.
+    /// Remaining position error, m.
     position: Vec<f64>,
-    /// The most by which it is larger than without correction.
+    /// Largest increase of the position error over the uncorrected one, m.
     worse: f64,
-    /// The most by which the rotation is larger than without correction and than its 95th percentile without, rad.
+    /// Largest rotation beyond both the uncorrected one and the 95th percentile of uncorrected ones, rad.
     over: f64,
 }
 
@@ -194,7 +194,7 @@ fn look(
         let (largest, at) = largest_step(&double);
         left.slopes.push(largest / commanded);
         if largest > 10e-6 {
-            // More points where it is largest: a step is as many times smaller, from some number of points on.
+            // More points where the step is largest: with enough points the step shrinks in proportion.
             let finer = |from: f64, part: f64| {
                 let points = (0..=60).map(|k| from + part * f64::from(k));
                 let found = corrections(&fitted.double, &start, &step, points, payload_kg);
@@ -224,7 +224,7 @@ fn look(
     left
 }
 
-/// The 95th percentile of the rotation without correction.
+/// Returns the 95th percentile of the rotation without correction.
 fn usual_rotation(fitted: &Fitted, random: &mut ChaCha8Rng) -> f64 {
     let limits = limits(fitted);
     let mut angles: Vec<f64> = (0..2_000)
@@ -237,7 +237,7 @@ fn usual_rotation(fitted: &Fitted, random: &mut ChaCha8Rng) -> f64 {
     quantile(&angles, 950)
 }
 
-/// The laws over random paths of one arm; what does not hold goes to `broken`. Returns how many paths there were.
+/// Tests the laws over random paths of one arm and adds violations to `broken`. Returns the number of paths.
 fn laws(name: &str, fitted: &Fitted, paths: usize, broken: &mut Vec<String>) -> usize {
     let mut random = ChaCha8Rng::seed_from_u64(15);
     let usual = usual_rotation(fitted, &mut random);
@@ -306,11 +306,11 @@ fn commands_never_jump_and_nothing_gets_worse() {
     assert!(broken.is_empty(), "{broken:#?}");
 }
 
-/// The folder of [`measured_arms_never_jump_either`].
+/// The environment variable of [`measured_arms_never_jump_either`].
 const MEASURED: &str = "POEGP_MEASURED_DATA";
 
-/// The same for models of measured arms: of every CSV file in the folder that the environment names whose own name begins with
-/// a built-in robot's, like `ur10_cell_3.csv`.
+/// The same laws for models of measured arms: of every CSV file in the folder whose name begins with a built-in robot's name,
+/// like `ur10_cell_3.csv`.
 #[test]
 fn measured_arms_never_jump_either() {
     let Some(folder) = std::env::var_os(MEASURED) else {
@@ -339,12 +339,12 @@ fn measured_arms_never_jump_either() {
         let mut lines = text.lines();
         let head = lines.next().unwrap();
         let rows: Vec<&str> = lines.collect();
-        // A few hundred rows make the same model, sooner.
+        // A few hundred rows give the same model in less time.
         let every = rows.len().div_ceil(400);
         let rows: Vec<&str> = rows.into_iter().step_by(every).collect();
         let csv = format!("{head}\n{}\n", rows.join("\n"));
         let fitted = fit_measured(robot, &csv, &Config::new(Method::Elastic));
-        // Joints that never moved leave most of the geometry to chance, and the trained range is no room for paths.
+        // Joints that never moved leave most of the geometry undetermined, and their trained range has no room for paths.
         let still = fitted.ranges.iter().filter(|(a, b)| b - a < 0.02).count();
         if still > 1 {
             say(format_args!(

@@ -1,4 +1,4 @@
-//! Corrected joints of fitted arms: the f64 model of the same blob says what is left.
+//! Corrected joints of fitted arms. The f64 model of the same blob computes the error that remains.
 
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement as measurements;
@@ -27,13 +27,13 @@ const SIX_AXES: [&str; 5] = [
     "ur5",
     "ur10",
 ];
-/// Poses of these arms in all.
+/// Number of poses of these arms together.
 const POSES: usize = 5_000;
-/// Smallest singular value of the Jacobian (m and rad) of poses that are not singular.
+/// Poses whose Jacobian (m and rad) has at least this smallest singular value count as not singular.
 const REGULAR: f64 = 0.15;
 
-/// What rounding and the second derivative may add to the error of a pose that is hardly corrected, m: a micrometre, and as
-/// much for `f32`, of which it is four to eight ulp.
+/// Largest increase of the error of a pose that is hardly corrected, m: a micrometre for the second derivative, and a
+/// micrometre for rounding to `f32`, which is four to eight ulp.
 const NOT_WORSE: f64 = 2e-6;
 
 pub type Arm<T> = Model<T, { words_for(512) }>;
@@ -43,7 +43,7 @@ pub struct Fitted {
     pub robot: Robot,
     pub single: Box<Arm<f32>>,
     pub double: Box<Arm<f64>>,
-    /// Ranges of the joints in the training.
+    /// Trained ranges of the joints.
     pub ranges: Vec<(f64, f64)>,
 }
 
@@ -54,7 +54,7 @@ pub fn fit(robot: &str, scenario: Scenario, options: &Config) -> Fitted {
     fit_measured(robot, &csv, options)
 }
 
-/// A model of these measurements.
+/// Fits a model to these measurements.
 pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
     let set = measurements::parse("train", csv.as_bytes()).unwrap();
     let mut tools = Vec::new();
@@ -83,8 +83,8 @@ pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
 }
 
 impl Fitted {
-    /// Distance (m) and angle (rad) between where the calibrated arm stands at `command` and where the nominal one would
-    /// at `joints`.
+    /// Returns the distance (m) and angle (rad) between the calibrated arm's pose at `command` and the nominal arm's at
+    /// `joints`.
     pub fn error(&self, joints: &[f64], command: &[f64], payload_kg: f64) -> (f64, f64) {
         let nominal = self.double.nominal(joints).unwrap();
         let pose = self.double.evaluate(command, payload_kg).pose;
@@ -95,7 +95,8 @@ impl Fitted {
         )
     }
 
-    /// The same at the corrected command of number type T, with its status and what it says of the distance itself.
+    /// Returns the same error at the corrected command in number type T, with its status and the distance that the model
+    /// states.
     fn corrected<T: CompiledCorrection>(
         &self,
         model: &Arm<T>,
@@ -113,7 +114,7 @@ impl Fitted {
         (error, found.status, found.position_error.to_f64())
     }
 
-    /// Smallest singular value of the nominal arm's Jacobian at the target, by differences.
+    /// Returns the smallest singular value of the nominal arm's Jacobian at the target, by finite differences.
     pub fn smallest_singular_value(&self, joints: &[f64]) -> f64 {
         let step = 1e-6;
         let here = self.double.nominal(joints).unwrap();
@@ -136,14 +137,14 @@ impl Fitted {
         let joints = self
             .ranges
             .iter()
-            // As single precision has it: both models must be asked the same.
+            // Rounded to single precision, so that both models get the same input.
             .map(|(lower, upper)| f64::from(random.random_range(*lower..*upper) as f32))
             .collect();
         (joints, f64::from(random.random_range(0.0..7.5_f32)))
     }
 }
 
-/// The value below which so many of a thousand are.
+/// Returns the value that this many thousandths of the numbers do not exceed.
 pub fn quantile(sorted: &[f64], thousandths: usize) -> f64 {
     sorted[(sorted.len() * thousandths).div_ceil(1000) - 1]
 }
@@ -165,7 +166,7 @@ fn regular_poses_are_corrected_within_a_micrometre() {
             let mut random = ChaCha8Rng::seed_from_u64(7);
             let (mut here, mut here_single) = (Vec::new(), Vec::new());
             let mut tries = 0;
-            // Some of the ranges in which a small arm is measured contain hardly any regular pose.
+            // The measured ranges of a small arm may contain hardly any regular pose.
             while here.len() < POSES / SIX_AXES.len() && tries < 20_000 {
                 tries += 1;
                 let (joints, payload_kg) = fitted.random_pose(&mut random);
@@ -222,8 +223,8 @@ fn regular_poses_are_corrected_within_a_micrometre() {
     }
 }
 
-/// Corrects seven values of each of six joints, zero and beyond the limits among them, and every payload in turn; returns how
-/// many were corrected.
+/// Corrects a grid of seven values of each of six joints, including zero and values beyond the limits, with each payload in
+/// turn. No pose may get worse, and the stated error must be right.
 fn grid(name: &str, fitted: &Fitted) {
     let limits = fitted
         .robot
@@ -264,7 +265,7 @@ fn grid(name: &str, fitted: &Fitted) {
         1e6 * beyond
     ));
     assert!(beyond <= NOT_WORSE, "{name}: {beyond:e}");
-    // The grid is mostly beside singularities: joints at zero and at their limits. A small arm is corrected in part at 80 %.
+    // Joints at zero and at their limits are mostly near singularities. Of a small arm's poses, 80 % are corrected in part.
     assert!(poses >= 100_000 && 10 * refused < 9 * poses, "{refused}");
 }
 
@@ -276,7 +277,7 @@ fn no_pose_gets_worse() {
     }
 }
 
-/// Newton steps by differences of the whole f64 model, undamped, until nothing changes: the same joints.
+/// An undamped Newton iteration with finite differences of the f64 model, run until nothing changes, finds the same joints.
 #[test]
 fn a_naive_search_finds_the_same_joints() {
     for (name, options) in models() {
@@ -329,7 +330,7 @@ fn a_naive_search_finds_the_same_joints() {
     }
 }
 
-/// An arm with a joint to spare.
+/// An arm with seven joints, one more than a pose needs.
 #[test]
 fn seven_joints_are_corrected() {
     for (name, options) in models() {

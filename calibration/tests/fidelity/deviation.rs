@@ -1,4 +1,4 @@
-//! The predictive standard deviation of the elastic model against an identity that needs none of its formulas.
+//! The predictive standard deviation of the elastic model, tested by an identity that uses none of its formulas.
 
 use poegp_calibration::identification::base_tool::with_base_and_tool;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
@@ -13,8 +13,8 @@ use poegp_runtime::math::se3::Pose;
 use crate::say;
 use crate::sets::{arm, simulated};
 
-/// A pose that was trained on, measured once more: with S = P + N its covariance is N + P − P S⁻¹ P = 2 N − N S⁻¹ N, from
-/// the factor of S alone.
+/// A training pose measured once more: with S = P + N its covariance is N + P − P S⁻¹ P = 2 N − N S⁻¹ N, which needs only the
+/// factor of S.
 #[test]
 fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
     let (robot, nominal) = arm();
@@ -44,7 +44,7 @@ fn the_deviation_of_a_trained_pose_is_that_of_the_factor() {
         .map(|h| libm::exp(*h))
         .collect();
     let scales = [found.scales.position, found.scales.orientation];
-    // The reduced model moves the parameters; what is known of them stays what the data said.
+    // The reduced model moves the parameters; their uncertainty stays that of the data.
     ElasticModel::new(&mut found, &samples, &samples, None, &options).unwrap();
     let uncertainty = Uncertainty::new(found, &samples, [1.0; 2]).unwrap();
     let mut worst = 0.0_f64;

@@ -1,4 +1,4 @@
-//! Log marginal likelihood, its gradient, mean and variance at fixed hyperparameters, against scikit-learn and numpy.
+//! Log marginal likelihood, gradient, mean and variance at fixed hyperparameters, against scikit-learn and numpy.
 
 use poegp_calibration::learning::task_space::likelihood::log_marginal_likelihood;
 use poegp_calibration::learning::task_space::{
@@ -32,7 +32,7 @@ fn column(of: &Mat<f64>, c: usize) -> Mat<f64> {
     Mat::from_fn(of.nrows(), 1, |i, _| of[(i, c)])
 }
 
-/// |a − b| / |b|.
+/// Returns |a − b| / |b|.
 fn relative(a: f64, b: f64) -> f64 {
     (a - b).abs() / b.abs()
 }
@@ -60,7 +60,7 @@ fn value_and_gradient_are_scikit_learns() {
                         .unwrap()
                         .log_likelihood
                 };
-                // Fourth order: the error of the difference is rounding, not curvature.
+                // Fourth order, so that the error of the difference is rounding rather than curvature.
                 let step = 1e-3;
                 let central = (8.0 * (at(step) - at(-step)) - (at(2.0 * step) - at(-2.0 * step)))
                     / (12.0 * step);
@@ -80,7 +80,8 @@ fn value_and_gradient_are_scikit_learns() {
     assert!(value <= 1e-10 && slope <= 1e-8 && difference <= 1e-8);
 }
 
-/// The largest relative differences of mean (to the output's largest) and standard deviation at `points`.
+/// Returns the largest relative differences at `points`: of the mean (as a share of the output's largest) and of the
+/// standard deviation.
 fn posterior(
     gp: &TaskSpaceGp,
     points: &[Vec<f64>],
@@ -114,7 +115,7 @@ fn mean_and_variance_are_scikit_learns() {
         let h = hyperparameters(&case["theta"], &case["noise_variance"]);
         let std = outputs(&case["std"]);
         let squares: Vec<_> = std.iter().map(|row| row.map(|s| s * s)).collect();
-        // Six equal sets of hyperparameters are the same process by the other formula.
+        // Six equal sets of hyperparameters give the same process by a different formula.
         for hyperparameters in [vec![h], vec![h; OUTPUTS]] {
             let gp = TaskSpaceGp::condition(hyperparameters, x.clone(), &y).unwrap();
             let (m, v) = posterior(&gp, &points, &outputs(&case["mean"]), &squares);

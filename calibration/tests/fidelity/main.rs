@@ -1,6 +1,6 @@
-//! The trainer's numbers against those of others: numpy, scikit-learn, and its own f64 model.
+//! The trainer's numbers against independent ones: numpy, scikit-learn, and its own f64 model.
 //!
-//! The vectors are in `tests/data/vectors`; its README says who made them.
+//! The vectors are in `tests/data/vectors`; its README states their origin.
 
 mod block_gp;
 mod continuity;
@@ -18,7 +18,7 @@ mod step1;
 use std::fmt::Display;
 use std::io::Write;
 
-/// Shows a measured number, whether or not the test passes.
+/// Prints a measured number, whether or not the test passes.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }

@@ -1,4 +1,4 @@
-//! Base-tool, step 1 and the largest likelihood on a whole training set, against numpy, scipy and scikit-learn.
+//! Base-tool, step 1 and the maximum likelihood on a whole training set, against numpy, scipy and scikit-learn.
 
 use poegp_calibration::identification::frame_fit::{ResidualFrame, residual_components};
 use poegp_calibration::learning::task_space::fit::{
@@ -19,7 +19,7 @@ use crate::json::{array, largest_difference, list, parse};
 use crate::{say, sets};
 
 const OPTIMUM: &str = include_str!("../../../tests/data/vectors/gp_optimum.json");
-/// Nats per pose and output that our optimum may be below scikit-learn's.
+/// How far our optimum may be below scikit-learn's, in nats per pose and output.
 const WORSE: f64 = 1e-3;
 
 #[test]
@@ -83,8 +83,8 @@ fn the_optimum_is_as_likely_as_scikit_learns() {
     }
 }
 
-/// Under a bound of the signal variance the search may begin where the one without ended, and must not end below: of these
-/// smooth outputs the optimum without the bound has other lengthscales.
+/// With a bound of the signal variance, the search may start where the search without the bound ended. It must reach the same
+/// likelihood as from the usual starts. For these smooth outputs the unbounded optimum has other lengthscales.
 #[test]
 fn a_bounded_search_that_begins_elsewhere_ends_as_high() {
     const BOUND: f64 = 30.0;
@@ -126,7 +126,10 @@ fn a_bounded_search_that_begins_elsewhere_ends_as_high() {
             .1;
         let lost = (best - likelihood.log_likelihood) / inputs.len() as f64;
         bounded += usize::from(larger[c].kernel.signal_variance > BOUND);
-        assert!(lost <= WORSE, "output {c}: {lost} nats a pose below");
+        assert!(
+            lost <= WORSE,
+            "output {c}: {lost} nats per pose below the optimum"
+        );
     }
     say(format_args!(
         "{bounded} of 6 outputs beyond the bound: as likely as from the usual starts"

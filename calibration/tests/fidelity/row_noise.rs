@@ -1,4 +1,4 @@
-//! Rows weighted by the noise that they state of themselves.
+//! Rows are weighted by the noise that they declare.
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::write::{CalibratedBlob, Provenance, calibrate_to_blob};
@@ -19,11 +19,11 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::say;
 use crate::sets::{arm, simulated};
 
-/// The instrument of the simulated sets, one component: metres and radians.
+/// Noise of the simulated sets' instrument, one component, m and rad; below in mm and mrad.
 const NOISE: (f64, f64) = (1e-3 * NOISE_MM_MRAD.0, 1e-3 * NOISE_MM_MRAD.1);
 const NOISE_MM_MRAD: (f64, f64) = (0.03, 0.05);
 const POSES: usize = 100;
-/// Poses in three of which is a noisy one.
+/// One pose in this many is noisy.
 const EVERY: usize = 3;
 
 fn stated(factor: f64) -> InstrumentNoise {
@@ -33,7 +33,7 @@ fn stated(factor: f64) -> InstrumentNoise {
     }
 }
 
-/// The training poses; every third is made `factor` times as noisy, and says so.
+/// Returns the training poses. Every third is made `factor` times as noisy and declares that noise.
 fn uneven(factor: f64) -> Vec<InstrumentSample> {
     let mut random = ChaCha8Rng::seed_from_u64(11);
     let mut normal = |sigma: f64| -> Vector3<f64> {
@@ -44,7 +44,7 @@ fn uneven(factor: f64) -> Vec<InstrumentSample> {
     };
     let mut samples = simulated(&arm().0, "train");
     samples.truncate(POSES);
-    // What is there already is noise, too.
+    // The existing noise counts as well.
     let added = (factor * factor - 1.0).sqrt();
     for (k, sample) in samples.iter_mut().enumerate() {
         sample.declared_noise = stated(1.0);
@@ -83,7 +83,8 @@ fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob 
     calibrate_to_blob(&robot, samples, options, &origin, &FitContext::default()).unwrap()
 }
 
-/// Weighted by noise, and no row is left out: rows that do not state their noise would be taken for outliers instead.
+/// Returns a configuration with weighting by noise and without outliers: noisy rows that do not declare their noise would
+/// be left out as outliers.
 fn weighted(method: Method) -> Config {
     Config {
         weighting: Weighting::Noise,
@@ -97,14 +98,14 @@ fn rows_of_their_own_noise_count_by_it() {
     let test = simulated(&arm().0, "test1");
     let mean = |samples: &[InstrumentSample], method| {
         let found = calibrated(samples, &weighted(method));
-        // A row that is as noisy as it states is no outlier.
+        // A row that is as noisy as it declares is no outlier.
         let states_noise = samples[0].declared_noise != InstrumentNoise::UNKNOWN;
         assert!(!states_noise || found.calibration.outliers.is_empty());
         ErrorSummary::new(&found.blob.errors(&test))
             .position_mm
             .mean
     };
-    // The chain alone is off by half a millimetre, which is as good as noise: it takes rows of millimetres to matter.
+    // The POE model alone is off by half a millimetre, which acts like noise: only a noise of millimetres matters beside it.
     for (method, factor, at_most) in [(Method::Elastic, 10.0, 0.85), (Method::Poe, 100.0, 0.9)] {
         let samples = uneven(factor);
         let own = mean(&samples, method);
@@ -127,7 +128,7 @@ fn the_same_noise_in_all_rows_changes_no_byte() {
     };
     let poe = weighted(Method::Poe);
     assert_eq!(bytes(&even, &poe), bytes(&silent(&even), &poe));
-    // For the elastic model, it is also the least noise that may be found, as when it is stated for all rows together …
+    // For the elastic model the declared noise is also the lower bound of the fitted noise, as noise stated for all rows is …
     let elastic = Config::new(Method::Elastic);
     let told = Config {
         position_sigma_mm: Some(NOISE_MM_MRAD.0),
@@ -136,7 +137,7 @@ fn the_same_noise_in_all_rows_changes_no_byte() {
     };
     let by_rows = bytes(&even, &elastic);
     assert_eq!(by_rows, bytes(&silent(&even), &told));
-    // … which goes before what rows say.
+    // … and noise stated for all rows takes precedence over the rows' own.
     let loud: Vec<InstrumentSample> = even
         .iter()
         .enumerate()

@@ -8,14 +8,14 @@ use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::kinematics::poe::Poe;
 
-/// The arm that the sets are of, with its nominal chain.
+/// Returns the simulated arm of the sets, with its nominal chain.
 pub fn arm() -> (Robot, Poe<f64>) {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
     let nominal = robot.chain().unwrap();
     (robot, nominal)
 }
 
-/// `train`, `test1`, `test2` or `test3`.
+/// Returns the set named `train`, `test1`, `test2` or `test3`.
 pub fn simulated(robot: &Robot, set: &str) -> Vec<InstrumentSample> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!(
         "../tests/data/simulated/irb4400_paper_s0_{set}.csv"

@@ -1,4 +1,4 @@
-//! What `f32` costs: the blob's poses against the f64 model, on all simulated data.
+//! What `f32` loses: the blob's poses against the f64 model, on all simulated data.
 
 use poegp_calibration::blob::precision_loss::{MAX_F32_ERROR_M, MEAN_F32_ERROR_M};
 use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance, calibrate_to_blob};
@@ -57,7 +57,7 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         )
         .unwrap();
         let instrument_from_base = found.calibration.base_and_tools.instrument_from_base;
-        // Written out, not by `export::fidelity`: the bounded poses are counted, and the rotation is looked at.
+        // Independent of `export::fidelity`: this counts limited corrections and compares rotations as well.
         let (mut distances, mut angle, mut bounded) = (Vec::new(), 0.0_f64, 0);
         for sample in sets.iter().flatten() {
             let stored = found.blob.predict(&sample.joints, sample.payload_kg);
@@ -89,14 +89,14 @@ fn the_blob_is_within_two_micrometres_of_the_model() {
         );
         assert_eq!(
             bounded, 0,
-            "{name}: twice the training's largest is enough here"
+            "{name}: no correction should exceed the default limit"
         );
         assert!(angle < 2e-6, "{name}");
     }
 }
 
-/// Measurements without noise of an arm whose second joint is off by a large smooth function that no geometry
-/// explains: decimetres of correction and a process that believes every digit, of which `f32` has seven.
+/// Returns measurements without noise of an arm whose second joint has a large smooth error that no geometry explains. The
+/// correction is decimetres, and without noise the process fits every digit; `f32` has only seven.
 fn absurd(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
     let mut out = samples.to_vec();
     for sample in &mut out {
@@ -127,8 +127,8 @@ fn a_blob_that_loses_more_is_not_made() {
     assert!(fidelity.max_m > MAX_F32_ERROR_M || fidelity.mean_m > MEAN_F32_ERROR_M);
 }
 
-/// Kernels so smooth that their points can hardly be told apart have weights that nearly cancel. They are kept so small that
-/// `f32` holds their sum, and what that costs is told.
+/// Kernels so smooth that their points are hardly distinguishable have weights that nearly cancel. The fit keeps the weights
+/// so small that `f32` holds their sum, and states what that costs.
 #[test]
 fn weights_that_single_precision_cannot_hold_are_made_smaller() {
     let (robot, nominal) = sets::arm();
@@ -146,7 +146,7 @@ fn weights_that_single_precision_cannot_hold_are_made_smaller() {
     };
     let options = ElasticOptions::default();
     let mut fit = fit(&arm, &samples, &options, &FitContext::default()).unwrap();
-    // A hundredth of a radian, far above the noise.
+    // A prior of a hundredth of a radian, far above the noise.
     let kernel = |rate: f64| JointKernel::<f64>::from_natural(&[rate; 6], 0.0, 1e-4, 0.0);
     let functions: Vec<ClusteredInput> = (0..6)
         .flat_map(|c| (0..40).map(move |j| (c, j)))
@@ -181,7 +181,7 @@ fn weights_that_single_precision_cannot_hold_are_made_smaller() {
             worst,
             solution.single_precision_cost.map(|m| 1e6 * m)
         ));
-        // At 2.5 m.
+        // 0.8 µrad are 2 µm at a distance of 2.5 m.
         assert!(worst < 0.8e-6, "{worst}");
         costs.extend(solution.single_precision_cost);
     }

@@ -1,4 +1,5 @@
-//! Step 1 on 40 poses against an independent Gauss–Newton in numpy; only what does not depend on the gauge is compared.
+//! Step 1 on 40 poses against an independent Gauss–Newton solver in numpy. Only quantities that do not depend on the gauge are
+//! compared.
 
 use poegp_calibration::identification::frame_fit::{
     ResidualFrame, fit_frames, residual_components,

@@ -1,5 +1,5 @@
-//! Standard deviations from few poses, of simulated arms whose truth is known: on the host, on the device, and where poses
-//! were measured again.
+//! Standard deviations from few poses of simulated arms with known truth: on the host, on the device, and with repeated
+//! poses.
 
 use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::measurement::observation::Observation;
@@ -13,7 +13,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::{calibrated, sets};
 
-/// Standard deviations of one position component on poses that were not trained on, m.
+/// Sums over the position components of poses that were not used in training; squares are in m².
 #[derive(Debug, Default)]
 struct Found {
     components: f64,
@@ -39,7 +39,7 @@ impl Found {
         }
     }
 
-    /// Ratios of the stated standard deviations of host and device to the errors.
+    /// Returns the stated standard deviations of host and device, each divided by the RMS error.
     fn ratios(&self) -> [f64; 2] {
         [self.host, self.device].map(|sum| (sum / self.squares).sqrt())
     }
@@ -52,7 +52,8 @@ fn elastic(processes: bool) -> Config {
     }
 }
 
-/// Parameters alone, from 25 and 50 poses: gravity and ripple are parameters as well as the chain.
+/// Without processes, from 25 and 50 poses, the stated standard deviations fit the errors of new poses. Gravity and ripple
+/// are parameters, as the chain is.
 #[test]
 fn parameters_alone_state_the_errors_of_new_poses() {
     let (robot, _) = sets::arm();
@@ -71,7 +72,7 @@ fn parameters_alone_state_the_errors_of_new_poses() {
     }
 }
 
-/// From 40 poses the device states what the host states, and the errors are within it as often as they should be.
+/// From 40 poses the device states nearly the host's standard deviation, and it covers the expected share of errors.
 #[test]
 fn the_device_knows_that_poses_are_few() {
     let (robot, _) = sets::arm();
@@ -89,7 +90,7 @@ fn the_device_knows_that_poses_are_few() {
     assert!((0.58..0.85).contains(&share), "{share}");
 }
 
-/// 16 poses that were measured four times are 16 poses: the errors elsewhere are within what is stated.
+/// 16 poses measured four times count as 16 poses, not 64: the stated standard deviation fits the errors elsewhere.
 #[test]
 fn repeats_of_a_pose_are_no_other_poses() {
     let (robot, _) = sets::arm();

@@ -1,4 +1,4 @@
-//! Folds and learning curves: nothing that is tested was trained on.
+//! Folds and learning curves: no row is tested by a model that was trained on it.
 
 use nalgebra::Vector3;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
@@ -18,8 +18,8 @@ use crate::{origin, sets, task};
 
 const FOLDS: usize = 5;
 
-/// Rows on a coarse grid of angles, each off by up to 0.08°, so that some configurations are equal in all joints, many in
-/// one or two, and some are neighbours of neighbours alone.
+/// Returns rows on a coarse grid of angles, each displaced by up to 0.08°. Some configurations are equal in all joints,
+/// many in one or two, and some are connected only through a common neighbour.
 fn on_a_grid(seed: u64) -> Vec<InstrumentSample> {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut joint = || -> f64 {
@@ -34,8 +34,8 @@ fn on_a_grid(seed: u64) -> Vec<InstrumentSample> {
     (0..150).map(row).collect()
 }
 
-/// The configurations that are equal, directly or through others: a walk over the graph of pairs whose joints all differ by
-/// no more than a tenth of a degree.
+/// Groups of configurations that are equal, directly or through others: the connected components of the graph of pairs
+/// whose joints all differ by at most a tenth of a degree.
 fn connected(samples: &[InstrumentSample]) -> Vec<Vec<usize>> {
     let near = |a: usize, b: usize| {
         let pairs = samples[a].joints.iter().zip(&samples[b].joints);
@@ -61,7 +61,7 @@ fn connected(samples: &[InstrumentSample]) -> Vec<Vec<usize>> {
     out
 }
 
-/// Equal configurations are in one fold, and only they are kept together: sizes differ by no more than the largest group.
+/// Equal configurations are in one fold, and no others are forced together: fold sizes differ by at most the largest group.
 #[test]
 fn only_equal_configurations_are_kept_together() {
     for seed in 0..20 {
@@ -89,7 +89,7 @@ fn only_equal_configurations_are_kept_together() {
     }
 }
 
-/// Every row is tested once, and trained on in all other folds.
+/// Every row is tested in one fold and trained on in all others.
 #[test]
 fn a_fold_is_tested_on_exactly_what_it_does_not_train_on() {
     let samples = on_a_grid(7);
@@ -109,7 +109,7 @@ fn a_fold_is_tested_on_exactly_what_it_does_not_train_on() {
     assert_eq!(tested, rows);
 }
 
-/// The rows, those of `which` displaced by a metre.
+/// Displaces the rows for which `which` holds by a metre.
 fn displaced(samples: &[InstrumentSample], which: impl Fn(usize) -> bool) -> Vec<InstrumentSample> {
     let mut out = samples.to_vec();
     for (_, sample) in out.iter_mut().enumerate().filter(|(i, _)| which(*i)) {
@@ -120,7 +120,7 @@ fn displaced(samples: &[InstrumentSample], which: impl Fn(usize) -> bool) -> Vec
     out
 }
 
-/// Base and tool alone, which every row that is trained on moves: none is left out as an outlier.
+/// Returns the configuration with base and tool alone: every training row moves them, since none is left out as an outlier.
 fn base_and_tool() -> Config {
     Config {
         outliers: OutlierPolicy::Keep,
@@ -128,8 +128,8 @@ fn base_and_tool() -> Config {
     }
 }
 
-/// What is measured at a row does not move what is predicted of it: a metre more there is a metre more of its residual, to
-/// the last digits.
+/// A measurement does not influence its own prediction: a row displaced by a metre has a residual that is larger by exactly
+/// that metre.
 #[test]
 fn no_row_has_a_part_in_its_own_prediction() {
     let (robot, _) = sets::arm();
@@ -163,8 +163,8 @@ fn no_row_has_a_part_in_its_own_prediction() {
     }
 }
 
-/// The same of the learning curve: with its test fold a metre off, every size is a metre off and not less, within the error
-/// that it has of the fold as it is. A single row of the fold among 25 would take 40 mm of that.
+/// The same for the learning curve. With its test fold displaced by a metre, the mean error of every size is a metre, within
+/// the largest error of the fold as measured. A single row of the fold among 25 training rows would reduce it by 40 mm.
 #[test]
 fn no_size_of_a_learning_curve_is_trained_on_its_test_fold() {
     let (robot, _) = sets::arm();
@@ -195,8 +195,7 @@ fn no_size_of_a_learning_curve_is_trained_on_its_test_fold() {
     }
 }
 
-/// An arm whose joints 2 and 3 are off when the session begins: the sizes of the learning curve are compared with their test
-/// fold without that, as the last point is.
+/// The learning curve of an arm that warms up is computed without the warm-up at all of its sizes, not only at the last.
 #[test]
 fn a_learning_curve_is_without_the_warm_up() {
     let (robot, chain) = sets::arm();

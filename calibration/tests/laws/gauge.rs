@@ -1,4 +1,4 @@
-//! The gauge: base and tool change, what a model says does not, and the default is what it is defined to be.
+//! The gauge: base and tool change with it, predictions do not, and the default gauge satisfies its definition.
 
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::config::Config;
@@ -18,7 +18,7 @@ const OVER_GRID: GaugeChoice = GaugeChoice {
     tool: None,
 };
 
-/// 60 poses of the simulated arm.
+/// Returns measurements of the simulated arm at 60 poses.
 fn some(robot: &Robot) -> Vec<InstrumentSample> {
     let mut out = sets::simulated(robot, "train");
     out.truncate(60);
@@ -29,7 +29,7 @@ fn fitted(robot: &Robot, samples: &[InstrumentSample], method: Method) -> Calibr
     calibrate(robot, samples, &Config::new(method), &FitContext::default()).unwrap()
 }
 
-/// A frame a millimetre or three and a milliradian or three from another one.
+/// Returns a frame a few millimetres and milliradians from `pose`.
 fn beside(pose: &Pose<f64>, sign: f64) -> GaugeFrame {
     let twist = Twist::from_array(&[1e-3, -2e-3, 3e-3, 2e-3, -1e-3, 3e-3].map(|x| sign * x));
     GaugeFrame {
@@ -38,13 +38,13 @@ fn beside(pose: &Pose<f64>, sign: f64) -> GaugeFrame {
     }
 }
 
-/// Where the model has the target of each sample, seen by the instrument.
+/// Returns the predicted target of each sample in the instrument's frame.
 fn seen(model: &Calibration, samples: &[InstrumentSample]) -> Vec<Pose<f64>> {
     let base = model.base_and_tools.instrument_from_base;
     samples.iter().map(|s| base * model.predict(s)).collect()
 }
 
-/// Farthest that two lists of poses are apart, m and rad.
+/// Returns the largest distances between two lists of poses, m and rad.
 fn apart(a: &[Pose<f64>], b: &[Pose<f64>]) -> (f64, f64) {
     let mut out = (0.0_f64, 0.0_f64);
     for (a, b) in a.iter().zip(b) {
@@ -59,7 +59,7 @@ fn apart(a: &[Pose<f64>], b: &[Pose<f64>]) -> (f64, f64) {
 fn a_model_says_the_same_in_every_gauge() {
     let (robot, _) = sets::arm();
     let samples = some(&robot);
-    // The twist of a task-space process keeps its components while the base turns below it.
+    // PoeGp is only approximate: its twist keeps its components when the base frame turns.
     for (method, tolerance) in [
         (Method::BaseTool, 1e-12),
         (Method::Poe, 1e-9),
@@ -82,7 +82,7 @@ fn a_model_says_the_same_in_every_gauge() {
             "{method:?}: {m:e} m, {rad:e} rad"
         );
         assert_eq!(moved.constant_deviation, rms);
-        // It is in the frames that were stated, and one pose of the drawing shows that.
+        // The model has the stated base and tool; one pose of the drawing shows it.
         let own = &moved.base_and_tools;
         assert_eq!(own.instrument_from_base, choice.base.unwrap().pose);
         assert_eq!(own.flange_from_targets[0], choice.tool.unwrap().pose);
@@ -93,7 +93,7 @@ fn a_model_says_the_same_in_every_gauge() {
     }
 }
 
-/// A heavy payload bends this arm by what gravity does in the axes of the base: the bytes of the blob say the same, too.
+/// A blob predicts the same in every gauge, although gravity, which bends this loaded arm, is in the axes of the base.
 #[test]
 fn the_bytes_say_the_same_in_every_gauge() {
     let (robot, _) = sets::arm();
@@ -126,7 +126,7 @@ fn the_bytes_say_the_same_in_every_gauge() {
     assert_eq!(own.host().gauge.base, FrameSource::Grid);
 }
 
-/// No base and no tool bring the drawing nearer to the model over the grid: the definition.
+/// The definition of the grid gauge: no other base and tool bring the drawing nearer to the model over the grid.
 #[test]
 fn the_grid_has_the_nearest_drawing() {
     let (robot, nominal) = sets::arm();
@@ -169,7 +169,7 @@ fn the_grid_has_the_nearest_drawing() {
     }
 }
 
-/// A model that is the drawing between base and tool corrects nothing, to the bit, over the grid, too.
+/// A model with only base and tool fitted changes no command by a single bit, in the grid gauge too.
 #[test]
 fn base_and_tool_alone_correct_nothing() {
     let (robot, _) = sets::arm();
@@ -187,7 +187,7 @@ fn base_and_tool_alone_correct_nothing() {
     }
 }
 
-/// The grid ends at whole steps, is the same for most choices of the poses, and no single far pose stretches it.
+/// The grid ends at whole steps, does not depend on the draw of poses, and a single far pose does not stretch it.
 #[test]
 fn the_grid_hardly_follows_the_poses() {
     let (robot, _) = sets::arm();
@@ -223,7 +223,7 @@ fn the_grid_hardly_follows_the_poses() {
     assert_eq!(first, grid.poses().collect::<Vec<_>>());
 }
 
-/// An instrument that was moved, or a target that was mounted in another way, is no gauge.
+/// A frame far from the fitted one is refused as a gauge: it belongs to a moved instrument or a remounted target.
 #[test]
 fn frames_of_another_station_are_refused() {
     let (robot, _) = sets::arm();

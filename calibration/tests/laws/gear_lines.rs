@@ -1,4 +1,4 @@
-//! Gears that a robot's description states.
+//! Gear lines: ripple frequencies that a robot's description states.
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -9,14 +9,15 @@ use rand_chacha::ChaCha8Rng;
 use crate::calibrated;
 use crate::own_joint_curve::{Curves, anywhere, measured, robot};
 
-/// Draws of poses, and poses that are trained on and tested on.
+/// Number of draws, and poses for training and for testing.
 const DRAWS: u64 = 4;
 const COUNTS: (usize, usize) = (40, 150);
-/// Errors of every joint: cycles in a turn, and the amplitude in rad.
+/// The simulated ripple of every joint: cycles per turn, and amplitude in rad.
 const CYCLES: usize = 200;
 const AMPLITUDE: f64 = 5e-5;
 
-/// Mean held-out error in mm with these lines stated for every joint, and the frequencies of the ripple of the last draw.
+/// Returns the mean held-out error in mm when the description states these lines for every joint, and the ripple
+/// frequencies that the last draw fitted.
 fn found(stated: &[f64]) -> (f64, Vec<f64>) {
     let mut robot = robot();
     for joint in &mut robot.joints {
@@ -41,8 +42,8 @@ fn found(stated: &[f64]) -> (f64, Vec<f64>) {
     (mean, ripple)
 }
 
-/// Forty poses hardly show gears of 50 µrad to a search. Stated, they are fitted; lines that are stated and are not there cost a
-/// tenth.
+/// A search hardly finds a ripple of 50 µrad in forty poses. Stated frequencies are fitted without a search. Wrong ones
+/// increase the error by less than 15 %.
 #[test]
 fn what_is_stated_needs_no_search() {
     let (without, _) = found(&[]);

@@ -1,4 +1,4 @@
-//! Held-out errors: of the bytes of a blob, with everything that a row says, in the units of their names.
+//! Held-out errors are those of the blob's bytes, use everything in a row, and have the units of their names.
 
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement::observation::Observation;
@@ -15,8 +15,8 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::{calibrated, origin, sets, task};
 
-/// 20 000 normal numbers lie within one and two standard deviations (1.96) as often as normal numbers do: 68.27 and 95 %.
-/// Each bound is five standard deviations of such a share; one seed in 800 000 would break one of them.
+/// Of 20 000 normal numbers, the shares within one and within 1.96 standard deviations are 68.27 % and 95 %. Each bound is
+/// five standard deviations of such a share: only one seed in 800 000 breaks one of them.
 #[test]
 fn normal_errors_are_within_their_standard_deviations_as_often_as_they_should() {
     const DRAWS: usize = 20_000;
@@ -46,7 +46,7 @@ fn percentiles_of_a_uniform_list() {
     assert_eq!((found.median, found.p95, found.max), (500.0, 950.0, 1000.0));
 }
 
-/// Distance in mm and angle in mrad of poses that are apart by known ones.
+/// Errors of pairs of poses with known distances are in mm, and angles in mrad.
 #[test]
 fn errors_are_in_millimetres_and_milliradians() {
     let measured = Pose::exp(&Twist::from_array(&[0.7, -0.2, 1.1, 0.4, 0.9, -0.3]));
@@ -61,8 +61,8 @@ fn errors_are_in_millimetres_and_milliradians() {
     );
 }
 
-/// The errors of a blob are those of its bytes, not those of the calibration that comes with it: with the calibration of
-/// another arm beside it, nothing changes but the standard deviations.
+/// Errors of a blob are computed from its bytes, not from the calibration in memory. Paired with the calibration of another
+/// arm, a blob still has the same errors; only the standard deviations change.
 #[test]
 fn held_out_errors_are_those_of_the_blob() {
     let (robot, _) = sets::arm();
@@ -77,13 +77,13 @@ fn held_out_errors_are_those_of_the_blob() {
         let found: Vec<PoseError> = found.iter().map(|p| p.error).collect();
         assert_eq!(found, errors);
     }
-    // The f64 model is not what is reported, however near it is.
+    // The f64 model's errors are near but not equal, so the reported ones come from the bytes.
     let exact = |s: &InstrumentSample| s.observation.error(&(base * one.calibration.predict(s)));
     assert_ne!(test.iter().map(exact).collect::<Vec<_>>(), errors);
 }
 
-/// A cross-validation, fold by fold: the rows outside a fold are calibrated here, and those in it are predicted by the runtime
-/// with their joints and payloads.
+/// Recomputes a cross-validation fold by fold: the test calibrates the rows outside a fold and predicts the rows in it from
+/// their joints and payloads.
 #[test]
 fn a_cross_validation_is_its_folds_one_by_one() {
     let (robot, _) = sets::arm();
@@ -118,11 +118,11 @@ fn a_cross_validation_is_its_folds_one_by_one() {
     }
     assert!(
         without_payload > 0.05,
-        "the payload does not matter: {without_payload}"
+        "the payload makes no difference: {without_payload}"
     );
 }
 
-/// Standard deviations are in millimetres, and of the size of the errors.
+/// Predicted standard deviations are in millimetres and of the size of the errors.
 #[test]
 fn predicted_standard_deviations_are_of_the_size_of_the_errors() {
     let (robot, _) = sets::arm();
@@ -143,8 +143,8 @@ fn predicted_standard_deviations_are_of_the_size_of_the_errors() {
     }
 }
 
-/// For an arm as drawn, measured with normal noise, the device's standard deviation is that of poses which were not
-/// trained on, from eight poses (12 parameters) and from twenty (30). The training residuals are a quarter smaller.
+/// For an arm as drawn, measured with normal noise, the device's standard deviation fits poses that were not used in
+/// training: from eight poses (12 parameters) and from twenty (30). The training residuals are a quarter smaller.
 #[test]
 fn a_constant_standard_deviation_is_that_of_new_poses() {
     const NOISE: f64 = 1e-4;
@@ -189,7 +189,7 @@ fn a_constant_standard_deviation_is_that_of_new_poses() {
     }
 }
 
-/// The change of a frame, put back in metres and radians, leads from the drawing to the calibrated frame.
+/// The reported change of a frame, converted to metres and radians and applied to the drawing, gives the calibrated frame.
 #[test]
 fn frame_changes_are_in_millimetres_and_milliradians() {
     let (robot, _) = sets::arm();

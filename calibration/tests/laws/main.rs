@@ -1,7 +1,7 @@
-//! Laws of the numbers that a calibration reports: what they must be whatever the fit, from definitions, invariances and
-//! perturbations. No expected number is written by the code that is tested.
+//! Laws of the numbers that a calibration reports. Each follows from a definition, an invariance or a perturbation, and no
+//! expected number is written by the code under test.
 //!
-//! `tests/faults` plants a fault for each of them.
+//! `tests/faults` plants a fault for each law.
 
 mod few_poses;
 mod folds;
@@ -30,7 +30,7 @@ use poegp_calibration::progress::threads as all_threads;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::cross_validation::{Task, TestSet};
 
-/// A calibration of an unknown day with these tools.
+/// Returns a provenance without a date, with these tools.
 fn origin(tools: Vec<ToolName>) -> Provenance {
     Provenance {
         serial_number: String::new(),
@@ -41,13 +41,13 @@ fn origin(tools: Vec<ToolName>) -> Provenance {
     }
 }
 
-/// The calibration of one unnamed tool.
+/// Calibrates with one unnamed tool.
 fn calibrated(robot: &Robot, samples: &[InstrumentSample], config: &Config) -> CalibratedBlob {
     let origin = origin(vec![ToolName::default()]);
     calibrate_to_blob(robot, samples, config, &origin, &FitContext::default()).unwrap()
 }
 
-/// A cross-validation, and what it tests on beside its folds.
+/// Returns a cross-validation with additional test sets.
 fn task<'a>(
     robot: &'a Robot,
     train: &'a [InstrumentSample],
@@ -67,7 +67,7 @@ fn task<'a>(
     }
 }
 
-/// A law must not pass on a sum that has wrapped round: the profiles of the tests check integer overflow (`Cargo.toml`).
+/// Integer overflow panics in tests (`Cargo.toml` sets the profiles), so that no law passes on a wrapped sum.
 #[test]
 #[should_panic(expected = "overflow")]
 fn integer_overflow_is_a_panic() {

@@ -1,4 +1,4 @@
-//! The chain without correction, and the drawing with other joint zeros, whose poses are nearest to the whole model's.
+//! The chain without correction whose poses are nearest to the whole model's, and the drawing with other joint zeros.
 
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 use poegp_calibration::blob::nearest_chain::NearestChain;
@@ -18,19 +18,19 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{calibrated, sets};
 
-/// A frame as a blob stores it.
+/// Converts a frame as a blob stores it.
 fn frame(rows: &[f32; 12]) -> Pose<f64> {
     let stored = Pose::<f32>::from_rows(rows).cast::<f64>();
     let rotation = nearest_rotation(&stored.rotation);
     Pose { rotation, ..stored }
 }
 
-/// The poses of all that a model was trained for.
+/// Returns the model's poses over its trained region.
 fn trained(blob: &BlobModel) -> PredictedPoses {
     PredictedPoses::new(blob, Region::trained(blob.blob()))
 }
 
-/// A model with its own chain.
+/// Calibrates a model; returns its blob and the chain inside.
 fn model(method: Method, samples: &[InstrumentSample]) -> (BlobModel, Poe<f64>) {
     let (robot, drawing) = sets::arm();
     let blob = calibrated(&robot, samples, &Config::new(method)).blob;
@@ -42,7 +42,7 @@ fn payloads(blob: &BlobModel) -> (f32, f32) {
     blob.blob().ranges.payload_kg.unwrap_or_default()
 }
 
-/// Distances in mm of a chain from the predictions at poses of a test set.
+/// Returns the distances in mm between a chain and the model's predictions at the poses of a test set.
 fn distances(blob: &BlobModel, chain: &Poe<f64>, test: &[InstrumentSample]) -> Summary {
     let of = |s: &InstrumentSample| {
         let predicted = blob.predict(&s.joints, s.payload_kg).pose;
@@ -52,7 +52,8 @@ fn distances(blob: &BlobModel, chain: &Poe<f64>, test: &[InstrumentSample]) -> S
     Summary::of(test.iter().map(of).collect())
 }
 
-/// On poses of a set that neither the model nor the chain has seen; and it was said how near.
+/// On test poses that neither the model nor the fit of the chain has used, the fitted chain is nearer, and the stated
+/// distance is right.
 #[test]
 fn a_fitted_chain_is_nearer_than_the_one_inside_the_model() {
     let (robot, _) = sets::arm();
@@ -78,20 +79,20 @@ fn a_fitted_chain_is_nearer_than_the_one_inside_the_model() {
                 "{name}: {said:?}, not {seen:?}"
             );
         }
-        // What was found is found again, and fitting to it moves nothing.
+        // A second fit that starts at the found chain changes almost nothing.
         let again = NearestChain::new(&trained(&blob), &found.chain);
         assert!(again.after.position_mm.mean <= found.after.position_mm.mean);
         assert!(again.after.position_mm.mean > 0.98 * found.after.position_mm.mean);
     }
 }
 
-/// Without correction the nearest chain is that of the blob, and no frame runs away along what no pose shows.
+/// Without a correction the nearest chain is the blob's own, and frames that no pose determines do not move.
 #[test]
 fn the_chain_of_a_model_without_correction_stays() {
     let (robot, _) = sets::arm();
     let mut samples = sets::simulated(&robot, "train");
     samples.truncate(60);
-    // A joint that stands still: the frames on either side of it are not determined.
+    // Joint 4 stands still, so the frames on either side of it are not determined.
     let drawing = robot.chain().unwrap();
     for sample in &mut samples {
         sample.joints[3] = 0.2;
@@ -101,7 +102,7 @@ fn the_chain_of_a_model_without_correction_stays() {
     }
     let (blob, own) = model(Method::Poe, &samples);
     let found = NearestChain::new(&trained(&blob), &own);
-    // Micrometres: the predictions are in single precision.
+    // Micrometres remain, since the predictions are in single precision.
     assert!(found.after.position_mm.max < 1e-3, "{:?}", found.after);
     for (a, b) in own.frames().iter().zip(found.chain.frames()) {
         let error = PoseError::between(a, b);
@@ -110,7 +111,7 @@ fn the_chain_of_a_model_without_correction_stays() {
     }
 }
 
-/// What is stated of a chain over a region is what another judge finds, at poses of its own.
+/// The distance that is stated for a chain over a region agrees with an independent computation at other poses.
 #[test]
 fn the_stated_distance_is_true_to_a_hundredth() {
     let (robot, _) = sets::arm();
@@ -161,7 +162,7 @@ fn the_stated_distance_is_true_to_a_hundredth() {
         ] {
             assert!((ratio - 1.0).abs() < most, "{what}: {ratio} over {reach}");
         }
-        // Where it has less to hold a chain is nearer than the one for all.
+        // A chain fitted to a smaller region is nearer there than the chain for the whole region.
         let of_all = predicted.distances(&all.chain).position_mm.mean;
         eprintln!("the chain for all: {of_all}");
         assert!(
@@ -187,8 +188,8 @@ fn a_region_ends_where_the_training_does() {
     assert_eq!((error.pose, error.joint, error.trained.1), (1, 2, upper));
 }
 
-/// For an arm whose only errors are the zeros of its joints, base and tool, these are found; the first and the last
-/// zero stay.
+/// For an arm whose only errors are joint zeros, base and tool, these are found. The first and the last zero stay, because
+/// base and tool contain them.
 #[test]
 fn offsets_that_an_arm_has_are_found() {
     let (robot, drawing) = sets::arm();
@@ -235,7 +236,7 @@ fn offsets_that_an_arm_has_are_found() {
         for (offset, wanted) in found.offsets.iter().zip(offsets) {
             assert!((offset - wanted).abs() < 5e-6, "{found:?}");
         }
-        // Base, zeros and tool together stand where the arm does.
+        // Base, zeros and tool together reach the arm's pose.
         let joints = [0.3, -0.2, 0.1, 0.4, -0.5, 0.6];
         let moved: Vec<f64> = joints
             .iter()

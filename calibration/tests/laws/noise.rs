@@ -1,4 +1,4 @@
-//! What a row declares of its noise is how much it counts.
+//! The noise that a row declares determines its weight.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use poegp_calibration::model::config::{Config, Weighting};
 
 use crate::{calibrated, sets};
 
-/// The declared noise of a row is what its columns say, in metres and radians.
+/// The declared noise of a row has the values of its columns, in metres and radians.
 #[test]
 fn rows_declare_the_noise_of_their_columns() {
     let (robot, _) = sets::arm();
@@ -36,8 +36,8 @@ fn rows_declare_the_noise_of_their_columns() {
     }
 }
 
-/// A row that declares a noise of a metre and a radian has no part in the fit, wherever it was measured: the calibration is
-/// that without the row.
+/// A row that declares a noise of a metre and a radian does not influence the fit, wherever it was measured: the calibration
+/// equals the one without the row.
 #[test]
 fn a_row_that_declares_a_metre_of_noise_does_not_count() {
     let (robot, _) = sets::arm();

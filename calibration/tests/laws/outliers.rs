@@ -1,4 +1,4 @@
-//! Outliers: found beyond the stated distances, and not before.
+//! Outliers are found beyond the stated limits, and none is found below.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::parametric::state::{Layout, ParametricModel};
@@ -14,8 +14,8 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::{calibrated, sets};
 
-/// Rows of an arm that is known, with 20 µm and 20 µrad of noise. Rows displaced by 14 standard deviations are gross, those
-/// displaced by 6 and those that are not are none: the limit is ten.
+/// Rows of a known arm with 20 µm and 20 µrad of noise. The limit is ten standard deviations: rows displaced by 14 are gross
+/// outliers, rows displaced by 6 or not at all are none.
 #[test]
 fn gross_is_ten_standard_deviations() {
     let (robot, chain) = sets::arm();
@@ -69,8 +69,8 @@ fn gross_is_ten_standard_deviations() {
     assert_eq!(found, expected);
 }
 
-/// A row that is 0.4 mm off an arm known to 0.05 mm, which the parameters alone do not see, is found by leaving it out; of
-/// rows as they are none is.
+/// A row displaced by 0.4 mm on an arm known to 0.05 mm does not stand out among the residuals, but is found by leaving it
+/// out. Among the unchanged rows no outlier is found.
 #[test]
 fn a_row_that_the_others_do_not_predict_is_found() {
     let (robot, _) = sets::arm();

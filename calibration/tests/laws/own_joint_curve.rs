@@ -1,5 +1,5 @@
-//! Own-joint curves: the prior against its integral, the likelihood against the same sum written as parameters, and arms whose
-//! joints err as a function of their own angle.
+//! Own-joint curves: the prior against its Fourier integral, the likelihood against curves written as parameters, and arms
+//! whose joints err as a function of their own angle.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::parametric::state::{
@@ -28,11 +28,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::calibrated;
 
-/// Noise of the simulated instrument, one component: m and rad.
+/// Noise of one component of the simulated instrument, m and rad.
 const NOISE: (f64, f64) = (2e-5, 5e-5);
 
-/// exp((cos d − 1)/l²) without its mean is Σ v_k cos kd: v_k is its Fourier integral, by the trapezoidal rule, which is exact
-/// for what is periodic and smooth.
+/// The kernel exp((cos d − 1)/l²) without its mean is Σ v_k cos kd. v_k is its Fourier integral, here by the trapezoidal
+/// rule, which is exact for a smooth periodic function.
 #[test]
 fn the_spectrum_is_the_fourier_integral_of_the_kernel() {
     const POINTS: usize = 4_096;
@@ -69,21 +69,21 @@ fn the_spectrum_is_the_fourier_integral_of_the_kernel() {
     }
 }
 
-/// An arm whose description states no gears.
+/// Returns an arm whose description states no gear lines.
 pub fn robot() -> Robot {
     let mut robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
     robot.joints.iter_mut().for_each(|j| j.gear_lines.clear());
     robot
 }
 
-/// What each joint of a simulated arm does as a function of its own angle.
+/// The error of each joint of a simulated arm as a function of its own angle.
 pub struct Curves {
     /// Amplitudes of sin kq and cos kq, by joint.
     pub orders: Vec<Vec<[f64; 2]>>,
 }
 
 impl Curves {
-    /// Amplitudes of `size` rad RMS in all, the same in orders 1 to `orders`.
+    /// Draws curves of `size` rad RMS in total, spread evenly over orders 1 to `orders`.
     pub fn draw(joints: usize, orders: usize, size: f64, random: &mut ChaCha8Rng) -> Self {
         let each = size / (orders as f64).sqrt();
         let mut normal = || -> f64 {
@@ -105,7 +105,7 @@ impl Curves {
     }
 }
 
-/// Poses of an arm with frames that are off and these curves, at joints that `draw` gives.
+/// Measures an arm with these curves and displaced frames, at joints that `draw` gives.
 pub fn measured(
     curves: &Curves,
     count: usize,
@@ -113,7 +113,7 @@ pub fn measured(
     mut draw: impl FnMut(usize, &mut ChaCha8Rng) -> f64,
 ) -> Vec<InstrumentSample> {
     let mut chain = robot().chain().unwrap();
-    // The same arm in every call.
+    // Every call displaces the frames in the same way.
     let mut frames = ChaCha8Rng::seed_from_u64(3);
     let normal = |size: f64, random: &mut ChaCha8Rng| {
         Vector3::from_fn(|_, _| {
@@ -205,7 +205,7 @@ fn with_likelihood<T>(
     })
 }
 
-/// The solution is that of the curves written as parameters: S = A Λ Aᵀ with columns J_c sin kq and J_c cos kq.
+/// The solution equals that of the curves written as parameters: S = A Λ Aᵀ with columns J_c sin kq and J_c cos kq.
 #[test]
 fn curves_are_parameters_with_the_spectrum_as_prior() {
     let (state, samples) = state(
@@ -278,7 +278,8 @@ fn the_gradient_is_that_of_differences() {
     }
 }
 
-/// Mean error in mm of a fit to `train` at `test`, whether it has a curve, and cycles per turn of its ripple.
+/// Returns the mean error in mm at `test` of a fit to `train`, whether the fit has a curve, and the cycles per turn of its
+/// ripple.
 fn found(
     train: &[InstrumentSample],
     test: &[InstrumentSample],
@@ -291,9 +292,9 @@ fn found(
     (mean, report.curve.is_some(), ripple)
 }
 
-/// Joints that err by 300 µrad as a function of their own angle, in orders that no smooth process follows: the curve is found,
-/// it is worth it, and no part of it is taken for ripple. From 120 poses a model without a curve may find the same orders as
-/// ripple, so there the error itself is bounded.
+/// Joints err by 300 µrad as a function of their own angle, in orders that no smooth process follows. The fit finds the curve
+/// and gains by it, and takes no part of it for ripple. From 120 poses a model without a curve may explain the same orders
+/// as ripple, so there the test bounds the error itself.
 #[test]
 fn a_curve_is_found_where_there_is_one() {
     for (count, largest_share, largest_mm) in [(60, 0.6, 0.06), (120, 1.0, 0.042)] {
@@ -318,7 +319,7 @@ fn a_curve_is_found_where_there_is_one() {
     }
 }
 
-/// An arm whose joints have no curves gets none: its blob is to the byte that of a fit that may not have one.
+/// An arm whose joints have no curves gets none: its blob equals, byte for byte, that of a fit that may not have a curve.
 #[test]
 fn no_curve_is_found_where_there_is_none() {
     let nothing = Curves {
@@ -339,13 +340,13 @@ fn no_curve_is_found_where_there_is_none() {
     }
 }
 
-/// Where a joint's angles were never measured the curve knows nothing, and the stated standard deviation says so: it grows
-/// there, and the errors are within it.
+/// At angles that were never measured the curve is unknown: the stated standard deviation grows there, and it covers the
+/// errors.
 #[test]
 fn the_standard_deviation_knows_the_gaps() {
     let mut random = ChaCha8Rng::seed_from_u64(8);
     let curves = Curves::draw(6, 15, 4e-4, &mut random);
-    // Joint 2 leaves out 0.3 to 0.8 rad.
+    // Joint 2 avoids 0.3 to 0.8 rad.
     let around = |c: usize, random: &mut ChaCha8Rng| loop {
         let q = random.random_range(-1.5..1.5);
         if c != 1 || !(0.3..0.8).contains(&q) {
@@ -378,8 +379,8 @@ fn the_standard_deviation_knows_the_gaps() {
     assert!((0.6..1.4).contains(&inside), "{inside}");
 }
 
-/// Joints on a grid of 34 values a turn cannot distinguish 3 cycles from 37 or 377: what fits as well as another frequency is no
-/// ripple. With values anywhere it is one.
+/// On a grid of 34 values a turn, 3 cycles cannot be distinguished from 37 or 377. A frequency with such an alias is not
+/// fitted as ripple. With joints anywhere, it is.
 #[test]
 fn a_line_on_a_grid_is_no_ripple() {
     let line = |cycles: usize| {
@@ -397,7 +398,7 @@ fn a_line_on_a_grid_is_no_ripple() {
         let on_grid = measured(&line(cycles), 150, &mut random, grid);
         let (_, _, ripple) = found(&on_grid, &on_grid, true);
         assert!(ripple.is_empty(), "{cycles} cycles on a grid: {ripple:?}");
-        // Without a curve, which may be one of its frequencies, it is named as what it is.
+        // Without a curve, which could explain an alias, the report names the frequency as ambiguous.
         let plain = calibrated(&robot(), &on_grid, &config(false)).calibration;
         let unclear = &plain.correction.elastic().unwrap().report.ambiguous;
         assert!(unclear.len() >= 4, "{cycles} cycles: {unclear:?}");

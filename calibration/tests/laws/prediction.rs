@@ -1,4 +1,5 @@
-//! The covariance of predictions: its derivatives by differences, its sizes by another library and without the update.
+//! The covariance of predictions: derivatives against differences, standard deviations against nalgebra's inverse, and an
+//! update against all measurements solved together.
 
 use nalgebra::{DMatrix, Vector3};
 use poegp_calibration::measurement::observation::Observation;
@@ -11,10 +12,11 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_runtime::math::se3::{Pose, Twist};
 
-/// Priors of a link's and of the base's numbers, m and rad.
+/// Prior standard deviations of the frames of links, and of base and tool, m and rad.
 const PRIORS: (f64, f64) = (2e-3, 60e-3);
 
-/// Displacement and rotation of the target when frame `k / 6` of the chain is moved by a step of number `k % 6`.
+/// Returns the displacement and rotation of the target when frame `k / 6` of the chain is moved by a step of number `k %
+/// 6`.
 fn columns(robot: &Robot, frames: &[Pose<f64>], samples: &[InstrumentSample]) -> DMatrix<f64> {
     let stands = |k: usize, step: f64| -> Vec<Pose<f64>> {
         let twist = std::array::from_fn(|i| if i == k % 6 { step } else { 0.0 });
@@ -43,7 +45,7 @@ fn columns(robot: &Robot, frames: &[Pose<f64>], samples: &[InstrumentSample]) ->
     out
 }
 
-/// (AᵀA/σ² + Λ⁻¹)⁻¹ with rows divided by their noise.
+/// Returns (AᵀA/σ² + Λ⁻¹)⁻¹ with rows divided by their noise.
 fn posterior(a: &DMatrix<f64>, noise: &[f64], priors: &[f64]) -> DMatrix<f64> {
     let mut precision = DMatrix::from_fn(a.ncols(), a.ncols(), |i, j| {
         (0..a.nrows())
@@ -56,7 +58,7 @@ fn posterior(a: &DMatrix<f64>, noise: &[f64], priors: &[f64]) -> DMatrix<f64> {
     precision.cholesky().unwrap().inverse()
 }
 
-/// Measured and new poses of a rigid arm in one matrix: what is left of new ones after others are measured is the posterior of all
+/// The standard deviations of new poses after an update with further measurements equal those of the posterior of all
 /// measurements together.
 #[test]
 fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
@@ -73,7 +75,7 @@ fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
         ..Config::new(Method::Poe)
     };
     let found = super::calibrated(&robot, &all, &config).calibration;
-    // Positions alone of the last two.
+    // Of the last two poses only the positions are measured.
     let mut asked = new.clone();
     for s in &mut asked[14..] {
         s.observation = Observation::Position(Vector3::zeros());
@@ -116,7 +118,7 @@ fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
         &known.deviations(0..8),
         &posterior(&trained, &noise, &priors),
     );
-    // Eight of them, two of which have a position only.
+    // Eight poses, two of which have a position only.
     let rows: Vec<usize> = (8..16).flat_map(|pose| known.rows(pose)).collect();
     let after = known.deviations_after(0..8, &rows).unwrap();
     let taken: Vec<usize> = (48..84).chain(84..87).chain(90..93).collect();
@@ -132,7 +134,7 @@ fn what_is_left_after_a_measurement_is_the_posterior_of_all() {
         .chain(taken.iter().map(|row| noise[row % 6]))
         .collect();
     near("after", &after, &posterior(&more, &noise_of_more, &priors));
-    // Less is known before than after, and by more than rounding.
+    // A measurement reduces the standard deviations, by more than rounding.
     let mean = |all: &[[f64; 3]]| all.iter().flatten().sum::<f64>();
     assert!(mean(&after) < 0.999 * mean(&known.deviations(0..8)));
 }

@@ -1,4 +1,4 @@
-//! What a blob says of its training poses and of the arm before the calibration.
+//! What a blob states of its training poses and of the arm before the calibration.
 
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -6,14 +6,14 @@ use poegp_runtime::guard::status::Status;
 
 use crate::{calibrated, sets};
 
-/// The training poses are within the ranges, both ends included, and a joint that goes beyond its own is outside, alone and
-/// on either side.
+/// Every training pose is within the ranges, including their ends. A pose with one joint beyond its range, on either side,
+/// is outside.
 #[test]
 fn ranges_are_those_of_each_joint() {
     let (robot, _) = sets::arm();
     let mut samples = sets::simulated(&robot, "train");
     samples.truncate(40);
-    // Ranges that differ from joint to joint, so that no other joint's is taken for them.
+    // The ranges differ from joint to joint, so that the range of a wrong joint fails the test.
     for sample in &mut samples {
         for (i, q) in sample.serial_joints.iter_mut().enumerate() {
             *q *= 1.0 - 0.1 * i as f64;
@@ -67,8 +67,8 @@ fn ranges_are_those_of_each_joint() {
     assert!(status(&middle, 1.01 * heaviest).contains(Status::OUTSIDE_PAYLOAD_RANGE));
 }
 
-/// The arm before the calibration is the drawing with base and tool fitted, whatever was calibrated after that; and the
-/// errors of `base-tool` are those of that arm.
+/// The nominal arm is the drawing with base and tool fitted, whichever method followed. The errors of `base-tool` are those
+/// of the nominal arm.
 #[test]
 fn the_nominal_arm_is_the_drawing_with_base_and_tool() {
     let (robot, drawing) = sets::arm();
@@ -96,7 +96,7 @@ fn the_nominal_arm_is_the_drawing_with_base_and_tool() {
     }
 }
 
-/// The bound of a correction is twice the largest displacement and rotation that it makes at a training pose.
+/// The correction limit is twice the largest displacement and rotation at a training pose.
 #[test]
 fn the_limit_is_twice_the_largest_training_correction() {
     let (robot, _) = sets::arm();
@@ -111,7 +111,7 @@ fn the_limit_is_twice_the_largest_training_correction() {
         angle = angle.max((chain.inverse() * corrected).log().angular.norm());
     }
     let (position_limit, angle_limit) = found.correction_limit;
-    // To first order: a twist of a milliradian displaces by a thousandth more or less.
+    // First order: a rotation of a milliradian changes the displacement by a thousandth.
     assert!((position_limit / (2.0 * displacement) - 1.0).abs() < 0.01);
     assert!((angle_limit / (2.0 * angle) - 1.0).abs() < 0.01);
 }

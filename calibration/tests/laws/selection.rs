@@ -1,4 +1,4 @@
-//! The choice of a model, recomputed from the held-out errors of its candidates.
+//! Recomputes the choice of a model from the held-out errors of its candidates.
 
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
@@ -9,8 +9,8 @@ use poegp_protocol::cause::Cause;
 
 use crate::{origin, sets, task};
 
-/// The standard error of a mean is s/√n of the differences pose by pose, and the simplest candidate within one of the best
-/// is chosen.
+/// The standard error of a mean is s/√n over the differences pose by pose. The simplest candidate within one standard error
+/// of the best is chosen.
 #[test]
 fn the_simplest_within_one_standard_error_is_chosen() {
     let (robot, _) = sets::arm();
@@ -62,11 +62,15 @@ fn the_simplest_within_one_standard_error_is_chosen() {
     }
     let chosen: Vec<usize> = (0..3).filter(|i| choice.table[*i].chosen).collect();
     assert_eq!(chosen, [simplest.unwrap()]);
-    assert_eq!(simplest, Some(1), "the chain is needed, and once is enough");
+    assert_eq!(
+        simplest,
+        Some(1),
+        "the chain is the simplest that suffices, and it is chosen once"
+    );
 }
 
-/// A file that has every row five times says no more of the models than the file itself: the same poses, differences and
-/// standard errors.
+/// A file that has every row five times has no more information than the file itself: selection counts the same poses and
+/// computes the same differences and standard errors.
 #[test]
 fn copies_of_all_rows_choose_as_the_rows_do() {
     let (robot, _) = sets::arm();

@@ -1,4 +1,4 @@
-//! What single precision loses is measured on every calibration, and too much of it is refused.
+//! Every calibration measures what single precision loses, and refuses to write a blob that loses too much.
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::write::{DeviceError, ExportError};
@@ -10,8 +10,8 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::{origin, sets};
 
-/// The same arm with the origin of its base `distance` metres away: the same poses in `f64`, and in `f32` as much worse as
-/// numbers of that size are coarse.
+/// Returns the same arm with the origin of its base `distance` metres away. The poses are the same in `f64`; in `f32` they
+/// have the rounding errors of larger numbers.
 fn far(calibration: Calibration, distance: f64) -> Calibration {
     let shift = |x: f64| Pose {
         translation: Vector3::new(x, 0.0, 0.0),

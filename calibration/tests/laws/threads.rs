@@ -13,7 +13,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::own_joint_curve::{Curves, anywhere, measured, robot};
 use crate::{origin, task};
 
-/// With an own-joint curve, so that every matrix is in it, and with payloads and two tools for the paper's process.
+/// The set has an own-joint curve, payloads and two tools, so that the test covers every matrix and the paper's process.
 #[test]
 fn no_byte_depends_on_the_number_of_threads() {
     let mut random = ChaCha8Rng::seed_from_u64(4);
@@ -43,7 +43,11 @@ fn no_byte_depends_on_the_number_of_threads() {
         };
         let one = on(1);
         if method == Method::Elastic {
-            assert_eq!(one.2, Some(true), "no curve is tested");
+            assert_eq!(
+                one.2,
+                Some(true),
+                "the model has no own-joint curve, so the test does not cover it"
+            );
         }
         for threads in [2, 16] {
             assert!(on(threads) == one, "{method:?} on {threads} threads");
@@ -51,7 +55,7 @@ fn no_byte_depends_on_the_number_of_threads() {
     }
 }
 
-/// All sizes of the learning curve are fitted at a time; they come in their order, and each is reported once.
+/// All sizes of the learning curve are fitted in parallel. They are returned in order, and each is reported once.
 #[test]
 fn no_learning_curve_depends_on_the_number_of_threads() {
     let mut random = ChaCha8Rng::seed_from_u64(5);

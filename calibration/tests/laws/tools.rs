@@ -1,4 +1,4 @@
-//! Sessions and targets: every one is a tool of its own, and no tool is taken for another.
+//! Sessions and targets: each combination is a tool of its own, and no tool is used for another.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::{calibrated, origin, sets, task};
 
-/// Rows are of one tool if session and target are the same, and only then.
+/// Rows have the same tool if and only if session and target are the same.
 #[test]
 fn a_tool_is_a_session_and_a_target() {
     let (robot, _) = sets::arm();
@@ -51,8 +51,8 @@ fn a_tool_is_a_session_and_a_target() {
     }
 }
 
-/// Three tools that are decimetres apart are each predicted as well as base and tool alone predict this arm, 2 mm in the mean, and
-/// the same whatever their numbers are.
+/// Three tools decimetres apart are each predicted as well as base and tool alone predict this arm (2 mm in the mean). The
+/// numbers of the tools do not matter.
 #[test]
 fn every_tool_is_predicted_by_its_own_frame() {
     let (robot, _) = sets::arm();
@@ -110,8 +110,8 @@ fn every_tool_is_predicted_by_its_own_frame() {
     }
 }
 
-/// The paper's method with two tools: with the second half of the poses seen through a tool that is mounted elsewhere, every
-/// pose is predicted as well as with one tool by the same step 1.
+/// The paper's method takes two tools: with every second pose measured through a tool mounted elsewhere, the predictions
+/// are as good as with one tool.
 #[test]
 fn the_papers_process_takes_two_tools() {
     let (robot, _) = sets::arm();
@@ -150,8 +150,8 @@ fn the_papers_process_takes_two_tools() {
     assert!(off.iter().all(|x| x.abs() < 5e-4), "{off:?}");
 }
 
-/// A second session of one to four poses, mounted 80 mm elsewhere: each row that is held out is predicted with its own tool, and
-/// a session that needs all of its rows has none held out, in every choice of a model, too.
+/// A second session has one to four poses and is mounted 80 mm elsewhere. Every held-out row is predicted with its own tool.
+/// A session that needs all of its rows has none held out, in the selection of a model too.
 #[test]
 fn a_small_session_is_predicted_by_its_own_tool_or_not_at_all() {
     const ROWS: usize = 40;
@@ -182,7 +182,7 @@ fn a_small_session_is_predicted_by_its_own_tool_or_not_at_all() {
         assert_eq!((&found.rows, found.all.poses), (&held_out, held_out.len()));
         let folds: usize = found.folds.iter().map(|fold| fold.poses).sum();
         assert_eq!(folds, held_out.len());
-        // The drawing is 2 mm off, and another tool 80 mm.
+        // The drawing is 2 mm wrong; a wrong tool would be 80 mm wrong.
         assert!(
             found.all.position_mm.max < 10.0,
             "{small} rows: {:?}",
@@ -194,8 +194,8 @@ fn a_small_session_is_predicted_by_its_own_tool_or_not_at_all() {
     }
 }
 
-/// A tool that nothing is known of is no other tool: a session without a row is refused, and so is a cross-validation of
-/// sessions that need all of their rows.
+/// No other tool is used for an unknown one: the prediction is NaN, a session without a row is refused, and so is a
+/// cross-validation of sessions that all need all of their rows.
 #[test]
 fn no_tool_stands_for_one_that_was_not_measured() {
     let (robot, _) = sets::arm();

@@ -1,8 +1,8 @@
-//! What planning is worth: simulated arms calibrated with planned and with random poses.
+//! The benefit of planning: simulated arms calibrated with planned and with random poses.
 //!
-//! Held-out mean position error in mm, against simulated measurements (whose noise alone makes 0.048) and against the
-//! noiseless truth, on 300 poses that the simulator drew. Random poses are the simulator's own. The elastic model with its
-//! defaults throughout. Five arms of each kind; more with `POEGP_PLAN_SEEDS=20`:
+//! The numbers are mean position errors in mm on 300 poses that the simulator drew: against simulated measurements (whose
+//! noise alone makes 0.048) and against the noiseless truth. The simulator also draws the random training poses. All models
+//! are elastic with defaults. The suite uses five arms of each kind; for more set `POEGP_PLAN_SEEDS=20`:
 //!
 //! ```sh
 //! POEGP_PLAN_SEEDS=20 cargo test --release -p poegp-calibration --test planning -- --nocapture
@@ -35,7 +35,7 @@ const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const COUNTS: [usize; 2] = [30, 50];
 const TEST_POSES: usize = 300;
 
-/// Shows a measured number: to the terminal, past what the test harness captures.
+/// Prints a measured number to the terminal, even when the test harness captures output.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -47,22 +47,22 @@ fn seeds() -> u64 {
     })
 }
 
-/// How the poses were found.
+/// How the training poses are chosen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Poses {
     Random,
     Planned(Option<Strategy>),
-    /// V-optimal, for errors of the sizes that the model of another arm has.
+    /// V-optimal for a prior from the calibrated model of another arm.
     LikeASister,
 }
 
-/// Mean errors in mm: against measurements and against the truth.
+/// Mean errors in mm against measurements, and against the truth.
 type Errors = [f64; 2];
 
 struct Arm {
     robot: Robot,
     nominal: Poe<f64>,
-    /// Sisters in the paper's scenario and in the wild one.
+    /// Calibrated sisters in the paper's scenario and in the wild one.
     sisters: [OnceLock<Sister>; 2],
 }
 
@@ -77,7 +77,7 @@ impl Arm {
         }
     }
 
-    /// One simulated arm, calibrated with `count` poses.
+    /// Calibrates one simulated arm with `count` poses.
     fn errors(&self, scenario: Scenario, seed: u64, count: usize, poses: Poses) -> Errors {
         let mut simulator = Simulator::new(&self.robot, scenario, &PAYLOADS_KG, seed);
         let random = simulator.measure(COUNTS[COUNTS.len() - 1]);
@@ -91,7 +91,7 @@ impl Arm {
             _ => {
                 let mut constraints = Constraints::none(&self.robot).unwrap();
                 constraints.ranges = simulator.ranges().to_vec();
-                // Random poses and those of the test know no floor either.
+                // No floor, since the random and the test poses avoid none either.
                 constraints.rules.clear();
                 let planner = Planner::new(Task {
                     robot: &self.robot,
@@ -144,7 +144,7 @@ impl Arm {
             .blob
     }
 
-    /// Another arm of the same scenario, calibrated with many random poses.
+    /// Returns another arm of the same scenario, calibrated with many random poses.
     fn sister(&self, scenario: Scenario) -> &Sister {
         let slot = &self.sisters[usize::from(scenario == Scenario::Nonlinear)];
         slot.get_or_init(|| {
@@ -153,7 +153,7 @@ impl Arm {
         })
     }
 
-    /// Means over the arms, and the standard error of the first.
+    /// Returns the mean errors over the arms, and the standard error of the first.
     fn mean(&self, scenario: Scenario, count: usize, poses: Poses) -> (Errors, f64) {
         let next = Mutex::new(1..=seeds());
         let found = Mutex::new(Vec::new());
@@ -213,7 +213,7 @@ fn planned_poses_are_worth_more_than_random_ones() {
                 let found = row(Poses::Planned(Some(other)));
                 line += &format!("; {} {}", other.name(), cell(&found));
             }
-            // Where the usual prior leaves most, that of another arm may cost a twentieth at most; it gained.
+            // Where the usual prior is worst, the prior from another arm must not be more than a twentieth worse. It is better.
             if scenario == Scenario::Nonlinear {
                 let sister = row(Poses::LikeASister);
                 line += &format!("; with a sister's prior {}", cell(&sister));
@@ -223,8 +223,8 @@ fn planned_poses_are_worth_more_than_random_ones() {
                 }
             }
             say(line);
-            // At 50 poses against measurements; at 30 of the paper-like arm by a tenth, against the truth: of what
-            // measurements show there, three quarters are their own noise.
+            // At 50 poses the gain must show against measurements. At 30 poses of the paper-like arm it must be a tenth against
+            // the truth, because three quarters of the error against measurements is their noise.
             let (k, most) = match (scenario, count) {
                 (Scenario::Paper, 30) => (1, 0.9),
                 _ => (0, 1.0),

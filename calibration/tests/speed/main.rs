@@ -1,7 +1,7 @@
-//! The promises of speed that are cheap to keep: ratios in one run, and a generous bound on CPU time.
+//! The speed promises that are cheap to test: ratios within one run, and a generous bound on CPU time.
 //!
-//! `tests/peers/run` measures everything, beside scikit-learn; `docs/evidence/performance.md` has its tables. Here, CPU time of
-//! the thread as Linux counts it, so that other programs disturb little. In release only: `#[ignore]`d in a debug build.
+//! `tests/peers/run` measures everything and compares with scikit-learn; `docs/evidence/performance.md` has its tables. These
+//! tests use the thread's CPU time as Linux counts it, so that other programs disturb little. A debug build ignores them.
 
 use std::fmt::Display;
 use std::hint::black_box;
@@ -22,16 +22,15 @@ use poegp_calibration::trust::examine;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::model_selection::{FOLDS, candidates, select_model};
 
-/// Most CPU time of an elastic fit of 300 poses, in that of ten million exponentials: 93 on an idle machine; 179 before the
-/// search went on in units of its path.
+/// Largest CPU time of an elastic fit of 300 poses, in units of ten million exponentials. An idle machine takes 93.
 const MOST_EXPONENTIALS: f64 = 150.0;
 
-/// Shows a measured number, whether or not the test passes.
+/// Prints a measured number, whether or not the test passes.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-/// CPU seconds of this thread so far.
+/// Returns the CPU seconds of this thread so far.
 fn cpu_seconds() -> f64 {
     let path = "/proc/thread-self/schedstat";
     let text =
@@ -40,8 +39,8 @@ fn cpu_seconds() -> f64 {
     1e-9 * nanoseconds.parse::<u64>().unwrap() as f64
 }
 
-/// CPU seconds of `work` in those of ten million exponentials, which this core took just before and just after: a core
-/// that is shared, or slower, is as slow for both.
+/// Returns the CPU time of `work` in units of ten million exponentials, timed on the same core just before and just after.
+/// A shared or slow core slows both alike.
 fn in_ten_million_exponentials<R>(work: impl FnOnce() -> R) -> (R, f64) {
     let exponentials = || {
         let start = cpu_seconds();
@@ -58,12 +57,12 @@ fn in_ten_million_exponentials<R>(work: impl FnOnce() -> R) -> (R, f64) {
     (result, 2.0 * seconds / (before + exponentials()))
 }
 
-/// The time of a thread is that of the whole fit on one thread only.
+/// Returns a fit on one thread, so that the thread's CPU time is that of the whole fit.
 fn one_thread() -> FitContext<'static> {
     FitContext::default().with_threads(1)
 }
 
-/// The arm and 300 simulated poses of `tests/data`.
+/// Returns the arm and 300 simulated poses of `tests/data`.
 fn arm() -> (Robot, Vec<InstrumentSample>) {
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -73,7 +72,7 @@ fn arm() -> (Robot, Vec<InstrumentSample>) {
     (robot, samples)
 }
 
-/// A calibration of the 300 poses.
+/// Calibrates with the 300 poses.
 fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>) {
     let (robot, samples) = arm();
     let origin = Provenance {
@@ -88,7 +87,7 @@ fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>)
     (found.calibration, found.blob, samples)
 }
 
-/// The six means as eq. 7 reads, in f64: what a program would do that has not thought about it.
+/// Returns the six means written as eq. 7 reads, in f64, without any optimisation.
 fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
     let task_space = found.correction.task_space().unwrap();
     let gp = &task_space.gp;
@@ -115,7 +114,7 @@ fn naive_mean(found: &Calibration, sample: &InstrumentSample) -> [f64; 6] {
     })
 }
 
-/// Predicting 10 000 poses, whole poses with their checks, against the six means alone done naively.
+/// Predicting 10 000 whole poses with all checks takes less time than the naive computation of the means alone.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
 fn ten_thousand_predictions_take_little_time() {
@@ -134,7 +133,7 @@ fn ten_thousand_predictions_take_little_time() {
     let naive = |s: &InstrumentSample| {
         black_box(naive_mean(&found, s));
     };
-    // The better of three: another program may take the core's caches.
+    // The best of three, since another program may use the core's caches.
     let best =
         |work: &dyn Fn(&InstrumentSample)| (0..3).map(|_| time(work)).fold(f64::INFINITY, f64::min);
     let (ours, theirs) = (best(&predict), best(&naive));
@@ -171,7 +170,7 @@ fn an_elastic_fit_takes_little_time() {
             queries.iter().for_each(|(joints, kg)| work(joints, *kg));
             start.elapsed().as_nanos() as f64 / queries.len() as f64
         };
-        // The best of many: other programs take the core now and then.
+        // The best of many, since other programs take the core now and then.
         (0..100).map(once).fold(f64::INFINITY, f64::min)
     };
     let evaluation = nanoseconds(&|joints, kg| {
@@ -188,8 +187,8 @@ fn an_elastic_fit_takes_little_time() {
     assert!(evaluation <= most, "{evaluation}");
 }
 
-/// The default chooses its model by folds before it fits. Together that is to take three times as long as the fit alone, and is
-/// bounded by four: other programs move the ratio by a tenth.
+/// The default selects its model by cross-validation before it fits. The goal for both together is three times the fit alone.
+/// The bound is four, since other programs change the ratio by a tenth.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
 fn the_choice_of_a_model_takes_little_time() {
@@ -209,7 +208,7 @@ fn the_choice_of_a_model_takes_little_time() {
         threads: 1,
     };
     let all = candidates(&samples, &robot, &Config::default());
-    // The better of two: another program may take the core's caches.
+    // The better of two, since another program may use the core's caches.
     let (mut to_choose, mut to_fit) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..2 {
         let start = cpu_seconds();
@@ -228,8 +227,8 @@ fn the_choice_of_a_model_takes_little_time() {
     assert!(ratio <= most, "{ratio}");
 }
 
-/// The examination of 300 rows: quick where nothing is wrong, and where nothing that it tries explains what is. The poses
-/// belong to other rows there, so that it tries everything.
+/// The examination of 300 rows is fast on a good file, and on a file whose mistake it cannot explain: there the poses belong
+/// to other rows, so that it tries every explanation.
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
 fn the_examination_of_measurements_takes_little_time() {

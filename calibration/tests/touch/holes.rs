@@ -1,4 +1,4 @@
-//! Sockets that were screwed into the holes of a table: where a calibrated arm sees them, against where the holes are.
+//! Sockets in the holes of a table: where a calibrated arm measures them, compared with where the holes are.
 
 use nalgebra::{Matrix3, Vector3};
 use poegp_calibration::robot::Robot;
@@ -6,7 +6,7 @@ use poegp_calibration::robot::Robot;
 use crate::measured::{calibrated, spread_rows};
 use crate::sets::{folder, robot, state, touches};
 
-/// Middles between the two sockets of each placement of `panda_3`, mm, by its README.
+/// Midpoints between the two sockets of each placement of `panda_3`, mm, from its README.
 const HOLES: [(&str, [f64; 2]); 6] = [
     ("backcenter", [0.0, 0.0]),
     ("backleft", [0.0, -175.0]),
@@ -15,10 +15,10 @@ const HOLES: [(&str, [f64; 2]); 6] = [
     ("frontleft", [150.0, -200.0]),
     ("frontright", [150.0, 175.0]),
 ];
-/// Most of the mean error, mm.
+/// Largest mean error, mm.
 const MOST: f64 = 0.27;
 
-/// Mean distance of points after the best rigid registration (Kabsch 1976).
+/// Returns the mean distance of points after the best rigid registration (Kabsch 1976).
 fn registered(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
     let mean = |all: &[Vector3<f64>]| all.iter().sum::<Vector3<f64>>() / all.len() as f64;
     let (a, b) = (mean(found), mean(truth));
@@ -27,7 +27,7 @@ fn registered(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
     let svd = covariance.svd(true, true);
     let (u, v) = (svd.u.unwrap(), svd.v_t.unwrap());
     let mut sign = Matrix3::identity();
-    // The table is flat: its normal is the direction without extent, and must not be mirrored.
+    // The table is flat: its normal has no extent, and its sign must not mirror the points.
     let least = svd.singular_values.imin();
     sign[(least, least)] = (u * v).determinant().signum();
     let rotation = u * sign * v;

@@ -1,4 +1,4 @@
-//! The derivatives of every kind of row, against central differences, and those of the arm behind them.
+//! The derivatives of every kind of row and of the arm, against central differences.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::touch::arm::{Terms, TipStart, TouchArm};
@@ -23,7 +23,7 @@ fn pose(linear: [f64; 3], angular: [f64; 3]) -> Pose<f64> {
     }
 }
 
-/// Every kind of feature, where its row can be linearised.
+/// Returns every kind of feature, with a reading at which its row is linear enough.
 fn features() -> Vec<(FeatureKind, Figure, Reading)> {
     let directions = |count: usize| Some((Form::directions(), vec![1e-4; 12 * count]));
     let corner = Vector3::new(0.05, -0.03, 0.0);
@@ -139,7 +139,7 @@ fn set(mount: Mount) -> (TouchSet, Scene, Vec<Reading>) {
         readings.push(reading);
     }
     let seen = pose([2.0, 0.3, -0.1], [0.5, 0.2, 0.1]);
-    // Where the prediction is: a rotation's error is linear about nothing alone.
+    // At the prediction, because a rotation error is linear only about zero.
     let target = seen * tip();
     readings.push(Reading::Tracker(Observation::Pose(target)));
     readings.push(Reading::Tracker(Observation::Position(target.translation)));
@@ -183,7 +183,7 @@ fn set(mount: Mount) -> (TouchSet, Scene, Vec<Reading>) {
     (set, scene, readings)
 }
 
-/// Larger of the relative and the absolute difference, in units of `scale`.
+/// Asserts that two numbers agree within 1e-5, relative to their size or to `scale`.
 fn close(found: f64, expected: f64, scale: f64, what: &str) {
     let off = (found - expected).abs();
     assert!(
@@ -203,7 +203,7 @@ fn rows_change_as_their_derivatives_say() {
                 Reading::Board { .. } => 1e3,
                 _ => 1.0,
             };
-            // Bumps do not move with the tip: their slope is some 1e-3 of the touch.
+            // The form of a surface is not moved with the tip, which leaves out slopes of some 1e-3.
             let slope = match reading {
                 Reading::Point { .. } | Reading::Plane { .. } => 300.0,
                 Reading::Tracker(_) => 10.0,
@@ -295,7 +295,7 @@ fn the_tip_moves_as_the_derivatives_of_the_arm_say() {
         let shift = (ahead.translation - behind.translation) / (2.0 * step);
         let turn = (ahead * behind.inverse()).log().angular / (2.0 * step);
         for i in 0..3 {
-            // Gravity is taken at the joints as they are commanded: what frames change of it is some 1e-4 of them.
+            // The derivative takes gravity at the commanded joints, which leaves out some 1e-4 of it.
             let off = |a: f64, b: f64| (a - b).abs() < 2e-3 * (1.0 + b.abs());
             assert!(
                 off(jet.jacobian[(i, j)], shift[i]),

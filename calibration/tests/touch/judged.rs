@@ -1,4 +1,4 @@
-//! Models that are judged by touches: laws of the table, and what the check finds and how often it is wrong.
+//! Models judged by touches: laws of the table, what the check finds, and how often it raises a false alarm.
 //!
 //! `cargo test --release -p poegp-calibration --test touch -- judged --include-ignored --nocapture` prints the rates of
 //! docs/evidence/touches.md.
@@ -24,7 +24,7 @@ fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
 }
 
-/// Touches of the arm of a simulator.
+/// Returns touches of a simulator's arm.
 fn touched(
     robot: &Robot,
     simulator: &mut Simulator,
@@ -67,7 +67,7 @@ fn simulator(robot: &Robot, seed: u64) -> Simulator {
     Simulator::new(robot, Scenario::Paper, &[1.0], seed)
 }
 
-/// An arm that stands where the drawing does is judged as the drawing is, of every kind of touch.
+/// A model whose poses are the drawing's gets the same judgement as the drawing, from every kind of touch.
 #[test]
 fn a_known_arm_with_the_poses_of_the_drawing_is_the_drawing() {
     let robot = robot();
@@ -95,7 +95,7 @@ fn a_known_arm_with_the_poses_of_the_drawing_is_the_drawing() {
             assert!(apart < 0.05, "row {k}: {apart} standard deviations apart");
         }
     }
-    // Tips and features are fitted: none of them stays where it began.
+    // Tips and features are fitted, so none of them stays at its start.
     assert!(
         known.arm.theta.iter().any(|x| x.abs() > 1e-5),
         "{:?}",
@@ -103,7 +103,7 @@ fn a_known_arm_with_the_poses_of_the_drawing_is_the_drawing() {
     );
 }
 
-/// The RMS of sockets and their distance, by equations of this test: R t + p = c with the runtime's poses of the flange.
+/// The RMS at sockets and their distance equal those of equations in this test: R t + p = c with the runtime's flange poses.
 #[test]
 fn the_table_is_that_of_the_runtime() {
     let robot = robot();
@@ -116,7 +116,7 @@ fn the_table_is_that_of_the_runtime() {
     let down = Vector3::new(0.0, 0.0, -9.81);
     let problem = TouchProblem::new(&set, &chain, None, down, USUAL_CLASS);
     let states = flanges(&blob, &problem.states);
-    // Unknowns: the tip, then each socket.
+    // Unknowns: the tip, then the centre of each socket.
     let rows = set.rows.len();
     let (mut a, mut b) = (DMatrix::zeros(3 * rows, 9), DVector::zeros(3 * rows));
     for (k, row) in set.rows.iter().enumerate() {
@@ -164,13 +164,13 @@ fn the_table_is_that_of_the_runtime() {
         (distance.said_mm + error - measured).abs() < 1e-9,
         "{distance:?}"
     );
-    // 0.05 mm in twelve touches of each end.
+    // A distance has 0.05 mm of noise, averaged over twelve touches at each end.
     assert!((0.005..0.06).contains(&sigma), "{sigma}");
     assert!(found.ratio < 0.5, "{}", found.ratio);
     assert_eq!(found.residuals.len(), rows);
 }
 
-/// Models are compared by the rows that belong for all of them, and each is judged as it is alone where they all do.
+/// Several models are compared on the rows that no model rejects. If no row is rejected, each is judged as it is alone.
 #[test]
 fn several_models_are_judged_by_the_same_rows() {
     let robot = robot();
@@ -207,7 +207,7 @@ fn checked(robot: &Robot, set: &TouchSet, blob: &BlobModel) -> TouchReport {
     check_touches(blob, set, &chain, robot.coupling.as_ref(), 0.01).unwrap()
 }
 
-/// The same touches of an arm whose joint stands off by an angle in rad: its controller shows less.
+/// Returns the same touches by an arm whose joint zero is off by `by` rad: the controller reports a smaller angle.
 fn shifted(set: &TouchSet, joint: usize, by: f64) -> TouchSet {
     let mut out = set.clone();
     for row in &mut out.rows {
@@ -217,7 +217,7 @@ fn shifted(set: &TouchSet, joint: usize, by: f64) -> TouchSet {
     out
 }
 
-/// What `calibrate` says of a known distance by the drawing is what `evaluate` says: the drawing is not pulled onto it.
+/// `calibrate` and `evaluate` report the same error of a known distance as drawn: the drawing is not fitted to the distance.
 #[test]
 fn a_known_distance_as_drawn_is_by_the_touches_alone() {
     let robot = robot();
@@ -230,7 +230,7 @@ fn a_known_distance_as_drawn_is_by_the_touches_alone() {
     }
 }
 
-/// A joint that has lost 5 mrad is found, with its amount; that of the first joint is seen by nobody.
+/// A zero that joint 3 lost by 5 mrad is found, with its size. The zeros of the first and the last joint cannot be seen.
 #[test]
 fn a_lost_zero_is_found() {
     let robot = robot();
@@ -243,14 +243,17 @@ fn a_lost_zero_is_found() {
     let still = checked(&robot, &set, &blob);
     assert!(still.changes.is_empty(), "{:?}", still.changes);
     assert!(still.miss_mm.mean < 0.25, "{:?}", still.miss_mm);
-    assert!(still.size_ppm.is_some(), "a distance is known");
+    assert!(
+        still.size_ppm.is_some(),
+        "the size is checked, because a distance is known"
+    );
     let unseen: Vec<Part> = still
         .sensitivity
         .iter()
         .filter(|s| s.smallest.is_none())
         .map(|s| s.part)
         .collect();
-    // The first joint turns the base, and the last one the tip.
+    // A zero of the first joint turns the base, and one of the last joint turns the tip.
     assert_eq!(unseen, [Part::Joint(1), Part::Joint(6)]);
     let moved = checked(&robot, &shifted(&set, 2, 5e-3), &blob);
     let parts: Vec<Part> = moved.changes.iter().map(|c| c.part).collect();
@@ -271,13 +274,13 @@ fn a_lost_zero_is_found() {
     assert!(moved.without_mm.mean < moved.miss_mm.mean, "{moved:?}");
     let first = checked(&robot, &shifted(&set, 0, 5e-3), &blob);
     assert!(first.changes.is_empty(), "{:?}", first.changes);
-    // Without the distance nobody sees the size.
+    // Without a known distance the size of the arm cannot be checked.
     let mut unknown = set.clone();
     unknown.distances.clear();
     assert_eq!(checked(&robot, &unknown, &blob).size_ppm, None);
 }
 
-/// A mistyped distance is no joint that has lost its zero.
+/// A mistyped distance is reported as the size, not as a joint that has lost its zero.
 #[test]
 fn a_wrong_distance_is_named_as_the_size() {
     let robot = robot();
@@ -296,7 +299,7 @@ fn a_wrong_distance_is_named_as_the_size() {
     );
 }
 
-/// Alarms of arms that have not changed, and of joints that have lost 1 mrad.
+/// Rates of alarms for unchanged arms, and for joints that have lost 1 mrad.
 #[test]
 #[ignore = "a minute in release; its command is in the head of this file"]
 fn rates_of_alarms() {

@@ -1,4 +1,4 @@
-//! Every kind of touch on simulated arms: what is accepted, and what it is worth.
+//! Every kind of touch on simulated arms: which calibrations are accepted, and how much they improve the arm.
 //!
 //! `cargo test --release -p poegp-calibration --test touch -- kinds --ignored --nocapture` prints the table of
 //! docs/guide/without-a-tracker.md.
@@ -9,7 +9,7 @@ use poegp_calibration::simulation::Scenario;
 use crate::sets::mean_mm;
 use crate::trial::{simulated, trial};
 
-/// Arms of every cell.
+/// Simulated arms for each cell of the table.
 const SEEDS: u64 = 10;
 /// What is touched, as `simulate --touch` names it.
 const ROWS: [&[(&str, usize)]; 10] = [
@@ -25,17 +25,17 @@ const ROWS: [&[(&str, usize)]; 10] = [
     &[("level", 1)],
 ];
 
-/// What a calibration was worth.
+/// How much a calibration improves an arm.
 struct Worth {
     is_refused: bool,
-    /// Mean errors over the poses of the truth, mm.
+    /// Mean errors over the poses of the truth, of the arm as drawn and as calibrated, mm.
     drawn: f64,
     calibrated: f64,
-    /// Touches left out, calibrated over drawn; the probability that the arm is worse off.
+    /// What the calibration states: left-out touches, calibrated over drawn; the probability that the arm got worse.
     stated: [f64; 2],
 }
 
-/// Simulates, calibrates and scores; `None` of touches that the reader refuses.
+/// Simulates, calibrates and scores. Returns `None` if the reader refuses the touches.
 fn worth(robot: &Robot, tasks: &[(&str, usize)], count: usize, seed: u64) -> Option<Worth> {
     let (set, truth) = simulated(robot, Scenario::Paper, tasks, count, seed)?;
     let of = trial(robot, &set, &truth);
@@ -52,7 +52,7 @@ fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
 }
 
-/// Two sockets at a known distance, twenty touches: a fifth of the drawing's error.
+/// Twenty touches of two sockets at a known distance reduce the drawing's error to less than a fifth.
 #[test]
 fn two_sockets_calibrate_an_arm() {
     let found = worth(&robot(), &[("socket", 2)], 20, 1).unwrap();
@@ -60,8 +60,8 @@ fn two_sockets_calibrate_an_arm() {
     assert!(found.calibrated < 0.2 * found.drawn);
 }
 
-/// The table of docs/guide/without-a-tracker.md. Of the calibrations that are accepted at most one in twenty is worse than the drawing,
-/// none by more than 20 %.
+/// Prints the table of docs/guide/without-a-tracker.md. Of the accepted calibrations at most one in twenty is worse than the
+/// drawing, and none by more than 20 %.
 #[test]
 #[ignore = "half a minute in release; its command is in the head of this file"]
 fn kinds_on_simulated_arms() {

@@ -1,4 +1,4 @@
-//! Laws of the fit on simulated touches: what changes a reading has to change the model, and nothing else.
+//! Laws of the fit on simulated touches: how a change of the readings or of what is stated must change the model.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::touch::unseen::Direction;
@@ -22,7 +22,7 @@ fn score((set, truth): &(TouchSet, Truth)) -> (f64, Trial) {
     (mean_mm(&of.calibrated), of)
 }
 
-/// Three readings of a wire that are 5 mm off are listed and hardly change the result.
+/// Three readings of a wire that are 5 mm wrong are listed as outliers and hardly change the result.
 #[test]
 fn outliers_are_listed() {
     let mut data = touched(&[("wire", 1)], 80, 21);
@@ -51,7 +51,7 @@ fn outliers_are_listed() {
     );
 }
 
-/// Without the known distance of two sockets the size is unseen, and what is expected is larger.
+/// Without the known distance between two sockets the size is not determined, and the expected error is larger.
 #[test]
 fn a_known_distance_shows_the_size() {
     let mut data = touched(&[("socket", 2)], 40, 22);
@@ -70,7 +70,7 @@ fn a_known_distance_shows_the_size() {
     assert!(b > 1.1 * a, "{a:.3} with the distance, {b:.3} without");
 }
 
-/// Touches that scatter ten times as much as they say are found out: τ is what they scatter by, and what is stated still holds.
+/// Touches that scatter ten times as much as they declare: the fit finds the additional noise τ, and its statements hold.
 #[test]
 fn noise_beyond_what_is_stated_is_found() {
     let mut data = touched(&[("socket", 2)], 80, 23);
@@ -86,7 +86,7 @@ fn noise_beyond_what_is_stated_is_found() {
         noise.beyond
     );
     assert!(of.components_within() >= 0.85);
-    // What is stated of a pose is parameters ⊕ τ.
+    // The standard deviation of a pose combines parameters and τ.
     assert!(1e3 * of.known.tau >= noise.beyond);
     let least = of
         .known
@@ -97,7 +97,7 @@ fn noise_beyond_what_is_stated_is_found() {
     assert!(1e3 * least >= noise.beyond);
 }
 
-/// A row that says that it knows nothing changes nothing, and rows that say that they are ten times as good count a hundred times.
+/// Rows that declare a noise of 20 mm are weighted by it: errors of 8 mm in every fourth row hardly change the result.
 #[test]
 fn a_row_counts_by_its_variance() {
     let mut data = touched(&[("wire", 1)], 80, 24);
@@ -113,7 +113,7 @@ fn a_row_counts_by_its_variance() {
     assert!(with < 1.6 * clean, "{clean:.4} → {with:.4} mm");
 }
 
-/// Planes that bulge by 1 mm at 200 mm from their middle: with the form as a term of its own the arm is nearer to the truth than without.
+/// Planes that bulge by 1 mm at 200 mm from their middle: with the form as a term of its own the arm is nearer to the truth.
 #[test]
 fn a_bulge_is_form_where_it_is_stated() {
     let (mut flat, mut form) = (0.0, 0.0);
@@ -156,7 +156,7 @@ fn a_bulge_is_form_where_it_is_stated() {
     assert!(form < 0.95 * flat);
 }
 
-/// However far an arm is from its drawing, the evidence moves the scales of its class by a factor of two at most.
+/// However far an arm is from its drawing, the evidence changes the scales of its class by at most a factor of two.
 #[test]
 fn scales_move_by_a_factor_of_two() {
     let mut data = touched(&[("socket", 4)], 80, 25);
@@ -172,7 +172,7 @@ fn scales_move_by_a_factor_of_two() {
     assert!(of.found.summary.beyond_class.unwrap() > 3.0);
 }
 
-/// Gravity is that of the base, wherever the base hangs: the model carries the one that was stated.
+/// Gravity is in the axes of the base, wherever the base hangs, and the model contains the stated gravity.
 #[test]
 fn gravity_is_that_of_the_base() {
     use poegp_calibration::model::config::Config;
@@ -201,7 +201,7 @@ fn gravity_is_that_of_the_base() {
     assert!(1e3 * apart / down.len() as f64 > 0.005);
 }
 
-/// A touch that is left out misses as one that was never made: 20 readings of a wire, and 60 others.
+/// The left-out errors of 20 readings of a wire are as large as the errors of 60 readings that the fit has not seen.
 #[test]
 fn what_is_left_out_misses_as_what_is_new() {
     use poegp_calibration::identification::touch::fit::TouchProblem;

@@ -1,4 +1,4 @@
-//! Stated lengths that are wrong: how often they are refused, and how often honest touches are.
+//! Wrong stated lengths: how often touches with them are refused, and how often correct ones are.
 //!
 //! `cargo test --release -p poegp-calibration --test touch -- lengths::many --ignored --nocapture` prints the table of
 //! docs/evidence/touches.md.
@@ -20,17 +20,17 @@ use crate::measured::{SIMULATED, calibrated};
 use crate::sets::{folder, robot, touches};
 use crate::trial::simulated;
 
-/// What is stated falsely.
+/// What is stated wrongly.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lie {
     None,
-    /// The zero of joint 2 is 1 degree off; all lengths are honest.
+    /// The zero of joint 2 is 1 degree wrong; all stated lengths are right.
     Joint,
-    /// All lengths are so many times the true ones.
+    /// All stated lengths are the true ones times this factor.
     Scale(f64),
-    /// The first wire reads so much too much, or the first radius is a fifth of it too short, m.
+    /// The first wire reads this much too long, or the first radius is a fifth of it too short, m.
     Zero(f64),
-    /// The tip as drawn is so far off, m.
+    /// The drawn tip is this far off, m.
     Tip(f64),
 }
 
@@ -45,7 +45,7 @@ const LIES: [Lie; 7] = [
 ];
 
 impl Lie {
-    /// The same touches with the lie; `None` if they have nothing that it is about.
+    /// Returns the touches with the wrong statement; `None` if they contain nothing that it concerns.
     fn told(self, set: &TouchSet, robot: &Robot) -> Option<TouchSet> {
         let mut out = set.clone();
         let mut is_told = !matches!(self, Self::Zero(_));
@@ -84,7 +84,7 @@ impl Lie {
     }
 }
 
-/// Refusals of sets, by robot and lie: all sets, those refused for what is stated, and those refused for anything.
+/// Counts by robot and lie: all sets, sets refused for a stated length, and sets refused for any reason.
 type Rates = BTreeMap<(&'static str, usize), [usize; 3]>;
 
 fn rates(
@@ -147,19 +147,19 @@ fn print(rates: &Rates) -> Vec<[usize; 3]> {
     all
 }
 
-/// One arm of each type: no honest set is refused for what it states, nearly all false ones are.
+/// One arm of each type: no correct set is refused for a stated length, and nearly all wrong ones are.
 #[test]
 fn false_lengths_are_refused_and_honest_ones_are_not() {
     let kinds: [&[(&str, usize)]; 2] = [&[("wire", 1)], &[("ballbar", 4)]];
     let all = print(&rates(&kinds, &[Scenario::Paper], &[40], 1));
-    assert_eq!([all[0][1], all[1][1]], [0, 0], "honest sets");
-    // The fit itself corrects a wrong tip that adds no noise.
+    assert_eq!([all[0][1], all[1][1]], [0, 0], "honest sets are refused");
+    // The last lie, the wrong tip, is not counted: it adds no noise, and the fit corrects it.
     for (lie, [sets, stated, _]) in LIES.iter().zip(&all).take(6).skip(2) {
         assert!(10 * stated >= 9 * sets, "{lie:?}: {stated} of {sets}");
     }
 }
 
-/// More kinds and numbers of touches, of arms whose gears have ripple and play.
+/// More kinds and numbers of touches, by arms with gear ripple and backlash.
 #[test]
 #[ignore = "ten minutes in release; its command is in the head of this file"]
 fn many() {
@@ -174,11 +174,11 @@ fn many() {
     let [sets, stated, _] = all[0];
     assert!(
         50 * stated <= sets,
-        "{stated} of {sets} honest sets are refused"
+        "{stated} of {sets} correct sets are refused"
     );
 }
 
-/// The honest sets of others are not in doubt.
+/// No stated length of the sets measured by others is refused.
 #[test]
 fn measured_sets_are_not_in_doubt() {
     let Some(folder) = folder("touch") else {

@@ -1,7 +1,7 @@
-//! What touches reach on simulated arms whose truth is known, and on real sockets.
+//! The errors that touches reach on simulated arms whose truth is known, and on real sockets.
 //!
-//! `POEGP_MEASURED_DATA=FOLDER cargo test --release -p poegp-calibration --test touch -- --nocapture`; `touch` and `models` are
-//! looked for beside FOLDER.
+//! `POEGP_MEASURED_DATA=FOLDER cargo test --release -p poegp-calibration --test touch -- --nocapture` expects `touch` and
+//! `models` beside FOLDER.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::touch::unseen::Direction;
@@ -21,7 +21,7 @@ pub fn calibrated(robot: &Robot, set: &TouchSet) -> TouchCalibration {
 /// Kinds of touches with upper limits, mm.
 pub type Limits = &'static [(&'static str, f64)];
 
-/// Upper limits of the sets of an arm, with its description.
+/// Upper limits for the sets of each arm, with the arm's description.
 pub const SIMULATED: [(&str, &str, Limits); 2] = [
     (
         "sim_irb120_s10",
@@ -107,7 +107,8 @@ fn simulated_arms_within_what_is_asked() {
     }
 }
 
-/// `each` rows of every socket of one placement, spread over the file, and the indices of all rows of other placements.
+/// Takes `each` rows of every socket of one placement, spread over the file. Also returns the indices of all rows of other
+/// placements.
 pub fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, Vec<usize>) {
     let is_of = |f: usize| all.features[f].name.split('/').next() == Some(placement);
     let features: Vec<usize> = (0..all.features.len()).filter(|f| is_of(*f)).collect();
@@ -134,7 +135,7 @@ pub fn spread_rows(all: &TouchSet, placement: &str, each: usize) -> (TouchSet, V
     (set, others.collect())
 }
 
-/// Mean distance of touches of a socket from their middle, mm.
+/// Returns the mean distance of touches of a socket from their middle, mm.
 pub fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[usize]) -> f64 {
     let mut sum = 0.0;
     for f in 0..all.features.len() {
@@ -152,8 +153,8 @@ pub fn spread(robot: &Robot, found: &TouchCalibration, all: &TouchSet, rows: &[u
     1e3 * sum / rows.len() as f64
 }
 
-/// Upper limits at 6, 10, 20 and 40 touches, mm: what is asked, and of the third set the published method's on the same rows, which
-/// are known to two decimals.
+/// Upper limits at 6, 10, 20 and 40 touches, mm. Those of the third set are the published method's on the same rows, which are
+/// known to two decimals.
 pub const SOCKETS: [(&str, &str, &str, [f64; 4]); 4] = [
     (
         "panda_2",

@@ -1,4 +1,4 @@
-//! Where the sets of others are, and how a model is scored on them.
+//! Finds the sets measured by others, and scores a model on them.
 
 use std::path::{Path, PathBuf};
 
@@ -9,7 +9,7 @@ use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_runtime::math::se3::{Pose, Twist, skew};
 
-/// The folder beside that of the measured sets with this name; says NOT RUN where there is none.
+/// Returns the folder with this name beside the measured sets; prints NOT RUN if there is none.
 pub fn folder(name: &str) -> Option<PathBuf> {
     let measured = std::env::var_os("POEGP_MEASURED_DATA").map(PathBuf::from);
     let found = measured.and_then(|path| Some(path.parent()?.join(name)));
@@ -20,19 +20,19 @@ pub fn folder(name: &str) -> Option<PathBuf> {
     found
 }
 
-/// A robot description of the folder `models`.
+/// Returns a robot description of the folder `models`.
 pub fn robot(name: &str) -> Option<Robot> {
     let path = folder("models")?.join(name);
     Robot::load(path.to_str()?, &LoadOptions::default()).ok()
 }
 
-/// A touch file with its features beside it.
+/// Returns a touch file with its features.
 pub fn touches(folder: &Path, name: &str, robot: &Robot) -> TouchSet {
     let path = folder.join(format!("{name}.csv"));
     TouchSet::read(&path, None, robot).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A state of the arm, for a prediction.
+/// Returns joints and payload as a sample, for a prediction.
 pub fn state(robot: &Robot, joints: &[f64], payload_kg: Option<f64>) -> BaseSample {
     let unseen = Observation::Pose(Pose::identity());
     let mut out = Sample::new(joints.to_vec(), robot.serial_joints(joints), unseen, Base);
@@ -40,15 +40,15 @@ pub fn state(robot: &Robot, joints: &[f64], payload_kg: Option<f64>) -> BaseSamp
     out
 }
 
-/// Joints and payload, and where the tip truly is, m.
+/// Joints, payload, and the true position of the tip, m.
 pub type Truth = Vec<(Vec<f64>, Option<f64>, Vector3<f64>)>;
 
-/// A file of true positions.
+/// Reads a file of true positions.
 pub fn truth(path: &Path) -> Truth {
     parsed_truth(&std::fs::read_to_string(path).unwrap())
 }
 
-/// The text of such a file.
+/// Parses a file of true positions.
 pub fn parsed_truth(text: &str) -> Truth {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -69,7 +69,7 @@ pub fn parsed_truth(text: &str) -> Truth {
     lines.map(row).collect()
 }
 
-/// Errors in m that are left after the best registration of base and tip.
+/// Returns the errors in m that remain after the best registration of base and tip.
 pub fn errors(poses: &[Pose<f64>], truth: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let (mut base, mut tip) = (Pose::identity(), Vector3::zeros());
     let at = |base: &Pose<f64>, tip: &Vector3<f64>, pose: &Pose<f64>| {
@@ -109,12 +109,12 @@ pub fn errors(poses: &[Pose<f64>], truth: &[Vector3<f64>]) -> Vec<Vector3<f64>> 
         .collect()
 }
 
-/// Mean length in mm.
+/// Returns the mean length in mm.
 pub fn mean_mm(errors: &[Vector3<f64>]) -> f64 {
     1e3 * errors.iter().map(|e| e.norm()).sum::<f64>() / errors.len() as f64
 }
 
-/// Share of errors of at most so many mm.
+/// Returns the share of the errors that are at most `mm`.
 pub fn share_within(errors: &[Vector3<f64>], mm: f64) -> f64 {
     let within = errors.iter().filter(|e| 1e3 * e.norm() <= mm);
     within.count() as f64 / errors.len() as f64

@@ -1,4 +1,4 @@
-//! Priors of sister arms: what they gain, split by arm and never by name, and that they say nothing of the size.
+//! Priors from sister arms: how much they gain, split by arm and not by file name, and that they do not determine the size.
 
 use nalgebra::{DMatrix as Mat, DVector, Vector3};
 use poegp_calibration::measurement::touch::TouchSet;
@@ -34,7 +34,7 @@ fn sockets(robot: &Robot, count: usize, seed: u64) -> (TouchSet, Truth) {
     simulated(robot, Scenario::Paper, &[("socket", 2)], count, seed).unwrap()
 }
 
-/// Arms that have nothing in common do not become worse by their sisters: each seed is an arm.
+/// Sisters with unrelated errors hardly make an arm worse. Each seed is an arm.
 #[test]
 fn sisters_without_anything_in_common_do_little() {
     let robot = irb120();
@@ -55,7 +55,7 @@ fn sisters_without_anything_in_common_do_little() {
     assert!(with < 1.15 * without);
 }
 
-/// Sisters of which the same arm is one would predict it perfectly: that the gain is large then shows that they are heard.
+/// Sisters that are copies of the arm itself would predict it perfectly. A large gain shows that the prior uses them.
 #[test]
 fn a_sister_that_is_the_same_arm_is_heard() {
     let robot = irb120();
@@ -75,7 +75,7 @@ fn a_sister_that_is_the_same_arm_is_heard() {
     assert!(with < 0.6 * without);
 }
 
-/// Whatever sisters say, the size is as wide as the class.
+/// Whatever the sisters say, they do not shift the size, and its standard deviation stays at least that of the class.
 #[test]
 fn sisters_say_nothing_of_the_size() {
     use poegp_calibration::identification::touch::arm::Group;
@@ -92,11 +92,11 @@ fn sisters_say_nothing_of_the_size() {
     assert!(size.dot(&prior.mean).abs() < 1e-9);
     let variance = size.dot(&(&prior.covariance * &size));
     assert!((1.0 - 1e-9..4.1).contains(&variance), "{variance}");
-    // Along what is no size, three arms that agree are believed.
+    // In other directions, the prior follows three arms that agree.
     assert!(prior.mean[2] > 0.5 && prior.covariance[(2, 2)] < 0.7);
 }
 
-/// Another drawing, and a sister that leans on others, are refused.
+/// Sisters with another drawing, and sisters whose own fit used sisters, are refused.
 #[test]
 fn only_sisters_are_heard() {
     let robot = irb120();
@@ -119,7 +119,7 @@ fn only_sisters_are_heard() {
     }
 }
 
-/// Real arms: sets and the arm that each is of. `panda_3_bis` is `panda_3` with its ball mounted again.
+/// Sets of real arms, each with the number of its arm. `panda_3_bis` is `panda_3` with its ball remounted.
 const ARMS: [(&str, &str, u32); 3] = [
     ("panda_2", "front_center", 2),
     ("panda_3", "frontcenter", 3),
@@ -137,7 +137,7 @@ fn real_sisters_split_by_arm() {
     println!("| set | touches | without | beside other arms |\n|---|---|---|---|");
     for (name, placement, arm) in ARMS {
         let all = touches(&folder, name, &robot);
-        // One record of each other arm.
+        // One record for each other arm.
         let mut sisters: Vec<(u32, ArmRecord)> = records
             .iter()
             .filter(|(other, _)| *other != arm)

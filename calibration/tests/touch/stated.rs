@@ -1,4 +1,4 @@
-//! Whether the errors of the sets of others lie within the stated 95 %.
+//! Tests whether the errors on sets measured by others are within the stated 95 %.
 
 use poegp_calibration::identification::touch::fit::TouchProblem;
 use poegp_calibration::identification::touch::volume::{Knowledge, WorkVolume};
@@ -11,12 +11,12 @@ use crate::measured::{SIMULATED, SOCKETS, calibrated, spread_rows};
 use crate::sets::{folder, mean_mm, robot, share_within, touches, truth};
 use crate::trial::trial;
 
-/// Share of the errors that the stated 95 % should cover: in nine of ten sets of an arm within its class, in 85 % of all.
+/// Share of the errors within the stated 95 %. Nine of ten sets of an arm within its class must reach it, and 85 % of all sets.
 const COVERED: f64 = 0.85;
-/// The arm that is within its class.
+/// The arm whose errors are within its class.
 const WITHIN_CLASS: &str = "sim_irb120_s10";
-/// Share of the real sets in which they do. It should be 85 %: what gears leave differs from one part of the volume to another,
-/// and is taken for noise, which does not.
+/// Share of the real sets that must reach [`COVERED`]. The goal is 85 %. Gear errors differ between parts of the work volume,
+/// but the fit treats them as noise, which does not.
 const REAL: f64 = 0.8;
 
 #[test]
@@ -70,7 +70,8 @@ fn simulated_arms_within_the_stated_error() {
     assert!(share >= 0.85, "{share:.2}");
 }
 
-/// Real touches at other placements: components about the middle of their socket, by what is stated of arm, tip, noise and τ.
+/// Real touches at other placements: deviations from the mean of their socket, against the stated uncertainty of arm, tip,
+/// noise and τ.
 #[test]
 fn real_sockets_within_the_stated_error() {
     let Some(folder) = folder("touch") else {

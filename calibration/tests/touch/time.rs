@@ -8,11 +8,11 @@ use poegp_calibration::simulation::Scenario;
 use crate::measured::calibrated;
 use crate::trial::simulated;
 
-/// Most CPU seconds of 80 touches and of 20 000 corners.
+/// Largest CPU times in seconds: of 80 touches, and of 20 000 corners.
 const TOUCHES: f64 = 2.0;
 const CORNERS: f64 = 20.0;
 
-/// CPU seconds of this thread, as Linux counts them; elsewhere those of the clock.
+/// Returns the CPU seconds of this thread as Linux counts them; elapsed time on other systems.
 fn cpu_seconds(work: impl FnOnce()) -> f64 {
     let cpu = || {
         let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;

@@ -1,4 +1,4 @@
-//! One simulated calibration: what it was worth, and what it said of itself.
+//! One simulated calibration: how much it improves the arm, and what it states of itself.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::touch::fit::TouchProblem;
@@ -13,16 +13,16 @@ use poegp_calibration::simulation::{Scenario, Simulator};
 use crate::measured::calibrated;
 use crate::sets::{Truth, errors, parsed_truth, state};
 
-/// Poses of the truth.
+/// Number of poses of the truth.
 const POSES: usize = 300;
 
-/// What a calibration was worth.
+/// The results of one calibration.
 pub struct Trial {
     pub found: TouchCalibration,
-    /// Errors over the poses of the truth as drawn and as calibrated, m.
+    /// Errors at the poses of the truth, of the arm as drawn and as calibrated, m.
     pub drawn: Vec<Vector3<f64>>,
     pub calibrated: Vec<Vector3<f64>>,
-    /// What is known at those poses.
+    /// The stated uncertainty at those poses.
     pub known: Knowledge,
 }
 
@@ -48,7 +48,7 @@ pub fn trial(robot: &Robot, set: &TouchSet, truth: &Truth) -> Trial {
     }
 }
 
-/// Touches of a simulated arm and their truth; `None` of touches that the reader refuses.
+/// Simulates touches of an arm and their truth; `None` if the reader refuses the touches.
 pub fn simulated(
     robot: &Robot,
     scenario: Scenario,
@@ -75,7 +75,7 @@ pub fn simulated(
 }
 
 impl Trial {
-    /// Share of the components of the errors within 1.96 standard deviations as stated at their poses.
+    /// Returns the share of the error components within 1.96 times the standard deviations stated at their poses.
     pub fn components_within(&self) -> f64 {
         let pairs = self.calibrated.iter().zip(self.known.deviations());
         let within = pairs.map(|(e, sd)| (0..3).filter(|i| e[*i].abs() <= 1.96 * sd[*i]).count());

@@ -1,5 +1,5 @@
-//! Whether what is accepted helps, and whether what is stated of it is true: arms of several types, of an independent simulator, inside and
-//! outside of the class that is stated for them.
+//! Tests whether accepted calibrations help, and whether what they state is true. The arms are of several types, from an
+//! independent simulator, and within or outside of the class that is stated for them.
 //!
 //! `cargo test --release -p poegp-calibration --test touch -- trust::many --ignored --nocapture` prints the tables of
 //! docs/evidence/touches.md.
@@ -14,7 +14,7 @@ use poegp_calibration::validation::conformity::{Conformity, Tolerances};
 use crate::sets::{mean_mm, share_within};
 use crate::trial::{Trial, simulated, trial};
 
-/// An arm type, what no model has a formula for, the class that is stated over the true one, and the first seed.
+/// Arm type, the errors it is simulated with, the factor of the stated class over the true one, and the first seed.
 type Variant = (&'static str, Scenario, f64, u64);
 
 const VARIANTS: [Variant; 7] = [
@@ -43,22 +43,23 @@ const ROWS: [&[(&str, usize)]; 12] = [
     &[("level", 1)],
 ];
 
-/// Largest share of the accepted calibrations that may be worse than the drawing, and the factor by which none may
-/// exceed it.
+/// Largest share of the accepted calibrations that may be worse than the drawing, and the largest ratio of an accepted
+/// calibration's error to the drawing's.
 const WORSE: f64 = 0.05;
 const WORST: f64 = 1.2;
-/// The stated 95 % cover at least this share of the errors, in at least this share of all cells; and of those of arms within their class.
+/// Least share of the errors within the stated 95 %, and least shares of cells that must reach it: of all cells, and of the
+/// cells of arms within their class.
 const COVERED: f64 = 0.85;
 const CELLS: f64 = 0.85;
 const CELLS_WITHIN_CLASS: f64 = 0.9;
 
-/// Largest share of the verdicts that may say "conforms" at a tolerance that the arm just misses.
+/// Largest share of "conforms" verdicts at a tolerance that the arm just misses.
 const WRONG: f64 = 0.05;
 
-/// The stated mean error over the true one.
+/// Accepted ratio of the stated mean error to the true one.
 const STATED: std::ops::Range<f64> = 0.8..1.5;
 
-/// Accepted and refused calibrations.
+/// Counts over accepted and refused calibrations.
 #[derive(Default)]
 struct Count {
     accepted: usize,
@@ -68,9 +69,9 @@ struct Count {
     stated: f64,
     found: f64,
     refused: usize,
-    /// Verdicts: E ± U that cover the true error of 95 of 100 poses, and E + U below it.
+    /// Verdicts where E ± U covers the error that 95 of 100 poses do not exceed, and verdicts where E + U is below it.
     judged: [usize; 2],
-    /// Refused calibrations with less than 0.8 of the drawing's error, with less than 0.5 of it, and with more than it.
+    /// Refused calibrations with an error below 0.8 of the drawing's, below 0.5 of it, and above it.
     lost: [usize; 3],
 }
 
@@ -84,7 +85,7 @@ impl Count {
     }
 }
 
-/// Coverages of the trials of a cell: errors within the stated 95 %, and components within 1.96 standard deviations.
+/// Coverage in each trial of a cell: share of errors within the stated 95 %, and of components within 1.96 standard deviations.
 #[derive(Default)]
 struct Covered {
     all: Vec<[f64; 2]>,
@@ -96,7 +97,7 @@ impl Covered {
     }
 }
 
-/// The upper limit of a share of which `found` of `of` were seen, with 95 % confidence (Clopper and Pearson 1934).
+/// Returns the upper 95 % confidence limit of a share, when `found` of `of` cases were seen (Clopper and Pearson 1934).
 fn upper_limit(found: usize, of: usize) -> f64 {
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..60 {

@@ -1,4 +1,4 @@
-//! Virtual draw-wires: of a tracker's rows of a real arm only the distances from anchors are shown, with 0.03 mm of noise.
+//! Virtual draw-wires: a tracker's rows of a real arm, reduced to the distances from anchors, with 0.03 mm of noise.
 
 use nalgebra::Vector3;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
@@ -12,10 +12,10 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::measured::calibrated;
 use crate::sets::{errors, folder, mean_mm, robot, touches};
 
-/// Draws that a mean is taken of.
+/// Number of draws that are averaged.
 const DRAWS: u64 = 10;
 
-/// For anchors as in this set, numbers of readings, each with the upper limit of the mean error in mm.
+/// For the anchors of each set: numbers of readings, each with the upper limit of the mean error in mm.
 const ASKED: [(&str, [(usize, f64); 3]); 2] = [
     ("sim_irb120_s10_wire1", [(20, 0.35), (40, 0.28), (80, 0.15)]),
     (
@@ -63,7 +63,7 @@ fn virtual_wires_on_a_real_arm() {
     assert_eq!(missed, [""; 0]);
 }
 
-/// Readings of the wires of `kinds` at some rows, whose positions are seen from the base.
+/// Returns readings of the wires of `kinds` at some rows, whose positions are in the base frame.
 fn wires(
     kinds: &TouchSet,
     samples: &Samples,

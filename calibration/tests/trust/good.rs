@@ -1,4 +1,4 @@
-//! Ways to write a good set that are as good.
+//! Variants of a good file that must not raise an alarm.
 
 use poegp_runtime::math::se3::Pose;
 use rand::RngExt;
@@ -14,7 +14,7 @@ type Make = fn(&Good, &mut ChaCha8Rng) -> Table;
 /// Sizes of random subsets.
 pub const SIZES: [usize; 4] = [30, 50, 100, 300];
 
-/// All ways but subsets.
+/// All variants except subsets.
 pub const VARIANTS: [(&str, Make); 12] = [
     ("as it is", |g, _| g.table.clone()),
     ("rows shuffled", shuffled),
@@ -30,7 +30,7 @@ pub const VARIANTS: [(&str, Make); 12] = [
     ("sigma stated", sigma),
 ];
 
-/// Random rows in the order of the file.
+/// Returns random rows in the order of the file.
 pub fn subset(good: &Good, rows: usize, random: &mut ChaCha8Rng) -> Good {
     good.of_rows(&some(good.table.len(), rows, random))
 }
@@ -41,7 +41,7 @@ fn shuffled(good: &Good, random: &mut ChaCha8Rng) -> Table {
     table
 }
 
-/// The order in which a plan has the payloads.
+/// Sorts the rows by payload, as a plan does.
 fn in_blocks(good: &Good, _: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
     if let Some(column) = table.column("payload_kg") {
@@ -129,7 +129,7 @@ fn moved(good: &Good, random: &mut ChaCha8Rng) -> Table {
 fn target(good: &Good, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
     let tool = any_pose(150.0, random);
-    // A target elsewhere would take on the errors of the nominal arm's orientations.
+    // A displaced target would take on the errors of the nominal arm's orientations.
     if good.orientations != Orientations::Computed {
         table.map_all_poses(|_, p| p * tool);
     }
@@ -138,7 +138,7 @@ fn target(good: &Good, random: &mut ChaCha8Rng) -> Table {
 
 fn first_zero(good: &Good, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
-    // The base absorbs it; within the limits' margin.
+    // The base absorbs the offset, which is within the margin of the limits.
     let degrees = random.random_range(-3.0..3.0);
     let first = table.joints()[0];
     table.map(first, |_, q| q + degrees);

@@ -1,4 +1,4 @@
-//! Mistakes that nobody can see in a file, because of the file's own numbers.
+//! Decides from a file's own numbers which mistakes cannot be seen in it.
 
 use poegp_calibration::identification::base_tools::{BaseAndTools, fit_base_and_tools};
 use poegp_calibration::measurement::observation::Observation;
@@ -12,22 +12,22 @@ use crate::mistakes::{HiddenBy, Mistake};
 use crate::sets::{Good, read};
 use crate::table::Table;
 
-/// A radian counts as so many millimetres.
+/// Length in mm that converts an angle in radians.
 const LEVER_MM: f64 = 333.0;
-/// Base and tool absorb a mistake that leaves less than so many times what the right file leaves.
+/// Base and tool absorb a mistake if the residuals are less than this many times those of the right file.
 const ABSORBED: f64 = 2.0;
-/// The same over a narrow grid, where the geometry fits the rest to the noise.
+/// The same ratio for a narrow grid, where the geometry fits the remainder to the noise.
 const ABSORBED_NARROW: f64 = 20.0;
-/// The sag of wrong payloads is visible from so many scatters of one component on.
+/// The sag of wrong payloads is visible if it is at least this many scatters of one component.
 const VISIBLE_SAG: f64 = 4.0;
-/// A knock of a joint is visible from so many scatters of one component on.
+/// A knock of a joint is visible if it is at least this many scatters of one component.
 const VISIBLE: f64 = 3.0;
-/// Sag of a simulated arm in mm for each kilogram and square metre of its lever.
+/// Sag of a simulated arm in mm, per kilogram and per squared metre of its lever.
 const SAG: f64 = 0.137;
-/// The lever of an arm in the middle of its range, as part of its length.
+/// Lever of an arm in the middle of its range, as a share of its length.
 const LEVER: f64 = 0.45;
 
-/// Samples of a file with base and tools fitted to the nominal arm; nothing where the reader refuses it.
+/// The samples of a file, with base and tools fitted to the nominal arm. `new` returns `None` if the reader refuses the file.
 struct Fitted {
     samples: Vec<InstrumentSample>,
     chain: Poe<f64>,
@@ -47,13 +47,13 @@ impl Fitted {
         })
     }
 
-    /// The target of the nominal arm as the instrument would see it.
+    /// Returns the target of the nominal arm in the instrument's frame.
     fn pose(&self, sample: &InstrumentSample) -> Pose<f64> {
         let flange = self.chain.forward(&sample.serial_joints);
         self.ends.instrument_from_base * flange * self.ends.flange_from_targets[sample.tool]
     }
 
-    /// Median distance in mm of `samples` from the arm at the joints of these.
+    /// Returns the median distance in mm between `samples` and the nominal arm at these joints.
     fn apart_mm(&self, samples: impl Iterator<Item = InstrumentSample>) -> f64 {
         let error = |(s, other): (&InstrumentSample, InstrumentSample)| {
             let error = other.observation.error(&self.pose(s));
@@ -64,7 +64,7 @@ impl Fitted {
         percentile(&errors, 0.5)
     }
 
-    /// The samples as the nominal arm would be seen.
+    /// Returns the samples with the poses of the nominal arm.
     fn nominal(&self) -> impl Iterator<Item = InstrumentSample> {
         self.samples.iter().map(|s| {
             let pose = self.pose(s);
@@ -80,13 +80,13 @@ impl Fitted {
     }
 }
 
-/// Median of what base and tool leave of a file, in mm.
+/// Returns the median residual in mm after base and tool are fitted to a file.
 pub fn left_mm(robot: &Robot, text: &str) -> Option<f64> {
     let fitted = Fitted::new(robot, text)?;
     Some(fitted.apart_mm(fitted.samples.iter().cloned()))
 }
 
-/// How far wrong joints of the last rows move the target of the nominal arm, in mm.
+/// Returns by how much the wrong joints of the last quarter of the rows move the target of the nominal arm, mm.
 fn moved_mm(good: &Good, wrong: &Table) -> Option<f64> {
     let mut fitted = Fitted::new(&good.robot, &good.text(&good.table))?;
     let last = good.table.len() * 3 / 4;
@@ -98,7 +98,7 @@ fn moved_mm(good: &Good, wrong: &Table) -> Option<f64> {
     Some(fitted.apart_mm(rows.into_iter()))
 }
 
-/// Why a mistake does not count.
+/// Returns why a mistake is not counted, or `None` if it is.
 pub fn reason(
     good: &Good,
     good_left_mm: f64,
@@ -130,7 +130,7 @@ pub fn reason(
     }
 }
 
-/// Root mean square of what the change of the payloads means at the target of a simulated arm, in mm.
+/// Returns the RMS change of the target of a simulated arm due to the changed payloads, mm.
 fn payload_change_mm(good: &Good, wrong: &Table) -> f64 {
     let column = good.table.column("payload_kg").expect("payloads");
     let (old, new) = (good.table.numbers(column), wrong.numbers(column));

@@ -1,4 +1,4 @@
-//! What the gate says of one file, and whether that is right.
+//! What the examination says of one file, and whether that is right.
 
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -12,17 +12,17 @@ use poegp_calibration::trust::{Cause, Finding, Tier, examine};
 
 use crate::sets::read;
 
-/// What became of a file.
+/// What happened to a file.
 pub enum Answer {
-    /// The reader refused it.
+    /// The reader refused the file.
     Unread(Box<InputError>),
-    /// What the gate found, and how long it took.
+    /// The findings of the examination, and its time.
     Examined(Vec<Finding>, Duration),
-    /// The gate panicked.
+    /// The examination panicked.
     Panicked,
 }
 
-/// Gives a file to the reader and to the gate.
+/// Gives a file to the reader and then to the examination.
 pub fn ask(robot: &Robot, text: &str, gravity: Vector3<f64>) -> Answer {
     let set = match read(robot, text) {
         Ok(set) => set,
@@ -42,7 +42,7 @@ pub fn ask(robot: &Robot, text: &str, gravity: Vector3<f64>) -> Answer {
 }
 
 impl Answer {
-    /// Findings that their user sees: warnings and refusals.
+    /// Returns the findings that a user sees: warnings and refusals.
     pub fn alarms(&self) -> impl Iterator<Item = &Finding> {
         let all: &[Finding] = match self {
             Self::Examined(findings, _) => findings,
@@ -51,7 +51,7 @@ impl Answer {
         all.iter().filter(|f| f.tier >= Tier::Warning)
     }
 
-    /// Whether there is an alarm that is not `true_anyway` of the set.
+    /// Returns whether there is an alarm besides those that are `true_anyway` of the set.
     pub fn is_caught(&self, true_anyway: &[Cause]) -> bool {
         matches!(self, Self::Unread(_)) || self.alarms().any(|f| !true_anyway.contains(&f.cause))
     }
@@ -60,7 +60,8 @@ impl Answer {
         matches!(self, Self::Unread(_)) || self.alarms().any(|f| f.tier == Tier::Refused)
     }
 
-    /// Whether a cause of `right` is among the gravest findings, or the reader named what was `changed`.
+    /// Returns whether one of the `right` causes is among the gravest findings, or the reader's error names what was
+    /// `changed`.
     pub fn is_right(&self, right: &[Cause], changed: &Changed) -> bool {
         if let Self::Unread(error) = self {
             let column = error.column.as_ref().map(|(_, name)| name.as_str());
@@ -75,7 +76,7 @@ impl Answer {
             .any(|f| Some(f.tier) == gravest && right.contains(&f.cause))
     }
 
-    /// Whether an alarm names one of the joints.
+    /// Returns whether an alarm names one of these joints.
     pub fn names(&self, joints: &[usize]) -> bool {
         let patterns = joints.iter().flat_map(|j| {
             let after = [
@@ -95,7 +96,7 @@ impl Answer {
         joints.is_empty() || matches!(self, Self::Unread(_)) || self.alarms().any(is_named)
     }
 
-    /// The causes with value and threshold, or the reader's error.
+    /// Returns the causes with value and threshold, or the reader's error.
     pub fn summary(&self) -> String {
         match self {
             Self::Panicked => "PANICKED".to_owned(),
@@ -115,7 +116,7 @@ impl Answer {
         }
     }
 
-    /// The sentences of the findings.
+    /// Returns the sentences of the findings.
     pub fn texts(&self) -> Vec<String> {
         match self {
             Self::Examined(all, _) => all
@@ -136,16 +137,16 @@ impl Answer {
 
 /// What a mistake changed in a file.
 pub struct Changed {
-    /// The file is said to be of another robot.
+    /// The file is declared to be of another robot.
     robot: bool,
     /// Columns by their new names.
     columns: BTreeSet<String>,
-    /// Lines, from 1, for rows that have a counterpart or are new.
+    /// Line numbers, from 1, of changed and of new rows.
     lines: BTreeSet<usize>,
 }
 
 impl Changed {
-    /// The difference between two texts of the same columns in the same order.
+    /// Compares two files with the same columns in the same order.
     pub fn between(good: &str, wrong: &str, robot: bool) -> Self {
         let (old, new) = (
             crate::table::Table::parse(good),

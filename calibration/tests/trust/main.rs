@@ -1,12 +1,12 @@
-//! Judges the examination of measurements with files that somebody got wrong, and with good ones.
+//! Tests the examination of measurements on a corpus of files with mistakes, and on good files.
 //!
 //! ```sh
 //! cargo test --release -p poegp-calibration --test trust -- --ignored --nocapture whole
 //! ```
 //!
-//! Environment variables: `POEGP_TRUST_SET` and `POEGP_TRUST_MISTAKE` run the sets and mistakes whose names contain a
-//! text (a good file is the mistake `good`), `POEGP_SEED` draws other mistakes, `POEGP_MEASURED_DATA` names the folder of
-//! measured sets, `POEGP_RECORD` a file for the record.
+//! Environment variables: `POEGP_TRUST_SET` and `POEGP_TRUST_MISTAKE` run only the sets and mistakes whose names contain a
+//! text (`good` selects the good files). `POEGP_SEED` draws other mistakes. `POEGP_MEASURED_DATA` names the folder of the
+//! measured sets, and `POEGP_RECORD` a file for the record.
 
 mod good;
 mod hidden;
@@ -30,10 +30,10 @@ use crate::mistakes::GRAVITY;
 use crate::record::Record;
 use crate::sets::Good;
 
-/// Rows of a file with a mistake, at most.
+/// Most rows of a file with a mistake.
 const ROWS: usize = 300;
 
-/// Shows a line, past what the test harness captures.
+/// Prints a line, even when the test harness captures output.
 fn say(text: impl Display) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -42,7 +42,7 @@ fn filter(name: &str) -> String {
     std::env::var(name).unwrap_or_default()
 }
 
-/// A generator of its own for each case: a filter does not change what the others draw.
+/// Returns a random generator for each case, so that filtering does not change what other cases draw.
 fn random(seed: u64, names: &[&str]) -> ChaCha8Rng {
     let mut hasher = DefaultHasher::new();
     (seed, names).hash(&mut hasher);
@@ -53,12 +53,12 @@ fn seed() -> u64 {
     filter("POEGP_SEED").parse().unwrap_or(17)
 }
 
-/// A run over sets, and which of its cases it takes.
+/// A run over sets, with its filters.
 struct Run {
     seed: u64,
     set: String,
     mistake: String,
-    /// One of so many mistakes of a set is run; which one depends on seed and set.
+    /// One of this many mistakes of a set is run; seed and set decide which.
     stride: usize,
     record: Record,
 }
@@ -78,7 +78,7 @@ impl Run {
         set.contains(&self.set)
     }
 
-    /// All mistakes of a set.
+    /// Runs the mistakes of a set.
     fn wrong(&mut self, good: &Good, seed: u64) {
         if !self.takes(&good.name) {
             return;
@@ -124,7 +124,7 @@ impl Run {
         }
     }
 
-    /// One good file.
+    /// Runs one good file.
     fn good(&mut self, good: &Good, name: &str, text: &str) {
         let name = format!("good: {name}");
         if !self.takes(&good.name) || !name.contains(&self.mistake) {
@@ -142,7 +142,7 @@ impl Run {
         self.report(&good.name, &name, verdict, &answer, !is_alarm);
     }
 
-    /// All ways to write a set, and random subsets.
+    /// Runs all variants of a good set, and random subsets.
     fn good_variants(&mut self, good: &Good, seeds: usize) {
         for (name, make) in good::VARIANTS {
             let mut draw = random(self.seed, &[&good.name, name]);
@@ -194,7 +194,7 @@ impl Run {
     }
 }
 
-/// All sets with mistakes: simulated, as one reflector would have measured them, and measured.
+/// Returns all sets for mistakes: simulated sets, the same reduced to one reflector, and measured sets.
 fn sets_with_mistakes() -> (Vec<Good>, Vec<String>) {
     let mut sets = sets::simulated_files();
     sets.push(sets[0].clone().with_positions_only());
@@ -264,12 +264,12 @@ fn sample() {
     run.record.not_run = missing;
     run.finish();
     let (caught, right) = run.record.shares();
-    assert!(caught >= 98.0, "caught {caught:.1} %");
-    assert!(right >= 95.0, "right cause {right:.1} %");
+    assert!(caught >= 98.0, "only {caught:.1} % caught");
+    assert!(right >= 95.0, "only {right:.1} % with the right cause");
     assert_eq!(run.record.total().false_alarms, 0);
 }
 
-/// The table writes what it read, and mistakes do something.
+/// A table writes what it read. Every mistake changes either the file, or the robot or the gravity that is stated for it.
 #[test]
 fn every_mistake_changes_the_file_or_the_robot() {
     for good in [
@@ -287,11 +287,11 @@ fn every_mistake_changes_the_file_or_the_robot() {
     }
 }
 
-/// The causes that the corpus has no mistake for.
+/// Every cause has a mistake in the corpus, except the causes that the fit finds.
 #[test]
 fn every_cause_has_a_mistake() {
     use poegp_calibration::trust::Cause;
-    // Those of the fit, not of the file.
+    // Causes of the fit, not of the file.
     let others = [Cause::Still, Cause::Time, Cause::Model, Cause::Gain];
     let good = &sets::simulated_files()[0];
     let all = mistakes::all(good);

@@ -1,4 +1,4 @@
-//! Counts of cases and the tables of a run.
+//! Counts the cases of a run and writes its tables.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -9,10 +9,10 @@ use std::time::Duration;
 pub struct Count {
     pub cases: usize,
     pub caught: usize,
-    /// Caught with a warning, where the file should be refused.
+    /// Cases that caused only a warning although the file should be refused.
     pub meek: usize,
     pub right: usize,
-    /// Mistakes that nobody can see: not among the cases.
+    /// Mistakes that nobody can see; they are not among the cases.
     pub unseen: usize,
     pub good: usize,
     pub false_alarms: usize,
@@ -30,13 +30,13 @@ impl Count {
     }
 }
 
-/// What a run found.
+/// The results of a run.
 #[derive(Default)]
 pub struct Record {
     pub sets: BTreeMap<String, Count>,
-    /// Cases that were not caught, named wrongly or alarmed for nothing, one text each.
+    /// One text for each case that was missed, named wrongly, or a false alarm.
     pub misses: Vec<String>,
-    /// Times of the gate on good sets of 300 rows, and on wrong files.
+    /// Times of the examination on good sets of 300 rows, and on wrong files.
     pub good_times: Vec<Duration>,
     pub wrong_times: Vec<Duration>,
     pub not_run: Vec<String>,
@@ -46,7 +46,7 @@ fn percent(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
-/// A count with its share of `whole`; nothing of nothing is a dash.
+/// Returns a count with its share of `whole`, or a dash if `whole` is zero.
 fn share(part: usize, whole: usize) -> String {
     if whole == 0 {
         return "–".to_owned();
@@ -54,7 +54,7 @@ fn share(part: usize, whole: usize) -> String {
     format!("{part} ({:.1} %)", percent(part, whole))
 }
 
-/// Median and maximum in seconds.
+/// Returns the median and maximum in seconds.
 fn times(times: &[Duration]) -> (f64, f64) {
     let mut seconds: Vec<f64> = times.iter().map(Duration::as_secs_f64).collect();
     seconds.sort_by(f64::total_cmp);
@@ -73,7 +73,7 @@ impl Record {
         total
     }
 
-    /// Shares of caught cases and, among these, of right causes, percent.
+    /// Returns the share of caught cases, and share of right causes among them, percent.
     pub fn shares(&self) -> (f64, f64) {
         let total = self.total();
         (
@@ -82,7 +82,7 @@ impl Record {
         )
     }
 
-    /// The tables as Markdown.
+    /// Returns the tables as Markdown.
     pub fn text(&self) -> String {
         let mut out = String::from(
             "| set | wrong files | caught | only warned | right cause | left out | good files | false alarms |\n|---|---|---|---|---|---|---|---|\n",
@@ -126,7 +126,7 @@ impl Record {
     }
 }
 
-/// What a reader has to know of the record.
+/// The introduction of the record.
 const HEAD: &str = "
 ```sh
 POEGP_MEASURED_DATA=FOLDER POEGP_RECORD=docs/evidence/trust.md cargo test --release -p poegp-calibration --test trust -- \\

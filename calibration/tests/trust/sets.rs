@@ -1,4 +1,4 @@
-//! Good sets: simulated ones of the repository and of the library, and measured ones where they are at hand.
+//! Good sets: simulated ones from the repository and the simulator, and measured ones if they are available.
 
 use std::path::{Path, PathBuf};
 
@@ -17,28 +17,28 @@ use crate::table::Table;
 pub enum Orientations {
     /// The file has them.
     Measured,
-    /// They were measured and are not part of the file.
+    /// They were measured, but the file leaves them out.
     Hidden,
-    /// They are the nominal arm's, and not part of the file.
+    /// They are the nominal arm's, and the file leaves them out.
     Computed,
 }
 
-/// A set that nothing is wrong with.
+/// A set without a mistake.
 #[derive(Clone)]
 pub struct Good {
     pub name: String,
     pub robot: Robot,
-    /// With orientations, also where the set has none: a mistake may need them.
+    /// The table always has orientations, even if the file leaves them out, since a mistake may need them.
     pub table: Table,
     pub orientations: Orientations,
-    /// Scatter of one component of the position in mm that a model of joints that give way leaves.
+    /// Scatter of one position component in mm that an elastic model leaves.
     pub scatter_mm: f64,
-    /// Causes that are true of the set.
+    /// Causes that are true of the set itself.
     pub exempt: Vec<Cause>,
 }
 
 impl Good {
-    /// The file of a table of this set.
+    /// Returns the file that a table of this set becomes.
     pub fn text(&self, table: &Table) -> String {
         let mut table = table.clone();
         if self.positions_only() {
@@ -47,12 +47,12 @@ impl Good {
         table.text()
     }
 
-    /// Whether the file has no orientations.
+    /// Returns whether the file has no orientations.
     pub fn positions_only(&self) -> bool {
         self.orientations != Orientations::Measured
     }
 
-    /// Sum of the links' lengths in metres.
+    /// Returns the sum of the links' lengths in metres.
     pub fn reach(&self) -> f64 {
         let lengths = self
             .robot
@@ -66,12 +66,13 @@ impl Good {
         !self.name.starts_with("measured")
     }
 
-    /// Whether this is the set of one reflector over a narrow grid, where a model of the arm fits nearly anything.
+    /// Returns whether this is the set with one reflector over a narrow grid, where a model of the arm fits nearly
+    /// anything.
     pub fn is_narrow(&self) -> bool {
         self.name.contains("motoman")
     }
 
-    /// Joints that move by more than three degrees, by their index.
+    /// Returns the indices of the joints that move by more than three degrees.
     pub fn moving(&self) -> Vec<usize> {
         let columns = self.table.joints();
         let span = |c: usize| {
@@ -84,14 +85,14 @@ impl Good {
             .collect()
     }
 
-    /// Whether a point of the flange stays within a millimetre: positions around it fit any scale.
+    /// Returns whether some point of the flange stays within a millimetre: positions around such a point fit any scale.
     pub fn turns_about_a_point(&self) -> bool {
         let chain = self.robot.chain().expect("a chain");
         let flange = |row: usize| {
             let joints = self.table.joints_rad(row);
             chain.forward(&self.robot.serial_joints(&joints))
         };
-        // R p + t = c for the point p of the flange and c of the base.
+        // R p + t = c for a point p of the flange and a point c of the base.
         let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
         for row in 0..self.table.len() {
             let f = flange(row);
@@ -112,7 +113,7 @@ impl Good {
         })
     }
 
-    /// The same set of some rows.
+    /// Returns the set reduced to these rows.
     pub fn of_rows(&self, rows: &[usize]) -> Self {
         Self {
             table: self.table.subset(rows),
@@ -120,7 +121,7 @@ impl Good {
         }
     }
 
-    /// The set as one reflector would have measured it.
+    /// Returns the set as it would have been measured with one reflector.
     pub fn with_positions_only(mut self) -> Self {
         self.name += "/positions";
         self.orientations = Orientations::Hidden;
@@ -128,7 +129,7 @@ impl Good {
     }
 }
 
-/// Least and most of some numbers.
+/// Returns the minimum and maximum.
 pub fn extremes(values: &[f64]) -> (f64, f64) {
     let least = values.iter().copied().fold(f64::INFINITY, f64::min);
     let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
@@ -150,7 +151,7 @@ const SCENARIOS: [(&str, Scenario, f64); 4] = [
     ("full", Scenario::PaperFullRange, 0.03),
 ];
 
-/// The simulated sets of the repository.
+/// Returns the simulated sets of the repository.
 pub fn simulated_files() -> Vec<Good> {
     let robot = robot("abb-irb4400-serial");
     let set = |(name, _, scatter_mm): &(&str, Scenario, f64)| {
@@ -168,19 +169,19 @@ pub fn simulated_files() -> Vec<Good> {
     SCENARIOS.iter().map(set).collect()
 }
 
-/// A description of the repository that is not built in.
+/// Returns a robot description in the repository that is not built in.
 pub fn description(name: &str) -> String {
     let path = root().join("tests/data/robots").join(name);
     path.display().to_string()
 }
 
-/// The folder of measured sets: `POEGP_MEASURED_DATA`, else it is looked for beside the repository.
+/// Returns the folder of measured sets: `POEGP_MEASURED_DATA`, otherwise a folder beside the repository.
 fn measured_folder() -> PathBuf {
     std::env::var_os("POEGP_MEASURED_DATA")
         .map_or_else(|| root().join("../shared/data/real"), PathBuf::from)
 }
 
-/// A description that comes with the measured sets, where it is at hand.
+/// Returns a description that comes with the measured sets, if it is available.
 pub fn model(name: &str) -> Option<String> {
     let folder = measured_folder();
     let paths = [folder.join(name), folder.join("../models").join(name)];
@@ -188,7 +189,7 @@ pub fn model(name: &str) -> Option<String> {
     found.map(|p| p.display().to_string())
 }
 
-/// A set of the library's simulator; `spec` is a robot by name or path, `scenario` an index of all.
+/// Returns a simulated set; `spec` is a robot by name or path, `scenario` an index into all scenarios.
 pub fn simulated(spec: &str, scenario: usize, seed: u64, rows: usize) -> Good {
     let robot = robot(spec);
     let (name, scenario, scatter_mm) = SCENARIOS[scenario];
@@ -222,7 +223,7 @@ const MEASURED: [(&str, &str, f64); 5] = [
     ("ur10_tmac_b", "ur10", 0.25),
 ];
 
-/// The measured sets that are at hand, and the names of those that are not.
+/// Returns the measured sets that are available, and the names of the others.
 pub fn measured() -> (Vec<Good>, Vec<String>) {
     let folder = measured_folder();
     let (mut sets, mut missing) = (Vec::new(), Vec::new());
@@ -258,7 +259,7 @@ pub fn measured() -> (Vec<Good>, Vec<String>) {
     (sets, missing)
 }
 
-/// What the program makes of a text: the reader, the robot, the samples.
+/// Reads a text as the program does.
 pub fn read(
     robot: &Robot,
     text: &str,
@@ -268,7 +269,7 @@ pub fn read(
     Ok(set)
 }
 
-/// Orientations of the nominal arm, with base and tool fitted, for a set that has positions alone.
+/// Adds the nominal arm's orientations, with base and tool fitted, to a set with positions only.
 fn add_orientations(table: &mut Table, robot: &Robot) {
     let set = read(robot, &table.text()).unwrap_or_else(|e| panic!("{e}"));
     let samples = samples(&set, robot, &mut Vec::new()).unwrap_or_else(|e| panic!("{e}"));

@@ -1,4 +1,4 @@
-//! A measurement file as text columns, so that a mistake can change it as a wrong exporter would.
+//! A measurement file as text columns, so that a mistake can change it as a faulty exporter would.
 
 use std::f64::consts::PI;
 use std::fmt::Write as _;
@@ -27,7 +27,7 @@ impl Table {
         }
     }
 
-    /// The file as CSV text: the header is line 1, row `i` is line `i + 2`.
+    /// Returns the file as CSV text: the header is line 1, row `i` is line `i + 2`.
     pub fn text(&self) -> String {
         let mut out = self.header.join(",");
         for row in &self.rows {
@@ -41,12 +41,12 @@ impl Table {
         self.rows.len()
     }
 
-    /// The column of that name.
+    /// Returns the column with that name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.header.iter().position(|h| h == name)
     }
 
-    /// The joints' columns, base first.
+    /// Returns the columns of the joints, base first.
     pub fn joints(&self) -> Vec<usize> {
         let is_joint = |h: &String| {
             let number = h.strip_prefix('q').and_then(|h| h.split('_').next());
@@ -57,7 +57,7 @@ impl Table {
             .collect()
     }
 
-    /// The columns of the position.
+    /// Returns the columns of the position.
     pub fn position(&self) -> [usize; 3] {
         ["x_", "y_", "z_"].map(|axis| {
             let found = self.header.iter().position(|h| h.starts_with(axis));
@@ -65,7 +65,7 @@ impl Table {
         })
     }
 
-    /// The columns of the quaternion, w first.
+    /// Returns the columns of the quaternion, w first.
     pub fn orientation(&self) -> Option<[usize; 4]> {
         let columns = ["qw", "qx", "qy", "qz"].map(|name| self.column(name));
         Some([columns[0]?, columns[1]?, columns[2]?, columns[3]?])
@@ -81,7 +81,7 @@ impl Table {
         (0..self.len()).map(|r| self.number(r, column)).collect()
     }
 
-    /// Digits behind the point: the most of any field of the column.
+    /// Returns the largest number of decimals of any field of the column.
     pub fn decimals(&self, column: usize) -> usize {
         let of = |text: &str| {
             let (digits, exponent) = text.split_once(['e', 'E']).unwrap_or((text, "0"));
@@ -91,7 +91,7 @@ impl Table {
         self.rows.iter().map(|r| of(&r[column])).max().unwrap_or(0)
     }
 
-    /// Writes a number into a field with `decimals` digits behind the point.
+    /// Writes a number with `decimals` decimals into a field.
     pub fn write(&mut self, row: usize, column: usize, value: f64, decimals: usize) {
         self.rows[row][column] = format!("{value:.decimals$}");
     }
@@ -115,7 +115,7 @@ impl Table {
         self.map_rows(column, 0..self.len(), change);
     }
 
-    /// Multiplies a column by a factor and keeps its significant digits: another unit under the old name.
+    /// Multiplies a column by a factor and keeps its significant digits, as another unit under the old name would.
     pub fn scale(&mut self, column: usize, factor: f64) {
         let more = -libm::log10(factor.abs()).round();
         let decimals = (self.decimals(column) as f64 + more).max(0.0) as usize;
@@ -125,7 +125,7 @@ impl Table {
         }
     }
 
-    /// Exchanges the fields of two columns under their names.
+    /// Exchanges the fields of two columns but not their names.
     pub fn swap(&mut self, a: usize, b: usize) {
         for row in &mut self.rows {
             row.swap(a, b);
@@ -157,7 +157,7 @@ impl Table {
         self.remove_columns(&["qw", "qx", "qy", "qz"]);
     }
 
-    /// The table of some rows, in their order.
+    /// Returns the table of some rows, in their order.
     pub fn subset(&self, rows: &[usize]) -> Self {
         Self {
             header: self.header.clone(),
@@ -165,7 +165,7 @@ impl Table {
         }
     }
 
-    /// The joints of a row in rad (all joints of these sets turn).
+    /// Returns the joints of a row in rad; all joints of these sets are revolute.
     pub fn joints_rad(&self, row: usize) -> Vec<f64> {
         let radians = |c: &usize| {
             let value = self.number(row, *c);
@@ -178,7 +178,7 @@ impl Table {
         self.joints().iter().map(radians).collect()
     }
 
-    /// The measured pose of a row, its position in the unit of the file.
+    /// Returns the measured pose of a row, with its position in the unit of the file.
     pub fn pose(&self, row: usize) -> Pose<f64> {
         let position = self.position().map(|c| self.number(row, c));
         let [w, x, y, z] = self
@@ -188,7 +188,7 @@ impl Table {
         Pose::from_quaternion(w, &Vector3::new(x, y, z), Vector3::from(position))
     }
 
-    /// Changes the poses of `rows`; each quaternion keeps the sign that it had.
+    /// Changes the poses of `rows`; each quaternion keeps its sign.
     pub fn map_poses(
         &mut self,
         rows: impl IntoIterator<Item = usize>,
@@ -215,19 +215,19 @@ impl Table {
         self.map_poses(0..self.len(), change);
     }
 
-    /// The columns of position and quaternion.
+    /// Returns the columns of position and quaternion.
     pub fn pose_columns(&self) -> [usize; 7] {
         let [x, y, z] = self.position();
         let [w, a, b, c] = self.orientation().expect("an orientation");
         [x, y, z, w, a, b, c]
     }
 
-    /// Puts into row `i` the pose of row `from(i)`.
+    /// Gives row `i` the pose of row `from(i)`.
     pub fn take_poses(&mut self, from: impl Fn(usize) -> usize) {
         self.take(&self.pose_columns(), from);
     }
 
-    /// Puts into row `i` the fields of row `from(i)`.
+    /// Gives row `i` the fields of row `from(i)`.
     pub fn take(&mut self, columns: &[usize], from: impl Fn(usize) -> usize) {
         let old = self.rows.clone();
         for (i, row) in self.rows.iter_mut().enumerate() {

@@ -1,12 +1,12 @@
-//! The simulated null against distributions that one test alone has: numbers are scipy's (`f`, `t`, `ncf`).
+//! The simulated null distribution against exact distributions of a single test; the numbers are from scipy (`f`, `t`, `ncf`).
 
 use poegp_calibration::numeric::matrix::Mat;
 use poegp_calibration::verification::drift_test::{Columns, DriftTest};
 
-/// Three hypotheses of three orthonormal columns would be three tests; this is one, with ν = 100.
+/// Returns a test of one hypothesis with three orthonormal columns and ν = 100 residual degrees of freedom.
 fn one_test(size: f64) -> DriftTest {
     let rows = 103;
-    // 100 residuals of one, alternating, and three of the hypothesis.
+    // 100 residuals of ±1 alternating, and three values of the hypothesis.
     let y = Mat::from_fn(rows, 1, |i, _| match i {
         0 => size,
         1 | 2 => 0.0,
@@ -30,14 +30,14 @@ fn one_hypothesis_is_an_f_test() {
         "{}",
         test.reach()
     );
-    // The root of the noncentrality at which ncf.sf(f.ppf(0.99, 3, 100), 3, 100, λ) is 0.9.
+    // The noncentrality λ at which ncf.sf(f.ppf(0.99, 3, 100), 3, 100, λ) is 0.9.
     let smallest = test.smallest(0, 0.01, 1.0).unwrap();
     assert!((smallest / 4.51439 - 1.0).abs() < 0.03, "{smallest}");
 }
 
 #[test]
 fn p_values_are_those_of_f() {
-    // 3 f.ppf(0.99, 3, 100) = 11.951, of f.ppf(0.995, …) 13.626.
+    // 3 f.ppf(0.99, 3, 100) = 11.951, and 3 f.ppf(0.995, 3, 100) = 13.626.
     assert!(one_test(11.6_f64.sqrt()).choose(0.01).is_empty());
     let found = one_test(12.4_f64.sqrt()).choose(0.01);
     assert_eq!(found.len(), 1);
@@ -45,7 +45,7 @@ fn p_values_are_those_of_f() {
     assert!((found[0].p_value / 0.005 - 1.0).abs() < 0.3, "{found:?}");
 }
 
-/// A second hypothesis that explains nothing of its own, and one that is free in any case.
+/// A hypothesis that is free in any case is not found, and one that explains the same is named as looking the same.
 #[test]
 fn what_is_free_is_not_found_and_what_looks_the_same_is_said() {
     let rows = 60;

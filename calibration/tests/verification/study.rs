@@ -26,7 +26,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// Poses of a calibration and of a check.
 const TRAINING: usize = 300;
 const CHECK: usize = 20;
-/// Metres and radians.
+/// Displacement in m, and joint offset in rad.
 const SHIFT: f64 = 0.2e-3;
 const OFFSET: f64 = 0.02 * std::f64::consts::PI / 180.0;
 const FALSE_ALARMS: f64 = 0.01;
@@ -38,7 +38,7 @@ pub struct Cell {
     pub blob: BlobModel,
 }
 
-/// The rows of a simulated file, as the program reads them.
+/// Simulates measurements and reads them as the program does.
 pub fn measured(robot: &Robot, simulator: &mut Simulator, poses: usize) -> Vec<InstrumentSample> {
     let csv = to_csv(robot, &simulator.measure(poses), false, "simulated");
     let set = measurements::parse(Path::new("check.csv"), csv.as_bytes()).unwrap();
@@ -67,7 +67,7 @@ impl Cell {
         }
     }
 
-    /// One trial: the arm is disturbed, and checked with poses of its own.
+    /// Runs one trial: disturbs the arm and checks it with fresh poses.
     pub fn trial(
         &mut self,
         disturbance: Option<Disturbance>,
@@ -75,7 +75,7 @@ impl Cell {
         positions_alone: bool,
         options: &check::Options,
     ) -> Report {
-        // The stream of random numbers goes on, so that every trial has poses and noise of its own.
+        // The random numbers continue, so that every trial has new poses and noise.
         let mut rows = {
             let mut disturbed = self.simulator.clone();
             disturbance.into_iter().for_each(|d| disturbed.disturb(d));
@@ -93,7 +93,7 @@ impl Cell {
     }
 }
 
-/// What is done to an arm.
+/// How an arm is disturbed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Nothing,
@@ -120,17 +120,17 @@ impl Kind {
     }
 }
 
-/// What became of some trials.
+/// Results of some trials.
 #[derive(Clone, Copy, Debug, Default)]
 struct Count {
     trials: usize,
-    /// An alarm was raised.
+    /// Trials with an alarm.
     alarms: usize,
-    /// The right part was named, and no other.
+    /// Trials where the right part was named, and no other.
     right: usize,
-    /// The right part was named or among those that look the same.
+    /// Trials where the right part was named or was among those that look the same.
     possible: usize,
-    /// The size was within its 95 % interval.
+    /// Trials where the size was within its 95 % interval.
     covered: usize,
 }
 
@@ -176,7 +176,7 @@ const ARMS: [(&str, Scenario); 5] = [
     ("kuka-iiwa7", Scenario::WithBacklash),
 ];
 
-/// `trials` of each kind on an arm of each of `seeds` seeds.
+/// Runs `trials` of each kind on one arm for each seed.
 fn study(
     (name, scenario): (&str, Scenario),
     trials: usize,
@@ -219,7 +219,7 @@ fn study(
     counts
 }
 
-/// The table, and that it stays so.
+/// Prints the table and tests its rates.
 #[test]
 fn what_is_found_and_what_is_not_there() {
     let asked = std::env::var("POEGP_CHECK_TRIALS").ok();
@@ -240,23 +240,23 @@ fn what_is_found_and_what_is_not_there() {
             }
         }
         let [nothing, base, tool, joint] = sum;
-        // One in a hundred is meant; of the trials of the suite one may be.
+        // One alarm in a hundred is expected; the suite's few trials may have one in any case.
         assert!(nothing.alarms <= 1 + nothing.trials / 30, "{nothing:?}");
         for shifted in [base, tool] {
             assert!(20 * shifted.alarms >= 19 * shifted.trials, "{shifted:?}");
             assert!(10 * shifted.right >= 8 * shifted.trials, "{shifted:?}");
             assert!(10 * shifted.covered >= 7 * shifted.trials, "{shifted:?}");
         }
-        // Positions alone hardly see the last joint.
+        // Positions alone hardly determine the last joint.
         let enough = if positions_alone { 6 } else { 9 };
         assert!(10 * joint.alarms >= enough * joint.trials, "{joint:?}");
         assert!(10 * joint.possible >= enough * joint.trials, "{joint:?}");
     }
 }
 
-/// Alarms of an arm that has not changed come at the rate that was asked for. Of 60 checks at a rate of a tenth 6 are meant. 18
-/// or more would be one seed in 60 000; at five times the rate one seed in 1 800 has fewer. What a check says of the
-/// noise is the instrument's, 0.030 mm and 0.050 mrad, within a tenth in the mean of all checks.
+/// An unchanged arm raises alarms at the requested rate: at a rate of a tenth, 6 of 60 checks. 18 or more occur for one seed in
+/// 60 000; if the rate were five times as high, one seed in 1 800 would have fewer than 18. The noise that a check states is
+/// the instrument's, 0.030 mm and 0.050 mrad, within a tenth in the mean of all checks.
 #[test]
 fn false_alarms_come_at_their_rate() {
     const CHECKS: usize = 60;

@@ -1,5 +1,5 @@
-//! A model of the STM32F4's flash controller, from RM0090, chapter 3. Where the manual leaves something open, or forbids it
-//! without saying what comes of it, the model does the worst or panics.
+//! A model of the STM32F4's flash controller, from RM0090, chapter 3. Where the manual leaves the behaviour open or forbids
+//! an operation without stating its effect, the model does the worst or panics.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -43,17 +43,17 @@ pub struct Controller {
     pub control: u32,
     pub options: u32,
     pub keys_seen: u32,
-    /// Until a reset.
+    /// Whether the control register is locked until a reset.
     pub locked_up: bool,
     pub busy_for: u32,
-    /// Looks at the busy flag that an operation takes.
+    /// How often the busy flag must be read until an operation is done.
     pub looks: u32,
-    /// The supply allows 32 bits at a time.
+    /// Whether the supply allows programming 32 bits at a time.
     pub above_2_7_v: bool,
-    /// Never ready again after the next operation.
+    /// Whether the controller stays busy for ever after the next operation.
     pub stays_busy: bool,
     pub operations: u64,
-    /// Longest that all operations may take (data sheet DS8626, flash memory programming), in µs.
+    /// Longest time of all operations so far (data sheet DS8626, flash memory programming), µs.
     pub micros: u64,
     pub cut: Option<(u64, Cut)>,
     pub off: bool,
@@ -61,14 +61,14 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// Erased, after a reset, with these option bytes.
+    /// Returns an erased flash after a reset, with these option bytes.
     pub fn new(options: u32) -> Self {
         let bytes = KIB * SECTORS.iter().sum::<usize>();
         Self {
             cells: vec![0xff; bytes],
             cached: vec![0; bytes],
             is_cached: vec![false; bytes / LINE],
-            // What the HAL sets: five wait states, prefetch, both caches.
+            // The HAL sets five wait states, prefetch and both caches.
             access: 0x705,
             status: 0,
             control: LOCK,
@@ -87,7 +87,7 @@ impl Controller {
         }
     }
 
-    /// Power is back: a reset, with empty caches.
+    /// Returns the controller after a loss of power: a reset with empty caches.
     pub fn restarted(&self) -> Self {
         Self {
             cells: self.cells.clone(),
@@ -100,10 +100,10 @@ impl Controller {
         self.access & (1 << 10) != 0
     }
 
-    /// Whether an operation may begin; if not, an error is set.
+    /// Returns whether an operation may begin; if not, sets an error.
     fn begins(&mut self, error: u32) -> bool {
         if self.off {
-            // The driver of a device without power runs no more; here it runs into an error.
+            // Without power a driver would not run any more; in this model it gets an error.
             self.status |= OPERATION_ERROR;
             return false;
         }
@@ -122,7 +122,7 @@ impl Controller {
         );
     }
 
-    /// Brings the cells from `at` on to `target`.
+    /// Changes the cells from `at` on to `target`.
     fn change(&mut self, at: usize, target: &[u8]) {
         let cut = self.cut.filter(|(when, _)| *when == self.operations);
         self.operations += 1;
@@ -164,7 +164,10 @@ impl Controller {
             return;
         }
         let (start, length) = (Self::start_of(sector), KIB * SECTORS[sector]);
-        assert!(start >= START_OFFSET as usize, "that is the image");
+        assert!(
+            start >= START_OFFSET as usize,
+            "the erased sector contains the image"
+        );
         self.change(start, &vec![0xff; length]);
         self.micros += if width == 0b10 { 2_000_000 } else { 4_000_000 };
     }
@@ -186,7 +189,7 @@ impl Controller {
         if !self.begins(error) {
             return;
         }
-        // Ones become zeros, and nothing else happens.
+        // Programming only turns ones into zeros.
         let target: Vec<u8> = bytes
             .iter()
             .zip(&self.cells[at..])
@@ -197,7 +200,7 @@ impl Controller {
     }
 }
 
-/// One controller, shared by driver and test.
+/// One controller that driver and test share.
 #[derive(Clone)]
 pub struct Shared(pub Rc<RefCell<Controller>>);
 
@@ -232,7 +235,7 @@ impl FlashRegisters for Shared {
         let mut this = self.0.borrow_mut();
         match register {
             FlashRegister::Access => {
-                // Reset while it is on: without effect.
+                // A reset of the cache has no effect while the cache is on.
                 if value & (1 << 12) != 0 && !this.data_cache_is_on() {
                     this.is_cached.fill(false);
                 }
@@ -256,10 +259,13 @@ impl FlashRegisters for Shared {
                     return;
                 }
                 assert_eq!(value & (1 << 2), 0, "mass erase");
-                assert!(this.busy_for == 0 || this.stays_busy, "control while busy");
+                assert!(
+                    this.busy_for == 0 || this.stays_busy,
+                    "the control register is written while busy"
+                );
                 this.control = value & !(1 << 16);
                 if value & (1 << 16) != 0 {
-                    assert_ne!(value & 0b10, 0, "started, but what?");
+                    assert_ne!(value & 0b10, 0, "started without a selected operation");
                     this.erase(value as usize >> 3 & 0xf);
                 }
             }
@@ -279,7 +285,7 @@ impl FlashRegisters for Shared {
         if !this.data_cache_is_on() {
             return Some(word(&this.cells));
         }
-        // A cache that never forgets: what was read once stays what it was, whatever is erased or programmed.
+        // A cache that never forgets: a line that was read once keeps its content, whatever is erased or programmed.
         let line = at / LINE;
         if !this.is_cached[line] {
             let bytes = LINE * line..LINE * (line + 1);

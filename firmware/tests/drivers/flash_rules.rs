@@ -1,4 +1,4 @@
-//! The driver keeps the controller's rules, and says what the controller says.
+//! The driver keeps the controller's rules, and reports the controller's errors.
 
 use embedded_storage::nor_flash::{NorFlash, ReadNorFlash};
 
@@ -7,9 +7,9 @@ use crate::drivers::flash::{
 };
 use crate::flash_controller::{Controller, Shared, WRITE_PROTECTED};
 
-/// Brown-out level 3, nothing protected, read protection off, as `OPTCR` has it.
+/// `OPTCR` with brown-out level 3, no write protection, and read protection off.
 pub const LEVEL_3: u32 = 0x0fff_aae1;
-/// As delivered: brown-out off.
+/// `OPTCR` as delivered: brown-out reset off.
 pub const OFF: u32 = 0x0fff_aaed;
 
 pub fn driver(controller: Controller) -> (SectorFlash<Shared>, Shared) {
@@ -33,7 +33,7 @@ fn what_is_written_is_read_and_what_is_erased_is_gone() {
         assert_eq!(flash.supply_is_sure(), options == LEVEL_3);
         let bytes: Vec<u8> = (0..=255).collect();
         for at in [0, SECTOR, BYTES - 256] {
-            // Read first: the cache has the old content.
+            // Read first, so that the cache has the old content.
             assert_eq!(read(&mut flash, at, 256), [0xff; 256]);
             flash.write(at, &bytes).unwrap();
             assert_eq!(read(&mut flash, at, 256), bytes);
@@ -43,7 +43,7 @@ fn what_is_written_is_read_and_what_is_erased_is_gone() {
         assert_eq!(read(&mut flash, 0, 256), bytes);
         assert_eq!(read(&mut flash, BYTES - 256, 256), bytes);
         let mut shared = shared;
-        // Locked again, and the caches are on again.
+        // The controller is locked again, and the caches are on again.
         assert_eq!(shared.get(FlashRegister::Control), 1 << 31);
         assert_eq!(shared.get(FlashRegister::Access), 0x705);
         let written = shared.0.borrow();
@@ -55,7 +55,7 @@ fn what_is_written_is_read_and_what_is_erased_is_gone() {
     }
 }
 
-/// Ones become zeros and never the other way round, and nothing reports it: the store reads back.
+/// Programming turns ones into zeros and never the reverse. The controller does not report that, so the store reads back.
 #[test]
 fn programming_clears_bits_only() {
     let (mut flash, _) = driver(Controller::new(LEVEL_3));

@@ -1,4 +1,4 @@
-//! Lines with DMA against transfers that go on whenever they want: what is read is what came, or is counted as lost.
+//! Lines with DMA, whose transfers may continue at any moment: received bytes are either right or counted as lost.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -16,17 +16,17 @@ use crate::drivers::receive::{ReceiveDma, ReceiveRing};
 use crate::drivers::send::{SendDma, SendQueue};
 use crate::random;
 
-/// A circular transfer. Any call may find that it went on.
+/// A circular transfer, which may continue at any call.
 #[derive(Default)]
 struct Transfer {
     memory: Vec<u8>,
     at: usize,
     passed: Passed,
-    /// Bytes on the wire that have not reached memory.
+    /// Bytes on the line that have not reached memory.
     coming: Vec<u8>,
     /// Bytes that have left memory.
     gone: Vec<u8>,
-    /// Bytes that move in between two accesses, at most.
+    /// Most bytes that are transferred between two accesses.
     hurry: usize,
     random: u64,
 }
@@ -131,7 +131,7 @@ fn drain(line: &mut DmaLine<Writes, NoSender>, state: &mut u64, out: &mut Vec<u8
     }
 }
 
-/// A reader that looks once in half a ring gets every byte, in any chunks, even when events are lost.
+/// A reader that looks once per half ring gets every byte, in pieces of any size, even if events are lost.
 #[test]
 fn every_byte_arrives_when_somebody_looks_in_time() {
     for seed in 1..200_u64 {
@@ -171,7 +171,8 @@ fn frames(count: u16) -> Vec<Vec<u8>> {
     (0..count).map(frame).collect()
 }
 
-/// Intact frames in received bytes, by the receiver of the device.
+/// Returns the sequence numbers of intact frames in received bytes, and the number of damaged ones, by the device's
+/// receiver.
 fn intact(bytes: &[u8]) -> (Vec<u16>, usize) {
     let (mut receiver, mut sequences, mut damaged) = (Receiver::new(), Vec::new(), 0);
     for byte in bytes {
@@ -186,7 +187,8 @@ fn intact(bytes: &[u8]) -> (Vec<u16>, usize) {
     (sequences, damaged)
 }
 
-/// A reader that is late, whatever comes while it copies: a byte is right or lost, and the CRC drops what was cut.
+/// If the reader is late, bytes may come while it copies. Each byte is right or counted as lost, and the CRC rejects cut
+/// frames.
 #[test]
 fn an_overrun_is_counted_and_never_read_as_a_frame() {
     let all = frames(400);
@@ -231,7 +233,7 @@ fn an_overrun_is_counted_and_never_read_as_a_frame() {
     assert!(arrived > 10_000, "{arrived}");
 }
 
-/// Exactly one lap, and any number of them: the position looks as if nothing had come.
+/// The line notices whole laps, although the position looks as if nothing had arrived.
 #[test]
 fn whole_laps_are_seen() {
     for start in 0..RING {
@@ -289,7 +291,7 @@ impl SendDma for Piece {
         if let Some((from, length)) = this.running {
             assert!(
                 !(from + this.done..from + length).contains(&at),
-                "it is being sent"
+                "the byte is overwritten while it is being sent"
             );
         }
         this.memory[at] = byte;
@@ -364,8 +366,8 @@ impl FillDma for Clocked {
     }
 }
 
-/// A controller that clocks whenever it wants reads zeros and whole frames, each once, in order; the first byte comes
-/// within [`AHEAD`] bytes of the moment it was written.
+/// A controller that clocks at any moment reads zeros and whole frames, each once and in order. A frame's first byte comes
+/// at most [`AHEAD`] bytes after it was written.
 #[test]
 fn a_peripheral_sends_frames_among_zeros() {
     let all = frames(300);
@@ -400,7 +402,8 @@ fn a_peripheral_sends_frames_among_zeros() {
     }
 }
 
-/// Interrupts that come while a frame is queued piece by piece, and a controller that clocks much in between, damage no frame.
+/// A frame that is queued piece by piece stays intact, whatever interrupts come and however much the controller clocks
+/// meanwhile.
 #[test]
 fn a_frame_that_is_queued_in_pieces_leaves_whole() {
     for hurry in 0..3 {
@@ -433,7 +436,7 @@ fn a_frame_that_is_queued_in_pieces_leaves_whole() {
     }
 }
 
-/// Zeros between frames mean nothing.
+/// Returns intact frames in received bytes, where zeros between frames are ignored.
 fn intact_but_empty(bytes: &[u8]) -> (Vec<u16>, usize) {
     let mut kept = vec![0];
     for byte in bytes {
@@ -444,7 +447,7 @@ fn intact_but_empty(bytes: &[u8]) -> (Vec<u16>, usize) {
     intact(&kept[1..])
 }
 
-/// A reader that misses a lap may have sent frames twice; from then on nothing is left over.
+/// After a missed lap, frames may have been sent twice, but from then on no old bytes are sent.
 #[test]
 fn a_lap_that_nobody_saw_leaves_nothing() {
     let frame = &frames(1)[0];
@@ -461,12 +464,12 @@ fn a_lap_that_nobody_saw_leaves_nothing() {
     }
 }
 
-/// Command and answer of six joints on the wire: at most 230 µs at 4 Mbaud and 75 µs on SPI at 10 MHz.
+/// The time of a command and its answer with six joints: at most 230 µs at 4 Mbaud, and 75 µs on SPI at 10 MHz.
 #[test]
 fn time_on_the_wire() {
     let (command, answer) = (cyclic::command_length(6), cyclic::answer_length(6));
     let uart = (command + answer) as f64 * 10.0 / 4.0;
-    // Two more that the hardware has fetched, and those that the ring stays ahead.
+    // The hardware has fetched two more bytes, and the ring stays ahead by `AHEAD` bytes.
     let spi = (command + AHEAD + 2 + answer) as f64 * 8.0 / 10.0;
     println!(
         "{command} + {answer} bytes: {uart} µs at 4 Mbaud, {spi} µs at 10 MHz with {} zeros",

@@ -1,5 +1,5 @@
-//! The drivers of the boards against models of the hardware: DMA that writes whenever it wants, and the flash controller of
-//! the STM32F4.
+//! The drivers of the boards against models of the hardware: DMA that writes at any moment, and the flash controller of the
+//! STM32F4.
 
 #[allow(dead_code)]
 #[path = "../../src/drivers/mod.rs"]
@@ -10,7 +10,7 @@ mod flash_rules;
 mod lines;
 mod store;
 
-/// xorshift: a random number below `below`.
+/// Returns a random number below `below` (xorshift).
 pub fn random(state: &mut u64, below: usize) -> usize {
     *state ^= *state << 13;
     *state ^= *state >> 7;

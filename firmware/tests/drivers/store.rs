@@ -1,5 +1,5 @@
-//! The store in the sectors of the STM32F405: old or new after a power cut at any operation, nothing lost, and how long a
-//! commit stops the processor.
+//! The store in the sectors of the STM32F405: after a power cut at any operation it has the old or the new state and
+//! nothing is lost; and how long a commit stops the processor.
 
 use poegp_runtime::store::{Layout, Store, Stored};
 
@@ -9,7 +9,7 @@ use crate::flash_rules::{LEVEL_3, OFF};
 
 type Device = Store<SectorFlash<Shared>>;
 
-/// As in `firmware/src/board/stm32f405.rs`.
+/// Returns the layout of `firmware/src/board/stm32f405.rs`.
 fn layout() -> Layout {
     Layout {
         slots: [2 * SECTOR..4 * SECTOR, 4 * SECTOR..6 * SECTOR],
@@ -30,7 +30,7 @@ fn blob(number: u8) -> Vec<u8> {
         .collect()
 }
 
-/// What is stored whole, the first first.
+/// Returns the stored models that are whole, the first candidate first.
 fn whole(store: &mut Device) -> Vec<(Stored, Vec<u8>)> {
     let mut buffer = [0; 64];
     let candidates = store.candidates();
@@ -74,7 +74,7 @@ fn a_power_cut_at_any_operation_leaves_old_or_new() {
         Step::Write(4),
     ];
     let mut cuts = 0;
-    // Bytes instead of words where nothing promises the supply: the same laws.
+    // Where the supply voltage is not guaranteed, bytes are programmed in place of words; the laws are the same.
     for (options, above_2_7_v, steps) in [(LEVEL_3, true, &steps[..]), (OFF, false, &steps[..3])] {
         let mut before = Controller {
             above_2_7_v,
@@ -90,7 +90,7 @@ fn a_power_cut_at_any_operation_leaves_old_or_new() {
             let (mut store, _) = device(after.clone());
             let new = blobs(&mut store);
             for at in 0..operations {
-                // The middle of a long write is like any of it.
+                // A sample is enough in the middle of a long write.
                 if at > 6 && at + 12 < operations && at % 5 != 0 {
                     continue;
                 }
@@ -111,7 +111,7 @@ fn a_power_cut_at_any_operation_leaves_old_or_new() {
                     if had_key.is_some() {
                         assert_eq!(store.public_key(), Ok(had_key), "{what}");
                     }
-                    // What was begun can be done.
+                    // The interrupted step can be repeated.
                     assert!(carry_out(&mut store, *step), "{what}");
                     cuts += 1;
                 }
@@ -123,7 +123,7 @@ fn a_power_cut_at_any_operation_leaves_old_or_new() {
     assert!(cuts > 500, "{cuts}");
 }
 
-/// Longest times of the data sheet for what a commit and a roll back do: no cycle can meet them.
+/// Longest times by the data sheet for a commit and a roll back: no cycle could meet them.
 #[test]
 fn a_commit_stops_the_processor_for_seconds() {
     println!("| supply | commit of 30 bytes | roll back | longest operation |");
@@ -142,7 +142,7 @@ fn a_commit_stops_the_processor_for_seconds() {
         let width = if options == LEVEL_3 { 32 } else { 8 };
         println!("| {width} bits | {commit} µs | {roll_back} µs | {erase} µs |");
         assert!(commit >= erase, "{commit}");
-        // The watchdog waits 5.4 s at least, and is fed before each operation.
+        // The watchdog waits for at least 5.4 s and is fed before each operation.
         assert!(erase < 5_400_000);
     }
 }

@@ -1,8 +1,9 @@
-//! What a file uses lies in its own room or in one below, in its own crate or in one below, and never in a circle.
+//! A file uses only files of its own layer (here: room) or of a lower one, in its own crate or in a lower one, without
+//! cycles.
 //!
-//! File A uses file B if a path of A, after its imports and re-exports are followed, ends at something that B defines. A
-//! re-export is no use, so that a `mod.rs` may show what its files have. Methods are not followed: their types are.
-//! What is built for tests only may use anything.
+//! File A uses file B if a path in A, after its imports and re-exports are followed, ends at something that B defines. A
+//! re-export is not a use, so that a `mod.rs` may re-export what its files define. Methods are not followed, because their
+//! types are. Code for tests only may use anything.
 
 use super::modules::Crate;
 use super::tokens::workspace;
@@ -10,9 +11,9 @@ use super::tokens::workspace;
 struct Layer {
     name: &'static str,
     folder: &'static str,
-    /// The crates below it.
+    /// The crates that it may use.
     below: &'static [&'static str],
-    /// From the ground up: a room may use those before it. A crate without a list is one room.
+    /// The rooms from the lowest up; each may use those before it. A crate without a list is one room.
     rooms: &'static [&'static str],
 }
 
@@ -106,16 +107,16 @@ const CRATES: [Layer; 7] = [
     },
 ];
 
-/// Folders, and files, with circles that are still to be cut. The list may only become shorter.
+/// Folders and files with cycles that still have to be removed. This list may only become shorter.
 const CIRCLES_LEFT: [&str; 0] = [];
 
-/// The room of a file; the root of a crate is none: what it defines is below all rooms, and it shows all of them.
+/// Returns the room of a file. The root of a crate has none: everything may use what it defines, and it may use all rooms.
 fn room(file: &str) -> Option<&str> {
     let first = file.split('/').next().unwrap().trim_end_matches(".rs");
     (first != "lib" && first != "main").then_some(first)
 }
 
-/// Arrows that point upward, in words.
+/// Returns the uses that point to a higher room, as texts.
 fn upward(rooms: &[&str], read: &Crate) -> Vec<String> {
     let floor = |room: &str| {
         let found = rooms.iter().position(|name| *name == room);
@@ -132,7 +133,7 @@ fn upward(rooms: &[&str], read: &Crate) -> Vec<String> {
     arrows.map(ToString::to_string).collect()
 }
 
-/// The arrows of every circle but those of the folders `left`.
+/// Returns the uses in every cycle, except those of the folders `left`.
 fn circles(read: &Crate, folder: &str, left: &[&str]) -> Vec<String> {
     let is_left = |file: &String| {
         left.iter()
@@ -185,7 +186,8 @@ fn no_file_uses_itself_through_others() {
     every(|layer, read| circles(read, layer.folder, &CIRCLES_LEFT));
 }
 
-/// What the laws must see, and what they must leave alone: a room below, a folder that shows its files, tests, documentation.
+/// Violations that the laws must find, and uses that they must accept: a lower room, a folder that re-exports its files,
+/// tests, documentation.
 #[test]
 fn planted_arrows_are_seen() {
     let texts = [

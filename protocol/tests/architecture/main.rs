@@ -1,6 +1,6 @@
-//! The order of the whole workspace, read from its text alone: which file may use which, and which words are not used.
+//! The structure of the whole workspace, read from its sources: which file may use which, and which words are forbidden.
 //!
-//! It stands in the crate that builds fastest and depends on none of the others.
+//! The tests are in this crate because it builds fastest and depends on none of the others.
 
 mod layers;
 mod modules;

@@ -1,4 +1,4 @@
-//! The modules of a crate: what each defines, what it imports, and in which file a path ends.
+//! The modules of a crate: what each defines and imports, and in which file a path ends.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -11,17 +11,17 @@ struct Module {
     parent: Option<usize>,
     children: BTreeMap<String, usize>,
     items: BTreeSet<String>,
-    /// Name and path of every import; a re-export is one, too.
+    /// Name and path of every import, including re-exports.
     uses: Vec<(String, Vec<String>)>,
     globs: Vec<Vec<String>>,
 }
 
-/// An arrow: one file names what another one defines.
+/// A use: one file names something that another file defines.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Arrow {
     pub from: String,
     pub to: String,
-    /// The line at which it stands, and what stands there.
+    /// Line and path of the use.
     pub line: usize,
     pub path: String,
 }
@@ -38,14 +38,14 @@ impl std::fmt::Display for Arrow {
     }
 }
 
-/// A crate read from its text.
+/// A crate as read from its sources.
 #[derive(Default)]
 pub struct Crate {
     pub files: Vec<String>,
     pub arrows: Vec<Arrow>,
     /// Other crates that it names, with file and line.
     pub crates: BTreeSet<(String, String)>,
-    /// Paths that begin in the crate and lead nowhere.
+    /// Paths that begin in the crate but cannot be resolved.
     pub lost: Vec<String>,
     modules: Vec<Module>,
     macros: BTreeMap<String, usize>,
@@ -70,7 +70,7 @@ impl Crate {
         Self::of(name, &texts)
     }
 
-    /// The same of texts with their paths.
+    /// Reads source texts with their paths.
     pub fn of(name: &str, texts: &[(impl AsRef<str>, impl AsRef<str>)]) -> Self {
         let mut this = Self {
             name: name.replace('-', "_"),
@@ -130,7 +130,7 @@ impl Crate {
         child
     }
 
-    /// Notes what a module defines and imports.
+    /// Records what a module defines and imports.
     fn define(&mut self, module: usize, file: usize, tokens: &[Token]) {
         let mut depth = 0;
         let mut at = 0;
@@ -154,7 +154,7 @@ impl Crate {
                 }
                 "macro_rules" => {
                     self.macros.insert(word(2).to_owned(), file);
-                    // What it defines is defined where it is called: in this file.
+                    // A macro defines its items where it is called, which is in this file.
                     let body = &tokens[at + 3..at + 3 + braces(&tokens[at + 3..])];
                     let traits = body.windows(2).filter(|pair| pair[0].is("trait"));
                     self.modules[module]
@@ -180,7 +180,7 @@ impl Crate {
         }
     }
 
-    /// Notes which files the paths of a file lead to.
+    /// Records to which files the paths in a file lead.
     fn follow(&mut self, module: usize, tokens: &[Token]) {
         let mut at = 0;
         while at < tokens.len() {
@@ -191,7 +191,7 @@ impl Crate {
                 let mut found = Vec::new();
                 tree(&tokens[at + 1..end], &[], &mut found);
                 for (_, path) in found {
-                    // A parent may show what its children have.
+                    // A parent may re-export what its children define.
                     if !is_public {
                         self.arrow(module, &path, token.line);
                     } else if path[0].starts_with("poegp_") {
@@ -279,7 +279,7 @@ impl Crate {
         Some(Named::Module(at))
     }
 
-    /// What a name means in a module.
+    /// Resolves a name in a module.
     fn lookup(&self, module: usize, name: &str, depth: usize) -> Option<Named> {
         let this = &self.modules[module];
         if let Some(child) = this.children.get(name) {
@@ -308,7 +308,7 @@ impl Crate {
         paths.find_map(|path| self.resolve(module, &path, depth + 1))
     }
 
-    /// Files that reach each other, sorted; each group is a circle or several.
+    /// Groups of files that reach each other, sorted; each group contains one or more cycles.
     pub fn circles(&self) -> Vec<Vec<String>> {
         let reach = |from: &String| {
             let mut seen = BTreeSet::new();
@@ -337,7 +337,7 @@ impl Crate {
     }
 }
 
-/// The module path of a file: `a/b.rs` and `a/b/mod.rs` are `a::b`, the root is empty.
+/// Returns the module path of a file: `a/b.rs` and `a/b/mod.rs` are `a::b`, and the root is empty.
 fn names(path: &str) -> Vec<String> {
     let path = path.trim_end_matches(".rs");
     let names = path
@@ -346,7 +346,7 @@ fn names(path: &str) -> Vec<String> {
     names.map(str::to_owned).collect()
 }
 
-/// The number of the closing brace of a block that begins `tokens`.
+/// Returns the index of the closing brace of the block that begins `tokens`.
 fn braces(tokens: &[Token]) -> usize {
     let mut depth = 0;
     for (i, token) in tokens.iter().enumerate() {
@@ -358,7 +358,7 @@ fn braces(tokens: &[Token]) -> usize {
     tokens.len()
 }
 
-/// The names and paths of the tree of a `use`; a glob has the name `*`.
+/// Collects the names and paths of the tree of a `use`; a glob has the name `*`.
 fn tree(tokens: &[Token], before: &[String], out: &mut Vec<(String, Vec<String>)>) {
     let mut path = before.to_vec();
     for (i, token) in tokens.iter().enumerate() {

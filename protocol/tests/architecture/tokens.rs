@@ -1,4 +1,4 @@
-//! Rust sources as words, symbols, texts and documentation.
+//! Splits Rust sources into words, symbols, string literals and documentation.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 pub enum Kind {
     Word,
     Symbol,
-    /// The inside of a string literal.
+    /// The content of a string literal.
     Text,
     /// A line of documentation.
     Doc,
@@ -25,12 +25,12 @@ impl Token {
     }
 }
 
-/// A folder of the workspace.
+/// Returns a folder of the workspace.
 pub fn workspace(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
 }
 
-/// Every `.rs` file in a folder and below it.
+/// Returns every `.rs` file in a folder and below it.
 pub fn sources(folder: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {
@@ -45,7 +45,7 @@ pub fn sources(folder: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The tokens of a source; numbers and lifetimes are left out.
+/// Returns the tokens of a source, without numbers and lifetimes.
 pub fn tokens(source: &str) -> Vec<Token> {
     let mut out = Vec::new();
     let mut rest = source;
@@ -65,7 +65,7 @@ pub fn tokens(source: &str) -> Vec<Token> {
     out
 }
 
-/// The token at the beginning of `rest`, its text and the length of what was read.
+/// Returns the kind of the token at the beginning of `rest`, its text, and the number of bytes read.
 fn next(rest: &str, first: char) -> (Option<Kind>, &str, usize) {
     let line = || &rest[..rest.find('\n').unwrap_or(rest.len())];
     if rest.starts_with("///") || rest.starts_with("//!") {
@@ -99,7 +99,7 @@ fn next(rest: &str, first: char) -> (Option<Kind>, &str, usize) {
     (kind, &rest[..first.len_utf8()], first.len_utf8())
 }
 
-/// A string literal, raw or not, of bytes or not.
+/// Reads a string literal: ordinary, raw, or of bytes.
 fn string(rest: &str) -> Option<(Option<Kind>, &str, usize)> {
     let prefix = rest.len() - rest.trim_start_matches(['b', 'c', 'r']).len();
     let is_raw = rest[..prefix].contains('r');
@@ -126,7 +126,7 @@ fn string(rest: &str) -> Option<(Option<Kind>, &str, usize)> {
     Some((Some(Kind::Text), &rest[begin..end], end + 1 + hashes))
 }
 
-/// The length of a character literal or of the mark of a lifetime.
+/// Returns the length of a character literal, or of the mark of a lifetime.
 fn character(rest: &str) -> usize {
     let inside: Vec<char> = rest.chars().skip(1).take(12).collect();
     let closed = |n: usize| inside.get(n) == Some(&'\'');
@@ -138,7 +138,7 @@ fn character(rest: &str) -> usize {
     rest.chars().take(2 + count).map(char::len_utf8).sum()
 }
 
-/// The tokens without what is built for tests only, and the names of the modules among it that have files of their own.
+/// Returns the tokens without code for tests only, and the names of the test modules that have files of their own.
 pub fn without_tests(tokens: &[Token]) -> (Vec<Token>, Vec<String>) {
     const MARK: [&str; 7] = ["#", "[", "cfg", "(", "test", ")", "]"];
     let (mut kept, mut modules) = (Vec::new(), Vec::new());
@@ -166,7 +166,7 @@ pub fn without_tests(tokens: &[Token]) -> (Vec<Token>, Vec<String>) {
     (kept, modules)
 }
 
-/// How many tokens an item has: to its semicolon, or to the end of its braces.
+/// Returns the number of tokens of an item: up to its semicolon or the end of its braces.
 fn item(tokens: &[Token]) -> usize {
     let is_use = tokens.iter().take(3).any(|t| t.is("use"));
     let mut depth = 0;

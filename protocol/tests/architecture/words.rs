@@ -1,4 +1,4 @@
-//! Words that neither identifiers nor texts for users have: each has a plainer one in the field's own language.
+//! Words that identifiers and texts for users must not contain, because the field has a plainer one for each.
 
 use super::tokens::{Kind, Token, sources, tokens, without_tests, workspace};
 
@@ -12,7 +12,7 @@ const FOLDERS: [&str; 7] = [
     "python/src",
 ];
 
-/// In texts: string literals and the documentation of the command line, which `--help` shows.
+/// Forbidden in texts: in string literals and in the documentation of the command line, which `--help` shows.
 const TEXTS: [&str; 10] = [
     "told",
     "untold",
@@ -26,7 +26,7 @@ const TEXTS: [&str; 10] = [
     "input that is none",
 ];
 
-/// In documentation, too.
+/// Forbidden in documentation as well.
 const PROSE: [&str; 7] = [
     "told",
     "untold",
@@ -37,12 +37,12 @@ const PROSE: [&str; 7] = [
     "input that is none",
 ];
 
-/// As a part of an identifier. A `cell` is a robot's, which files and programs are not.
+/// Forbidden as a part of an identifier. A `cell` is a robot's; files and programs have none.
 const PARTS: [&str; 10] = [
     "told", "untold", "tell", "words", "place", "facts", "anew", "likewise", "whoever", "cell",
 ];
 
-/// Names of libraries.
+/// Names from libraries, which are allowed.
 const FOREIGN: [&str; 9] = [
     "Cell",
     "RefCell",
@@ -55,7 +55,7 @@ const FOREIGN: [&str; 9] = [
     "next_cell",
 ];
 
-/// Numbers of words of four bytes.
+/// Allowed names that count words of four bytes.
 const STORAGE: [&str; 5] = [
     "words_for",
     "row_words",
@@ -64,7 +64,7 @@ const STORAGE: [&str; 5] = [
     "capacity_words",
 ];
 
-/// The parts of an identifier, in lower case.
+/// Returns the parts of an identifier, in lower case.
 fn parts(word: &str) -> Vec<String> {
     let mut parts = vec![String::new()];
     let mut was_lower = false;
@@ -80,7 +80,7 @@ fn parts(word: &str) -> Vec<String> {
     parts
 }
 
-/// Whether `text` has `word`, or its plural, between other characters than letters.
+/// Returns whether `text` contains `word`, or its plural, as a whole word.
 fn has(text: &str, word: &str) -> bool {
     let text = text.to_lowercase();
     let letter = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
@@ -90,9 +90,9 @@ fn has(text: &str, word: &str) -> bool {
     })
 }
 
-/// The forbidden words of a source, each with its line.
+/// Returns the forbidden words of a source, each with its place.
 fn forbidden(path: &str, tokens: &[Token]) -> Vec<(&'static str, String)> {
-    // Storage is counted in words of four bytes.
+    // In these sources, `words` are storage of four bytes.
     let counts_storage = !path.starts_with("trainer") && !path.starts_with("calibration")
         || path.ends_with("device_cost.rs");
     let is_library = |i: usize| {
@@ -110,7 +110,7 @@ fn forbidden(path: &str, tokens: &[Token]) -> Vec<(&'static str, String)> {
                         .iter()
                         .any(|part| part == word || part.strip_suffix('s') == Some(word));
                     let is_storage = counts_storage || STORAGE.contains(&token.text.as_str());
-                    // An in-place computation needs no second matrix.
+                    // `in_place` is an established term.
                     let in_place = *word == "place" && token.text.contains("_in_place");
                     is_part && !(*word == "words" && is_storage) && !in_place
                 };

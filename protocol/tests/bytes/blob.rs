@@ -1,4 +1,4 @@
-//! The blob: golden bytes, and every damage refused by name.
+//! The blob: golden bytes, and every kind of damage is refused with its reason.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::{listing, sample};
 
 /// Offset of the correction in the first listing.
 const CORRECTION: usize = 0x177;
-/// Offset of the warnings in the first listing; the bytes for the host follow.
+/// Offset of the warnings in the first listing; the section for the host follows them.
 const HOST: usize = 0x26e;
 
 pub fn golden() -> Vec<u8> {
@@ -24,8 +24,8 @@ pub fn golden() -> Vec<u8> {
         .expect("a listing")
 }
 
-/// A blob of the pieces of a later listing: its header, what the first listing has up to the correction, these pieces, and
-/// the first listing's bytes from the warnings on.
+/// Returns a blob from pieces of later listings: its header, the first listing up to the correction, these pieces, and the
+/// first listing's bytes from the warnings on.
 fn pieced(header: usize, pieces: &[&[u8]]) -> Vec<u8> {
     let first = golden();
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
@@ -53,7 +53,7 @@ fn bytes_to_value() {
     assert_eq!(stored_crc(&bytes), Some(0x68f1_16b6));
 }
 
-/// Correction and variance of the elastic example.
+/// Returns the correction and variance of the elastic example.
 fn elastic_piece() -> Vec<u8> {
     listing::hex_blocks(sample::BLOB_FORMAT)[2].clone()
 }
@@ -62,18 +62,18 @@ fn elastic_golden() -> Vec<u8> {
     pieced(1, &[&elastic_piece()])
 }
 
-/// The elastic example with the fifth listing in place of its last byte, which says that there is no variance.
+/// Returns the elastic example with the fifth listing in place of its last byte, which states that there is no variance.
 fn variance_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     let elastic = elastic_piece();
     pieced(3, &[&elastic[..elastic.len() - 1], &blocks[4]])
 }
 
-/// The first listing with the last one from its centre on.
+/// Returns the first listing, with the last listing from the centre on.
 fn folded_golden() -> Vec<u8> {
     let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
     let first = golden();
-    // Its last four bytes before the warnings are an empty centre, no landmarks and no variance.
+    // The last four bytes before the warnings are an empty centre, no landmarks and no variance.
     pieced(5, &[&first[CORRECTION..HOST - 4], &blocks[6]])
 }
 
@@ -106,7 +106,7 @@ fn an_elastic_blob_is_the_listing_of_the_documentation() {
     assert_eq!(decode(encoded), Ok(sample::elastic_blob(&rows)));
 }
 
-/// `bytes` as of another version, with the checksum of that.
+/// Returns `bytes` with another version and a matching checksum.
 fn restamped(bytes: &[u8], version: u16) -> Vec<u8> {
     let mut out = bytes.to_vec();
     out[8..10].copy_from_slice(&version.to_le_bytes());
@@ -128,12 +128,12 @@ fn every_other_version_is_refused_by_its_number() {
     }
 }
 
-/// Names of the errors that a flipped bit may have: its field of the header decides.
+/// Names of the errors that flipping a bit may give, by the header field of the bit.
 fn refused_as(bit: usize) -> &'static [&'static str] {
     match bit / 8 {
         0..8 => &["WrongMagic"],
         8..10 => &["UnknownVersion"],
-        // The flag of a signed blob: its trailer is missing.
+        // The flag of a signed blob is set, but the trailer is missing.
         10 if bit == 80 => &["Truncated"],
         10..12 => &["ReservedBitsSet"],
         12..16 => &["Truncated", "TrailingBytes"],
@@ -182,7 +182,7 @@ fn a_blob_without_correction_warnings_and_host_ends_in_seven_zeros() {
     assert_eq!(decode(encoded), Ok(blob));
 }
 
-/// Name of an error without its numbers.
+/// Returns the name of an error without its numbers.
 pub fn kind(error: DecodeError) -> &'static str {
     match error {
         DecodeError::Truncated { .. } => "Truncated",
@@ -195,7 +195,7 @@ pub fn kind(error: DecodeError) -> &'static str {
     }
 }
 
-/// Which field of the header a bit belongs to decides which error names it.
+/// Flipping a bit gives the error of the header field that the bit belongs to.
 #[test]
 fn every_single_bit_flip_is_refused_by_name() {
     let golden = golden();
@@ -214,7 +214,7 @@ fn every_single_bit_flip_is_refused_by_name() {
     for (name, count) in &counts {
         println!("| {name:<16} | {count:>6} |");
     }
-    // 886 is 0b11_0111_0110: seven of the 32 length bits are set, and clearing one leaves bytes over. A bit of the flags
+    // The length 886 is 0b11_0111_0110, with seven bits set; clearing one of these leaves extra bytes. One bit of the flags
     // announces a trailer.
     let expected = BTreeMap::from([
         ("WrongMagic", 64),
@@ -253,7 +253,7 @@ fn every_truncation_and_every_extra_byte_is_refused_by_name() {
     }
 }
 
-/// `payload` in an envelope whose length and CRC are right.
+/// Returns `payload` in an envelope with right length and CRC.
 fn sealed(payload: &[u8]) -> Vec<u8> {
     let mut bytes = golden()[..12].to_vec();
     bytes.extend((payload.len() as u32).to_le_bytes());
@@ -276,7 +276,7 @@ fn an_intact_envelope_around_nonsense_is_malformed() {
         bytes[at - HEADER_LENGTH] = value;
         sealed(&bytes)
     };
-    // Offsets as in the listing.
+    // The offsets are those of the listing.
     let cases = [
         ("a name that is not UTF-8", patched(0x15, 0xff)),
         ("nine joints", patched(0x1a, 9)),
@@ -321,7 +321,7 @@ proptest! {
     #[test]
     fn arbitrary_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..400)) {
         prop_assert!(decode(&bytes).is_err());
-        // The same behind an intact envelope: may be a value, must not panic.
+        // Within an intact envelope the bytes may decode, but must not panic.
         let _ = decode(&sealed(&bytes));
     }
 
@@ -335,7 +335,7 @@ proptest! {
             payload[at] = value;
         }
         let whole = sealed(&payload);
-        // What decodes encodes to a value that decodes to the same (varints may have been spelled longer).
+        // A decoded value encodes to an equal one; only varints may have been longer before.
         if let Ok(blob) = decode(&whole) {
             let mut buffer = [0; 2_048];
             let again = encode(&blob, &mut buffer).unwrap();
@@ -346,7 +346,7 @@ proptest! {
     }
 }
 
-/// Its section for the host is bytes to the device and values to the workstation.
+/// The section for the host is bytes to the device and values to the workstation.
 #[test]
 fn the_section_for_the_host_is_read_back() {
     let tool = |session, shift| Tool {

@@ -1,4 +1,4 @@
-//! The sizes that both sides rely on, as the pages of the formats give them: an arm of eight joints fits, whole.
+//! The sizes that both sides rely on, as the format pages state them; an arm of eight joints fits.
 
 use poegp_protocol::blob::envelope::{HEADER_LENGTH, TRAILER_LENGTH};
 use poegp_protocol::blob::{self, Correction, FORMAT_VERSION, MAX_LENGTH_WITHOUT_ROWS};
@@ -11,17 +11,17 @@ use crate::sample;
 #[test]
 fn sizes_are_those_of_the_pages() {
     assert_eq!((MAX_JOINTS, MAX_FRAMES, MAX_INPUTS), (8, 9, 9));
-    // One for each joint and each link at or beyond it: 1 + 2 + … + 8.
+    // A term for each joint and each link from that joint on: 1 + 2 + … + 8.
     assert_eq!(MAX_LINK_TERMS, 36);
     assert_eq!((HEADER_LENGTH, TRAILER_LENGTH), (20, 8 + 4 + 64 + 4));
     assert_eq!(FORMAT_VERSION, 1);
     assert_eq!(MAX_LENGTH_WITHOUT_ROWS, 4_096);
-    // Version, sequence and checksum; COBS adds a byte, and one for each 254; then the zero.
+    // Version, sequence number and checksum. COBS adds a byte, and one more per 254 bytes; then comes the zero.
     assert_eq!(OVERHEAD, 7);
     assert_eq!(MAX_FRAME, (MAX_CHUNK + 8 + OVERHEAD) + 2 + 1);
 }
 
-/// Full in every list that grows with the joints.
+/// Every list that grows with the joints is full.
 #[test]
 fn the_longest_arm_is_read_as_it_was_written() {
     let rows = sample::rows();

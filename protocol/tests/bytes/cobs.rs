@@ -1,11 +1,11 @@
-//! Our byte stuffing against that of the `cobs` crate: the same bytes, the same refusals.
+//! Our byte stuffing against the `cobs` crate: the same bytes and the same refusals.
 
 use poegp_protocol::blob::BufferTooSmall;
 use poegp_protocol::link::cobs::{decode_in_place, encode, max_encoded};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-/// What both encoders write; ours must not need more room than it says.
+/// Returns the encoding, which must be the same with both encoders. Ours must not need more space than it states.
 fn encoded(data: &[u8]) -> Vec<u8> {
     let mut ours = vec![0xaa; max_encoded(data.len())];
     let used = encode(data, &mut ours).expect("room for the longest");
@@ -23,7 +23,7 @@ fn assert_round_trip(data: &[u8]) {
     assert_eq!(&frame[..used], data);
 }
 
-/// Our decoder does with `frame` what theirs does, but for what theirs lets pass: a zero inside.
+/// Asserts that both decoders treat `frame` alike, except that ours refuses a zero within it.
 fn assert_same_verdict(frame: &[u8]) -> bool {
     let (mut ours, mut theirs) = (frame.to_vec(), frame.to_vec());
     let found = decode_in_place(&mut ours);
@@ -53,7 +53,7 @@ fn patterns_of_every_length() {
         assert_round_trip(&index.clone().map(|i| i as u8).collect::<Vec<_>>());
         assert_round_trip(&index.clone().map(|i| (i % 2) as u8).collect::<Vec<_>>());
         assert_round_trip(&index.clone().map(|_| random()).collect::<Vec<_>>());
-        // Runs around the full block, and a zero at every place near the end.
+        // Runs around a full block, and a zero at every place near the end.
         for run in 252..=256 {
             let zero_after_run = |i: usize| u8::from(i % (run + 1) != run);
             assert_round_trip(&index.clone().map(zero_after_run).collect::<Vec<_>>());
@@ -98,7 +98,7 @@ fn every_truncation_and_every_changed_byte_has_the_same_verdict() {
     }
 }
 
-/// Every frame of up to three bytes: whatever they are, the same verdict.
+/// Both decoders give the same verdict on frames of up to three bytes: any last byte after values around the block lengths.
 #[test]
 fn all_short_frames() {
     let interesting = [0, 1, 2, 3, 4, 5, 254, 255];
@@ -133,7 +133,7 @@ proptest! {
         assert_same_verdict(&frame);
     }
 
-    /// Short blocks, so that many of them are whole.
+    /// Small byte values, so that frames contain many whole blocks.
     #[test]
     fn any_frame_of_short_blocks(frame in prop::collection::vec(0..6_u8, 0..=40)) {
         assert_same_verdict(&frame);

@@ -1,4 +1,4 @@
-//! Cyclic frames: their bytes, how long they take on the wire, and that nothing else is taken for one.
+//! Cyclic frames: their bytes, their time on the line, and that nothing else counts as one.
 
 use heapless::Vec as Joints;
 use poegp_protocol::blob::CRC;
@@ -24,7 +24,7 @@ fn sent_answer(sequence: u16, answer: &CyclicAnswer) -> Vec<u8> {
     encode_answer(sequence, answer, &mut out).unwrap().to_vec()
 }
 
-/// A frame with these bytes before its CRC.
+/// Returns a frame with these bytes before its CRC.
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; cobs::max_encoded(raw.len()) + 1];
@@ -33,7 +33,7 @@ fn sealed(body: &[u8]) -> Vec<u8> {
     out
 }
 
-/// As the device takes it: sequence number and command, `None` when its length is that of none.
+/// Returns what the device receives: sequence number and command, which is `None` if the length is that of no command.
 fn received(bytes: &[u8]) -> Result<(u16, Option<Query>), FrameError> {
     let mut receiver = Receiver::new();
     let (last, before) = bytes.split_last().unwrap();
@@ -95,7 +95,7 @@ fn the_bytes() {
     assert_eq!(decode_answer(&mut frame), Ok((0x1234, answer)));
 }
 
-/// What a cycle with six joints takes on the wire: a command and its answer.
+/// The time of a cycle with six joints on the line: a command and its answer.
 #[test]
 fn a_cycle_fits_the_wire() {
     let (query, answer) = six();
@@ -103,7 +103,7 @@ fn a_cycle_fits_the_wire() {
     assert_eq!(bytes, [command_length(6), answer_length(6)]);
     assert!(bytes[0] <= 40 && bytes[1] <= 48);
     let bits = |of_byte: usize| (of_byte * (bytes[0] + bytes[1])) as f64;
-    // A start and a stop bit on a serial line; on SPI command and answer need not even come one after the other.
+    // A serial line adds a start and a stop bit. On SPI, command and answer could even overlap.
     let uart_us = bits(10) / 4.0;
     let spi_us = bits(8) / 10.0;
     println!(
@@ -154,7 +154,7 @@ fn another_length_is_no_command() {
     }
 }
 
-/// A message whose bytes could be those of a command, under the version of messages.
+/// A message is not a cyclic frame even if its bytes could be those of a command, because its version differs.
 #[test]
 fn a_message_is_no_cyclic_frame() {
     let mut receiver = Receiver::new();
@@ -173,7 +173,7 @@ fn a_message_is_no_cyclic_frame() {
 proptest! {
     #![proptest_config(ProptestConfig { rng_seed: RngSeed::Fixed(19), ..ProptestConfig::default() })]
 
-    /// By their bits, so that what is not finite is carried, too: the device answers it as bad input.
+    /// Compared by bits, because frames also carry numbers that are not finite; the device answers those as bad input.
     #[test]
     fn round_trip(sequence: u16, status: u8, words in prop::collection::vec(any::<u32>(), 4..=3 + MAX_JOINTS)) {
         let numbers: Vec<f32> = words.iter().map(|word| f32::from_bits(*word)).collect();

@@ -1,4 +1,4 @@
-//! The envelope of signed blobs: its bytes, and every damage of it refused by name.
+//! The envelope of signed blobs: its bytes, and every kind of damage is refused with its reason.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use poegp_protocol::blob::{DecodeError, HEADER_LENGTH, blob_crc, decode, stored_
 use crate::blob::{golden, kind};
 use crate::sample;
 
-/// Not a signature by anybody: here nobody verifies it.
+/// A trailer without a real signature, since nothing here verifies it.
 const TRAILER: Trailer = Trailer {
     key_id: *b"key id 8",
     revision: 0x0403_0201,
@@ -44,7 +44,7 @@ fn a_signed_blob_has_the_flag_and_the_trailer() {
     assert_eq!(envelope.payload, &before[HEADER_LENGTH..]);
     let crc = blob_crc(&bytes[..16], envelope.payload);
     assert_eq!(stored_crc(&bytes), Some(crc));
-    // The payload is what it was, and the flag can be taken back.
+    // The payload is unchanged, and the flag can be removed again.
     let rows = sample::rows();
     assert_eq!(decode(&bytes), Ok(sample::blob(&rows)));
     let mut back = before.to_vec();
@@ -78,7 +78,7 @@ fn every_single_bit_flip_is_refused_by_name() {
         assert_eq!(decode(&bytes), Err(error));
         let expected: &[&str] = match bit / 8 {
             0..8 => &["WrongMagic"],
-            // Between two versions that are known there may be one bit.
+            // A single bit may lead from one known version to another.
             8..10 => &["UnknownVersion", "CrcMismatch"],
             // Without the flag the trailer is too much.
             10 if bit == 80 => &["TrailingBytes"],

@@ -1,4 +1,4 @@
-//! Frames: round trip, and no damaged frame is taken for a message.
+//! Frames: round trips, and no damaged frame counts as a message.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use crate::messages::{
     decode_errors, longest_requests, longest_responses, refusals, requests, responses,
 };
 
-/// The frame of a message without its final zero.
+/// Returns the frame of a message without its final zero.
 fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; 2_048], [0; 2_048]);
     let frame = encode(sequence, message, &mut scratch, &mut out).unwrap();
@@ -25,7 +25,8 @@ fn framed(sequence: u16, message: &impl Serialize) -> Vec<u8> {
     frame.to_vec()
 }
 
-/// Pieces that need several COBS blocks: zeros inside and at the end, runs without zeros beyond 254 bytes.
+/// Returns pieces that need several COBS blocks, with zeros inside and at the end, and runs of more than 254 bytes without
+/// a zero.
 fn awkward_pieces() -> [Vec<u8>; 3] {
     let mut zeros = vec![0x55; 253];
     zeros.extend([0, 0, 7]);
@@ -60,7 +61,7 @@ fn round_trip() {
     }
 }
 
-/// Every message, the longest one of each kind and every refusal included, with its name.
+/// Returns every message with its name, including the longest of each kind and every refusal.
 fn all_messages() -> Vec<(String, Vec<u8>)> {
     let mut frames = Vec::new();
     let pieces = awkward_pieces();
@@ -95,7 +96,8 @@ fn all_messages() -> Vec<(String, Vec<u8>)> {
     frames
 }
 
-/// Also through the receiver, which a flip to zero makes see two frames and one of the final zero none.
+/// Also tested through the receiver. A flip to zero makes it see two frames, and a flip in the final zero makes it see
+/// none.
 #[test]
 fn every_single_bit_flip_is_damage() {
     let mut counts = BTreeMap::new();
@@ -125,7 +127,7 @@ fn every_single_bit_flip_is_damage() {
             }
             *counts.entry(name.clone()).or_insert(0) += 1;
         }
-        // The zero that ends it: the frame goes on into the next, which is lost with it, and no further.
+        // A flip in the final zero joins the frame with the next one; both are lost, but nothing further.
         for bit in 0..8 {
             let mut receiver = Receiver::new();
             let line = [&frame[..], &[1 << bit], &frame, &[0], &frame, &[0]].concat();
@@ -169,7 +171,7 @@ fn every_truncation_and_every_extra_byte_is_damage() {
     }
 }
 
-/// COBS of `body` and its CRC.
+/// Returns the COBS encoding of `body` with its CRC.
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; raw.len() + raw.len() / 254 + 2];
@@ -231,7 +233,7 @@ fn encoding_without_room_says_so() {
                 Err(BufferTooSmall)
             );
         }
-        // Before COBS a frame is two bytes shorter: no code byte, no final zero.
+        // Before COBS a frame is two bytes shorter, because it has no code byte and no final zero.
         for room in 0..whole - 2 {
             let mut short = vec![0; room];
             assert_eq!(

@@ -1,4 +1,4 @@
-//! Every message as bytes, and the tables of the crate and of `docs/reference/link.md`: their numbers never change.
+//! Every message as bytes, and the tables of the crate and of `docs/reference/link.md`, whose numbers never change.
 
 use poegp_protocol::link::frame::{self, MAX_FRAME};
 use poegp_protocol::link::{
@@ -19,7 +19,7 @@ fn bytes_of(value: &impl Serialize) -> Vec<u8> {
     postcard::to_slice(value, &mut buffer).unwrap().to_vec()
 }
 
-/// The number on the wire and the name of the variant.
+/// Returns the number on the wire and variant name of each value.
 fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
     values: impl IntoIterator<Item = &'a V>,
 ) -> Vec<(u8, String)> {
@@ -34,7 +34,7 @@ fn numbered<'a, V: Serialize + core::fmt::Debug + 'a>(
         .collect()
 }
 
-/// The names of the fields of a message, outermost braces only, as `Debug` shows them.
+/// Returns the names of a message's fields in the `Debug` output, for the outermost braces only.
 fn field_names(value: &impl core::fmt::Debug) -> Vec<String> {
     let (mut names, mut word, mut depth) = (Vec::new(), String::new(), 0);
     for letter in format!("{value:?}").chars() {
@@ -53,7 +53,7 @@ fn field_names(value: &impl core::fmt::Debug) -> Vec<String> {
     names
 }
 
-/// The names in a row of a table: what stands before a colon.
+/// Returns the field names in a row of a table: each is the text before a colon.
 fn declared_names(row: &Message) -> Vec<String> {
     let fields = row.fields.split(", ").filter(|field| !field.is_empty());
     let name = |field: &str| field.split(':').next().unwrap_or("").to_owned();
@@ -95,7 +95,7 @@ fn the_tables_are_those_of_the_types() {
     }
 }
 
-/// What the cycle reads and writes by itself are the messages of the tables.
+/// The messages that the cycle reads and writes itself are those of the tables.
 #[test]
 fn the_cyclic_messages_are_among_them() {
     for (number, row) in (0..).zip(REQUESTS) {
@@ -119,7 +119,7 @@ fn the_cyclic_messages_are_among_them() {
     }
 }
 
-/// What may be signed is read as it was written.
+/// A request within a signed request is read as it was written.
 #[test]
 fn requests_in_signed_ones() {
     for request in longest_requests() {
@@ -139,7 +139,7 @@ fn requests_in_signed_ones() {
     assert_eq!(Request::decode(&[14, 0]), None);
 }
 
-/// The rows of the section of `docs/reference/link.md` with this heading, quotes taken off.
+/// Returns the rows of the section of `docs/reference/link.md` with this heading, without quotes.
 fn documented(heading: &str) -> Vec<(u8, Vec<String>)> {
     let (_, section) = LINK
         .split_once(&format!("\n## {heading}\n"))
@@ -233,7 +233,7 @@ fn the_lengths_are_those_of_the_documentation() {
     let wait = format!("on the line, at most {} bytes;", on_line(service_answer));
     assert!(LINK.contains(&wait), "{wait}");
     assert_eq!(on_line(longest(&REQUESTS)), MAX_FRAME);
-    // What the service relies on: an answer is never longer than the longest request.
+    // The service relies on this: no answer is longer than the longest request.
     assert!(on_line(longest(&RESPONSES)) < MAX_FRAME);
 }
 

@@ -1,9 +1,9 @@
-//! Reads the hex listings of the documentation, so that what it shows is what the encoder writes.
+//! Reads the hex listings of the documentation, so that tests can compare them with the encoder's bytes.
 
-/// The bytes of every ` ```hex ` block of `markdown`: lines of offset, bytes and a remark after `#`.
+/// Returns the bytes of every ` ```hex ` block of `markdown`. Its lines have an offset, bytes, and a remark after `#`.
 ///
 /// # Panics
-/// When an offset is not that of the first line and the number of bytes since.
+/// If an offset does not match the number of bytes before it.
 pub fn hex_blocks(markdown: &str) -> Vec<Vec<u8>> {
     let blocks = markdown.split("```hex\n").skip(1);
     blocks
@@ -11,7 +11,7 @@ pub fn hex_blocks(markdown: &str) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// The bytes of a number: two digits each.
+/// Returns the bytes of hexadecimal digits, two digits each.
 fn hex(digits: &str) -> Vec<u8> {
     let pairs = digits.as_bytes().chunks(2);
     pairs
@@ -37,7 +37,7 @@ fn hex_lines(block: &str) -> Vec<u8> {
     bytes
 }
 
-/// The cells of every table row of `markdown` whose first cell is a number: what the tables of messages are.
+/// Returns the cells of every table row of `markdown` whose first cell is a number, as in the tables of messages.
 pub fn numbered_rows(markdown: &str) -> Vec<(u8, Vec<String>)> {
     let cells = |line: &str| -> Vec<String> {
         let inner = line.trim().trim_start_matches('|').trim_end_matches('|');

@@ -1,4 +1,4 @@
-//! The bytes of `poegp-protocol`: what values look like at rest and on the wire, and that nothing damaged is believed.
+//! The bytes of `poegp-protocol`: values in storage and on the wire, and that damaged bytes are refused.
 
 mod blob;
 mod capacity;

@@ -1,4 +1,4 @@
-//! One message of each kind, and the longest one of each kind: in the order of their numbers on the wire.
+//! One message of each kind, and the longest of each kind, in the order of their numbers on the wire.
 
 use poegp_protocol::blob::DecodeError;
 use poegp_protocol::cause::Cause;
@@ -9,7 +9,7 @@ use poegp_protocol::link::{
     StoredModel, Trace,
 };
 
-/// Two joints and a payload.
+/// Returns two joints and a payload.
 pub fn query() -> Query {
     Query {
         joints: [0.5, 0.25].into_iter().collect(),
@@ -17,7 +17,7 @@ pub fn query() -> Query {
     }
 }
 
-/// One request of each kind.
+/// Returns one request of each kind.
 pub fn requests() -> Vec<Request<'static>> {
     vec![
         Request::Identify,
@@ -62,7 +62,7 @@ const CYCLE: CycleSettings = CycleSettings {
     max_instructions: 62_500,
 };
 
-/// The longest request of each kind.
+/// Returns the longest request of each kind.
 pub fn longest_requests() -> Vec<Request<'static>> {
     let query = || Query {
         joints: [-1.1; MAX_JOINTS].into_iter().collect(),
@@ -111,7 +111,7 @@ const LONGEST_CYCLE: CycleSettings = CycleSettings {
     max_instructions: u32::MAX,
 };
 
-/// One decode error of each kind.
+/// Returns one decode error of each kind.
 pub fn decode_errors() -> Vec<DecodeError> {
     vec![
         DecodeError::Truncated {
@@ -136,7 +136,7 @@ pub fn decode_errors() -> Vec<DecodeError> {
     ]
 }
 
-/// One start of each kind.
+/// One start reason of each kind.
 pub const STARTS: [StartReason; 7] = [
     StartReason::PowerOn,
     StartReason::Requested,
@@ -147,7 +147,7 @@ pub const STARTS: [StartReason; 7] = [
     StartReason::Unexplained,
 ];
 
-/// One refusal of each kind.
+/// Returns one refusal of each kind.
 pub fn refusals() -> Vec<Refusal> {
     vec![
         Refusal::BadFrame,
@@ -238,7 +238,7 @@ const STORED: StoredModel = StoredModel {
     crc: 6,
 };
 
-/// One response of each kind.
+/// Returns one response of each kind.
 pub fn responses() -> Vec<Response> {
     vec![
         Response::Identity(Identity {
@@ -319,7 +319,7 @@ pub fn responses() -> Vec<Response> {
     ]
 }
 
-/// The longest response of each kind.
+/// Returns the longest response of each kind.
 pub fn longest_responses() -> Vec<Response> {
     let name: heapless::String<MAX_NAME> = "n".repeat(MAX_NAME).as_str().try_into().expect("fits");
     let evaluation = Evaluation {

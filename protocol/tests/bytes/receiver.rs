@@ -1,4 +1,4 @@
-//! The receiver: whatever came before, the next whole frame is found.
+//! The receiver finds the next whole frame, whatever came before it.
 
 use poegp_protocol::blob::CRC;
 use poegp_protocol::link::frame::{FrameError, MAX_FRAME, Received, Receiver, decode, encode};
@@ -15,7 +15,7 @@ fn wire(sequence: u16, request: &Request<'_>) -> Vec<u8> {
         .to_vec()
 }
 
-/// What arrives of `bytes`: the content of every complete frame, or `None` for one that was too long.
+/// Returns what is received from `bytes`: the content of every complete frame, or `None` for one that was too long.
 fn arrivals(receiver: &mut Receiver, bytes: &[u8]) -> Vec<Option<Vec<u8>>> {
     let mut out = Vec::new();
     for byte in bytes {
@@ -74,14 +74,14 @@ fn half_a_frame_spoils_only_the_one_it_runs_into() {
         let mut found = arrivals(&mut receiver, &line);
         let mut last = found.pop().flatten().expect("the last frame");
         assert_eq!(decode(&mut last), Ok((5, Request::ReadStatistics)));
-        // With a zero in front nothing is lost.
+        // With a zero in front, nothing is lost.
         let line = [&whole[..cut], &[0], &whole].concat();
         let mut last = arrivals(&mut receiver, &line).pop().flatten().unwrap();
         assert_eq!(decode(&mut last), Ok((5, Request::ReadStatistics)));
     }
 }
 
-/// What the device does: open once for the sequence number, read the message as often as wanted, clear.
+/// The device opens a frame once for the sequence number, reads the message as often as it wants, and clears the frame.
 #[test]
 fn an_opened_frame_is_read_in_place() {
     let mut receiver = Receiver::new();
@@ -108,7 +108,7 @@ fn a_frame_that_cannot_be_opened_or_read_is_named() {
     let cases = [
         (vec![PROTOCOL_VERSION, 3, 4, 200], None, true),
         (vec![7, 3, 4, 200], Some((7, 0x0403)), false),
-        // Also one without any message.
+        // Including a frame without a message.
         (vec![2, 3, 4], Some((2, 0x0403)), false),
     ];
     for (body, version, opens) in cases {

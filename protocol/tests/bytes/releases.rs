@@ -1,7 +1,7 @@
-//! Blobs as version 0.1 wrote them, which every version up to the last 1.x reads (docs/reference/stability.md).
+//! Blobs as version 0.1 wrote them, which every version up to the last 1.x must read (docs/reference/stability.md).
 //!
-//! `runtime/tests/golden.rs` and `tests/tests/device/golden.rs` hold their answers. A file that a later version writes
-//! anew is not one of these: keep the old one beside it, and the code that reads it.
+//! `runtime/tests/golden.rs` and `tests/tests/device/golden.rs` compare their answers. A file that a later version rewrites
+//! is no longer one of these: keep the old file beside it, and the code that reads it.
 
 use poegp_protocol::blob::{CRC, FORMAT_VERSION, decode};
 use poegp_protocol::link::PROTOCOL_VERSION;
@@ -29,13 +29,13 @@ fn blobs_of_0_1_are_kept_and_read() {
         assert_eq!(
             CRC.checksum(bytes),
             crc,
-            "{file} is not what 0.1 wrote: keep that, too"
+            "{file} is not the file that 0.1 wrote: keep that file as well"
         );
         assert!(decode(bytes).is_ok(), "{file} is not read");
     }
 }
 
-/// Which versions the page of promises names.
+/// The page of promises names the versions of the formats and of the C interface.
 #[test]
 fn the_page_has_the_versions_of_formats_and_of_c() {
     let page = include_str!("../../../docs/reference/stability.md");

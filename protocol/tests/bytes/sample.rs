@@ -1,4 +1,4 @@
-//! The arm of the worked example in `docs/reference/blob-format.md`: one revolute and one prismatic joint, two inducing points.
+//! The arm of the worked example in `docs/reference/blob-format.md`: a revolute and a prismatic joint, two inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
@@ -7,10 +7,10 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::cause::Causes;
 
-/// The documentation that has its bytes.
+/// The page with the bytes of the example.
 pub const BLOB_FORMAT: &str = include_str!("../../../docs/reference/blob-format.md");
 
-/// Rows of inducing points: three scaled inputs and six weights each.
+/// Returns rows of inducing points: three scaled inputs and six weights each.
 pub fn rows() -> Vec<u8> {
     let powers = [9, 10, 11, 13, 13, 14].map(|exponent| 1.0 / (1_u32 << exponent) as f32);
     let signs = [1.0, -1.0, 1.0, 1.0, -1.0, 1.0];
@@ -22,7 +22,7 @@ pub fn rows() -> Vec<u8> {
     first.chain(second).flat_map(f32::to_le_bytes).collect()
 }
 
-/// The arm.
+/// Returns the arm.
 pub fn blob(rows: &[u8]) -> Blob<'_> {
     let constants = [1.0, 2.0, 3.0, 0.0, 0.0, 0.0].map(|factor| factor / 1_024.0);
     let mut affine = constants.map(|constant| [constant, 0.0, 0.0, 0.0]);
@@ -80,7 +80,7 @@ pub fn blob(rows: &[u8]) -> Blob<'_> {
 
 static HOST: std::sync::OnceLock<Vec<u8>> = std::sync::OnceLock::new();
 
-/// The section for the host of all examples.
+/// Returns the section for the host of all examples.
 pub fn host() -> Host<'static> {
     Host {
         provenance: Provenance {
@@ -103,7 +103,7 @@ pub fn host() -> Host<'static> {
     }
 }
 
-/// One landmark of the folded example: z = (1/2, 1/4, 1/2), ½ k − 1¼ k².
+/// Returns one landmark of the folded example: z = (1/2, 1/4, 1/2), ½ k − 1¼ k².
 pub fn task_space_landmark() -> Vec<u8> {
     let landmark = [0.5, 0.25, 0.5, -0.5625, 0.0, 0.0, 0.0, 0.0];
     let single = [0.5, 0.0, 0.0, 0.0];
@@ -113,7 +113,7 @@ pub fn task_space_landmark() -> Vec<u8> {
     words.flat_map(|word: f32| word.to_le_bytes()).collect()
 }
 
-/// The example with its rows taken for folded ones, and a landmark.
+/// Returns the example with its rows as folded ones, and a landmark.
 pub fn folded_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     let mut out = blob(rows);
     if let Correction::TaskSpace(task) = &mut out.correction {
@@ -124,7 +124,8 @@ pub fn folded_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     out
 }
 
-/// Inducing points of the elastic example: joint 1 looks at both joints, joint 2 at itself alone.
+/// Returns the inducing points of the elastic example: the kernel of joint 1 depends on both joints, that of joint 2 on
+/// joint 2 alone.
 pub fn elastic_rows() -> Vec<u8> {
     let first = [0.0, 1.0, 0.25, 0.0, 1.0 / 8_192.0];
     let second = [0.25, 0.0, -1.0 / 16_384.0, 0.5, 0.0, 1.0 / 16_384.0];
@@ -132,10 +133,10 @@ pub fn elastic_rows() -> Vec<u8> {
     words.flat_map(|word: f32| word.to_le_bytes()).collect()
 }
 
-/// One order of an own-joint curve: 2^-15 rad of sin q and 2^-16 of cos q of joint 1, nothing of the sliding one.
+/// Own-joint curves of one order: 2^-15 rad of sin q and 2^-16 rad of cos q for joint 1, nothing for the prismatic joint.
 const CURVES: [u8; 16] = [0, 0, 0, 0x38, 0, 0, 0x80, 0x37, 0, 0, 0, 0, 0, 0, 0, 0];
 
-/// The same arm with an elastic correction.
+/// Returns the same arm with an elastic correction.
 pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
     let kernel = |rates: [f32; 2]| JointKernel {
         rates: rates.into_iter().collect(),
@@ -180,13 +181,13 @@ pub fn elastic_blob(rows: &[u8]) -> Blob<'_> {
     }
 }
 
-/// One landmark of the variance example: q = (0, 0.25 m), 10 kg and the one word of its factor.
+/// Returns a landmark of the variance example: q = (0, 0.25 m), 10 kg, and the single word of its factor.
 pub fn landmark() -> Vec<u8> {
     let words = [0.0, 1.0, 0.25, -0.031_25, 10.0, 0.5];
     words.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// The elastic arm with a variance.
+/// Returns the elastic arm with a variance.
 pub fn variance_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     let small = 1.0 / 1_073_741_824.0;
     Blob {
@@ -203,7 +204,7 @@ pub fn variance_blob<'a>(rows: &'a [u8], landmark: &'a [u8]) -> Blob<'a> {
     }
 }
 
-/// The three fixed frames of the chain, the first at height `z`.
+/// Returns the three fixed frames of the chain, the first at height `z`.
 fn frames(z: f32) -> [Transform<f32>; 3] {
     let mut quarter_turn = [0.0; 12];
     (quarter_turn[0], quarter_turn[6], quarter_turn[9]) = (1.0, -1.0, 1.0);
@@ -211,7 +212,7 @@ fn frames(z: f32) -> [Transform<f32>; 3] {
     [along([0.0, 0.0, z]), quarter_turn, along([0.0, 0.0, 0.125])]
 }
 
-/// A translation.
+/// Returns a translation.
 fn along<N: Copy + From<f32>>([x, y, z]: [N; 3]) -> Transform<N> {
     let (i, o) = (N::from(1.0), N::from(0.0));
     [i, o, o, x, o, i, o, y, o, o, i, z]

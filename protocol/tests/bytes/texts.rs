@@ -1,4 +1,4 @@
-//! What errors say: every number that they carry, for whoever has to find out.
+//! The texts of errors contain every number that the errors carry.
 
 use poegp_protocol::blob::envelope::{BufferTooSmall, DecodeError};
 use poegp_protocol::cause::{Cause, Causes, UnknownCause};

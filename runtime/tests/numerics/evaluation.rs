@@ -1,15 +1,15 @@
-//! A whole evaluation and a whole corrected command in `f32` against the same model in `f64`, all over the trained ranges.
+//! A whole evaluation and a whole corrected command in `f32`, compared with the same model in `f64`, over the trained ranges.
 //!
-//! Both models are the numbers of the same blob, which are exact in `f64`: what is seen is the arithmetic alone. What
-//! rounding the fitted model to `f32` adds is looked at by the trainer (`calibration/tests/fidelity/single_precision.rs`, and
-//! `calibrate`, which refuses to write a blob that loses too much).
+//! Both models have the numbers of the same blob, which are exact in `f64`, so only the arithmetic differs. The trainer tests
+//! what rounding a fitted model to `f32` adds (`calibration/tests/fidelity/single_precision.rs`), and `calibrate` refuses to
+//! write a blob that loses too much.
 
 use poegp_protocol::blob;
 use poegp_runtime::model::{Model, words_for};
 
 use crate::sweep::{Random, exhaustive};
 
-/// Micrometres that a pose may be off, and microradians; micrometres that a corrected command may stand off.
+/// Largest errors: of a pose in µm and µrad, and of the position at a corrected command in µm.
 struct Allowed {
     name: &'static str,
     bytes: &'static [u8],
@@ -30,9 +30,9 @@ macro_rules! model {
     };
 }
 
-/// The golden models, whose arms reach 2 m: an ulp of that is 0.12 to 0.24 µm. An elastic command may be further off than
-/// the 5 µm that the runtime sees, in `f64` as well: it takes the deflection for constant over its last step, and these
-/// are random ones.
+/// The golden models. Their arms reach 2 m, where an ulp is 0.12 to 0.24 µm. A corrected command of an elastic model may be off
+/// by more than the 5 µm that the runtime states, in `f64` as well: the last step takes the deflection as constant, and these
+/// random deflections change fast.
 const MODELS: [Allowed; 7] = [
     model!("shared", 1.0, 0.4, 5.5),
     model!("folded", 1.0, 0.4, 5.5),
@@ -72,8 +72,8 @@ fn poses_and_commands() {
             sum += distance;
             position = position.max(distance);
             rotation = rotation.max(difference.log().angular.norm());
-            // Where the corrected command of `f32` takes the arm of `f64`: the joints themselves may be others beside a
-            // singularity, and as good. That of `f64` shows what is the method's and not the arithmetic's.
+            // Compares where the `f64` arm goes with the corrected command of `f32`. The joints themselves may differ near a
+            // singularity. The corrected command of `f64` shows the error of the method without that of the arithmetic.
             let wanted = double.nominal(&exact).unwrap().translation;
             let off = |corrected: &[f64]| {
                 let stands = double.evaluate(corrected, f64::from(payload_kg)).pose;

@@ -1,8 +1,8 @@
-//! How far the arithmetic of `f32` is from the truth, function by function, against a table of bounds.
+//! Measures the errors of `f32` functions and compares them with a table of bounds.
 //!
-//! The truth is an `f64` function, over every argument; `vectors.rs` compares that function, and the one of `f32`, with 50
-//! digits (`tests/data/vectors/make_scalar.py`), and every error here has [`table::REFERENCE`] added for what the `f64` one
-//! may be off. A bound that is exceeded fails the test and names the argument.
+//! The reference of each function is its `f64` version, at every argument. `vectors.rs` compares both versions with 50-digit
+//! numbers (`tests/data/vectors/make_scalar.py`). Every error here includes [`table::REFERENCE`], the largest error of the
+//! reference. A test fails if a bound is exceeded, and names the argument.
 //!
 //! ```sh
 //! cargo test --release -p poegp-runtime --test numerics -- --nocapture                          # a stride, seconds

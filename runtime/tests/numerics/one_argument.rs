@@ -33,7 +33,7 @@ fn exp2_unclamped() {
     row("exp2_unclamped", "-125 to 125", 2.2).check(&found);
 }
 
-/// Times its factor, which is where it is used.
+/// With its factor applied, as its callers use it.
 #[test]
 fn exp2_scaled() {
     let factor = f64::from(<f32 as Scalar>::EXP2_FACTOR);
@@ -43,7 +43,7 @@ fn exp2_scaled() {
     row("exp2_scaled", "-125 to 125", 2.7).check(&found);
 }
 
-/// Below its range the clamped one stays at the floor, to the factor √2 of its fraction, and is a number.
+/// Below its range the clamped function stays at the floor, up to the factor √2 of the fraction, and never returns NaN.
 #[test]
 fn exp2_below_its_range() {
     let floor = f64::from(f32::MIN_POSITIVE) * 2.0;
@@ -89,7 +89,7 @@ fn sine_and_cosine_near_zero() {
     row("cos", near, 1.3).check(&found);
 }
 
-/// Beside a zero of the function an ulp of the result is nothing that a robot could see: absolute.
+/// The error is absolute, because near a zero of the function an ulp of the result is too small to matter for a robot.
 #[test]
 fn sine_and_cosine() {
     for (name, function) in [("sin", sine as fn(f32) -> (f32, f64)), ("cos", cosine)] {
@@ -111,7 +111,7 @@ fn sine_and_cosine() {
 fn square_root() {
     let found = sweep(0.0, f32::MAX, |x| {
         let truth = Scalar::sqrt(f64::from(x));
-        // Correctly rounded: the square root of an f32 is never as near to the middle as f64 could mistake.
+        // Correctly rounded. The root of an f32 is never so near a rounding boundary that f64 would round it wrongly.
         if Scalar::sqrt(x).to_bits() == (truth as f32).to_bits() {
             error(Scalar::sqrt(x), truth)
         } else {
@@ -121,8 +121,8 @@ fn square_root() {
     row("sqrt", "0 to 3.4e38", 0.5 + 1e-6).check(&found);
 }
 
-/// The kernel by the squared distance in units of the lengthscale. Its exponent is rounded before the power is taken,
-/// so the error grows with it.
+/// The kernel as a function of the squared distance in units of the lengthscale. The exponent is rounded before the power is
+/// taken, so the error grows with the exponent.
 #[test]
 fn correlation() {
     let kernel = QuadraticKernel::<f32> {
@@ -140,7 +140,7 @@ fn correlation() {
     ] {
         let found = sweep(from, to, |d| {
             let truth = libm::exp2(-0.5 * core::f64::consts::LOG2_E * f64::from(d));
-            // The exponent in f64 is off by an ulp, too, and that of a power as large as 125 weighs as much.
+            // The reference's exponent has an error of an ulp of f64 too, which an exponent of up to 125 multiplies.
             error(kernel.correlation(d), truth) + 128.0 * crate::table::REFERENCE
         });
         row("kernel, correlation", range, allowed).check(&found);

@@ -1,7 +1,7 @@
 //! exp and log of SO(3) and SE(3): about one axis at every `f32` angle, and at random twists.
 //!
-//! Errors in ulp of the largest element of the block, as in `tests/proofs/se3_truth.rs`, which has 192 twists with all
-//! crossovers against 60 digits, for `f32` and for the `f64` that is the reference here.
+//! Errors are in ulp of the largest element of the block, as in `tests/proofs/se3_truth.rs`. That test compares 192 twists at
+//! all crossovers with 60 digits, for `f32` and for the `f64` that is the reference here.
 
 use core::f32::consts::PI;
 
@@ -11,14 +11,15 @@ use poegp_runtime::math::se3::{Pose, Twist, left_jacobian};
 use crate::sweep::{Random, Worst, exhaustive, sweep};
 use crate::table::{REFERENCE, Row, ulp};
 
-/// Largest error of `computed` in ulp of the largest element of `truth`; the reference may be off by 8 ulp of `f64`.
+/// Returns the largest error of `computed`, in ulp of the largest element of `truth`. Includes 8 ulp of `f64` for the
+/// reference.
 fn block_error(computed: &[f32], truth: &[f64]) -> f64 {
     assert_eq!(computed.len(), truth.len());
     let largest = truth.iter().fold(0.0, |m: f64, t| m.max(t.abs()));
     let pairs = computed.iter().zip(truth);
     let worst = pairs
         .map(|(c, t)| (f64::from(*c) - t).abs())
-        // Not `f64::max`, which loses a NaN.
+        // `f64::max` would ignore a NaN.
         .fold(0.0, |m: f64, e| if e <= m { m } else { e });
     worst / ulp(largest) + 8.0 * REFERENCE
 }
@@ -37,7 +38,7 @@ fn rotation_of(pose: &Pose<f32>) -> [f32; 9] {
     core::array::from_fn(|i| rows[4 * (i / 3) + i % 3])
 }
 
-/// A rotation about z: sine and cosine are the truth.
+/// A rotation about z, compared with sine and cosine.
 #[test]
 fn exp_about_one_axis() {
     let found = sweep(0.0, PI, |angle| {
@@ -49,10 +50,10 @@ fn exp_about_one_axis() {
     row("SO(3) exp, about z", "0 to pi", 4.6).check(&found);
 }
 
-/// The logarithm of that matrix, as it is rounded: that of the nearest rotation.
+/// The logarithm of the rounded matrix, compared with that of the nearest rotation.
 #[test]
 fn log_about_one_axis() {
-    // Nearer to a half turn the rounding of the matrix decides the sign.
+    // Nearer to a half turn, the rounding of the matrix decides the sign.
     let found = sweep(0.0, PI - 1e-6, |angle| {
         let pose = Pose::exp(&Twist::from_array(&[0.0, 0.0, 0.0, 0.0, 0.0, angle]));
         let r = rotation_of(&pose).map(f64::from);
@@ -62,7 +63,8 @@ fn log_about_one_axis() {
     row("SO(3) log, about z", "0 to pi - 1e-6", 4.0).check(&found);
 }
 
-/// A random twist, exact in `f32`: angle up to π, tiny ones as often as ordinary ones, up to 3 m.
+/// Returns a random twist, exact in `f32`: tiny angles are as frequent as ordinary ones, up to π, and translations reach 3
+/// m.
 fn twist(random: &mut Random) -> [f32; 6] {
     let angle = if random.unit() < 0.5 {
         random.between(0.0, 3.1)
@@ -111,7 +113,7 @@ fn random_twists() {
         };
         let block = |shift| [0, 1, 2].map(|row| upper(row, shift)).concat();
         let exact_block = |shift| [0, 1, 2].map(|row| exact_upper(row, shift)).concat();
-        // The logarithm of the rounded pose, both ways.
+        // The logarithm of the rounded pose, in both precisions.
         let exact_pose = Pose::<f64>::from_rows(&moved.map(f64::from));
         let (log, exact_log) = (computed.log().to_array(), exact_pose.log().to_array());
         let errors = [

@@ -1,27 +1,27 @@
-//! Every `f32` of a range, or some of them, on all processors.
+//! Evaluates a function at every `f32` of a range, or at some of them, on all processors.
 
 use std::{env, thread};
 
 /// The largest error of a sweep.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {
-    /// In what the sweep measured.
+    /// In the unit of the sweep.
     pub error: f64,
-    /// The argument that has it.
+    /// The argument of that error.
     pub at: f32,
-    /// Arguments that were tried.
+    /// Number of arguments.
     pub count: u64,
 }
 
 impl Worst {
-    /// Nothing yet.
+    /// Before the first argument.
     pub const NOTHING: Self = Self {
         error: 0.0,
         at: 0.0,
         count: 0,
     };
 
-    /// One argument more. An error that is no number counts as infinite.
+    /// Adds an argument. NaN counts as an infinite error.
     pub fn add(&mut self, error: f64, at: f32) {
         self.count += 1;
         let error = if error.is_nan() { f64::INFINITY } else { error };
@@ -30,7 +30,7 @@ impl Worst {
         }
     }
 
-    /// The larger of both, and the sum of the counts.
+    /// Takes the larger error of both and the sum of the counts.
     pub fn or(self, other: Self) -> Self {
         let worse = if other.error > self.error {
             other
@@ -44,7 +44,7 @@ impl Worst {
     }
 }
 
-/// Whether every number is asked for.
+/// Returns whether `POEGP_NUMERICS` asks for every number.
 pub fn exhaustive() -> bool {
     match env::var("POEGP_NUMERICS").as_deref() {
         Ok("all") => true,
@@ -53,7 +53,7 @@ pub fn exhaustive() -> bool {
     }
 }
 
-/// Between two numbers of one sign, the first nearer to zero: the largest of `error` over every `f32`, or over one of 4 099
+/// Finds the largest `error` between two numbers of one sign, the first nearer to zero: over every `f32`, or over one in 4 099
 /// and the last.
 pub fn sweep(from: f32, to: f32, error: impl Fn(f32) -> f64 + Sync) -> Worst {
     let (first, last) = (from.to_bits(), to.to_bits());
@@ -86,16 +86,16 @@ pub fn sweep(from: f32, to: f32, error: impl Fn(f32) -> f64 + Sync) -> Worst {
     worst
 }
 
-/// The same on both sides of zero.
+/// Sweeps a range on both sides of zero.
 pub fn both_signs(from: f32, to: f32, error: impl Fn(f32) -> f64 + Sync) -> Worst {
     sweep(from, to, &error).or(sweep(-from, -to, &error))
 }
 
-/// Numbers that are the same on every machine: SplitMix64.
+/// Random numbers that are the same on every machine (SplitMix64).
 pub struct Random(pub u64);
 
 impl Random {
-    /// In [0, 1).
+    /// Returns a number in [0, 1).
     pub fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -104,7 +104,7 @@ impl Random {
         ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// In [lower, upper).
+    /// Returns a number in [lower, upper).
     pub fn between(&mut self, lower: f64, upper: f64) -> f64 {
         lower + self.unit() * (upper - lower)
     }

@@ -1,19 +1,19 @@
-//! The errors that are allowed, and the words for one that was found.
+//! The table of allowed errors, and its output.
 
 use crate::sweep::Worst;
 
-/// What an error of the `f64` function may add, in ulp of `f32`: an ulp and more of `f64` (`vectors.rs` measures 0.6).
+/// Largest error of the `f64` reference, in ulp of `f32`: more than an ulp of `f64` (`vectors.rs` measures 0.6).
 pub const REFERENCE: f64 = 1.0 / (1_u32 << 28) as f64;
 
-/// One row: a function, where, and the largest error in units in the last place of `f32`.
+/// One row of the table: a function, its range, and its largest error in ulp of `f32`.
 pub struct Row {
-    /// The function, as the printed table has it.
+    /// The function's name in the printed table.
     pub function: &'static str,
-    /// Its arguments.
+    /// The range of its arguments.
     pub range: &'static str,
-    /// What an ulp is measured at.
+    /// The size of number whose ulp is the unit.
     pub unit: &'static str,
-    /// The bound.
+    /// The largest allowed error.
     pub allowed: f64,
 }
 
@@ -21,7 +21,7 @@ impl Row {
     /// Prints the row.
     ///
     /// # Panics
-    /// When more than allowed was found.
+    /// If a larger error than allowed was found.
     pub fn check(&self, found: &Worst) {
         let Self {
             function,
@@ -43,7 +43,7 @@ impl Row {
     }
 }
 
-/// One ulp of `f32` at the magnitude of `truth`; that of the smallest normal number below it.
+/// Returns one ulp of `f32` at the magnitude of `truth`. Below the smallest normal number, that number's ulp.
 pub fn ulp(truth: f64) -> f64 {
     let exponent = if truth == 0.0 {
         -126
@@ -53,12 +53,13 @@ pub fn ulp(truth: f64) -> f64 {
     libm::ldexp(1.0, exponent.max(-126) - 23)
 }
 
-/// The error of `computed` in ulp of `truth`, and what the reference may add.
+/// Returns the error of `computed` in ulp of `truth`, with the error of the reference added.
 pub fn error(computed: f32, truth: f64) -> f64 {
     (f64::from(computed) - truth).abs() / ulp(truth) + REFERENCE
 }
 
-/// The same in ulp of numbers from ½ to 1: an absolute error, in units of 2⁻²⁴.
+/// Returns the error in ulp of numbers from ½ to 1: an absolute error in units of 2⁻²⁴, with the error of the reference
+/// added.
 pub fn absolute_error(computed: f32, truth: f64) -> f64 {
     (f64::from(computed) - truth).abs() * f64::from(1 << 24) + REFERENCE
 }

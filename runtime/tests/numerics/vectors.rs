@@ -1,4 +1,4 @@
-//! The functions of `f32`, and the `f64` ones that the sweeps take for the truth, against 50 digits.
+//! The `f32` functions, and the `f64` functions that the sweeps use as reference, against 50 digits.
 
 use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
 use poegp_runtime::math::scalar::Scalar;
@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::sweep::Worst;
 use crate::table::ulp;
 
-/// Largest error that a function of `f64` may have, in its own ulp, for [`crate::table::REFERENCE`] to cover it.
+/// Largest error of an `f64` function in its own ulp, so that [`crate::table::REFERENCE`] covers it.
 const REFERENCE_ULP: f64 = 1.0;
 
 struct Truth {
@@ -17,7 +17,7 @@ struct Truth {
 }
 
 impl Truth {
-    /// The error of `value` in ulp of a type with so many digits more than `f32`.
+    /// Returns the error of `value` in ulp of a type with `digits` binary digits more than `f32`.
     fn error(&self, value: f64, digits: i32) -> f64 {
         let error = ((value - self.high) - self.low).abs();
         error / ulp(self.high) * libm::ldexp(1.0, digits)
@@ -44,7 +44,7 @@ fn table(name: &str) -> Vec<Truth> {
         .collect()
 }
 
-/// Both functions at every argument of a table.
+/// Compares both functions at every argument of a table.
 fn compare(
     name: &str,
     single: impl Fn(&[f32]) -> f32,
@@ -74,7 +74,7 @@ fn exp2_and_sqrt() {
     compare("sqrt", |x| Scalar::sqrt(x[0]), |x| Scalar::sqrt(x[0]), 0.5);
 }
 
-/// In ulp of numbers from ½ to 1: beside a zero the `f32` ones promise an absolute error only.
+/// In ulp of numbers from ½ to 1, because near a zero the `f32` functions promise only an absolute error.
 #[test]
 fn sine_and_cosine() {
     for (name, sine) in [("sin", true), ("cos", false)] {
@@ -109,7 +109,7 @@ fn arc_tangent() {
     );
 }
 
-/// The reference of the sweep takes the power of a rounded exponent, too, hence more ulp of `f64`: those that the sweep adds.
+/// The reference of the sweep also takes the power of a rounded exponent, so it has more ulp of `f64`; the sweep adds them.
 #[test]
 fn correlation() {
     let kernel = QuadraticKernel::<f32> {

@@ -1,4 +1,4 @@
-//! An arm whose numbers a proof can change one by one: the owned counterpart of a blob.
+//! An arm whose numbers a test can change one by one: a blob that owns its data.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
@@ -12,10 +12,10 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_runtime::model::Model;
 use poegp_runtime::trace::Observer;
 
-/// Room for the inducing points of every arm here.
+/// Capacity for the inducing points of every arm here.
 pub const WORDS: usize = 1_024;
 
-/// An arm; `blob` borrows it.
+/// An arm. `blob` borrows from it.
 #[derive(Clone, Debug)]
 pub struct Arm {
     pub joints: Vec<Joint>,
@@ -48,7 +48,7 @@ pub struct Task {
     pub rows: Vec<f32>,
 }
 
-/// Numbers without order and without randomness, in [−1, 1].
+/// Returns numbers in [−1, 1] that look random but are the same in every run.
 pub fn scattered(seed: u32) -> impl FnMut() -> f32 {
     let mut state = seed;
     move || {
@@ -58,7 +58,7 @@ pub fn scattered(seed: u32) -> impl FnMut() -> f32 {
 }
 
 impl Arm {
-    /// An arm of `joints` joints, every third prismatic, with `points` inducing points and a payload: sound.
+    /// Returns a valid arm of `joints` joints, every third prismatic, with `points` inducing points and a payload.
     pub fn sound(joints: usize, points: usize) -> Self {
         let mut next = scattered(joints as u32 * 1_000 + points as u32);
         let mut frame = || {
@@ -110,9 +110,9 @@ impl Arm {
         }
     }
 
-    /// An arm with an elastic correction: about `points` inducing points in two payload groups, as many for each joint, whose
-    /// kernels look at one joint, two joints, … up to all of them; two ripple terms, own-joint curves. Every third joint
-    /// slides if `sliding`.
+    /// Returns an arm with an elastic correction. Each joint has about `points` inducing points in two payload groups. The
+    /// kernels depend on one joint, two joints, … up to all of them. There are two ripple terms and own-joint curves. Every
+    /// third joint is prismatic if `sliding`.
     pub fn elastic(joints: usize, points: usize, sliding: bool) -> Self {
         let mut arm = Self::sound(joints, 0);
         arm.task = None;
@@ -135,7 +135,7 @@ impl Arm {
         let each = points.div_ceil(joints);
         for (c, kernel) in kernels.iter_mut().enumerate() {
             for (joint, rate) in kernel.rates.iter_mut().enumerate() {
-                // Joint c first, then those that follow.
+                // The kernel of joint c depends on joint c and some of those that follow.
                 if (joint + joints - c) % joints > c {
                     *rate = 0.0;
                 }
@@ -193,17 +193,17 @@ impl Arm {
         arm
     }
 
-    /// Its elastic correction, to be changed.
+    /// Returns the elastic correction, for changes.
     pub fn joint_space(&mut self) -> &mut Elastic<'static> {
         self.elastic.as_mut().expect("an elastic correction")
     }
 
-    /// Its correction, to be changed.
+    /// Returns the task-space correction, for changes.
     pub fn task(&mut self) -> &mut Task {
         self.task.as_mut().expect("a correction")
     }
 
-    /// Every number that the runtime uses.
+    /// Returns every number that the runtime uses.
     pub fn numbers(&mut self) -> Vec<&mut f32> {
         let mut out: Vec<&mut f32> = Vec::new();
         let limits = self.joints.iter_mut().filter_map(|j| j.limits.as_mut());
@@ -243,7 +243,7 @@ impl Arm {
         out
     }
 
-    /// The blob of this arm.
+    /// Returns the blob of this arm.
     pub fn blob(&mut self) -> Blob<'_> {
         let rows = self.task.iter().flat_map(|task| &task.rows);
         let rows = rows.chain(&self.rows);
@@ -253,7 +253,7 @@ impl Arm {
         self.blob_with(&self.bytes)
     }
 
-    /// The same with these bytes of inducing points.
+    /// Returns the blob of this arm with these bytes as inducing points.
     pub fn blob_with<'a>(&'a self, rows: &'a [u8]) -> Blob<'a> {
         Blob {
             robot: Robot {
@@ -299,7 +299,7 @@ impl Arm {
         }
     }
 
-    /// The model of this arm.
+    /// Returns the model of this arm.
     pub fn model<T: Scalar>(&mut self) -> Model<T, WORDS> {
         let mut model = Model::new();
         model.load_decoded(&self.blob()).expect("a sound arm");
@@ -307,7 +307,7 @@ impl Arm {
     }
 }
 
-/// Every number that an evaluation shows, in order.
+/// All numbers of one evaluation, in order.
 #[derive(Debug, Default)]
 pub struct Seen {
     pub motions: Vec<f64>,
@@ -317,7 +317,7 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// Whether there is neither NaN nor infinity among them.
+    /// Returns whether no number is NaN or infinite.
     pub fn is_finite(&self) -> bool {
         let all = [&self.motions, &self.chain, &self.mean, &self.deflection];
         all.into_iter().flatten().all(|value| value.is_finite())

@@ -1,4 +1,4 @@
-//! The bound of a correction: no step and no size above its limits, whatever is asked for, and nothing changed below them.
+//! The bound of a live correction: no step and no size exceeds its limit, and a correction below the limits is not changed.
 
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::filter::CorrectionBound;
@@ -34,7 +34,7 @@ proptest! {
                 prop_assert!((x - before[joint]).abs() <= STEP + ROUNDING, "{x}");
                 let is_held = joint >= count || !wanted[joint].is_finite();
                 prop_assert!(!is_held || *x == before[joint]);
-                // In the direction of what is wanted, and not beyond.
+                // The step is towards the wanted value and does not pass it.
                 let goal = wanted[joint].clamp(-LIMIT, LIMIT);
                 prop_assert!(is_held || (goal - x).abs() <= (goal - before[joint]).abs() + ROUNDING);
             }
@@ -44,7 +44,7 @@ proptest! {
         prop_assert!(bound.at_zero());
     }
 
-    /// What stays below both limits passes, to the rounding of one sum.
+    /// A correction below both limits passes unchanged, up to the rounding of one sum.
     #[test]
     fn a_slow_correction_passes(steps in prop::collection::vec(-STEP..STEP, 1..200)) {
         let mut bound = CorrectionBound::new(LIMIT, STEP);
@@ -62,7 +62,7 @@ proptest! {
     }
 }
 
-/// From any size it is at zero after size / step cycles, to the bit, and says so.
+/// From any size the correction reaches exactly zero after size / step cycles, and `at_zero` reports it.
 #[test]
 fn it_goes_to_zero_and_arrives() {
     let mut bound = CorrectionBound::<f32>::new(0.02, 0.001);

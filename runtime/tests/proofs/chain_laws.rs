@@ -1,4 +1,4 @@
-//! The minimal form of a chain: the same poses, the same axes, and nothing left to change in it.
+//! The minimal form of a chain has the same poses and axes, and applying it again changes nothing.
 
 use poegp_runtime::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
 use poegp_runtime::kinematics::poe::{Poe, zero_joint_trig};
@@ -14,7 +14,7 @@ fn walk<T: Scalar>(poe: &Poe<T>, q: &[T]) -> (JointFrames<T>, Pose<T>) {
     chain.joint_trig_into(q, &mut motions);
     let mut frames = JointFrames::new();
     let target = chain.moved_frames_at(&motions, &mut frames);
-    // Both ways to f(q) give the same bits.
+    // Both ways to compute f(q) give the same bits.
     assert_eq!(chain.forward_at(&motions), target);
     (frames, target)
 }
@@ -26,7 +26,7 @@ fn is_the_same_chain(poe: &Poe<f64>, q: &[f64], tolerance: f64) -> Result<(), Te
     prop_assert!(error <= tolerance, "{error:e}");
     prop_assert_eq!(moved.len(), q.len());
     for (after, before) in moved.iter().zip(&frames) {
-        // Axes are the same lines in the same direction.
+        // The axes are the same lines with the same directions.
         let (z, old) = (after.rotation.column(2), before.rotation.column(2));
         prop_assert!((z - old).norm() <= tolerance);
         let across = (after.translation - before.translation).cross(&z);
@@ -43,7 +43,7 @@ proptest! {
         is_the_same_chain(&poe(&kinds, &frames), &q, 1e-12)?;
     }
 
-    /// Axes that are parallel, and such that are not quite.
+    /// Parallel axes, and axes that are nearly parallel.
     #[test]
     fn parallel_axes_are_nothing_special(
         (kinds, mut frames, q) in chains(),
@@ -56,7 +56,7 @@ proptest! {
         is_the_same_chain(&poe(&kinds, &frames), &q, 1e-12)?;
     }
 
-    /// What is stored in this form is what the device computes with.
+    /// A stored minimal form is the one that the device computes with.
     #[test]
     fn minimal_form_stays_as_it_is((kinds, frames, _) in chains()) {
         let stored = MinimalForm::new(&poe::<f64>(&kinds, &frames)).poe.cast::<f32>();

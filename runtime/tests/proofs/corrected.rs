@@ -1,4 +1,4 @@
-//! Corrected joints of arms that nobody fitted: any number of joints, sliding, coupled, and numbers without sense.
+//! Corrected joints of random arms: any number of joints, prismatic or coupled joints, and random numbers.
 
 use poegp_runtime::correct::{Corrected, MAX_JOINT_CHANGE};
 use poegp_runtime::guard::status::Status;
@@ -10,11 +10,11 @@ use proptest::prelude::*;
 use crate::arm::{Arm, WORDS};
 use crate::seeded::config;
 
-/// What an arm of a test is like.
+/// The kind of arm in a test.
 #[derive(Clone, Copy, Debug)]
 struct Shape {
     joints: usize,
-    /// 0 none, 1 task space, 2 elastic.
+    /// 0: none, 1: task space, 2: elastic.
     correction: usize,
     sliding: bool,
     coupled: bool,
@@ -31,7 +31,7 @@ fn shapes(joints: core::ops::RangeInclusive<usize>) -> impl Strategy<Value = Sha
     )
 }
 
-/// Such an arm, its frames some millimetres and milliradians off the nominal ones.
+/// Returns an arm of this shape. Its frames are a millimetre and a milliradian from the nominal ones.
 fn arm(shape: Shape) -> Arm {
     let n = shape.joints;
     let mut arm = match shape.correction {
@@ -58,7 +58,7 @@ fn arm(shape: Shape) -> Arm {
     arm
 }
 
-/// Distance (m) between where the model stands at `command` and where the nominal arm would at `joints`.
+/// Returns the distance (m) between the model's pose at `command` and the nominal pose at `joints`.
 fn distance(model: &Model<f64, WORDS>, joints: &[f64], command: &[f64], payload_kg: f64) -> f64 {
     let pose = model.evaluate(command, payload_kg).pose;
     let error = model.nominal(joints).unwrap().translation - pose.translation;
@@ -72,8 +72,8 @@ fn wide<T: Scalar>(found: &Corrected<T>, joints: usize) -> Vec<f64> {
 proptest! {
     #![proptest_config(config(91, 400))]
 
-    /// By the f64 model, the target is never farther off than before, in both number types; no joint moves far; what is
-    /// said of the rest is true.
+    /// According to the f64 model, a corrected command in either number type is never farther off than the command; no joint
+    /// changes by more than its limit; and the stated position error is right.
     #[test]
     fn never_worse_and_never_far(
         shape in shapes(1..=8),
@@ -102,7 +102,7 @@ proptest! {
         prop_assert!((f64::from(all.position_error) - after).abs() <= 0.05 * after + 1e-5);
     }
 
-    /// Whatever the blob says, if it loads, and whatever is asked.
+    /// All answers are finite, for any blob that loads and any query.
     #[test]
     fn no_number_is_ever_not_one(
         shape in shapes(1..=8),
@@ -126,8 +126,8 @@ proptest! {
     }
 }
 
-/// Random poses of random arms, of 5 mm and 0.05 rad, singular ones included: what is said to be applied in full is there,
-/// and most are nearer than before. Arms of five joints reach the position, too.
+/// Random poses of random arms, including singular ones. Of the commands that state full correction, nine of ten are within
+/// 5 µm, and many poses are twice as near as before. Arms of five joints reach the position as well.
 #[test]
 fn what_is_applied_is_there() {
     for joints in 5..=8 {
@@ -192,7 +192,7 @@ fn what_cannot_be_corrected_is_answered_as_it_came() {
     assert_eq!(found.status, Status::BAD_INPUT);
 }
 
-/// The ranges are those of the command.
+/// The status compares the command with the trained ranges.
 #[test]
 fn commands_outside_the_trained_ranges_say_so() {
     let mut arm = arm(Shape {

@@ -1,5 +1,5 @@
-//! What an answer says of itself is true: recomputed by an evaluation at the corrected joints, which knows nothing of the
-//! search that found them.
+//! What an answer states of itself is true. The tests recompute it with an evaluation at the corrected joints, which does not
+//! use the search.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::CorrectionLimit;
@@ -10,10 +10,10 @@ use poegp_runtime::model::Model;
 
 use crate::arm::{Arm, WORDS};
 
-/// Poses of each arm.
+/// Number of poses for each arm.
 const POSES: u32 = 600;
 
-/// An arm whose frames are off by `size` metres and radians at most; with a task-space correction, or an elastic one.
+/// Returns an arm whose frames are off by at most `size` metres and radians, with a task-space or an elastic correction.
 fn arm(joints: usize, elastic: bool, size: f32) -> Arm {
     let mut arm = match elastic {
         false => Arm::sound(joints, 20),
@@ -27,13 +27,13 @@ fn arm(joints: usize, elastic: bool, size: f32) -> Arm {
     arm
 }
 
-/// Joints within the trained ranges.
+/// Returns joints within the trained ranges.
 fn poses(joints: usize) -> impl Iterator<Item = Vec<f64>> {
     let joint = |index: u32, i: u32| 2.0 * libm::sin(f64::from(index * 17 + i * 5) * 1.3);
     (0..POSES).map(move |index| (0..joints as u32).map(|i| joint(index, i)).collect())
 }
 
-/// Distance (m) and angle (rad) between where the model stands at `command` and where the nominal arm would at `joints`.
+/// Returns the distance (m) and angle (rad) between the model's pose at `command` and the nominal pose at `joints`.
 fn apart(model: &Model<f64, WORDS>, joints: &[f64], command: &[f64]) -> (f64, f64) {
     let (wanted, found) = (
         model.nominal(joints).unwrap(),
@@ -46,8 +46,7 @@ fn apart(model: &Model<f64, WORDS>, joints: &[f64], command: &[f64]) -> (f64, f6
     )
 }
 
-/// `partly-corrected` is missing only where position and rotation are both there. Near singularities there are poses whose
-/// position is there and whose rotation is not.
+/// Without `PARTLY_CORRECTED`, both position and rotation are reached. Near singularities some poses reach only the position.
 #[test]
 fn corrected_means_position_and_rotation() {
     let mut rotation_alone_left = 0;
@@ -73,7 +72,7 @@ fn corrected_means_position_and_rotation() {
     assert!(rotation_alone_left > 200, "{rotation_alone_left}");
 }
 
-/// `applied` is what an evaluation finds: 1 − |error left| / |error before|, where a metre counts as much as a radian.
+/// `applied` equals 1 − |remaining error| / |error before|, where a metre counts as much as a radian.
 #[test]
 fn what_is_applied_is_what_has_gone() {
     let mut in_part = 0;
@@ -98,8 +97,9 @@ fn what_is_applied_is_what_has_gone() {
     assert!(in_part > 500, "{in_part}");
 }
 
-/// Moves the axis of a joint so many metres away from the target, and makes it turn. The limited step lets a joint come to the
-/// limit only if it displaces the target much farther than the others do, and only of an arm that need not hold a rotation.
+/// Moves the axis of a joint `length` metres away from the target and makes the joint revolute. The limited step reaches the
+/// limit of a joint only if that joint displaces the target much farther than the others, and only if the arm need not keep a
+/// rotation.
 fn with_lever(mut arm: Arm, joint: usize, length: f64) -> Arm {
     let shift = |x: f64| Pose::exp(&Twist::from_array(&[x, 0.0, 0.0, 0.0, 0.0, 0.0]));
     arm.joints[joint].kind = JointKind::Revolute;
@@ -118,7 +118,7 @@ fn with_lever(mut arm: Arm, joint: usize, length: f64) -> Arm {
     arm
 }
 
-/// No joint is changed by more than the limit, whichever joint it is that would be: the arms are off by decimetres.
+/// No joint changes by more than the limit, whichever joint would. The arms are off by decimetres.
 #[test]
 fn no_joint_is_changed_by_more_than_the_limit() {
     for elastic in [false, true] {
@@ -145,7 +145,7 @@ fn no_joint_is_changed_by_more_than_the_limit() {
     }
 }
 
-/// Nor is a serial joint that two of the controller's joints move.
+/// The limit also holds for a serial joint that two controller joints move.
 #[test]
 fn no_coupled_joint_is_changed_by_more_than_the_limit() {
     const JOINTS: usize = 5;
@@ -156,7 +156,7 @@ fn no_coupled_joint_is_changed_by_more_than_the_limit() {
         for joint in 0..JOINTS {
             arm.coupling[JOINTS * joint + joint] = 1.0;
         }
-        // The second serial joint turns with the first motor, too.
+        // The second serial joint turns with the first controller joint as well.
         arm.coupling[JOINTS] = 1.0;
         let model = arm.model::<f64>();
         for q in poses(JOINTS) {
@@ -169,8 +169,8 @@ fn no_coupled_joint_is_changed_by_more_than_the_limit() {
     assert!(at_the_limit > 20, "{at_the_limit}");
 }
 
-/// Where the correction is limited, the answer is that of the limited model. An evaluation bounds the twist of the target, the
-/// search bounds what the joints do to it.
+/// Where the correction limit acts, the answer is right for the limited model. The evaluation limits the twist of the target,
+/// whereas the search limits what the joints do to the target.
 #[test]
 fn a_bounded_model_is_corrected_as_far_as_its_bound() {
     for joints in 6..=8 {

@@ -1,4 +1,4 @@
-//! Own-joint curves: the series, its slope, and what a model makes of them.
+//! Own-joint curves: the series, its slope, and how a model uses them.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::limits::{MAX_CURVE_ORDER, MAX_JOINTS};
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, CURVE_ORDERS, Seen};
 use crate::seeded::config;
 
-/// Σ_k (α_k sin kq + β_k cos kq) and its derivative, term by term.
+/// Returns Σ_k (α_k sin kq + β_k cos kq) and its derivative, term by term.
 fn naive(words: &[f64], q: f64) -> (f64, f64) {
     let mut sums = (0.0, 0.0);
     for (i, pair) in words.chunks_exact(2).enumerate() {
@@ -60,8 +60,8 @@ proptest! {
         }
     }
 
-    /// What single precision loses of curves of 64 orders of 50 µrad each, at most 0.3 µrad: the recurrence loses most beside
-    /// q = 0 and half a turn.
+    /// For curves of 64 orders of 50 µrad each, single precision loses at most 0.3 µrad. The recurrence loses most near q = 0
+    /// and near a half turn.
     #[test]
     fn single_precision_loses_little(
         turn in 0..4_i32,
@@ -80,8 +80,8 @@ proptest! {
         prop_assert!(error < 3e-5, "{:e}", error);
     }
 
-    /// The deflection of a model with curves is that of the model without them and the curves of the controller's joints,
-    /// coupled or not.
+    /// The deflection of a model with curves equals that of the model without them plus the curves, evaluated at the
+    /// controller's joints, whether or not these are coupled.
     #[test]
     fn a_model_adds_the_curve_of_each_controller_joint(
         joints in 3_usize..=MAX_JOINTS,

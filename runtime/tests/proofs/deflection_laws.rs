@@ -1,5 +1,5 @@
-//! The formulas of the elastic correction against the same written differently: with angles instead of sines and
-//! cosines, with natural exponentials, with regressors one by one, with general exponentials of se(3).
+//! The formulas of the elastic correction, compared with the same formulas written differently: with angles instead of sines
+//! and cosines, natural exponentials, single regressors, and general exponentials of se(3).
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -17,7 +17,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe};
 
-/// The joints as the kernel compares them, without the runtime.
+/// Returns the joints in the form that the kernel compares, computed without the runtime.
 fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> JointTrig<T> {
     let mut out = [[T::ZERO; 2]; 8];
     for ((slot, kind), q) in out.iter_mut().zip(kinds).zip(q) {
@@ -33,7 +33,7 @@ fn places<T: KernelLoops>(kinds: &[JointKind], q: &[f64]) -> JointTrig<T> {
 /// Natural parameters of one kernel: w_d, w_m, a0, a1.
 type Natural = (Vec<f64>, f64, f64, f64);
 
-/// exp(-1/2 sum w_d d^2), d the chord of a revolute joint and the way of a prismatic one.
+/// Returns exp(−½ Σ w_d d²), where d is the chord of a revolute joint and the displacement of a prismatic one.
 fn direct_joint_factor(kinds: &[JointKind], natural: &Natural, a: &[f64], b: &[f64]) -> f64 {
     let mut sum = 0.0;
     for (d, kind) in kinds.iter().enumerate() {
@@ -76,7 +76,7 @@ fn kinds() -> impl Strategy<Value = Vec<JointKind>> {
     prop_oneof![turning, prop::collection::vec(any, 1..=8)]
 }
 
-/// Eight of each; weights up to `steepest`.
+/// Returns parameters of eight kernels, with weights up to `steepest`.
 fn naturals(steepest: f64) -> impl Strategy<Value = Vec<Natural>> {
     let weights = prop::collection::vec(0.0..steepest, 8);
     prop::collection::vec((weights, 0.0..0.2_f64, 0.0..2.0_f64, 0.0..0.1_f64), 8)
@@ -94,9 +94,8 @@ fn points(count: usize) -> impl Strategy<Value = Vec<Point>> {
     prop::collection::vec(point, 0..=count)
 }
 
-/// What the processes give at (q, m), and the same by the formula. `ranges` are the trained ranges of all joints or none,
-/// see [`JointProcesses::choose_loops`]. Point j is in the set of joint c unless j + c is a
-/// multiple of three.
+/// Returns the processes at (q, m), by the runtime and by the formula. `ranges` are the trained ranges of all joints, or
+/// empty; see [`JointProcesses::choose_loops`]. Point j is in the set of joint c unless j + c is a multiple of three.
 fn mean<T: KernelLoops>(
     kinds: &[JointKind],
     naturals: &[Natural],
@@ -153,7 +152,7 @@ fn mean_is_the_formula(
     let error = distance(&double, &expected);
     prop_assert!(error < 1e-11, "f64 {:e}", error);
     let (single, expected) = mean::<f32>(kinds, naturals, points, ranges, at);
-    // A kernel of rate W has an exponent of W steps of 2^-24 in f32; weights of 1, amplitudes of up to 17.
+    // In f32 a kernel of rate W has an exponent with W steps of 2^-24. The weights are up to 1, the amplitudes up to 17.
     let steepest = naturals
         .iter()
         .flat_map(|n| &n.0)
@@ -185,7 +184,7 @@ proptest! {
         let found = kernel.payload_factor(m, other);
         let expected = direct_payload_factor(&natural, m, other);
         prop_assert!((found - expected).abs() < 1e-13, "{} {}", found, expected);
-        // Alike with itself.
+        // A configuration has correlation 1 with itself.
         prop_assert!((kernel.joint_factor(&similarities(&kinds, &x, &x)) - 1.0).abs() < 1e-13);
     }
 
@@ -222,7 +221,7 @@ proptest! {
         }
     }
 
-    /// Unrolled loops for revolute joints, and the loop for everything else; with joints left out whose rate is zero.
+    /// Covers the unrolled loops for revolute joints, the general loop, and joints that are skipped because their rate is zero.
     #[test]
     fn posterior_mean_is_the_formula(
         kinds in kinds(),
@@ -241,7 +240,7 @@ proptest! {
             }
         }
         mean_is_the_formula(&kinds, &naturals, &points, &[], (&q, m))?;
-        // Sliding joints by the unrolled loops, where the scales allow it; all of the points are in these ranges.
+        // The unrolled loops also take prismatic joints if the scales allow it; all points are within these ranges.
         mean_is_the_formula(&kinds, &naturals, &points, &[(-3.0, 3.5); 8], (&q, m))?;
         let gentle: Vec<Natural> = naturals.iter().cloned().map(|mut natural| {
             natural.0.iter_mut().for_each(|weight| *weight *= 0.05);
@@ -250,8 +249,8 @@ proptest! {
         mean_is_the_formula(&kinds, &gentle, &points, &[(-3.0, 3.5); 8], (&q, m))?;
     }
 
-    /// Beyond its trained range a sliding joint's processes are what they are at its end, however far, and whatever the
-    /// rows say.
+    /// Beyond its trained range, a prismatic joint has the values at the end of the range, however far it is, whatever the
+    /// rows contain.
     #[test]
     fn sliding_joints_are_held_in_their_range(
         kinds in kinds(),
@@ -265,7 +264,7 @@ proptest! {
         let slides = |d: usize| kinds.get(d) == Some(&JointKind::Prismatic);
         let beyond: Vec<f64> = (0..8).map(|d| if slides(d) { 1.5 + far } else { q[d] }).collect();
         let at_the_end: Vec<f64> = (0..8).map(|d| if slides(d) { 1.5 } else { q[d] }).collect();
-        // Without a choice of loops there is nothing to hold: eight joints in one kernel are left to the others.
+        // Eight joints in one kernel use the general loop, which limits nothing.
         prop_assume!(kinds.len() < 8);
         let (found, _) = mean::<f32>(&kinds, &naturals, &points, &ranges, (&beyond, m));
         let (expected, _) = mean::<f32>(&kinds, &naturals, &points, &ranges, (&at_the_end, m));
@@ -280,7 +279,7 @@ proptest! {
         prop_assert!(found.iter().all(|value| value.is_finite()), "{:?}", found);
     }
 
-    /// Too steep for the exponential without a clamp.
+    /// Kernels so steep that the exponential needs its clamp.
     #[test]
     fn posterior_mean_of_steep_kernels(
         joints in 5_usize..=7,
@@ -290,12 +289,12 @@ proptest! {
         m in 0.0..12.0_f64,
     ) {
         let kinds = vec![JointKind::Revolute; joints];
-        // At an inducing point, where there is something left.
+        // At an inducing point, because elsewhere these kernels are zero.
         let q = points.get(at).map_or(vec![0.5; 8], |point| point.0.clone());
         mean_is_the_formula(&kinds, &naturals, &points, &[], (&q, m))?;
     }
 
-    /// The sum over regressors one by one; a prismatic joint feels the weight alone.
+    /// Compared with the sum over single regressors; a prismatic joint is moved by the weight alone.
     #[test]
     fn gravity_is_regressors_times_coefficients(
         (kinds, frames, q) in chains(),
@@ -313,7 +312,7 @@ proptest! {
         let mut numbers = numbers.into_iter();
         let mut vector = || Vector3::from_fn(|_, _| numbers.next().unwrap());
         let mut terms = GravityTerms::<f64>::zero();
-        // Along an axis or two as on a wall, upright, or anywhere.
+        // Gravity along one axis, along two as on a wall, or in any direction.
         terms.gravity = match pull {
             0 => Vector3::new(0.0, 0.0, -9.81),
             1 => Vector3::new(9.81, 0.0, -1.0),
@@ -321,7 +320,7 @@ proptest! {
             _ => vector() * 9.81,
         };
         for (c, parts) in parts.iter().enumerate().take(n).skip(idle) {
-            // Any of the parts may be nothing.
+            // Each part may be absent.
             let part = |bit: usize| f64::from(u8::from(parts & bit != 0));
             for j in c..n {
                 terms.links[c][j] = vector() * part(1);
@@ -351,7 +350,7 @@ proptest! {
         prop_assert!(found[n..].iter().chain(&fast[n..]).all(|value| *value == 0.0));
     }
 
-    /// delta^5/120 is what the series leaves out.
+    /// The series leaves out δ⁵/120.
     #[test]
     fn a_small_turn_is_the_sine_of_the_sum(q in -4.0..4.0_f64, delta in -0.1..0.1_f64, way in -1.0..1.0_f64) {
         let mut motions = zero_joint_trig();
@@ -364,7 +363,7 @@ proptest! {
         prop_assert!((moved[0][0] - libm::sin(q + delta)).abs() <= left_out);
         prop_assert!((moved[0][1] - libm::cos(q + delta)).abs() <= left_out);
         prop_assert_eq!(moved[1], [way + delta, 0.0]);
-        // Beyond the joints nothing moves, and nothing deflected is nothing changed.
+        // Other joints do not move, and a deflection of zero changes nothing.
         prop_assert_eq!(moved[2], [0.0; 2]);
         deflection.fill(0.0);
         let still = deflected(&motions, &kinds, &deflection);
@@ -402,7 +401,7 @@ fn motions_are_sines_and_cosines_of_revolute_joints_and_values_of_prismatic_ones
     );
 }
 
-/// A prismatic joint may be so far away that the exponent is beyond what a power of two can take.
+/// A prismatic joint can be so far away that the exponent exceeds the range of a power of two.
 #[test]
 fn far_along_a_slide_the_factor_is_zero() {
     fn factor<T: KernelLoops>(metres: f64) -> f64 {

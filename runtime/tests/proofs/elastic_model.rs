@@ -1,4 +1,4 @@
-//! What a model with an elastic correction answers.
+//! The answers of a model with an elastic correction.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::guard::status::Status;
@@ -25,7 +25,7 @@ fn chain(arm: &Arm) -> Poe<f64> {
     MinimalForm::new(&Poe::new(&kinds(arm), &frames).unwrap()).poe
 }
 
-/// Orthonormal to f64: the polar factor, by Newton's iteration to its end.
+/// Returns the nearest rotation, orthonormal to the precision of f64: the polar factor, by Newton's iteration.
 fn nearest_rotation(mut pose: Pose<f64>) -> Pose<f64> {
     for _ in 0..4 {
         let r = pose.rotation;
@@ -34,7 +34,7 @@ fn nearest_rotation(mut pose: Pose<f64>) -> Pose<f64> {
     pose
 }
 
-/// q3 of the chain is q3 − q2.
+/// Couples the joints: q3 of the chain is q3 − q2.
 fn couple(arm: &mut Arm) {
     let n = arm.joints.len();
     arm.coupling = (0..n * n)
@@ -53,7 +53,7 @@ fn length(v: &nalgebra::Vector3<f64>) -> f64 {
 proptest! {
     #![proptest_config(config(71, 300))]
 
-    /// POE(C (q + δ)) by exact sines and cosines of the sum, and T_gp to first order beside it.
+    /// The pose is POE(C (q + δ)) with exact sines and cosines of the sum; the reported twist agrees with it to first order.
     #[test]
     fn the_pose_is_that_of_the_deflected_joints(
         joints in 1_usize..=8,
@@ -82,7 +82,7 @@ proptest! {
         prop_assert!(error < 1e-12, "{:e}", error);
         let plain = chain.forward(&serial(&q[..joints]));
         prop_assert!(distance(&seen.chain, &plain.to_rows()) < 1e-12);
-        // The frames are orthonormal as f32 are: what that makes of nothing is taken off.
+        // The frames are orthonormal only to f32, so even equal poses have a small residual, which is subtracted.
         let (twist, nothing) = (residual(&expected, &plain).to_array(), residual(&plain, &plain).to_array());
         let twist: [f64; 6] = core::array::from_fn(|i| twist[i] - nothing[i]);
         let largest = seen.deflection.iter().fold(0.0, |m: f64, d| m.max(d.abs()));
@@ -105,14 +105,13 @@ proptest! {
         let double = arm.model::<f64>().evaluate_observed(&wide[..joints], f64::from(m), &mut there);
         prop_assert_eq!(single.status, double.status);
         let error = distance(&here.deflection, &there.deflection);
-        // Ripple: 2e-5 rad at an angle of 140 rad, which f32 rounds to 8e-6.
+        // The ripple has 2e-5 rad at an angle of 140 rad, which f32 rounds by 8e-6.
         prop_assert!(error < 2e-8, "deflection {:e}", error);
         let error = distance(&single.pose.cast::<f64>().to_rows(), &double.pose.to_rows());
         prop_assert!(error < 1e-5, "pose {:e}", error);
     }
 
-    /// To first order the target is displaced by at most the bound and turned by at most the other, and the pose by no
-    /// more than the second order on top.
+    /// To first order, the target is displaced and turned by at most the two limits.
     #[test]
     fn the_bound_is_respected(
         joints in 1_usize..=8,
@@ -146,7 +145,7 @@ proptest! {
     }
 }
 
-/// Scaled back along the same direction, by one factor for all joints.
+/// The limit scales all joints by one factor, so the direction stays.
 #[test]
 fn a_bounded_correction_keeps_its_direction() {
     let mut arm = Arm::elastic(6, 20, false);
@@ -201,7 +200,7 @@ fn statuses_say_what_is_outside() {
     }
 }
 
-/// Payloads beyond eight times the heaviest, or beyond 8 kg where that is more, are taken for that.
+/// A payload above eight times the heaviest trained one, and above 8 kg, counts as the larger of the two.
 #[test]
 fn the_payload_is_held_at_eight_times_the_heaviest() {
     for (heaviest, held) in [(10.0, 80.0), (0.5, 8.0)] {
@@ -219,7 +218,7 @@ fn the_payload_is_held_at_eight_times_the_heaviest() {
     }
 }
 
-/// Whatever is carried counts as nothing then.
+/// Without a payload range, every payload counts as zero.
 #[test]
 fn a_model_without_payload_range_does_not_know_the_payload() {
     let mut arm = Arm::elastic(6, 20, false);
@@ -231,7 +230,7 @@ fn a_model_without_payload_range_does_not_know_the_payload() {
     assert_eq!(model.evaluate(&[0.3; 6], 500.0), empty);
 }
 
-/// What a ripple term adds to its joint, and nothing to the others.
+/// A ripple term is added to its own joint and to no other.
 #[test]
 fn a_ripple_term_moves_its_joint() {
     let mut arm = Arm::elastic(6, 10, false);
@@ -253,7 +252,7 @@ fn a_ripple_term_moves_its_joint() {
     }
 }
 
-/// The process sees the controller's joints, the chain the serial ones.
+/// The processes depend on the controller's joints, the chain on the serial ones.
 #[test]
 fn coupling_acts_after_the_deflection() {
     let mut plain = Arm::elastic(3, 10, false);

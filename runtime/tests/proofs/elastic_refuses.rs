@@ -1,4 +1,4 @@
-//! What is refused of an elastic correction, and that nothing that gets past it makes a NaN.
+//! Which elastic corrections are refused, and that those that load never produce a NaN.
 
 use nalgebra::Matrix3;
 use poegp_protocol::blob::Ripple;
@@ -12,7 +12,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, Seen, WORDS};
 use crate::seeded::config;
 
-/// An arm of three joints, the last of which slides, with one thing wrong, and what names it.
+/// Arms of three joints, the last prismatic, each with one mistake: its name, the arm, and the expected error.
 fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     let mut out = Vec::new();
     let mut add = |what, error, change: fn(&mut Arm)| {
@@ -146,7 +146,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
-/// What is wrong with inducing sets, with the name of the refusal.
+/// Returns mistakes in inducing sets, with the expected errors.
 fn wrong_sets() -> Vec<(&'static str, Arm, LoadError)> {
     let mut out = Vec::new();
     let mut add = |what, expected, change: &dyn Fn(&mut Arm)| {
@@ -226,7 +226,7 @@ fn what_is_wrong_with_inducing_sets_is_named_and_the_old_model_goes_on() {
     );
 }
 
-/// Half a row has no group that could describe it.
+/// Half a row is refused, because no group could describe it.
 #[test]
 fn rows_are_whole() {
     let mut arm = Arm::elastic(3, 4, false);
@@ -235,7 +235,7 @@ fn rows_are_whole() {
     assert_eq!(model.load_decoded(&arm.blob()), Err(LoadError::Groups));
 }
 
-/// What may be absent: everything but the bound.
+/// Everything may be absent except the correction limit.
 #[test]
 fn an_elastic_correction_may_be_empty() {
     let mut arm = Arm::elastic(6, 0, false);
@@ -268,7 +268,7 @@ fn task_space_and_elastic_models_replace_each_other() {
     }
 }
 
-/// Two joints on one axis turn against each other: the target stands still, so no bound on its motion acts.
+/// Two joints on one axis turn against each other. The target stands still, so limiting its motion is not enough.
 #[test]
 fn joints_that_cancel_are_limited() {
     for size in [1.0, 1e6] {
@@ -340,7 +340,7 @@ proptest! {
         prop_assert_eq!(answer.status.contains(Status::BAD_INPUT), bad);
     }
 
-    /// Numbers in between may overflow; the bound then takes the whole correction away.
+    /// Intermediate numbers may overflow; the limit then removes the whole correction.
     #[test]
     fn no_blob_makes_a_nan(
         joints in 1_usize..=8,
@@ -368,7 +368,7 @@ proptest! {
             let term = Ripple { joint, cycles, sin: 1e-4, cos: -1e-4 };
             arm.joint_space().ripple.push(term).unwrap();
         }
-        // Half of the changes go to the correction.
+        // Every other change is in the correction.
         let count = arm.numbers().len();
         let tail = count - (2 * 12 * (joints + 1) + 4 * joints + 2);
         for (number, (index, value)) in changes.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The filter and one event at a time: the first command, switches, jumps, gaps, repetitions, payloads.
+//! Single events at the filter: the first command, switches, jumps, gaps, repetitions, payloads.
 
 use poegp_runtime::filter::{CommandFilter, CompiledFilter, FilterCounts, FilterSettings, GRACE};
 use poegp_runtime::guard::status::Status;
@@ -40,7 +40,10 @@ fn small_corrections_take_the_blend_time_and_large_ones_that_of_the_limits() {
                 let (command, corrected, sent) = judge.step(&q, &c, engage, 1);
                 for i in 0..JOINTS {
                     let (x, c) = (sent[i] - command[i], corrected[i] - command[i]);
-                    assert!((x * c >= 0.0) & (x.abs() <= c.abs()), "beyond {x} of {c}");
+                    assert!(
+                        (x * c >= 0.0) & (x.abs() <= c.abs()),
+                        "the correction {x} exceeds the wanted one {c}"
+                    );
                 }
                 let goal = if engage { corrected } else { command };
                 if same(&sent, &goal) {
@@ -49,7 +52,7 @@ fn small_corrections_take_the_blend_time_and_large_ones_that_of_the_limits() {
                 count += 1;
             }
             let seconds = f64::from(count) * PERIOD;
-            // By rate, with the way of both ramps.
+            // The time at the limit of the rate, with both ramps.
             let by_limits = size / 0.02 + 0.02 / (0.35 * 0.5) + 0.05;
             println!("{size} rad, {engage}: {seconds:.3} s");
             assert!(seconds >= 0.45 && seconds <= by_limits.max(0.7));
@@ -89,7 +92,7 @@ fn on_a_regular_path_the_answer_passes_to_the_bit() {
     }
 }
 
-/// Through jumps, gaps, repetitions, switches and payloads; negative zeros, too.
+/// Also through jumps, gaps, repetitions, switches and payloads, and for negative zeros.
 #[test]
 fn a_model_that_corrects_nothing_passes_every_command_to_the_bit() {
     let mut dice = Dice(4);
@@ -131,10 +134,10 @@ fn a_repeated_request_is_answered_as_before_and_moves_nothing() {
             give(&mut twin, &q, &c, 1);
         }
         assert_eq!(bits(&give(&mut one, &q, &c, 0)), bits(&answer));
-        // Also if the model says something else now.
+        // Even if the model's correction has changed.
         let other = give(&mut one, &q, &dice.six(-0.05, 0.05), 0);
         assert_eq!(other.joints, answer.joints);
-        // Another command gets the correction that is applied.
+        // A different command without a new cycle gets the correction that is applied.
         let elsewhere = dice.six(-3.0, 3.0);
         let other = give(&mut one, &elsewhere, &c, 0);
         for i in 0..JOINTS {
@@ -168,7 +171,7 @@ fn late_commands_go_on_within_the_limits_of_their_time() {
     }
 }
 
-/// After a gap and after a jump of the command, wherever the model has changed to meanwhile.
+/// After a gap or a jump of the command, the correction is held, and then moves to the model's new one without overshoot.
 #[test]
 fn gaps_and_jumps_hold_the_correction_and_then_let_it_go() {
     let mut dice = Dice(7);
@@ -190,7 +193,7 @@ fn gaps_and_jumps_hold_the_correction_and_then_let_it_go() {
                         (x[i] - before[i]).abs() <= RATE * f64::from(n.min(GRACE)) + 1e-14,
                         "case {number}"
                     );
-                    // No overshoot: monotonic from the one to the other.
+                    // Monotonic from the old to the new correction, without overshoot.
                     let way = next[i] - c[i];
                     assert!((x[i] - before[i]) * way >= -1e-14 * size);
                     assert!((next[i] - x[i]) * way >= -1e-14 * size);
@@ -212,7 +215,7 @@ fn gaps_and_jumps_hold_the_correction_and_then_let_it_go() {
     }
 }
 
-/// A model that disappears, and one that gives up at some poses: the guard.
+/// The correction does not step when a model disappears and comes back: the filter's guard holds it.
 #[test]
 fn a_model_that_steps_does_not_make_the_correction_step() {
     let mut dice = Dice(9);
@@ -252,7 +255,7 @@ fn every_model_can_be_disengaged() {
     assert_eq!(answer.joints[..JOINTS], q);
 }
 
-/// Smooth, exact at its end, never beyond what was asked for; at once where nothing is applied.
+/// A payload changes smoothly and ends exactly at its value without overshoot. Without an applied correction it jumps.
 #[test]
 fn a_payload_is_reached_smoothly_and_to_the_bit() {
     let mut dice = Dice(11);
@@ -296,7 +299,7 @@ fn a_payload_is_reached_smoothly_and_to_the_bit() {
     assert_eq!(filter.payload(3.0, 1), 3.0);
 }
 
-/// The command stands still, and nothing but the payload changes: 50 mrad, which is too much for the blend time.
+/// The command stands still and only the payload changes. Its effect of 50 mrad is too large for the blend time.
 #[test]
 fn a_payload_moves_a_standing_arm_within_the_limits() {
     let mut dice = Dice(12);
@@ -316,7 +319,7 @@ fn a_payload_moves_a_standing_arm_within_the_limits() {
     assert!(same(&corrected, &sent));
 }
 
-/// The same while the arm moves. The answer says that it blends until the payload is reached.
+/// The same for a moving arm. The answer states blending until the payload is reached.
 #[test]
 fn a_payload_moves_a_moving_arm_within_the_limits() {
     for seed in 30..38 {
@@ -342,7 +345,7 @@ fn a_payload_moves_a_moving_arm_within_the_limits() {
     }
 }
 
-/// A correction that drifts while the command creeps and an offset is taken back.
+/// Tests a correction that drifts while the command creeps and the filter removes an offset.
 fn drifts<T: CompiledFilter>(period: f64, drift: f64) {
     let mut filter = CommandFilter::<T>::new();
     let settings = FilterSettings::with_period(T::from_f64(period));
@@ -367,14 +370,14 @@ fn drifts<T: CompiledFilter>(period: f64, drift: f64) {
     }
 }
 
-/// At short periods and in double precision, too.
+/// What counts as rounding stays small compared with the rate, at short periods and in double precision too.
 #[test]
 fn what_counts_as_rounding_is_little_beside_the_rate() {
     drifts::<f32>(1e-4, 3.4e-6);
     drifts::<f64>(1e-3, 7.9e-6);
 }
 
-/// The smallest step per cycle that single precision takes.
+/// The smallest step per cycle that single precision accepts.
 #[test]
 fn the_slowest_settings_arrive() {
     let mut filter = CommandFilter::<f32>::new();
@@ -393,7 +396,7 @@ fn the_slowest_settings_arrive() {
     }
 }
 
-/// One event after another, in both number types. Largest differences in rad: of all answers, and with both settled.
+/// Runs random events in both number types. Returns the largest differences in rad: of all answers, and of settled ones.
 fn largest_differences(seed: u64, payloads: bool) -> [f64; 2] {
     let mut dice = Dice(seed);
     let mut one = CommandFilter::<f32>::new();
@@ -429,8 +432,8 @@ fn largest_differences(seed: u64, payloads: bool) -> [f64; 2] {
     worst
 }
 
-/// A payload that changes while the arm stands makes offsets of the rounding of q*, and the weight waits for them
-/// more or less long: some cycles at 20 µrad. Without, a way may end a cycle earlier or later.
+/// A payload that changes while the arm stands makes offsets as small as the rounding of q*, and the weight waits for them for
+/// a few cycles more or less, at 20 µrad each. Without payloads, a motion may end a cycle earlier or later.
 #[test]
 fn single_precision_follows_double() {
     for (payloads, limit) in [(false, 60e-6), (true, 1e-3)] {

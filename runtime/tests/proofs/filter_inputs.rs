@@ -1,4 +1,4 @@
-//! The filter and input that is none: bad commands, other joints, settings, arbitrary numbers.
+//! Invalid input to the filter: bad commands, another number of joints, settings, arbitrary numbers.
 
 use poegp_runtime::filter::{CommandFilter, FilterError, FilterSettings, MAX_CORRECTION};
 use poegp_runtime::guard::status::Status;
@@ -38,11 +38,11 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
                 assert_eq!(other.status, Status::BAD_INPUT);
             }
             assert_eq!(one.counts().bad, 5);
-            // Three cycles have passed, and one does now.
+            // Three of the bad calls have counted a cycle, and this call counts one more.
             give(&mut one, &q, &c, 1);
             give(&mut twin, &q, &c, 4);
             assert_twins(&mut one, &mut twin, &q, &c);
-            // Nothing of that number was answered.
+            // No command with that number of joints was answered before.
             let other = one.step(&bad[..4], &good, Status::OK, true, 1);
             assert_eq!(other.joints[..4], [q[0], q[1], 0.0, q[3]]);
             assert_eq!(other.joints[4..], [0.0; 4]);
@@ -50,7 +50,7 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
     }
 }
 
-/// A model that refuses every command, say for its payload, does not keep its correction from being taken back.
+/// A model that refuses every command, for example for its payload, does not prevent the filter from removing the correction.
 #[test]
 fn what_the_model_refuses_is_taken_back_all_the_same() {
     let mut dice = Dice(21);
@@ -71,7 +71,7 @@ fn what_the_model_refuses_is_taken_back_all_the_same() {
             assert!(cycle < 8_000);
         }
         judge.assert("refused by the model");
-        // Not what no filter can use.
+        // This excludes input that no filter can use.
         let bad = judge
             .filter
             .step(&[f64::NAN; JOINTS], &q, Status::BAD_INPUT, false, 1);
@@ -91,7 +91,7 @@ fn another_number_of_joints_starts_anew() {
     assert_eq!(bad.status, Status::BAD_INPUT);
 }
 
-/// As a static is made.
+/// In a constant, as a static is initialised.
 const EMPTY: CommandFilter<f32> = CommandFilter::new();
 
 #[test]
@@ -134,7 +134,7 @@ fn settings_out_of_range_are_refused() {
         ..FilterSettings::with_period(0.05_f32)
     };
     assert_eq!(filter.configure(&short), Err(FilterError::Blend));
-    // Smaller steps than single precision can add to a correction.
+    // Steps below what single precision can add to a correction.
     let slow = FilterSettings {
         rate: 2.9e-4,
         ..FilterSettings::with_period(50e-6)
@@ -145,7 +145,7 @@ fn settings_out_of_range_are_refused() {
         ..FilterSettings::<f64>::with_period(50e-6)
     };
     assert_eq!(slow.check(), Ok(()));
-    // Without settings nothing is corrected.
+    // Without settings, nothing is corrected.
     for _ in 0..1_000 {
         let answer = filter.step(&[0.5], &[0.51], Status::OK, true, 1);
         assert_eq!((answer.joints[0], answer.weight), (0.5, 0.0));

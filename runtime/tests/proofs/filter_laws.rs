@@ -1,15 +1,15 @@
-//! The filter on random paths: no limit is broken by any order of switches, and every switch ends at the answer itself.
+//! The filter on random paths: no order of switches breaks a limit, and every switch ends exactly at the requested answer.
 
 use poegp_runtime::filter::CompiledFilter;
 
 use crate::filter_paths::{Correction, Dice, Judge, PERIOD, Path, same};
 
-/// For f64 nothing but the rounding of q + x; for f32 so many roundings of q and of q* (half an ulp is 0.12 µrad below
-/// 4 rad), with the noise of the path's part in between.
+/// Allowances for rounding, of a step and of a second difference. In f64 only q + x is rounded; in f32 q and q* are rounded as
+/// well (half an ulp is 0.12 µrad below 4 rad), and the filter counts some rounding as path.
 const EXACT: [f64; 2] = [1e-14, 2e-14];
 const SINGLE: [f64; 2] = [0.5e-6, 1e-6];
 
-/// A path, a service that exchanges models, and what it wants.
+/// A path, the model and its successor, and the switches.
 struct Scene {
     dice: Dice,
     path: Path,
@@ -34,7 +34,7 @@ impl Scene {
         }
     }
 
-    /// One cycle, `cycles` after the last. Whether the answer is the one that is asked for, to the bit.
+    /// Runs one cycle, `cycles` after the last. Returns whether the answer equals the requested one, to the bit.
     fn cycle<T: CompiledFilter>(&mut self, judge: &mut Judge<T>, cycles: u32) -> bool {
         self.path.advance(&mut self.dice, cycles);
         if judge.filter.disengaged()
@@ -73,7 +73,7 @@ impl Scene {
         }
     }
 
-    /// Cycles until the answer is the one asked for, for 50 cycles on end.
+    /// Runs until the answer has been the requested one for 50 cycles. Returns the number of cycles.
     fn settle<T: CompiledFilter>(&mut self, judge: &mut Judge<T>) -> u32 {
         let (mut count, mut good) = (0, 0);
         while good < 50 {

@@ -1,4 +1,4 @@
-//! Random paths and corrections for the proofs of the filter, and a judge that knows only what goes in and out.
+//! Random paths and corrections for the tests of the filter, and a judge that uses only the filter's input and output.
 
 use poegp_runtime::filter::CompiledFilter;
 use poegp_runtime::filter::{CommandFilter, FilterSettings, Filtered, GRACE, JUMP};
@@ -33,7 +33,7 @@ impl Dice {
     }
 }
 
-/// Joints that swing with up to 3 rad/s, and sometimes stop and go on.
+/// Joints that swing with up to 3 rad/s, and sometimes stop for a while.
 pub struct Path {
     middle: Six,
     speed: Six,
@@ -64,7 +64,7 @@ impl Path {
             ..Self::new(dice)
         }
     }
-    /// `cycles` later.
+    /// Advances by `cycles`.
     pub fn advance(&mut self, dice: &mut Dice, cycles: u32) {
         for _ in 0..cycles {
             if dice.below(1_000) == 0 {
@@ -83,7 +83,7 @@ impl Path {
     }
 }
 
-/// A smooth correction of 1 to 50 mrad with slopes up to 0.15, part of it by the payload.
+/// A smooth correction of 1 to 50 mrad with slopes up to 0.15, which partly depends on the payload.
 #[derive(Clone)]
 pub struct Correction {
     size: f64,
@@ -122,13 +122,13 @@ impl Correction {
     }
 }
 
-/// What the judge has seen last.
+/// What the judge saw at the last call.
 #[derive(Clone)]
 struct Seen {
     command: Six,
     correction: Six,
     x: Six,
-    /// Own step per cycle, and what it is compared with.
+    /// The filter's own step per cycle (what the path does not explain), and the value that the next one is compared with.
     own: Six,
     before: Six,
     weight: f64,
@@ -139,38 +139,38 @@ struct Seen {
     change: Six,
 }
 
-/// Largest numbers, as parts of their limits.
+/// The largest values, as shares of their limits.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Worst {
-    /// |Δx| of ½ max|Δq| + noise + rate.
+    /// |Δx| relative to ½ max|Δq| + noise + rate.
     pub step: f64,
-    /// |own| of rate.
+    /// |own| relative to the rate.
     pub own: f64,
-    /// |Δ own| of the acceleration.
+    /// |Δ own| relative to the acceleration.
     pub jerk: f64,
-    /// |Δ²x − w Δ²c| of the acceleration, where nothing was held.
+    /// |Δ²x − w Δ²c| relative to the acceleration, where nothing was held.
     pub plain: f64,
-    /// |Δ²x| of the acceleration where the command stands still.
+    /// |Δ²x| relative to the acceleration, where the command stands still.
     pub standing: f64,
-    /// Calls of which `plain` is made.
+    /// Number of values in `plain`.
     pub calls: u32,
 }
 
-/// A filter, and what its laws say about every answer.
+/// A filter, and the laws that every answer must satisfy.
 pub struct Judge<T> {
     pub filter: CommandFilter<T>,
     pub worst: Worst,
     pub answer: Option<Filtered<T>>,
-    /// Allowed for rounding: of a step, and of a second difference.
+    /// Allowance for rounding, of a step and of a second difference.
     rounding: [f64; 2],
-    /// Payload of the last step, and whether it has moved since.
+    /// Payload of the last step, and whether it has changed since.
     payload: T,
     payload_moves: bool,
     seen: Option<Seen>,
     pub gave_up: u32,
 }
 
-/// Rounding that counts as path, by the rate per cycle.
+/// Returns the rounding that counts as part of the path, by the rate per cycle.
 pub fn noise<T>(rate: f64) -> f64 {
     let is_single = size_of::<T>() == 4;
     (0.5 * rate).min(if is_single { 3e-6 } else { 1e-12 })
@@ -196,7 +196,7 @@ impl<T: CompiledFilter> Judge<T> {
         }
     }
 
-    /// The payload at which the model is to be asked.
+    /// Returns the payload at which the model is evaluated.
     pub fn payload(&mut self, asked: T, cycles: u32) -> T {
         let payload = self.filter.payload(asked, cycles);
         self.payload_moves |= payload != self.payload;
@@ -204,7 +204,7 @@ impl<T: CompiledFilter> Judge<T> {
         payload
     }
 
-    /// Gives a command and its correction to the filter and checks every limit. Returns command, corrected joints, answer.
+    /// Gives a command and its correction to the filter and checks every limit. Returns command, corrected joints and answer.
     pub fn step(
         &mut self,
         q: &Six,
@@ -224,7 +224,7 @@ impl<T: CompiledFilter> Judge<T> {
         (command, corrected, sent)
     }
 
-    /// Gives a command that the model refuses, with the correction switched off; `c` is the last correction.
+    /// Gives a command that the model refuses, with the correction switched off. `c` is the last correction.
     pub fn refused(&mut self, q: &Six, c: &Six) -> Filtered<T> {
         let command: [T; JOINTS] = many(q);
         let corrected: [T; JOINTS] = many(&plus(q, c));
@@ -281,7 +281,7 @@ impl<T: CompiledFilter> Judge<T> {
             };
             now.plain = !lost & !jumped;
             let [of_step, of_change] = self.rounding;
-            // A filter that gives up has no weight at once and keeps x: that is no motion of the weight.
+            // A filter that gives up sets its weight to zero and keeps x, which is no motion of the weight.
             let gave_up = (weight == 0.0) & (last.weight > 1.7e-5 * scale);
             self.gave_up += u32::from(gave_up);
             let by_weight = if gave_up { 0.0 } else { weight - last.weight };
@@ -291,7 +291,7 @@ impl<T: CompiledFilter> Judge<T> {
                 now.plain &= (path - held).abs() <= of_step;
                 let own = now.step[i] - held;
                 now.own[i] = own / scale;
-                // What the weight has added at the last call, it added at the correction before it.
+                // The weight's change added its share at the last correction, not at this one.
                 now.before[i] = now.own[i] - by_weight / scale * now.change[i];
                 let limit = 0.5 * now.moved + rounding_of_q + RATE * n;
                 self.worst.step = self.worst.step.max((now.step[i].abs() - of_step) / limit);
@@ -316,7 +316,7 @@ impl<T: CompiledFilter> Judge<T> {
         self.seen = Some(now);
     }
 
-    /// Every limit holds.
+    /// Asserts that every limit held.
     pub fn assert(&self, what: &str) {
         let Worst {
             step,
@@ -357,7 +357,7 @@ pub fn give(filter: &mut CommandFilter<f64>, q: &Six, c: &Six, cycles: u32) -> F
     filter.step(q, &plus(q, c), Status::OK, true, cycles)
 }
 
-/// A filter that has settled at `q` with the correction `c`.
+/// Returns a filter that has settled at `q` with the correction `c`.
 pub fn settled(q: &Six, c: &Six) -> CommandFilter<f64> {
     let mut filter = filter();
     for _ in 0..6_000 {
@@ -374,7 +374,7 @@ pub fn bits<T: CompiledFilter>(answer: &Filtered<T>) -> Vec<u64> {
     joints.chain([u64::from(answer.status.bits())]).collect()
 }
 
-/// The filters give the same from now on.
+/// Asserts that both filters give the same answers from now on.
 pub fn assert_twins(a: &mut CommandFilter<f64>, b: &mut CommandFilter<f64>, q: &Six, c: &Six) {
     for k in 0..3_000 {
         let q = q.map(|q| q + 1e-3 * libm::sin(f64::from(k) * 0.01));

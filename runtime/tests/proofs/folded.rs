@@ -1,4 +1,4 @@
-//! The folded form of the paper's mean against the difference form: the same number, and hardly worse in `f32`.
+//! The folded form of the paper's mean, compared with the difference form: the same function, and hardly less exact in `f32`.
 
 use poegp_protocol::limits::{MAX_INPUTS, OUTPUTS};
 use poegp_runtime::gp::quadratic_posterior::{
@@ -7,8 +7,8 @@ use poegp_runtime::gp::quadratic_posterior::{
 
 use crate::arm::scattered;
 
-/// A mean of `points` points in the difference form, whose places fill a box of so many scaled units about a middle away from
-/// zero, and the half-widths of that box in units of the inputs.
+/// Returns a mean of `points` points in the difference form. The points fill a box of half-width `half` in scaled units,
+/// about a centre away from zero.
 fn mean(inputs: usize, points: usize, half: f32) -> (MeanHeader<f64>, Vec<f64>) {
     let mut next = scattered(100 * inputs as u32 + points as u32);
     let mut header = MeanHeader::zero(inputs);
@@ -24,13 +24,13 @@ fn mean(inputs: usize, points: usize, half: f32) -> (MeanHeader<f64>, Vec<f64>) 
     (header, rows)
 }
 
-/// Queries in a box so many times as wide.
+/// Returns queries in a box that is wider by the factor `stretch`.
 fn queries(inputs: usize, half: f32, stretch: f32) -> impl Iterator<Item = [f64; MAX_INPUTS]> {
     let mut next = scattered(inputs as u32 + 7);
     (0..400).map(move |_| {
         let mut x = [0.0; MAX_INPUTS];
         for (d, slot) in x.iter_mut().enumerate().take(inputs) {
-            // As an `f32`: the query is the same for both number types.
+            // Rounded to `f32`, so that both number types get the same query.
             let value = (0.25 * d as f32 + stretch * half * next()) / 0.625;
             *slot = f64::from(value);
         }
@@ -38,7 +38,7 @@ fn queries(inputs: usize, half: f32, stretch: f32) -> impl Iterator<Item = [f64;
     })
 }
 
-/// Σ |weight| of each output.
+/// Returns Σ |weight| of each output.
 fn weights(inputs: usize, rows: &[f64]) -> [f64; OUTPUTS] {
     let mut out = [0.0; OUTPUTS];
     for row in rows.chunks_exact(row_words(inputs)) {
@@ -75,7 +75,7 @@ fn both_forms_are_one_function() {
                     worst = worst.max((a[c] - b[c]).abs() / size[c]);
                 }
             }
-            // What is left of a kernel where the folded form has none.
+            // The largest kernel value that the folded form drops.
             let reach = FOLDED_REACH - FOLDED_RADIUS;
             let bound = if stretch > 1.0 {
                 libm::exp2(-reach * reach)
@@ -88,7 +88,7 @@ fn both_forms_are_one_function() {
     }
 }
 
-/// Root mean square over queries within the inducing points and beyond, against the difference form in `f64`, in units of Σ |weight|.
+/// RMS errors for queries within and beyond the inducing points, against the difference form in `f64`, as shares of Σ |weight|.
 #[test]
 fn single_precision_loses_little_by_folding() {
     for inputs in 5..=8 {
@@ -154,7 +154,7 @@ fn a_mean_without_inducing_points_is_its_affine_part() {
     assert_eq!(header.mean(&[], &x), before);
 }
 
-/// The radius, but for a thousandth of its square: rounding to `f32` must not make a folded mean too wide.
+/// Points fold up to the radius, less a thousandth of its square: rounding to `f32` must not make a folded mean too wide.
 #[test]
 fn inducing_points_fold_up_to_the_radius() {
     for (squared, folds) in [(24.9, true), (25.01, false)] {
@@ -167,7 +167,7 @@ fn inducing_points_fold_up_to_the_radius() {
     }
 }
 
-/// What folds in `f64` is still within the radius when it is rounded to `f32`, as the loader sees it.
+/// What folds in `f64` is still within the radius after rounding to `f32`, as the loader sees it.
 #[test]
 fn what_folds_stays_within_the_radius_in_single_precision() {
     let mut next = scattered(5);
@@ -177,7 +177,7 @@ fn what_folds_stays_within_the_radius_in_single_precision() {
         header.input_scale[..6].fill(1.0);
         let direction: [f64; 6] = core::array::from_fn(|_| f64::from(next()));
         let length = libm::sqrt(direction.iter().map(|x| x * x).sum());
-        // From a ten-thousandth of the radius below it to the radius.
+        // From a thousandth below the radius to the radius.
         let place = FOLDED_RADIUS * (1.0 - 5e-4 * f64::from(1.0 + next()));
         let mut rows = [0.0; 2 * row_words(6)];
         for (d, x) in direction.iter().enumerate() {
@@ -197,7 +197,7 @@ fn what_folds_stays_within_the_radius_in_single_precision() {
     assert!((500..1_900).contains(&folded), "{folded}");
 }
 
-/// No query is so far away that the sum over the inducing points is no number: it is zero.
+/// However far a query is, the sum over the inducing points is zero and not NaN.
 #[test]
 fn far_away_the_affine_part_is_left() {
     for inputs in [3, 5, 6, 7, 8] {
@@ -216,8 +216,8 @@ fn far_away_the_affine_part_is_left() {
     }
 }
 
-/// In the difference form scaled inputs are held at ±200, where every kernel that can be fitted is zero; with rates near zero
-/// it is seen, and nothing is multiplied with infinity.
+/// The difference form limits scaled inputs to ±200, where every kernel that a fit can give is zero. Rates near zero make the
+/// limit visible, and nothing is multiplied by infinity.
 #[test]
 fn scaled_inputs_are_held() {
     let (mut header, rows) = mean(6, 30, 0.5);

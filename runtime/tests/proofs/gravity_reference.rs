@@ -1,7 +1,7 @@
 //! Gravity regressors against an independent implementation (`moment_features.json`).
 //!
-//! There a link has the frame of its joint after it moved, here the frame that follows: the fixed frame between them
-//! turns one into the other. There the lever of the payload ends at the last joint, here at the target.
+//! In the reference a link has the frame of its joint after the motion; here it has the frame that follows, and the fixed
+//! frame between them converts. In the reference the lever of the payload ends at the last joint; here it ends at the target.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -14,7 +14,7 @@ use crate::json::{array, list, numbers, parse, pose_rows};
 
 const JOINTS: usize = 6;
 
-/// Axis of a feature's name.
+/// Returns the axis in a feature's name.
 fn axis(letter: &str) -> usize {
     ["x", "y", "z"]
         .iter()
@@ -50,7 +50,7 @@ fn every_named_feature_is_a_regressor() {
         let at = GravityRegressors::new(&kinds, &joints, &target, &gravity);
         for (c, row) in list(phi).iter().enumerate() {
             let row = numbers(row);
-            // Regressor vector of link j (from 1) in the frame of its joint.
+            // The regressor vector of link j (from 1) in the frame of its joint.
             let link = |j: usize| rotate(&frames[j].rotation, &at.link(c, j - 1));
             for (name, expected) in names.iter().zip(&row) {
                 let (head, place) = name.split_once(':').unwrap_or((name, ""));
@@ -58,7 +58,7 @@ fn every_named_feature_is_a_regressor() {
                 let found = if joint.parse::<usize>().unwrap() != c + 1 {
                     0.0
                 } else if place.is_empty() {
-                    // The target is ahead of the last joint by the last fixed frame.
+                    // The target is beyond the last joint by the last fixed frame.
                     let ahead = link(JOINTS).dot(&frames[JOINTS].translation);
                     payload_kg * (at.payload(c).0 - ahead)
                 } else {

@@ -1,4 +1,4 @@
-//! Inverse kinematics: the inverse of where the arm stands, from near and from far, and of questions without sense.
+//! Inverse kinematics: inverts the pose of the arm from near and far seeds, and answers invalid queries with finite numbers.
 
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::scalar::Scalar;
@@ -11,14 +11,14 @@ use crate::seeded::config;
 
 static BLOB: &[u8] = include_bytes!("../../capi/examples/arm.blob");
 
-/// The calibrated arm of the examples.
+/// Returns the calibrated arm of the examples.
 pub fn example<T: Scalar>() -> Model<T, WORDS> {
     let mut model = Model::new();
     model.load(BLOB).unwrap();
     model
 }
 
-/// Displacement and angle between two poses.
+/// Returns the displacement and angle between two poses.
 pub fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     let norm = |v: nalgebra::Vector3<f64>| libm::sqrt(v.dot(&v));
     (
@@ -27,7 +27,7 @@ pub fn apart(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     )
 }
 
-/// Joints away from the singularities of the example's arm.
+/// Returns joints away from the singularities of the example arm.
 pub fn ordinary() -> impl Strategy<Value = [f64; 6]> {
     (
         -1.5..1.5,
@@ -43,7 +43,7 @@ pub fn ordinary() -> impl Strategy<Value = [f64; 6]> {
 proptest! {
     #![proptest_config(config(97, 200))]
 
-    /// Where the arm stands at q, it stands at q.
+    /// The inverse of the pose at q is q.
     #[test]
     fn is_the_inverse_of_the_pose(
         q in ordinary(),
@@ -65,7 +65,7 @@ proptest! {
         }
     }
 
-    /// A corrected command is the answer for the pose of the nominal arm.
+    /// The inverse of the nominal arm's pose agrees with the corrected command.
     #[test]
     fn agrees_with_the_corrected_command(q in ordinary(), kg in 0.0..5.0_f64) {
         let model = example::<f64>();
@@ -80,7 +80,7 @@ proptest! {
         }
     }
 
-    /// Single precision comes as near as its roundings allow.
+    /// Single precision reaches the pose as closely as its rounding allows.
     #[test]
     fn single_precision_arrives(q in ordinary(), off in prop::array::uniform6(-0.05..0.05_f64)) {
         let (single, double) = (example::<f32>(), example::<f64>());
@@ -93,7 +93,7 @@ proptest! {
         prop_assert!(!found.status.contains(Status::PARTLY_CORRECTED), "{found:?}");
     }
 
-    /// From any seed to any pose: never farther than the seed, and what is said of the rest is true.
+    /// From any seed to any pose: the answer is never farther than the seed, and states its remaining errors correctly.
     #[test]
     fn never_farther_than_the_seed(
         seed in prop::array::uniform6(-3.0..3.0_f64),
@@ -116,7 +116,7 @@ proptest! {
         );
     }
 
-    /// Whatever is asked of whatever arm.
+    /// All answers are finite, for any query of any arm.
     #[test]
     fn no_number_is_ever_not_one(
         joints in 1..=8_usize,
@@ -143,7 +143,7 @@ proptest! {
     }
 }
 
-/// From seeds all over the joint space most searches arrive: a few seeds find every branch.
+/// Most searches from seeds all over the joint space reach the pose, so a few seeds find every branch.
 #[test]
 fn most_seeds_arrive() {
     let model = example::<f64>();

@@ -7,7 +7,7 @@ pub fn parse(text: &str) -> Value {
     serde_json::from_str(text).expect("a JSON file")
 }
 
-/// All numbers in `value`, nested lists flattened in order.
+/// Returns all numbers in `value`, nested lists flattened in order.
 pub fn numbers(value: &Value) -> Vec<f64> {
     match value {
         Value::Array(items) => items.iter().flat_map(numbers).collect(),
@@ -16,27 +16,27 @@ pub fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-/// `value` as exactly N numbers.
+/// Returns `value` as an array of exactly N numbers.
 pub fn array<const N: usize>(value: &Value) -> [f64; N] {
     let numbers = numbers(value);
     numbers.try_into().expect("so many numbers")
 }
 
-/// The items of a list.
+/// Returns the items of a list.
 pub fn list(value: &Value) -> &[Value] {
     value.as_array().expect("a list")
 }
 
-/// The first three rows of a 4×4 (or 3×4) matrix.
+/// Returns the first three rows of a 4×4 (or 3×4) matrix.
 pub fn pose_rows(value: &Value) -> [f64; 12] {
     let numbers = numbers(value);
     core::array::from_fn(|index| numbers[index])
 }
 
-/// max |a − b|.
+/// Returns max |a − b|.
 pub fn largest_difference(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
     let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs());
-    // Not `f64::max`, which loses a NaN.
+    // `f64::max` would ignore a NaN.
     differences.fold(0.0, |largest, d| if d <= largest { largest } else { d })
 }

@@ -1,4 +1,4 @@
-//! The paper's kernel (eq. 5), one value and many at once.
+//! The paper's kernel (eq. 5), for one value and for many at once.
 
 use poegp_runtime::gp::quadratic_kernel::QuadraticKernel;
 use poegp_runtime::math::scalar::Scalar;
@@ -39,7 +39,7 @@ proptest! {
         prop_assert!(close(found, expected, 3e-6));
     }
 
-    /// As many as the shorter slice has, and no further.
+    /// Writes as many values as the shorter slice has, and no more.
     #[test]
     fn many_at_once_are_the_same(
         theta in prop::array::uniform4(0.1..3.0_f64),

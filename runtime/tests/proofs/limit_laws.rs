@@ -1,4 +1,4 @@
-//! The limit of a correction at its edges: a limit of zero, a twist at the limit, one that is no number.
+//! The correction limit at its edges: a limit of zero, a twist exactly at the limit, a twist with NaN.
 
 use nalgebra::Vector3;
 use poegp_runtime::guard::limit::{Limit, limited};
@@ -12,7 +12,7 @@ fn twist(linear: f32, angular: f32) -> Twist<f32> {
 }
 
 fn within(position: f32, angle: f32, given: &Twist<f32>) -> (Twist<f32>, bool) {
-    // Turning about x does not move a target on it.
+    // A rotation about x does not move a target at the origin.
     limited(&Limit { position, angle }, given, &Vector3::zeros())
 }
 
@@ -24,7 +24,7 @@ fn a_twist_at_the_bound_passes_unchanged() {
     assert_eq!(within(1.0, 0.02, &given), (given, false));
 }
 
-/// Both parts shrink by the same factor, the smaller one that is needed.
+/// Both parts shrink by the same factor, the smaller of the two that the limits require.
 #[test]
 fn a_twist_beyond_the_limit_is_scaled() {
     let given = twist(0.006, 0.02);
@@ -39,7 +39,7 @@ fn a_bound_of_zero_lets_nothing_through_and_divides_by_nothing() {
     assert_eq!(within(0.0, 0.0, &none), (none, false));
     assert_eq!(within(0.0, 0.02, &twist(0.001, 0.01)), (none, true));
     assert_eq!(within(0.003, 0.0, &twist(0.001, 0.01)), (none, true));
-    // What is exactly nothing is not what makes the factor.
+    // A part that is exactly zero does not determine the factor.
     assert_eq!(
         within(0.0, 0.01, &twist(0.0, 0.02)),
         (twist(0.0, 0.01), true)
@@ -50,7 +50,7 @@ fn a_bound_of_zero_lets_nothing_through_and_divides_by_nothing() {
     );
 }
 
-/// A twist with a component that is no number, or with a length that single precision does not have, is dropped whole.
+/// A twist with a NaN component, or with a length beyond single precision, is dropped entirely.
 #[test]
 fn what_has_no_length_is_dropped() {
     for odd in [f32::NAN, f32::INFINITY, -f32::INFINITY, 1e30] {

@@ -1,4 +1,4 @@
-//! What the runtime promises, checked on the workstation: against numbers from elsewhere, and as laws.
+//! What the runtime promises, tested on the workstation: against independent numbers, and as laws.
 
 mod arm;
 mod bound_laws;

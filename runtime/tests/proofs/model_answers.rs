@@ -1,4 +1,4 @@
-//! What a sound model answers: statuses, bound, and independence of everything that must not matter.
+//! The answers of a valid model: status, correction limit, and independence of what must not matter.
 
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::kinematics::minimal_chain::{MinimalChain, MinimalForm};
@@ -11,7 +11,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, Seen, WORDS};
 use crate::seeded::{config, distance};
 
-/// f(q) of an arm without coupling.
+/// Returns f(q) of an arm without coupling.
 fn chain<T: Scalar>(arm: &Arm, q: &[T]) -> Pose<T> {
     let kinds: Vec<_> = arm.joints.iter().map(|joint| joint.kind).collect();
     let frames: Vec<Pose<T>> = arm
@@ -63,7 +63,7 @@ fn statuses_say_what_is_outside() {
     ];
     for (joints, payload_kg, expected) in cases {
         let status = model.evaluate(joints, payload_kg).status;
-        // Far outside, the linear part may also reach the bound.
+        // Far outside, the linear part may reach the limit as well.
         let remarks = status.bits() & !Status::CORRECTION_LIMITED.bits();
         assert_eq!(
             Status::from_bits(remarks),
@@ -71,7 +71,7 @@ fn statuses_say_what_is_outside() {
             "{joints:?} {payload_kg}"
         );
     }
-    // A model that does not know the payload has no range for it.
+    // A model that does not use the payload has no range for it.
     arm.payload = None;
     let task = arm.task();
     task.input_scale.pop();
@@ -118,7 +118,7 @@ fn bad_input_is_answered_without_correction() {
     ] {
         let answer = model.evaluate(&q, payload_kg);
         assert_eq!(answer.status, Status::BAD_INPUT, "{payload_kg}");
-        // The joints are good: the chain is answered, uncorrected.
+        // The joints are valid, so the answer is the uncorrected chain.
         assert_eq!(answer.pose, chain(&arm, &q));
         assert_eq!(answer.correction, Twist::zero());
     }
@@ -134,7 +134,7 @@ fn without_correction_the_chain_is_the_answer() {
     assert_eq!(arm.model::<f32>().nominal(&q), Some(answer.pose));
 }
 
-/// A single inducing point, evaluated where it stands: the affine part and the whole of its weights.
+/// At the place of a single inducing point, the answer is the affine part plus all of its weights.
 #[test]
 fn at_an_inducing_point_the_weights_come_out_whole() {
     let mut arm = Arm::sound(2, 1);
@@ -166,7 +166,7 @@ fn the_capacity_does_not_matter() {
     }
 }
 
-/// The loop per output does the same operations in the same order: equal rates give equal bits.
+/// The loop for rates per output does the same operations in the same order, so equal rates give equal bits.
 #[test]
 fn equal_rates_per_output_are_shared_ones() {
     for joints in 1..=8 {
@@ -179,7 +179,7 @@ fn equal_rates_per_output_are_shared_ones() {
     }
 }
 
-/// Another rate is another lengthscale: 2^(−r|u − u′|²) with r = ¼ is half the input scale.
+/// A rate is a lengthscale: in 2^(−r|u − u′|²), r = ¼ equals half the input scale.
 #[test]
 fn a_rate_is_a_length_scale() {
     let mut arm = Arm::sound(4, 20);
@@ -197,7 +197,7 @@ fn a_rate_is_a_length_scale() {
     assert!(error < 1e-15, "{error:e}");
 }
 
-/// Coupling acts on the chain; the correction sees the controller's joints.
+/// Coupling changes the chain; the correction depends on the controller's joints.
 #[test]
 fn coupling() {
     let mut plain = Arm::sound(3, 10);
@@ -236,7 +236,7 @@ proptest! {
         prop_assert!(error < 2e-8, "correction {:e}", error);
     }
 
-    /// To first order the target is displaced by at most the bound, and turned by at most the other.
+    /// To first order, the target is displaced and turned by at most the two limits.
     #[test]
     fn the_bound_is_respected(
         joints in 1_usize..=8,
@@ -267,14 +267,14 @@ proptest! {
         if !answer.status.contains(Status::CORRECTION_LIMITED) {
             prop_assert_eq!(seen.mean, twist.to_array().map(f64::from).to_vec());
         }
-        // The target itself moves by no more than the second order of the rotation on top.
+        // Beyond the limit, the target moves only by the second order of the rotation.
         let moved = wide(&answer.pose.translation) - wide(&chain.translation);
         let moved = libm::sqrt(moved.dot(&moved));
         prop_assert!(moved <= f64::from(position_m) + 0.51 * w * (w * p + v) + rounding + 3e-7 * p);
     }
 }
 
-/// The worked example of `docs/reference/blob-format.md` is a model, and answers what the page says below it.
+/// The worked example of `docs/reference/blob-format.md` loads as a model and gives the answers on that page.
 #[test]
 fn the_blob_of_the_documentation_is_a_model() {
     let page = include_str!("../../../docs/reference/blob-format.md");

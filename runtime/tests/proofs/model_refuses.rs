@@ -1,4 +1,4 @@
-//! What a model refuses, and that nothing that gets past it makes a NaN.
+//! Which models are refused, and that those that load never produce a NaN.
 
 use poegp_protocol::blob::Joint;
 use poegp_runtime::guard::status::Status;
@@ -9,7 +9,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, Seen, WORDS};
 use crate::seeded::config;
 
-/// An arm of three joints with one thing wrong, and what names it.
+/// Arms of three joints, each with one mistake: its name, the arm, and the expected error.
 fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     let mut out = Vec::new();
     let mut add = |what, error, change: fn(&mut Arm)| {
@@ -147,7 +147,7 @@ fn wrong_arms() -> Vec<(&'static str, Arm, LoadError)> {
     add("a weight beyond reason", LoadError::Row, |arm| {
         arm.task().rows[9] = f32::MAX;
     });
-    // Folded: five to eight inputs, so an arm of three joints has one too few.
+    // A folded mean needs five to eight inputs; an arm of three joints has one too few.
     let mut folded = |what, error, change: fn(&mut Arm)| {
         let mut arm = Arm::sound(6, 4);
         arm.task().centre = vec![0.5; 7];
@@ -192,7 +192,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
         }
         assert_eq!(model.evaluate(&q, 2.0), before, "after {what}");
         assert_eq!((model.joints(), model.inducing_points()), (6, 20));
-        // Without an old model there is none afterwards.
+        // If no model was loaded before, none is loaded after a refusal.
         let mut empty = Model::<f32, WORDS>::new();
         if empty.load_decoded(&arm.blob()).is_err() {
             assert_eq!(empty.evaluate(&q, 2.0).status, Status::NO_MODEL);
@@ -201,7 +201,7 @@ fn what_is_wrong_is_named_and_the_old_model_goes_on() {
     assert!(missed.is_empty(), "{missed:#?}");
 }
 
-/// Rows are whole words or nothing.
+/// The bytes must be whole rows of words.
 #[test]
 fn a_byte_too_many_is_a_partial_row() {
     let arm = Arm::sound(3, 0);
@@ -254,7 +254,7 @@ fn codes_of_load_errors_never_change() {
     }
 }
 
-/// Any bits; often the special ones, often ordinary numbers.
+/// Returns any bit pattern; special values and ordinary numbers are frequent.
 fn any_f32() -> impl Strategy<Value = f32> {
     let special = [
         0.0,
@@ -334,7 +334,7 @@ proptest! {
         if endless {
             arm.joints[0] = Joint { limits: None, ..arm.joints[0] };
         }
-        // Half of the changes go where most numbers are accepted: the correction.
+        // Every other change is in the correction, where most numbers are accepted.
         let count = arm.numbers().len();
         for (number, (index, value)) in changes.iter().enumerate() {
             let tail = count.min(60 + 3 * (joints + 7));

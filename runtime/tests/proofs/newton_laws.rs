@@ -1,4 +1,4 @@
-//! Newton's steps: their equations.
+//! The equations of the Newton steps.
 
 use nalgebra::{SMatrix, SVector};
 use poegp_runtime::elastic::configuration::Configuration;
@@ -15,7 +15,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{chains, config, poe};
 
-/// The columns of J, as [`NormalEquations::moved`] has them.
+/// Returns the columns of J, as [`NormalEquations::moved`] gives them.
 fn columns(equations: &NormalEquations<f64>) -> [SVector<f64, 6>; 8] {
     core::array::from_fn(|joint| {
         let mut unit = [0.0; 8];
@@ -56,7 +56,7 @@ proptest! {
         }
     }
 
-    /// What couples the joints does so everywhere: as the matrix C in place of its elements beside the identity.
+    /// Coupling by single elements gives the same equations as the whole matrix C.
     #[test]
     fn coupled_joints_are_the_matrix_times_the_joints(
         (kinds, frames, q) in chains(),

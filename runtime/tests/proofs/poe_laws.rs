@@ -1,4 +1,4 @@
-//! Chains of one to eight revolute and prismatic joints: the product formula itself, and Jacobians against differences.
+//! Chains of one to eight revolute and prismatic joints: the product formula, and Jacobians against finite differences.
 
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::{Poe, WrongChain};
@@ -8,7 +8,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{chains, config, distance, poe, twist};
 
-/// Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1 as it is written (paper, eq. 3), by general exponentials.
+/// Returns Π e^p̂_i e^ŝ_i q_i · e^p̂_n+1 as the paper writes it (eq. 3), with general exponentials.
 fn literal<T: Scalar>(kinds: &[JointKind], frames: &[[f64; 6]], q: &[T]) -> Pose<T> {
     let mut pose = Pose::identity();
     for (index, kind) in kinds.iter().enumerate() {
@@ -33,7 +33,7 @@ fn forward_is_the_formula<T: Scalar>(
     let pose = chain.forward(&q);
     let error = distance(&pose.to_rows(), &literal(kinds, frames, &q).to_rows());
     prop_assert!(error <= tolerance, "{:e}", error);
-    // Every way to f(q) gives the same bits.
+    // Every way to compute f(q) gives the same bits.
     prop_assert_eq!(chain.forward_with(&chain.motions(&q)), pose);
     prop_assert_eq!(chain.joint_frames(&q).1, pose);
     prop_assert_eq!(chain.space_jacobian(&q).1, pose);
@@ -58,7 +58,7 @@ proptest! {
         let chain = poe::<f64>(&kinds, &frames).cast::<f32>();
         let reference = chain.cast::<f64>().forward(&double);
         let error = distance(&chain.forward(&single).cast::<f64>().to_rows(), &reference.to_rows());
-        // Up to 9 frames of 5 m: 50 m at 2⁻²⁴, accumulated.
+        // Nine frames of up to 5 m: 50 m at 2⁻²⁴, accumulated.
         prop_assert!(error <= 5e-5, "{:e}", error);
     }
 

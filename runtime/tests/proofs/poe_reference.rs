@@ -18,7 +18,7 @@ fn chain(frames: &Value) -> Poe<f64> {
     Poe::new(&[JointKind::Revolute; 6], &frames).unwrap()
 }
 
-/// 6 × columns, row by row, as the reference has it.
+/// Returns the columns as a 6 × n matrix, row by row, as in the reference.
 fn by_rows(columns: &[Twist<f64>]) -> Vec<f64> {
     let columns: Vec<[f64; 6]> = columns.iter().map(Twist::to_array).collect();
     (0..6)

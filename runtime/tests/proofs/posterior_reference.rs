@@ -27,7 +27,7 @@ fn kernel(case: &Value) -> QuadraticKernel<f64> {
     }
 }
 
-/// Header and rows as the trainer makes them, from the weights K⁻¹ε of scaled outputs.
+/// Returns the header and rows as the trainer writes them, from the weights K⁻¹ε of scaled outputs.
 fn posterior(file: &Value, case: &Value) -> (MeanHeader<f64>, Vec<f64>) {
     let kernel = kernel(case);
     let output_scale = array::<OUTPUTS>(&file["y_scale"]);
@@ -76,7 +76,7 @@ fn gram_matrix_agrees() {
     assert!(worst <= 1e-14, "{worst:e}");
 }
 
-/// Relative to the largest mean of the output: where a mean crosses zero it is a difference of large numbers.
+/// Errors are relative to the largest mean of the output, because a mean near zero is a difference of large numbers.
 #[test]
 fn posterior_mean_agrees() {
     let file = parse(include_str!(

@@ -1,4 +1,4 @@
-//! The predictive variance of the paper's process: against the formula written plainly, and laws for every model and input.
+//! The predictive variance of the paper's process: against the formula, and as laws for every model and input.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction, TaskSpace};
@@ -13,17 +13,17 @@ use proptest::prelude::*;
 use crate::arm::{Arm, scattered};
 use crate::seeded::config;
 
-/// Room for the most landmarks of the longest arm.
+/// Capacity for the most landmarks of the longest arm.
 const WORDS: usize = 4_096;
 
 /// θ₀, θ₁, θ₂, θ₃ and the noise.
 const HYPERPARAMETERS: [f32; 5] = [1.5, 0.3, 0.0, 0.0, 0.2];
 const SCALES: [f32; OUTPUTS] = [1e-3, 2e-3, 1.5e-3, 4e-4, 2e-4, 3e-4];
 
-/// The exponent rate of each output that has a kernel of its own.
+/// The exponent rate of each output when outputs have their own kernels.
 const RATES: [f32; OUTPUTS] = [1.0, 0.5, 0.25, 0.8, 0.1, 0.6];
 
-/// The hyperparameters of each output, with a kernel of its own or all with one.
+/// Returns the hyperparameters of each output, with its own kernel or with a shared one.
 fn hyperparameters(own: bool) -> Vec<[f32; 5]> {
     let of = |c: usize| {
         let [signal, rest @ .., noise] = HYPERPARAMETERS;
@@ -36,7 +36,7 @@ fn hyperparameters(own: bool) -> Vec<[f32; 5]> {
     }
 }
 
-/// A variance: the landmarks' inputs, b, and B without what is above its diagonal.
+/// A variance: the inputs of the landmarks, b, and the lower triangle of B.
 struct Sample {
     inputs: Vec<Vec<f32>>,
     single: Vec<f32>,
@@ -58,7 +58,7 @@ impl Sample {
         }
     }
 
-    /// As they are stored.
+    /// Returns the bytes as a blob stores them.
     fn rows(&self) -> Vec<u8> {
         let mut words: Vec<f32> = Vec::new();
         for input in &self.inputs {
@@ -85,7 +85,7 @@ impl Sample {
         words.into_iter().flat_map(f32::to_le_bytes).collect()
     }
 
-    /// u at z, with natural exponentials.
+    /// Returns u at z, computed with natural exponentials.
     fn unexplained(&self, z: &[f64]) -> f64 {
         let kernel = |input: &Vec<f32>| {
             let square: f64 = input
@@ -114,7 +114,7 @@ fn process<'a, 'b>(blob: &'b mut Blob<'a>) -> &'b mut TaskSpace<'a> {
     }
 }
 
-/// The blob of `arm` with so many landmarks.
+/// Returns the blob of `arm` with this many landmarks.
 fn with_landmarks<'a>(arm: &'a mut Arm, landmarks: usize, rows: &'a [u8]) -> Blob<'a> {
     let mut blob = arm.blob();
     let process = process(&mut blob);
@@ -130,7 +130,7 @@ fn loaded<T: Scalar>(blob: &Blob<'_>) -> Result<Box<Model<T, WORDS>>, LoadError>
     model.load_decoded(blob).map(|()| model)
 }
 
-/// Counts of landmarks that end a block differently.
+/// Counts of landmarks that end a block in different ways.
 fn counts() -> impl Strategy<Value = usize> {
     prop_oneof![1_usize..=9, Just(MAX_TASK_SPACE_LANDMARKS)]
 }
@@ -138,8 +138,8 @@ fn counts() -> impl Strategy<Value = usize> {
 proptest! {
     #![proptest_config(config(92, 1_000))]
 
-    /// ⅓ (Σ V_v + Σ |e_i × p|² V_ω) with V = s² (θ₀ u + σ_n²) of each output, the twist carried to the target; with kernels of
-    /// their own the landmarks' has the mean rate, weighted by s² θ₀.
+    /// ⅓ (Σ V_v + Σ |e_i × p|² V_ω) with V = s² (θ₀ u + σ_n²) of each output and the twist carried to the target. With kernels
+    /// per output, the landmarks' kernel has the mean rate, weighted by s² θ₀.
     #[test]
     fn sigma_is_the_formula(
         joints in 1_usize..=8,
@@ -179,14 +179,14 @@ proptest! {
         }
         let expected = libm::sqrt(square / 3.0).min(1.0);
         prop_assert!((found / expected - 1.0).abs() < 1e-6, "{found:e} {expected:e}");
-        // In f32 the same to four digits.
+        // f32 agrees to four digits.
         let narrow = q.map(|x| x as f32);
         let single = loaded::<f32>(&blob).unwrap().evaluate(&narrow[..joints], m as f32);
         let single = f64::from(single.position_sigma.unwrap());
         prop_assert!((single / expected - 1.0).abs() < 2e-4, "{single:e} {expected:e}");
     }
 
-    /// Nothing but σ depends on the landmarks: pose, correction, status, trust and corrected command have the same bits.
+    /// The landmarks change only σ: pose, correction, status, trust and corrected command keep their bits.
     #[test]
     fn a_variance_changes_sigma_alone(
         joints in 4_usize..=8,
@@ -210,7 +210,7 @@ proptest! {
         prop_assert_eq!(with.inducing_points(), without.inducing_points());
     }
 
-    /// From 0 to a metre, for every input and every blob that loads.
+    /// σ is between 0 and a metre, for every input and every blob that loads.
     #[test]
     fn sigma_is_bounded(
         joints in 1_usize..=8,
@@ -238,7 +238,7 @@ proptest! {
     }
 }
 
-/// Where nothing is near, the prior's; at a landmark that explains all, the noise's.
+/// Far from all landmarks σ is the prior's; at a landmark that explains everything it is the noise.
 #[test]
 fn sigma_goes_from_the_noise_to_the_prior() {
     let mut arm = Arm::sound(6, 3);
@@ -282,7 +282,7 @@ fn what_is_no_variance_is_refused() {
         process.hyperparameters = [HYPERPARAMETERS; OUTPUTS].into_iter().collect();
     };
     assert_eq!(refused(&per_output), variance);
-    // And six kernels with the hyperparameters of one.
+    // Six kernels with the hyperparameters of only one.
     assert_eq!(refused(&|process| process.rates = Some(RATES)), variance);
     assert_eq!(
         refused(&|process| process.hyperparameters.clear()),
@@ -313,7 +313,7 @@ fn what_is_no_variance_is_refused() {
         let found = loaded::<f32>(&with_landmarks(&mut arm, 5, &changed)).err();
         assert_eq!(found.is_none(), is_good, "{word} {value}");
     }
-    // One word more than there is room for.
+    // One word more than the capacity.
     const NEEDED: usize = variance_words(7, 5);
     let mut arm = Arm::sound(6, 3);
     let mut small = Model::<f32, { 3 * 13 + NEEDED - 1 }>::new();

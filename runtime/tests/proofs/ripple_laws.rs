@@ -1,4 +1,4 @@
-//! Gear ripple, and its inverse that the search for a command starts with.
+//! Gear ripple, and its inverse, with which the search for a command starts.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 use crate::seeded::{config, poe};
 
-/// A deflection of two joints by these terms and nothing else.
+/// Returns a deflection of two joints by these terms alone.
 fn deflection(terms: &[RippleTerm<f64>]) -> Deflection<f64> {
     let kinds = [JointKind::Revolute; 2];
     let chain: Poe<f64> = poe(&kinds, &[[0.0; 6]; 3]);
@@ -37,8 +37,8 @@ proptest! {
         prop_assert_eq!((sin, cos), (libm::sin(cycles * q), libm::cos(cycles * q)));
     }
 
-    /// A command that takes off the ripple of a place near it follows to the one that takes off its own: Newton's step leaves
-    /// half the second derivative times the square of the way.
+    /// From a command that removes the ripple of a nearby angle, `follow` finds the command that removes its own. The remaining
+    /// error of the Newton step is half the second derivative times the squared distance.
     #[test]
     fn ripple_is_found_from_where_it_leads(
         q in -3.0..3.0_f64,
@@ -50,7 +50,7 @@ proptest! {
         let of = deflection(&[gear(0), RippleTerm { cycles: 1.0, ..gear(0) }, gear(1)]);
         let joints = [q, -q, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let ripple = ripple(&of.ripple, &joints);
-        // A command that takes off what the ripple is elsewhere.
+        // A command that removes the ripple of another angle.
         let place: [f64; 8] = core::array::from_fn(|d| joints[d] + ripple[d]);
         let line = ripple_line(&of.ripple, &place);
         let mut found: [f64; 8] = core::array::from_fn(|d| ripple[d] - line.value[d]);
@@ -64,7 +64,8 @@ proptest! {
     }
 }
 
-/// A gear whose ripple would turn back is no gear; its slope counts as one half, so that nothing is divided by nothing.
+/// A ripple so steep that the joint would turn back is not physical. Its slope is limited to one half, so that no division by
+/// zero occurs.
 #[test]
 fn slopes_have_a_least() {
     let term = RippleTerm {

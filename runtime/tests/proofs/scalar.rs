@@ -1,15 +1,15 @@
-//! The two functions that `f32` has of its own, against `f64`, over all of their range.
+//! The functions that `f32` implements itself, against `f64`, over their whole range.
 
 use poegp_runtime::math::scalar::{MAX_ANGLE, Scalar};
 
-/// Every `stride`-th `f32` from `from` away from zero to `to`, by bits; both of one sign.
+/// Returns every `stride`-th `f32` by bit pattern, from `from` away from zero to `to`, both of one sign.
 fn stride(from: f32, to: f32, stride: usize) -> impl Iterator<Item = f32> {
     (from.to_bits()..=to.to_bits())
         .step_by(stride)
         .map(f32::from_bits)
 }
 
-/// Relative, against `f64` where 2^x is a normal `f32` above the floor.
+/// Relative error against `f64`, where 2^x is a normal `f32` above the floor.
 #[test]
 fn exp2_is_within_its_bound() {
     let (mut worst, mut at, mut count) = (0.0, 0.0, 0_u32);
@@ -29,7 +29,7 @@ fn exp2_is_within_its_bound() {
     assert_eq!(Scalar::exp2(-0.0_f32), 1.0);
 }
 
-/// The same of the scaled one, which has no floor, on both sides of zero.
+/// The same for the scaled function, which has no floor, on both sides of zero.
 #[test]
 fn exp2_scaled_is_within_its_bound() {
     let (mut worst, mut at, mut count) = (0.0, 0.0, 0_u32);
@@ -50,8 +50,8 @@ fn exp2_scaled_is_within_its_bound() {
     assert!(worst <= 1.9e-7, "{worst:e} at {at}");
 }
 
-/// Below 2⁻¹²⁵ the exponent stays and the fraction goes on: within a factor √2 of the floor, never denormal, never wrong
-/// by more than that.
+/// Below 2⁻¹²⁵ the exponent stays while the fraction continues: the result is within a factor √2 of the floor and never
+/// denormal.
 #[test]
 fn exp2_has_a_floor() {
     let floor = f64::from(f32::MIN_POSITIVE) * 2.0;
@@ -65,14 +65,14 @@ fn exp2_has_a_floor() {
         }
     }
     println!("exp2: never below {lowest:e}");
-    // Further out the result is of no use and still harmless.
+    // Further out the result has no meaning but must still be harmless.
     for x in stride(-4_194_304.0, f32::MIN, 499) {
         let value = Scalar::exp2(x);
         assert!(value.is_finite() && value >= 0.0, "2^{x} = {value}");
     }
 }
 
-/// Powers of two are exact: what a kernel value at its own inducing point relies on.
+/// Powers of two are exact; the kernel value at its own inducing point relies on that.
 #[test]
 fn exp2_of_whole_numbers_is_exact() {
     for exponent in 0..=125 {
@@ -81,7 +81,8 @@ fn exp2_of_whole_numbers_is_exact() {
     }
 }
 
-/// In `f64`, which does several at once, against `libm`: within its bound, exact where it must be, and never below its floor.
+/// The `f64` version, which computes several at once, against `libm`: within its bound, exact where required, and never below
+/// its floor.
 #[test]
 fn exp2_in_double_precision_is_within_its_bound() {
     for i in 0..200_000 {
@@ -112,7 +113,7 @@ fn exp2_is_monotonic_up_to_its_rounding() {
     }
 }
 
-/// Largest error of sine and cosine over ±[0, to], with its angle.
+/// Returns the largest error of sine and cosine over ±[from, to], with its angle.
 fn sin_cos_error(from: f32, to: f32, step: usize) -> (f64, f32) {
     let (mut worst, mut at) = (0.0, 0.0);
     for magnitude in stride(from, to, step) {
@@ -130,7 +131,7 @@ fn sin_cos_error(from: f32, to: f32, step: usize) -> (f64, f32) {
     (worst, at)
 }
 
-/// `f32::sin_cos` of the standard library hides the trait's method.
+/// Needed because `f32::sin_cos` of the standard library hides the trait's method.
 trait OwnSinCos {
     fn sin_cos_scalar(self) -> (f32, f32);
 }
@@ -141,7 +142,7 @@ impl OwnSinCos for f32 {
     }
 }
 
-/// Absolute error allowed up to an angle, and where it was measured.
+/// Allowed absolute error up to each angle, as measured.
 const SIN_COS: [(f32, f64); 4] = [
     (core::f32::consts::FRAC_PI_4, 7.6e-8),
     (10.0, 1e-7),
@@ -160,7 +161,7 @@ fn sin_cos_is_within_its_bounds() {
     }
 }
 
-/// A coupling may double and add joints: 2·8·4096 rad is the most that can reach the reduction.
+/// A coupling may double and add joints: 2·8·4096 rad is the largest angle that can occur.
 #[test]
 fn sin_cos_degrades_gently_beyond() {
     let (worst, at) = sin_cos_error(MAX_ANGLE, 65_536.0, 97);
@@ -170,7 +171,7 @@ fn sin_cos_degrades_gently_beyond() {
 
 #[test]
 fn sin_is_odd_and_cos_even_to_the_bit() {
-    // At zero the sign of the sine's zero is not kept.
+    // The sign of a zero sine is not kept.
     assert_eq!(Scalar::sin_cos(-0.0_f32), (0.0, 1.0));
     for x in stride(f32::from_bits(1), MAX_ANGLE, 997) {
         let (sin, cos) = Scalar::sin_cos(x);
@@ -184,7 +185,7 @@ fn sin_is_odd_and_cos_even_to_the_bit() {
     }
 }
 
-/// sin² + cos² = 1 within what two errors of 1e-7 make.
+/// sin² + cos² = 1, within two errors of 1e-7.
 #[test]
 fn sin_cos_is_on_the_circle() {
     for x in stride(0.0, MAX_ANGLE, 997) {
@@ -202,11 +203,11 @@ fn square_roots_are_correctly_rounded() {
     }
 }
 
-/// What is said of a number type, of both.
+/// Tests the properties that every number type must have.
 fn is_a_number_type<T: Scalar>(digits: i32) {
     let of = T::from_f64;
     assert_eq!((T::ZERO.to_f64(), T::ONE.to_f64()), (0.0, 1.0));
-    // Half an ulp of 1: added to it, it is lost, and twice as much is not.
+    // Half an ulp of 1 is lost when it is added to 1; twice as much is not.
     assert_eq!(T::ROUNDING.to_f64(), libm::exp2(-f64::from(digits)));
     assert!(T::ONE + T::ROUNDING == T::ONE);
     assert!(T::ONE + (T::ROUNDING + T::ROUNDING) > T::ONE);

@@ -1,6 +1,6 @@
-//! The laws of SE(3) in `f32` and `f64`, at zero, tiny, crossover and ordinary angles and near π.
+//! The laws of SE(3) in `f32` and `f64`, at zero, tiny, crossover and ordinary angles, and near π.
 //!
-//! Tolerances are multiples of the type's epsilon for numbers of order one to ten (translations of a few metres).
+//! Tolerances are multiples of the type's epsilon, for numbers between one and ten (translations of a few metres).
 
 use poegp_runtime::math::scalar::Scalar;
 use poegp_runtime::math::se3::{
@@ -11,10 +11,10 @@ use proptest::prelude::*;
 
 use crate::seeded::{config, distance, twist, twists};
 
-/// Nearest to π that the laws go: the logarithm turns its axis around at π.
+/// Largest angle of the tests. At π the logarithm turns its axis around.
 const NEAR_PI: f64 = core::f64::consts::PI - 3e-6;
 
-/// Allowed error: `factor` times the spacing of T at 1, for numbers of up to about five.
+/// Returns the allowed error: `factor` times the spacing of T at 1, for numbers up to about five.
 fn tolerance<T: Scalar>(factor: f64) -> f64 {
     let epsilon = if T::SERIES_TERMS == f32::SERIES_TERMS {
         f64::from(f32::EPSILON)
@@ -44,7 +44,7 @@ fn exp_undoes_log<T: Scalar>(values: &[f64; 6]) -> Result<(), TestCaseError> {
     Ok(())
 }
 
-/// exp(Ad_T ξ) = T exp(ξ) T⁻¹, and the matrix does what `transform_twist` does.
+/// exp(Ad_T ξ) = T exp(ξ) T⁻¹, and the matrix agrees with `transform_twist`.
 fn adjoint_is_conjugation<T: Scalar>(a: &[f64; 6], b: &[f64; 6]) -> Result<(), TestCaseError> {
     let (pose, xi) = (Pose::<T>::exp(&twist(a)), twist::<T>(b));
     let moved = pose.transform_twist(&xi);
@@ -57,7 +57,7 @@ fn adjoint_is_conjugation<T: Scalar>(a: &[f64; 6], b: &[f64; 6]) -> Result<(), T
     Ok(())
 }
 
-/// `corrected` is exp·T and undone by `residual`.
+/// `corrected` is exp·T, and `residual` undoes it.
 fn corrected_and_residual<T: Scalar>(a: &[f64; 6], b: &[f64; 6]) -> Result<(), TestCaseError> {
     let (predicted, epsilon) = (Pose::<T>::exp(&twist(a)), twist::<T>(b));
     let measured = predicted.corrected(&epsilon);
@@ -122,7 +122,7 @@ fn jacobian_and_its_inverse<T: Scalar>(values: &[f64; 6]) -> Result<(), TestCase
     Ok(())
 }
 
-/// exp(ξ + δ) = exp(J δ) exp(ξ) to first order: central differences of the exponential.
+/// exp(ξ + δ) = exp(J δ) exp(ξ) to first order, by central differences of the exponential.
 fn left_jacobian_is_the_derivative(values: &[f64; 6]) -> Result<(), TestCaseError> {
     let (xi, step) = (twist::<f64>(values), 1e-5);
     let jacobian = left_jacobian(&xi);
@@ -199,7 +199,7 @@ proptest! {
     #[test]
     fn the_same_motion_at_another_point(xi in twists(3.0), p in twists(3.0)) {
         let (xi, point) = (twist::<f64>(&xi), twist::<f64>(&p).linear);
-        // Taking the linear part at a point is the adjoint of moving the origin there.
+        // Moving the linear part to a point equals the adjoint of moving the origin there.
         let mut to_point = Pose::<f64>::identity();
         to_point.translation = -point;
         let error = distance(
@@ -236,7 +236,7 @@ fn the_ends_of_the_logarithm() {
     }
 }
 
-/// Far below the square root of the smallest number, where θ² is zero.
+/// Angles far below the square root of the smallest number, where θ² is zero.
 #[test]
 fn angles_whose_square_underflows() {
     for exponent in [-20, -25, -30, -38] {

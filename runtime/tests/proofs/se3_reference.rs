@@ -4,8 +4,8 @@ use poegp_runtime::math::se3::{Pose, Twist, left_jacobian, residual};
 
 use crate::json::{array, largest_difference, list, numbers, parse, pose_rows};
 
-/// The reference itself is `f64`: its own errors are a few ulp of the largest element, near π through the logarithm's
-/// conditioning somewhat more.
+/// The reference is `f64` too: its own errors are a few ulp of the largest element, and a little more near π, where the
+/// logarithm is ill-conditioned.
 const TOLERANCE: f64 = 2e-14;
 
 fn scaled_difference(computed: &[f64], reference: &[f64]) -> f64 {
@@ -38,7 +38,7 @@ fn exp_log_adjoint_and_left_jacobian_agree() {
                 "case {index}: exp, log, Ad, Jl {differences:?}"
             );
         }
-        // The residual of a pose and the identity is its logarithm.
+        // The residual between a pose and the identity is its logarithm.
         assert_eq!(residual(&pose, &Pose::identity()), pose.log());
     }
     println!("exp, log, Ad, left Jacobian: {worst:?} of the largest element");

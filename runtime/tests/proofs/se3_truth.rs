@@ -1,7 +1,7 @@
-//! SE(3) in `f32` and `f64` against 60-digit truth (`tests/data/vectors/make_se3.py`).
+//! SE(3) in `f32` and `f64` against 60 digits (`tests/data/vectors/make_se3.py`).
 //!
 //! Errors are in units in the last place of the largest element of the block (rotation, translation, …), because that is
-//! what a matrix of absolute rounding errors can promise. [`ALLOWED`] is the table of what was reached.
+//! what matrix arithmetic can promise. [`ALLOWED`] lists the reached errors.
 
 use poegp_runtime::math::scalar::Scalar;
 use poegp_runtime::math::se3::{Pose, Twist, left_jacobian};
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::json::{array, list, numbers, parse};
 
-/// Allowed error in ulp of the largest element of the block, and why when it is above four.
+/// Allowed error in ulp of the largest element of the block, with a reason where it is above four.
 struct Allowed {
     block: &'static str,
     f64: f64,
@@ -21,7 +21,7 @@ const fn allowed(block: &'static str, f64: f64, f32: f64) -> Allowed {
 }
 
 const ALLOWED: [Allowed; 6] = [
-    // Measured 4.83 and 3.56. The rounding of θ² (up to 1.5 ulp) moves θ near π by 2 ulp of a number below one, and
+    // Measured 4.83 and 3.56. The rounding of θ² (up to 1.5 ulp) changes θ near π by 2 ulp of a number below one, and
     // [ω]² θ⁻² by as much again.
     allowed("exp, rotation", 5.0, 4.0),
     // Measured 2.37 and 2.49.
@@ -37,7 +37,7 @@ const ALLOWED: [Allowed; 6] = [
     allowed("left Jacobian, Q", 8.0, 8.0),
 ];
 
-/// A truth of 106 bits: the sum of two `f64`.
+/// A reference of 106 bits: the sum of two `f64`.
 #[derive(Clone, Copy)]
 struct Exact {
     high: f64,
@@ -54,7 +54,8 @@ fn exact(value: &Value) -> Vec<Exact> {
         .collect()
 }
 
-/// Largest error of `computed` in ulp (of a type with `digits` binary digits) of the largest element of `truth`.
+/// Returns the largest error of `computed` in ulp (of a type with `digits` binary digits) of the largest element of
+/// `truth`.
 fn ulp_error<T: Scalar>(computed: &[T], truth: &[Exact], digits: i32) -> f64 {
     assert_eq!(computed.len(), truth.len());
     let largest = truth.iter().fold(0.0, |m: f64, t| m.max(t.high.abs()));
@@ -88,7 +89,7 @@ fn block<T: Copy>(matrix: &[T], width: usize, row: usize, column: usize) -> Vec<
         .collect()
 }
 
-/// Errors of the six blocks of [`ALLOWED`] for one case.
+/// Returns the errors of the six blocks of [`ALLOWED`] for one case.
 fn errors<T: Scalar>(case: &Value, digits: i32) -> [f64; 6] {
     let twist: [T; 6] = scalars(&array::<6>(&case["twist"])).try_into().unwrap();
     let twist = Twist::from_array(&twist);

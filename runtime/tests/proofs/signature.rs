@@ -1,4 +1,4 @@
-//! Ed25519 as the device has it against RFC 8032 and another implementation, `ed25519-dalek`, at its strictest.
+//! The device's Ed25519 against RFC 8032 and against `ed25519-dalek` in its strictest mode.
 
 use curve25519_dalek::constants::{ED25519_BASEPOINT_POINT, EIGHT_TORSION};
 use curve25519_dalek::edwards::EdwardsPoint;
@@ -25,7 +25,7 @@ fn strict(message: &[u8], signature: &[u8; 64], key: &[u8; 32]) -> bool {
     VerifyingKey::from_bytes(key).is_ok_and(|key| key.verify_strict(message, &signature).is_ok())
 }
 
-/// The verdict of both, which is one.
+/// Returns the verdict of both implementations, which must agree.
 #[track_caller]
 fn verdict(message: &[u8], signature: &[u8; 64], key: &[u8; 32]) -> bool {
     let verdict = strict(message, signature, key);
@@ -141,7 +141,7 @@ const ORDER: [u8; 32] = [
     0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0x10,
 ];
 
-/// The same signature with a scalar that is larger by the order: malleable, if it were accepted.
+/// The same signature with the order added to its scalar. If that were accepted, signatures would be malleable.
 #[test]
 fn scalars_that_are_not_reduced() {
     let key = SigningKey::from_bytes(&[8; 32]);
@@ -159,14 +159,14 @@ fn scalars_that_are_not_reduced() {
     }
 }
 
-/// All ways to write a point of small order, canonical or not: y is 0, ±1 or one of ±y₈, written as it is or with p
-/// added where that fits, with either sign.
+/// Returns all encodings of points of small order, canonical or not: y is 0, ±1 or one of ±y₈, plain or with p added where
+/// that fits, with either sign.
 fn small_order_encodings() -> Vec<[u8; 32]> {
     let mut all: Vec<[u8; 32]> = EIGHT_TORSION
         .iter()
         .map(|point| point.compress().to_bytes())
         .collect();
-    // p, p + 1 and p − 1: 0, 1 and −1 again.
+    // p, p + 1 and p − 1 encode 0, 1 and −1 again.
     for low in [0xed, 0xee, 0xec] {
         let mut bytes = [0xff; 32];
         bytes[0] = low;
@@ -196,7 +196,7 @@ fn points_of_small_order_and_odd_encodings() {
         assert!(!is_public_key(&point), "{point:02x?}");
         let mut of_small_order = [0; 64];
         for other in small_order_encodings() {
-            // S = 0: true for every message when R + h A happens to be nothing.
+            // S = 0 would be valid for every message for which R + h A is zero.
             of_small_order[..32].copy_from_slice(&other);
             for message in 0..8_u8 {
                 assert!(!verdict(&[message], &of_small_order, &point));
@@ -212,9 +212,9 @@ fn points_of_small_order_and_odd_encodings() {
     }
 }
 
-/// What only the holder of the secret key can make: key and commitment with a part of small order. The device checks up
-/// to the cofactor and takes them all; without cofactor those are refused where the small parts do not cancel. This is the
-/// one place where the two differ, and the device is never the stricter one.
+/// Keys and commitments with a part of small order, which only the holder of the secret key can make. The device multiplies by
+/// the cofactor and accepts them all. Without the cofactor, those whose small parts do not cancel are refused. This is the only
+/// difference between the two implementations, and the device is never the stricter one.
 #[test]
 fn parts_of_small_order_pass_up_to_the_cofactor() {
     let (secret, nonce) = (Scalar::from(123_456_789_u64), Scalar::from(987_654_321_u64));

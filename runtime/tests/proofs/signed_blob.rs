@@ -1,4 +1,4 @@
-//! A signed blob: whatever is changed after signing, and whoever else signs, it is refused.
+//! A signed blob: any change after signing, and a signature by any other key, is refused.
 
 use std::collections::BTreeMap;
 
@@ -25,7 +25,7 @@ fn unsigned() -> Vec<u8> {
     blob::encode(&arm.blob(), &mut buffer).unwrap().to_vec()
 }
 
-/// `unsigned` signed by `key`, which says that it is the key `id`.
+/// Signs `unsigned` with `key`, and states the key name `id`.
 fn signed(unsigned: &[u8], key: &SigningKey, id: [u8; 8]) -> Vec<u8> {
     let mut bytes = unsigned.to_vec();
     set_signed(&mut bytes, true);
@@ -56,13 +56,13 @@ fn signed_by_the_key_and_by_nobody_else() {
     let other = public(&key(2));
     let id = key_id(&public_key);
     assert_eq!(verify(&bytes, &other), Err(SignatureError::WrongKey { id }));
-    // Another key under the name of this one.
+    // Signed by another key under the name of this one.
     let forged = signed(&plain, &key(2), id);
     assert_eq!(verify(&forged, &public_key), Err(SignatureError::Invalid));
     assert_eq!(verify(b"", &public_key), Err(SignatureError::Malformed));
 }
 
-/// `bytes` with the checksums that they should have: what somebody would do who is not the cause of an accident.
+/// Recomputes the checksums of `bytes`, as an attacker would after a change.
 fn with_new_checksums(mut bytes: Vec<u8>) -> Vec<u8> {
     let trailer = bytes.len() - TRAILER_LENGTH;
     let crc = blob_crc(&bytes[..16], &bytes[20..trailer]);
@@ -83,7 +83,7 @@ fn every_single_bit_is_signed() {
         assert!(blob::decode(&changed).is_err(), "bit {bit}");
         let error = verify(&changed, &public_key);
         assert_eq!(error, Err(SignatureError::Malformed), "bit {bit}");
-        // The bits of the checksums themselves come back.
+        // A flipped bit of a checksum is repaired by that.
         let changed = with_new_checksums(changed);
         if changed != bytes {
             let error = verify(&changed, &public_key).expect_err("a bit that is not signed");
@@ -99,7 +99,7 @@ fn every_single_bit_is_signed() {
         in_all - invalid - malformed
     );
     assert_eq!(in_all as usize, 8 * (bytes.len() - 8));
-    // Magic, length and all of version and flags but what another version is.
+    // Malformed: magic, length, and version and flags except for another version.
     assert!(malformed <= 8 * 16);
     assert_eq!(in_all - invalid - malformed, 64);
 }

@@ -1,5 +1,4 @@
-//! The limited step: exact where it is slow enough, within its limits elsewhere, nothing worse than without it, and
-//! continuous.
+//! The limited step: exact where it is slow enough, within its limits elsewhere, never worse than no step, and continuous.
 
 use nalgebra::{SMatrix, SVector};
 use poegp_runtime::correct::step_limit::{
@@ -15,7 +14,7 @@ use crate::seeded::config;
 type Matrix = SMatrix<f64, 6, 6>;
 type Vector = SVector<f64, 6>;
 
-/// What an arm that is often off by two milliradians may leave.
+/// Usual rotation error of an arm, which the step may leave, rad.
 const USUAL: f64 = 2e-3;
 const LEVER: f64 = 1.5;
 
@@ -26,7 +25,7 @@ fn scale(usual_rotation: Option<f64>) -> Scale<f64> {
     }
 }
 
-/// A Jacobian with these singular values, between two rotations of all six dimensions.
+/// Returns a Jacobian with these singular values, between two rotations of all six dimensions.
 fn jacobian(values: &[f64; 6], seed: &[f64; 72]) -> Matrix {
     let turned = |seed: &[f64]| Matrix::from_row_slice(seed).qr().q();
     turned(&seed[..36]) * Matrix::from_diagonal(&Vector::from(*values)) * turned(&seed[36..])
@@ -37,7 +36,7 @@ fn gram(jacobian: &Matrix) -> Gram<f64> {
     core::array::from_fn(|i| core::array::from_fn(|j| gram[(i, j)]))
 }
 
-/// The step against an error, its joint changes and what is left of the error.
+/// Returns the step against an error: the step, its joint changes, and the remaining error.
 fn step(jacobian: &Matrix, error: &Vector) -> (LimitedStep<f64>, Vector, Vector) {
     let gram = gram(jacobian);
     let error_in: PoseError6<f64> = core::array::from_fn(|i| error[i]);
@@ -52,7 +51,7 @@ fn damped(jacobian: &Matrix, error: &Vector) -> Vector {
     Vector::from(limit.damped(&core::array::from_fn(|i| error[i])))
 }
 
-/// λ of displacements and of rotations.
+/// Returns the damping matrix, with one λ for displacements and one for rotations.
 fn diagonal(position: f64, rotation: f64) -> Matrix {
     let damping = [position, position, position, rotation, rotation, rotation];
     Matrix::from_diagonal(&Vector::from(damping))
@@ -66,7 +65,7 @@ fn rotation(v: &Vector) -> f64 {
     v.fixed_rows::<3>(3).norm()
 }
 
-/// Singular values of arms, of which some may be nearly zero.
+/// Returns singular values of arms, some of them nearly zero.
 fn values() -> impl Strategy<Value = [f64; 6]> {
     prop::array::uniform6(prop_oneof![3 => 0.15..2.0, 1 => 0.0..0.15, 1 => 0.0..1e-3])
 }
@@ -82,7 +81,7 @@ fn seeds() -> impl Strategy<Value = [f64; 72]> {
 proptest! {
     #![proptest_config(config(94, 4_000))]
 
-    /// Where the exact step is within the limits it is taken, but for what the least damping leaves to the later ones.
+    /// Where the exact step is within the limits, it is taken. Only the least damping leaves something to later steps.
     #[test]
     fn a_slow_step_is_exact(
         values in prop::array::uniform6(0.15..2.0_f64),
@@ -97,7 +96,7 @@ proptest! {
         prop_assert!(floor.norm() <= most * error.norm());
     }
 
-    /// What a step gives up is all that it leaves, but for what the least damping does.
+    /// A step leaves what it gives up, and what the least damping leaves.
     #[test]
     fn what_is_given_up_is_left(values in values(), seed in seeds(), error in errors()) {
         let (found, _, left) = step(&jacobian(&values, &seed), &error);
@@ -106,7 +105,7 @@ proptest! {
         prop_assert!(apart <= 1e-9 * error.norm(), "{apart:e}");
     }
 
-    /// Later steps solve the whole equations with the damping of the limited one.
+    /// Later steps solve the whole equations with the damping of the limited step.
     #[test]
     fn later_steps_are_damped_as_the_first(values in values(), seed in seeds(), error in errors(), later in errors()) {
         let jacobian = jacobian(&values, &seed);
@@ -121,7 +120,7 @@ proptest! {
         prop_assert!((Vector::from(found.damped.left(&x)) - damping * Vector::from(x)).norm() <= 1e-12);
     }
 
-    /// The damped step of an error that is too small for any limit is that of the whole equations, which `nalgebra` solves.
+    /// For an error too small for any limit, the damped step is that of the whole equations, which `nalgebra` solves.
     #[test]
     fn the_damped_step_is_damped_twice(values in values(), seed in seeds(), error in errors()) {
         let (jacobian, error) = (jacobian(&values, &seed), 1e-4 * error);
@@ -132,8 +131,8 @@ proptest! {
         prop_assert!((found - expected).norm() <= 1e-9 * expected.norm(), "{found} {expected}");
     }
 
-    /// The order of magnitude only: a single Newton step does not meet a limit, and the turn may need the joints that the
-    /// shift has used.
+    /// Bounds the order of magnitude only: a single Newton step does not meet a limit exactly, and the rotation may need
+    /// joints that the displacement has used.
     #[test]
     fn no_damped_step_is_much_steeper(values in values(), seed in seeds(), error in errors()) {
         let x = damped(&jacobian(&values, &seed), &error);
@@ -141,7 +140,7 @@ proptest! {
         prop_assert!(shift <= 40.0 && turn <= 8.0, "{shift} {turn}");
     }
 
-    /// Each of the two parts is within the limits, nearly; so the whole is within twice as much.
+    /// Each of the two parts is nearly within the limits, so the sum is within twice as much.
     #[test]
     fn no_step_is_steep(values in values(), seed in seeds(), error in errors()) {
         let (found, _, _) = step(&jacobian(&values, &seed), &error);
@@ -151,18 +150,18 @@ proptest! {
         prop_assert!(rotation(&x) <= 2.3 * TURN_LIMIT.max(shift_limit), "{}", rotation(&x));
     }
 
-    /// The position is never farther off than without the step, the rotation never more than what it may be.
+    /// The position error never exceeds the one without the step, and the rotation error never exceeds what it may be.
     #[test]
     fn nothing_gets_worse(values in values(), seed in seeds(), error in errors()) {
         let (_, joints, left) = step(&jacobian(&values, &seed), &error);
         prop_assert!(joints.iter().all(|d| d.is_finite()));
         prop_assert!(position(&left) <= position(&error) + 3e-6, "{:e}", position(&left) - position(&error));
-        // Where the turn is taken back, too, there is more left of the rotation than the shift knew of.
+        // Where the rotation is damped as well, more of it remains than the first part assumed.
         let most = rotation(&error).max(USUAL) + 1e-3;
         prop_assert!(rotation(&left) <= most, "{:e} of {most:e}", rotation(&left));
     }
 
-    /// A small change of the arm's place or error is a small change of the step.
+    /// A small change of the Jacobian or the error causes a small change of the step.
     #[test]
     fn it_is_continuous(
         values in values(),
@@ -185,7 +184,7 @@ proptest! {
     }
 }
 
-/// Numbers that are none, and no numbers at all: finite or not, but no panic, and zero stays zero.
+/// Zero, NaN and infinity do not panic, and an error of zero gives a step of zero.
 #[test]
 fn nothing_is_asked_of_nothing() {
     let singular = gram(&Matrix::zeros());
@@ -197,8 +196,8 @@ fn nothing_is_asked_of_nothing() {
     let _ = StepLimit::new(&nan, scale(Some(f64::NAN))).step(&[f64::INFINITY; 6]);
 }
 
-/// The steepest step in radians per radian of a path on which the Jacobian changes by 1 for each radian, in its largest
-/// singular value, and loses a rank halfway.
+/// Returns the steepest step, in radians per radian, along a path on which the Jacobian changes by 1 for each radian in its
+/// largest singular value and loses a rank halfway.
 fn steepest(path: (Matrix, Matrix), error: &Vector, usual_rotation: f64) -> f64 {
     const WAY: f64 = 0.1;
     const POINTS: i32 = 500;
@@ -222,7 +221,7 @@ fn steepest(path: (Matrix, Matrix), error: &Vector, usual_rotation: f64) -> f64 
     largest * f64::from(POINTS) / WAY
 }
 
-/// Nineteen of twenty paths through a singularity are slow, also where one demand may take nearly nothing of the other.
+/// 19 of 20 paths through a singularity are slow, even where one limit leaves nearly nothing for the other.
 #[test]
 fn most_paths_are_slow() {
     const PATHS: usize = 200;
@@ -243,7 +242,7 @@ fn most_paths_are_slow() {
             directions,
         )
     };
-    // Metres, radians, and radians that the arm is usually off by.
+    // Position error in m, rotation error in rad, and the arm's usual rotation error in rad.
     let cases = [
         ("both errors as usual", 2e-3, 3e-3, 2e-3, 0.2),
         ("a turn and nearly no position", 5e-6, 3e-3, 3e-3, 0.5),

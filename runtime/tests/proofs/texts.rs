@@ -1,4 +1,4 @@
-//! Remarks as sets, and what errors say, in words and as numbers.
+//! Status remarks as sets, and the texts and codes of errors.
 
 use std::collections::BTreeSet;
 
@@ -54,7 +54,7 @@ fn errors_of_loading_say_what_is_wrong() {
         LoadError::Variance,
         LoadError::Curve,
     ];
-    // On the wire for ever.
+    // A code on the wire never changes.
     for (code, error) in (1..).zip(all) {
         assert_eq!(error.code(), code, "{error}");
     }

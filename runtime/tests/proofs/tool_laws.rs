@@ -1,4 +1,4 @@
-//! A tool on the target: its pose, its Jacobian against differences of the pose, its inverse, and smooth commands.
+//! A tool on the target: its pose, its Jacobian against finite differences of the pose, its inverse, and smooth commands.
 
 use poegp_runtime::correct::CompiledCorrection;
 use poegp_runtime::correct::inverse::CompiledInverse;
@@ -13,19 +13,19 @@ use crate::arm::{Arm, WORDS};
 use crate::inverse_laws::{apart, example, ordinary};
 use crate::seeded::config;
 
-/// Most acceleration that rounding may add to joints commanded at 1 kHz, rad/s² (root mean square).
+/// Largest RMS acceleration that rounding may add to joints commanded at 1 kHz, rad/s².
 const NOISE: f64 = 0.01;
 
-/// How far the Jacobian may be from differences of the pose, in m and rad for each rad: what the derivative of the deflection
-/// adds. The worst of the 200 draws is printed.
+/// Largest difference between the Jacobian and finite differences of the pose, in m and rad per rad. The Jacobian leaves out
+/// the derivative of the deflection. The worst of the 200 draws is printed.
 const BY_THE_DEFLECTION: f64 = 0.004;
 
-/// A tool 0.3 m away, turned about every axis.
+/// Returns a tool 0.3 m from the target, turned about every axis.
 fn tool() -> Pose<f64> {
     Pose::exp(&Twist::from_array(&[0.1, -0.2, 0.25, 0.4, -0.7, 0.2]))
 }
 
-/// Columns of central differences of the pose, along the axes of the base.
+/// Returns the columns of central differences of the pose, along the axes of the base.
 fn differences(model: &Model<f64, WORDS>, tool: &Pose<f64>, q: &[f64], kg: f64) -> Vec<[f64; 6]> {
     let step = 1e-5;
     let moved = |joint: usize, by: f64| {
@@ -42,7 +42,7 @@ fn differences(model: &Model<f64, WORDS>, tool: &Pose<f64>, q: &[f64], kg: f64) 
     (0..q.len()).map(column).collect()
 }
 
-/// The largest difference of two Jacobians.
+/// Returns the largest difference of two Jacobians.
 fn largest(found: &[[f64; 6]], expected: &[[f64; 6]]) -> f64 {
     let pairs = found.as_flattened().iter().zip(expected.as_flattened());
     pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
@@ -64,12 +64,12 @@ proptest! {
         prop_assert!(off < 1e-6, "{off:e}");
         let bare = model.tool_pose(&Pose::identity(), &q, kg);
         prop_assert_eq!(bare.pose, target.pose);
-        // What is left out for the pose alone is nothing of the pose.
+        // Computing the pose alone does not change it.
         let alone = model.evaluate_observed(&q, kg, &mut PoseAlone);
         prop_assert_eq!(alone.pose, target.pose);
     }
 
-    /// Where the tool stands at q, the arm stands at q.
+    /// The inverse of the tool's pose at q is q.
     #[test]
     fn the_inverse_is_that_of_the_tool(
         q in ordinary(),
@@ -86,7 +86,7 @@ proptest! {
         prop_assert!(!found.status.contains(Status::PARTLY_CORRECTED));
     }
 
-    /// For a chain alone, the columns of the Jacobian are the derivative.
+    /// For a chain without correction, the columns of the Jacobian are the derivative.
     #[test]
     fn a_chain_moves_as_its_jacobian_says(
         joints in 1..=8_usize,
@@ -96,7 +96,7 @@ proptest! {
         let mut arm = Arm::sound(joints, 0);
         arm.task = None;
         if coupled {
-            // Each joint takes 0.3 of the joint before it along.
+            // Each joint takes along 0.3 of the joint before it.
             let row = |i: usize| (0..joints).map(move |j| if i == j { 1.0 } else if j + 1 == i { 0.3 } else { 0.0 });
             arm.coupling = (0..joints).flat_map(row).collect();
         }
@@ -104,14 +104,14 @@ proptest! {
         let q = &q[..joints];
         let found = model.tool_jacobian(&tool(), q, 0.0);
         let expected = differences(&model, &tool(), q, 0.0);
-        // The frames of a blob are of single precision: their axes are unit to that.
+        // The frames of a blob are in single precision, so their axes are unit vectors only to that.
         let off = largest(&found.columns[..joints], &expected);
         prop_assert!(off < 3e-6, "{off:e}");
         prop_assert_eq!(largest(&found.columns[joints..], &[[0.0; 6]; 8][joints..]), 0.0);
     }
 }
 
-/// What the Jacobian leaves out is the derivative of the deflection, and no more than is documented.
+/// The Jacobian leaves out only the derivative of the deflection, and no more than is documented.
 #[test]
 fn the_jacobian_leaves_out_the_derivative_of_the_deflection_alone() {
     let model = example::<f64>();
@@ -140,12 +140,12 @@ fn the_jacobian_leaves_out_the_derivative_of_the_deflection_alone() {
         libm::sqrt(squares)
     );
     assert!(worst < BY_THE_DEFLECTION, "{worst}");
-    // They differ indeed: the law above would not see a model that has no deflection.
+    // The difference is real; otherwise the law would also hold for a model without deflection.
     assert!(worst > 1e-4, "{worst}");
 }
 
-/// Root mean square of what is rough in second differences at 1 kHz, rad/s²: of white noise, that of their own second
-/// differences is √(70/6) times as much; of a smooth path these are zero, nearly.
+/// Returns the RMS of the noise in the second differences at 1 kHz, rad/s². It is computed from fourth differences, which
+/// for white noise are √(70/6) times as large as the second ones and for a smooth path nearly zero.
 fn roughness(path: &[[f64; 8]]) -> f64 {
     let mut squares = 0.0;
     for five in path.windows(5) {
@@ -159,7 +159,7 @@ fn roughness(path: &[[f64; 8]]) -> f64 {
     1e6 * libm::sqrt(mean * 6.0 / 70.0)
 }
 
-/// Commands of a smooth path of the tool in 2 s, each seeded by the one before.
+/// Returns the noise of commands along a smooth path of the tool of 2 s, each seeded by the one before.
 fn commanded<T: CompiledCorrection + CompiledInverse>() -> [f64; 2] {
     let (model, wide) = (example::<T>(), example::<f64>());
     let tool = tool();
@@ -192,7 +192,7 @@ fn commanded<T: CompiledCorrection + CompiledInverse>() -> [f64; 2] {
     [roughness(&inverse), roughness(&corrected)]
 }
 
-/// Why a host commands in double precision: one ulp of a joint in `f32`, twice differentiated at 1 kHz.
+/// A host commands in double precision, because an ulp of a joint in `f32`, twice differentiated at 1 kHz, is noise.
 #[test]
 fn commands_in_double_precision_are_smooth() {
     let (single, double) = (commanded::<f32>(), commanded::<f64>());
@@ -204,7 +204,7 @@ fn commands_in_double_precision_are_smooth() {
         single[0], single[1], double[0], double[1]
     );
     assert!(double.iter().all(|noise| *noise < NOISE), "{double:?}");
-    // The measure sees noise.
+    // The measure detects the noise of single precision.
     assert!(single.iter().all(|noise| *noise > NOISE), "{single:?}");
 }
 

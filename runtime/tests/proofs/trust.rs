@@ -1,4 +1,4 @@
-//! Trust and standard deviation: laws for every model and input, and the variance against the formula written plainly.
+//! Trust and standard deviation: laws for every model and input, and the variance against the formula.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::Variance;
@@ -13,7 +13,7 @@ use proptest::prelude::*;
 use crate::arm::{Arm, WORDS};
 use crate::seeded::config;
 
-/// Every kind of model: paper's, elastic, the chain alone.
+/// Returns an arm of each kind: with the paper's correction, with an elastic one, and the chain alone.
 fn arm(kind: usize, joints: usize) -> Arm {
     let mut arm = match kind {
         0 => Arm::sound(joints, 10),
@@ -26,10 +26,10 @@ fn arm(kind: usize, joints: usize) -> Arm {
     arm
 }
 
-/// A landmark for `arm`: joints, payload and words of the factor.
+/// A landmark for `arm`: joints, payload, and the words of its factor.
 type Landmark = (Vec<f32>, f32, Vec<f32>);
 
-/// The words of landmarks.
+/// Returns the words of landmarks.
 fn bytes(arm: &Arm, landmarks: &[Landmark]) -> Vec<u8> {
     let mut words = Vec::new();
     for (q, payload, factor) in landmarks {
@@ -45,7 +45,7 @@ fn bytes(arm: &Arm, landmarks: &[Landmark]) -> Vec<u8> {
     words.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// The variance of an arm with so many joints.
+/// Returns the variance of an arm with `joints` joints.
 fn variance(joints: usize, landmarks: u8, rows: &[u8]) -> Variance<'_> {
     Variance {
         floor_m2: 1e-9,
@@ -58,7 +58,7 @@ fn variance(joints: usize, landmarks: u8, rows: &[u8]) -> Variance<'_> {
     }
 }
 
-/// The same everywhere.
+/// Returns a variance that is the same everywhere.
 fn constant<'a>(floor_m2: f32) -> Variance<'a> {
     Variance {
         floor_m2,
@@ -69,7 +69,7 @@ fn constant<'a>(floor_m2: f32) -> Variance<'a> {
     }
 }
 
-/// A model without processes has the root of the floor for every input that is one, and nothing else changes.
+/// In a model without processes σ is the root of the floor for every valid input, and nothing else changes.
 #[test]
 fn without_processes_sigma_is_the_same_everywhere() {
     let mut chain = Arm::sound(6, 3);
@@ -99,7 +99,7 @@ fn without_processes_sigma_is_the_same_everywhere() {
     }
 }
 
-/// The model of `arm` with this variance.
+/// Returns the model of `arm` with this variance.
 fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, LoadError> {
     let mut blob = arm.blob();
     blob.variance = Some(v);
@@ -107,7 +107,7 @@ fn loaded<T: Scalar>(arm: &mut Arm, v: Variance<'_>) -> Result<Model<T, WORDS>, 
     model.load_decoded(&blob).map(|()| model)
 }
 
-/// Three landmarks, for an arm of `joints` joints.
+/// Returns three landmarks, for an arm of `joints` joints.
 fn sample(joints: usize) -> Vec<Landmark> {
     let place =
         |seed: usize| (0..joints).map(move |d| ((3 * d + 7 * seed) % 11) as f32 / 5.0 - 1.0);
@@ -121,7 +121,7 @@ fn sample(joints: usize) -> Vec<Landmark> {
 proptest! {
     #![proptest_config(config(91, 2_000))]
 
-    /// 1 within the trained ranges, never more, never negative, never NaN, and 0 for what is no input.
+    /// Trust is 1 within the trained ranges, never above 1, negative or NaN, and 0 for invalid input.
     #[test]
     fn trust_is_within_0_and_1(
         kind in 0_usize..3,
@@ -141,7 +141,7 @@ proptest! {
         }
     }
 
-    /// The farther beyond a range the less, whatever the other inputs, down to nothing.
+    /// Trust falls with the distance beyond a range, whatever the other inputs, and finally to nothing.
     #[test]
     fn trust_falls_beyond_the_ranges(
         kind in 0_usize..3,
@@ -168,7 +168,7 @@ proptest! {
         prop_assert!(at(1_000.0) < 1e-30);
     }
 
-    /// The share of a process' variance that is known from the edge of the range: the squared correlation, at least.
+    /// Trust is at most the squared correlation with the edge of the range, the share of the variance that is known from there.
     #[test]
     fn trust_is_no_more_than_the_squared_correlation_with_the_edge(beyond in 0.0_f32..4.0) {
         let mut arm = Arm::elastic(1, 4, false);
@@ -179,7 +179,7 @@ proptest! {
         prop_assert!(trust <= correlation * correlation * 1.000_01, "{trust} {correlation}");
     }
 
-    /// Σ_c |J_c|² a_c u² with Jacobians from differences and the correlations with natural exponentials.
+    /// Σ_c |J_c|² a_c u², with Jacobians from finite differences and correlations from natural exponentials.
     #[test]
     fn sigma_is_the_formula(
         joints in 1_usize..=8,
@@ -239,14 +239,14 @@ proptest! {
         let u = (1.0 - known).max(0.0);
         let expected = libm::sqrt(f64::from(1e-9_f32) + f64::from(1e-8_f32) * prior * u * u);
         prop_assert!((found / expected - 1.0).abs() < 1e-4, "{found:e} {expected:e}");
-        // In f32 the same to five digits.
+        // f32 agrees to four digits.
         let single = loaded::<f32>(&mut arm, variance(joints, 3, &rows)).unwrap();
         let narrow = q.map(|x| x as f32);
         let single = f64::from(single.evaluate(&narrow[..joints], m as f32).position_sigma.unwrap());
         prop_assert!((single / expected - 1.0).abs() < 2e-4, "{single:e} {expected:e}");
     }
 
-    /// From the floor to a metre, for every input and every blob that loads.
+    /// σ is between the floor and a metre, for every input and every blob that loads.
     #[test]
     fn sigma_is_bounded(
         joints in 1_usize..=8,
@@ -271,7 +271,7 @@ proptest! {
     }
 }
 
-/// At a landmark that is known all of the prior is explained, far from it none: there σ is the prior's.
+/// At a known landmark σ is the floor, and far from all landmarks it is the prior's.
 #[test]
 fn sigma_goes_from_the_floor_to_the_prior() {
     let mut arm = Arm::elastic(6, 8, false);
@@ -290,7 +290,7 @@ fn sigma_goes_from_the_floor_to_the_prior() {
     assert_eq!((bad.trust, bad.position_sigma), (0.0, None));
 }
 
-/// The pose is the same with and without, and so is the number of inducing points.
+/// A variance changes neither the pose nor the number of inducing points.
 #[test]
 fn a_variance_does_not_move_the_pose() {
     let mut arm = Arm::elastic(6, 8, false);
@@ -390,7 +390,7 @@ fn what_is_wrong_with_a_variance_is_named() {
     ] {
         assert_eq!(loaded::<f32>(&mut chain, changed).err(), wrong);
     }
-    // Landmarks of 27 words: too much beside 1 008, of which 30 were there.
+    // Landmarks of 27 words do not fit beside rows that are enlarged to 1 008 words.
     let mut full = Arm::elastic(3, 4, false);
     full.curves.clear();
     full.rows.resize(1_008, 0.0);
@@ -406,7 +406,7 @@ fn what_is_wrong_with_a_variance_is_named() {
     );
 }
 
-/// Half of the trust is left where it says.
+/// Trust is one half at the distance that `half` states.
 #[test]
 fn half_of_the_trust() {
     for kind in 0..3 {
@@ -422,7 +422,7 @@ fn half_of_the_trust() {
     }
 }
 
-/// At either end of a range a value is within it; beyond either end it is not, and no two ends make up for one another.
+/// A value at either end of a range is within it, and one beyond either end is not. One joint's margin does not help another.
 #[test]
 fn ranges_include_their_ends() {
     let (joint, payload) = (Status::OUTSIDE_JOINT_RANGE, Status::OUTSIDE_PAYLOAD_RANGE);
@@ -453,11 +453,11 @@ fn ranges_include_their_ends() {
         assert_eq!(both, expected.with(joint), "{m}");
     }
     assert_eq!(outside(&[0.0_f32, 0.6], &ranges, -7.0, None), Status::OK);
-    // A range upside down has nothing within.
+    // A reversed range contains nothing.
     assert_eq!(outside(&[0.5_f32], &[(1.0, 0.0)], 0.0, None), joint);
 }
 
-/// A joint that no process looks at is not for ever within what was trained: half a turn beyond its range half is left.
+/// Trust also falls along a joint that no process depends on: half a turn beyond its range it is one half.
 #[test]
 fn trust_falls_along_a_joint_without_effect() {
     let mut task = Arm::sound(3, 10);

@@ -3,12 +3,12 @@
 use crate::nor::Cut;
 use crate::steps::{Step, TestStore, again, boots_with, carry_out, read, store, whole};
 
-/// Slots of a head and erase units for the blobs, which have at most 85 bytes.
+/// Returns the erase units of a slot: one for the head, and those for blobs of at most 85 bytes.
 fn units(erase: usize) -> usize {
     1 + 85_usize.div_ceil(erase)
 }
 
-/// What was tried.
+/// Counts of what was tried.
 #[derive(Debug, Default)]
 struct Tried {
     sequences: u64,
@@ -16,8 +16,8 @@ struct Tried {
     double_cuts: u64,
 }
 
-/// Cuts the power at every operation of `step` in every way. After each: old or new, nothing lost; the same step then
-/// succeeds; and `then` is shown the store as it was when power came back.
+/// Cuts the power at every operation of `step` in every way. After each cut the store has the old or the new state and nothing
+/// is lost; the same step then succeeds. `then` gets the store as it was when power came back.
 fn cut_everywhere<const WRITE: usize, const ERASE: usize>(
     before: &mut TestStore<WRITE, ERASE>,
     step: Step,
@@ -49,8 +49,8 @@ fn cut_everywhere<const WRITE: usize, const ERASE: usize>(
             let now = whole(&mut after);
             outcomes.check(&now, true, &what);
             then(again(&mut after, units), &what);
-            // What was begun can be finished, whether it is known or not how far it came. With the new model first,
-            // "the second" is another one, so only what is written has one meaning before and after.
+            // The interrupted step can be repeated, whether or not the caller knows how far it came. Only `Write` is repeated:
+            // with the new model first, "the second" of the other steps is a different one.
             if step == Step::Write && now.first() == there.first() {
                 carry_out(&mut after, step, number).unwrap_or_else(|e| panic!("{what}: {e:?}"));
                 outcomes.check(&whole(&mut after), false, &what);
@@ -60,7 +60,7 @@ fn cut_everywhere<const WRITE: usize, const ERASE: usize>(
     operations * cuts.len() as u64
 }
 
-/// Every sequence of at most `length` steps, its last step cut at every operation, and the step after that again.
+/// Runs every sequence of at most `length` steps with the last step cut at every operation; if `twice`, so is the next step.
 fn all_sequences<const WRITE: usize, const ERASE: usize>(
     length: u32,
     corrects_errors: bool,
@@ -69,7 +69,7 @@ fn all_sequences<const WRITE: usize, const ERASE: usize>(
 ) {
     let mut flash = store::<WRITE, ERASE>(units(ERASE));
     flash.flash().corrects_errors = corrects_errors;
-    // Only a head of one record cannot look like one with room while an interrupted erase has left it unsound.
+    // Only a head of one record never looks usable after an interrupted erase, so only there writing must find whole erases.
     flash.flash().needs_whole_erases = ERASE == 32;
     let mut level = vec![flash];
     for depth in 0..length {
@@ -79,7 +79,7 @@ fn all_sequences<const WRITE: usize, const ERASE: usize>(
                 let number = depth + 1;
                 tried.sequences += 1;
                 let mut double_cuts = 0;
-                // After a cut in the last step of a shorter sequence, what is done next is cut as well.
+                // After a cut in the last step of a shorter sequence, the next step is cut as well.
                 let double = twice && depth + 2 == length;
                 tried.cuts +=
                     cut_everywhere(before, step, number, &Cut::ALL, &mut |mut after, _| {
@@ -122,7 +122,8 @@ fn every_operation_of_every_short_sequence() {
     );
 }
 
-/// Heads of ordinary size, filled to the last record; cut around the moment when they are full.
+/// Fills heads of ordinary size to the last record, and cuts power around the moment when they are full. Returns the number
+/// of cuts and of erased heads.
 fn full_heads<const WRITE: usize>() -> (u64, u64) {
     let units = units(4096);
     let mut store = store::<WRITE, 4096>(units);
@@ -135,7 +136,7 @@ fn full_heads<const WRITE: usize>() -> (u64, u64) {
         let before = store.flash().erased;
         let mut ahead = again(&mut store, units);
         carry_out(&mut ahead, Step::PromoteSecond, 0).unwrap();
-        // The last of a head, its erase, and the first in the other: all that is not like any other.
+        // The last record of a head, its erase, and the first record in the other: the cases that differ from all others.
         if ahead.flash().erased > before || promotions < 2 {
             erased_heads += ahead.flash().erased - before;
             for step in [Step::PromoteSecond, Step::WriteBesideSecond] {
@@ -159,7 +160,7 @@ fn every_operation_around_full_heads_of_4096_bytes() {
     }
 }
 
-/// Many steps one after the other, power failing in every other one, on the flash that this leaves; the cuts.
+/// Runs many steps in a row and cuts power in every other one. Returns the number of cuts.
 fn lives<const WRITE: usize, const ERASE: usize>() -> u64 {
     let units = units(ERASE);
     let mut cuts = 0;
@@ -206,8 +207,7 @@ fn long_lives() {
     }
 }
 
-/// The record of a blob is written last: nothing announces a blob as the first that is not whole, so nobody has to find
-/// out by reading it.
+/// The record of a blob is written last, so the first candidate is always whole, and nobody has to read it to find out.
 #[test]
 fn the_first_candidate_is_whole_whenever_power_fails() {
     let mut cuts = 0;
@@ -225,7 +225,7 @@ fn the_first_candidate_is_whole_whenever_power_fails() {
             }
             let mut store = again(&mut store, 3);
             let [Some(first), _] = store.candidates() else {
-                panic!("{cut:?} at {operation}: nothing is announced")
+                panic!("{cut:?} at {operation}: there is no candidate")
             };
             let bytes = read(&mut store, &first);
             assert!(

@@ -1,4 +1,4 @@
-//! Bits that change while nobody writes: what is damaged is not believed, and what is left still works.
+//! Bits that change while nobody writes: a damaged record is ignored, and the rest still works.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ const UNITS: usize = 3;
 /// Bits of a record.
 const RECORD_BITS: usize = 8 * 28;
 
-/// What a device has after one bit of the slots changed, counted. `written` is all that was ever stored.
+/// Flips every bit of the slots and counts what the device has afterwards. `written` is all that was ever stored.
 fn every_bit<const WRITE: usize, const ERASE: usize>(
     before: &mut TestStore<WRITE, ERASE>,
     written: &[Stored],
@@ -23,7 +23,7 @@ fn every_bit<const WRITE: usize, const ERASE: usize>(
         for bit in 8 * slot.start..8 * slot.end {
             let mut store = again(before, UNITS);
             store.flash().bytes_mut()[bit as usize / 8] ^= 1 << (bit % 8);
-            // A damaged record is not followed, not even to where the checksum of a blob would show it.
+            // A damaged record is ignored before the checksum of a blob could show the damage.
             let says = store.candidates();
             for stored in says.iter().flatten() {
                 assert!(
@@ -35,7 +35,7 @@ fn every_bit<const WRITE: usize, const ERASE: usize>(
             let now = whole(&mut store);
             assert!(
                 now.iter().all(|model| there.contains(model)),
-                "bit {bit}: a model that never was: {now:02x?}"
+                "bit {bit}: a model that was never stored: {now:02x?}"
             );
             assert!(
                 there.is_empty() || there.len() == 1 || !now.is_empty(),
@@ -52,7 +52,7 @@ fn every_bit<const WRITE: usize, const ERASE: usize>(
                     _ => "an older record: the same models in the other order",
                 })
                 .or_insert(0) += 1;
-            // What comes next works as ever.
+            // The next write works as usual.
             carry_out(&mut store, Step::Write, 50).unwrap_or_else(|e| panic!("bit {bit}: {e:?}"));
             assert_eq!(
                 whole(&mut store).first().map(|it| it.1.clone()),
@@ -61,8 +61,11 @@ fn every_bit<const WRITE: usize, const ERASE: usize>(
             assert_eq!(whole(&mut store).len(), 2.min(1 + now.len()), "bit {bit}");
         }
     }
-    // Damage of an older record is never taken for a newer one.
-    assert!(changed <= RECORD_BITS, "{changed} bits change what counts");
+    // Damage of an older record never makes it the newest.
+    assert!(
+        changed <= RECORD_BITS,
+        "{changed} bits change which models are found"
+    );
 }
 
 #[test]
@@ -117,8 +120,8 @@ fn a_damaged_blob_is_not_kept() {
     }
 }
 
-/// A record that says something else with the right checksum cannot come from damage; one that points beyond its slot
-/// is not followed all the same.
+/// A record with a right checksum but wrong content cannot come from damage. Even so, one that points beyond its slot is
+/// ignored.
 #[test]
 fn a_forged_record_cannot_point_outside_its_slot() {
     let mut store = store::<4, 64>(UNITS);

@@ -1,4 +1,4 @@
-//! The public key: provisioned once, through every power cut and every damage.
+//! The public key is provisioned once, through every power cut and all damage.
 
 use poegp_runtime::store::StoreError;
 
@@ -25,7 +25,7 @@ fn once_and_for_all() {
     assert_eq!(again(&mut store, UNITS).public_key(), Ok(Some(KEY)));
 }
 
-/// Cuts at every operation of provisioning `key`, and then `then` with what is there.
+/// Cuts power at every operation of provisioning `key`, then calls `then` with the store.
 fn cut_everywhere<const WRITE: usize, const ERASE: usize>(
     before: &mut TestStore<WRITE, ERASE>,
     key: &[u8; 32],
@@ -33,7 +33,7 @@ fn cut_everywhere<const WRITE: usize, const ERASE: usize>(
 ) -> u64 {
     let mut uncut = again(before, UNITS);
     let start = uncut.flash().operations;
-    // There may be no room left, or another key.
+    // Provisioning may fail because the page is full or has another key.
     let _ = uncut.provision(key);
     let operations = uncut.flash().operations - start;
     for at in 0..operations {
@@ -56,13 +56,13 @@ fn every_cut<const WRITE: usize, const ERASE: usize>(corrects_errors: bool) -> u
         let now = store.public_key();
         let allowed = [Ok(None), Ok(Some(KEY)), Err(StoreError::KeyUnfinished)];
         assert!(allowed.contains(&now), "{what}: {now:?}");
-        // Nothing at all is only there when nothing was written.
+        // `None` is reported only if nothing was written.
         let key = layout::<ERASE>(UNITS).key;
         let blank = store.flash().bytes_mut()[key.start as usize..key.end as usize]
             .iter()
             .all(|byte| *byte == 0xff);
         assert_eq!(now == Ok(None), blank, "{what}");
-        // A key that is in force stays; before, another may be chosen.
+        // A key in force stays; before that, another key may be provisioned.
         let result = again(&mut store, UNITS).provision(&OTHER);
         let expected = match now {
             Ok(Some(_)) => Err(StoreError::KeyProvisioned),
@@ -74,7 +74,7 @@ fn every_cut<const WRITE: usize, const ERASE: usize>(corrects_errors: bool) -> u
             .provision(&KEY)
             .unwrap_or_else(|e| panic!("{what}: {e:?}"));
         assert_eq!(repeated.public_key(), Ok(Some(KEY)), "{what}");
-        // The repetition is cut as well.
+        // Power is cut during the repetition as well.
         twice += cut_everywhere(&mut store, &KEY, &mut |mut store, again_what| {
             let then = store.public_key();
             if now == Ok(Some(KEY)) {
@@ -111,7 +111,7 @@ fn every_operation_of_provisioning() {
     assert!(cuts > 10_000);
 }
 
-/// A page that has had a key never again accepts everything.
+/// A page that has held a key never again accepts unsigned models.
 #[test]
 fn every_damage_of_a_provisioned_page_refuses_or_is_harmless() {
     let mut whole = store::<4, 64>(UNITS);
@@ -123,7 +123,7 @@ fn every_damage_of_a_provisioned_page_refuses_or_is_harmless() {
         assert_eq!(store.public_key(), Ok(Some(KEY)), "bit {bit}");
         assert_eq!(store.provision(&OTHER), Err(StoreError::KeyProvisioned));
     }
-    // Both records: one bit of each.
+    // One bit in each of both records.
     let start = key.start as usize;
     for one in 0..8 * 40 {
         for two in 0..8 * 40 {
@@ -138,7 +138,7 @@ fn every_damage_of_a_provisioned_page_refuses_or_is_harmless() {
 
 #[test]
 fn a_page_with_no_room_for_another_attempt_says_so() {
-    // Four erase units of 64 bytes: the seal and five attempts of 40 bytes.
+    // Four erase units of 64 bytes hold the seal and five attempts of 40 bytes.
     let mut store = store::<8, 64>(UNITS);
     for attempt in 0..5 {
         store.flash().cut_at(2, Cut::Garbage);

@@ -1,4 +1,4 @@
-//! What the store does while nothing goes wrong, and what it refuses.
+//! The store without failures, and what it refuses.
 
 use poegp_protocol::blob::CRC;
 use poegp_runtime::store::{Layout, Slot, Store, StoreError, Stored};
@@ -25,7 +25,7 @@ fn erased_flash_has_nothing() {
     assert_eq!(store.promote(&nothing), Err(error));
 }
 
-/// Memory that was never erased, as after a reset of RAM.
+/// Memory that was never erased, like RAM after a reset.
 #[test]
 fn foreign_memory_has_nothing_and_can_be_written() {
     for fill in [0, 0x55] {
@@ -57,7 +57,7 @@ fn newest_first_and_roll_back() {
     assert_eq!(read(&mut store, &second), Some(one.clone()));
     assert_eq!(store.promote(&second), Ok(second));
     assert_eq!(store.candidates(), [Some(second), Some(first)]);
-    // The active model is kept, whether it is the newest or not.
+    // The active model is kept, whether or not it is the newest.
     assert_eq!(
         store.write(&three, Some(Slot::B)),
         Ok(stored(Slot::A, &three))
@@ -69,7 +69,7 @@ fn newest_first_and_roll_back() {
     assert_eq!(whole(&mut store), [(Slot::A, three), (Slot::B, two)]);
 }
 
-/// An upload whose last answer was lost is repeated.
+/// The host repeats an upload whose last answer was lost.
 #[test]
 fn the_same_blob_again_erases_nothing() {
     let mut store = store::<4, 256>(3);
@@ -81,7 +81,7 @@ fn the_same_blob_again_erases_nothing() {
         assert_eq!(store.write(&two, keep), Ok(stored(Slot::B, &two)));
     }
     assert_eq!((store.flash().operations, store.flash().erased), before);
-    // What is in the other slot already becomes the first by one record.
+    // The blob of the other slot becomes the first by one record.
     assert_eq!(store.write(&one, Some(Slot::B)), Ok(stored(Slot::A, &one)));
     assert_eq!(store.flash().erased, before.1);
     assert_eq!(whole(&mut store), [(Slot::A, one), (Slot::B, two)]);
@@ -195,7 +195,7 @@ fn layouts_that_cannot_be_used_are_refused() {
     assert_eq!([Slot::A.other(), Slot::B.other()], [Slot::B, Slot::A]);
 }
 
-/// Append-only: what a number means on the wire never changes.
+/// Numbers on the wire never change; new errors are appended.
 #[test]
 fn every_error_has_its_number() {
     let kind = embedded_storage::nor_flash::NorFlashErrorKind::Other;

@@ -1,4 +1,4 @@
-//! The store in a flash that loses power: at every operation, in every way, in every sequence of a few steps.
+//! The store in a flash that loses power: at every operation, in every way, in every short sequence of steps.
 
 mod cuts;
 mod damage;

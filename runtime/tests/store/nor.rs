@@ -1,9 +1,9 @@
-//! A flash that knows the rules of NOR and can lose power at any operation.
+//! A simulated NOR flash that can lose power at any operation.
 //!
-//! An operation is one write unit programmed or one erase unit erased. Erasing sets a unit to ones; a write unit may be
-//! written once until it is erased again, else this panics. Power fails before, in the middle of, or after an operation;
-//! from then on the driver only refuses, until [`Nor::restart`]. What an operation leaves when power fails in its middle
-//! is undefined: [`Cut`] has four kinds of it.
+//! An operation programs one write unit or erases one erase unit. Erasing sets a unit to ones; a write unit may be written once
+//! until it is erased again, otherwise this panics. Power fails before, during or after an operation; from then on the driver
+//! refuses everything until [`Nor::restart`]. The content after an interrupted operation is undefined; [`Cut`] has four kinds
+//! of it.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
@@ -12,17 +12,17 @@ use embedded_storage::nor_flash::{
 /// How power fails at an operation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cut {
-    /// Nothing of it was done.
+    /// The operation did nothing.
     Before,
-    /// Its first bytes were done, about half.
+    /// About half of the bytes were done, from the first on.
     Prefix,
-    /// Some of the bits that it changes were changed.
+    /// Some of the changing bits were changed.
     SomeBits,
     /// The unit has random bytes.
     Garbage,
-    /// An erase that reads as done and is not: such units have to be erased again. Nothing of a write was done.
+    /// An erase whose unit reads as erased but must be erased again; a write that did nothing.
     AlmostErased,
-    /// All of it was done, but nobody was told.
+    /// The operation was completed, but reported no success.
     After,
 }
 
@@ -37,7 +37,7 @@ impl Cut {
     ];
 }
 
-/// The flash: units of `WRITE` bytes are written, of `ERASE` bytes erased.
+/// The flash: write units of `WRITE` bytes, erase units of `ERASE` bytes.
 #[derive(Clone, Debug)]
 pub struct Nor<const WRITE: usize, const ERASE: usize> {
     bytes: Vec<u8>,
@@ -45,15 +45,15 @@ pub struct Nor<const WRITE: usize, const ERASE: usize> {
     written: Vec<bool>,
     /// Whether the error correction of each write unit does not match its data.
     unreadable: Vec<bool>,
-    /// Whether each write unit was part of an interrupted erase, and of no erase since.
+    /// Whether each write unit was part of an interrupted erase and has not been erased since.
     unsound: Vec<bool>,
-    /// Whether to panic when something is written to where an erase was interrupted, however erased it looks.
+    /// Whether writing panics where an erase was interrupted, even if the unit looks erased.
     pub needs_whole_erases: bool,
-    /// Whether torn units cannot be read, as in flash with error correction.
+    /// Whether interrupted units cannot be read, as in flash with error correction.
     pub corrects_errors: bool,
-    /// Operations so far.
+    /// Number of operations.
     pub operations: u64,
-    /// Erase operations so far.
+    /// Number of erase operations.
     pub erased: u64,
     cut: Option<(u64, Cut)>,
     off: bool,
@@ -61,7 +61,7 @@ pub struct Nor<const WRITE: usize, const ERASE: usize> {
 }
 
 impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
-    /// Erased flash of `units` erase units.
+    /// Returns erased flash of `units` erase units.
     pub fn new(units: usize) -> Self {
         Self {
             bytes: vec![0xff; units * ERASE],
@@ -78,24 +78,24 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
         }
     }
 
-    /// Lets power fail at the operation `operations` from now (0 is the next).
+    /// Makes power fail `operations` operations from now (0 is the next).
     pub fn cut_at(&mut self, operations: u64, cut: Cut) {
         self.cut = Some((self.operations + operations, cut));
         self.random = operations.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
     }
 
-    /// Power is back.
+    /// Restores power.
     pub fn restart(&mut self) {
         self.cut = None;
         self.off = false;
     }
 
-    /// Whether power has failed.
+    /// Returns whether power has failed.
     pub fn is_off(&self) -> bool {
         self.off
     }
 
-    /// The bytes, to look at or to damage.
+    /// Returns the bytes, for inspection and damage.
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         &mut self.bytes
     }
@@ -108,7 +108,7 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
         (self.random.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 56) as u8
     }
 
-    /// Brings the bytes from `at` on to `target`, in one operation that power may interrupt.
+    /// Changes the bytes from `at` on to `target`, in one operation that a power cut may interrupt.
     fn operate(&mut self, at: usize, target: &[u8], erases: bool) -> Result<(), NorFlashErrorKind> {
         if self.off {
             return Err(NorFlashErrorKind::Other);
@@ -136,7 +136,7 @@ impl<const WRITE: usize, const ERASE: usize> Nor<WRITE, ERASE> {
         self.bytes[at..at + torn.len()].copy_from_slice(&torn);
         for unit in at / WRITE..(at + torn.len()) / WRITE {
             let content = &self.bytes[unit * WRITE..][..WRITE];
-            // An erase that was interrupted leaves units that are erased and units that are not.
+            // An interrupted erase leaves some units erased and some not.
             self.written[unit] = content.iter().any(|byte| *byte != 0xff);
             self.unsound[unit] = erases && (half_done || almost);
             self.unreadable[unit] = self.corrects_errors && half_done && self.written[unit];
@@ -154,7 +154,7 @@ impl<const WRITE: usize, const ERASE: usize> ErrorType for Nor<WRITE, ERASE> {
 }
 
 impl<const WRITE: usize, const ERASE: usize> ReadNorFlash for Nor<WRITE, ERASE> {
-    // One of the sizes has a read unit that is not a byte.
+    // One size has a read unit of more than a byte.
     const READ_SIZE: usize = if WRITE == 4 { 4 } else { 1 };
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
@@ -199,7 +199,7 @@ impl<const WRITE: usize, const ERASE: usize> NorFlash for Nor<WRITE, ERASE> {
             );
             self.operate(at, unit, false)?;
             if !self.off {
-                // Also of a unit whose bytes are ones.
+                // Also if all bytes of the unit are ones.
                 self.written[at / WRITE] = true;
             }
         }

@@ -1,4 +1,4 @@
-//! The settings of the cycle: the last ones that were written, through every power cut and every damage.
+//! The settings of the cycle: the last written ones are in force, through every power cut and all damage.
 
 use poegp_protocol::link::CycleSettings;
 use poegp_runtime::store::StoreError;
@@ -22,7 +22,7 @@ fn settings(number: u32) -> CycleSettings {
 fn the_last_ones_are_in_force() {
     let mut store = store::<4, 64>(UNITS);
     assert_eq!(store.cycle_settings(), None);
-    // Two units of 64 bytes: four records of 28.
+    // Two units of 64 bytes hold four records of 28.
     for number in 1..=4 {
         store.set_cycle_settings(&settings(number)).unwrap();
         let operations = store.flash().operations;
@@ -39,7 +39,7 @@ fn the_last_ones_are_in_force() {
     assert_eq!(store.flash().erased, 0, "the page is never erased");
 }
 
-/// The old ones or the new ones, models and key as they were, and room for the next.
+/// After a cut, the old or the new settings are in force, models and key are unchanged, and there is room for new settings.
 fn every_cut<const WRITE: usize, const ERASE: usize>(corrects_errors: bool) -> u64 {
     let mut fresh = store::<WRITE, ERASE>(UNITS);
     fresh.flash().corrects_errors = corrects_errors;
@@ -94,7 +94,7 @@ fn every_operation_of_a_change() {
     assert!(cuts > 500);
 }
 
-/// Changes of settings between whatever else the store does, power failing in every other one.
+/// Changes of settings among random steps of the store, with power failing in every other one.
 #[test]
 fn long_lives() {
     let (mut cuts, mut full) = (0, 0);
@@ -136,7 +136,7 @@ fn long_lives() {
     assert!(cuts > 1_000 && full > 50);
 }
 
-/// A damaged record is not believed; the one before it is. Models and key do not notice.
+/// A damaged record is ignored and the one before it is in force. Models and key stay as they are.
 #[test]
 fn every_bit_of_the_page() {
     let page = layout::<64>(UNITS).cycle;
@@ -156,7 +156,7 @@ fn every_bit_of_the_page() {
             now => panic!("bit {bit}: {now:?}"),
         }
         assert_eq!(whole(&mut store), models);
-        // Whether there is still room decides what is blank.
+        // The flip may make free room look used, so the page may be full.
         match store.set_cycle_settings(&settings(9)) {
             Ok(()) => assert_eq!(store.cycle_settings(), Some(settings(9))),
             error => assert_eq!(error, Err(StoreError::SettingsFull), "bit {bit}"),

@@ -1,24 +1,24 @@
-//! What a device does with its store, as steps that can be tried again after a power cut.
+//! What a device does with its store, as steps that can be repeated after a power cut.
 
 use poegp_runtime::store::{Layout, Slot, Store, StoreError, Stored};
 
 use crate::nor::Nor;
 
-/// A store in the mock.
+/// A store in the simulated flash.
 pub type TestStore<const WRITE: usize, const ERASE: usize> = Store<Nor<WRITE, ERASE>>;
 
-/// One thing that a device does.
+/// One step of a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// Writes a blob that was never there, beside the first candidate.
+    /// Writes a new blob while the first candidate is the active model.
     Write,
-    /// The same while the second candidate is the active model.
+    /// Writes a new blob while the second candidate is the active model.
     WriteBesideSecond,
-    /// Writes what is the second candidate already.
+    /// Writes the blob that is the second candidate already.
     WriteSecondAgain,
     /// Rolls back.
     PromoteSecond,
-    /// Promotes what is the first candidate already.
+    /// Promotes the first candidate, which changes nothing.
     PromoteFirst,
 }
 
@@ -32,7 +32,8 @@ impl Step {
     ];
 }
 
-/// Where the mock has its slots, of `units` erase units each, a key page between them, and settings behind.
+/// Returns the layout of the simulated flash: slots of `units` erase units with the key page between them, then the
+/// settings.
 pub fn layout<const ERASE: usize>(units: usize) -> Layout {
     let (erase, units) = (ERASE as u32, units as u32);
     Layout {
@@ -45,12 +46,12 @@ pub fn layout<const ERASE: usize>(units: usize) -> Layout {
     }
 }
 
-/// A store in erased flash with slots of `units` erase units.
+/// Returns a store in erased flash with slots of `units` erase units.
 pub fn store<const WRITE: usize, const ERASE: usize>(units: usize) -> TestStore<WRITE, ERASE> {
     Store::new(Nor::new(2 * units + 6), layout::<ERASE>(units)).expect("a layout")
 }
 
-/// The same store after the power was off.
+/// Returns the same store after a restart.
 pub fn again<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
     units: usize,
@@ -60,7 +61,7 @@ pub fn again<const WRITE: usize, const ERASE: usize>(
     Store::new(flash, layout::<ERASE>(units)).expect("a layout")
 }
 
-/// The blob with this number: no two have the same length or bytes.
+/// Returns the blob with this number; no two have the same length and bytes.
 pub fn blob(number: u32) -> Vec<u8> {
     let length = 41 + number % 37;
     let mut state = number.wrapping_mul(0x9e37_79b9) | 1;
@@ -71,13 +72,13 @@ pub fn blob(number: u32) -> Vec<u8> {
         state as u8
     };
     let mut bytes: Vec<u8> = (0..length).map(|_| byte()).collect();
-    // Bytes that look erased, at the end where units are filled up.
+    // Ends with bytes that look erased, where units are filled up.
     bytes.extend([0xff; 3]);
     bytes.extend(number.to_le_bytes());
     bytes
 }
 
-/// The bytes of a candidate, if they are what its header announces.
+/// Returns the bytes of a candidate if they match its header.
 pub fn read<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
     stored: &Stored,
@@ -86,7 +87,7 @@ pub fn read<const WRITE: usize, const ERASE: usize>(
     store.read(stored, &mut buffer).ok().map(<[u8]>::to_vec)
 }
 
-/// The whole candidates, the first first: what a device boots with, and what it can roll back to.
+/// Returns the whole candidates in order: what a device boots with, and what it can roll back to.
 pub fn whole<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
 ) -> Vec<(Slot, Vec<u8>)> {
@@ -98,7 +99,7 @@ pub fn whole<const WRITE: usize, const ERASE: usize>(
         .collect()
 }
 
-/// Carries out `step`; `number` is that of a blob which was never written.
+/// Carries out `step`. `number` names a blob that was never written.
 pub fn carry_out<const WRITE: usize, const ERASE: usize>(
     store: &mut TestStore<WRITE, ERASE>,
     step: Step,
@@ -123,7 +124,7 @@ pub fn carry_out<const WRITE: usize, const ERASE: usize>(
     }
 }
 
-/// What may be there after `step` from `before`: the bytes of the first whole candidate.
+/// Returns what a device may boot with after `step`, starting from `before`.
 pub fn boots_with(before: &[(Slot, Vec<u8>)], step: Step, number: u32) -> Outcomes {
     let first = before.first().map(|(_, bytes)| bytes.clone());
     let second = before.get(1).map(|(_, bytes)| bytes.clone());
@@ -135,7 +136,7 @@ pub fn boots_with(before: &[(Slot, Vec<u8>)], step: Step, number: u32) -> Outcom
         }
         Step::PromoteFirst => (first.clone(), first.clone()),
     };
-    // A step that overwrites nothing loses nothing.
+    // A step that overwrites nothing must lose nothing.
     let all = match step {
         Step::Write | Step::WriteBesideSecond => kept.iter().cloned().collect(),
         _ => before.iter().map(|(_, bytes)| bytes.clone()).collect(),
@@ -147,19 +148,19 @@ pub fn boots_with(before: &[(Slot, Vec<u8>)], step: Step, number: u32) -> Outcom
     }
 }
 
-/// What may be there after a step.
+/// The allowed outcomes of a step.
 #[derive(Debug)]
 pub struct Outcomes {
-    /// The first whole candidate when it was interrupted: any of these, but none only if there was none.
+    /// The first whole candidate after an interrupted step is one of these. None is allowed only if there was none before.
     pub interrupted: Vec<Option<Vec<u8>>>,
-    /// The first whole candidate when it was not.
+    /// The first whole candidate after an uninterrupted step.
     pub done: Option<Vec<u8>>,
     /// What must be there in any case.
     pub all: Vec<Vec<u8>>,
 }
 
 impl Outcomes {
-    /// Checks what is there.
+    /// Asserts that `there` is an allowed outcome.
     #[track_caller]
     pub fn check(&self, there: &[(Slot, Vec<u8>)], interrupted: bool, what: &str) {
         let first = there.first().map(|(_, bytes)| bytes.clone());

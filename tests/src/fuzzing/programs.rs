@@ -32,8 +32,8 @@ fn numbers(program: &Program) -> Vec<Number> {
     out
 }
 
-/// Reads the files of one program, separated by zeros. Every number of a target is one, none lies in another, and all bytes
-/// outside of them stay when they are replaced. What is left lies within its file.
+/// Reads the files of one program, separated by zeros. Every number of a target must be a number, and no two overlap. If they
+/// are replaced, all other bytes stay. The place of everything that is left uncorrected is within its file.
 fn read(format: Format, names: &[&str], bytes: &[u8]) {
     let parts = parts(bytes, names.len());
     let files: Vec<(&str, &[u8])> = names

@@ -36,7 +36,7 @@ pub(super) fn assert_refusal(error: &InputError, files: &[(&str, &[u8])]) {
     let (_, bytes) = files
         .iter()
         .find(named)
-        .unwrap_or_else(|| panic!("of which file? {message}"));
+        .unwrap_or_else(|| panic!("the error names no file: {message}"));
     // In UTF-16 a line end has two bytes, one of which is this one.
     let lines = match is_workbook(bytes) {
         true => SHEET.0,
@@ -270,7 +270,7 @@ fn is_rigid(frame: &Pose<f64>) -> bool {
         && (unit - identity).iter().all(|value| value.abs() < 1e-9)
 }
 
-/// Reads what is around a robot: the constraints of a plan.
+/// Reads the constraints of a plan.
 ///
 /// # Panics
 /// When a law is broken.

@@ -114,7 +114,7 @@ pub fn frames() -> Vec<Vec<u8>> {
     let framed: Vec<_> = framed
         .chain(responses.iter().map(|response| wire(1, response)))
         .collect();
-    // What is between the frame's head and its checksum, where COBS has not moved anything but the first bytes.
+    // The bytes between the frame's head and its checksum; COBS changes only the first bytes there.
     let bare = framed
         .iter()
         .map(|frame| frame[4..frame.len() - 4].to_vec());
@@ -130,7 +130,7 @@ pub fn scripts() -> Vec<Vec<u8>> {
     let ask = [
         1, 10, 1, 5, 6, 7, 8, 9, 10, 11, 3, 10, 1, 5, 6, 7, 8, 9, 10, 11,
     ];
-    // `Talk::command`: three joints, so many commands, a slope, one in a period.
+    // `Talk::command`: three joints, `count` commands, a slope, one command in a period.
     let path = |count: u8| [195, 3, 1, 5, 6, 7, 8, count, 9, 12];
     let [a, b, c] = [0, 1, 2].map(install);
     let script = |parts: &[&[u8]]| [&[1][..], &parts.concat()].concat();
@@ -255,7 +255,7 @@ pub fn imports() -> Vec<Vec<u8>> {
     all.chain([workbook()]).collect()
 }
 
-/// A map, poses, and their joints on a sheet of a workbook.
+/// Returns a map, poses, and their joints on a sheet of a workbook.
 fn workbook() -> Vec<u8> {
     let map = b"file = { separator = \"semicolon\" }\njoints_file = { sheet = \"Measured\", skip_lines = 2 }\n\
         joints = { driver = \"fanuc\" }\nposition = { columns = [\"X\", \"Y\", \"Z\"] }\njoin = { by = \"order\" }\n";
@@ -355,22 +355,22 @@ pub fn names() -> Vec<Vec<u8>> {
     names.map(|name| name.as_bytes().to_vec()).into()
 }
 
-/// A small program of `tests/data/programs`.
+/// Returns a small program of `tests/data/programs`.
 fn program(name: &str) -> Vec<u8> {
     fs::read(workspace().join("tests/data/programs").join(name)).expect("a program")
 }
 
-/// ABB modules.
+/// Returns ABB modules.
 pub fn rapid() -> Vec<Vec<u8>> {
     vec![program("part.mod")]
 }
 
-/// Scripts of Universal Robots.
+/// Returns scripts of Universal Robots.
 pub fn urscript() -> Vec<Vec<u8>> {
     vec![program("part.script")]
 }
 
-/// Fanuc listings, one with its tools and frames.
+/// Returns Fanuc listings, one with its tools and frames.
 pub fn fanuc() -> Vec<Vec<u8>> {
     let variables = "[*SYSTEM*]$MNUTOOL  Storage: CMOS  Access: RW  : ARRAY[1,10] OF POSITION\r\n     [1,3] =\r\n\
         Group: 1   Config: N D B, 0, 0, 0\r\n  X:    30.000   Y:   -45.000   Z:   210.000\r\n\
@@ -380,13 +380,13 @@ pub fn fanuc() -> Vec<Vec<u8>> {
     vec![both, listing]
 }
 
-/// KUKA sources, one with its data list.
+/// Returns KUKA sources, one with its data list.
 pub fn krl() -> Vec<Vec<u8>> {
     let (source, data) = (program("part.src"), program("part.dat"));
     vec![[source.as_slice(), b"\0", &data].concat(), source]
 }
 
-/// Yaskawa jobs, one with its tools and frames.
+/// Returns Yaskawa jobs, one with its tools and frames.
 pub fn inform() -> Vec<Vec<u8>> {
     let conditions = "//TOOL 3\r\n///NAME GUN\r\n30,-45,210,25,0,0\r\n0,0,15\r\n2.5\r\n//UFRAME 2\r\n\
         ////BUSER 900,-300,420,0,0,20\r\n";
@@ -399,13 +399,14 @@ pub fn table() -> Vec<Vec<u8>> {
     vec![program("part.csv")]
 }
 
-/// Data of a Stäubli controller, with a program that uses them.
+/// Returns data of a Stäubli controller, with a program that uses them.
 pub fn val3() -> Vec<Vec<u8>> {
     let (data, code) = (program("part.dtx"), program("part.pgx"));
     vec![[data.as_slice(), b"\0", &code].concat()]
 }
 
-/// Sessions of a controller, packet by packet: one that moves and ends with bad axes, and one with gaps and repeats.
+/// Returns sessions of a controller, packet by packet: one that moves and ends with bad axes, and one with gaps and
+/// repeats.
 pub fn rsi() -> Vec<Vec<u8>> {
     let packet = |ipoc: u64, a1: &str| {
         format!(

@@ -1,4 +1,4 @@
-//! Builds the static library and programs in C, and runs them.
+//! Builds the static library and C programs, and runs them.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -13,15 +13,15 @@ use poegp_tests::workspace;
 /// Where a program runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Machine {
-    /// Here.
+    /// On this machine.
     Host,
     /// On an emulated Cortex-M4F.
     Device,
 }
 
-/// No program of a test runs longer.
+/// Time limit of a program.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
-/// As strict as C99 and gcc allow; the header has to pass it, too.
+/// The strictest warnings that gcc has for C11; the header must pass them too.
 const WARNINGS: [&str; 5] = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"];
 const CORTEX_M4F: [&str; 4] = [
     "-mcpu=cortex-m4",
@@ -30,12 +30,12 @@ const CORTEX_M4F: [&str; 4] = [
     "-mfpu=fpv4-sp-d16",
 ];
 
-/// The folder of the C interface.
+/// Returns the folder of the C interface.
 pub fn capi() -> PathBuf {
     workspace().join("runtime/capi")
 }
 
-/// The static library, built at the first call.
+/// Returns the static library, built at the first call.
 fn library(machine: Machine) -> &'static Path {
     static BUILT: [OnceLock<PathBuf>; 2] = [const { OnceLock::new() }; 2];
     BUILT[machine as usize].get_or_init(|| build_library(machine))
@@ -49,7 +49,7 @@ fn build_library(machine: Machine) -> PathBuf {
     let mut place = directory.clone();
     let mut options = Vec::new();
     if machine == Machine::Device {
-        // The finder's compiler; the firmware is built on the way, as for the tests of the device.
+        // The compiler that the firmware's build found; the firmware is built as well, as for the tests of the device.
         let toolchain = &firmware()
             .unwrap_or_else(|error| panic!("{error}"))
             .toolchain;
@@ -65,7 +65,7 @@ fn build_library(machine: Machine) -> PathBuf {
         }
     }
     let mut command = Command::new(cargo);
-    // What the outer cargo was told must not reach this one.
+    // Settings of the outer cargo must not reach this one.
     for (name, _) in env::vars_os() {
         let text = name.to_string_lossy();
         let told = [
@@ -96,7 +96,7 @@ fn build_library(machine: Machine) -> PathBuf {
     place.join("firmware/libpoegp_capi.a")
 }
 
-/// What a program says, once it has ended well.
+/// Returns the output of a program that ended successfully.
 fn finish(command: &mut Command, remedy: &str) -> String {
     let output = command.output().unwrap_or_else(|error| match error.kind() {
         ErrorKind::NotFound => panic!("{:?} is not installed: {remedy}", command.get_program()),
@@ -112,7 +112,7 @@ fn finish(command: &mut Command, remedy: &str) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Compiles one file of C with the static library into `program`; it may include and `.incbin` from `folders`.
+/// Compiles one C file with the static library into `program`. It may include and `.incbin` files from `folders`.
 pub fn compile(machine: Machine, source: &Path, folders: &[&Path], program: &Path) {
     let (compiler, remedy) = match machine {
         Machine::Host => ("cc", "apt-get install gcc (Debian)"),
@@ -131,7 +131,7 @@ pub fn compile(machine: Machine, source: &Path, folders: &[&Path], program: &Pat
         Machine::Host => command.arg("-O2"),
         Machine::Device => command
             .args(CORTEX_M4F)
-            // The peer is compared in speed and, nearly, in bits.
+            // The peer's speed is compared, and its results approximately.
             .args([
                 "-O3",
                 "-ffp-contract=off",
@@ -146,13 +146,13 @@ pub fn compile(machine: Machine, source: &Path, folders: &[&Path], program: &Pat
         Machine::Host => command
             .arg(library(machine))
             .args(["-lpthread", "-ldl", "-lm"]),
-        // newlib first: the Rust library has weak functions of the same names (expf, memcpy, …).
+        // newlib comes first, because the Rust library has weak functions with the same names (expf, memcpy, …).
         Machine::Device => command.arg("-lm").arg(library(machine)),
     };
     finish(command.arg("-o").arg(program), remedy);
 }
 
-/// Compiles one file of C++17 with the static library of the host into `program`, with these options more.
+/// Compiles one C++17 file with the static library of the host into `program`, with additional options.
 pub fn compile_cpp(source: &Path, options: &[&str], program: &Path) {
     let mut command = Command::new("g++");
     command
@@ -174,7 +174,7 @@ pub fn compile_cpp(source: &Path, options: &[&str], program: &Path) {
     finish(&mut command, "apt-get install g++ (Debian)");
 }
 
-/// What a program for the device prints by semihosting. Under `counting` an instruction takes 64 ns.
+/// Returns the semihosting output of a program on the emulated device. With `counting`, an instruction takes 64 ns.
 pub fn run_on_device(program: &Path, counting: bool) -> String {
     let said = program.with_extension("txt");
     let mut command = Command::new("qemu-system-arm");
@@ -211,7 +211,7 @@ pub fn run_on_device(program: &Path, counting: bool) -> String {
     said
 }
 
-/// What a program prints here.
+/// Returns the output of a program on this machine.
 pub fn run_on_host(program: &Path, argument: &Path) -> String {
     finish(Command::new(program).arg(argument), "compile it first")
 }

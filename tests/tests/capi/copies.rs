@@ -1,7 +1,7 @@
-//! The firmware's routines that copy and clear, byte for byte on the emulated processor.
+//! The firmware's routines that copy and clear memory, tested byte by byte on the emulated processor.
 //!
-//! Their source is taken from the firmware and assembled under other names into a program in C, which tries every count of
-//! bytes up to four rounds of their loops and looks at what lies around.
+//! The test takes their assembly source from the firmware and assembles it under other names into a C program. The program
+//! tries every number of bytes up to four rounds of the loops and checks the bytes around the destination.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -48,7 +48,7 @@ int main(void)
 }
 "#;
 
-/// The strings of the firmware's `global_asm!`.
+/// Returns the strings of the firmware's `global_asm!`.
 fn assembly() -> String {
     let source = fs::read_to_string(workspace().join("firmware/src/mem_intrinsics.rs")).unwrap();
     let mut out = String::from("__asm__(\".syntax unified\\n\"\n");
@@ -56,7 +56,7 @@ fn assembly() -> String {
         let Some(rest) = line.trim().strip_prefix('"') else {
             continue;
         };
-        // What follows the string is a comma and a comment at most.
+        // Only a comma and a comment may follow the string.
         let end = rest.rfind("\",").unwrap();
         let text = rest[..end].replace("{{", "{").replace("}}", "}");
         writeln!(out, "\"{}\\n\"", text.replace("__aeabi", "tested")).unwrap();

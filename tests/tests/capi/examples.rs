@@ -1,4 +1,4 @@
-//! `runtime/capi/examples`: the same bits from C on the workstation, from C on the device, and from Rust.
+//! `runtime/capi/examples` must give the same bits in C on the workstation, in C on the device, and in Rust.
 
 use std::fmt::Write;
 use std::fs;
@@ -15,9 +15,9 @@ use poegp_tests::image::Image;
 
 use crate::c::{Machine, capi, compile, run_on_device, run_on_host};
 
-/// Questions of each kind in `answers.h`.
+/// Queries of each kind in `answers.h`.
 const QUESTIONS: usize = 19;
-/// Cycles of its path.
+/// Cycles of the path in `answers.h`.
 const CYCLES: usize = 160;
 const KIB: u64 = 1_024;
 
@@ -42,7 +42,7 @@ fn example(machine: Machine, name: &str) -> Program {
     }
 }
 
-/// Compares every line with what the runtime answers to the question in it.
+/// Compares every line with the runtime's answer to the query in it.
 fn assert_answers(said: &str) {
     let bytes = fs::read(capi().join("examples/arm.blob")).unwrap();
     let decoded = blob::decode(&bytes).unwrap();
@@ -143,11 +143,11 @@ fn assert_answers(said: &str) {
     assert_eq!((evaluated, corrected), (QUESTIONS, QUESTIONS));
     assert_eq!(commanded, CYCLES);
     assert_eq!(framed, QUESTIONS + 3);
-    // On its way and arrived, there and back.
+    // The filter was under way and arrived, in both directions.
     assert!(ways.iter().all(|cycles| *cycles >= 5), "{ways:?}");
     assert!(
         trusted >= 4,
-        "{trusted} answers are within what was trained"
+        "only {trusted} answers are within the trained ranges"
     );
 }
 
@@ -224,8 +224,8 @@ fn c_on_the_device_answers_as_the_runtime() {
     assert!((500..6 * KIB).contains(&stack[1]), "{}", stack[1]);
 }
 
-/// Symbols that a linked program must not have, in the whole of it: C code calls every function but those of signatures,
-/// and what it does not call the linker leaves out.
+/// A linked C program must not have certain symbols anywhere. The program calls every function except those of signatures,
+/// and the linker drops what it does not call.
 #[test]
 fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
     let program = example(Machine::Device, "device");
@@ -241,7 +241,7 @@ fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
         "poegp_command",
         "poegp_load",
     ]);
-    assert_eq!(ours.len(), 4, "the search finds symbols: {ours:?}");
+    assert_eq!(ours.len(), 4, "the search must find our symbols: {ours:?}");
     for part in [
         "panic",
         "unwrap_failed",
@@ -262,7 +262,7 @@ fn a_program_in_c_has_no_panic_no_heap_and_no_software_f64() {
     }
 }
 
-/// The commands of the README that made the blob.
+/// Returns the commands of the README that made the blob.
 fn commands() -> String {
     let readme = fs::read_to_string(capi().join("README.md")).unwrap();
     let (_, section) = readme.split_once("## The blob of the examples").unwrap();
@@ -270,7 +270,7 @@ fn commands() -> String {
     block.split_once("```").unwrap().0.to_owned()
 }
 
-/// `POEGP_BLESS=1` makes the blob again when the format has changed.
+/// `POEGP_BLESS=1` makes the blob again after the format has changed.
 #[test]
 fn the_blob_is_of_this_format() {
     let path = capi().join("examples/arm.blob");

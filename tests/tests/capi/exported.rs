@@ -1,4 +1,4 @@
-//! The header of `trainer export --c-header`: C99 takes it without a warning, and the library loads what is in it.
+//! The header of `trainer export --c-header` compiles as C99 without a warning, and the library loads its blob.
 
 use std::fs;
 use std::process::Command;
@@ -36,7 +36,7 @@ int main(void)
 }
 "#;
 
-/// `%a` of a number that is exact in single precision.
+/// Parses `%a` output of a number that single precision holds exactly.
 fn hexadecimal(text: &str) -> f32 {
     let (sign, digits) = match text.strip_prefix('-') {
         Some(rest) => (-1.0, rest),

@@ -1,4 +1,4 @@
-//! `tests/peers/c`: the paper's process in C with newlib, in one run with ours.
+//! `tests/peers/c`: the paper's process in C with newlib, compared with the runtime in one run.
 
 use std::fs;
 
@@ -17,7 +17,7 @@ fn bytes(values: impl IntoIterator<Item = f32>) -> Vec<u8> {
     values.into_iter().flat_map(f32::to_le_bytes).collect()
 }
 
-/// The numbers of the blob as the peer has them: its kernel is e^(−|u|²), ours 2^(−|u|²).
+/// Returns the numbers of the blob in the peer's form: its kernel is e^(−|u|²), the runtime's 2^(−|u|²).
 fn peer_model(blob: &[u8]) -> Vec<u8> {
     let decoded = blob::decode(blob).unwrap();
     let Correction::TaskSpace(task) = &decoded.correction else {
@@ -43,7 +43,7 @@ fn peer_model(blob: &[u8]) -> Vec<u8> {
 
 #[test]
 fn peer_in_c() {
-    // The same mean in two forms: the peer has the difference form.
+    // The same mean in two forms; the peer has the difference form.
     let sample = Sample::plain(30, SampleCorrection::Folded(POINTS));
     let (blob, of_peer) = (
         sample.blob(),
@@ -91,7 +91,10 @@ fn peer_in_c() {
         }
     }
     assert_eq!(said.matches("ticks ").count(), queries.len());
-    assert!(compared > 0, "every answer was bounded");
+    assert!(
+        compared > 0,
+        "all answers were limited, so none was compared"
+    );
     println!("paper's model, {POINTS} points, 7 inputs, 6 outputs, Cortex-M4F, instructions:");
     println!("  C with newlib's expf, process alone                   {of_peer:8.0}");
     println!("  poegp_evaluate, with chain, bounds, pose and checks   {of_ours:8.0}");

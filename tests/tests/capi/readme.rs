@@ -1,4 +1,4 @@
-//! The program in `runtime/capi/README.md`: it compiles without a warning, and does what is said there.
+//! The programs in `runtime/capi/README.md` compile without a warning and do what the page states.
 
 use std::fs;
 
@@ -6,7 +6,7 @@ use poegp_protocol::link::cyclic::{CyclicAnswer, MAX_CYCLIC, encode_answer};
 
 use crate::c::{Machine, capi, compile, compile_cpp, run_on_host};
 
-/// What the reader has.
+/// What precedes the README's program.
 const BEFORE: &str = r#"
 #include <math.h>
 #include <stdio.h>
@@ -113,7 +113,7 @@ int main(int count, char **arguments)
 }
 "#;
 
-/// The bytes of a cyclic frame, as C writes them.
+/// Returns the bytes of a cyclic frame as a C initialiser.
 fn answer() -> String {
     let answer = CyclicAnswer {
         joints: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25].into_iter().collect(),
@@ -151,7 +151,7 @@ fn the_program_of_the_readme() {
     );
 }
 
-/// What the reader of the part for C++ has.
+/// The program around the README's part for C++.
 const MAIN_CPP: &str = r#"
 #include <cstdio>
 

@@ -1,4 +1,4 @@
-/* A path of joints in double precision, by the functions of C: every answer as bits, then how long they take. */
+/* A path of joints in double precision with the C functions: prints every answer as bits, then the times. */
 #define _POSIX_C_SOURCE 199309L
 
 #include <stdio.h>
@@ -116,7 +116,7 @@ int main(int count, char **arguments)
         printf("\n");
     }
 
-    /* Cycles at 1 kHz, 1 rad/s: each from the joints of the one before. */
+    /* Cycles at 1 kHz and 1 rad/s; the inverse of each starts from the joints of the one before. */
     enum { CYCLES = 400, ROUNDS = 20 };
     static double inverse_ns[CYCLES], forward_ns[CYCLES];
     double best_inverse = 1e9, best_forward = 1e9;

@@ -1,4 +1,4 @@
-// The same path by poegp.hpp, in both precisions.
+// The path of tools.c with poegp.hpp, in both precisions.
 #include <array>
 #include <cstdint>
 #include <cstdio>
@@ -7,7 +7,7 @@
 
 #include "poegp.hpp"
 
-// Neither copied nor moved: functions in C have their address. No destructor has anything to do.
+// They can be neither copied nor moved, because the C functions hold their address. No destructor has anything to do.
 static_assert(!std::is_copy_constructible_v<poegp::model<double>> && !std::is_move_constructible_v<poegp::model<double>>);
 static_assert(!std::is_copy_constructible_v<poegp::filter<float>> && !std::is_move_constructible_v<poegp::filter<float>>);
 static_assert(std::is_trivially_destructible_v<poegp::model<float>> && std::is_nothrow_default_constructible_v<poegp::model<float>>);
@@ -92,7 +92,7 @@ static int path(poegp::borrowed_model<T> &model)
         print_bits(&commanded->weight, 1);
         std::printf("\n");
     }
-    // Without a tool it is the target, and the handle is one of C.
+    // Without a tool the pose is the target's, and the handle is one of the C interface.
     const T pointer_joints[6] = {start[0], start[1], start[2], start[3], start[4], start[5]};
     const auto bare = model.forward(pointer_joints, T(2));
     const auto target = model.evaluate({start.data(), 6}, T(2));
@@ -116,7 +116,7 @@ int main(int count, char **arguments)
     poegp::borrowed_model<double> lent(memory);
     const int failed = path(single) + path<double>(lent);
 
-    // What is none is refused with a code, and its answers are safe.
+    // Memory that is too small is refused with a code, and the answers are safe.
     unsigned char small[64];
     poegp::borrowed_model<double> none(small, sizeof small);
     const std::array<double, 6> joints = {0.1, 0.2, 0.3, 0.4, 0.5, 0.6};

@@ -1,4 +1,4 @@
-//! Tools, and double precision: `tools.c` by the functions of C, `tools.cpp` by `poegp.hpp`, both bit for bit as the runtime.
+//! Tools and double precision: `tools.c` with the C functions and `tools.cpp` with `poegp.hpp` give the runtime's bits.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::c::{Machine, capi, compile, compile_cpp, run_on_host};
 
 /// Answers of each kind on the path.
 const CYCLES: usize = 100;
-/// Most nanoseconds of an inverse in a cycle, of the median of the best of twenty rounds.
+/// Largest time of an inverse in a cycle, ns: the median of the best of twenty rounds.
 const MOST_NS: f64 = 8_000.0;
 
 /// A number whose bits are printed.
@@ -47,7 +47,7 @@ fn tool<T: Bits>() -> Pose<T> {
     Pose::from_rows(&rows.map(T::from_f64))
 }
 
-/// Compares every line with what the runtime answers to the question in it; how many there were.
+/// Compares every line with the runtime's answer to the query in it. Returns the number of lines.
 fn assert_answers<'a, T: Bits>(lines: impl Iterator<Item = &'a str>) -> usize {
     let mut model = Box::new(Model::<T, { words_for(64) }>::new());
     let bytes = std::fs::read(capi().join("examples/arm.blob")).unwrap();
@@ -113,7 +113,7 @@ fn blob() -> std::path::PathBuf {
     capi().join("examples/arm.blob")
 }
 
-/// In C and `double`: the bits, and the time of an inverse.
+/// C with `double` gives the runtime's bits; the test also bounds the time of an inverse.
 #[test]
 fn double_precision_in_c() {
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
@@ -144,7 +144,7 @@ fn cpp(program: &Path, options: &[&str]) {
     assert_eq!(of_none.trim(), "1 1 0 0.6 a pointer is null");
 }
 
-/// The header for C++, with and without what controllers leave out.
+/// The C++ header works with exceptions and RTTI, and without them, as controllers are often built.
 #[test]
 fn the_wrapper_in_cpp() {
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
@@ -154,7 +154,7 @@ fn the_wrapper_in_cpp() {
         &["-fno-exceptions", "-fno-rtti", "-Wconversion", "-Wshadow"],
     );
     cpp(&program, &[]);
-    // Nothing in it asks for memory, nor throws.
+    // The program neither allocates memory nor throws.
     let symbols = std::process::Command::new("nm")
         .arg("-u")
         .arg(&program)

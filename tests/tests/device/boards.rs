@@ -1,8 +1,8 @@
-//! The other boards: a Cortex-M7, a Cortex-M55, and an STM32F405 as far as QEMU's `netduinoplus2` is one.
+//! The other boards: a Cortex-M7, a Cortex-M55, and an STM32F405 as far as QEMU's `netduinoplus2` emulates it.
 //!
-//! QEMU models no clock tree of the STM32: the product refuses to be in time, and a variant that takes the clock to be right
-//! shows the rest. Nor does it model DMA, so the link takes an interrupt for each byte; nor the flash controller: what is
-//! written there does not arrive, and the store says so.
+//! QEMU does not model the STM32's clock tree, so the product refuses models as too slow; a variant that assumes the right
+//! clock tests the rest. QEMU does not model DMA either, so the link takes an interrupt for each byte. Nor does it model
+//! the flash controller: writes do not arrive, and the store reports that.
 
 use poegp_protocol::link::{Key, PROTOCOL_VERSION, Refusal, Request, Response, StartReason};
 use poegp_runtime::guard::status::Status;
@@ -92,7 +92,7 @@ fn gives_the_committed_bits(board: Board) {
     corrects(&mut device, &mut load);
 }
 
-/// Without flash: verified, and active until the next restart.
+/// Uploads and activates a model without writing flash; it is active until the next restart.
 fn activate(device: &mut Device, blob: &[u8]) {
     let model = device.client().upload(blob, &mut |_| ()).unwrap();
     device.client().activate(model.blob_crc).unwrap();
@@ -105,8 +105,8 @@ fn commit_refused(device: &mut Device) -> Refusal {
     }
 }
 
-/// The crystal does not start: models are refused with both frequencies, also when any time is allowed, and commands come
-/// back as they are.
+/// If the crystal does not start, the device refuses models with both frequencies, whatever time is provisioned, and
+/// commands come back unchanged.
 #[test]
 fn stm32f405_without_its_crystal_refuses_to_be_in_time() {
     let board = Board::Stm32F405;
@@ -130,7 +130,7 @@ fn stm32f405_without_its_crystal_refuses_to_be_in_time() {
     assert_eq!(device.identify().unwrap().model, None);
 }
 
-/// Over SPI nothing runs in QEMU: the image fits.
+/// QEMU has no SPI link, so the test only checks that the image fits.
 #[test]
 fn the_image_with_spi_fits() {
     let elf = &firmware_with(Board::Stm32F405, Variant::SpiLink)
@@ -150,8 +150,8 @@ fn stm32f405_gives_the_committed_bits() {
     corrects(&mut device, &mut activate);
 }
 
-/// The processor of this board stands still while its flash is written: not while cycles run. In QEMU nothing is written,
-/// which is noticed; the active model goes on either way.
+/// The processor of this board stops while its flash is written, so the device does not write while cycles run. In QEMU
+/// nothing is written, which the store notices; in both cases the active model continues.
 #[test]
 fn stm32f405_leaves_its_flash_alone_while_cycles_run() {
     let mut device = start_variant(Board::Stm32F405, Variant::StatedClock);

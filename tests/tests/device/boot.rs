@@ -1,4 +1,4 @@
-//! The device starts, says who it is, and runs a model.
+//! The device starts, identifies itself, and runs a model.
 
 use std::io::{Read, Write};
 use std::time::Duration;
@@ -16,7 +16,7 @@ use poegp_tests::sample::{JOINTS, Sample, SampleCorrection, warnings};
 
 use crate::device;
 
-/// The longest rows that fit.
+/// Number of the longest rows that fit.
 const POINTS: usize = 400;
 
 #[test]
@@ -34,11 +34,14 @@ fn identifies_itself_and_its_capacity() {
     assert_eq!(
         identity.key,
         Key::None,
-        "no key is provisioned, and it says so"
+        "the device must report that no key is provisioned"
     );
     assert!(!identity.bypass);
     let image = Image::read(&firmware().unwrap().elf).unwrap();
-    assert_eq!(identity.image_crc, image.crc, "the build that was flashed");
+    assert_eq!(
+        identity.image_crc, image.crc,
+        "the CRC of the flashed image"
+    );
 }
 
 #[test]
@@ -84,7 +87,7 @@ fn logs_its_start_what_it_loads_and_what_it_refuses() {
     let crc = blob::stored_crc(&bytes).unwrap();
     let mut device = device();
     device.load(&bytes).unwrap();
-    // Nothing new: not logged again.
+    // A repeated request is not logged again.
     device.identify().unwrap();
     let mut damaged = bytes.clone();
     damaged[100] ^= 1;
@@ -99,7 +102,7 @@ fn logs_its_start_what_it_loads_and_what_it_refuses() {
         "warn: refused: blob is damaged".to_owned(),
         "warn: refused: blob is truncated".to_owned(),
     ];
-    // Logs wait until the device has nothing else to do.
+    // The device sends its log when it has nothing else to do.
     let elf = &firmware().unwrap().elf;
     for _ in 0..100 {
         let lines = log::lines(elf, &device.emulator().log()).unwrap();
@@ -116,7 +119,7 @@ fn logs_its_start_what_it_loads_and_what_it_refuses() {
 #[test]
 fn holds_the_largest_model_and_no_larger() {
     let mut device = device();
-    // A row of seven inputs is shorter than the longest: more than 512 points fit.
+    // A row of seven inputs is shorter than the longest row, so more points fit.
     let points = words_for(POINTS) / 13;
     let identity = device
         .load(&Sample::plain(3, SampleCorrection::Shared(points)).blob())
@@ -130,7 +133,8 @@ fn holds_the_largest_model_and_no_larger() {
     assert!(message.contains("Model { code: 10 }"), "{message}");
 }
 
-/// A restart may cut an answer. What the client has of it must not spoil the first answer after the restart.
+/// A restart may cut an answer. The first byte after a restart is a zero, so that the cut answer does not spoil the next
+/// one.
 #[test]
 fn a_zero_ends_what_a_restart_has_cut() {
     let mut device = device();
@@ -146,7 +150,7 @@ fn a_zero_ends_what_a_restart_has_cut() {
     let mut first = [1; 2];
     link.read_exact(&mut first).unwrap();
     assert_eq!(first[0], 0);
-    assert_ne!(first[1], 0, "one zero is enough");
+    assert_ne!(first[1], 0, "more than one zero");
 }
 
 #[test]
@@ -160,7 +164,7 @@ fn the_machine_is_switched_off_when_its_time_is_up() {
         flash_image: None,
     };
     let (_emulator, mut link) = Emulator::start(&machine, limit).unwrap();
-    // Nobody asks, so nothing comes but the end; and the zero of a start, when the device looks after its line before that.
+    // No request is sent, so at most the zero of the start arrives before the machine ends.
     let mut bytes = Vec::new();
     link.read_to_end(&mut bytes).unwrap();
     assert!(bytes.is_empty() || bytes == [0], "{bytes:?}");

@@ -1,4 +1,4 @@
-//! The commands of a controller's cycle: a path with an activation and the bypass in the middle, and what a command costs.
+//! The commands of a controller's cycle: a path with an activation and the bypass in the middle, and the cost of a command.
 
 use poegp_protocol::link::cyclic::{answer_length, command_length};
 use poegp_protocol::link::{Commanded, CycleSettings, Query};
@@ -11,7 +11,7 @@ use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
 
-/// Quick, so that a test of a few seconds sees whole switches.
+/// Fast settings, so that a test of a few seconds contains whole switches.
 const CYCLE: CycleSettings = CycleSettings {
     period_us: 2_000,
     max_instructions: 62_500,
@@ -20,13 +20,13 @@ const CYCLE: CycleSettings = CycleSettings {
     blend_s: 0.05,
 };
 
-/// A controller on its way, and the largest steps of what is added to its commands, in rad.
+/// A controller on its path. Steps are changes of the correction that the device adds, in rad.
 struct Controller {
     device: Device,
     middle: Query,
     place: f64,
     last: Option<(Query, Commanded)>,
-    /// Beyond what the path explains.
+    /// Largest step beyond what the path explains, rad.
     largest: f32,
     commands: u32,
 }
@@ -54,7 +54,7 @@ impl Controller {
         (query, commanded)
     }
 
-    /// Goes on until nothing is blended any more and the weight is `weight`.
+    /// Continues until nothing is blended any more and the weight is `weight`.
     fn settle(&mut self, weight: f32) -> (Query, Commanded) {
         for _ in 0..20_000 {
             let (query, commanded) = self.command();
@@ -63,7 +63,7 @@ impl Controller {
                 return (query, commanded);
             }
         }
-        panic!("the correction never came to its end")
+        panic!("the correction did not settle")
     }
 }
 
@@ -78,7 +78,7 @@ fn a_path_with_an_activation_in_the_middle() {
         CYCLE
     );
     let identity = device.load(&samples[0].blob()).unwrap();
-    assert!(!identity.pending, "nobody commands yet");
+    assert!(!identity.pending, "without commands no model has to wait");
     let middle = samples[0].queries(1).remove(0);
     let apart = {
         let joints = hosts.each_ref().map(|host| host.command(&middle).joints());
@@ -101,7 +101,7 @@ fn a_path_with_an_activation_in_the_middle() {
     let (query, commanded) = controller.settle(1.0);
     assert_eq!(commanded.joints, hosts[0].command(&query).joints()[..]);
 
-    // The new model is ordered in mid-motion, and waits.
+    // The new model is activated in mid-motion and has to wait.
     let crc = controller
         .device
         .client()
@@ -117,7 +117,11 @@ fn a_path_with_an_activation_in_the_middle() {
         let (_, commanded) = controller.command();
         exchanged |= commanded.blob_crc == crc;
         old += u32::from(!exchanged);
-        assert_eq!(commanded.blob_crc == crc, exchanged, "never back");
+        assert_eq!(
+            commanded.blob_crc == crc,
+            exchanged,
+            "the exchange is final"
+        );
         if exchanged {
             break;
         }
@@ -129,7 +133,7 @@ fn a_path_with_an_activation_in_the_middle() {
     controller.device.client().set_bypass(true).unwrap();
     let (query, commanded) = controller.settle(0.0);
     assert_eq!(commanded.joints, query.joints);
-    // The weight comes to rest in the next cycles. What the model remarks is still said.
+    // The weight reaches zero in the next cycles. Other remarks of the model stay in the status.
     let passes = (0..10).any(|_| {
         let (query, commanded) = controller.command();
         let status = Status::from_bits(commanded.status);
@@ -142,12 +146,12 @@ fn a_path_with_an_activation_in_the_middle() {
     let corrected = controller.device.correct(&query).unwrap();
     assert_eq!(CommandBits::from(&corrected), hosts[1].command(&query));
 
-    // The same in a cyclic frame.
+    // The same command in a cyclic frame.
     let cyclic = controller.device.client().cycle(&query).unwrap().unwrap();
     assert_eq!(cyclic.joints, hosts[1].command(&query).joints()[..]);
     assert_eq!(cyclic.status, corrected.status);
 
-    // A late command may take as many cycles at once.
+    // A late command may make up for several cycles at once.
     let allowed = GRACE as f32 * CYCLE.rate * CYCLE.period_us as f32 * 1e-6;
     println!(
         "{} commands, {old} of them while the old model was taken back; the models are {:.3} mrad apart, the largest step \
@@ -162,11 +166,11 @@ fn a_path_with_an_activation_in_the_middle() {
     println!("{statistics:?}");
     assert_eq!((statistics.bad_commands, statistics.activations), (0, 2));
     controller.device.client().stand_down().unwrap();
-    // The settings outlive a restart.
+    // The settings survive a restart.
     assert_eq!(controller.device.client().restart().unwrap().cycle, CYCLE);
 }
 
-/// The same number for every command but the first, those that come too early and those that are none.
+/// The number of instructions is the same for every command except the first, early and invalid ones.
 #[test]
 fn instructions_of_a_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -196,7 +200,7 @@ fn instructions_of_a_command() {
     }
 }
 
-/// From the last byte of a command to the answer, without correction and filter: what its frames cost.
+/// The cost of the frames of a command: the latency from its last byte to its answer, less correction and filter.
 #[test]
 fn instructions_of_the_frames_of_a_cycle() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -204,10 +208,10 @@ fn instructions_of_the_frames_of_a_cycle() {
     let query = &sample.queries(1)[0];
     let mut costs = Vec::new();
     for cyclic in [false, true] {
-        // Counts what it has counted anew.
+        // A restart resets the counters.
         device.client().restart().unwrap();
         device.load(&sample.blob()).unwrap();
-        // What a restart cuts off is a damaged frame.
+        // The restart cuts a frame, which counts as damaged.
         let before = device.statistics().unwrap().bad_frames;
         for number in 0..20 {
             let mut moved = query.clone();
@@ -232,6 +236,6 @@ fn instructions_of_the_frames_of_a_cycle() {
         costs[1],
         costs[1] / bytes as f64
     );
-    // A few per cent more or less, by how many bytes are there before the last one.
+    // The cost varies by a few percent with the number of bytes that arrive before the last one.
     assert!(costs[0] <= 6_000.0 && costs[1] <= 5_400.0, "{costs:?}");
 }

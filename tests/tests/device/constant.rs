@@ -1,4 +1,4 @@
-//! How long an answer takes does not depend on what is asked, for poses and commands of every kind of model.
+//! The time of an answer does not depend on the query, for poses and commands of every kind of model.
 
 use poegp_protocol::link::Query;
 use poegp_runtime::guard::status::Status;
@@ -20,7 +20,7 @@ const SHAPES: [(&str, SampleCorrection); 5] = [
     ),
 ];
 
-/// Fewest and most instructions of `ask` over all queries.
+/// Returns the fewest and most instructions of `ask` over all queries.
 fn range(
     device: &mut Device,
     queries: &[Query],
@@ -35,8 +35,8 @@ fn range(
     })
 }
 
-/// Inside and outside the trained ranges, bounded and not, refused and not: the largest count is at most 1 % above the
-/// smallest.
+/// Queries within and beyond the trained ranges, with and without a limited correction: the largest count is at most 1 %
+/// above the smallest.
 #[test]
 fn a_thousand_inputs_take_the_same_time() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -47,7 +47,7 @@ fn a_thousand_inputs_take_the_same_time() {
         let blob = sample.blob();
         device.load(&blob).unwrap();
         let queries = sample.queries(QUERIES);
-        // They are what they should be: a quarter outside, and of a correction some bounded.
+        // The queries are mixed: some are outside the trained ranges, and not all corrections are limited.
         let host = Host::load(&blob).unwrap();
         let with = |status: Status| {
             let has =

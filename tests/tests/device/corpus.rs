@@ -1,4 +1,4 @@
-//! The stack over what the fuzzer keeps: every input of its corpus, and the valid ones that it began with, on the device.
+//! The stack on the device over all inputs of the fuzzer's corpus and over the valid inputs that it began with.
 
 use poegp_tests::device::{Device, DeviceError};
 use poegp_tests::emulator::Clock;
@@ -6,14 +6,14 @@ use poegp_tests::fuzzing::kept::{self, Kept};
 use poegp_tests::fuzzing::seeds;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
-/// As for the other tests of the stack, `image.rs`.
+/// The stack budget of the other tests, such as `image.rs`.
 const BUDGET: u32 = 22 * 1_024;
 
 fn corpus(target: &str) -> Vec<Vec<u8>> {
     kept::read(Kept::Corpus, target).unwrap()
 }
 
-/// Bytes on the line, and models, of any kind: the device answers after each, and its stack stays within the budget.
+/// For any bytes on the line and any models, the device answers after each, and its stack stays within the budget.
 #[test]
 fn the_stack_stays_small_over_the_corpus() {
     let mut device = Device::start(Clock::Real).unwrap_or_else(|error| panic!("{error}"));
@@ -28,7 +28,7 @@ fn the_stack_stays_small_over_the_corpus() {
             Err(DeviceError::Refused(_)) => refused += 1,
             Err(error) => panic!("{error}"),
         }
-        // As it came when the model is of another arm.
+        // If the model is of another arm, the command comes back unchanged.
         device.correct(&query).unwrap();
         device.trace(&query).unwrap();
     }
@@ -36,7 +36,7 @@ fn the_stack_stays_small_over_the_corpus() {
     for bytes in &lines {
         device.send_bytes(bytes).unwrap();
         device.send_bytes(&[0]).unwrap();
-        // The device complains about what it cannot read: once for each zero in it.
+        // The device refuses what it cannot read, once for each zero in the input.
         let answered = (0..1_000).any(|_| device.correct(&query).is_ok());
         assert!(answered, "silent after {bytes:02x?}");
     }
@@ -47,7 +47,7 @@ fn the_stack_stays_small_over_the_corpus() {
     );
     assert!(taken > 4 && refused > 20 && lines.len() > 100);
     assert!(stack <= BUDGET, "{stack}");
-    // A key was provisioned among all that, so the first model is not taken any more; some model answers.
+    // The inputs provision a key, so the first model is not accepted any more; some other model answers.
     let found = device.evaluate(&query).unwrap();
     let numbers = found.pose.iter().chain(&found.correction);
     assert!(

@@ -1,4 +1,4 @@
-//! The corrected command: host and device agree on every bit, for every kind of arm and every input, and what it costs.
+//! The corrected command: host and device agree on every bit, for every kind of arm and every input; and its cost.
 
 use poegp_protocol::link::Query;
 use poegp_runtime::guard::status::Status;
@@ -10,7 +10,7 @@ use poegp_tests::stages::{CommandBits, Host};
 
 use crate::device;
 
-/// What became of the commands of one arm.
+/// Counts of the outcomes of one arm's commands.
 #[derive(Debug, Default)]
 struct Outcomes {
     corrected: usize,
@@ -19,8 +19,8 @@ struct Outcomes {
     bad: usize,
 }
 
-/// Poses at and beside the singularities of an arm with a wrist: a joint of the wrist, the elbow, all joints at zero, and
-/// a step to either side.
+/// Returns poses at and near the singularities of an arm with a wrist: a wrist joint at zero, the elbow, all joints at
+/// zero, and a step to either side.
 fn singular_queries(joints: usize) -> Vec<Query> {
     let usual = [0.4, -0.3, 0.2, 0.5, 0.6, -0.4, 0.3];
     let mut queries = Vec::new();
@@ -42,7 +42,7 @@ fn query(joints: &[f32]) -> Query {
     }
 }
 
-/// Compares `count` random commands of `sample`, singular ones and odd ones.
+/// Compares host and device on `count` random commands of `sample`, on singular ones and on odd ones.
 fn compare(sample: Sample, count: usize) -> Outcomes {
     let bytes = sample.blob();
     let host = Host::load(&bytes).unwrap();
@@ -120,7 +120,7 @@ fn chain_alone() {
     compare(Sample::plain(74, SampleCorrection::None), 200);
 }
 
-/// Without a model, and with the bypass, the command comes back as it was, and says so.
+/// Without a model and with the bypass, the command comes back unchanged with the matching status.
 #[test]
 fn uncorrected_when_there_is_no_model_or_a_bypass() {
     let sample = Sample::plain(75, SampleCorrection::Elastic(Elastic::PLAIN));
@@ -151,7 +151,7 @@ fn uncorrected_when_there_is_no_model_or_a_bypass() {
     assert!(statistics.uncorrected >= 16, "{statistics:?}");
 }
 
-/// For the largest of all commands, whatever becomes of them.
+/// The limit holds for the most expensive command.
 #[test]
 fn instructions_of_one_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -163,7 +163,7 @@ fn instructions_of_one_command() {
         for joints in [6, 5, 7] {
             let sample = elastic(joints, kind);
             let most = cost(&mut device, name, sample);
-            // The limit is that of six joints; kinematics and solver grow with them.
+            // The limit is for six joints; kinematics and solver grow with the joints.
             if joints == 6 && most > limit {
                 beyond.push(format!("{name}: {most:.0} of {limit:.0}"));
             }

@@ -1,4 +1,4 @@
-//! What one evaluation costs, in instructions that repeat exactly (QEMU `-icount`, Cortex-M4F). Not cycles.
+//! The cost of one evaluation, in instructions that repeat exactly (QEMU `-icount`, Cortex-M4F). These are not cycles.
 
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
@@ -6,7 +6,7 @@ use poegp_tests::emulator::{Clock, instructions};
 use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
-/// Instructions of each evaluation.
+/// Returns the instructions of each evaluation.
 fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
     let tick_hz = device.identify().unwrap().tick_hz;
     let ticks = queries
@@ -15,10 +15,10 @@ fn costs(device: &mut Device, queries: &[Query]) -> Vec<f64> {
     ticks.map(|ticks| instructions(ticks, tick_hz)).collect()
 }
 
-/// Mean instructions of one evaluation, which must not depend on the query.
+/// Returns the mean instructions of one evaluation; the count must not depend on the query.
 fn cost(device: &mut Device, sample: Sample) -> f64 {
     device.load(&sample.blob()).unwrap();
-    // Within the trained ranges: three of four queries.
+    // Only queries within the trained ranges: three of four.
     let mut queries = sample.queries(28);
     let mut index = 0;
     queries.retain(|_| {
@@ -79,7 +79,7 @@ fn instructions_of_one_evaluation() {
     );
 }
 
-/// The limits of the elastic model with 200 inducing points and four ripple terms.
+/// The limits for an elastic model with 200 inducing points and four ripple terms.
 #[test]
 fn instructions_of_elastic_models() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -102,7 +102,7 @@ fn instructions_of_elastic_models() {
     }
 }
 
-/// What a standard deviation costs beside the pose.
+/// The cost of a standard deviation in addition to the pose.
 #[test]
 fn instructions_of_a_standard_deviation() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -135,7 +135,7 @@ fn instructions_of_a_standard_deviation() {
     assert!(beyond.is_empty(), "{beyond:?}");
 }
 
-/// Instructions of one evaluation and of one corrected command.
+/// Returns the instructions of one evaluation and of one corrected command.
 fn pose_and_command(device: &mut Device, sample: Sample) -> [f64; 2] {
     let pose = cost(device, sample);
     let tick_hz = device.identify().unwrap().tick_hz;
@@ -144,7 +144,7 @@ fn pose_and_command(device: &mut Device, sample: Sample) -> [f64; 2] {
     [pose, instructions(ticks.max().unwrap(), tick_hz)]
 }
 
-/// A parallelogram costs its one element, and a sliding joint what a revolute one does.
+/// A parallelogram costs only its one coupling element, and a prismatic joint costs at most a fifth more than a revolute one.
 #[test]
 fn coupled_and_sliding_joints_cost_little() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
@@ -187,7 +187,7 @@ fn coupled_and_sliding_joints_cost_little() {
     assert!(beyond.is_empty(), "{beyond:?}");
 }
 
-/// What eq. 7 costs beside a command of the paper's model.
+/// The cost of the paper's eq. 7 in addition to a command of its model.
 #[test]
 fn the_papers_standard_deviation_costs_two_fifths_of_a_command() {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));

@@ -1,4 +1,4 @@
-//! The bound on the instructions of a cycle against models of all shapes.
+//! The bound on the instructions of a cycle, tested with models of all shapes.
 
 use std::fmt::Write;
 
@@ -17,7 +17,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::device;
 
-/// A model of any shape that the device takes.
+/// Returns a model of random shape that fits the device.
 fn shape(generator: &mut ChaCha8Rng) -> Sample {
     let joints = generator.random_range(1..=8);
     let correction = match generator.random_range(0..10) {
@@ -70,7 +70,7 @@ fn shape(generator: &mut ChaCha8Rng) -> Sample {
     }
 }
 
-/// The blob of a sample; of a coupled one with up to three elements more beside the identity.
+/// Returns the blob of a sample. A coupled sample gets up to three further coupling elements.
 fn blob_of(sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
     let bytes = sample.blob();
     if !sample.coupled {
@@ -92,8 +92,8 @@ fn blob_of(sample: &Sample, generator: &mut ChaCha8Rng) -> Vec<u8> {
 fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     let mut device = Device::start(Clock::Counting).unwrap_or_else(|error| panic!("{error}"));
     let tick_hz = device.load(blob).unwrap().tick_hz;
-    // Zeros, round numbers and singular poses take other branches. A joint out of reach comes back unchanged, so both frames
-    // hold its bytes; those with three zero bytes in each number take longest.
+    // Zeros, round numbers and singular poses take other branches. A joint beyond the limits comes back unchanged, so both
+    // frames contain its bytes; numbers with three zero bytes take longest.
     let special = [0.0, -0.0, 0.5, 1e-6, 1.570_796_4, -1.1, 0.1, 514.0, 2_048.0];
     let special = special.map(|value| Query {
         joints: (0..sample.joints).map(|_| value).collect(),
@@ -101,7 +101,7 @@ fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     });
     let queries: Vec<Query> = sample.queries(40).into_iter().chain(special).collect();
     let most = |ticks: Vec<u32>| instructions(ticks.into_iter().max().unwrap(), tick_hz);
-    // Every query comes twice, because the filter starts with a special case.
+    // Every query is sent twice, because the filter's first command is a special case.
     let twice = queries.iter().chain(&queries);
     let commands = twice.map(|q| device.command(q).unwrap().ticks);
     let command = most(commands.collect());
@@ -115,12 +115,12 @@ fn measured(sample: &Sample, blob: &[u8]) -> [f64; 4] {
     [pose, command, with_frame, any]
 }
 
-/// Shapes that none of the constants were found from.
+/// Shapes that were not used to find the constants of the bound.
 #[test]
 fn no_model_takes_more_than_its_bound_and_none_much_less() {
     let mut generator = ChaCha8Rng::seed_from_u64(1_911);
     let mut shares: Vec<[f64; 3]> = Vec::new();
-    // For another compiler's code the bound is only approximate.
+    // With another compiler's code the bound is only approximate.
     let (least, tolerance) = match firmware().unwrap().toolchain {
         Toolchain::Prebuilt { .. } => (0.95, 1.0),
         Toolchain::BuildStd { .. } => (0.85, 1.1),
@@ -130,13 +130,13 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
     while shares.len() < 60 {
         let sample = shape(&mut generator);
         let blob = blob_of(&sample, &mut generator);
-        // Now and then a shape is larger than the device.
+        // Some shapes do not fit the device.
         if Model400::new().load(&blob).is_err() {
             continue;
         }
         let size = size_of(&blob);
         if let (SampleCorrection::Elastic(_), false) = (sample.correction, sample.coupled) {
-            // Beyond 127 poses their number takes a second byte.
+            // From 128 on, the number of training poses takes two bytes. A sample has as many poses as points.
             let longer = usize::from(sample.points() > 127);
             assert_eq!(blob_bytes(&size, TEXTS) + longer, blob.len(), "{sample:?}");
         }
@@ -153,7 +153,7 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
         );
         assert!(
             any <= bounds[2] * tolerance,
-            "{any} instructions of another request: {sample:?}"
+            "another request takes {any} instructions: {sample:?}"
         );
         shares.push([
             pose / bounds[0],
@@ -172,7 +172,7 @@ fn no_model_takes_more_than_its_bound_and_none_much_less() {
     }
 }
 
-/// Where the standard deviation takes more than a correction, an evaluation takes the longest.
+/// Where the standard deviation costs more than a correction, an evaluation is the most expensive request.
 #[test]
 fn no_evaluation_takes_more_than_the_bound_of_a_command() {
     for (joints, points) in [(1, 1), (1, 20), (2, 1), (3, 1), (6, 1), (8, 1)] {
@@ -189,7 +189,7 @@ fn no_evaluation_takes_more_than_the_bound_of_a_command() {
     }
 }
 
-/// A process that depends on all eight joints takes the general loops, beside unrolled ones of those that depend on seven.
+/// A process that depends on all eight joints uses the general loops, and the others use unrolled ones.
 #[test]
 fn processes_of_eight_joints_are_within_the_bound() {
     let correction = SampleCorrection::Elastic(Elastic {
@@ -212,7 +212,7 @@ fn processes_of_eight_joints_are_within_the_bound() {
     }
 }
 
-/// One instruction too many is refused with both numbers, and what ran before runs on.
+/// A model with one instruction too many is refused with both numbers, and the previous model continues.
 #[test]
 fn a_model_without_time_in_the_cycle_is_refused() {
     let of = |points| Sample::plain(192, SampleCorrection::Folded(points));
@@ -239,7 +239,7 @@ fn a_model_without_time_in_the_cycle_is_refused() {
     };
     let allowed = bound(&large) * 100 / 101;
     assert!(matches!(allow(&mut device, allowed), Response::Identity(_)));
-    // It can be sent, not verified.
+    // The model can be uploaded but not verified.
     let refused = device
         .client()
         .upload(&large.blob(), &mut |_| ())
@@ -256,27 +256,27 @@ fn a_model_without_time_in_the_cycle_is_refused() {
         }
     };
     runs_on(&mut device);
-    // Nor can what runs be given less time than it needs.
+    // The provisioned time cannot be less than the running model needs.
     let less = bound(&small) - 1;
     assert_eq!(
         allow(&mut device, less),
         Response::Refused(too_slow(&small, less))
     );
     runs_on(&mut device);
-    // With the time that it needs it is taken.
+    // With enough time the model is accepted.
     assert!(matches!(
         allow(&mut device, bound(&large)),
         Response::Identity(_)
     ));
     device.load(&large.blob()).unwrap();
-    // What was stored before needs less; what is provisioned outlives a restart.
+    // The stored model needs less. The provisioned time survives a restart.
     let identity = device.client().restart().unwrap();
     assert_eq!(identity.cycle.max_instructions, bound(&large));
     assert_eq!(identity.model.unwrap().instructions, bound(&large));
 }
 
 #[test]
-#[ignore = "prints what the terms of the bound are fitted to"]
+#[ignore = "prints the counts that the terms of the bound are fitted to"]
 fn counts() {
     let shapes = std::env::var("POEGP_COST_SHAPES").map_or(300, |n| n.parse().unwrap());
     let seed = std::env::var("POEGP_COST_SEED").map_or(191, |n| n.parse().unwrap());

@@ -1,4 +1,4 @@
-//! Damaged blobs: every single-bit flip and every truncation is refused by name, and the last good model answers.
+//! Damaged blobs: every single-bit flip and every truncation is refused with its reason, and the last good model answers.
 
 use poegp_protocol::blob::{self, DecodeError, HEADER_LENGTH};
 use poegp_protocol::link::Refusal;
@@ -12,10 +12,10 @@ use crate::device;
 
 const SMALL: Sample = Sample::plain(50, SampleCorrection::Shared(3));
 
-/// The error that flipping this bit of an unsigned blob must give.
+/// Returns whether `error` is the one that flipping this bit of an unsigned blob must give.
 fn names_flip(bit: usize, length: u32, error: &DecodeError) -> bool {
     match bit / 8 {
-        // The flag of a signed blob: its trailer is missing.
+        // The flag of a signed blob is set, but the trailer is missing.
         10 if bit == 80 => matches!(error, DecodeError::Truncated { .. }),
         0..8 => *error == DecodeError::WrongMagic,
         8..10 => matches!(error, DecodeError::UnknownVersion { .. }),
@@ -88,13 +88,13 @@ fn device_refuses_them_too_and_keeps_its_model() {
         traces.map(|trace| Stages::from(&trace)).collect()
     };
     let before = answers(&mut device);
-    // What follows takes longer than the watchdog waits for the next cycle.
+    // The following tests take longer than the watchdog waits for the next cycle.
     device.client().stand_down().unwrap();
     let good = SMALL.blob();
     let length = good.len() as u32;
     let mut generator = ChaCha8Rng::seed_from_u64(52);
     for index in 0..300 {
-        // All bits of the header, then some of the payload.
+        // All bits of the header, then some bits of the payload.
         let bit = if index < 8 * HEADER_LENGTH {
             index
         } else {

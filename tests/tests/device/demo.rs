@@ -11,7 +11,8 @@ fn the_device_corrects_the_simulated_arm() {
         panic!("{rows:#?}");
     };
     assert!(before.position_mm.mean > 1.0, "{printed}");
-    // 0.02 mm but for commands next to singularities, which are corrected in part: with the limits of 2026-11-23 elastic 0.09.
+    // Without commands near singularities, which are corrected in part, the elastic error would be 0.02 mm; with them it is
+    // 0.09.
     for (row, most) in [(paper, 0.4), (elastic, 0.1)] {
         assert!(row.position_mm.mean < most, "{printed}");
         assert!(printed.contains(row.name), "{printed}");

@@ -1,6 +1,6 @@
-//! The committed bits. Host in debug, host in release and the device each meet the same file, and so each other.
+//! The committed bits: the host in debug and in release and the device must all give the bits of the same files.
 //!
-//! `POEGP_BLESS=1` writes the files anew. They change when the arithmetic changes, and only then.
+//! `POEGP_BLESS=1` rewrites the files. They change only when the arithmetic changes.
 
 use std::path::PathBuf;
 use std::sync::Once;
@@ -14,7 +14,7 @@ use poegp_tests::workspace;
 
 use crate::device;
 
-/// Name of the files, and what is in them.
+/// Names of the files, with the arms that they contain.
 const CASES: [(&str, Sample); 8] = [
     ("shared", Sample::plain(20, SampleCorrection::Shared(24))),
     (
@@ -53,7 +53,7 @@ const CASES: [(&str, Sample); 8] = [
             ..Sample::plain(28, SampleCorrection::Elastic(small(CURVE)))
         },
     ),
-    // As large as they are used, and an odd number of points. Not on the smallest machines of `tests/machines/run`.
+    // Of the usual size, with an odd number of points. The smallest machines of `tests/machines/run` leave these out.
     (
         "full_shared",
         Sample {
@@ -73,17 +73,17 @@ const CASES: [(&str, Sample); 8] = [
     ),
 ];
 
-/// With landmarks behind the curves.
+/// With landmarks after the curves.
 const CURVE: Elastic = Elastic {
     curve_orders: 12,
     ..Elastic::WITH_STD
 };
 
-/// With fewer points than payload groups of all joints: some groups have none.
+/// Returns an elastic correction with fewer points than payload groups, so that some groups are empty.
 const fn small(elastic: Elastic) -> Elastic {
     Elastic {
         points: 24,
-        // Both ways to stand.
+        // Upright and not upright.
         upright: elastic.landmarks > 0,
         ..elastic
     }
@@ -106,7 +106,7 @@ fn text(name: &str, stages: &mut dyn FnMut(&Query) -> Stages, queries: &[Query])
     std::iter::once(head).chain(lines).collect()
 }
 
-/// The committed blob and its bits; written first when that is asked for.
+/// Returns the files of the committed blob and its bits; with `POEGP_BLESS` they are written first.
 fn files(name: &str) -> (PathBuf, PathBuf) {
     static BLESSED: Once = Once::new();
     BLESSED.call_once(|| {
@@ -140,7 +140,8 @@ fn trust_path() -> PathBuf {
     workspace().join("tests/data/golden_trust.txt")
 }
 
-/// Trust and standard deviation of every query of every case; `answer` is told the name of the case, too.
+/// Returns the trust and standard deviation for every query of every case. `answer` gets the name of the case and the
+/// query.
 fn trust_text(answer: &mut dyn FnMut(&str, &Query) -> String) -> String {
     let mut out = "# Bits of trust and standard deviation for the queries of golden_*_bits.txt, in order; written like them.\n\
          # case trust sigma\n"
@@ -165,7 +166,7 @@ fn commands_path() -> PathBuf {
     workspace().join("tests/data/golden_commands.txt")
 }
 
-/// The corrected command for every query of every case.
+/// Returns the corrected commands for every query of every case.
 fn commands_text(answer: &mut dyn FnMut(&str, &Query) -> CommandBits) -> String {
     let mut out = "# Bits of corrected commands for the queries of golden_*_bits.txt, in order; written like them.\n\
          # case joints | position error | status\n"
@@ -220,7 +221,7 @@ fn host_computes_the_committed_commands() {
     assert_same_lines("golden_commands", &commands_on_host(), &expected);
 }
 
-/// The bits of a board, whatever it takes to `load` a model there.
+/// Compares the bits of a board with the committed ones. `load` loads a model there.
 pub fn compare_with_committed(device: &mut Device, load: &mut dyn FnMut(&mut Device, &[u8])) {
     for (name, sample) in CASES {
         let (blob, bits) = files(name);

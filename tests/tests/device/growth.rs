@@ -1,4 +1,4 @@
-//! What an inducing point more costs on the device: instructions of one evaluation for M = 25 … 400.
+//! The cost of another inducing point on the device: instructions of one evaluation for M = 25 … 400.
 
 use poegp_protocol::link::Refusal;
 use poegp_tests::device::{Device, DeviceError};
@@ -7,7 +7,7 @@ use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
 const POINTS: [usize; 5] = [25, 50, 100, 200, 400];
 
-/// Instructions of one evaluation within the trained ranges; `None` when the device has no room for the blob.
+/// Returns the instructions of one evaluation within the trained ranges; `None` if the blob does not fit the device.
 fn count(device: &mut Device, correction: SampleCorrection) -> Option<f64> {
     let sample = Sample::plain(40, correction);
     match device.load(&sample.blob()) {
@@ -23,7 +23,7 @@ fn count(device: &mut Device, correction: SampleCorrection) -> Option<f64> {
     Some(instructions(ticks, tick_hz))
 }
 
-/// Slope of log count over log M, least squares.
+/// Returns the slope of log count over log M, by least squares.
 fn exponent(sizes: &[usize], counts: &[f64]) -> f64 {
     let points: Vec<(f64, f64)> = sizes
         .iter()
@@ -52,7 +52,7 @@ fn instructions_grow_with_the_inducing_points_and_no_faster() {
                 counts.push(found);
                 continue;
             }
-            // With several groups, a few points would fill only some of them.
+            // With several groups, a few points would not fill all of them.
             let elastic = Elastic {
                 points,
                 groups: 1,
@@ -75,14 +75,14 @@ fn instructions_grow_with_the_inducing_points_and_no_faster() {
             "| {name} | {} | {exponent:.2} |",
             cells.join(" | ")
         ));
-        // A constant and a cost for each point: never more than proportional.
+        // A constant plus a cost per point grows at most proportionally.
         assert!((0.1..=1.0).contains(&exponent), "{name}: {exponent}");
         let each: Vec<f64> = (1..sizes.len())
             .map(|i| (counts[i] - counts[i - 1]) / (sizes[i] - sizes[i - 1]) as f64)
             .collect();
-        // The assembly takes two points in a step and the last of an odd number, as of 25 and of groups of 5, costs more: from
-        // there to 50 less is added. The first odd row of a set has instructions of its own and costs a few more than half a
-        // step: one of six sets has one with 25 points, two with 50, four with more.
+        // The assembly takes two points per step, and a last odd point costs more than half a step. 25 points have such a
+        // point, 50 have none, so that interval adds less. The first odd row of a set has instructions of its own, a few
+        // more than half a step: one of six sets has an odd row with 25 points, two with 50, four with more.
         for cost in &each[1..] {
             assert!(
                 (cost / each[1] - 1.0).abs() < 0.05,

@@ -1,4 +1,5 @@
-//! What a Cortex-M55 costs, in instructions that repeat exactly, and what of that no vector can take.
+//! The cost on a Cortex-M55, in instructions that repeat exactly, and the part of it that vector instructions cannot
+//! reduce.
 
 use poegp_tests::device::Device;
 use poegp_tests::emulator::{Clock, Machine, instructions};
@@ -6,24 +7,24 @@ use poegp_tests::firmware_build::{Board, firmware_of};
 use poegp_tests::record::assert_recorded;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
-/// Neither ripple nor curves.
+/// A correction with neither ripple nor curves.
 const BARE: Elastic = Elastic {
     points: 100,
     ripple: 0,
     ..Elastic::PLAIN
 };
 
-/// Without inducing points and their groups: what is left is for scalar code.
+/// A correction without inducing points and groups; only scalar code remains.
 const NO_POINTS: Elastic = Elastic {
     points: 0,
     groups: 0,
     ..BARE
 };
 
-/// What a continuous command takes beside one that is corrected fully or not at all, on a Cortex-M4F.
+/// Cost of a command that is corrected in part beyond one that is corrected fully or not at all, on a Cortex-M4F.
 const CONTINUOUS: f64 = 4_232.0;
 
-/// Most instructions of a pose and of a corrected command.
+/// Returns the most instructions of a pose, and of a corrected command.
 fn pose_and_command(device: &mut Device, sample: &Sample) -> [f64; 2] {
     let tick_hz = device.load(&sample.blob()).unwrap().tick_hz;
     let mut most = [0, 0];

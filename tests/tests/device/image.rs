@@ -1,4 +1,4 @@
-//! What the image takes, and what is not in it.
+//! The size of the image, and what it must not contain.
 
 use poegp_protocol::link::{MAX_CHUNK, Query, Request, Response};
 use poegp_tests::device::Device;
@@ -27,7 +27,7 @@ fn fits_its_budgets() {
     );
     assert!(
         image.flash > 10 * KIB,
-        "{} bytes is no firmware",
+        "{} bytes are too few for the firmware",
         image.flash
     );
     assert!(image.flash <= 144 * KIB, "{}", image.flash);
@@ -66,14 +66,14 @@ fn stack_stays_small() {
     let stack = device.statistics().unwrap().stack_bytes;
     println!("stack {stack} bytes, {before} before an elastic model");
     assert!(stack > 1_000, "{stack} bytes: was the stack painted?");
-    // The background's deepest call with a cycle on top of it.
+    // The deepest call of the background with a cycle on top of it.
     assert!(u64::from(stack) <= 22 * KIB, "{stack}");
     let ram = image().static_ram + u64::from(stack);
     println!("RAM with two models and the stack: {ram} bytes");
     assert!(ram <= 128 * KIB, "{ram}");
 }
 
-/// Everything that goes deep: signatures with cycles on top of them, flash, corrections and traces of the longest arm.
+/// Covers the deepest calls: signatures interrupted by cycles, flash, and corrections and traces of the longest arm.
 #[test]
 fn stack_stays_small_with_signatures() {
     let mut device = device();
@@ -96,7 +96,7 @@ fn stack_stays_small_with_signatures() {
         for refused in [&signed[..signed.len() - 1], &damaged] {
             device.load(refused).unwrap_err();
         }
-        // Where in a signature a cycle comes is chance: often enough to meet its deepest calls, also on a busy machine.
+        // Chance decides where in a signature a cycle comes, so there are enough cycles to meet its deepest calls.
         let mut cycles = 0;
         for _ in 0..100 {
             cycles += cycles_during_a_signature(&mut device, &signed, &sample.queries(20));
@@ -120,7 +120,7 @@ fn stack_stays_small_with_signatures() {
     assert!(ram <= 128 * KIB, "{ram}");
 }
 
-/// Uploads a blob once more and asks for traces and corrections while it is verified; returns how many were answered.
+/// Uploads a blob again and asks for traces and corrections during its verification. Returns how many were answered.
 fn cycles_during_a_signature(device: &mut Device, signed: &[u8], queries: &[Query]) -> usize {
     device.client().begin_upload(signed).unwrap();
     for (index, bytes) in signed.chunks(MAX_CHUNK).enumerate() {
@@ -157,7 +157,7 @@ fn cycles_during_a_signature(device: &mut Device, signed: &[u8], queries: &[Quer
 #[test]
 fn has_no_software_f64_no_heap_and_no_formatting() {
     let image = image();
-    // Run-time ABI for the Arm architecture, section 4.1: every operation on `double` the FPU does not have.
+    // Run-time ABI for the Arm architecture, section 4.1: all operations on `double`, which the FPU does not have.
     let doubles = image.named(&[
         "__aeabi_d",
         "__aeabi_f2d",
@@ -179,8 +179,8 @@ fn has_no_software_f64_no_heap_and_no_formatting() {
     assert!(formatting.is_empty(), "{formatting:?}");
 }
 
-/// Functions that end in a panic. The signature's curve indexes tables, and is inlined into `signature::verify`, which
-/// runs in the background once for each model.
+/// The callers of functions that end in a panic. Only `signature::verify` is one, since the inlined code of the signature's
+/// curve indexes tables. It runs in the background once for each model.
 #[test]
 fn nothing_of_the_runtime_can_panic() {
     let image = image();
@@ -198,7 +198,8 @@ fn nothing_of_the_runtime_can_panic() {
     );
 }
 
-/// `firmware/src/mem_intrinsics.rs` and not the weak ones of the compiler's library, which have another size.
+/// The routines are those of `firmware/src/mem_intrinsics.rs`, not the compiler library's weak ones, which have another
+/// size.
 #[test]
 fn copies_by_many_registers() {
     let image = image();

@@ -1,7 +1,7 @@
-//! The innermost loops in assembly against those from portable source: the same bits, and what each costs.
+//! The innermost loops in assembly and from portable source give the same bits; and the cost of each.
 //!
-//! Three images of the same firmware are asked the same: loops for a Cortex-M4F, for a Cortex-M55, and, by the feature
-//! `portable-kernels`, from portable source.
+//! Three images of the firmware answer the same queries: with loops for a Cortex-M4F, for a Cortex-M55, and from portable
+//! source (feature `portable-kernels`).
 
 use poegp_protocol::link::Query;
 use poegp_tests::device::Device;
@@ -12,7 +12,7 @@ use poegp_tests::stages::{CommandBits, Host, Stages, trust_line};
 
 use crate::golden::compare_with_committed;
 
-/// In assembly for a Cortex-M4F, from portable source, in assembly for a Cortex-M55.
+/// In assembly for a Cortex-M4F, from portable source, and in assembly for a Cortex-M55.
 const KERNELS: [(Board, Variant); 3] = [
     (Board::Mps2An386, Variant::Product),
     (Board::Mps2An386, Variant::PortableKernels),
@@ -51,7 +51,7 @@ fn compare(devices: &mut [Device; 3], sample: Sample, queries: &[Query]) {
                 "{kernels:?}, {sample:?}, {query:?}: trust and standard deviation"
             );
         }
-        // While the others are asked no cycles come: its watchdog must not take that for a stuck device.
+        // No cycles come while the other devices answer, and the watchdog must not restart this one for that.
         device.client().stand_down().unwrap();
     }
 }
@@ -83,7 +83,7 @@ fn the_same_bits_for_a_thousand_queries() {
     }
 }
 
-/// The paper's folded mean on random rows: every length of a row, and numbers of rows about the steps of the loop.
+/// The paper's folded mean on random rows, with every length of a row and numbers of rows around the loop's step.
 #[test]
 fn the_same_bits_for_every_shape_of_rows() {
     let mut devices = all(Clock::Real);
@@ -100,7 +100,7 @@ fn the_same_bits_for_every_shape_of_rows() {
     }
 }
 
-/// The standard deviation of the paper's process: landmarks of both lengths, every number in the last four of them.
+/// The standard deviation of the paper's process, with landmarks of both lengths and every remainder of the blocks of four.
 #[test]
 fn the_same_bits_for_every_shape_of_landmarks() {
     let mut devices = all(Clock::Real);
@@ -117,7 +117,7 @@ fn the_same_bits_for_every_shape_of_landmarks() {
     }
 }
 
-/// Sines and cosines in every quadrant, at multiples of π/4 and beside them, of huge angles, zeros and denormal ones; of every
+/// Sines and cosines in every quadrant, at and near multiples of π/4, of huge angles, zeros and denormal numbers, for every
 /// number of joints.
 #[test]
 fn the_same_bits_for_every_angle() {
@@ -149,8 +149,7 @@ fn the_same_bits_for_every_angle() {
     }
 }
 
-/// Own-joint curves of as many orders as leave any number behind a step of the loops: poses, and commands, which look at
-/// their slopes.
+/// Own-joint curves with orders that leave every remainder of the loops' step: poses, and commands, which use the slopes.
 #[test]
 fn the_same_bits_for_every_number_of_orders() {
     let mut devices = all(Clock::Real);
@@ -180,7 +179,8 @@ fn the_same_bits_for_every_number_of_orders() {
     }
 }
 
-/// Inducing points whose kernels look at one joint or more: no rows, one, an odd and an even number in each payload group.
+/// Inducing points whose kernels depend on one or more joints, with zero, one, an odd and an even number in a payload
+/// group.
 #[test]
 fn the_same_bits_for_every_shape_of_sets() {
     let mut devices = all(Clock::Real);
@@ -212,7 +212,7 @@ fn the_same_bits_for_every_shape_of_sets() {
     }
 }
 
-/// Mean of what queries within the trained ranges cost.
+/// Returns the mean instructions for queries within the trained ranges.
 fn cost(device: &mut Device, sample: Sample) -> f64 {
     device.load(&sample.blob()).unwrap();
     let tick_hz = device.identify().unwrap().tick_hz;
@@ -230,7 +230,7 @@ fn instructions_of_all_kernels() {
         joints,
         ..Sample::plain(31, SampleCorrection::Elastic(elastic))
     };
-    // Limits of one whole evaluation: assembly, portable, Cortex-M55.
+    // Limits of one whole evaluation: assembly, portable source, Cortex-M55.
     let cases = [
         (
             "paper, 300 points, folded",
@@ -277,7 +277,7 @@ fn instructions_of_all_kernels() {
         {
             beyond.push((name, counts));
         }
-        // What has no loop in assembly costs the same, but for where a tick begins.
+        // Code without a loop in assembly costs the same, except for the resolution of the tick counter.
         let [assembly, portable, _] = counts;
         assert!(assembly <= portable + 10.0, "{name}: {assembly} {portable}");
     }

@@ -1,5 +1,6 @@
 //! Two hundred power cuts: the emulator is killed at random moments of upload, commit, activation and roll back, with its
-//! flash in a file. After each start the device runs the old or the new model, whole; what it had acknowledged is there.
+//! flash in a file. After each start the device runs the old or the new model, whole, and has everything that it
+//! acknowledged.
 
 use std::path::Path;
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
@@ -29,7 +30,7 @@ enum Phase {
     RollBack,
 }
 
-/// In the order in which they come, again and again.
+/// The phases in their order, which repeats.
 const PHASES: [Phase; 4] = [
     Phase::Upload,
     Phase::Commit,
@@ -37,7 +38,7 @@ const PHASES: [Phase; 4] = [
     Phase::RollBack,
 ];
 
-/// When the kills come: most of them where flash is written.
+/// The phases of the kills; most kills come where flash is written.
 const MOMENTS: [Phase; 8] = [
     Phase::Commit,
     Phase::RollBack,
@@ -49,7 +50,7 @@ const MOMENTS: [Phase; 8] = [
     Phase::RollBack,
 ];
 
-/// A model on both sides.
+/// A model with the host's answers.
 struct Known {
     bytes: Vec<u8>,
     crc: u32,
@@ -78,7 +79,8 @@ fn models(queries: &[Query]) -> Vec<Known> {
     known.collect()
 }
 
-/// Which models may run after the next start, by what was acknowledged: `old`, and `new` when it is being stored.
+/// The models that may run after the next start, by what the device acknowledged: `old`, and `new` while it is being
+/// stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stored {
     phase: Phase,
@@ -86,8 +88,8 @@ struct Stored {
     new: Option<u32>,
 }
 
-/// Works with one model after the other until the device is gone; says when a phase begins and when it is over. Returns
-/// what is stored then.
+/// Uploads one model after the other until the device is gone, and reports when each phase begins. Returns what the device
+/// had stored by then.
 fn work(
     client: &mut Client,
     models: &[Known],
@@ -122,7 +124,7 @@ fn one_round(
 ) -> Result<(), ClientError> {
     let begin = |phase: Phase, stored: &mut Stored, new: Option<u32>| {
         (stored.phase, stored.new) = (phase, new);
-        // Nobody listens any more after the kill.
+        // After the kill nobody receives this any more.
         let _ = begins.send(phase);
     };
     let before = stored.old;
@@ -151,7 +153,7 @@ fn start(memory: &Path) -> Device {
     Device::on(&machine).unwrap()
 }
 
-/// The model that runs, after a look at its answers.
+/// Returns the CRC of the running model, after its answers were checked.
 fn running(device: &mut Device, models: &[Known], queries: &[Query]) -> u32 {
     let crc = device
         .identify()
@@ -168,7 +170,7 @@ fn running(device: &mut Device, models: &[Known], queries: &[Query]) -> u32 {
     crc
 }
 
-/// Kills of one phase, and what ran after the start: `old`, what was acknowledged last, or `new`, what was being stored.
+/// Kills of one phase, and what ran after the start: `old`, acknowledged last, or `new`, which was being stored.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     kills: usize,
@@ -189,7 +191,7 @@ fn two_hundred_kills_lose_nothing() {
         device.load(&model.bytes).unwrap();
     }
     let mut first = models[1].crc;
-    // The longest that each phase took so far.
+    // The longest time of each phase so far.
     let mut lengths = [Duration::from_millis(5); PHASES.len()];
     let mut tallies = [Tally::default(); PHASES.len()];
     for kill in 0..KILLS {
@@ -200,7 +202,7 @@ fn two_hundred_kills_lose_nothing() {
             let (begins, begun) = mpsc::channel();
             let models = &models;
             let worker = scope.spawn(move || work(&mut client, models, first, kill, &begins));
-            // Into the phase, then on for some time.
+            // Waits for the phase, then for a share of its length.
             let mut now = begun.recv().unwrap();
             let mut since = Instant::now();
             while now != phase {
@@ -209,7 +211,7 @@ fn two_hundred_kills_lose_nothing() {
                 (now, since) = (next, Instant::now());
             }
             let left = lengths[phase as usize].mul_f64(share);
-            // The time is up, or the phase is over before.
+            // The time has passed, or the phase has ended before.
             match begun.recv_timeout(left) {
                 Ok(_) => lengths[phase as usize] = since.elapsed(),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -229,7 +231,10 @@ fn two_hundred_kills_lose_nothing() {
             tally.new += 1;
         }
         let statistics = device.statistics().unwrap();
-        assert_eq!(statistics.restarts, 0, "a power cut is no restart");
+        assert_eq!(
+            statistics.restarts, 0,
+            "a power cut must not count as a restart"
+        );
         first = runs;
     }
     println!("{KILLS} kills with the flash in a file; what ran after the start:");

@@ -1,4 +1,4 @@
-//! The link: damage is counted and answered, order is enforced, repetition is harmless.
+//! The link: damage is counted and answered, order is enforced, and repetition is harmless.
 
 use poegp_protocol::blob::CRC;
 use poegp_protocol::link::frame::{MAX_FRAME, OVERHEAD};
@@ -8,7 +8,7 @@ use poegp_tests::sample::{Sample, SampleCorrection};
 
 use crate::device;
 
-/// The next answer, whoever it is for.
+/// Returns the next answer, whatever its sequence number.
 fn answer(device: &mut Device) -> (u16, Response) {
     device
         .receive()
@@ -16,7 +16,7 @@ fn answer(device: &mut Device) -> (u16, Response) {
         .expect("the device answers every frame")
 }
 
-/// What the device answers to a request that it refuses.
+/// Returns the refusal that answers a request.
 fn refusal(device: &mut Device, request: &Request<'_>) -> Refusal {
     match device.request(request).unwrap() {
         Response::Refused(refusal) => refusal,
@@ -33,7 +33,7 @@ fn damaged_frames_are_answered_and_counted() {
     let mut device = device();
     let (_, good) = device.frame(&Request::Identify);
     let mut sent = 0;
-    // Every bit but those of the final zero; one that makes a byte zero cuts the frame in two.
+    // Every bit except those of the final zero. A flip that makes a byte zero cuts the frame in two.
     for bit in 0..8 * (good.len() - 1) {
         let mut bytes = good.clone();
         bytes[bit / 8] ^= 1 << (bit % 8);
@@ -82,12 +82,12 @@ fn too_long_frames_are_dropped_whole() {
     assert_eq!(device.statistics().unwrap().bad_frames, 1);
 }
 
-/// A frame of these bytes: with CRC and COBS, whatever they are.
+/// Returns a frame of these bytes, whatever they are, with CRC and COBS.
 fn frame_of(body: &[u8]) -> Vec<u8> {
     let mut raw = body.to_vec();
     raw.extend(CRC.checksum(body).to_le_bytes());
     let mut out = vec![0; raw.len() + raw.len() / 254 + 2];
-    // COBS, written out: the oracle is not the crate that the device uses.
+    // COBS written out here, so that the test does not rely on the crate that the device uses.
     let (mut code_at, mut code, mut at) = (0, 1_u8, 1);
     for byte in raw {
         if byte != 0 {
@@ -204,7 +204,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
         })
         .unwrap();
     device.request(&piece(0, 100)).unwrap();
-    // A gap, an overlap with other bytes, and more than was announced.
+    // A gap, an overlap with other bytes, and more bytes than announced.
     assert_eq!(
         refusal(&mut device, &piece(101, 200)),
         Refusal::UnexpectedOffset {
@@ -241,7 +241,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
             length
         }
     );
-    // The same bytes again, whole or in part.
+    // The same bytes again, all of them or the first part.
     for end in [100, 60] {
         let repeated = device.request(&piece(0, end)).unwrap();
         assert_eq!(repeated, Response::Uploading { received: 100 });
@@ -258,7 +258,7 @@ fn pieces_come_in_order_and_may_be_repeated() {
     for _ in 0..2 {
         let answer = device.request(&Request::VerifyUpload).unwrap();
         assert!(matches!(answer, Response::Verified(_)), "{answer:?}");
-        // Even now a piece may come once more.
+        // Even now a piece may be repeated.
         let answer = device.request(&piece(0, 60)).unwrap();
         assert_eq!(answer, Response::Uploading { received: length });
     }

@@ -1,7 +1,7 @@
 //! The firmware on an emulated Cortex-M4F.
 //!
-//! One program, so that the image is built and linked against once. Needs `qemu-system-arm` and a compiler for the
-//! target; without them these tests fail and say what to install.
+//! This is one program, so that the image is built once. The tests need `qemu-system-arm` and a compiler for the target;
+//! without them they fail and say what to install.
 
 mod boards;
 mod boot;
@@ -33,7 +33,7 @@ mod watchdog;
 use poegp_tests::device::Device;
 use poegp_tests::emulator::Clock;
 
-/// A device on the wall clock.
+/// Returns a device whose clock is real time.
 fn device() -> Device {
     Device::start(Clock::Real).unwrap_or_else(|error| panic!("{error}"))
 }

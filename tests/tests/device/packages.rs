@@ -1,4 +1,4 @@
-//! What each package takes of the image, and that each is accounted for in `docs/reference/supply-chain.md`.
+//! The share of each package in the image; `docs/reference/supply-chain.md` must list each package.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -9,7 +9,7 @@ use poegp_tests::firmware_build::firmware;
 use poegp_tests::image::Image;
 use poegp_tests::workspace;
 
-/// The package of a source file, as the image names it, its version left off.
+/// Returns the package of a source file as the image names it, without its version.
 fn package(path: &str) -> String {
     if let Some(rest) = path.strip_prefix("/crates/") {
         let folder = rest.split('/').next().unwrap_or(rest);
@@ -29,8 +29,8 @@ fn package(path: &str) -> String {
     "no source line".to_owned()
 }
 
-/// Bytes of code of each package. Each half-word belongs to the source line that the debug information has for it, so a
-/// function of `nalgebra` that was inlined into the runtime counts as nalgebra's.
+/// Returns the bytes of code of each package. Debug information assigns each half-word to a source line, so a function of
+/// `nalgebra` that is inlined into the runtime counts as nalgebra's.
 fn bytes_of_code() -> BTreeMap<String, usize> {
     let firmware = firmware().unwrap_or_else(|error| panic!("{error}"));
     let image = Image::read(&firmware.elf).unwrap();
@@ -39,7 +39,7 @@ fn bytes_of_code() -> BTreeMap<String, usize> {
         .iter()
         .flat_map(|function| (function.address..function.address + function.size).step_by(2))
         .collect();
-    // Functions that are the same are one function with two names.
+    // Identical functions are merged into one function with two names.
     addresses.sort_unstable();
     addresses.dedup();
     let mut reader = Command::new("arm-none-eabi-addr2line")
@@ -88,7 +88,7 @@ fn every_package_of_the_image_is_accounted_for() {
     assert!(bytes["poegp-runtime"] > 10_000, "nothing was attributed");
 }
 
-/// The packages that cargo would compile for the device, those that leave no code and macros included.
+/// The packages that cargo compiles for the device, including macros and packages that leave no code.
 #[test]
 fn every_package_that_is_compiled_is_accounted_for() {
     let output = Command::new(env!("CARGO"))

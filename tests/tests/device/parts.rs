@@ -1,4 +1,4 @@
-//! What an evaluation and a corrected command spend their instructions on, part by part, and what loading a blob costs.
+//! The instructions of an evaluation and of a corrected command, part by part, and the cost of loading a blob.
 //!
 //! ```sh
 //! cargo test --release -p poegp-tests --test device -- --nocapture parts
@@ -12,7 +12,7 @@ use poegp_tests::firmware_build::firmware;
 use poegp_tests::parts::Parts;
 use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 
-/// The shapes of the table.
+/// The models in the table.
 const SHAPES: [(&str, SampleCorrection); 4] = [
     ("paper, 300", SampleCorrection::Folded(300)),
     ("paper per output, 300", SampleCorrection::PerOutput(300)),
@@ -23,7 +23,7 @@ const SHAPES: [(&str, SampleCorrection); 4] = [
     ),
 ];
 
-/// One column: instructions of a pose or of a command, and what the device's own counter says.
+/// Returns one column: the instructions of a pose or of a command by part, and the value of the device's own counter.
 fn column(
     device: &mut Device,
     recorder: &mut Recorder,
@@ -53,7 +53,7 @@ fn column(
     (parts, instructions(ticks, tick_hz))
 }
 
-/// The parts sum to the whole, and the whole is what the device measures of itself.
+/// The parts add up to the whole, which agrees with the device's own counter.
 #[test]
 fn the_parts_of_an_evaluation() {
     let (mut device, mut recorder) = Recorder::start().unwrap_or_else(|error| panic!("{error}"));
@@ -98,7 +98,7 @@ fn the_parts_of_an_evaluation() {
         cells.collect::<Vec<_>>().join(" | ")
     );
     for (name, parts, counted) in &columns {
-        // Beside the function itself the counter sees who calls it and copies its answer.
+        // The counter also includes the caller of the function, which copies its answer.
         let beside = counted - parts.whole() as f64;
         assert!(
             (-20.0..=0.02 * counted + 300.0).contains(&beside),
@@ -108,8 +108,8 @@ fn the_parts_of_an_evaluation() {
     }
 }
 
-/// Instructions of [`ModelSlot::load_unverified`](poegp_runtime::service) and of the whole request that verifies an
-/// uploaded blob, and the length of the blob.
+/// Returns the instructions of [`ModelSlot::load_unverified`](poegp_runtime::service), instructions of the whole request
+/// that verifies an uploaded blob, and the length of the blob.
 fn load(device: &mut Device, recorder: &mut Recorder, correction: SampleCorrection) -> [usize; 3] {
     let blob = Sample::plain(37, correction).blob();
     device.allow_any_time().unwrap();
@@ -133,9 +133,9 @@ fn load(device: &mut Device, recorder: &mut Recorder, correction: SampleCorrecti
     [loading.whole(), executed.len(), blob.len()]
 }
 
-/// Checksum, decoding, every number looked at, and the model taken over: at most 40 instructions a byte. With what the
-/// request does beside that (the checksum of the transfer; journals and key of the flash, which do not depend on the blob)
-/// at most as many for every byte more.
+/// Loading computes the checksum, decodes the blob, checks every number and takes over the model. It costs at most 40
+/// instructions a byte. The whole request also computes the checksum of the transfer and reads journals and key in flash,
+/// whose cost does not depend on the blob: each further byte costs at most 40 instructions as well.
 #[test]
 fn the_parts_of_loading() {
     let (mut device, mut recorder) = Recorder::start().unwrap_or_else(|error| panic!("{error}"));

@@ -1,5 +1,5 @@
-//! Hangs, panics and faults that a variant of the image plants: each ends in a restart, and the reason is read afterwards.
-//! Work that only takes long does not.
+//! A variant of the image plants hangs, panics and faults. Each ends in a restart whose reason can be read afterwards. Work
+//! that only takes long does not end in a restart.
 
 use std::time::{Duration, Instant};
 
@@ -16,7 +16,7 @@ use poegp_trainer::signing::SecretKey;
 use crate::device;
 use crate::watchdog::{SAMPLE, corrects, load_and_correct, restarts};
 
-/// What `Activate` asks for: see `firmware/src/planted_faults.rs`.
+/// The faults that `Activate` requests: see `firmware/src/planted_faults.rs`.
 const PANIC: u32 = 0xfa17_0001;
 const HANG: u32 = 0xfa17_0002;
 const FLASH_STAYS_BUSY: u32 = 0xfa17_0003;
@@ -26,13 +26,13 @@ const CYCLE_HANGS: u32 = 0xfa17_0006;
 const FLASH_IS_SLOW: u32 = 0xfa17_0007;
 const FLASH_STOPS_THE_PROCESSOR: u32 = 0xfa17_0008;
 
-/// A panic and a fault restart the board at once. The rest is for a busy machine.
+/// Time until a panic or a fault has restarted the board: no time, plus an allowance for a busy machine.
 const AT_ONCE: Duration = Duration::from_secs(5);
-/// The watchdog of the board waits for two times four seconds.
+/// Time of the board's watchdog: two times four seconds.
 const WATCHDOG: Duration = Duration::from_secs(8);
-/// Ten seconds without a beat, then the watchdog.
+/// Ten seconds without a beat of the background, then the watchdog.
 const BACKGROUND: Duration = Duration::from_secs(18);
-/// For an answer that the restart swallows, for which the client waits 10 s, and for a busy machine.
+/// Allowance for an answer that the restart swallows (the client waits 10 s) and for a busy machine.
 const MORE: Duration = Duration::from_secs(25);
 
 fn with_planted_faults() -> &'static Firmware {
@@ -40,12 +40,12 @@ fn with_planted_faults() -> &'static Firmware {
         .unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A device that has a model, runs no cycles and has just started for the first time.
+/// Returns a freshly started device with a stored model and no running cycles.
 fn prepared() -> Device {
     prepared_with(Clock::Real)
 }
 
-/// [`prepared`] with this clock. On [`Clock::Counting`] the time of a hang passes several times as fast.
+/// Returns [`prepared`] with this clock. With [`Clock::Counting`] the time of a hang passes several times as fast.
 fn prepared_with(clock: Clock) -> Device {
     let machine = Machine {
         board: Board::default(),
@@ -60,21 +60,22 @@ fn prepared_with(clock: Clock) -> Device {
     device
 }
 
-/// Asks for a fault and waits for no answer.
+/// Requests a fault without waiting for an answer.
 fn plant(device: &mut Device, fault: u32) -> Instant {
     let (_, frame) = device.frame(&Request::Activate { blob_crc: fault });
     device.send_bytes(&frame).unwrap();
     Instant::now()
 }
 
-/// Arms a fault that comes later.
+/// Requests a fault that happens later.
 fn arm(device: &mut Device, fault: u32) {
     let answer = device.request(&Request::Activate { blob_crc: fault });
     let unknown = Refusal::UnknownModel { blob_crc: fault };
     assert_eq!(answer.unwrap(), Response::Refused(unknown));
 }
 
-/// Waits for the one restart; then the stored model answers, and a requested restart has its own reason.
+/// Waits for the only restart and returns its reason. Then the stored model answers, and a requested restart has its own
+/// reason.
 fn restarted(device: &mut Device, since: Instant, within: Duration) -> StartReason {
     while restarts(device) == 0 {
         assert!(since.elapsed() < within + MORE, "not restarted");
@@ -86,7 +87,7 @@ fn restarted(device: &mut Device, since: Instant, within: Duration) -> StartReas
     corrects(device);
     device.client().stand_down().unwrap();
     assert_eq!(restarts(device), 1);
-    // Reading it does not change it.
+    // Reading the reason does not change it.
     assert_eq!(device.identify().unwrap().start, reason);
     let identity = device.client().restart().unwrap();
     assert_eq!(identity.start, StartReason::Requested);
@@ -95,7 +96,7 @@ fn restarted(device: &mut Device, since: Instant, within: Duration) -> StartReas
     reason
 }
 
-/// The line of the planted panic.
+/// Returns the source line of the planted panic.
 fn line_of_the_panic() -> u32 {
     let source = include_str!("../../../firmware/src/planted_faults.rs");
     let line = source.lines().position(|line| line.contains("panic!()"));
@@ -125,7 +126,7 @@ fn a_fault_restarts_the_board_and_is_named() {
         (start..start + function.size).contains(&u64::from(address))
     });
     println!("{:?}", function.map(|function| &function.name));
-    assert!(function.is_some(), "{address:08x} is no code");
+    assert!(function.is_some(), "{address:08x} is in no function");
 }
 
 #[test]
@@ -137,7 +138,7 @@ fn a_background_that_hangs_restarts_the_board() {
     assert_eq!(reason, StartReason::Background);
 }
 
-/// Cycles that go on do not keep it alive; they are answered until it restarts.
+/// Running cycles do not keep the device alive when the background hangs; they are answered until the restart.
 #[test]
 fn a_background_that_hangs_under_cycles_restarts_the_board() {
     let mut device = prepared();
@@ -145,14 +146,15 @@ fn a_background_that_hangs_under_cycles_restarts_the_board() {
     let (query, mut answers) = (&SAMPLE.queries(1)[0], 0);
     let expected = Host::load(&SAMPLE.blob()).unwrap().command(query);
     let busy = Response::Refused(Refusal::Busy);
-    // Nothing is asked again: a cyclic request after the restart would be one more silence to restart for.
+    // A request is not repeated: a cyclic request after the restart would start cycles, whose end would cause another
+    // restart.
     loop {
         assert!(since.elapsed() < BACKGROUND + MORE, "not restarted");
         let (number, frame) = device.frame(&Request::Correct(query.clone()));
         device.send_bytes(&frame).unwrap();
         let answer = match device.receive() {
             Ok(Some((answered, Response::Corrected(answer)))) if answered == number => answer,
-            // The restart has swallowed it.
+            // The restart swallowed the answer.
             _ => break,
         };
         if answer.status == Status::NO_MODEL.bits() {
@@ -176,7 +178,7 @@ fn a_background_that_hangs_under_cycles_restarts_the_board() {
     assert_eq!(reason, StartReason::Background);
 }
 
-/// The commit does not return; the model that was stored before is there afterwards.
+/// The commit never returns; after the restart the model that was stored before is there.
 #[test]
 fn a_flash_that_stays_busy_restarts_the_board() {
     let mut device = prepared_with(Clock::Counting);
@@ -189,7 +191,7 @@ fn a_flash_that_stays_busy_restarts_the_board() {
     assert_eq!(reason, StartReason::Background);
 }
 
-/// What stops even SysTick cannot be noted: the watchdog restarts the board, and the reason is open.
+/// A hang that also stops SysTick cannot be noted, so the watchdog restarts the board and the reason is unknown.
 #[test]
 fn a_hang_that_stops_everything_restarts_the_board() {
     for fault in [HANG_WITHOUT_INTERRUPTS, CYCLE_HANGS] {
@@ -200,7 +202,7 @@ fn a_hang_that_stops_everything_restarts_the_board() {
     }
 }
 
-/// A large signed model.
+/// Returns a large signed model, with its key.
 fn large() -> (SecretKey, Vec<u8>) {
     let key = SecretKey::generate().unwrap();
     let sample = Sample {
@@ -212,7 +214,7 @@ fn large() -> (SecretKey, Vec<u8>) {
     (key, signed)
 }
 
-/// Sends `CommitUpload` and waits for what it has written, with cycles meanwhile or without.
+/// Sends `CommitUpload` and waits for its answer, with or without cycles meanwhile. Returns the time.
 fn commit(device: &mut Device, cycles: bool) -> Duration {
     let query = &SAMPLE.queries(1)[0];
     let start = Instant::now();
@@ -233,8 +235,8 @@ fn commit(device: &mut Device, cycles: bool) -> Duration {
     panic!("not committed");
 }
 
-/// A commit that takes longer than the watchdog and the limit of a beat together, because every erase takes as long as any
-/// may: a large signed model, while cycles run and while none do.
+/// With erases as slow as the data sheet allows, the commit of a large signed model takes longer than the watchdog and the
+/// limit of a beat together. It is no hang, with cycles and without.
 #[test]
 fn a_commit_that_takes_long_is_no_hang() {
     let (key, signed) = large();
@@ -255,8 +257,8 @@ fn a_commit_that_takes_long_is_no_hang() {
     }
 }
 
-/// A line that becomes empty wakes the cycle once, and only if an answer waits for that. Otherwise the cycle would read the
-/// first bytes of the next frame early, and the cost of a command would depend on when its bytes arrive.
+/// When the line becomes empty, that wakes the cycle once, and only if an answer waits for it. Otherwise the cycle would
+/// read the first bytes of the next frame early, and the cost of a command would depend on when its bytes arrive.
 #[test]
 fn an_empty_line_wakes_the_cycle_only_when_an_answer_waits_for_it() {
     let mut device = Device::on(&Machine {
@@ -275,8 +277,8 @@ fn an_empty_line_wakes_the_cycle_only_when_an_answer_waits_for_it() {
     );
 }
 
-/// Command and answer of six joints, 32 times each: by DMA at most 0.6 of what an interrupt for each byte takes, whose entry
-/// and exit are not in it.
+/// The cost of the bytes of a command and its answer of six joints, 32 times each: with DMA at most 0.6 of the cost with an
+/// interrupt for each byte, in which entry and exit are not even counted.
 #[test]
 fn instructions_of_a_byte_on_its_way() {
     let machine = Machine {
@@ -307,7 +309,7 @@ fn instructions_of_a_byte_on_its_way() {
     assert!(received[0] + sent[0] <= 200.0);
 }
 
-/// The product has none of this.
+/// The product contains none of the planted faults.
 #[test]
 fn a_product_plants_nothing() {
     let mut device = device();

@@ -1,4 +1,4 @@
-//! The image does not depend on where it was built: two folders, one hash.
+//! The image does not depend on the folder in which it was built.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use poegp_tests::image::Image;
 use poegp_tests::workspace;
 use sha2::{Digest, Sha256};
 
-/// What a build of the firmware needs of the workspace.
+/// The parts of the workspace that a build of the firmware needs.
 const SOURCES: [&str; 10] = [
     "Cargo.toml",
     "Cargo.lock",
@@ -42,7 +42,7 @@ fn hash(bytes: &[u8]) -> String {
     digest.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Where `needle` is in `bytes`.
+/// Returns whether `bytes` contain `needle`.
 fn contains(bytes: &[u8], needle: &str) -> bool {
     !needle.is_empty()
         && bytes
@@ -50,7 +50,7 @@ fn contains(bytes: &[u8], needle: &str) -> bool {
             .any(|window| window == needle.as_bytes())
 }
 
-/// The whole file is compared: what is loaded, symbols, texts of the log and debug information.
+/// Compares the whole files: loaded bytes, symbols, texts of the log, and debug information.
 #[test]
 fn two_folders_give_one_image() {
     let here = firmware().unwrap_or_else(|error| panic!("{error}"));
@@ -59,7 +59,7 @@ fn two_folders_give_one_image() {
     for part in SOURCES {
         copy(&workspace().join(part), &source.join(part));
     }
-    // A member of the workspace has a library; this one is empty.
+    // The workspace's member `tests` needs a library; this one is empty.
     fs::create_dir_all(source.join("tests/src")).unwrap();
     fs::write(source.join("tests/src/lib.rs"), "//! Not here.\n").unwrap();
     let there = firmware_from(&source, &elsewhere.path().join("build"), Board::default())
@@ -72,13 +72,13 @@ fn two_folders_give_one_image() {
         hash(&other)
     );
     let images = [&here.elf, &there.elf].map(|elf| Image::read(elf).unwrap().crc);
-    assert_eq!(images[0], images[1], "what is loaded differs");
+    assert_eq!(images[0], images[1], "the loaded bytes differ");
     assert_eq!(hash(&one), hash(&other));
     let folder = source.to_string_lossy();
     assert!(!contains(&other, &folder), "{folder} is in the image");
 }
 
-/// The flags that rename folders, and all others, reach the compiler for each target.
+/// The flags that rename folders reach the compiler for every target.
 #[test]
 fn no_image_names_a_folder_of_this_machine() {
     for board in Board::ALL {

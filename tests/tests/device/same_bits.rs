@@ -10,7 +10,7 @@ use poegp_tests::stages::{self, Host, Stages};
 
 use crate::device;
 
-/// Compares `count` queries of `sample` and the odd ones; returns how many were within the trained ranges.
+/// Compares `count` queries of `sample` and the odd queries. Returns how many were within the trained ranges.
 fn compare(sample: Sample, count: usize) -> usize {
     let bytes = sample.blob();
     let host = Host::load(&bytes).unwrap();
@@ -40,7 +40,7 @@ fn shared_hyperparameters() {
     assert!(trusted > 100, "only {trusted} queries were ordinary");
 }
 
-/// Eq. 7, with every number of landmarks that ends a round of the coefficients differently, and none.
+/// The standard deviation by eq. 7, with every number of landmarks that ends a loop differently, and with none.
 #[test]
 fn standard_deviation_in_task_space() {
     for (landmarks, correction) in [
@@ -126,7 +126,7 @@ fn elastic_arms_of_five_and_seven_joints() {
     }
 }
 
-/// The loop for any kind of joint.
+/// Uses the loop for any kind of joint.
 #[test]
 fn elastic_arm_with_a_sliding_joint() {
     let sample = Sample {
@@ -137,7 +137,7 @@ fn elastic_arm_with_a_sliding_joint() {
     compare(sample, 150);
 }
 
-/// A loop for every number of joints that a kernel may look at, and the one for any kind of joint.
+/// Uses the loop for every number of joints that a kernel may depend on, and the loop for any kind of joint.
 #[test]
 fn elastic_arms_whose_kernels_look_at_any_number_of_joints() {
     for (joints, looks_at, prismatic) in [
@@ -185,7 +185,7 @@ fn elastic_without_process_or_ripple() {
     compare(elastic(21, bare), 100);
 }
 
-/// One blob, both number types on the host: what f32 loses of a position.
+/// The loss of f32 in a position: one blob in both number types on the host.
 #[test]
 fn f32_is_within_a_micrometre_of_f64() {
     for (joints, coupled, kind) in [

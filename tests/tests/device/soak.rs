@@ -1,12 +1,12 @@
-//! Many thousand corrections over a bad line while models come and go, the power fails and the flash loses bits.
+//! Many thousand corrections over a bad line while models change, the power fails and the flash loses bits.
 //!
-//! Two clients share one line: a controller, which has several commands in flight, and a workstation, which uploads,
-//! activates, commits and rolls back. One byte of a hundred is damaged, dropped or doubled, both ways. Every answer that
-//! arrives intact has to be, to the bit, that of the model that it names. After every 5 000 answers the power is cut at a
-//! random moment of all that, one bit of the stored models flips, and the device starts again with that flash.
+//! Two clients share one line: a controller with several commands in flight, and a workstation that uploads, activates,
+//! commits and rolls back. One byte of a hundred is damaged, dropped or doubled, in both directions. Every answer that
+//! arrives intact must be, to the bit, that of the model that it names. After every 5 000 answers the power is cut at a
+//! random moment, one bit of the stored models flips, and the device starts again with that flash.
 //!
-//! In the usual tests 10 000 answers. More, with a record of every round from which the next call goes on (its flash beside
-//! it):
+//! The usual test takes 10 000 answers. A longer run can write a record of every round, from which the next call continues,
+//! with the flash in a file beside the record:
 //!
 //! ```sh
 //! POEGP_SOAK=1000000 POEGP_SOAK_RECORD=soak.txt \
@@ -38,28 +38,29 @@ use record::{Record, Round, flip_a_bit};
 use steps::{Step, steps};
 use workstation::Waiting;
 
-/// Answered corrections unless the environment says otherwise.
+/// Number of answered corrections, unless the environment sets another.
 const USUAL: usize = 10_000;
-/// Answers of one round, from a start of the device to the cut of its power.
+/// Answers in one round, from a start of the device to the cut of its power.
 const ROUND: usize = 5_000;
-/// Answers after which the stack is looked at for the first time.
+/// Number of answers before the stack is read for the first time.
 const FIRST: usize = 1_000;
-/// Turns after the statistics until the power is cut, at most.
+/// Most turns between reading the statistics and the power cut.
 const TURNS_TO_CUT: usize = 400;
-/// About what storing a model takes in the emulator.
+/// Approximate time in which the emulator stores a model, µs.
 const WRITING_MICROSECONDS: u64 = 3_000;
-/// Bytes of stack at most, in the first thousand answers as in the last: the budget of `image.rs`. Within it the deepest
-/// use is chance, a cycle at the deepest moment of a service, and so not the same in every round.
+/// Budget of the stack in bytes, as in `image.rs`. Within it the deepest use varies between rounds, because it depends on
+/// whether a cycle comes at the deepest moment of a service.
 const STACK_BUDGET: u32 = 22 * 1024;
-/// Commands that are asked for, again and again.
+/// Number of different commands, which repeat.
 const QUERIES: usize = 256;
-/// Bytes of commands on their way at most: with one service they fill the device's 512.
+/// Most bytes of commands in flight: with one service they fill the device's 512 bytes.
 const IN_FLIGHT: usize = 340;
-/// After such a silence everything on its way is taken for lost. Rare: any answer says so of what was sent before it.
+/// After this silence everything in flight counts as lost. That is rare, because any answer shows which earlier requests
+/// are lost.
 const SILENCE: Duration = Duration::from_millis(250);
-/// A fraction of what a window of commands takes.
+/// A fraction of the time of a window of commands.
 const GATHER: Duration = Duration::from_micros(500);
-/// Nothing may take longer: the watchdog would restart the device after eight seconds.
+/// Longest silence; the watchdog would restart the device after eight seconds.
 const DEADLOCK: Duration = Duration::from_secs(30);
 
 /// Both clients and their line.
@@ -69,7 +70,7 @@ struct Soak {
     generator: ChaCha8Rng,
     queries: Vec<Query>,
     models: Vec<Known>,
-    /// The command of each even sequence number, the latest.
+    /// The latest command with each even sequence number.
     asked: Vec<Option<usize>>,
     next_command: u16,
     in_flight: VecDeque<(u16, usize)>,
@@ -86,7 +87,7 @@ struct Soak {
     damaged_answers: usize,
     silences: usize,
     statistics: Option<Statistics>,
-    /// When the last answer came, intact or not, and how many have.
+    /// Time of the last answer, intact or not, and the number of answers.
     heard: Instant,
     heard_frames: usize,
 }
@@ -128,14 +129,14 @@ impl Soak {
         }
     }
 
-    /// Sends as many commands as may be on their way.
+    /// Sends as many commands as may be in flight.
     fn send_commands(&mut self) {
         let mut bytes = Vec::new();
         let mut on_their_way: usize = self.in_flight.iter().map(|(_, length)| length).sum();
         while on_their_way < IN_FLIGHT {
             let index = self.generator.random_range(0..QUERIES);
             let sequence = self.next_command;
-            // Even ones, never 0: that is answered to damaged frames.
+            // Even numbers, never 0, because damaged frames are answered with number 0.
             self.next_command = sequence.checked_add(2).unwrap_or(2);
             let frame = encoded(sequence, &Request::Correct(self.queries[index].clone()));
             self.asked[usize::from(sequence)] = Some(index);
@@ -149,7 +150,7 @@ impl Soak {
     }
 
     fn receive(&mut self) {
-        // QEMU hands out byte by byte; taking them so would cost both sides more than everything else.
+        // QEMU hands out single bytes; reading them one by one would cost more than everything else.
         std::thread::sleep(GATHER);
         for byte in self.line.receive().unwrap() {
             let received = self.receiver.push(byte);
@@ -180,7 +181,7 @@ impl Soak {
         }
         assert!(
             now - self.heard < DEADLOCK,
-            "nothing comes any more after {} answers",
+            "no more answers arrive after {} answers",
             self.answered
         );
     }
@@ -197,7 +198,7 @@ impl Soak {
     }
 
     fn take_command(&mut self, sequence: u16, corrected: &Corrected) {
-        // Commands are answered in order: what was sent before is lost.
+        // Commands are answered in order, so earlier ones without an answer are lost.
         if let Some(place) = self.in_flight.iter().position(|(s, _)| *s == sequence) {
             self.in_flight.drain(..=place);
         }
@@ -228,7 +229,7 @@ impl Soak {
 }
 
 impl Soak {
-    /// What the device has counted, after everything that is under way.
+    /// Returns the device's statistics, read after all pending work.
     fn statistics(&mut self) -> Statistics {
         while !self.steps.is_empty() {
             self.turn();
@@ -243,7 +244,7 @@ impl Soak {
         }
     }
 
-    /// The same with work for the workstation.
+    /// Runs a turn in which the workstation has work.
     fn busy_turn(&mut self) {
         if self.steps.is_empty() {
             let model = &self.models[self.round % self.models.len()];
@@ -252,14 +253,15 @@ impl Soak {
         self.turn();
     }
 
-    /// Whether the flash is being written, or may be: a cut here may leave one model only.
+    /// Returns whether the flash may be in the middle of a write; a cut at that moment may leave only one model.
     fn may_be_writing(&self) -> bool {
         self.waiting.is_some() && matches!(self.steps.front(), Some(Step::Commit | Step::RollBack))
     }
 }
 
-/// One start of the device on the flash in `memory`, `goal` answers, and a cut. `may_be_empty` says whether the flash may
-/// hold no model, and afterwards whether the cut may have left one alone. With the round come the answers of each model.
+/// Starts the device on the flash in `memory`, takes `goal` answers, and cuts the power. `may_be_empty` states whether the
+/// flash may hold no model, and afterwards whether the cut may have left only one. Also returns the number of answers of
+/// each model.
 fn round(
     memory: &Path,
     number: usize,
@@ -278,7 +280,7 @@ fn round(
     let start = Instant::now();
     let line = BadLine::over(stream, Duration::from_millis(2), seed + 1).unwrap();
     let mut soak = Soak::over(line, seed);
-    // What the start found in the flash.
+    // Asks which model the start found in the flash.
     soak.steps.push_back(Step::Find);
     while !soak.steps.is_empty() {
         soak.turn();
@@ -302,7 +304,7 @@ fn round(
     for _ in 0..turns {
         soak.busy_turn();
     }
-    // Chance hardly ever meets a flash that is being written: every other time it is waited for.
+    // A random cut hardly ever meets a write of the flash, so every other round waits for one.
     if !number.is_multiple_of(2) {
         while !soak.may_be_writing() {
             soak.busy_turn();
@@ -326,7 +328,7 @@ fn round(
         soak.damaged_answers
     );
     println!("{last:?}");
-    assert_eq!(last.restarts, 0, "a cut of the power is no restart");
+    assert_eq!(last.restarts, 0, "a power cut must not count as a restart");
     assert!(last.cycles as usize >= goal);
     assert!(last.bad_frames as usize > goal / 10);
     assert!(last.activations as usize >= seen.iter().filter(|seen| **seen > 0).count());
@@ -368,7 +370,7 @@ fn every_answer_is_right_whatever_happens_to_line_and_models() {
         record.answered(),
         record.rounds.len()
     );
-    // A flash that was never written holds no model, and a call that was interrupted may have been at any point.
+    // A flash that was never written holds no model, and an interrupted call may have ended at any point.
     let mut may_be_empty = true;
     let mut seen_by_model: Vec<usize> = Vec::new();
     while record.answered() < goal {
@@ -385,7 +387,7 @@ fn every_answer_is_right_whatever_happens_to_line_and_models() {
         }
         record.add(round);
     }
-    // A short round may change models so late that one of them hardly answers.
+    // In a short round, a model may become active so late that it hardly answers.
     let answers: usize = seen_by_model.iter().sum();
     assert!(
         seen_by_model.iter().all(|seen| *seen > answers / 50),

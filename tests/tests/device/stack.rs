@@ -1,11 +1,11 @@
-//! The call graph of every board's image: its deepest stack, against the budget and what the emulator painted, and what
-//! its exceptions reach.
+//! The call graph of every board's image: its deepest stack, compared with the budget and with what the emulator's painted
+//! stack shows, and which code its exceptions can reach.
 //!
 //! ```text
 //!  main ── PendSV or SysTick, of one priority ── the link's interrupt ── a fault
 //! ```
 //!
-//! Each of them can come in the deepest call of the one before, on top of a frame that the processor stores.
+//! Each level can interrupt the deepest call of the level before it, on top of a frame that the processor stores.
 
 use std::collections::BTreeSet;
 
@@ -16,13 +16,13 @@ use poegp_tests::stack::{CallGraph, EXCEPTION_FRAME};
 
 use crate::device;
 
-/// Bytes of stack that a board must have.
+/// Bytes of stack that every board must have.
 const BUDGET: u64 = 22 * 1_024;
 
-/// What it is called, and which exceptions belong to it.
+/// The name of a level, and the exceptions that belong to it.
 type Level = (&'static str, fn(usize) -> bool);
 
-/// Numbers of exceptions by level (ARMv7-M Architecture Reference Manual, B1.5.2); of a level the deepest counts.
+/// Numbers of exceptions by level (ARMv7-M Architecture Reference Manual, B1.5.2). In a level only the deepest counts.
 const LEVELS: [Level; 4] = [
     ("start, then the background", |number| number == 1),
     ("PendSV, SysTick", |number| matches!(number, 14 | 15)),
@@ -32,7 +32,7 @@ const LEVELS: [Level; 4] = [
     ("a fault", |number| number == 3),
 ];
 
-/// Every image that a robot may have: each board's, and that of the STM32F405 with its link over SPI.
+/// Returns every image for a robot: each board's, and that of the STM32F405 with its link over SPI.
 fn products() -> impl Iterator<Item = (Board, Variant)> {
     let images = Board::ALL.map(|board| (board, Variant::Product));
     images
@@ -72,7 +72,7 @@ fn the_deepest_call_fits_the_stack() {
     }
 }
 
-/// Neither the cycle nor the link's interrupt. The background does: the signature's curve indexes tables.
+/// Neither the cycle nor the link's interrupt can panic. The background can, because the signature's curve indexes tables.
 #[test]
 fn no_panic_is_reached_but_by_the_background() {
     for (board, variant) in products() {
@@ -107,7 +107,7 @@ fn no_panic_is_reached_but_by_the_background() {
     }
 }
 
-/// A bound that is not one would be found out by the emulator, whose stack is painted.
+/// The emulator's painted stack would reveal a bound that is too small.
 #[test]
 fn no_stack_was_ever_deeper() {
     let bound = bound(Board::Mps2An386, Variant::Product);
@@ -126,5 +126,5 @@ fn no_stack_was_ever_deeper() {
     let painted = u64::from(device.statistics().unwrap().stack_bytes);
     println!("painted {painted} of at most {bound} bytes");
     assert!(painted <= bound, "{painted}");
-    assert!(2 * painted > bound, "{painted}: the bound says little");
+    assert!(2 * painted > bound, "{painted}: the bound is far too large");
 }

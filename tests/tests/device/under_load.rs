@@ -1,5 +1,5 @@
-//! Corrections while the background is busy: a signature, an upload, flash. Time is counted in instructions (QEMU
-//! `-icount`), so that the load of this machine does not show.
+//! Corrections while the background is busy with a signature, an upload or flash. Time is counted in instructions (QEMU
+//! `-icount`), so that the load of this machine does not matter.
 
 use poegp_protocol::blob;
 use poegp_protocol::blob::CRC;
@@ -10,20 +10,20 @@ use poegp_tests::sample::{Elastic, Sample, SampleCorrection};
 use poegp_tests::stages::{CommandBits, Host};
 use poegp_trainer::signing::SecretKey;
 
-/// A correction is ready so many instructions after its last byte, whatever the background does: the correction itself
-/// (40 000 at most), its frame, the answer's frame, and one frame of an upload before it.
+/// Most instructions from the last byte of a correction to its answer, whatever the background does: the correction itself
+/// (at most 40 000), its frame, the answer's frame, and one frame of an upload before it.
 const BOUND: f64 = 52_000.0;
 
-/// A controller that never stops asking.
+/// A controller that asks all the time.
 struct Controller {
     queries: Vec<Query>,
     asked: usize,
-    /// CRC, model on the host.
+    /// Each model's CRC, with the model on the host.
     models: Vec<(u32, Host)>,
 }
 
 impl Controller {
-    /// Asks for one correction after the other until the service is answered; returns how many came before.
+    /// Asks for one correction after the other until the service is answered. Returns how many were answered before.
     fn during(&mut self, device: &mut Device, request: &Request<'_>) -> (Response, usize) {
         let (service, frame) = device.frame(request);
         device.send_bytes(&frame).unwrap();
@@ -52,7 +52,8 @@ impl Controller {
         }
     }
 
-    /// [`Device::load`], with corrections all the while; returns how many were answered during each service.
+    /// Loads a blob as [`Device::load`] does, with corrections meanwhile. Returns how many were answered during each
+    /// service.
     fn load(&mut self, device: &mut Device, bytes: &[u8]) -> Vec<(&'static str, usize)> {
         let begin = Request::BeginUpload {
             length: bytes.len() as u32,
@@ -110,7 +111,7 @@ fn a_correction_does_not_wait_for_services() {
     let tick_hz = device.identify().unwrap().tick_hz;
     let quiet = device.statistics().unwrap();
 
-    // How many corrections meet a service is chance: on a busy machine it takes more services.
+    // Chance decides how many corrections meet a service; a busy machine needs more services.
     let mut counts: Vec<(&str, usize)> = Vec::new();
     let during = |counts: &[(&str, usize)], names: &[&str]| -> usize {
         let named = counts.iter().filter(|(of, _)| names.contains(of));

@@ -1,4 +1,4 @@
-//! What ends in a restart, what does not, and what outlives it.
+//! What causes a restart, what does not, and what survives one.
 
 use std::time::{Duration, Instant};
 
@@ -14,10 +14,10 @@ use poegp_tests::stages::{CommandBits, Host};
 use crate::device;
 
 pub const SAMPLE: Sample = Sample::plain(120, SampleCorrection::Elastic(Elastic::PLAIN));
-/// The watchdog of the board waits for two times four seconds.
+/// Time limit for a restart; the watchdog of the board waits for two times four seconds.
 const LIMIT: Duration = Duration::from_secs(40);
 
-/// Starts since the power came, but the first. Asking for them is no cycle.
+/// Returns the number of restarts since power-on. Asking for it does not count as a cycle.
 pub fn restarts(device: &mut Device) -> u32 {
     device.statistics().unwrap().restarts
 }
@@ -27,7 +27,7 @@ pub fn load_and_correct(device: &mut Device) {
     corrects(device);
 }
 
-/// The stored model answers, and right.
+/// Asserts that the stored model answers correctly.
 pub fn corrects(device: &mut Device) {
     let bytes = SAMPLE.blob();
     let host = Host::load(&bytes).unwrap();
@@ -43,7 +43,7 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
     let (mut silent, mut stood_down) = (device(), device());
     load_and_correct(&mut stood_down);
     stood_down.client().stand_down().unwrap();
-    // A third has never seen a cyclic request.
+    // A third device never gets a cyclic request.
     let mut idle = device();
     load_and_correct(&mut silent);
     let start = Instant::now();
@@ -55,9 +55,17 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
         "restarted {:.1} s after the last cycle",
         start.elapsed().as_secs_f64()
     );
-    assert_eq!(restarts(&mut stood_down), 0, "it was told");
-    assert_eq!(restarts(&mut idle), 0, "nothing was expected of it");
-    // From the stored model; and once it has said so, silence is no fault again.
+    assert_eq!(
+        restarts(&mut stood_down),
+        0,
+        "a stopped cycle is no silence"
+    );
+    assert_eq!(
+        restarts(&mut idle),
+        0,
+        "a device without cycles must not restart"
+    );
+    // It runs the stored model, and after this answer silence is no fault any more.
     let identity = silent.identify().unwrap();
     assert_eq!(identity.start, StartReason::Cycles);
     assert_eq!(idle.identify().unwrap().start, StartReason::PowerOn);
@@ -73,7 +81,7 @@ fn a_controller_that_goes_silent_has_the_device_restarted() {
     assert_eq!(silent.statistics().unwrap().activations, 1);
 }
 
-/// Cycles that go on feed it, for longer than it waits.
+/// Running cycles feed the watchdog, for longer than it waits.
 #[test]
 fn cycles_keep_the_watchdog_fed() {
     let mut device = device();

@@ -1,9 +1,9 @@
-//! Everything that reads, under bytes that nobody wrote: seeded, the same in each run; and under every input that the
+//! Every reader of input with mutated inputs, which are seeded and the same in each run; and with every input that the
 //! fuzzer kept or that once broke a law.
 //!
-//! `POEGP_FUZZ=1000000 cargo test --release -p poegp-tests --test fuzzing -- --nocapture` asks for so many executions of
-//! each target, and `POEGP_FUZZ_SEED` for other ones. `tests/fuzz/run` has libFuzzer look for inputs that reach new code;
-//! docs/evidence/verification-evidence.md has the record of a long run.
+//! `POEGP_FUZZ=1000000 cargo test --release -p poegp-tests --test fuzzing -- --nocapture` sets the number of executions of
+//! each target, and `POEGP_FUZZ_SEED` selects other inputs. `tests/fuzz/run` lets libFuzzer search for inputs that reach
+//! new code; docs/evidence/verification-evidence.md has the record of a long run.
 
 use std::env;
 use std::fs;
@@ -15,7 +15,7 @@ use poegp_tests::workspace;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// The number in a variable of the environment.
+/// Returns the number in an environment variable, or `otherwise`.
 fn asked(variable: &str, otherwise: u64) -> u64 {
     env::var(variable).map_or(otherwise, |text| {
         text.parse()
@@ -23,7 +23,7 @@ fn asked(variable: &str, otherwise: u64) -> u64 {
     })
 }
 
-/// Inputs that are kept, with their places.
+/// Returns the kept inputs of a target, with their places.
 fn kept_inputs(which: Kept, target: &Target) -> Vec<(String, Vec<u8>)> {
     let inputs = kept::read(which, target.name).unwrap_or_else(|error| panic!("{error}"));
     let name = |number| format!("line {number} of its {which:?}");
@@ -60,10 +60,10 @@ fn fuzz(name: &str) {
             );
         }
     }
-    println!("{name}: {own} valid inputs, {kept} that were kept, {executions} made of seed {seed}");
+    println!("{name}: {own} valid inputs, {kept} kept, {executions} made from seed {seed}");
 }
 
-/// A test for each row, so that they run side by side and none is forgotten.
+/// A test for each row of the table, so that they run in parallel and none is forgotten.
 macro_rules! targets {
     ($($name:ident)*) => {
         $(
@@ -91,7 +91,8 @@ targets! {
     rapid urscript fanuc krl inform val3 table rsi report
 }
 
-/// Every valid input is taken: otherwise what is made of them is all noise. Raw files and names are anything.
+/// Seeds are accepted by their readers (of robots, more than half); otherwise all mutated inputs would be noise. Raw files
+/// and names may be anything.
 #[test]
 fn valid_inputs_are_valid() {
     use poegp_calibration::blob::predict::BlobModel;

@@ -1,4 +1,4 @@
-//! Blobs that are none: refused by name, and nothing is written.
+//! Invalid blobs are refused with a reason, and nothing is written.
 
 use poegp_protocol::blob::FORMAT_VERSION;
 

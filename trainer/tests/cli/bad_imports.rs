@@ -1,4 +1,4 @@
-//! Measurement files and maps that are wrong: what is wrong is named where it stands.
+//! Wrong measurement files and maps: the message names what is wrong and where.
 
 use crate::import::{folder, rows};
 use crate::program::Folder;
@@ -7,7 +7,7 @@ use crate::texts::texts;
 const MAP: &str = "[joints]\ncolumns = [\"a\", \"b\"]\nunit = \"deg\"\n\n[position]\ncolumns = [\"x\", \"y\", \"z\"]\nunit = \"mm\"\n";
 const RAW: &str = "a,b,x,y,z\n1,2,100,200,300\n3,4,110,210,310\n";
 
-/// Imports `raw` by `map`.
+/// Imports `raw` with `map`.
 fn import(raw: impl AsRef<[u8]>, map: &str) -> crate::program::Outcome {
     let folder = Folder::new();
     folder.write("raw.csv", raw);
@@ -46,7 +46,7 @@ fn bad_cells_are_named_where_they_stand() {
     import(b"a,b\0", MAP).refused();
 }
 
-/// A mark of thousands is one only before exactly three digits of the integer part.
+/// A thousands separator is accepted only before exactly three digits of the integer part.
 #[test]
 fn numbers_that_contradict_their_marks_are_refused() {
     let _texts = texts();
@@ -142,7 +142,7 @@ fn what_is_left_out_is_listed() {
     let raw = "a,b,x,y,z\n1,2,100,200,300\n1,2,0,0,0\n3,4,,,\n3,4,110,210,310\n";
     import(raw, &map).ok().said();
     import("a,b,x,y,z\n1,2,0,0,0\n", &map).refused();
-    // What is wrong is wrong all the same.
+    // A bad field is still refused.
     import("a,b,x,y,z\n1,2,one,200,300\n", &map).refused();
 }
 
@@ -195,14 +195,14 @@ fn points_that_do_not_belong_together_are_named() {
     run(&replace("points.txt", "Pose 01, T2", "Pose 01, T1")).refused();
     run(&replace("points_joints.csv", "Pose 04", "Pose 44")).refused();
     run(&replace("points_joints.csv", "Pose 04", "Pose 05")).refused();
-    // Exchanged names do not fit the tool.
+    // The exchanged names do not fit the tool.
     run(&|folder| {
         replace("points.txt", "Pose 01, T2", "Pose 01, TX")(folder);
         replace("points.txt", "Pose 01, T3", "Pose 01, T2")(folder);
         replace("points.txt", "Pose 01, TX", "Pose 01, T3")(folder);
     })
     .refused();
-    // Pose 4 has three points; without one of them it is no pose.
+    // Pose 4 has three points; without one of them it is not a pose.
     let gone = |folder: &Folder| {
         let text = folder.text("points.txt");
         let kept = text.lines().filter(|line| !line.contains("Pose 04, T3"));

@@ -1,11 +1,11 @@
-//! Bad measurement files: each is refused by every command that reads one, with its place, and nothing is written.
+//! Every command that reads measurements refuses a bad file, names the place, and writes nothing.
 
 use crate::program::{Folder, SERIAL, changed, simulated, with_field, without};
 use crate::texts::texts;
 
 const POSES: usize = 24;
 
-/// A folder with a good set, a blob of it and an old blob to keep.
+/// Returns a folder with a good set, a blob calibrated from it, and an old blob that must be kept.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("good.csv", simulated("train", POSES));
@@ -15,7 +15,7 @@ fn folder() -> Folder {
     folder
 }
 
-/// Every command refuses `bad`.
+/// Asserts that every command refuses `bad`.
 #[track_caller]
 fn refused(folder: &Folder, bad: impl AsRef<[u8]>) {
     folder.write("bad.csv", bad);
@@ -91,7 +91,7 @@ fn fields() {
         &folder,
         missed.fold(good.clone(), |csv, name| with_field(&csv, 7, name, "0")),
     );
-    // Degrees under a name in radians are beyond the joint limits.
+    // Degrees under a column name in radians exceed the joint limits.
     refused(&folder, good.replacen("q1_deg", "q1_rad", 1));
 }
 
@@ -138,13 +138,13 @@ fn too_few_poses() {
             "compare --robot {SERIAL} few.csv --methods {model} --folds 0"
         ));
         folder.write("enough.csv", simulated("train", needed));
-        // Enough for the method; whether it helps is another question.
+        // Enough poses for the method; whether it gains anything is another question.
         let line = format!(
             "calibrate --robot {SERIAL} enough.csv --method {model} --accept few --accept gain --out few.blob"
         );
         folder.run(&line).ok();
     }
-    // Enough for all, too few for what is left when a fold is held out.
+    // Enough for the whole set, too few when a fold is held out.
     folder.write("few.csv", simulated("train", 6));
     folder.refuses(format!(
         "compare --robot {SERIAL} few.csv --methods poe --folds 2"
@@ -165,7 +165,7 @@ fn payloads_that_are_missing() {
     ] {
         folder.refuses(line);
     }
-    // Left to itself, compare runs what the data allow.
+    // Without a named method, compare runs those that the data allow.
     let line = format!("compare --robot {SERIAL} bare.csv --folds 2 --json -");
     let document = folder.run(&line).ok().json();
     let models: Vec<&str> = document["methods"]
@@ -181,7 +181,7 @@ fn payloads_that_are_missing() {
     assert!(!models.contains(&"poe-gp-load"), "{models:?}");
 }
 
-/// The paper's Gaussian process compares whole poses; the other models take positions alone, too, and all of them several
+/// The paper's Gaussian process needs whole poses, whereas the other models also take positions alone. All models take several
 /// tools.
 #[test]
 fn sessions_targets_and_positions_alone() {
@@ -203,7 +203,7 @@ fn sessions_targets_and_positions_alone() {
         (positions, false),
     ] {
         let all_but_one = csv.trim_end().rsplit_once('\n').unwrap().0.to_owned();
-        // Measured again, because training rows are no test.
+        // Slightly changed, because training rows are no test.
         let again = changed(&all_but_one, |names, fields| {
             let x = names.iter().position(|name| *name == "x_mm").unwrap();
             fields[x] = format!("{}", fields[x].parse::<f64>().unwrap() + 0.01);
@@ -224,7 +224,7 @@ fn sessions_targets_and_positions_alone() {
                 "compare --robot {SERIAL} {files} --methods {model}"
             ));
         }
-        // Left to itself, compare runs what the data allow.
+        // Without a named method, compare runs those that the data allow.
         let line = format!("compare --robot {SERIAL} tools.csv --folds 0 --test test.csv --json -");
         let document = folder.run(&line).ok().json();
         let models = document["methods"].as_array().unwrap();

@@ -1,9 +1,9 @@
-//! Robots that are none: each is refused by every command that takes one, and nothing is written.
+//! Every command that takes a robot refuses an invalid one and writes nothing.
 
 use crate::program::{Folder, simulated};
 use crate::texts::texts;
 
-/// Every command refuses `robot`.
+/// Asserts that every command refuses `robot`.
 #[track_caller]
 fn refused(folder: &Folder, robot: &str) {
     folder.write("train.csv", simulated("train", 12));
@@ -17,7 +17,7 @@ fn refused(folder: &Folder, robot: &str) {
     }
 }
 
-/// A URDF of four links with the joints given as (name, parent, child, more).
+/// Returns a URDF of four links with these joints: name, parent, child, and further elements.
 fn urdf(joints: &[(&str, &str, &str, &str)]) -> String {
     let mut text = "<robot name=\"arm\">\n".to_owned();
     for link in ["a", "b", "c", "d"] {
@@ -47,7 +47,7 @@ fn joints_counted_otherwise_than_by_the_robot() {
     let _texts = texts();
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 100));
-    // Measured with serial joints; the controller of this one counts the third otherwise.
+    // Measured with serial joints, but the controller of this robot counts the third joint differently.
     folder.refuses_data(
         "calibrate --robot abb-irb4400 --method poe-gp-load train.csv --out arm.blob",
     );
@@ -77,7 +77,7 @@ fn urdf_files() {
     let robot = with(&chain);
     refused(&folder, &format!("{robot} --base c --tip b"));
     refused(&folder, &format!("{robot} --tip tool7"));
-    // Three joints: the robot is good, the file is another's.
+    // The robot is valid but has three joints, and the measurements have six.
     folder.write("train.csv", simulated("train", 12));
     folder.refuses("calibrate --robot arm.urdf train.csv --method poe --out new.blob");
 }

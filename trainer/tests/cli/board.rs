@@ -1,5 +1,5 @@
-//! `trainer device` with the firmware on an emulated board. Needs QEMU and a compiler for the board; without them these
-//! tests fail and say what to install.
+//! `trainer device` with the firmware on an emulated board. The tests need QEMU and a compiler for the board; without them they
+//! fail and say what to install.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Stdio};
@@ -11,11 +11,11 @@ use crate::firmware_build::firmware;
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
-/// `trainer device emulate`, switched off at the end.
+/// A running `trainer device emulate`, ended when dropped.
 struct Board(Child);
 
 impl Board {
-    /// Starts it in `folder` with the words of `options`, and waits until it listens.
+    /// Starts the emulator in `folder` with the arguments `options`, and waits until it listens.
     fn start(folder: &Folder, options: &str) -> Self {
         let image = firmware().unwrap_or_else(|error| panic!("{error}"));
         let line = format!("device emulate --listen unix:link --log unix:log {options}");
@@ -38,16 +38,16 @@ impl Board {
 
 impl Drop for Board {
     fn drop(&mut self) {
-        // The program has become QEMU: nothing else is left to end.
+        // The program has replaced itself by QEMU, so nothing else has to be ended.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// On a loaded machine an answer takes its time.
+/// The port, with a timeout for a loaded machine.
 const PORT: &str = "--port unix:link --timeout-ms 20000";
 
-/// Two models and a test set.
+/// Returns two models and a test set.
 fn folder() -> Folder {
     Folder::prepared("board", |folder| {
         folder.write("train.csv", simulated("train", 40));
@@ -87,7 +87,7 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
         false
     );
 
-    // The same errors as the host has, and the same bits.
+    // The device has the errors of the host, to the bit.
     let on_device = run("evaluate test.csv --blob arm.blob --json -")
         .ok()
         .said()
@@ -99,7 +99,7 @@ fn a_model_comes_onto_the_device_is_used_and_left_again() {
     assert_eq!(on_device["same_bits"], 20);
     assert_eq!(on_device["position_mm"], on_host["sets"][0]["position_mm"]);
     assert_eq!(on_device["flagged"], on_host["sets"][0]["flagged"]);
-    // Laid onto the measurements the errors are not larger in the least squares.
+    // With base and tool fitted to the measurements, the RMS error is not larger.
     let fitted = run("evaluate test.csv --json -").ok().json();
     let rms = |document: &serde_json::Value| document["position_mm"]["rms"].as_f64().unwrap();
     assert!(rms(&fitted) <= rms(&on_device), "{fitted} {on_device}");
@@ -191,7 +191,7 @@ fn a_provisioned_device_takes_only_what_its_key_has_signed() {
     run("flash arm.blob --force").refused();
     run("flash other.blob --force").refused();
     run("flash own.blob").ok().said();
-    // Orders have to be signed, too, by the same key.
+    // Requests must be signed too, with the same key.
     run("restart").refused();
     run("restart --key other.key").refused();
     run("restart --key own.key").ok();
@@ -204,7 +204,7 @@ fn a_provisioned_device_takes_only_what_its_key_has_signed() {
     let info = run("info --json -").ok().json();
     assert_eq!(info["model"]["revision"], 1_700_000_000);
     assert_eq!(info["key"].as_str().unwrap().len(), 16);
-    // An old model of the same key does not come back by itself.
+    // An old model of the same key is refused.
     folder
         .run("sign paper.blob --key own.key --revision 5 --out old.blob")
         .ok()
@@ -236,7 +236,7 @@ fn another_robots_model_has_to_be_asked_for() {
     assert_eq!(info["model"]["serial_number"], "4711");
 }
 
-/// A line has one user at a time, so the numbers are those of another device than the log.
+/// The line has one user at a time, so the numbers come from another device than the log.
 #[test]
 fn the_monitor_shows_numbers_and_the_decoded_log() {
     let (folder, other) = (folder(), Folder::new());
@@ -262,7 +262,7 @@ fn the_monitor_shows_numbers_and_the_decoded_log() {
         let mut read = lines.by_ref().map_while(Result::ok).take(100);
         assert!(
             read.any(|line| line.contains(text)),
-            "{text:?} did not come"
+            "{text:?} was not printed"
         );
     };
     wait_for("fake: firmware");

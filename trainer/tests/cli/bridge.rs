@@ -1,5 +1,5 @@
-//! `trainer bridge rsi` on the loopback: a simulated controller moves an arm whose errors no model knows, and its network
-//! loses, repeats, delays and spoils packets. The judge knows which datagrams have an answer, and waits for each.
+//! `trainer bridge rsi` on the loopback. A simulated controller moves an arm whose errors no model contains, and its network
+//! loses, repeats, delays and damages packets. The judge knows which datagrams must be answered, and waits for each answer.
 
 use std::collections::VecDeque;
 #[cfg(target_os = "linux")]
@@ -15,12 +15,12 @@ use crate::fake_controller::{Arm, Bridge, SPEED, blob, packet};
 use crate::program::Folder;
 use crate::texts::texts;
 
-/// Largest step of an answer in millionths of a degree, as the bridge has it without a flag.
+/// The largest step of an answer in millionths of a degree: the bridge's default.
 const RAMP: i64 = 50_000;
-/// Cycles until the correction is whole: those from which the cycle time is learned, and half a second.
+/// Cycles until the whole correction is applied: those in which the bridge learns the cycle time, and half a second.
 const BEGINNING: u64 = 250;
 
-/// What is no packet.
+/// Returns a datagram that is not a packet.
 fn garbage(good: &str, random: &mut ChaCha8Rng) -> Vec<u8> {
     let bytes = good.as_bytes();
     match random.random_range(0..6) {
@@ -35,7 +35,7 @@ fn garbage(good: &str, random: &mut ChaCha8Rng) -> Vec<u8> {
     }
 }
 
-/// A packet that has an answer, but no axes.
+/// Returns a packet that must be answered although its axes cannot be read.
 fn without_axes(good: &str, random: &mut ChaCha8Rng) -> String {
     let numbers = ["NaN", "inf", "-1e999", "", "0x10"];
     let number = numbers[random.random_range(0..numbers.len())];
@@ -44,7 +44,7 @@ fn without_axes(good: &str, random: &mut ChaCha8Rng) -> String {
     format!("{before}<ASPos A1=\"{number}\"{after}")
 }
 
-/// What the judge has counted.
+/// The judge's counts.
 #[derive(Debug, Default)]
 struct Judged {
     packets: u64,
@@ -61,7 +61,7 @@ struct Judged {
     after_mm: Vec<f64>,
 }
 
-/// One session of `cycles` answered cycles, with faults or without; then the correction is withdrawn.
+/// Runs a session of `cycles` answered cycles, with or without faults, until the bridge has withdrawn the correction.
 fn drive(
     arm: &mut Arm,
     bridge: &Bridge,
@@ -72,7 +72,7 @@ fn drive(
 ) -> Judged {
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let mut judged = Judged::default();
-    // A time stamp of a controller that has run for some days.
+    // The time stamp of a controller that has run for some days.
     let first = 123_456_780_000;
     let (mut s, mut ipoc) = (0.0, first);
     let (mut applied, mut last) = ([0; 6], [0; 6]);
@@ -86,7 +86,7 @@ fn drive(
         }
         let good = packet(ipoc, &joints, &applied, is_actual);
         let ends = judged.cycles >= cycles;
-        // The first packet begins the session.
+        // No faults in the first packet, which begins the session.
         let mut fault =
             |share: f64| faults && number > 0 && !ends && random.random::<f64>() < share;
         let (drops, delays, repeats) = (fault(0.02), fault(0.02), fault(0.02));
@@ -116,7 +116,10 @@ fn drive(
             for (now, before) in correction.iter().zip(&last) {
                 judged.largest_step = judged.largest_step.max((now - before).abs());
             }
-            assert!(!blinds || correction == last, "a step without axes");
+            assert!(
+                !blinds || correction == last,
+                "a step although the packet has no axes"
+            );
             last = correction;
             if repeats {
                 bridge.send(text.as_bytes());
@@ -129,7 +132,7 @@ fn drive(
             } else {
                 applied = correction;
             }
-            // Too late, and one of them a second time.
+            // Delayed packets arrive too late, some of them twice.
             while delayed
                 .front()
                 .is_some_and(|(due, ..)| *due <= number || ends)
@@ -161,7 +164,7 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// What both have counted is the same, and each cycle has its entry.
+/// Asserts that judge and bridge have the same counts, and that each cycle has its entry.
 fn assert_same(judged: &Judged, document: &Value) {
     let of = |key: &str| document[key].as_u64().unwrap();
     let found = [
@@ -189,8 +192,8 @@ fn assert_same(judged: &Judged, document: &Value) {
     assert_eq!(document["applied_deg"], 0.0);
 }
 
-/// CPU time in µs, in the median, of a thread that waits for a packet, sends it back, and asks for its time: what the kernel of
-/// this machine takes for a cycle.
+/// Returns the median CPU time in µs in which a thread waits for a packet, sends it back and reads its clock: what the
+/// kernel of this machine needs for a cycle.
 #[cfg(all(target_os = "linux", not(debug_assertions)))]
 fn bare_cycle() -> f64 {
     use rustix::time::{ClockId, clock_gettime};
@@ -223,7 +226,7 @@ fn bare_cycle() -> f64 {
     echo.join().unwrap()
 }
 
-/// The evidence of the interface: 10 000 cycles of 4 ms, each with its answer, none with a step, the real tool on its path.
+/// The evidence for the interface: 10 000 cycles of 4 ms, each answered, no answer with a step, and the real tool on its path.
 #[test]
 fn ten_thousand_cycles_take_little_time() {
     let folder = Folder::new();
@@ -282,7 +285,7 @@ fn ten_thousand_cycles_take_little_time() {
     }
 }
 
-/// Actual values contain the correction; a cycle of 12 ms.
+/// The bridge reads actual values, which contain the correction, in cycles of 12 ms.
 #[test]
 fn actual_values_and_long_cycles() {
     let folder = Folder::new();
@@ -298,7 +301,7 @@ fn actual_values_and_long_cycles() {
     assert!(after <= 0.05, "{after}");
 }
 
-/// Without packets Ctrl-C ends it, with packets it withdraws the correction first.
+/// Ctrl-C ends a bridge without packets at once; with packets, the bridge withdraws the correction first.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_withdraws_the_correction() {
@@ -313,7 +316,7 @@ fn ctrl_c_withdraws_the_correction() {
     let (_, document) = bridge.end(&folder);
     assert_eq!(document["cycles"], 0);
 
-    // Nine of ten packets may be lost meanwhile.
+    // Nine of ten packets may be lost during the withdrawal.
     for step in [1, 10] {
         let bridge = Bridge::start(&folder, "--ramp-deg-per-cycle 0.001");
         let joints = Arm::new().path(0.0);
@@ -339,7 +342,7 @@ fn ctrl_c_withdraws_the_correction() {
     }
 }
 
-/// Another computer has no answer while the controller has some, and changes none of them.
+/// Another computer is not answered while the controller is, and does not influence the controller's answers.
 #[cfg(target_os = "linux")]
 #[test]
 fn another_computer_is_not_answered() {
@@ -366,7 +369,10 @@ fn another_computer_is_not_answered() {
             break;
         }
     }
-    assert!(other.recv(&mut [0; 1500]).is_err(), "an answer to another");
+    assert!(
+        other.recv(&mut [0; 1500]).is_err(),
+        "another computer got an answer"
+    );
     let (_, document) = bridge.end(&folder);
     assert_eq!(document["foreign"], foreign);
     assert_eq!(

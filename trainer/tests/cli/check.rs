@@ -1,9 +1,9 @@
-//! `trainer check`: the exit code, what is said, and bad input.
+//! `trainer check`: exit codes, messages, and bad input.
 
 use crate::program::{Folder, Outcome, SERIAL, changed, simulated, without};
 use crate::texts::texts;
 
-/// A folder with an elastic model of 150 poses and 20 fresh ones.
+/// Returns a folder with an elastic model of 150 poses, and 20 fresh poses.
 fn folder() -> Folder {
     Folder::prepared("check", |folder| {
         folder.write("train.csv", simulated("train", 150));
@@ -18,7 +18,7 @@ fn folder() -> Folder {
 
 const ORIENTATION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 
-/// The fresh poses with something added to a column.
+/// Returns the fresh poses with something added to a column.
 fn moved(column: &str, by: f64) -> String {
     changed(&simulated("test2", 20), |names, fields| {
         let at = names.iter().position(|n| *n == column).unwrap();
@@ -54,7 +54,7 @@ fn it_holds_until_something_moves() {
     let (size, reach) = (size.as_f64().unwrap(), reach.as_f64().unwrap());
     assert!((size - 0.2).abs() < 2.0 * reach && reach < 0.05, "{change}");
 
-    // What the controller shows is 0.02° more than where the joint is.
+    // The controller reports 0.02° more than the real joint angle.
     folder.write("joint.csv", moved("q2_deg", 0.02));
     does_not_hold(run("joint.csv --max-mm 0.15"));
     let document = folder.json("out.json");
@@ -64,14 +64,14 @@ fn it_holds_until_something_moves() {
         .unwrap();
     assert!((offset + 0.02).abs() < 0.002, "{offset}");
 
-    // A drift that is found, and does not matter.
+    // A drift that is found but is within the limits.
     let line = "base.csv --max-mm 0.5 --max-drift-mm 0.4";
     run(line).ok().said();
     does_not_hold(run("base.csv --max-mm 0.5 --max-drift-mm 0.1"));
     does_not_hold(run("fresh.csv --max-mm 0.05 --statistic max"));
 }
 
-/// Joints of which no change is shown.
+/// Returns joints whose changes the check cannot see.
 fn hidden_joints(document: &serde_json::Value) -> Vec<u64> {
     let all = document["sensitivity"].as_array().unwrap().iter();
     let hidden = all.filter(|s| s["smallest"].is_null());
@@ -86,7 +86,7 @@ fn base_and_tool_that_were_set_up_anew() {
     let folder = folder();
     let turned = changed(&moved("q3_deg", 0.02), |names, fields| {
         let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
-        // The instrument a quarter turn about its z further, and two metres away.
+        // The instrument is turned by a quarter turn about its z and moved by two metres.
         let number = |fields: &[String], name: &str| fields[at(name)].parse::<f64>().unwrap();
         let (x, y) = (number(fields, "x_mm"), number(fields, "y_mm"));
         fields[at("x_mm")] = format!("{:.6}", 2000.0 - y);
@@ -107,7 +107,7 @@ fn base_and_tool_that_were_set_up_anew() {
         does_not_hold(folder.run(&line));
         let document = folder.json("out.json");
         assert_eq!(document["changes"].as_array().unwrap().len(), 1);
-        // Joint 1 turns as the base does, joint 6 as the tool.
+        // A change of joint 1 looks like one of the base, and a change of joint 6 like one of the tool.
         let hidden = hidden_joints(&document);
         assert_eq!(
             hidden,
@@ -159,7 +159,7 @@ fn positions_alone_and_other_models() {
         .collect();
     folder.write("positions.csv", without(&positions, &truth));
     does_not_hold(folder.run("check arm.blob positions.csv --max-mm 0.15"));
-    // A calibration with positions alone does not know how the target is turned: that is no error of orientation.
+    // A calibration with positions alone does not know the target's orientation, so no orientation error is reported.
     folder.write(
         "train-positions.csv",
         without(&simulated("train", 150), &ORIENTATION),
@@ -186,7 +186,7 @@ fn what_cannot_be_checked_is_refused() {
     let folder = folder();
     folder.write("three.csv", simulated("test2", 3));
     folder.refuses("check arm.blob three.csv --max-mm 0.15");
-    // Twenty rows of one pose are one pose.
+    // Twenty rows of one pose count as one pose.
     let fresh = simulated("test2", 1);
     let (header, row) = fresh.trim_end().split_once('\n').unwrap();
     folder.write(
@@ -212,7 +212,7 @@ fn what_cannot_be_checked_is_refused() {
     }
 }
 
-/// A model says little that is wrong of the rows that it was fitted to.
+/// The rows that a model was fitted to hardly show its errors, so they are no evidence.
 #[test]
 fn training_data_are_no_evidence() {
     let _texts = texts();
@@ -224,7 +224,7 @@ fn training_data_are_no_evidence() {
     folder.refuses(format!(
         "calibrate --robot {SERIAL} train.csv --test train.csv --method poe --out new.blob"
     ));
-    // Training rows are known whatever the line ends, the order and the file are, and poses count once.
+    // Training rows are recognised with other line ends, in another order and in another file, and poses count once.
     let train = folder.text("train.csv");
     let rows: Vec<&str> = train.lines().filter(|l| !l.starts_with('#')).collect();
     let reversed: Vec<&str> = rows.iter().skip(1).rev().copied().collect();
@@ -241,10 +241,10 @@ fn training_data_are_no_evidence() {
             "compare --robot {SERIAL} train.csv --test {tests} --folds 0 --methods poe"
         ));
     }
-    // A copy is the same file.
+    // A copy counts as the same file.
     folder.write("copy.csv", folder.text("train.csv"));
     folder.refuses("check arm.blob copy.csv --max-mm 0.15");
-    // Errors of training data can be asked for, and are called so.
+    // Errors of training data are reported on request, and named as such.
     let line = |file: &str| format!("evaluate arm.blob {file} --json out.json");
     let outcome = folder.run(&line("train.csv")).ok().said();
     assert!(outcome.stderr.contains("its errors elsewhere are larger"));
@@ -254,7 +254,7 @@ fn training_data_are_no_evidence() {
     assert_eq!(folder.json("out.json")["training_data"], false);
 }
 
-/// Drift hides under a noise that is stated too large; an option is examined as a column is.
+/// A stated noise that is too large hides drift, so it causes a warning, as an option and as a column.
 #[test]
 fn a_wrong_stated_noise_is_warned_of() {
     let folder = folder();

@@ -1,4 +1,4 @@
-//! The choice by folds and budgets: what is chosen within the training data, and the tables that say why.
+//! Selection by cross-validation and within budgets: what is chosen, and the tables that show why.
 
 use crate::program::{Folder, SERIAL, simulated};
 
@@ -17,14 +17,17 @@ fn the_default_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
     assert!(behind(chosen) <= error(chosen), "{chosen}");
     let simpler = table.iter().take_while(|r| r["chosen"] == false);
     for row in simpler {
-        assert!(behind(row) > error(row), "simpler and not behind: {row}");
+        assert!(
+            behind(row) > error(row),
+            "a simpler candidate is not behind: {row}"
+        );
     }
-    // The simulated arm gives way under gravity: neither base and tool nor the chain alone is enough.
+    // The simulated arm bends under gravity, so neither base and tool nor the chain alone is enough.
     let name = chosen["candidate"].as_str().unwrap();
     assert!(name.starts_with("elastic"), "{name}");
 }
 
-/// Poses that leave none to hold out show no gain: nothing is written, unless that is accepted.
+/// Too few poses to hold any out show no gain, so nothing is written unless the user accepts that.
 #[test]
 fn what_shows_no_gain_is_refused() {
     let folder = Folder::new();
@@ -49,7 +52,7 @@ fn what_shows_no_gain_is_refused() {
     assert!(folder.path("arm.blob").is_file());
     let causes: Vec<_> = warnings.iter().map(|w| w["cause"].clone()).collect();
     let blob = folder.run("inspect arm.blob --json -").ok().json();
-    // A set of causes has their order, and each once.
+    // The blob has the same causes as the document, in its own order.
     for cause in blob["warnings"].as_array().unwrap() {
         assert!(causes.contains(cause), "{cause} is not in {causes:?}");
     }
@@ -60,7 +63,7 @@ fn what_shows_no_gain_is_refused() {
     assert_eq!(blob["accepted"], serde_json::json!(["few", "gain"]));
 }
 
-/// A method that was named is kept; where a simpler one is better on poses held out, a warning says so, also with `-q`.
+/// A method that the user names is kept. If a simpler one has smaller held-out errors, a warning says so, also with `-q`.
 #[test]
 fn a_named_method_that_a_simpler_one_beats_is_warned_of() {
     let folder = Folder::new();
@@ -69,7 +72,11 @@ fn a_named_method_that_a_simpler_one_beats_is_warned_of() {
         "calibrate -q --robot {SERIAL} train.csv --method poe-gp --accept gain --out arm.blob --json -"
     );
     let outcome = folder.run(&line);
-    assert_ne!(outcome.code, Some(0), "ten poses are the least");
+    assert_ne!(
+        outcome.code,
+        Some(0),
+        "nine poses are too few: ten are needed"
+    );
     folder.write("train.csv", simulated("train", 14));
     let document = folder.run(&line).ok().json();
     assert_eq!(document["method"], "poe-gp");
@@ -90,13 +97,13 @@ fn a_budget_is_kept_and_its_price_is_told() {
         assert_eq!(
             table.len(),
             trials,
-            "without a budget, within, without processes"
+            "rows: without a budget, within it, without processes"
         );
         let taken = table.iter().find(|r| r["chosen"] == true).unwrap();
         assert!(taken["instructions"].as_u64().unwrap() <= limit);
         let mean = |r: &serde_json::Value| r["position_mm"]["mean"].as_f64().unwrap();
         assert!(table[1..].iter().all(|r| mean(taken) <= mean(r)));
-        // By the blob itself, as the device will see it.
+        // Read from the blob itself, as the device sees it.
         assert_eq!(document["blob"]["instructions"], taken["instructions"]);
         assert_eq!(
             document["elastic"]["inducing_points"],
@@ -107,7 +114,7 @@ fn a_budget_is_kept_and_its_price_is_told() {
     folder.run(&format!("{elastic} --max-blob-bytes 3000")).ok();
     assert!(folder.read("arm.blob").len() <= 3_000);
 
-    // What cannot be met is an error that leaves the old blob.
+    // A budget that cannot be met is an error, and the old blob stays.
     let before = folder.read("arm.blob");
     let refused = folder.run(&format!("{calibrate} --max-instructions 100"));
     assert_eq!(refused.code, Some(1), "{refused:?}");
@@ -116,7 +123,7 @@ fn a_budget_is_kept_and_its_price_is_told() {
     assert_eq!(wrong.code, Some(2), "{wrong:?}");
 }
 
-/// From few poses nothing shows that more do not pay.
+/// From few poses, the program does not state that more poses do not pay.
 #[test]
 fn few_poses_do_not_say_that_more_do_not_pay() {
     let folder = Folder::new();
@@ -127,7 +134,7 @@ fn few_poses_do_not_say_that_more_do_not_pay() {
     assert!(said.stdout.contains("next: "), "{said:?}");
 }
 
-/// Limits of the size leave the choice to the folds; options that the choice does not read are named.
+/// With limits of the size, cross-validation still selects the model. Options that the selection ignores are reported.
 #[test]
 fn a_limit_names_no_method() {
     let folder = Folder::new();

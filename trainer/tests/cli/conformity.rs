@@ -1,4 +1,4 @@
-//! A tolerance, its verdict, and the certificate that is made of it.
+//! A tolerance, its verdict, and the certificate.
 
 use serde_json::Value;
 
@@ -23,7 +23,7 @@ fn position(document: &Value) -> [f64; 2] {
     ["error", "expanded"].map(|name| position[name].as_f64().unwrap())
 }
 
-/// ISO 14253-1, by the exit code, in the JSON and on the page.
+/// The verdict of ISO 14253-1 is in the exit code, in the JSON and on the page.
 #[test]
 fn the_verdict_follows_the_guard_band() {
     let folder = folder();
@@ -48,7 +48,7 @@ fn the_verdict_follows_the_guard_band() {
         let flags = format!("--tolerance-mm {tolerance} --report report.html");
         let outcome = calibrate(&folder, &flags);
         assert_eq!(outcome.code, Some(code), "{outcome:#?}");
-        // More poses help only where it cannot be decided.
+        // More poses are proposed only where the verdict is undecided.
         let is_undecided = verdict == "undecided";
         assert_eq!(outcome.stderr.contains("more held-out poses"), is_undecided);
         let document = folder.json("arm.json");
@@ -60,13 +60,13 @@ fn the_verdict_follows_the_guard_band() {
             page.find(words).unwrap(),
             page.find("id=\"result\"").unwrap(),
         );
-        assert!(said < results, "the verdict stands first");
-        // The blob is there, whatever the verdict is.
+        assert!(said < results, "the verdict must come before the results");
+        // The blob is written whatever the verdict is.
         assert!(!folder.read("arm.blob").is_empty());
     }
 }
 
-/// A share of 99 % needs a wider range than one of 68 %.
+/// A coverage of 99 % needs a wider range than one of 68 %.
 #[test]
 fn coverage_widens_the_range() {
     let folder = folder();
@@ -75,14 +75,14 @@ fn coverage_widens_the_range() {
         position(&folder.json("arm.json"))[1]
     };
     let (narrow, wide) = (expanded("0.68"), expanded("0.99"));
-    // Student's quantiles: 0.9945 and 2.5758 of many degrees of freedom, 1.0464 and 3.1693 of ten.
+    // Normal quantiles are 0.9945 and 2.5758; Student's with ten degrees of freedom are 1.0464 and 3.1693.
     assert!(
         (2.590..=3.030).contains(&(wide / narrow)),
         "{wide} {narrow}"
     );
 }
 
-/// Touches have a verdict on positions, by what they leave open of the arm.
+/// Touches give a verdict on positions, from the uncertainty that they leave.
 #[test]
 fn touches_have_a_verdict() {
     let folder = Folder::new();
@@ -100,7 +100,7 @@ fn touches_have_a_verdict() {
     let document = folder.json("arm.json");
     let [error, expanded] = position(&document);
     assert_eq!(document["certificate"]["conformity"]["evidence"], "touches");
-    // The error of 95 of 100 poses of one arm, in the mean, is near what 95 of 100 errors of all arms do not exceed.
+    // The expected error of 95 of 100 poses of one arm is near the 95 % quantile of the errors of all possible arms.
     let stated = document["touches"]["after"]["p95_mm"].as_f64().unwrap();
     assert!((error / stated - 1.0).abs() < 0.2, "{error} {stated}");
     assert!(expanded > 0.0 && expanded < error, "{expanded}");
@@ -124,7 +124,7 @@ fn touches_have_a_verdict() {
     assert!(refused.stderr.contains("--tolerance-mrad"), "{refused:#?}");
 }
 
-/// The noise that is stated is taken out of the error, and its own uncertainty goes to the instrument's row.
+/// The stated noise is subtracted from the error, and its uncertainty is the instrument's row of the budget.
 #[test]
 fn a_stated_noise_is_taken_out() {
     let folder = folder();
@@ -139,7 +139,7 @@ fn a_stated_noise_is_taken_out() {
     assert!(row["standard_uncertainty"].as_f64().unwrap() > 0.0);
 }
 
-/// Who measured with what comes from the project file, goes to page and JSON, and survives --write-project.
+/// The project file states instrument and operator. They appear on the page and in the JSON, and survive --write-project.
 #[test]
 fn a_project_states_tolerance_instrument_and_record() {
     let folder = folder();
@@ -177,7 +177,7 @@ fn a_project_states_tolerance_instrument_and_record() {
         assert!(again.contains(line), "{again}");
     }
 
-    // Without them the report and a note name what is missing.
+    // Without them, the report and a note name what is missing.
     let flags = "--tolerance-mm 90 --report r.html";
     assert!(
         calibrate(&folder, flags)
@@ -211,7 +211,7 @@ fn values_out_of_range_are_refused_with_their_line() {
     }
 }
 
-/// ISO 9283 on poses that were measured several times, by an own reading of the predictions.
+/// Accuracy and repeatability by ISO 9283 for repeated poses, recomputed from the predictions.
 #[test]
 fn repeated_poses_have_accuracy_and_repeatability() {
     let folder = folder();
@@ -246,7 +246,7 @@ fn repeated_poses_have_accuracy_and_repeatability() {
         .unwrap();
     assert_eq!(poses.len(), 1);
     assert_eq!(poses[0]["cycles"], 5);
-    // Along one axis of the instrument: the distances from the mean are those of the shifts.
+    // All shifts are along one axis, so the distances from the mean pose are those of the shifts.
     let mean = moved.iter().sum::<f64>() / 5.0;
     let distances: Vec<f64> = moved.iter().map(|m| (m - mean).abs()).collect();
     let l = distances.iter().sum::<f64>() / 5.0;
@@ -263,7 +263,7 @@ fn repeated_poses_have_accuracy_and_repeatability() {
     );
 }
 
-/// Poses that were measured again are no new poses, in whichever file they are.
+/// Poses that are measured again do not count as new poses, in whichever file they are.
 #[test]
 fn a_second_file_of_the_same_poses_decides_nothing_more() {
     let folder = folder();
@@ -278,7 +278,7 @@ fn a_second_file_of_the_same_poses_decides_nothing_more() {
     assert_eq!(certificate["repeated_poses"].as_array().unwrap().len(), 40);
 }
 
-/// What is signed is verified, and nothing else.
+/// A report and its JSON are signed, and `verify` accepts nothing else.
 #[test]
 fn a_report_and_its_json_are_signed() {
     let _texts = texts();
@@ -330,7 +330,7 @@ fn compare_judges_the_best_model() {
     assert_eq!(failed.code, Some(1), "{failed:#?}");
 }
 
-/// Fresh poses judge a model as the same poses did when it was made.
+/// A check on fresh poses gives the verdict that the same poses gave at the calibration.
 #[test]
 fn a_check_judges_as_the_calibration_did() {
     let folder = folder();

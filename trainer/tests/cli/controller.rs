@@ -1,5 +1,5 @@
-//! The numbers for the controller's engineer: standard deviations by drawn frames, signed residuals by hand, one document, page and
-//! file.
+//! The numbers for the controller's engineer: standard deviations against drawn frames, signed errors against a computation by
+//! hand, and the same numbers in document, page and file.
 
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::measurement::observation::Observation;
@@ -26,12 +26,12 @@ use serde_json::Value;
 use crate::export::{calibrated, chain};
 use crate::program::{Folder, SERIAL, simulated};
 
-/// A normal number, by the sum of twelve even ones.
+/// Returns an approximately normal number: the sum of twelve uniform ones.
 fn normal(random: &mut ChaCha8Rng) -> f64 {
     (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
-/// Standard deviations of DH rows from a covariance of frames, beside those of rows of drawn frames.
+/// Standard deviations of DH rows from a covariance of frames agree with the scatter of rows from drawn frames.
 #[test]
 fn deviations_of_dh_rows_are_those_of_drawn_frames() {
     for robot in ["abb-irb120", "ur5"] {
@@ -39,7 +39,7 @@ fn deviations_of_dh_rows_are_those_of_drawn_frames() {
         let chain = chain(&folder);
         let size = 6 * chain.frames.len();
         let mut random = ChaCha8Rng::seed_from_u64(1);
-        // 10 µm and 10 µrad of every number, and strongly correlated.
+        // 10 µm and 10 µrad for every number, strongly correlated.
         let root = Mat::from_fn(size, size, |_, _| {
             1e-5 / (size as f64).sqrt() * normal(&mut random)
         });
@@ -70,7 +70,7 @@ fn deviations_of_dh_rows_are_those_of_drawn_frames() {
     }
 }
 
-/// `chain` with its frames moved from the left, six numbers each.
+/// Returns `chain` with each frame multiplied from the left by a small motion of six numbers.
 fn moved(chain: &CalibratedChain, step: impl Fn(usize) -> f64) -> CalibratedChain {
     let mut out = chain.clone();
     for (i, frame) in out.frames.iter_mut().enumerate() {
@@ -80,8 +80,8 @@ fn moved(chain: &CalibratedChain, step: impl Fn(usize) -> f64) -> CalibratedChai
     out
 }
 
-/// A rigid arm is measured again and again, each time with fresh noise, and calibrated: the scatter of the DH rows and joint zeros that
-/// the blobs have is what one calibration states.
+/// A rigid arm is measured and calibrated 40 times with fresh noise. The scatter of DH rows and joint zeros over the blobs is
+/// near the standard deviation that one calibration states.
 #[test]
 fn deviations_are_those_of_repeated_calibrations() {
     const REPEATED: u64 = 40;
@@ -160,12 +160,12 @@ fn deviations_are_those_of_repeated_calibrations() {
         let square = all.iter().map(|one| (one[i].1 - mean).powi(2)).sum::<f64>();
         let found = (square / (REPEATED - 1) as f64).sqrt();
         if *stated < 1e-9 {
-            // Zero by convention. Flange and base take what the rows cannot.
+            // Zero by convention: flange and base take what the rows cannot express.
             assert!(found < 1e-9, "{name}: {found:.1e}");
             continue;
         }
         eprintln!("{name}: stated {stated:.5}, found {found:.5}");
-        // Forty values have a standard deviation that is known to 11 %.
+        // The standard deviation of forty values is known to 11 %.
         assert!(
             (0.65..1.5).contains(&(stated / found)),
             "{name}: {stated} {found}"
@@ -177,7 +177,7 @@ fn deviations_are_those_of_repeated_calibrations() {
     assert!((0.9..1.12).contains(&ratio));
 }
 
-/// The joint that a controller counts from elsewhere: errors of measured less predicted, which base and tool cannot take.
+/// A joint zero that base and tool cannot absorb gives signed errors, measured less predicted.
 #[test]
 fn signed_errors_are_measured_less_predicted() {
     let robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
@@ -212,7 +212,7 @@ fn signed_errors_are_measured_less_predicted() {
     let poses: Vec<HeldOutPose> = joints.iter().map(pose).collect();
     let rows: Vec<Row> = joints.iter().map(Vec::as_slice).zip(&poses).collect();
     let found = SignedResiduals::new(&robot, &chain, &rows, &weights(&rows));
-    // Joint 3 explains all of it, at every pose.
+    // Joint 3 explains the whole error, at every pose.
     let [own, other] = [&found.joints[2], &found.joints[0]];
     assert!(
         (own.mean - 1e3 * OFFSET).abs() < 2e-3 && own.std < 2e-3,
@@ -226,7 +226,7 @@ fn signed_errors_are_measured_less_predicted() {
     }
 }
 
-/// Document, page and file of one calibration have the same numbers, and those of the exports.
+/// Document, page and file of one calibration have the same numbers as the exports.
 #[test]
 fn document_and_file_have_the_same_numbers() {
     let folder = Folder::new();
@@ -279,7 +279,7 @@ fn document_and_file_have_the_same_numbers() {
         same(row[8], &after["axes_mm"][axis]["std"]);
     }
     assert_eq!(rows.iter().filter(|row| row[0] == "joint").count(), 6);
-    // The errors of all axes together are those of the held-out poses.
+    // The RMS error over all axes is between the mean and the maximum of the held-out errors.
     let square = |errors: &Value| -> f64 {
         let axes = errors["axes_mm"].as_array().unwrap().iter();
         axes.map(|s| s["mean"].as_f64().unwrap().powi(2) + s["std"].as_f64().unwrap().powi(2))
@@ -293,7 +293,7 @@ fn document_and_file_have_the_same_numbers() {
         };
         assert!(square(errors).sqrt() >= of("mean") && square(errors).sqrt() <= of("max"));
     }
-    // The rows are those of the exports.
+    // The rows equal those of the exports.
     folder.run("export arm.blob --dh dh.json").ok();
     let dh = folder.json("dh.json");
     let near = |stated: &Value, exported: f64| {
@@ -309,8 +309,7 @@ fn document_and_file_have_the_same_numbers() {
         let theta = exported("theta_offset_rad").to_degrees();
         near(&row["theta_deg"]["calibrated"], theta);
     }
-    // For this arm, joint zeros are no nearer than the drawing: the export refuses them, and neither page nor file has
-    // any.
+    // For this arm, joint zeros are no nearer than the drawing: the export refuses them, and page and file leave them out.
     let refused = folder.run("export arm.blob --joint-offsets zeros.json");
     assert_eq!(refused.code, Some(1));
     assert_eq!(controller["joint_zeros"].as_array().unwrap().len(), 0);
@@ -327,7 +326,7 @@ fn document_and_file_have_the_same_numbers() {
     }
 }
 
-/// A calibration by touches has the rows for the controller, without standard deviations and signed errors.
+/// A calibration by touches has the rows for the controller, but no standard deviations and no signed errors.
 #[test]
 fn touches_have_rows() {
     let folder = Folder::new();
@@ -348,7 +347,7 @@ fn touches_have_rows() {
     assert!(folder.text("a.csv").contains("\ndh,"));
 }
 
-/// A model without processes knows the deviations of its frames, and blames no geometry for the noise.
+/// A model without processes has standard deviations of its frames, and does not report noise as geometry.
 #[test]
 fn an_elastic_model_without_processes_has_deviations() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! `trainer correct`: the bits of the device, the file as it was, and what is said of it.
+//! `trainer correct`: the corrected joints have the device's bits, everything else in the file stays, and the summary is right.
 
 use poegp_protocol::link::frame::{self, MAX_FRAME, Receiver};
 use poegp_protocol::link::{Corrected, Query, Request, Response, StartReason};
@@ -12,7 +12,7 @@ const TARGETS: &str = "# welding program 7\nname,q1_deg,q2_deg,q3_deg,q4_deg,q5_
     a,10,20,-30,5,30,70,fast\n\n# all joints at zero: beside the wrist's singularity\nb,0,0,0,0,0,0,slow\n\
     \"c, d\",-31.25,-10.5,22,8.25,-40,12,\"fast\n# not slow\"\n";
 
-/// A folder with an elastic model of 60 poses.
+/// Returns a folder with an elastic model of 60 poses.
 fn folder() -> Folder {
     Folder::prepared("correct", |folder| {
         folder.write("train.csv", simulated("train", 60));
@@ -33,7 +33,7 @@ impl Clock for Stopped {
     }
 }
 
-/// What the cycle of the device answers to the frame of a controller.
+/// Returns the device's answer to a controller's frame.
 fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Corrected {
     let facts = BoardInfo {
         board: "",
@@ -71,7 +71,7 @@ fn device(resident: &mut ModelSlot<{ words_for(512) }>, query: Query) -> Correct
     }
 }
 
-/// The file has ten decimals of a degree, 1.7e-12 rad: reading them gives the numbers of single precision back.
+/// The file has ten decimals of a degree, 1.7e-12 rad, so reading it back gives the same single-precision numbers.
 #[test]
 fn the_file_has_the_bits_of_the_device() {
     let folder = folder();
@@ -140,7 +140,7 @@ fn all_else_stays_and_the_summary_is_of_the_file() {
         count("corrected") + count("partly_corrected") + count("left_alone"),
         3
     );
-    // At the singularity the text of the command is what it was.
+    // At the singularity the text of the command stays as it was.
     if lines[5].contains("not-corrected") {
         assert!(lines[5].starts_with("b,0,0,0,0,0,0,slow,"), "{}", lines[5]);
         assert_eq!(count("left_alone"), 1);

@@ -1,10 +1,10 @@
-//! The demonstration, as a stranger runs it.
+//! The demonstration, as a new user runs it.
 
 use serde_json::Value;
 
 use crate::program::{Folder, Outcome};
 
-/// `docs/evidence/paper.md` quotes the output, and plots the folds by another command.
+/// Checks that `docs/evidence/paper.md` quotes the output and has another command that plots the folds.
 fn the_page_on_the_paper_is_right(folder: &Folder, outcome: &Outcome) {
     let page = include_str!("../../../docs/evidence/paper.md");
     let block = page.split("```console\n$ trainer demo --out demo\n").nth(1);
@@ -49,7 +49,7 @@ fn everything_that_it_names_is_written_and_works() {
         files.len()
     );
 
-    // The table is what the blob, read back by another run, has.
+    // The table has the errors of the blob, as another run computes them from the file.
     let mean = |set: &Value| set["position_mm"]["mean"].as_f64().unwrap();
     let compared = folder.json("demo/compare.json");
     assert_eq!(compared["methods"][3]["method"], "poe-gp-load");

@@ -1,4 +1,4 @@
-//! `trainer device` without a device, and with one that misbehaves.
+//! `trainer device` without a device, and with a device that misbehaves.
 
 use poegp_protocol::blob::stored_crc;
 use poegp_protocol::link::{
@@ -12,7 +12,7 @@ use crate::fake_device::{
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
-/// A folder with arm.blob and test1.csv.
+/// Returns a folder with arm.blob and test1.csv; also returns the blob.
 fn folder() -> (Folder, Vec<u8>) {
     let folder = Folder::prepared("device", |folder| {
         folder.write("train.csv", simulated("train", 20));
@@ -79,7 +79,7 @@ fn a_serial_line_that_somebody_else_uses() {
     let (_device, line) = serialport::TTYPort::pair().unwrap();
     let name = line.name().unwrap();
     let locked = serialport::new(&name, 115_200).open_native();
-    // The pair itself has the lock, or now we have it.
+    // Either the pair holds the lock, or this test does.
     let folder = Folder::new();
     let outcome = folder.run(&format!("device info --port {name}"));
     assert_eq!(outcome.code, Some(2), "{outcome:#?}");
@@ -90,7 +90,7 @@ fn a_serial_line_that_somebody_else_uses() {
     drop(locked);
 }
 
-/// A pair of pseudo-terminals, which have no speed: that it is set is all that can be seen.
+/// The line is a pair of pseudo-terminals, which have no speed, so the test can only see that one was set.
 #[test]
 fn a_serial_line_is_opened_at_its_speed() {
     let line = on_a_serial_line(|_| Response::Identity(identity()).into());
@@ -122,7 +122,7 @@ fn another_version_is_named_with_our_own() {
     let _texts = texts();
     let (folder, _) = folder();
     let newer = PROTOCOL_VERSION + 1;
-    // A frame of the other version: the same layout, its version and CRC.
+    // A frame of the other version: same layout, its own version and CRC.
     let mut raw = vec![newer, 1, 0, 0xff];
     raw.extend(poegp_protocol::blob::CRC.checksum(&raw).to_le_bytes());
     let mut bytes = vec![3, newer, 1];
@@ -142,7 +142,7 @@ fn frames_that_always_arrive_damaged() {
     folder.refuses(format!("device info {PORT}"));
 }
 
-/// Each reason of the last start, in text and JSON.
+/// Each reason for the last start is shown, in text and JSON.
 #[test]
 fn why_a_device_started() {
     let _texts = texts();
@@ -183,7 +183,7 @@ fn why_a_device_started() {
     }
 }
 
-/// A clock that stands still and numbers that are not finite are errors of the device, and no result.
+/// A clock that stands still and numbers that are not finite are reported as errors of the device, not as results.
 #[test]
 fn numbers_that_are_none_are_refused() {
     let _texts = texts();
@@ -225,7 +225,7 @@ fn numbers_that_are_none_are_refused() {
         }
         folder.refuses(format!("device evaluate test1.csv {PORT}"));
         folder.refuses(format!("device correct test1.csv {PORT}"));
-        // Three poses determine six numbers of a base frame, and leave too little to compare.
+        // Three poses determine the six numbers of a base frame, and leave too little to compare.
         folder.write("three.csv", simulated("test1", 3));
         folder.refuses(format!("device evaluate three.csv {PORT}"));
     }
@@ -242,7 +242,7 @@ fn a_device_that_falls_silent() {
     folder.refuses(format!("device statistics {PORT}"));
 }
 
-/// A device that takes every model until it is asked `at`.
+/// Returns a device that accepts every model until the request `at`, which it refuses.
 fn flashed(folder: &Folder, at: &'static str, refusal: Refusal) -> FakeDevice {
     FakeDevice::start(folder, move |request| {
         let name = format!("{request:?}");
@@ -284,13 +284,13 @@ fn what_is_not_a_model_never_reaches_the_port() {
     let (folder, mut blob) = folder();
     blob[100] ^= 1;
     folder.write("bad.blob", &blob);
-    // The port does not exist, and nobody notices.
+    // The port does not exist, which the command does not even notice.
     folder.refuses(format!("device flash bad.blob {PORT}"));
     folder.refuses(format!("device evaluate none.csv {PORT}"));
     folder.refuses(format!("device provision none.pub {PORT}"));
 }
 
-/// What is not given stays; the words of a refusal say what to do.
+/// Settings that are not given stay as they are, and a refusal says what to do.
 #[test]
 fn settings_of_the_cycle() {
     let _texts = texts();
@@ -359,7 +359,7 @@ fn a_model_that_runs_already_is_not_sent_again() {
     assert_eq!(fake.heard(), ["Identify"]);
 }
 
-/// Loses, damages and delays, restarts in the middle of the upload and before it has stored the model, and gets it all the same.
+/// The line loses, damages and delays frames, and the device restarts twice during the upload. It still gets the model.
 #[test]
 fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
     let _texts = texts();
@@ -374,7 +374,7 @@ fn a_bad_line_and_a_restart_do_not_keep_a_model_from_the_device() {
             2 => return Answer::Nothing,
             3 => return Answer::BadFrame,
             5 => return Refusal::Busy.into(),
-            // An answer to somebody else, and then none.
+            // An answer to another request, and then none.
             6 => return Answer::Bytes(encoded(0, &Response::Restarting)),
             _ => {}
         }
@@ -443,7 +443,7 @@ fn a_device_without_a_model_has_nothing_to_evaluate_or_leave() {
     }
 }
 
-/// Whatever happens in between: the watchdog must not wait for cycles that will not come.
+/// After any failure the evaluation stops the cycle, so that the watchdog does not wait for cycles that will not come.
 #[test]
 fn a_failed_evaluation_stands_down() {
     let _texts = texts();

@@ -1,12 +1,12 @@
-//! `--correct-drift`: an instrument that creeps, seen by fixed points.
+//! `--correct-drift`: a drifting instrument, measured by reference points.
 
 use std::fmt::Write as _;
 
 use crate::program::{Folder, SERIAL, changed, simulated};
 use crate::texts::texts;
 
-/// The set as an instrument would have measured it that creeps by `creep_mm` along x, with two fixed points; the first is
-/// missed once, the second mistaken once.
+/// Returns the set as an instrument would measure it that drifts by `creep_mm` along x, with two reference points. The
+/// first point is missed once, and the second is wrong once.
 fn drifted(set: &str, poses: usize, creep_mm: f64) -> String {
     let csv = simulated(set, poses);
     let mut k = 0;

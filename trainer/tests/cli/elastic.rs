@@ -1,11 +1,11 @@
-//! The elastic model: its options, and arms of every kind.
+//! The elastic model: its options, and robots of every kind.
 
 use serde_json::Value;
 
 use crate::program::{Folder, SERIAL, simulated, with_field};
 use crate::texts::texts;
 
-/// Mean position error in mm of a blob on a file.
+/// Returns the mean position error in mm of a blob on the poses of a file.
 #[track_caller]
 fn mean(folder: &Folder, blob: &str, file: &str) -> f64 {
     let line = format!("evaluate {blob} {file} --json -");
@@ -30,7 +30,7 @@ fn the_elastic_model_is_the_same_bytes() {
     let (document, blob) = calibrate("a.blob", "--method elastic");
     assert_eq!(document["method"], "elastic");
     let points = document["elastic"]["inducing_points"].as_u64().unwrap();
-    // Fewer only when nothing is left that a further one could explain.
+    // Fewer than the default only if no further point would explain anything.
     assert!((1..=200).contains(&points), "{points}");
     assert_eq!(document["outliers"], Value::Array(Vec::new()));
     assert!(document["elastic"]["noise_mm"].as_f64().unwrap() > 0.0);
@@ -38,7 +38,7 @@ fn the_elastic_model_is_the_same_bytes() {
     let facts = inspected(&folder, "a.blob");
     assert_eq!(facts["method"], "elastic");
     assert_eq!(facts["correction"]["kind"], "elastic");
-    // Sixty poses do for what the paper's method needs six hundred for.
+    // Sixty poses reach what the paper's method needs six hundred for.
     let error = mean(&folder, "a.blob", "test.csv");
     assert!(error < 0.12, "{error}");
 }
@@ -81,7 +81,7 @@ fn options_are_in_the_blob() {
     }
 }
 
-/// A blob with processes says how well it knows the position, unless that is left out; every blob says how far it is trusted.
+/// A blob with processes states the standard deviation of its position, unless the user leaves that out. Every blob has trust.
 #[test]
 fn what_the_device_knows_of_its_own_error() {
     let folder = Folder::new();
@@ -109,7 +109,7 @@ fn what_the_device_knows_of_its_own_error() {
         let coverage = &set["predictive_std"];
         let [one, two] = ["one_sigma", "two_sigma"].map(|key| coverage[key].as_f64().unwrap());
         assert!(one > 0.55 && two > 0.85, "{coverage}");
-        // Eq. 11 takes displacement and rotation of the base for independent, which overstates the position of the tool.
+        // Eq. 11 takes displacement and rotation of the base as independent, which overstates the deviation at the tool.
         let is_paper = method == "poe-gp-load";
         assert!(is_paper || one < 0.8 && two < 0.99, "{coverage}");
         let mut lines = csv.lines();
@@ -129,7 +129,7 @@ fn what_the_device_knows_of_its_own_error() {
         assert!((least - set["trust"]["least"].as_f64().unwrap()).abs() < 1e-6);
     }
 
-    // The chain alone has one for all poses.
+    // The chain alone has one standard deviation for all poses.
     let (_, facts, set, csv) = calibrate("--method poe");
     assert_eq!(facts["predictive_std"]["kind"], "constant");
     let stated = facts["predictive_std"]["floor_mm"].as_f64().unwrap();
@@ -153,7 +153,7 @@ fn what_the_device_knows_of_its_own_error() {
     }
 }
 
-/// Three rows shifted by 3.5 mm, as by a touched target.
+/// Three rows are shifted by 3.5 mm, as when somebody touches the target.
 #[test]
 fn outliers_are_named_and_left_out_unless_they_are_kept() {
     let _texts = texts();
@@ -201,11 +201,11 @@ fn outliers_are_named_and_left_out_unless_they_are_kept() {
     assert!(rejected <= bound, "{rejected} {bound}");
     assert!(
         kept > bound,
-        "the outliers were not in the fit: {kept} {bound}"
+        "keeping the outliers must make the model worse: {kept} {bound}"
     );
 }
 
-/// simulate → calibrate → evaluate with a small set; better than the frames alone.
+/// Runs simulate, calibrate and evaluate with a small set; the model must be better than the frames alone.
 #[track_caller]
 fn from_end_to_end(folder: &Folder, robot: &str, poses: usize) -> Value {
     let line = format!(

@@ -1,5 +1,5 @@
-//! What other programs get of a calibrated arm, read back by the trainer's own readers. `tests/peers/exports/run` has it
-//! read by Pinocchio, yourdfpy and Python.
+//! Exports of a calibrated arm for other programs, read back by the trainer's own readers. `tests/peers/exports/run` reads them
+//! with Pinocchio, yourdfpy and Python.
 
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::robot::{LoadOptions, Robot};
@@ -11,7 +11,7 @@ use poegp_trainer::export::CalibratedChain;
 use crate::program::{Folder, data};
 use crate::texts::texts;
 
-/// A folder with `arm.blob`, calibrated from few poses; `robot` is a name or a file of `tests/data/urdf`.
+/// Returns a folder with `arm.blob`, calibrated from few poses. `robot` is a name or a file of `tests/data/urdf`.
 pub fn calibrated(robot: &str, model: &str) -> Folder {
     Folder::prepared(format!("export {robot} {model}"), |folder| {
         if robot.ends_with(".urdf") {
@@ -37,7 +37,7 @@ pub fn chain(folder: &Folder) -> CalibratedChain {
     CalibratedChain::of(&BlobModel::read(&folder.path("arm.blob")).unwrap())
 }
 
-/// The chain of a description, whose end is the flange.
+/// Returns the robot of a description, whose chain ends at the flange.
 fn described(folder: &Folder, file: &str, tip: Option<&str>) -> Robot {
     let options = LoadOptions {
         base: None,
@@ -46,7 +46,7 @@ fn described(folder: &Folder, file: &str, tip: Option<&str>) -> Robot {
     Robot::load(folder.path(file).to_str().unwrap(), &options).unwrap()
 }
 
-/// Largest distances in metres and of rotation elements over joint values that reach everything.
+/// Returns the largest difference in metres and of rotation elements, over joint values of the whole range.
 fn apart(a: &Poe<f64>, b: &Poe<f64>, b_end: &Pose<f64>) -> (f64, f64) {
     let mut worst = (0.0_f64, 0.0_f64);
     for k in 0..200 {
@@ -112,7 +112,7 @@ fn every_description_has_the_poses_of_the_chain() {
     }
 }
 
-/// The frames of a blob without correction are its own: its `f32` poses are tenths of a micrometre away.
+/// A blob without correction exports its own frames; its `f32` poses are within tenths of a micrometre.
 #[test]
 fn the_chain_is_the_devices() {
     let folder = calibrated("abb-irb120", "poe");
@@ -146,7 +146,7 @@ fn the_chain_is_the_devices() {
     assert!(!folder.text("a.toml").contains("fitted"));
 }
 
-/// What a file says of the chain that was fitted is what its frames do, at joints that are none of the fit's.
+/// The distance that a file states for its fitted chain is the distance of its frames, at joints that the fit did not use.
 #[test]
 fn the_chain_of_a_model_with_a_correction_is_the_nearest_one() {
     let _texts = texts();
@@ -196,7 +196,7 @@ fn the_chain_of_a_model_with_a_correction_is_the_nearest_one() {
             "{table}: {sum} mm, {document:#}"
         );
     }
-    // One payload asks less of a chain than all of them.
+    // A chain for one payload can be nearer than a chain for all of them.
     let line = format!("export arm.blob --poe - --json one.json --payload-kg {heavy}");
     folder.run(&line).ok();
     let one = folder.json("one.json");
@@ -206,7 +206,7 @@ fn the_chain_of_a_model_with_a_correction_is_the_nearest_one() {
     folder.refuses("export arm.blob --poe a.toml --payload-kg 100");
 }
 
-/// Outside of the corrected origins, what is added and the comment, every line is the nominal file's.
+/// Except for the corrected origins, the added elements and the comment, every line is that of the nominal file.
 #[test]
 fn everything_else_of_a_urdf_is_kept() {
     let folder = calibrated("workbench.urdf", "poe");
@@ -225,7 +225,7 @@ fn everything_else_of_a_urdf_is_kept() {
             }
         }
     }
-    // Seven are corrected; the joint "lift" had none.
+    // Seven joints are corrected; the joint "lift" had no origin.
     assert_eq!(changed, 6);
     assert_eq!(
         lines.iter().filter(|line| line.contains("<origin")).count(),
@@ -233,7 +233,7 @@ fn everything_else_of_a_urdf_is_kept() {
     );
     let comment = lines.iter().filter(|line| !line.contains("<origin"));
     assert_eq!(comment.count(), 8, "{lines:#?}");
-    // Links are where they were, but for the errors of the arm: meshes fit.
+    // The links stay where they were, within the errors of the arm, so that meshes fit.
     let (old, new) = (
         described(&folder, "workbench.urdf", None),
         described(&folder, "new.urdf", None),
@@ -266,7 +266,7 @@ fn what_a_chain_cannot_hold_is_said() {
     ] {
         assert!(yaml.contains(part), "{part}: {yaml}");
     }
-    // The same bytes in the header.
+    // The header contains the bytes of the blob.
     let header = folder.text("a.h");
     let body = header
         .split("a_blob[A_BLOB_BYTES] = {")

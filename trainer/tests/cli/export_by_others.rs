@@ -1,5 +1,5 @@
-//! MJCF and Craig's rows, computed by formulas of other books than the program's: unit quaternions and 4 × 4 matrices.
-//! `tests/peers/exports/run` has them read by MuJoCo and Python.
+//! MJCF and Craig's rows, computed with other formulas than the program's: unit quaternions and 4 × 4 matrices.
+//! `tests/peers/exports/run` reads them with MuJoCo and Python.
 
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use quick_xml::Reader;
@@ -17,14 +17,14 @@ const ARMS: [&str; 5] = [
     "no_tool0.urdf",
 ];
 
-/// Joint values that reach everything.
+/// Returns joint values over the whole range.
 fn joints(n: usize, k: i32) -> Vec<f64> {
     (0..n)
         .map(|i| 2.5 * (0.37 * f64::from(k * k) + 1.9 * i as f64).sin())
         .collect()
 }
 
-/// Largest differences in metres and of rotation elements from the program's chain.
+/// Returns the largest differences in metres and of rotation elements from the program's chain.
 fn apart(folder: &Folder, forward: impl Fn(&[f64]) -> Matrix4<f64>) -> f64 {
     let chain = chain(folder).poe();
     let mut worst = 0.0_f64;
@@ -51,7 +51,8 @@ fn text(tag: &BytesStart<'_>, key: &str) -> Option<String> {
     Some(found.unescape_value().unwrap().into_owned())
 }
 
-/// What MuJoCo's documentation says of `pos` and `quat`: the frame in that of its parent, scalar first.
+/// Returns the frame of `pos` and `quat` as MuJoCo's documentation defines them: the frame in that of its parent, scalar
+/// first.
 fn frame(tag: &BytesStart<'_>) -> Matrix4<f64> {
     let (pos, quat) = (numbers(tag, "pos").unwrap(), numbers(tag, "quat").unwrap());
     let quaternion = Quaternion::new(quat[0], quat[1], quat[2], quat[3]);
@@ -64,11 +65,11 @@ fn frame(tag: &BytesStart<'_>) -> Matrix4<f64> {
 #[derive(Debug)]
 enum Element {
     Frame(Matrix4<f64>),
-    /// Whether it turns.
+    /// Revolute if true, otherwise prismatic.
     Joint(bool),
 }
 
-/// An MJCF file: what leads to each site, the names and ranges of the joints, and bodies without mass.
+/// An MJCF file: the elements that lead to each site, names and ranges of the joints, and bodies without mass.
 #[derive(Default)]
 struct Mjcf {
     sites: Vec<(String, Vec<Matrix4<f64>>)>,
@@ -87,7 +88,7 @@ impl Mjcf {
                 Event::Eof => break,
                 Event::Start(tag) if tag.name().as_ref() == b"body" => {
                     out.depth += 1;
-                    // The base stands in the world.
+                    // The first body is the base, which stands in the world.
                     if out.depth > 1 {
                         out.path.push(Element::Frame(frame(&tag)));
                     }
@@ -113,7 +114,7 @@ impl Mjcf {
                     .push((text(tag, "name").unwrap(), numbers(tag, "range")));
             }
             b"inertial" => {
-                // MuJoCo takes nothing below mjMINVAL.
+                // MuJoCo refuses a mass or inertia below mjMINVAL.
                 assert!(numbers(tag, "mass").unwrap()[0] > 1e-15);
                 let inertia = numbers(tag, "diaginertia").unwrap();
                 assert!(inertia.len() == 3 && inertia.iter().all(|i| *i > 1e-15));
@@ -174,7 +175,7 @@ fn mjcf_has_the_poses_of_the_chain_and_the_joints_of_the_arm() {
         let is_coupled = robot == "abb-irb4400";
         let mut limited = 0;
         for (joint, (name, range)) in chain.joints.iter().zip(&mjcf.joints) {
-            // The blob has no names: these come from the URDF.
+            // The blob has no names; these come from the URDF.
             if !nominal.is_empty() || !robot.ends_with(".urdf") {
                 assert!(!name.is_empty());
             }
@@ -183,7 +184,7 @@ fn mjcf_has_the_poses_of_the_chain_and_the_joints_of_the_arm() {
                 assert!((range[0] - lower).abs() < 1e-6 && (range[1] - upper).abs() < 1e-6);
             }
         }
-        // The limits of coupled joints are the controller's.
+        // The limits of coupled joints are those of the controller's joints.
         let expected = chain.joints.iter().filter(|j| j.limits.is_some()).count();
         assert_eq!(limited + usize::from(is_coupled), expected, "{robot}");
     }
@@ -216,7 +217,7 @@ fn rpy(pose: &Value) -> Matrix4<f64> {
         .append_translation(&Vector3::from(three("xyz_m")))
 }
 
-/// Craig, "Introduction to Robotics", eq. 3.6: the matrix of a row, with β about the y that a and α lead to.
+/// Returns the matrix of a row by Craig, "Introduction to Robotics", eq. 3.6, with β about the y axis that a and α lead to.
 fn craig(joint: &Value, q: f64) -> Matrix4<f64> {
     let number = |key: &str| joint[key].as_f64().unwrap_or(0.0);
     let along = joint["kind"] == "prismatic";
@@ -270,7 +271,7 @@ fn craigs_rows_have_the_poses_of_the_chain() {
     }
 }
 
-/// A CSV file by the names of its rows and columns, and its comments.
+/// Returns a CSV file with its rows by column name, and its comments.
 fn rows(folder: &Folder, file: &str) -> (Vec<Map<String, Value>>, String) {
     let text = folder.text(file);
     let comments: Vec<&str> = text.lines().filter(|line| line.starts_with('#')).collect();
@@ -292,7 +293,7 @@ fn rows(folder: &Folder, file: &str) -> (Vec<Map<String, Value>>, String) {
     (rows.collect(), comments.join("\n"))
 }
 
-/// A frame of a row: `x_m` to `yaw_rad`.
+/// Returns the frame of a row: `x_m` to `yaw_rad`.
 fn origin(row: &Map<String, Value>) -> Matrix4<f64> {
     let three = |names: [&str; 3]| json!(names.map(|name| row[name].as_f64().unwrap()));
     rpy(&json!({
@@ -301,10 +302,10 @@ fn origin(row: &Map<String, Value>) -> Matrix4<f64> {
     }))
 }
 
-/// What a row makes of a joint value.
+/// The matrix of a row at a joint value.
 type Motion = dyn Fn(&Value, f64) -> Matrix4<f64>;
 
-/// Distal rows: what is before θ and d in Craig's is behind them here.
+/// Returns the matrix of a distal row: θ and d come first, whereas in Craig's rows they come last.
 fn distal(joint: &Value, q: f64) -> Matrix4<f64> {
     let mut own = joint.clone();
     let mut before = joint.clone();

@@ -1,4 +1,4 @@
-//! What an export says of its distance from the model, judged at other poses by the files themselves; and what it refuses.
+//! The distance from the model that an export states, tested with the written files at other poses; and what it refuses.
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::predict::BlobModel;
@@ -11,7 +11,7 @@ use crate::export::calibrated;
 use crate::program::{Folder, data};
 use crate::texts::texts;
 
-/// The model of a simulated arm with all that the trainer has no formula for.
+/// Returns the model of a simulated arm with all errors for which the trainer has no formula.
 fn wild() -> Folder {
     Folder::prepared("wild", |folder| {
         let rows = std::fs::read(data("simulated/irb4400_wild_s0_train.csv")).unwrap();
@@ -27,8 +27,8 @@ fn mean_mm(document: &Value, of: &str) -> f64 {
     mean.as_f64().unwrap()
 }
 
-/// Mean distance in mm of a chain to the target from the predictions at `kg`, over poses that fill `ranges`: multiples of the
-/// powers of the root of x⁷ = x + 1, less their whole parts.
+/// Returns the mean distance in mm between a chain's target and the model's predictions at `kg`, over poses that fill
+/// `ranges` evenly: the fractional parts of multiples of powers of the root of x⁷ = x + 1.
 fn judged(
     folder: &Folder,
     instrument_from_target: impl Fn(&[f64]) -> Pose<f64>,
@@ -68,7 +68,7 @@ fn trained(folder: &Folder) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// Over the ranges at 5 kg, and about a pose: what is stated is true to a hundredth, and small.
+/// Over the ranges at 5 kg, and around a pose: the stated distance is right to a hundredth, and small.
 #[test]
 fn what_is_stated_of_a_chain_is_what_its_urdf_does() {
     let _texts = texts();
@@ -112,7 +112,7 @@ fn what_is_stated_of_a_chain_is_what_its_urdf_does() {
             document["distance"]["payload_kg"],
             serde_json::json!([5.0, 5.0])
         );
-        // The drawing: the nominal arm on the model's base, with its tool.
+        // The drawing: the nominal arm on the model's base with the model's tool.
         let drawing = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
         let drawing = drawing.chain().unwrap();
         let tool = Pose::from_rows(&model.host().gauge.flange_from_target);
@@ -123,7 +123,7 @@ fn what_is_stated_of_a_chain_is_what_its_urdf_does() {
         );
         assert!((said / seen - 1.0).abs() < 0.01, "{region}: {said}, {seen}");
     }
-    // Against the arm itself, at the noiseless poses of its test sets.
+    // Compared with the true arm, at the noiseless poses of its test sets.
     folder
         .run("export arm.blob --out new.urdf --target-link probe --payload-kg 5")
         .ok();
@@ -208,7 +208,7 @@ fn what_is_stated_of_joint_offsets_is_what_they_do() {
     assert!(toml::from_str::<toml::Table>(&text).is_ok());
 }
 
-/// The poses of a file, with its payloads; and reached further.
+/// The poses of a file with its payloads are a region, and so are their neighbourhoods.
 #[test]
 fn the_poses_of_a_file_are_a_region() {
     let _texts = texts();
@@ -257,7 +257,7 @@ fn the_poses_of_a_file_are_a_region() {
     folder.refuses("export arm.blob --poe picks.csv --region picks.csv");
 }
 
-/// A model that only moves base and tool is the drawing: nothing that it could write is nearer.
+/// A model that only moves base and tool has the chain of the drawing, so no export could be nearer, and none is written.
 #[test]
 fn what_is_no_nearer_than_the_drawing_is_not_written() {
     let _texts = texts();
@@ -279,6 +279,6 @@ fn what_is_no_nearer_than_the_drawing_is_not_written() {
         outcome.said();
         assert_eq!(folder.names(), before, "{output}");
     }
-    // The header has the whole model.
+    // The C header is written, because it has the whole model.
     folder.run("export arm.blob --c-header a.h").ok();
 }

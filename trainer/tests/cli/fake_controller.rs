@@ -1,4 +1,4 @@
-//! A controller with RSI that moves a simulated arm, whose errors no model knows, and the bridge that corrects it.
+//! A simulated controller with RSI, which moves an arm whose errors no model contains, and the bridge that corrects it.
 
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Read};
@@ -21,10 +21,10 @@ use crate::program::{Folder, SERIAL};
 pub const PAYLOAD_KG: f64 = 5.0;
 const PAYLOADS: [f64; 2] = [2.5, PAYLOAD_KG];
 const SEED: u64 = 3;
-/// Speed of the target in m/s.
+/// Speed of the target, m/s.
 pub const SPEED: f64 = 0.7;
 
-/// 300 measured poses of the simulated arm, calibrated.
+/// Returns a model calibrated from 300 measured poses of the simulated arm.
 pub fn blob() -> &'static [u8] {
     static BLOB: OnceLock<Vec<u8>> = OnceLock::new();
     BLOB.get_or_init(|| {
@@ -44,7 +44,7 @@ pub fn blob() -> &'static [u8] {
     })
 }
 
-/// The arm, where it should stand and where it stands.
+/// The arm: the pose that the program wants, and the real one.
 pub struct Arm {
     commander: Commander,
     instrument_from_base: Pose<f64>,
@@ -69,7 +69,8 @@ impl Arm {
         (self.instrument_from_base * nominal).translation
     }
 
-    /// Distance in mm of the real target from where the program wants it, with this correction in degrees.
+    /// Returns the distance in mm between the real target and the wanted one, with this correction in millionths of a
+    /// degree.
     pub fn error_mm(&mut self, joints: &Joints, correction: &[i64; 6]) -> f64 {
         let mut there = *joints;
         for (q, micro_degrees) in there.iter_mut().zip(correction) {
@@ -79,7 +80,7 @@ impl Arm {
         1e3 * (stands - self.wanted(joints)).norm()
     }
 
-    /// Joints along a path through the trained ranges, by its parameter.
+    /// Returns joints on a path through the trained ranges, by its parameter.
     pub fn path(&self, s: f64) -> Joints {
         let mut joints = self.commander.middle();
         let waves = [0.31, 0.43, 0.37, 0.53, 0.29, 0.61];
@@ -88,12 +89,12 @@ impl Arm {
             let wave = libm::sin(waves[axis] * s + axis as f64);
             *q += reach[axis].to_radians() * wave;
         }
-        // Beside the singularity of the wrist.
+        // Away from the singularity of the wrist.
         joints[4] += 40.0_f64.to_radians();
         joints
     }
 
-    /// The parameter one cycle later at [`SPEED`].
+    /// Returns the parameter one cycle later, at [`SPEED`].
     pub fn advance(&self, s: f64, cycle_s: f64) -> f64 {
         let here = self.wanted(&self.path(s));
         let slope = (self.wanted(&self.path(s + 1e-4)) - here).norm() / 1e-4;
@@ -101,7 +102,7 @@ impl Arm {
     }
 }
 
-/// A running bridge, and the controller's socket.
+/// A running bridge with the controller's socket.
 pub struct Bridge {
     pub child: Child,
     pub controller: UdpSocket,
@@ -142,14 +143,14 @@ impl Bridge {
         self.controller.send(bytes).unwrap();
     }
 
-    /// The next answer: its time stamp and correction.
+    /// Receives the next answer: its time stamp and correction.
     pub fn answer(&self) -> (u64, [i64; 6]) {
         let mut buffer = [0; 1500];
         let length = self.controller.recv(&mut buffer).expect("an answer");
         answer(std::str::from_utf8(&buffer[..length]).unwrap())
     }
 
-    /// Whether nothing more was answered, after the end of the program; what it said, and its document.
+    /// Waits for the end of the program and asserts that nothing more was answered. Returns its output and its JSON document.
     pub fn end(mut self, folder: &Folder) -> (String, Value) {
         let status = self.child.wait().unwrap();
         assert_eq!(status.code(), Some(0));
@@ -167,7 +168,7 @@ impl Bridge {
     }
 }
 
-/// An answer, read as strictly as a controller may: `<Sen Type="…"><AK A1="…" … A6="…"/><IPOC>…</IPOC></Sen>`.
+/// Parses an answer as strictly as a controller may: `<Sen Type="…"><AK A1="…" … A6="…"/><IPOC>…</IPOC></Sen>`.
 pub fn answer(text: &str) -> (u64, [i64; 6]) {
     let mut rest = text;
     let mut until = |mark: &str| {
@@ -189,7 +190,8 @@ pub fn answer(text: &str) -> (u64, [i64; 6]) {
     (ipoc.parse().unwrap(), correction)
 }
 
-/// A packet of the controller, with the four decimals that it sends. Of the setpoints and the actual values one is right: the program has to read that.
+/// Returns a packet of the controller with its four decimals. Only the setpoints or only the actual values are right, and
+/// the bridge must read those.
 pub fn packet(ipoc: u64, joints: &Joints, correction: &[i64; 6], is_actual: bool) -> String {
     let mut text = "<Rob Type=\"KUKA\"><RIst X=\"0.0\" Y=\"0.0\"/>".to_owned();
     for (element, is_right) in [("AIPos", is_actual), ("ASPos", !is_actual)] {

@@ -1,4 +1,4 @@
-//! A device that says what a test wants it to say, behind a socket in the folder of the test.
+//! A device whose answers a test determines, behind a socket in the folder of the test.
 
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -16,19 +16,19 @@ use serialport::SerialPort;
 
 use crate::program::Folder;
 
-/// Its port, for a command that is run in the folder.
+/// The port of the device, for a command that runs in the folder.
 pub const PORT: &str = "--port unix:link --timeout-ms 200";
 
-/// What a device does with a request.
+/// A device's reaction to a request.
 #[allow(clippy::large_enum_variant)] // one at a time, in a test
 pub enum Answer {
-    /// Answers it.
+    /// This response.
     With(Response),
-    /// Answers it under the sequence number of damaged frames.
+    /// This response, under the sequence number of damaged frames.
     BadFrame,
-    /// Nothing, as if the answer was lost.
+    /// No response, as if it was lost.
     Nothing,
-    /// These bytes, whatever they are.
+    /// These bytes.
     Bytes(Vec<u8>),
 }
 
@@ -44,7 +44,7 @@ impl From<Refusal> for Answer {
     }
 }
 
-/// A device; it ends with the test program.
+/// A device that runs until the test program ends.
 pub struct FakeDevice {
     heard: Arc<Mutex<Vec<String>>>,
 }
@@ -66,23 +66,23 @@ impl FakeDevice {
         Self { heard }
     }
 
-    /// The names of the requests that have come, in order.
+    /// Returns the names of the requests so far, in order.
     pub fn heard(&self) -> Vec<String> {
         self.heard.lock().unwrap().clone()
     }
 
-    /// How many requests of this name have come.
+    /// Returns the number of requests with this name so far.
     pub fn count(&self, name: &str) -> usize {
         self.heard().iter().filter(|heard| *heard == name).count()
     }
 }
 
-/// The same on a serial line; returns its name, too.
+/// Starts the same device on a serial line and returns the name of the line.
 pub fn on_a_serial_line(mut answer: impl FnMut(&Request<'_>) -> Answer + Send + 'static) -> String {
     let (device, mut line) = serialport::TTYPort::pair().unwrap();
     line.set_exclusive(false).unwrap();
     let name = line.name().unwrap();
-    // Open for as long as the device is there, and unlocked.
+    // Keeps the line open for as long as the device exists, but unlocked.
     let held = File::options().read(true).write(true).open(&name).unwrap();
     drop(line);
     thread::spawn(move || {
@@ -127,7 +127,7 @@ fn serve(
     }
 }
 
-/// The frame of an answer.
+/// Returns the frame of an answer.
 pub fn encoded(sequence: u16, response: &Response) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
     frame::encode(sequence, response, &mut scratch, &mut out)
@@ -135,7 +135,7 @@ pub fn encoded(sequence: u16, response: &Response) -> Vec<u8> {
         .to_vec()
 }
 
-/// A device without a model, with room for any.
+/// Returns a device without a model and with room for any.
 pub fn identity() -> Identity {
     Identity {
         protocol_version: PROTOCOL_VERSION,
@@ -163,7 +163,7 @@ pub fn identity() -> Identity {
     }
 }
 
-/// A model by its CRC.
+/// Returns a model with this CRC.
 pub fn model(blob_crc: u32) -> ModelIdentity {
     ModelIdentity {
         robot: "arm".try_into().unwrap(),
@@ -177,7 +177,7 @@ pub fn model(blob_crc: u32) -> ModelIdentity {
     }
 }
 
-/// A blob in the first slot.
+/// Returns a blob in the first slot.
 pub fn stored(bytes: &[u8]) -> StoredModel {
     StoredModel {
         slot: 0,

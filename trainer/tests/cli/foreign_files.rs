@@ -1,10 +1,10 @@
-//! Files that other programs write, of a simulated set: an import gives the rows of the simulator back.
+//! Files of other programs, made from a simulated set: an import must give the rows of the simulator.
 
 use crate::import::rows;
 use crate::program::{Folder, Outcome, data, simulated};
 use crate::texts::texts;
 
-/// Rows of the simulator in the files.
+/// Number of the simulator's rows in the files.
 const POSES: usize = 8;
 
 /// Copies the files of `tests/data/import/simulated`.
@@ -23,7 +23,7 @@ pub fn import(folder: &Folder, files: &str, map: &str) -> Outcome {
     folder.run(&format!("import {files} --map map.toml --out data.csv"))
 }
 
-/// The columns of a measurement file, by name.
+/// Returns the columns of a measurement file, by name.
 fn table(csv: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     let text = rows(csv);
     let mut lines = text.lines();
@@ -38,7 +38,7 @@ fn table(csv: &str) -> (Vec<String>, Vec<Vec<f64>>) {
     (names, rows.collect())
 }
 
-/// The imported rows are those of the simulator: in its columns, within the last digit that both files have.
+/// Asserts that the imported rows are those of the simulator: in its columns, within the last digit that both files have.
 #[track_caller]
 pub fn assert_simulated(folder: &Folder) {
     let (names, imported) = table(&folder.text("data.csv"));
@@ -76,7 +76,7 @@ fn units_of_the_header_are_those_of_the_columns() {
     let folder = folder(&["brackets.csv"]);
     import(&folder, "brackets.csv", BRACKETS).ok();
     assert_simulated(&folder);
-    // The same, stated twice.
+    // The same unit, stated twice.
     let twice = BRACKETS.replace("\"Z\"]", "\"Z [in]\"], unit = \"in\"");
     import(&folder, "brackets.csv", &twice).ok();
     assert_simulated(&folder);
@@ -144,7 +144,7 @@ fn units_that_are_missing_unknown_or_contradict_are_named() {
     let numbers = "file = { header_lines = 0 }\njoints = { columns = [1] }\nposition = { columns = [2, 3, 4], unit = \"mm\" }\n";
     folder.write("numbers.csv", "1,2,3,4\n");
     import(&folder, "numbers.csv", numbers).refused();
-    // A preset states units, too.
+    // A preset states units as well.
     folder.write(
         "kuka.csv",
         "A1,A2,X [in],Y [in],Z [in],A,B,C\n1,2,3,4,5,6,7,8\n",
@@ -152,7 +152,7 @@ fn units_that_are_missing_unknown_or_contradict_are_named() {
     folder.refuses("import kuka.csv --preset kuka --out data.csv");
 }
 
-/// A map of the tracker's poses and of joints with these keys.
+/// Returns a map of the tracker's poses and of joints, with these keys.
 fn joined(joints: &str) -> String {
     format!(
         "file = {{ separator = \"semicolon\" }}\nposition = {{ columns = [\"X\", \"Y\", \"Z\"] }}\n\
@@ -195,7 +195,7 @@ fn joints_of_drivers_are_joined_to_poses_by_order_index_and_time() {
     }
 }
 
-/// The names of other drivers, in radians; each with the same joints.
+/// Joint names of other drivers, in radians, each with the same joints.
 #[test]
 fn names_of_other_drivers_are_their_joints() {
     let motoman = "joint_1_s,joint_2_l,joint_3_u,joint_4_r,joint_5_b,joint_6_t".to_owned();
@@ -218,7 +218,7 @@ fn names_of_other_drivers_are_their_joints() {
     }
 }
 
-/// Moments of the tracker, 1 000 s after its clock began and 2.5 s apart, as dates and times.
+/// Returns the tracker's times, 2.5 s apart from 1 000 s after its clock began, written as dates and times.
 fn dated(
     folder: &Folder,
     file: &str,
@@ -237,7 +237,7 @@ fn dated(
     folder.write(file, out);
 }
 
-/// 5 minutes before midnight, so that hours, days and months change.
+/// Starts 5 seconds before midnight, so that hours, days and months change.
 fn clock(seconds: f64, zone: &str, hours: i64) -> String {
     let whole = seconds.floor() as i64 - 1000 + 23 * 3600 + 59 * 60 + 55 + 3600 * hours;
     let (day, time) = (28 + whole.div_euclid(86_400), whole.rem_euclid(86_400));
@@ -271,7 +271,7 @@ fn dates_and_times_of_two_zones_are_joined() {
         local.push(folder);
     }
     let _texts = texts();
-    // A time zone in one file alone, a number, and no date.
+    // A time zone in only one file, a number, and an invalid date.
     let [zoned, local] = &local[..] else {
         unreachable!()
     };
@@ -289,7 +289,7 @@ fn dates_and_times_of_two_zones_are_joined() {
     refused(local, &iso);
 }
 
-/// Whatever rows are gone, an imported row has the joints of its own pose, or the import is refused.
+/// Whichever rows are missing, an imported row has the joints of its own pose, or the import is refused.
 #[test]
 fn no_pose_gets_the_joints_of_another() {
     let files = folder(&["tracker.csv", "abb.txt", "rtde.txt"]);
@@ -301,7 +301,7 @@ fn no_pose_gets_the_joints_of_another() {
     for gone in 1..=POSES {
         for (file, keys) in [("abb.txt", BY_INDEX), ("rtde.txt", BY_TIME)] {
             let folder = folder(&["tracker.csv", file]);
-            // The log has seven rows for each pose, the fourth of them at it.
+            // The log has seven rows for each pose; the fourth is at the pose.
             let row = if keys == BY_TIME { 7 * gone - 3 } else { gone };
             folder.write(file, without(file, &[row]));
             let map = joined(keys);
@@ -410,7 +410,7 @@ fn joins_that_are_not_unique_are_refused_with_their_lines() {
     import(&folder, "tracker.csv", &by_order("ur", "comma", "payload")).refused();
 }
 
-/// The presets of points take the joints of every driver, but not of two at once.
+/// The presets for points accept the joint names of every driver, but not of two drivers at once.
 #[test]
 fn presets_of_points_take_the_names_of_drivers() {
     let _texts = texts();
@@ -462,7 +462,7 @@ fn reflectors_in_a_row_are_a_pose() {
     let files = folder(&["reflectors.csv"]);
     import(&files, "reflectors.csv", REFLECTORS).ok().said();
     assert_simulated(&files);
-    // Three of them are enough where none was missed.
+    // Three reflectors are enough where none was missed.
     let three = REFLECTORS
         .replace(", [\"SMR4.x\", \"SMR4.y\", \"SMR4.z\"]", "")
         .replace(", [15.5, 20, -60]", "");
@@ -488,7 +488,7 @@ fn reflectors_in_a_row_are_a_pose() {
         assert_ne!(map, REFLECTORS);
         import(&files, "reflectors.csv", &map).refused();
     }
-    // Its places in a line by two of them: four are a plane, three are not.
+    // With this place three of the four reflectors are on a line, which determines no pose if the other one is missed.
     let line = REFLECTORS.replace("[15.5, 20, -60]", "[60, 0, 0]");
     import(&files, "reflectors.csv", &line).refused();
 }

@@ -1,4 +1,4 @@
-//! Base and tool on the command line: kept, stated, carried to another station, refused.
+//! Base and tool on the command line: kept, stated, carried to another station, or refused.
 
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_protocol::blob::FrameSource;
@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::program::{Folder, SERIAL, changed, simulated};
 use crate::texts::texts;
 
-/// A folder with a first and a second measurement of one arm, and a model of the first.
+/// Returns a folder with two measurements of one arm, and a model of the first.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("first.csv", simulated("train", 60));
@@ -27,7 +27,7 @@ fn again(folder: &Folder, options: &str) -> String {
     )
 }
 
-/// X,Y,Z,QW,QX,QY,QZ in mm.
+/// Returns X,Y,Z,QW,QX,QY,QZ in mm.
 fn text(rows: &[f64; 12]) -> String {
     let pose = Pose::from_rows(rows);
     let (w, v) = pose.quaternion();
@@ -81,7 +81,7 @@ fn a_gauge_is_kept_or_stated() {
     ));
     assert!(near(&stated.flange_from_target, &first.flange_from_target));
 
-    // A project file repeats it, to the byte.
+    // A project file repeats it, byte for byte.
     folder
         .run(&again(
             &folder,
@@ -94,7 +94,7 @@ fn a_gauge_is_kept_or_stated() {
     assert_eq!(folder.json("second.json")["repeats"], true);
 }
 
-/// The instrument stands elsewhere: fixed points carry the base there, and commands are as before.
+/// The instrument is moved. Reference points carry the base to its new place, and commands stay as before.
 #[test]
 fn fixed_points_carry_the_base_to_another_station() {
     let _texts = texts();
@@ -138,7 +138,7 @@ fn fixed_points_carry_the_base_to_another_station() {
         }
         out
     };
-    // Without them the base is where no base is.
+    // Without reference points the kept base would be wrong, which is refused.
     let refused = folder
         .run(&again(&folder, "--keep-gauge first.blob"))
         .refused();
@@ -153,7 +153,7 @@ fn fixed_points_carry_the_base_to_another_station() {
         .said();
     let document = folder.json("second.json");
     assert_eq!(document["gauge"]["points"]["points"], 4);
-    // One of them was moved by a millimetre.
+    // One of the points was moved by a millimetre.
     folder.write("points.csv", points(1e-3));
     let line = again(&folder, "--keep-gauge first.blob --references points.csv");
     folder.run(&line).refused().said();

@@ -1,9 +1,9 @@
-//! What the program says about itself.
+//! The help of the program.
 
 use crate::program::Folder;
 use crate::texts::{record, texts};
 
-/// The commands that the help of `command` lists, with theirs.
+/// Collects the commands that the help of `command` lists, and their subcommands.
 fn commands(folder: &Folder, command: &str, out: &mut Vec<String>) {
     let help = folder.run(&format!("{command} --help")).ok().stdout;
     let listed = help
@@ -36,13 +36,13 @@ fn every_help() {
         let outcome = folder.run(&format!("{command} --help")).ok();
         let help = &outcome.stdout;
         record(&outcome.line, help);
-        // Every one has an example and the exit codes.
+        // Every help has an example and the exit codes.
         let word = format!("trainer {}", command.split(' ').next().unwrap());
         let examples = help.split("Example").nth(1).unwrap_or_default();
         assert!(examples.contains(&word), "{command}\n{help}");
         assert!(help.contains("130 stopped by Ctrl-C"), "{command}");
         assert!(help.contains("--quiet"), "{command}");
-        // A group of commands has none itself, and a script is all that `completions` gives.
+        // A group of commands has no result of its own, and `completions` prints only a script.
         let is_group = help.contains("\nCommands:\n");
         let reports = !is_group && command != "completions";
         assert_eq!(help.contains("--json <FILE>"), reports, "{command}");

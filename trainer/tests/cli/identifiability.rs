@@ -1,11 +1,11 @@
-//! What `calibrate` says about the poses that it was given.
+//! What `calibrate` says about the poses of its input.
 
 use poegp_calibration::robot::{LoadOptions, Robot};
 
 use crate::program::{Folder, SERIAL, changed, simulated};
 use crate::texts::texts;
 
-/// The joints of `csv`, but the third at 10°, with the poses of the nominal arm, rounded to 0.1 mm.
+/// Returns `csv` with joint 3 at 10° in every row, and the poses of the nominal arm, rounded to 0.1 mm.
 fn with_joint_3_still(csv: &str) -> String {
     let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
     let chain = robot.chain().unwrap();

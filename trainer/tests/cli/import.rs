@@ -1,9 +1,9 @@
-//! Measurement files as they come: every shape becomes the same rows. What is wrong with one is in `bad_imports`.
+//! Measurement files of other formats: every format gives the same rows. `bad_imports` has the errors.
 
 use crate::program::{Folder, SERIAL, data, simulated};
 use crate::texts::texts;
 
-/// The rows of a measurement file, without the comment that says where they are from.
+/// Returns the rows of a measurement file without the comment that states their origin.
 pub fn rows(csv: &str) -> String {
     let kept = csv.lines().filter(|line| !line.starts_with('#'));
     kept.map(|line| format!("{line}\n")).collect()
@@ -13,7 +13,7 @@ fn expected() -> String {
     std::fs::read_to_string(data("import/expected.csv")).unwrap()
 }
 
-/// A folder with the files of `tests/data/import` named.
+/// Returns a folder with these files of `tests/data/import`.
 pub fn folder(files: &[&str]) -> Folder {
     let folder = Folder::new();
     for file in files {
@@ -80,7 +80,7 @@ fn all_euler_angles_become_the_same_rows() {
     assert_eq!(count, 24);
 }
 
-/// The project's own file goes through unchanged but for digits below a nanometre: a quaternion of ten decimals is
+/// An import of the project's own format changes only digits below a nanometre, because a quaternion of ten decimals is
 /// normalised before it is rounded again.
 #[test]
 fn an_imported_file_calibrates() {
@@ -104,7 +104,7 @@ fn an_imported_file_calibrates() {
         let cells = a.split(',').zip(b.split(',')).enumerate();
         for (column, (a, b)) in cells {
             let apart = a.parse::<f64>().unwrap() - b.parse::<f64>().unwrap();
-            // Payload, joints and position stay to the last character.
+            // Payload, joints and position keep every character.
             assert!(a == b || (column >= 10 && apart.abs() < 1.5e-10), "{a} {b}");
         }
     }
@@ -112,7 +112,7 @@ fn an_imported_file_calibrates() {
     folder.run(&line).ok();
 }
 
-/// A preset gives the rows that a map of the file gives; only the decimal mark, the separator and the encoding are detected.
+/// A preset gives the rows of the map written for the file. Only decimal mark, separator and encoding are detected.
 #[test]
 fn presets_give_the_rows_of_their_maps() {
     let _texts = texts();
@@ -132,7 +132,7 @@ fn presets_give_the_rows_of_their_maps() {
             folder.write("kuka.csv", KUKA);
             folder.write("kuka.toml", KUKA_MAP);
         }
-        // Targets are of the tool, not of the format: without them every point is a row.
+        // Targets belong to the tool, not to the format: without them every point is a row.
         let text = folder.text(map);
         let kept = text.lines().filter(|line| !line.starts_with("targets"));
         folder.write(
@@ -165,7 +165,7 @@ const KUKA_MAP: &str = "file = { separator = \";\", decimal = \",\" }\n\
     joints = { columns = [1, 2, 3, 4, 5, 6], unit = \"deg\" }\nposition = { columns = [7, 8, 9], unit = \"mm\" }\n\
     orientation = { kind = \"euler\", columns = [10, 11, 12], order = \"ZYX\", axes = \"intrinsic\", unit = \"deg\" }\n";
 
-/// The header decides only where it names every column of exactly one preset.
+/// The header selects a preset only if it has every column of exactly one.
 #[test]
 fn a_preset_is_chosen_by_the_header_or_asked_for() {
     let _texts = texts();

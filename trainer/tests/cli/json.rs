@@ -1,4 +1,4 @@
-//! The shapes that other programs rely on.
+//! The structure of the JSON documents, on which other programs rely.
 
 use serde_json::Value;
 
@@ -17,7 +17,7 @@ fn keys(value: &Value) -> Vec<&str> {
     keys
 }
 
-/// `poses`, and the five figures of position and orientation, in a sensible order.
+/// Checks `poses` and the five figures of position and orientation, including their order of size.
 #[track_caller]
 fn check_errors(errors: &Value, poses: usize) {
     assert_eq!(errors["poses"], poses, "{errors}");
@@ -56,7 +56,7 @@ fn compare() {
             check_errors(set, 15);
         }
     }
-    // The name of a model is what --methods takes, whatever the flags.
+    // The name of a model is its name in --methods, whatever the flags.
     let flags = "--methods poe-gp,poe --per-output --weighting noise --folds 0";
     let line = format!("compare --robot {SERIAL} train.csv {sets} {flags} --json -");
     let document = folder.run(&line).ok().json();

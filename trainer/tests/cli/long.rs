@@ -1,4 +1,4 @@
-//! Files of many rows, and pages: as quick as promised, in constant memory, and with what short files have.
+//! Long files and their pages: fast, in constant memory, and with the same results as short files.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,12 +8,12 @@ use std::time::{Duration, Instant};
 use crate::program::{Folder, SERIAL, data, simulated};
 use crate::texts::texts;
 
-/// Most CPU time of a program of 100 000 targets, in that of ten million exponentials: 43 to 51 were seen, 1.3 to 1.5 s; two
-/// seconds are 67.
+/// Largest CPU time for a program of 100 000 targets, in units of ten million exponentials. 43 to 51 were measured, or 1.3 to
+/// 1.5 s; two seconds are 67.
 #[cfg(target_os = "linux")]
 const MOST_EXPONENTIALS: f64 = 60.0;
 
-/// A folder with an elastic model of 60 poses.
+/// Returns a folder with an elastic model of 60 poses.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
@@ -25,13 +25,13 @@ fn folder() -> Folder {
     folder
 }
 
-/// What a program took: s of wall, s of CPU and MB at most. Of Linux only; looked at every few milliseconds.
+/// Returns the elapsed seconds, CPU seconds and peak memory in MB of a program. Linux only; sampled every few milliseconds.
 fn watched(mut child: Child) -> (f64, f64, f64) {
     let start = Instant::now();
     let path = format!("/proc/{}", child.id());
     let (mut ticks, mut memory) = (0, 0);
     loop {
-        // Both are empty once the program has ended.
+        // Both files are empty once the program has ended.
         let read = |name| std::fs::read_to_string(Path::new(&path).join(name)).unwrap_or_default();
         let (stat, status) = (read("stat"), read("status"));
         let fields: Vec<&str> = stat.split_whitespace().collect();
@@ -52,8 +52,8 @@ fn watched(mut child: Child) -> (f64, f64, f64) {
     }
 }
 
-/// Many rows are corrected and compared quickly and in constant memory. The bounds leave room for other programs; the promises
-/// for a million rows are in docs/evidence/performance.md.
+/// Many rows are corrected and compared quickly and in constant memory. The bounds leave room for other programs;
+/// docs/evidence/performance.md has the promises for a million rows.
 #[cfg(target_os = "linux")]
 #[test]
 fn many_rows_take_little_time_and_memory() {
@@ -86,8 +86,8 @@ fn many_rows_take_little_time_and_memory() {
     }
 }
 
-/// A page takes little beyond the fits that it needs: with a rigid model, whose fits take milliseconds, nearly all of what it
-/// adds to the verdict, which has the same folds.
+/// A page takes little time beyond its fits. The fits of a rigid model take milliseconds, so nearly all that the page adds to
+/// the verdict, which has the same folds, is the page itself.
 #[cfg(target_os = "linux")]
 #[test]
 #[cfg_attr(debug_assertions, ignore = "in release only")]
@@ -118,7 +118,8 @@ fn a_report_takes_little_time() {
     assert!(with - without <= MOST_SECONDS);
 }
 
-/// CPU seconds of ten million exponentials on this thread: a core that is shared, or slower, is as slow for both.
+/// Returns the CPU seconds of ten million exponentials on this thread. A shared or slow core slows them as much as the
+/// program.
 #[cfg(target_os = "linux")]
 fn exponentials() -> f64 {
     let cpu_seconds = || {
@@ -132,8 +133,8 @@ fn exponentials() -> f64 {
     cpu_seconds() - start
 }
 
-/// A program of 100 000 targets is corrected within two seconds of CPU, all cores together, so also of wall on idle cores. It is
-/// counted in that of ten million exponentials, for other programs slow both down; of three runs the fastest counts.
+/// A program of 100 000 targets is corrected within two seconds of CPU time over all cores, so also of elapsed time on idle
+/// cores. The unit is ten million exponentials, because other programs slow both down. The fastest of three runs counts.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_long_program_takes_little_time() {
@@ -180,14 +181,13 @@ fn a_long_program_takes_little_time() {
     assert!(fewest <= most, "{fewest}");
 }
 
-/// Some rows, again and again until the file is a long one: every prediction is what it is in the short file, and so are
-/// the errors; what is wrong in its last row is named.
+/// A long file that repeats the rows of a short one has the same predictions and errors. A mistake in its last row is named.
 #[test]
 fn a_long_file_is_compared_as_a_short_one() {
     const ROWS: usize = 97;
     let _texts = texts();
     let folder = folder();
-    // A prime: rows that are kept evenly are not the same ones again and again.
+    // A prime number, so that evenly spaced rows are not the same ones again and again.
     let test = simulated("test1", ROWS);
     let (header, rows) = test.split_once('\n').unwrap();
     let times = 1 + (4 << 20) / rows.len();
@@ -218,7 +218,7 @@ fn a_long_file_is_compared_as_a_short_one() {
             if name == "poses" {
                 short *= times as f64;
             }
-            // A base that is fitted to a part of the rows is nearly the same.
+            // A base that is fitted to only some of the rows differs slightly.
             let most = if frames.is_empty() { 1e-9 } else { 1e-3 };
             assert!((short - long).abs() < most, "{what} {name}: {short} {long}");
         }

@@ -1,6 +1,6 @@
-//! The program as its users have it: what is typed, what is written, what is answered to bad input.
+//! The program as users have it: command lines, written files, and messages about bad input.
 //!
-//! Everything runs the real binary; data are the simulated sets of `tests/data` or changed copies of them.
+//! Every test runs the real binary. The data are the simulated sets of `tests/data`, or changed copies of them.
 
 mod bad_blobs;
 mod bad_imports;

@@ -1,4 +1,4 @@
-//! How the program behaves towards people, shells and other programs.
+//! How the program behaves towards users, shells and other programs.
 
 use serde_json::Value;
 
@@ -44,7 +44,7 @@ fn quiet_says_errors_only() {
     folder.run("inspect b.blob --quiet").refused();
 }
 
-/// Without a terminal there is no colour anyway; forced ones are switched off by nothing less.
+/// With `NO_COLOR`, nothing that is written into a pipe has colour.
 #[test]
 fn no_colour_is_written_into_files_and_pipes() {
     let folder = Folder::new();
@@ -97,7 +97,7 @@ fn every_report_is_there_as_json() {
     assert_eq!(imported["measurements"], 12);
 }
 
-/// Starts the command, waits until `begun`, sends SIGINT so many times and waits for the end.
+/// Starts the command, waits until `begun`, sends SIGINT `signals` times, and waits for the end.
 #[cfg(unix)]
 fn interrupted(
     folder: &Folder,
@@ -110,7 +110,10 @@ fn interrupted(
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = child.spawn().unwrap();
     while !begun(&mut child) {
-        assert!(child.try_wait().unwrap().is_none(), "it ended: {line}");
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "the program ended too early: {line}"
+        );
         std::thread::yield_now();
     }
     for _ in 0..signals {
@@ -124,8 +127,7 @@ fn interrupted(
     output
 }
 
-/// SIGINT in the middle of a calibration cancels it, and a second one does not wait for that: 130, and nothing new in the
-/// folder.
+/// SIGINT cancels a calibration, and a second one ends it at once. The exit code is 130, and nothing new is in the folder.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_leaves_nothing() {
@@ -136,12 +138,12 @@ fn ctrl_c_leaves_nothing() {
     }
 }
 
-/// What a calibration says that gets so many SIGINT while it fits.
+/// Returns the messages of a calibration that gets SIGINT `signals` times while it fits.
 #[cfg(unix)]
 fn interrupted_calibration(signals: usize) -> String {
     use std::io::Read;
     let folder = Folder::new();
-    // A column that nobody knows: its note comes just before the work.
+    // An unknown column, whose note is printed just before the work begins.
     let csv = simulated("train", 300);
     let rows = csv.lines().enumerate();
     let rows = rows.map(|(i, row)| row.to_owned() + if i == 0 { ",operator\n" } else { ",me\n" });
@@ -162,7 +164,7 @@ fn interrupted_calibration(signals: usize) -> String {
     String::from_utf8(output.stderr).unwrap()
 }
 
-/// SIGINT while outputs are being written into a pipe that nobody reads: the same.
+/// The same if SIGINT comes while outputs are written into a pipe that nobody reads.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_while_writing_leaves_nothing() {
@@ -188,7 +190,7 @@ fn ctrl_c_while_writing_leaves_nothing() {
     assert_eq!(folder.names(), ["pipe", "train.csv"]);
 }
 
-/// SIGINT while a long file is corrected: the temporary file goes, and nothing takes its place.
+/// SIGINT while a long file is corrected removes the temporary file and leaves no output.
 #[cfg(unix)]
 #[test]
 fn ctrl_c_while_a_long_file_is_corrected_leaves_nothing() {

@@ -1,4 +1,4 @@
-//! `trainer measure`: rows one after the other from a simulated arm, bad rows, interruptions and kills.
+//! `trainer measure`: rows one by one from a simulated arm, bad rows, interruptions and kills.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ use serde_json::Value;
 use crate::program::Folder;
 use crate::texts::texts;
 
-/// A simulated arm that answers what it is asked: with the touch of the same feature that is nearest.
+/// A simulated arm that answers each request with the nearest touch of the same feature.
 struct Answers {
     set: TouchSet,
     lines: Vec<String>,
@@ -23,7 +23,7 @@ struct Answers {
 const MEASURE: &str = "measure --robot abb-irb120 plan.csv --features touched/touches.toml --out measured.csv --json -";
 
 impl Answers {
-    /// Touches of two sockets and a wire in `touched`, and a plan of most of them in plan.csv.
+    /// Simulates touches of two sockets and a wire in `touched`, and writes a plan of most of them to plan.csv.
     fn new(folder: &Folder) -> Self {
         folder
             .run("simulate --robot abb-irb120 --touch socket2,wire1 --touches 40 --seed 6 --out touched")
@@ -47,7 +47,7 @@ impl Answers {
         }
     }
 
-    /// The line of a row for what is asked.
+    /// Returns the line of the row that answers a request.
     fn to(&mut self, asked: &Value) -> String {
         let wanted: Vec<f64> = asked["joints"]
             .as_array()
@@ -86,7 +86,7 @@ impl Session {
         }
     }
 
-    /// The next document; `None` at the end.
+    /// Returns the next JSON document; `None` at the end.
     fn next(&mut self) -> Option<Value> {
         let mut line = String::new();
         match self.from.read_line(&mut line) {
@@ -110,7 +110,7 @@ impl Session {
     }
 }
 
-/// An arm answers until its error is small enough; the file is one that `calibrate` takes, and its expected error is that.
+/// An arm answers until its expected error is small enough. `calibrate` accepts the file and states the same expected error.
 #[test]
 fn rows_are_asked_for_until_the_error_is_small_enough() {
     let folder = Folder::new();
@@ -135,10 +135,16 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
     assert!(expected.len() > 10 && expected[0] > 0.2, "{expected:?}");
     let last = *expected.last().unwrap();
     assert!(last <= 0.2, "{expected:?}");
-    assert!(said.len() < arm.lines.len(), "it ends before the plan does");
+    assert!(
+        said.len() < arm.lines.len(),
+        "the session must end before the plan"
+    );
     let text = folder.text("measured.csv");
     let rows: Vec<&str> = text.lines().skip(1).collect();
-    assert_eq!(rows, said, "what was said is in the file, byte by byte");
+    assert_eq!(
+        rows, said,
+        "the file has the rows of the session, byte by byte"
+    );
     folder
         .run("calibrate --robot abb-irb120 measured.csv --features touched/touches.toml --out m.blob --json m.json")
         .ok();
@@ -147,7 +153,7 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
     assert!((after / last - 1.0).abs() < 0.15, "{after} {last}");
 }
 
-/// A row that cannot be used is refused with its reason and asked for again; one far off is said to be.
+/// A row that cannot be used is refused with its reason and asked for again. A row far off is kept with a warning.
 #[test]
 fn bad_rows_change_nothing_and_strange_ones_are_said() {
     let _texts = texts();
@@ -197,8 +203,8 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
     folder.refuses("measure --robot abb-irb120 plan.csv --features touched/touches.toml --out m.csv --from unix:nowhere");
 }
 
-/// A row is taken back, what was skipped stays skipped, bytes that are no text end nothing, and a wrong header may be
-/// corrected; a second session with the same source repeats nothing of it.
+/// `undo` takes a row back, a skipped row stays skipped, bytes that are not text end nothing, and a wrong header can be
+/// corrected. A second session with the same source repeats none of that.
 #[test]
 fn answers_are_taken_back_and_never_repeated() {
     let folder = Folder::new();
@@ -212,7 +218,7 @@ fn answers_are_taken_back_and_never_repeated() {
     folder.write("log.csv", &log);
     let line = format!("{MEASURE} --from log.csv");
     let mut skipped = None;
-    // The second session knows the columns, so that it refuses the wrong header as well.
+    // The second session knows the columns, so it refuses the first two header lines differently: the wrong one as well.
     for (refused, taken, taken_back) in [(1, 2, 1), (2, 0, 0)] {
         let mut running = Session::begin(&folder, &line);
         let mut documents: Vec<Value> = Vec::new();
@@ -235,7 +241,7 @@ fn answers_are_taken_back_and_never_repeated() {
     }
 }
 
-/// Kills the program at a random moment, so many times; the last is let live. Returns how many rows were confirmed.
+/// Kills the program at a random moment, `kills` times; the last run may end. Returns the number of confirmed rows.
 fn killed(kills: usize, seed: u64) -> usize {
     let folder = Folder::new();
     let mut arm = Answers::new(&folder);
@@ -244,7 +250,7 @@ fn killed(kills: usize, seed: u64) -> usize {
     let (mut all, mut torn) = (0, 0);
     for kill in 0..=kills {
         if confirmed.len() + 20 > arm.lines.len() {
-            // Another measurement: the rows are used up.
+            // A new measurement, because the rows are used up.
             std::fs::remove_file(folder.path("measured.csv")).unwrap();
             arm.used.iter_mut().for_each(|used| *used = false);
             confirmed.clear();
@@ -262,7 +268,7 @@ fn killed(kills: usize, seed: u64) -> usize {
                 assert!(status.unwrap().success());
             })
         };
-        // A third of them while it begins, the others while it asks and takes.
+        // A third of the kills come at the start, the others while the program asks or takes.
         let mut killing = (!is_last && kill % 3 == 0).then(killer);
         let mut waiting = None;
         let mut answered = 0;
@@ -301,7 +307,7 @@ fn killed(kills: usize, seed: u64) -> usize {
             .filter(|l| !l.starts_with('#'))
             .skip(1)
             .collect();
-        // Every row that was confirmed is there, in order, and at most one that was on its way.
+        // Every confirmed row is there, in order, and at most one row that was in progress.
         assert!(
             rows.len() >= confirmed.len(),
             "kill {kill}: {rows:?} {confirmed:?}"
@@ -328,14 +334,14 @@ fn nothing_that_was_confirmed_is_lost_by_a_kill() {
     assert!(killed(30, 1) >= 10);
 }
 
-/// cargo test --release -p poegp-trainer --test cli -- measure::a_thousand_kills --ignored --nocapture
+/// Run it with: cargo test --release -p poegp-trainer --test cli -- measure::a_thousand_kills --ignored --nocapture
 #[test]
 #[ignore = "ten minutes"]
 fn a_thousand_kills_lose_nothing() {
     assert!(killed(1000, 2) >= 300);
 }
 
-/// A power cut in the middle of a line: the line is reported and becomes a comment, all others stay, and it goes on.
+/// A power cut tore the last line: it is reported and becomes a comment, all other lines stay, and the session continues.
 #[test]
 fn a_torn_line_is_reported_and_kept_as_a_comment() {
     let folder = Folder::new();
@@ -363,7 +369,7 @@ fn a_torn_line_is_reported_and_kept_as_a_comment() {
     }
 }
 
-/// A file that somebody appends to, half lines too: each row is taken once, also by a second session.
+/// Another program appends to a watched file, sometimes half lines: each row is taken once, also in a second session.
 #[test]
 fn a_file_is_watched() {
     let folder = Folder::new();
@@ -396,7 +402,7 @@ fn a_file_is_watched() {
     assert_eq!(text.lines().skip(1).collect::<Vec<_>>(), &arm.lines[..6]);
 }
 
-/// A tracker's plan: the file is a measurement file.
+/// With a tracker's plan, the result is a measurement file.
 #[test]
 fn poses_of_a_tracker_are_measured_too() {
     let folder = Folder::new();

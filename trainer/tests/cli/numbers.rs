@@ -1,13 +1,13 @@
-//! Every number that the program says is within the range of its unit; what the data do not determine is no number.
+//! Every number in the program's output is within the range of its unit; a value that the data do not determine is left out.
 //!
-//! [`check_text`] and [`check_document`] look at what every run of these tests says. The tests here provoke what usual data do
-//! not: poses that repeat, joints that stand still, positions alone, noise that is no noise.
+//! [`check_text`] and [`check_document`] examine the output of every run in these tests. The tests here use data that usual
+//! tests do not have: repeated poses, joints that stand still, positions alone, impossible noise.
 
 use serde_json::Value;
 
 use crate::program::{Folder, SERIAL, changed, simulated, without};
 
-/// Units, and the largest size of a number that has one.
+/// Units, with the largest magnitude of a number in that unit.
 const RANGES: [(&str, f64); 9] = [
     ("mm", 1e5),
     ("mrad", 3.2e3),
@@ -19,10 +19,10 @@ const RANGES: [(&str, f64); 9] = [
     ("kg", 1e3),
     ("%", 1e4),
 ];
-/// The largest size of any other number; squared distances in standard deviations have a larger one.
+/// The largest magnitude of any other number; squared distances in standard deviations may be larger.
 const BARE: f64 = 1e10;
 const CHI_SQUARED: f64 = 1e13;
-/// Keys with a unit that may be null: documented as not measured, not there or not determined.
+/// Keys with a unit that may be null: documented as not measured, absent, or not determined.
 const NULLS: [&str; 4] = ["noise_mrad", "payload_kg", "shift_xyz_mm", "turn_xyz_mrad"];
 
 fn range(unit: &str) -> Option<f64> {
@@ -30,7 +30,7 @@ fn range(unit: &str) -> Option<f64> {
     found.map(|(_, range)| *range)
 }
 
-/// Panics at a number in `text` that is none or is beyond the range of the unit behind it.
+/// Panics at NaN or infinity in `text`, and at a number beyond the range of the unit behind it.
 #[track_caller]
 pub fn check_text(line: &str, text: &str) {
     let is_word = |c: char| c.is_alphanumeric() || "_.µ°%".contains(c);
@@ -44,7 +44,7 @@ pub fn check_text(line: &str, text: &str) {
             !["nan", "inf", "infinity"].contains(&word.to_lowercase().as_str()),
             "{line}: {word} in {text}"
         );
-        // A checksum or the id of a key, which may have no letters.
+        // A checksum or the id of a key, which may consist of digits only.
         if [8, 16].contains(&word.len()) && word.chars().all(|c| c.is_ascii_hexdigit()) {
             continue;
         }
@@ -61,7 +61,7 @@ pub fn check_text(line: &str, text: &str) {
     }
 }
 
-/// Panics at a number of a JSON document that is beyond the range of the unit in its key, and at a null that was one.
+/// Panics at a number in a JSON document beyond the range of the unit in its key, and at a null where a number is required.
 #[track_caller]
 pub fn check_document(line: &str, document: &Value) {
     check_value(line, "", BARE, document);
@@ -97,7 +97,7 @@ fn check_value(line: &str, key: &str, largest: f64, value: &Value) {
     }
 }
 
-/// Rows of a simulated set without the noiseless truth.
+/// Returns rows of a simulated set without the noiseless truth.
 fn rows(set: &str, poses: usize) -> String {
     let csv = simulated(set, poses);
     let names = csv.lines().next().unwrap().split(',');
@@ -105,15 +105,15 @@ fn rows(set: &str, poses: usize) -> String {
     without(&csv, &truth)
 }
 
-/// `csv` with its first rows repeated in turn instead of the others.
+/// Returns `csv` with its first `different` rows repeated in place of the others.
 fn repeated(csv: &str, different: usize) -> String {
     let rows: Vec<&str> = csv.lines().collect();
     let repeat = |k: usize| rows[1 + k % different].to_owned() + "\n";
     rows[0].to_owned() + "\n" + &(0..rows.len() - 1).map(repeat).collect::<String>()
 }
 
-/// Data that determine little, by every command that reads measurements: each run is looked at by [`check_text`] and its
-/// document by [`check_document`]; the exit code is any but that of a panic.
+/// Data that determine little, for every command that reads measurements. [`check_text`] and [`check_document`] examine each
+/// run; the exit code is any but that of a panic.
 #[test]
 fn poor_data_make_no_absurd_numbers() {
     let folder = Folder::new();

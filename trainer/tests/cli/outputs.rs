@@ -1,4 +1,4 @@
-//! Where outputs go: whole files or nothing, no folder is created, standard output is one document.
+//! Outputs: files are written whole or not at all, no folder is created, and standard output is one document.
 
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -16,7 +16,7 @@ fn folder() -> Folder {
     })
 }
 
-/// Every command with an output, told to write to `place`.
+/// Returns every command with an output, with `place` as its destination.
 fn to(place: &str) -> Vec<String> {
     vec![
         format!("calibrate --robot {SERIAL} train.csv --method poe --out {place}"),
@@ -92,7 +92,7 @@ fn simulate_and_demo_need_a_parent() {
     }
 }
 
-/// Measurements without noise of an arm with decimetres of smooth deflection: more digits than single precision has.
+/// Measurements without noise of an arm with smooth deflections of decimetres, which need more digits than single precision.
 #[test]
 fn a_blob_that_loses_precision_is_not_written() {
     let _texts = texts();
@@ -118,7 +118,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     assert_eq!(folder.read("old.blob"), b"old");
 }
 
-/// Commands whose text is lost, and the files that they have written by then.
+/// Returns commands whose printed text is lost, and the files that they have written by then.
 fn commands_with_text() -> Vec<(String, &'static [&'static str])> {
     vec![
         ("--help".to_owned(), &[]),
@@ -141,7 +141,7 @@ fn commands_with_text() -> Vec<(String, &'static [&'static str])> {
     ]
 }
 
-/// Commands whose result goes to standard output.
+/// Returns commands that write their result to standard output.
 fn commands_with_document() -> Vec<String> {
     vec![
         "inspect arm.blob --json -".to_owned(),
@@ -153,7 +153,7 @@ fn commands_with_document() -> Vec<String> {
     ]
 }
 
-/// Text that does not reach its reader is an error; the files are there.
+/// If the printed text does not reach its reader, the command fails, but the files are written.
 #[cfg(target_os = "linux")]
 #[test]
 fn text_that_is_lost_is_an_error() {
@@ -172,7 +172,7 @@ fn text_that_is_lost_is_an_error() {
                 std::fs::remove_file(folder.path(file)).unwrap();
             }
         }
-        // Nothing is said, so nothing is lost.
+        // With `--quiet` nothing is printed, so nothing is lost.
         if !line.starts_with("--") && !line.ends_with("--help") {
             let outcome = folder.run_into(&format!("--quiet {line}"), "/dev/full");
             assert_eq!(outcome.code, Some(0), "{outcome:#?}");
@@ -180,7 +180,7 @@ fn text_that_is_lost_is_an_error() {
     }
 }
 
-/// A document on standard output that does not reach its reader is an error, and the files beside it are not written.
+/// If a document on standard output does not reach its reader, the command fails and writes no other file.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_document_that_is_lost_is_an_error() {
@@ -198,7 +198,7 @@ fn a_document_that_is_lost_is_an_error() {
     }
 }
 
-/// `| head -n 1` gets its line. The program is told that nobody reads on, as long as it still writes.
+/// `| head -n 1` gets its line. The program notices that the reader has gone if it is still writing.
 #[cfg(unix)]
 #[test]
 fn a_reader_that_goes_away_early() {
@@ -216,7 +216,7 @@ fn a_reader_that_goes_away_early() {
     assert_eq!(output.status.code(), Some(1), "{output:?}");
 }
 
-/// A device without room: exit code 1 and the path, and what other files there were.
+/// A full device gives exit code 1 with the path, and the other files stay as they were.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_device_is_named() {
@@ -240,8 +240,8 @@ fn a_full_device_is_named() {
     }
 }
 
-/// A disk that takes the small files and not the large one: none is written. The limit of a file's size stands for the end
-/// of the disk; with the signal of that limit ignored, the write fails.
+/// A disk has room for the small files but not for the large one, so none is written. A limit of the file size simulates the
+/// end of the disk; with the signal of that limit ignored, the write fails.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_disk_that_becomes_full_takes_no_file() {
@@ -268,12 +268,12 @@ fn a_disk_that_becomes_full_takes_no_file() {
     for name in ["old.blob", "report.html"] {
         assert_eq!(folder.read(name), b"old");
     }
-    // It is the report that is too large.
+    // Without the report, the command succeeds, so the report was too large.
     assert_eq!(limited(&line).code, Some(0));
 }
 
-/// The second of two renames fails, because a folder has come in its way after all was written: the first file is again
-/// what it was, or is not there, and no temporary file is left.
+/// The second of two renames fails because a folder appeared in its place after everything was written. The first file is
+/// restored or removed, and no temporary file is left.
 #[cfg(unix)]
 #[test]
 fn a_rename_that_fails_takes_the_others_back() {
@@ -286,7 +286,7 @@ fn a_rename_that_fails_takes_the_others_back() {
             .arg(folder.path("pipe"))
             .status();
         assert!(made.unwrap().success());
-        // The pipe is written after the files are staged and before they are renamed, and waits for a reader.
+        // The pipe is written between staging and renaming the files, and blocks until somebody reads.
         let mut command = folder.command(&format!(
             "calibrate --robot {SERIAL} train.csv --method poe --out first.blob --json second --test train2.csv --report pipe"
         ));
@@ -302,7 +302,10 @@ fn a_rename_that_fails_takes_the_others_back() {
                 == 2
         };
         while !is_staged() {
-            assert!(child.try_wait().unwrap().is_none(), "it ended");
+            assert!(
+                child.try_wait().unwrap().is_none(),
+                "the program ended too early"
+            );
             std::thread::yield_now();
         }
         // A folder that is not empty cannot be replaced.
@@ -331,7 +334,7 @@ fn a_rename_that_fails_takes_the_others_back() {
     }
 }
 
-/// With `--json -` standard output is the document; what is for people is on standard error.
+/// With `--json -` standard output is only the document; text for people goes to standard error.
 #[test]
 fn json_on_standard_output_is_alone() {
     let folder = folder();

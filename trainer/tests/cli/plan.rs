@@ -1,11 +1,11 @@
-//! Plans: what is chosen, what a cell forbids, what is written, and what is refused.
+//! Plans: the chosen poses, the constraints of a cell, the written files, and what is refused.
 
 use poegp_calibration::robot::{LoadOptions, Robot};
 
 use crate::program::{Folder, SERIAL};
 use crate::texts::texts;
 
-/// The rows of a plan as numbers.
+/// Returns the rows of a plan as numbers.
 fn rows(csv: &str) -> Vec<Vec<f64>> {
     csv.lines()
         .filter(|line| !line.starts_with('#'))
@@ -14,7 +14,7 @@ fn rows(csv: &str) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// A cell in which an arm of this size still finds poses.
+/// A cell in which an arm of this size still has possible poses.
 const CELL: &str = r#"
 [[joint]]
 name = "joint_1"
@@ -38,7 +38,7 @@ normal = [0, 0, 1]
 max_angle_deg = 60
 "#;
 
-/// The target at joints in degrees, by plain trigonometry: the IRB 4400's links as its description draws them.
+/// Returns the target at joints in degrees, by plain trigonometry with the links of the IRB 4400's drawing.
 fn irb4400_target(q: &[f64], tool: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     type M = [[f64; 3]; 3];
     let rotation = |axis: usize, degrees: f64| -> M {
@@ -104,7 +104,7 @@ fn a_plan_keeps_to_the_limits_and_spreads_over_the_payloads() {
             );
         }
     }
-    // One block for each payload, as equal as possible.
+    // One block for each payload, as equal in size as possible.
     let payloads: Vec<f64> = plan.iter().map(|r| r[0]).collect();
     assert!(payloads.is_sorted(), "{payloads:?}");
     for kg in [0.0, 5.0, 10.0] {
@@ -139,7 +139,7 @@ fn the_same_seed_makes_the_same_plan() {
     );
 }
 
-/// Every pose is where the cell allows it, by kinematics that are not the program's.
+/// Every pose is allowed by the cell, according to kinematics other than the program's.
 #[test]
 fn a_plan_keeps_to_what_the_cell_allows() {
     let _texts = texts();
@@ -181,7 +181,7 @@ fn a_cell_that_allows_too_little_is_told_what_takes_most() {
     folder.refuses(line);
 }
 
-/// Robot cells that reject everything, and what frees some: one constraint, a pair of them, a joint range, the radius.
+/// For cells that reject every pose, the message names what would free some: one constraint, two, a joint range, or the radius.
 #[test]
 fn a_cell_that_rejects_everything_says_what_would_free_it() {
     let _texts = texts();
@@ -214,12 +214,12 @@ fn a_cell_that_rejects_everything_says_what_would_free_it() {
             assert!(refused.stderr.contains(part), "{part}: {refused:?}");
         }
     }
-    // What is named frees: the same robot cell without it is planned.
+    // The named constraint is the cause: without it the same cell has a plan.
     folder.write("cell.toml", format!("floor = false\n{below}"));
     folder.run(&line).ok();
 }
 
-/// The radius of the links is said with where it comes from, and it is in the JSON.
+/// The radius of the links is reported with its origin, and it is in the JSON.
 #[test]
 fn a_plan_says_which_links_it_kept_apart() {
     let _texts = texts();
@@ -257,7 +257,7 @@ fn a_plan_says_which_links_it_kept_apart() {
     }
 }
 
-/// Another arm's model changes a V-optimal plan; a model of another type of robot is refused.
+/// The model of another arm changes a V-optimal plan; the model of another type of robot is refused.
 #[test]
 fn a_plan_takes_its_prior_from_a_sister_robot() {
     let _texts = texts();
@@ -285,7 +285,7 @@ fn a_plan_takes_its_prior_from_a_sister_robot() {
     assert_ne!(folder.text("usual.csv"), folder.text("sister.csv"));
     let prior = &folder.json("plan.json")["prior"];
     assert_eq!(prior["elastic"], true, "{prior}");
-    // Frames of the simulated arms are 0.78 mm and mrad off.
+    // The frames of the simulated arms are 0.78 mm and mrad off.
     for key in ["frames_mm", "frames_mrad"] {
         assert!(
             (0.3..1.6).contains(&prior[key].as_f64().unwrap()),
@@ -357,7 +357,7 @@ fn what_cannot_be_planned_is_refused() {
     }
 }
 
-/// The programs have the joints of the CSV file, to the last digit.
+/// The robot programs have the joints of the CSV file, to the last digit.
 #[test]
 fn programs_and_table_have_the_same_joints() {
     let folder = Folder::new();
@@ -402,7 +402,7 @@ fn programs_and_table_have_the_same_joints() {
     assert_eq!(krl.matches("PTP {").count(), 30);
     assert_eq!(fanuc.matches("FINE").count(), 30);
     assert_eq!(urscript.matches("movej(").count(), 30);
-    // A stop for the operator before each of the two payloads.
+    // The program stops for the operator before each of the two payloads.
     assert_eq!(
         (rapid.matches("Stop;").count(), krl.matches("HALT").count()),
         (2, 2)
@@ -416,7 +416,7 @@ fn programs_and_table_have_the_same_joints() {
     );
 }
 
-/// A plan with measurements added is a measurement file.
+/// A plan with measured poses added is a measurement file.
 #[test]
 fn a_plan_with_poses_added_calibrates() {
     let folder = Folder::new();
@@ -445,7 +445,7 @@ fn a_plan_with_poses_added_calibrates() {
     );
     let json = folder.run(&line).ok().json();
     assert_eq!(json["training_poses"], 30);
-    // Measured by the description's own kinematics: nothing is left but the file's last digit.
+    // The poses come from the description's own kinematics, so only the last digit of the file remains.
     assert!(
         json["training"]["position_mm"]["max"].as_f64().unwrap() < 2e-3,
         "{json}"
@@ -466,7 +466,7 @@ fn a_forecast_says_what_more_poses_are_worth() {
     assert_eq!(poses, [16, 30]);
     for row in rows {
         for error in ["paper_mm", "wild_mm"] {
-            // The noise alone makes 0.048.
+            // Noise alone makes 0.048.
             assert!((0.04..0.5).contains(&row[error].as_f64().unwrap()), "{row}");
         }
     }

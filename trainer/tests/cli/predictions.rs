@@ -1,9 +1,9 @@
-//! The predictions file: one row per input row, in order, and the errors recomputed from it are the reported ones.
+//! The predictions file has one row for each input row, in order, and the errors recomputed from it are the reported ones.
 
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
-/// The columns `names` of a CSV text, row by row.
+/// Returns the columns `names` of a CSV text, row by row.
 fn columns<const N: usize>(csv: &str, names: [&str; N]) -> Vec<[f64; N]> {
     let mut lines = csv.lines();
     let header: Vec<&str> = lines.next().unwrap().split(',').collect();
@@ -49,7 +49,7 @@ fn errors_recomputed_from_the_predictions_are_those_of_the_json() {
             .zip(columns(&test, position))
             .map(|(a, b)| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt())
             .collect();
-        // The angle from |q − q'|, which has more digits than the arc cosine of q · q'.
+        // The angle comes from |q − q'|, which is more exact than the arc cosine of q · q'.
         let angles: Vec<f64> = columns(&predicted, orientation)
             .iter()
             .zip(columns(&test, orientation))
@@ -87,7 +87,7 @@ fn the_status_says_what_a_prediction_is_worth() {
     folder.run(&line).ok();
     let test = simulated("test1", 3);
     let mut rows: Vec<String> = test.lines().map(str::to_owned).collect();
-    // A payload and a first joint far from what was trained.
+    // A payload and a first joint far from the trained ranges.
     rows[1] = rows[1].replacen(rows[1].split(',').next().unwrap(), "20", 1);
     let q1 = rows[2].split(',').nth(1).unwrap().to_owned();
     rows[2] = rows[2].replacen(&q1, "150", 1);

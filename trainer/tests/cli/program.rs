@@ -11,13 +11,13 @@ use tempfile::TempDir;
 use crate::numbers::{check_document, check_text};
 use crate::texts::{masked, record};
 
-/// The plain chain that the simulated sets are of.
+/// The robot of the simulated sets, without coupling.
 pub const SERIAL: &str = "abb-irb4400-serial";
 
-/// How a run ended.
+/// The result of a run.
 #[derive(Debug)]
 pub struct Outcome {
-    /// The words of the command.
+    /// The arguments of the command.
     pub line: String,
     pub code: Option<i32>,
     pub stdout: String,
@@ -25,21 +25,21 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Done.
+    /// Asserts exit code 0.
     #[track_caller]
     pub fn ok(self) -> Self {
         assert_eq!(self.code, Some(0), "{self:#?}");
         self
     }
 
-    /// Refused with exit code 2 and a message, which belongs to the texts of the test; nothing is on standard output.
+    /// Asserts exit code 2 and nothing on standard output. The message is compared with the test's text file.
     #[track_caller]
     pub fn refused(self) -> Self {
         assert_eq!(self.stdout, "", "{self:#?}");
         self.refused_after_output()
     }
 
-    /// The same, after something was printed.
+    /// Asserts what [`Outcome::refused`] asserts, but something may have been printed before.
     #[track_caller]
     pub fn refused_after_output(self) -> Self {
         assert_eq!(self.code, Some(2), "{self:#?}");
@@ -49,7 +49,7 @@ impl Outcome {
         self
     }
 
-    /// Ended with exit code 1 because an output to `place` could not be written.
+    /// Asserts exit code 1 because an output to `place` could not be written.
     #[track_caller]
     pub fn lost(self, place: &str) {
         assert_eq!(self.code, Some(1), "{self:#?}");
@@ -59,7 +59,7 @@ impl Outcome {
         record(&self.line, &masked(&self.stderr, true));
     }
 
-    /// What is said belongs to the texts of the test, but for its numbers and for documents on standard output.
+    /// Compares the output with the test's text file, except for numbers and for documents on standard output.
     #[track_caller]
     pub fn said(self) -> Self {
         let is_text = !self.stdout.starts_with(['{', '#']);
@@ -69,14 +69,14 @@ impl Outcome {
         self
     }
 
-    /// Standard output as JSON: it is that and nothing else.
+    /// Returns standard output, which must be one JSON document.
     #[track_caller]
     pub fn json(&self) -> Value {
         serde_json::from_str(&self.stdout).unwrap_or_else(|e| panic!("{e}: {self:#?}"))
     }
 }
 
-/// A folder to work in, removed at the end.
+/// A folder for one test, removed at its end.
 pub struct Folder(TempDir);
 
 impl Folder {
@@ -84,8 +84,8 @@ impl Folder {
         Self(tempfile::tempdir().unwrap())
     }
 
-    /// With the files that `make` puts into a folder: once in a test program for each `name`, so that no model is calibrated
-    /// for every test that needs it.
+    /// Returns a folder with the files that `make` writes. `make` runs once in a test program for each `name`, so that not
+    /// every test calibrates its own model.
     pub fn prepared(name: impl Into<String>, make: impl FnOnce(&Folder)) -> Self {
         type Files = BTreeMap<PathBuf, Vec<u8>>;
         static PREPARED: Mutex<BTreeMap<String, Arc<OnceLock<Files>>>> =
@@ -134,7 +134,7 @@ impl Folder {
         document
     }
 
-    /// The names of everything in the folder, sorted.
+    /// Returns the names of everything in the folder, sorted.
     pub fn names(&self) -> Vec<String> {
         let mut names: Vec<String> = std::fs::read_dir(self.0.path())
             .unwrap()
@@ -144,7 +144,7 @@ impl Folder {
         names
     }
 
-    /// Everything in the folder and the folders in it.
+    /// Returns everything in the folder and its subfolders.
     fn contents(&self) -> BTreeMap<PathBuf, Vec<u8>> {
         let mut contents = BTreeMap::new();
         let mut folders = vec![self.0.path().to_owned()];
@@ -165,7 +165,7 @@ impl Folder {
         contents
     }
 
-    /// Runs a command that is refused and leaves everything in the folder as it was.
+    /// Asserts that a command is refused and leaves everything in the folder as it was.
     #[track_caller]
     pub fn refuses(&self, line: impl AsRef<str>) -> Outcome {
         let before = self.contents();
@@ -178,7 +178,7 @@ impl Folder {
         outcome
     }
 
-    /// Measurements are refused: exit code 3, the text of the transcript, and nothing new.
+    /// Asserts that measurements are refused: exit code 3, the message of the text file, and nothing written.
     #[track_caller]
     pub fn refuses_data(&self, line: impl AsRef<str>) -> Outcome {
         let before = self.contents();
@@ -193,12 +193,12 @@ impl Folder {
         outcome
     }
 
-    /// Runs `trainer` here with the words of `line`.
+    /// Runs `trainer` in the folder with the arguments in `line`.
     pub fn run(&self, line: &str) -> Outcome {
         self.run_dated(line, "1700000000")
     }
 
-    /// The same on the day of `source_date_epoch`.
+    /// Runs `trainer` on the day of `source_date_epoch`.
     pub fn run_dated(&self, line: &str, source_date_epoch: &str) -> Outcome {
         self.finish(
             self.command(line)
@@ -206,14 +206,14 @@ impl Folder {
         )
     }
 
-    /// The same with standard output going to `device`.
+    /// Runs `trainer` with standard output going to `device`.
     #[cfg(target_os = "linux")]
     pub fn run_into(&self, line: &str, device: &str) -> Outcome {
         let device = std::fs::OpenOptions::new().write(true).open(device);
         self.finish(self.command(line).stdout(device.unwrap()))
     }
 
-    /// The same with standard output going to a pipe that nobody reads any more.
+    /// Runs `trainer` with standard output going to a pipe that nobody reads any more.
     #[cfg(unix)]
     pub fn run_without_reader(&self, line: &str) -> Outcome {
         let (reader, writer) = std::io::pipe().unwrap();
@@ -221,7 +221,7 @@ impl Folder {
         self.finish(self.command(line).stdout(writer))
     }
 
-    /// The command for the words of `line`, to be run here.
+    /// Returns the command for the arguments in `line`, in the folder.
     pub fn command(&self, line: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trainer"));
         command
@@ -230,14 +230,14 @@ impl Folder {
         command
     }
 
-    /// The same with this text on standard input.
+    /// Runs `trainer` with this text on standard input.
     pub fn run_with_input(&self, line: &str, input: &str) -> Outcome {
         self.write("standard-input", input);
         let input = std::fs::File::open(self.path("standard-input")).unwrap();
         self.finish(self.command(line).stdin(input))
     }
 
-    /// Runs a command to its end.
+    /// Runs a command to its end and checks the numbers in its output.
     pub fn finish(&self, command: &mut Command) -> Outcome {
         let output = command.output().unwrap();
         let words: Vec<_> = command
@@ -255,7 +255,7 @@ impl Folder {
         } else {
             check_text(&outcome.line, &outcome.stdout);
         }
-        // An error quotes what was read.
+        // An error quotes input, so only successful runs are checked.
         if outcome.code == Some(0) {
             check_text(&outcome.line, &outcome.stderr);
         }
@@ -263,14 +263,14 @@ impl Folder {
     }
 }
 
-/// A file of `tests/data`.
+/// Returns a file of `tests/data`.
 pub fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../tests/data")
         .join(name)
 }
 
-/// One of the simulated sets (`train`, `test1`, `test2`, `test3`), its header and first `poses` rows.
+/// Returns one of the simulated sets (`train`, `test1`, `test2`, `test3`), its header and first `poses` rows.
 pub fn simulated(set: &str, poses: usize) -> String {
     let path = data(&format!("simulated/irb4400_paper_s0_{set}.csv"));
     let text = std::fs::read_to_string(path).unwrap();
@@ -278,7 +278,7 @@ pub fn simulated(set: &str, poses: usize) -> String {
     lines.join("\n") + "\n"
 }
 
-/// `csv` with every row passed through `change`: the fields, and the names of the columns.
+/// Returns `csv` with every row passed through `change`, which gets the names of the columns and the fields.
 pub fn changed(csv: &str, mut change: impl FnMut(&[&str], &mut Vec<String>)) -> String {
     let mut lines = csv.lines();
     let header = lines.next().unwrap();
@@ -293,7 +293,7 @@ pub fn changed(csv: &str, mut change: impl FnMut(&[&str], &mut Vec<String>)) -> 
     out
 }
 
-/// `csv` without the columns `dropped`.
+/// Returns `csv` without the columns `dropped`.
 pub fn without(csv: &str, dropped: &[&str]) -> String {
     let names: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
     let mut out = String::new();
@@ -310,7 +310,7 @@ pub fn without(csv: &str, dropped: &[&str]) -> String {
     out
 }
 
-/// `csv` with `field` in column `name` of the row on line `line` (from 1, the header's).
+/// Returns `csv` with `field` in column `name` of line `line` (from 1, the header).
 pub fn with_field(csv: &str, line: usize, name: &str, field: &str) -> String {
     let mut at = 1;
     changed(csv, |names, fields| {

@@ -1,8 +1,8 @@
-//! `trainer correct` of robot programs: configurations of the arm, files of the controller beside a job, pulses, and a dry run.
+//! `trainer correct` of robot programs: arm configurations, controller files beside a job, pulses, and a dry run.
 
 use crate::programs::{code, file, folder, numbers_after, skeleton};
 use crate::texts::texts;
-/// A configuration that no solution has is refused, with no file; one of another branch changes what is written.
+/// A configuration without a solution is refused and no file is written; one of another branch changes what is written.
 #[test]
 fn a_configuration_chooses_the_branch() {
     let _texts = texts();
@@ -18,7 +18,7 @@ fn a_configuration_chooses_the_branch() {
         folder.refuses(format!("correct elas.blob {name} {rest} --out out_{name}"));
         assert!(!folder.path(&format!("out_{name}")).exists());
     }
-    // The third position is on the other side of the wrist: an arc, whose way there is not looked at.
+    // The third position is on the other side of the wrist. It is an arc, whose path is not examined.
     for (name, from, to) in [
         ("part.ls", "'N U T, 0, 0, 0'", "'F U T, 0, 0, 0'"),
         (
@@ -54,7 +54,7 @@ fn a_configuration_chooses_the_branch() {
     }
 }
 
-/// Condition files of the controller beside a job have the numbers that a frame file would have, the weight of the tool too.
+/// Condition files of the controller beside a job replace a frame file, including the weight of the tool.
 #[test]
 fn tools_and_frames_of_a_job_are_in_the_files_beside_it() {
     let folder = folder();
@@ -89,7 +89,7 @@ fn tools_and_frames_of_a_job_are_in_the_files_beside_it() {
         .map(|f| f["from"].as_str().unwrap())
         .collect();
     assert_eq!(from, ["./tool.cnd", "./UFRAME.CND", "the controller"]);
-    // Named files need not be beside it.
+    // Files that are named need not be beside the job.
     std::fs::create_dir(folder.path("cnd")).unwrap();
     for name in ["tool.cnd", "UFRAME.CND"] {
         std::fs::rename(folder.path(name), folder.path(&format!("cnd/{name}"))).unwrap();
@@ -101,7 +101,7 @@ fn tools_and_frames_of_a_job_are_in_the_files_beside_it() {
     assert!(folder.read("three.jbi") == folder.read("two.jbi"));
 }
 
-/// Variables of a Fanuc controller beside a listing have the numbers that a frame file would have; weights are in that alone.
+/// Variables of a Fanuc controller beside a listing replace a frame file, except for weights, which only the frame file has.
 #[test]
 fn tools_and_frames_of_a_listing_are_in_the_variables_beside_it() {
     let folder = folder();
@@ -129,7 +129,7 @@ fn tools_and_frames_of_a_listing_are_in_the_variables_beside_it() {
     assert!(folder.read("four.ls") == folder.read("two.ls"));
 }
 
-/// All is printed and nothing written but what is asked for by name.
+/// A dry run prints everything and writes only what is asked for by name.
 #[test]
 fn a_dry_run_writes_no_program() {
     let folder = folder();
@@ -150,7 +150,8 @@ fn a_dry_run_writes_no_program() {
     assert!(dry.stderr.contains("would be corrected"), "{dry:#?}");
 }
 
-/// With the pulses of a degree, joints of a job are those of other languages to half a pulse; a wrong number of them is left.
+/// With the pulses of a degree, the joints of a job equal those of other languages within a pulse. A position with a wrong
+/// number of axes is left uncorrected.
 #[test]
 fn pulses_are_joints_once_a_degree_is_known() {
     let folder = folder();
@@ -191,7 +192,7 @@ fn pulses_are_joints_once_a_degree_is_known() {
     }
     assert!(skeleton(text.as_bytes()).1 == skeleton(job.as_bytes()).1);
     assert_eq!(text.matches('.').count(), job.matches('.').count());
-    // Not known, they are left; the model that corrects nothing gives every byte back.
+    // Without that number, pulses are left; the model that corrects nothing gives every byte back.
     let outcome = run("a.jbi --out b.jbi");
     assert!(outcome.stderr.contains("pulses_per_degree"), "{outcome:#?}");
     let line = "correct base.blob a.jbi --payload-kg 1 --frames pulses.toml --out c.jbi";

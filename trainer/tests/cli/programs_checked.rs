@@ -1,4 +1,4 @@
-//! `trainer check --programs`: records of corrected programs against a model.
+//! `trainer check --programs`: compares the records of corrected programs with a model.
 
 use poegp_protocol::limits::MAX_JOINTS;
 
@@ -10,7 +10,7 @@ use crate::texts::texts;
 const ONE: &str = "MODULE One\n  PERS tooldata gun:=[TRUE,[[30,-45,210],[0.97629601,0.21643961,0,0]],[2.5,[0,0,15],[1,0,0,0],0,0,0]];\n  \
     PROC main()\n    MoveAbsJ [[12.5,20.25,-4.125,-18.5,48,31.75],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,fine,gun;\n  ENDPROC\nENDMODULE\n";
 
-/// One program corrected by another model, one by the model of the check, one brought back, and a longer one.
+/// Returns programs corrected by another model, corrected by the model of the check, and brought back; and a longer one.
 fn checked() -> Folder {
     let folder = folder();
     folder.write("fresh.csv", simulated("test2", 20));
@@ -34,7 +34,7 @@ fn checked() -> Folder {
     folder
 }
 
-/// The move is that between the commands in the files of both models, by the model of the check.
+/// The stated move is the distance between the commands that both models write, according to the model of the check.
 #[test]
 fn programs_of_another_model_are_named_with_their_moves() {
     let _texts = texts();
@@ -49,7 +49,7 @@ fn programs_of_another_model_are_named_with_their_moves() {
         let is_it = |p: &&serde_json::Value| p["program"] == format!("out/{name}");
         programs.iter().find(is_it).unwrap()
     };
-    // part.src has a data list, which was corrected with it.
+    // part.src counts once more for its data list, which was corrected with it.
     assert_eq!(programs.len(), 5);
     for (name, by_this_model, is_brought_back) in [
         ("one.mod", false, false),
@@ -85,7 +85,7 @@ fn programs_of_another_model_are_named_with_their_moves() {
     assert_eq!((&one["targets"], &one["compared"]), (&1.into(), &1.into()));
     assert!(folder.text("a.html").contains("Corrected programs"));
 
-    // A file that somebody changed, and one that is gone.
+    // A file that somebody changed, and one that is missing.
     folder.write("out/one.mod", "MODULE One\nENDMODULE\n");
     std::fs::remove_file(folder.path("out/two.mod")).unwrap();
     folder

@@ -1,12 +1,12 @@
 //! `trainer correct` of robot programs: a target is corrected only if tool, frame, payload, displacement and the target itself
-//! are certain on every way through the program.
+//! are certain on every path through the program.
 
 use serde_json::Value;
 
 use crate::program::Folder;
 use crate::programs::{file, folder, numbers_after};
 
-/// A run of `correct` on a program: the number of corrected targets, and the reasons for those that are left.
+/// Corrects a program. Returns the number of corrected targets, and the reasons for those that are left.
 fn run(folder: &Folder, name: &str, text: &str, rest: &str) -> (u64, String) {
     folder.write(name, text);
     let rest = if rest.is_empty() {
@@ -47,7 +47,8 @@ fn check(
     }
 }
 
-/// The statements and routines that follow `main` of a module with two points, two tools and a work object.
+/// Returns a module with two points, two tools and a work object; `part` has the statements and routines that follow
+/// `main`.
 fn module(part: &str) -> String {
     let text = String::from_utf8_lossy(&file("part.mod")).replace("\r\n", "\n");
     let line = |start: &str| text.lines().find(|line| line.contains(start)).unwrap();
@@ -82,7 +83,7 @@ fn modules_are_followed_on_every_way() {
     let set = |value: &str| format!("PROC MoveB()\ntable.uframe:={value};\nENDPROC");
     let cases = [
         (go.to_owned(), 2, ""),
-        // Displacements hold in called routines, and end with PDispOff.
+        // Displacements also apply in called routines, and end with PDispOff.
         (
             format!("PDispSet [[0,9,0],[1,0,0,0]];\nWeld;\nPDispOff;\n{weld}"),
             1,
@@ -153,13 +154,13 @@ fn modules_are_followed_on_every_way() {
             1,
             "p10",
         ),
-        // A point of a certain move and of another one.
+        // A point that both a certain move and a move with an uncertain frame use.
         (
             format!("{go}\nPDispOn p10,gun;\n{go}\nPDispOff;"),
             1,
             "and is left as it is",
         ),
-        // A routine of the program, and an instruction that describes a trigger, are no motions.
+        // A call of the program's own routine and an instruction that defines a trigger are no motions.
         (
             format!("TriggEquip on,10,0.1\\DOp:=do1,1;\nMoveHome;\n{go}\nPROC MoveHome()\nENDPROC"),
             2,
@@ -169,7 +170,7 @@ fn modules_are_followed_on_every_way() {
     check(&folder, &cases, "a.mod", "", module);
 }
 
-/// What a module declares as local is its own.
+/// Data that a module declares as local belong to that module only.
 #[test]
 fn local_data_are_of_their_module() {
     let folder = folder();
@@ -195,7 +196,7 @@ fn local_data_are_of_their_module() {
     assert!(run("--with c.mod --with b.mod") == run("--with b.mod"));
 }
 
-/// A source of two routines with tools and bases as in `part.src`.
+/// Returns a source of two routines, with the tools and bases of `part.src`.
 fn source(part: &str) -> String {
     let (main, rest) = part.split_once("DEF ").unwrap_or((part, "OTHER( )"));
     format!(
@@ -257,7 +258,7 @@ fn sources_are_followed_on_every_way() {
         (format!("PTP $AXIS_ACT\n{go}:{{Z 5}}"), 1, "computed"),
     ];
     check(&folder, &cases, "a.src", "", source);
-    // The base of one motion is that of no other.
+    // The base of one motion does not apply to another.
     let x = |part: &str| {
         run(&folder, "b.src", &source(part), "");
         numbers_after(&folder.read("out_b.src"), "LIN {X ", 1)[0]
@@ -271,7 +272,7 @@ fn sources_are_followed_on_every_way() {
     );
 }
 
-/// Each module has the points and frame data of its own list.
+/// Each module uses the points and frames of its own data list.
 #[test]
 fn modules_of_krl_have_their_own_points() {
     let folder = folder();
@@ -308,7 +309,7 @@ fn modules_of_krl_have_their_own_points() {
 const TCP: &str = "set_tcp(p[0.03, -0.045, 0.21, 0.436332, 0, 0])\n";
 const POINT: &str = "p[1.492296, 0.156780, 0.895801, 0.331928, 2.688217, -0.739401]";
 
-/// A script with a tool, joints, and a feature.
+/// Returns a script with a tool, joints, and a feature.
 fn script(part: &str) -> String {
     format!(
         "def A():\n{TCP}set_payload(1)\nmovej([0.218166, 0.353429, -0.071995, -0.322886, 0.837758, 0.554142])\n\
@@ -323,7 +324,7 @@ fn scripts_are_followed_on_every_way() {
     let (go, own) = ("movel(q)", format!("def f():\n{long}\nend"));
     let cases = [
         (go.to_owned(), 2, ""),
-        // A feature that is a target moves its offsets, whichever comes first.
+        // A feature that is also a target moves its offsets, whichever comes first.
         (
             format!("movel(pose_trans(q, p[0,0,-0.05,0,0,0]))\n{go}"),
             2,
@@ -360,7 +361,7 @@ fn scripts_are_followed_on_every_way() {
             1,
             "the controller moves it",
         ),
-        // Joints near the wanted ones.
+        // The joints of `qnear` are computed at run time.
         (
             "movej(get_inverse_kin(q, qnear=get_target_joint_positions()))".to_owned(),
             1,
@@ -389,7 +390,7 @@ fn scripts_are_followed_on_every_way() {
     );
 }
 
-/// The joints of `qnear` choose the branch: with those of the other way of the wrist, other joints have another correction.
+/// The joints of `qnear` determine the branch: with the wrist turned the other way, the joints and the correction differ.
 #[test]
 fn qnear_chooses_the_branch() {
     let folder = folder();
@@ -406,7 +407,7 @@ fn qnear_chooses_the_branch() {
     assert_ne!(near, flipped);
 }
 
-/// A pose in two features is the pose in both of them together.
+/// A pose in a feature that is in another feature is transformed by both.
 #[test]
 fn features_stand_in_features() {
     let folder = folder();
@@ -426,7 +427,7 @@ fn features_stand_in_features() {
     }
 }
 
-/// Points, tools and frames that a program changes are left; a comparison changes nothing.
+/// Points, tools and frames that a program changes are left uncorrected; a comparison is not a change.
 #[test]
 fn data_that_a_val3_program_changes_are_left() {
     let folder = folder();
@@ -468,7 +469,7 @@ fn data_that_a_val3_program_changes_are_left() {
     }
 }
 
-/// Apostrophes and brackets in remarks and names begin nothing.
+/// Apostrophes and brackets in remarks and names do not begin a string or an argument.
 #[test]
 fn remarks_of_a_listing_hide_no_instruction() {
     let folder = folder();

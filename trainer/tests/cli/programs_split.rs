@@ -1,12 +1,12 @@
-//! `trainer correct --split`: targets that are inserted on lines bring the real tool back to the line, taking them out brings
-//! back the program, and where it is not certain how the arm comes to a line nothing is inserted.
+//! `trainer correct --split`: targets inserted on lines keep the real tool on the line, and removing them gives back the
+//! program. Nothing is inserted where it is not certain how the arm reaches the start of a line.
 
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::program::Folder;
 use crate::programs::{commander, file, folder, numbers_after, pose, skeleton};
 
-/// Three lines, one after the other, instead of the arc and the loop.
+/// Returns the program with three consecutive lines in place of the arc and the loop.
 fn lines() -> String {
     let text = String::from_utf8_lossy(&file("part.mod")).into_owned();
     let (start, end) = (
@@ -17,7 +17,7 @@ fn lines() -> String {
     format!("{}{lines}{}", &text[..start], &text[end..])
 }
 
-/// Where in a file instructions were inserted, by its record.
+/// Returns the places in a file where instructions were inserted, according to its record.
 fn inserted(folder: &Folder, name: &str) -> Vec<(usize, usize)> {
     let record = folder.json(&format!("{name}.poegp.json"));
     let all = record["inserted"].as_array().cloned().unwrap_or_default();
@@ -25,7 +25,7 @@ fn inserted(folder: &Folder, name: &str) -> Vec<(usize, usize)> {
     all.iter().map(|s| (number(&s[0]), number(&s[1]))).collect()
 }
 
-/// The pose at a share of the way between two.
+/// Returns the pose at a share of the way between two poses.
 fn on_line(a: &Pose<f64>, b: &Pose<f64>, share: f64) -> Pose<f64> {
     let turned = (a.inverse() * *b).log().angular * share;
     let turn = Pose::exp(&Twist {
@@ -38,7 +38,8 @@ fn on_line(a: &Pose<f64>, b: &Pose<f64>, share: f64) -> Pose<f64> {
     }
 }
 
-/// The largest distance of the real tool from a wanted line while the controller goes straight between written poses.
+/// Returns the largest distance of the real tool from the wanted line while the controller moves straight between the
+/// written poses.
 fn largest(folder: &Folder, wanted: [&Pose<f64>; 2], written: &[Pose<f64>]) -> f64 {
     let commander = commander(folder, "elas.blob");
     let tool = pose(&numbers_after(&file("part.mod"), "gun:=[TRUE,", 7));
@@ -100,11 +101,11 @@ fn inserted_targets_keep_the_real_tool_on_its_line() {
         document["split"]["targets"].as_u64().unwrap() as usize
     );
     assert!(count >= 2, "{document}");
-    // A line of its own with its indentation, and within a line a blank.
+    // An inserted target has its own line and indentation, or a blank if it is within a line.
     assert!(text(&spans[0]).ends_with(",v200,z1,gun\\WObj:=table;\r\n      "));
     assert!(text(spans.last().unwrap()).ends_with(",v200,fine,gun\\WObj:=table; "));
 
-    // By another way than the program's: the arm along the lines between the written targets.
+    // Recomputed without the program: the arm on the lines between the written targets.
     let of = |bytes: &[u8], start: &str| {
         let base = pose(&numbers_after(&file("part.mod"), "TRUE,\"\",", 7));
         base * pose(&numbers_after(bytes, start, 7))
@@ -126,7 +127,7 @@ fn inserted_targets_keep_the_real_tool_on_its_line() {
         );
     }
 
-    // Without what was inserted it is the program that is not split; a tolerance that all lines keep splits none.
+    // Without the insertions it is the program that was not split. With a tolerance that all lines meet, none is split.
     let mut rest = split.clone();
     for (start, end) in spans.iter().rev() {
         rest.drain(*start..*end);
@@ -137,7 +138,7 @@ fn inserted_targets_keep_the_real_tool_on_its_line() {
     assert!(inserted(&folder, "wide.mod").is_empty());
 }
 
-/// A time of 0 is none, and a time is one of the whole line.
+/// A time of 0 counts as no time; any other time belongs to the whole line, which is not split.
 #[test]
 fn a_line_with_a_time_of_its_own_is_not_split() {
     let folder = folder();
@@ -160,7 +161,7 @@ fn a_line_with_a_time_of_its_own_is_not_split() {
     }
 }
 
-/// In the three languages; a model that corrects nothing inserts nothing.
+/// In three languages, `--inverse` gives the program back; a model that corrects nothing inserts nothing.
 #[test]
 fn a_split_program_comes_back() {
     let folder = folder();
@@ -173,7 +174,7 @@ fn a_split_program_comes_back() {
         let outcome = folder.run(&format!(
             "correct elas.blob {name} --payload-kg 2.5 --split 0.01 --json - --out out/{name}"
         ));
-        // Its arcs are left.
+        // The arcs are left.
         assert_eq!(
             outcome.code,
             Some(i32::from(name != "lines.mod")),
@@ -201,8 +202,8 @@ fn a_split_program_comes_back() {
     }
 }
 
-/// Behind a condition, a call, a label or an unknown instruction, with a time of its own, with a trigger, for an element of an
-/// array that is computed: each line is named, and none has targets inserted.
+/// Lines after a condition, a call, a label or an unknown instruction, with a time of their own, with a trigger, or to a
+/// computed element of an array: each is named, and none gets inserted targets.
 #[test]
 fn lines_whose_start_is_not_certain_are_named() {
     let folder = folder();
@@ -231,7 +232,7 @@ fn lines_whose_start_is_not_certain_are_named() {
         let written = folder.read(&format!("out_{name}"));
         for (start, end) in inserted(&folder, &format!("out_{name}")) {
             let text = String::from_utf8_lossy(&written[start..end]).into_owned();
-            // The lines around it alone.
+            // Only the lines before and after it are split.
             assert!(
                 text.contains("fine") || text.contains("[0,-1,0,0]"),
                 "{middle}: {text}"

@@ -1,4 +1,4 @@
-//! Project files: the same bytes as the command line, years later; what does not fit is refused with its place.
+//! Project files give the same bytes as the command line, years later; what does not fit is refused with its place.
 
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
@@ -38,12 +38,12 @@ fn the_same_bytes_years_later() {
     // The command line overrides the file, and a note lists each override.
     let line = "calibrate projects/project.toml --out other.blob --method poe";
     folder.run(line).ok().said();
-    // A key with another default, and a key that the file does not have.
+    // An override of a key with another default, and of a key that the file does not have.
     let line = "calibrate projects/project.toml --method poe --no-variance --max-correction-mrad 9 --json -";
     let outcome = folder.run(&format!("{line} --out other.blob")).ok().said();
     assert!(outcome.json()["repeats"].is_null());
     assert_eq!(folder.read("arm.blob"), blob);
-    // A file written from a file is the same file.
+    // A project file that is written from a project file is the same file.
     folder
         .run("calibrate projects/project.toml --write-project projects/again.toml")
         .ok();
@@ -73,7 +73,7 @@ fn another_trainer_and_another_blob_are_said() {
     assert_eq!(folder.json("facts.json")["repeats"], true);
 }
 
-/// The least that a file has to have; the blob's place can be typed.
+/// The smallest project file; the blob's path can be on the command line.
 #[test]
 fn a_small_file_is_enough() {
     let _texts = texts();

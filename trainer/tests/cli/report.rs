@@ -1,11 +1,11 @@
-//! The report: its numbers are those of the JSON document, it needs nothing but itself, and no name breaks out of it.
+//! The report: its numbers are those of the JSON document, it loads nothing, and names cannot inject markup.
 
 use serde_json::Value;
 
 use crate::program::{Folder, Outcome, SERIAL, changed, simulated, without};
 use crate::texts::texts;
 
-/// The `data` elements of a page: value, place in the JSON document, text.
+/// Returns the `data` elements of a page: value, JSON pointer, text.
 fn numbers(page: &str) -> Vec<(f64, String, String)> {
     let attribute = |tag: &str, name: &str| -> String {
         let begin = format!("{name}=\"");
@@ -22,7 +22,7 @@ fn numbers(page: &str) -> Vec<(f64, String, String)> {
     out
 }
 
-/// Every number of the page is the one of the document, rounded; returns how many there are.
+/// Asserts that every number on the page is the document's, rounded. Returns how many there are.
 #[track_caller]
 pub fn check_numbers(page: &str, document: &Value) -> usize {
     let numbers = numbers(page);
@@ -32,14 +32,14 @@ pub fn check_numbers(page: &str, document: &Value) -> usize {
         let decimals = text.split_once('.').map_or(0, |(_, d)| d.len());
         let shown: f64 = text.parse().unwrap();
         let half = 0.5001 * 10f64.powi(-(decimals as i32));
-        // Shares are shown in per cent.
+        // Shares are shown in percent.
         let fits = (shown - value).abs() <= half || (shown - 100.0 * value).abs() <= half;
         assert!(fits, "{pointer}: {value} is shown as {text}");
     }
     numbers.len()
 }
 
-/// Complete, small, without network, with one script at most, its own; every element closed, no number that is none.
+/// Asserts that a page is complete, small, uses no network and at most its own script, closes its elements, and has no NaN.
 #[track_caller]
 pub fn check_page(page: &str) {
     const SCRIPT: &str = include_str!("../../src/report/script.js");
@@ -102,7 +102,7 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
     check_page(&page);
     assert!(check_numbers(&page, &document) > 60);
 
-    // The errors are those of the blob that was written, as another command finds them.
+    // The errors are those of the written blob, as another command computes them.
     let evaluated = folder
         .run("evaluate arm.blob test.csv --json -")
         .ok()
@@ -135,13 +135,12 @@ fn the_numbers_of_calibrate_are_those_of_the_document() {
         assert!(page.contains(file["sha256"].as_str().unwrap()), "{file}");
     }
 
-    // The same bytes again.
+    // A second run gives the same bytes.
     calibrate(&folder, "--method poe-gp-load --test test.csv").ok();
     assert_eq!(page, folder.text("report.html"));
 }
 
-/// The default model by cross-validation, with outliers, sessions and positions alone; what is unknown is said.
-/// The page of a calibration by touches: every kind in it, and its numbers those of the document.
+/// The page of a calibration by touches of every kind has the numbers of the document.
 #[test]
 fn the_numbers_of_touches_are_those_of_the_document() {
     let folder = Folder::new();
@@ -172,7 +171,7 @@ fn the_numbers_of_touches_are_those_of_the_document() {
     for file in files {
         assert!(page.contains(file["sha256"].as_str().unwrap()), "{file}");
     }
-    // Without a known distance the page says what stays unseen, in mm.
+    // Without a known distance, the page states in mm what stays undetermined.
     folder
         .run("simulate --robot ur10 --touch socket1 --touches 40 --seed 5 --out one")
         .ok();
@@ -189,6 +188,8 @@ fn the_numbers_of_touches_are_those_of_the_document() {
     }
 }
 
+/// Cross-validation of the default model gives held-out errors, which are larger than those of the training. The page states
+/// what is unknown.
 #[test]
 fn cross_validation_is_held_out_and_what_is_unknown_is_said() {
     let folder = Folder::new();
@@ -213,7 +214,7 @@ fn cross_validation_is_held_out_and_what_is_unknown_is_said() {
         (&held_out["folds"], &held_out["calibrated"]["poses"]),
         (&5.into(), &60.into())
     );
-    // Errors of the training would be smaller.
+    // Training errors would be smaller.
     let mean = |errors: &Value| errors["position_mm"]["mean"].as_f64().unwrap();
     assert!(mean(&held_out["calibrated"]) > mean(&document["training"]));
     let line = format!("compare --robot {SERIAL} train.csv --methods elastic --folds 5 --json -");
@@ -251,7 +252,7 @@ fn the_numbers_of_compare_are_those_of_the_document() {
         assert!(check_numbers(&page, &document) > 50);
         let held_out = &document["held_out"];
         assert_eq!(held_out["how"], how);
-        // Base and tool alone are there for comparison, and the page is about the best.
+        // Base and tool alone are there for comparison; the page is about the best model.
         assert_eq!(held_out["nominal"]["method"], "base-tool");
         assert_eq!(held_out["calibrated"]["method"], "poe-gp");
         if how == "cross-validation" {
@@ -263,7 +264,7 @@ fn the_numbers_of_compare_are_those_of_the_document() {
     folder.refuses(line);
 }
 
-/// Names that would break out of text, attributes and the SVG, in sessions, files, robot and serial number.
+/// Names in sessions, files, robot and serial number that try to break out of text, attributes and the SVG.
 #[test]
 fn hostile_names_stay_text() {
     let folder = Folder::new();
@@ -309,7 +310,7 @@ fn hostile_names_stay_text() {
     }
 }
 
-/// One pose, one payload, joints that do not move: sentences instead of plots, and nothing that breaks.
+/// With one pose, one payload and joints that do not move, the page has sentences in place of plots, and is valid.
 #[test]
 fn a_single_held_out_pose_has_a_page() {
     let folder = Folder::new();
@@ -350,7 +351,7 @@ fn what_cannot_be_reported_is_refused_before_the_work() {
     }
 }
 
-/// A check has its own headline; its numbers are those of its document.
+/// The page of a check has its own headline, and its numbers are those of the document.
 #[test]
 fn the_numbers_of_check_are_those_of_the_document() {
     let folder = Folder::new();
@@ -363,7 +364,7 @@ fn the_numbers_of_check_are_those_of_the_document() {
     folder.write("moved.csv", moved);
     let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
     folder.run(&line).ok();
-    // Errors, rate and what could be found; then also the drift and its parts.
+    // The errors, the rate and what could be found; in the other cases also the drift and its parts.
     for (file, code, said, numbers) in [
         ("fresh.csv", 0, "The calibration holds.", 18),
         ("moved.csv", 1, "The calibration does not hold.", 30),
@@ -381,8 +382,8 @@ fn the_numbers_of_check_are_those_of_the_document() {
     assert!(folder.text("check.html").contains("the base"));
 }
 
-/// A corrected program: its numbers are those of its document, every target stands there before and after, and all that is
-/// left with its reason. Names of the program stay text.
+/// The page of a corrected program has the numbers of its document, every target before and after, and a reason for each
+/// target that is left. Names of the program stay text.
 #[test]
 fn the_numbers_of_a_corrected_program_are_those_of_the_document() {
     let folder = Folder::new();
@@ -419,7 +420,7 @@ fn the_numbers_of_a_corrected_program_are_those_of_the_document() {
         assert!(page.contains(word), "{word}");
     }
     assert!(!page.contains("a<b>"));
-    // The same bytes again.
+    // A second run gives the same bytes.
     let first = page;
     let mut command = folder.command(&format!("correct arm.blob {rest}"));
     folder.finish(command.arg(name));

@@ -4,14 +4,14 @@ use serde_json::Value;
 
 use crate::program::{Folder, SERIAL, changed, data, simulated};
 
-/// The mean position error of a model on the first test set.
+/// Returns the mean position error of a model on the first test set.
 fn mean(document: &Value, model: &str) -> f64 {
     let models = document["methods"].as_array().unwrap();
     let found = models.iter().find(|m| m["method"] == model).unwrap();
     found["sets"][0]["position_mm"]["mean"].as_f64().unwrap()
 }
 
-/// Rows of a simulated set whose third joint is `q3 = q2 + q3_serial` or as it is.
+/// Returns rows of a simulated set whose third joint is the controller's, `q3 = q2 + q3_serial`, or the serial one.
 fn counted(set: &str, poses: usize, by_controller: bool) -> String {
     changed(&simulated(set, poses), |names, fields| {
         let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
@@ -23,7 +23,7 @@ fn counted(set: &str, poses: usize, by_controller: bool) -> String {
     })
 }
 
-/// A parallelogram arm is the serial one with other joint values.
+/// A parallelogram arm has the errors of the serial arm with other joint values.
 #[test]
 fn a_coupled_arm_has_the_errors_of_the_serial_one() {
     let folder = Folder::new();
@@ -43,18 +43,18 @@ fn a_coupled_arm_has_the_errors_of_the_serial_one() {
         );
         folder.run(&line).ok().json()
     };
-    // Outliers are kept: what is searched for them sees the controller's joints, too.
+    // Outliers are kept, because the search for outliers depends on the controller's joints as well.
     let (serial, coupled) = (run(SERIAL, "serial"), run("abb-irb4400", "coupled"));
     for model in ["base-tool", "poe"] {
         let (a, b) = (mean(&serial, model), mean(&coupled, model));
         assert!((a - b).abs() < 1e-4, "{model}: {a} {b}");
     }
-    // The process sees the controller's joints, another input: much the same, not the same.
+    // A process depends on the controller's joints, so its errors are similar but not equal.
     for model in ["poe-gp", "poe-gp-load"] {
         let (a, b) = (mean(&serial, model), mean(&coupled, model));
         assert!((a / b - 1.0).abs() < 0.2, "{model}: {a} {b}");
     }
-    // The blob takes the controller's joints, too, and knows by itself which they are.
+    // The blob takes the controller's joints too, and contains the coupling itself.
     let line = "calibrate --robot abb-irb4400 coupled_train.csv --method poe --outliers keep --out arm.blob";
     folder.run(line).ok();
     let document = folder
@@ -93,7 +93,7 @@ fn descriptions_of_one_arm_agree() {
     }
 }
 
-/// simulate → compare → calibrate → evaluate; every model is better than the one before.
+/// Runs simulate, compare, calibrate and evaluate; every model must be better than the one before.
 #[track_caller]
 fn from_end_to_end(folder: &Folder, robot: &str, joints: usize) {
     let line = format!(

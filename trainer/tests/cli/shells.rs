@@ -1,7 +1,7 @@
 //! The completions in the shells that load them, and the manual in the programs that show it.
 //!
-//! Each shell loads its script and is asked what it would offer: after every command, after `--`, and for every option
-//! whose values are known. What it offers is compared with the command line itself. What is not installed is NOT RUN.
+//! Each shell loads its script and completes: after every command, after `--`, and after every option with known values. The
+//! offers are compared with the definition of the command line. Shells that are not installed are NOT RUN.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
@@ -14,14 +14,14 @@ use crate::program::Folder;
 
 type Names = BTreeSet<String>;
 
-/// Whether there is a program; says NOT RUN otherwise.
+/// Returns whether a program is installed; prints NOT RUN if not.
 fn is_installed(program: &str, test: &str) -> bool {
     let found = Command::new("sh")
         .args(["-c", "command -v \"$1\"", "sh", program])
         .output()
         .is_ok_and(|output| output.status.success());
     if !found {
-        // Past what the test harness captures.
+        // Shown even when the test harness captures output.
         let _ = writeln!(
             std::io::stderr(),
             "NOT RUN: {test}, because {program} is not installed"
@@ -30,7 +30,7 @@ fn is_installed(program: &str, test: &str) -> bool {
     found
 }
 
-/// What must be offered for a typed line, whose last word is to be completed.
+/// A typed line whose last word is to be completed, and the expected offers.
 struct Question {
     line: String,
     expected: Names,
@@ -69,7 +69,7 @@ fn ask_of(command: &clap::Command, typed: &str, questions: &mut Vec<Question>) {
     }
 }
 
-/// Every question there is.
+/// Returns every question there is.
 fn questions() -> Vec<Question> {
     let mut command = Arguments::command();
     command.build();
@@ -78,8 +78,8 @@ fn questions() -> Vec<Question> {
     questions
 }
 
-/// Runs `program` in a folder with `script` and the typed lines in `lines`; the answers are in `answers`, those of each
-/// line behind `> line`. A shell that completes only at a terminal gets one.
+/// Runs `program` in a folder with `script` and the typed lines in `lines`. It writes to `answers`, where the offers for each
+/// line follow `> line`. A shell that completes only at a terminal gets one.
 fn answers(
     shell: &str,
     files: &[(&str, &str)],
@@ -123,7 +123,7 @@ fn answers(
 
 #[track_caller]
 fn compare(shell: &str, questions: &[Question], answers: &BTreeMap<String, Names>) {
-    // Two for each of more than 30 commands; elvish has no values of options.
+    // Two questions for each of more than 30 commands; the script for elvish does not complete values.
     assert!(questions.len() > 60, "{}", questions.len());
     for Question { line, expected } in questions {
         let found = answers.get(line);
@@ -136,7 +136,7 @@ fn bash_completes_commands_options_and_values() {
     if !is_installed("bash", "completions in bash") {
         return;
     }
-    // What readline does at a TAB: the function that `complete` has for the command, with the words and the last two.
+    // Does what readline does at a TAB: calls the function that `complete` has for the command.
     let script = r#"
 source ./_trainer
 [[ $(complete -p trainer) =~ -F\ ([^ ]+) ]]
@@ -159,7 +159,7 @@ fn zsh_completes_commands_options_and_values() {
     if !is_installed("zsh", "completions in zsh") || !is_installed("script", "completions in zsh") {
         return;
     }
-    // A terminal, the line editor and its completion as users have them. `compadd` receives what is offered.
+    // A terminal, the line editor and its completion as users have them. A replaced `compadd` receives the offers.
     let rc = r#"
 fpath=($PWD $fpath)
 autoload -Uz compinit && compinit -D -u
@@ -207,7 +207,7 @@ end <lines >answers
     compare("fish", &questions, &answers);
 }
 
-/// The script for elvish has no values of options.
+/// The script for elvish does not complete values of options.
 #[test]
 fn elvish_completes_commands_and_options() {
     if !is_installed("elvish", "completions in elvish")
@@ -215,7 +215,7 @@ fn elvish_completes_commands_and_options() {
     {
         return;
     }
-    // The completer hands over everything, of which elvish offers what begins with the last word.
+    // The completer returns everything; elvish offers what begins with the last word.
     let rc = r#"
 use str
 eval (slurp <./_trainer)
@@ -235,7 +235,7 @@ exit
     compare("elvish", &questions, &answers);
 }
 
-/// What `program` complains about in the manual pages.
+/// Returns the warnings of `program` about the manual pages.
 fn complaints(program: &[&str], folder: &Folder) -> Vec<String> {
     let names = folder.names();
     let pages = names.iter().filter(|name| name.ends_with(".1"));
@@ -263,7 +263,7 @@ fn the_manual_is_read_without_a_warning() {
         assert!(found.is_empty(), "{found:#?}");
     }
     if is_installed("mandoc", "the manual in mandoc") {
-        // clap_mangen breaks a line before and after the blank one above a list of values; both are skipped.
+        // clap_mangen puts line breaks around the blank line above a list of values; these two warnings are ignored.
         let harmless = ["br before sp", "br after sp"];
         let mut found = complaints(&["mandoc", "-T", "lint", "-W", "warning"], &folder);
         found.retain(|line| !harmless.iter().any(|end| line.ends_with(end)));

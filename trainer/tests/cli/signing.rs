@@ -1,9 +1,9 @@
-//! Keys and signatures: made, used, refused, and never shown.
+//! Keys and signatures: making, using and refusing them; secret keys are never shown.
 
 use crate::program::{Folder, Outcome, SERIAL, simulated};
 use crate::texts::texts;
 
-/// A blob and two pairs of keys.
+/// Returns a folder with a blob and two pairs of keys.
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 12));
@@ -15,7 +15,7 @@ fn folder() -> Folder {
     folder
 }
 
-/// Ended with exit code 1, and said why.
+/// Asserts exit code 1 with a reason.
 #[track_caller]
 fn not_verified(outcome: Outcome) {
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
@@ -54,7 +54,7 @@ fn keys_are_made_once_and_never_shown() {
         let mode = |name| folder.path(name).metadata().unwrap().permissions().mode() & 0o777;
         assert_eq!(mode("cell.7.key"), 0o600);
     }
-    // Neither is overwritten, and no half of a pair is made.
+    // Neither file is overwritten, and no half of a pair is made.
     folder.refuses("keys new --out cell.7");
     std::fs::remove_file(folder.path("cell.7.key")).unwrap();
     folder.refuses("keys new --out cell.7");
@@ -72,7 +72,7 @@ fn a_signed_blob_is_verified_and_read_as_before() {
     assert_eq!(signed.len(), plain.len() + 80);
     let verified = folder.run("verify signed.blob --public-key ours.pub").ok();
     assert!(verified.stdout.contains(&key_id(&folder, "ours")));
-    // The model is the same for every other command.
+    // Every other command reads the same model.
     for blob in ["arm", "signed"] {
         let line = format!("evaluate {blob}.blob train.csv --predictions {blob}.csv");
         folder.run(&line).ok();
@@ -97,7 +97,7 @@ fn a_signed_blob_is_verified_and_read_as_before() {
     );
 }
 
-/// In place, again, and by another key: always one signature, and always the same by the same key.
+/// Signing in place, again, or by another key always leaves one signature, and the same key always makes the same one.
 #[test]
 fn signing_again_replaces_the_signature() {
     let _texts = texts();
@@ -140,7 +140,7 @@ fn what_is_not_signed_by_the_key_is_not_verified() {
         assert_eq!(verify("changed.blob").code, Some(1), "byte {at}");
     }
     not_verified(verify("train.csv"));
-    // Bad input is something else.
+    // Bad input has another exit code.
     for line in [
         "none.blob --public-key ours.pub",
         "signed.blob --public-key none.pub",

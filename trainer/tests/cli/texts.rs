@@ -1,6 +1,6 @@
-//! The texts of the program, kept as files: `texts/{file}/{test}.txt` has what a test was answered, command by command.
+//! The program's messages, kept as files: `texts/{file}/{test}.txt` has the answers to the commands of a test.
 //!
-//! `POEGP_BLESS=1 cargo test -p poegp-trainer --test cli` writes them; read the difference before it is committed.
+//! `POEGP_BLESS=1 cargo test -p poegp-trainer --test cli` rewrites them; read the difference before you commit it.
 
 use std::cell::RefCell;
 use std::fmt::Write as _;
@@ -17,7 +17,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/texts")
 }
 
-/// What the program answers in this test; compared with the test's file at its end.
+/// The answers of the program in this test, compared with the test's file when dropped.
 pub struct Texts(());
 
 /// Begins a test whose answers are compared.
@@ -48,7 +48,7 @@ impl Drop for Texts {
     }
 }
 
-/// Adds a command and its answer, unless another command was answered so before.
+/// Adds a command and its answer, unless another command had the same answer.
 #[track_caller]
 pub fn record(line: &str, answer: &str) {
     TRANSCRIPT.with_borrow_mut(|transcript| {
@@ -62,7 +62,7 @@ pub fn record(line: &str, answer: &str) {
     });
 }
 
-/// Whether a word differs from run to run: a checksum, a key, the name of a temporary file.
+/// Returns whether a word differs from run to run: a checksum, a key, or the name of a temporary file.
 fn is_arbitrary(word: &str) -> bool {
     let is_hex = word.chars().all(|c| c.is_ascii_hexdigit());
     is_hex && matches!(word.len(), 8 | 16 | 64) || word.starts_with(".tmp")
@@ -73,8 +73,8 @@ fn is_number(word: &str) -> bool {
     word.starts_with(|c: char| c.is_ascii_digit()) && word.parse::<f64>().is_ok()
 }
 
-/// `text` with `#` for what differs from run to run and, with `numbers`, for numbers and with columns that do not depend
-/// on their width: what a fit finds differs between machines in its last digits. Quoted lines of files stay.
+/// Returns `text` with `#` for what differs from run to run. With `numbers`, also for numbers, and with columns that do not
+/// depend on their width, because the last digits of a fit differ between machines. Quoted lines of files stay.
 pub fn masked(text: &str, numbers: bool) -> String {
     let mut out = String::new();
     for line in text.split_inclusive('\n') {
@@ -100,7 +100,7 @@ pub fn masked(text: &str, numbers: bool) -> String {
     out
 }
 
-/// Every file belongs to a test that writes it.
+/// Every text file belongs to a test that writes it.
 #[test]
 fn no_text_is_left_over() {
     for entry in walk(&folder()) {

@@ -1,4 +1,4 @@
-//! Sessions, several targets, positions alone: the tool frames that a file asks for.
+//! Sessions, several targets, and positions alone: the tool frames that a file needs.
 
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
@@ -10,7 +10,7 @@ use crate::texts::texts;
 
 const ORIENTATION: [&str; 4] = ["qw", "qx", "qy", "qz"];
 
-/// `train` and `test` poses of a small cell.
+/// Measures `train` and `test` poses of a small cell.
 fn measured(train: usize, test: usize) -> (Robot, Vec<SimulatedPose>, Vec<SimulatedPose>) {
     let robot = Robot::load(SERIAL, &LoadOptions::default()).unwrap();
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &[1.0, 3.0, 6.0], 5);
@@ -19,7 +19,7 @@ fn measured(train: usize, test: usize) -> (Robot, Vec<SimulatedPose>, Vec<Simula
     (robot, train, test)
 }
 
-/// Where tool `i` is, seen from the first: decimetres and a large turn.
+/// Returns the pose of tool `i` relative to the first: decimetres away, with a large rotation.
 fn tool(i: usize) -> Pose<f64> {
     let i = i as f64;
     Pose::exp(&Twist::from_array(&[
@@ -32,7 +32,7 @@ fn tool(i: usize) -> Pose<f64> {
     ]))
 }
 
-/// A file whose rows are of tool `of(row)`, named `names[…]` in a column `column`.
+/// Returns a file whose row `i` has tool `of(i)`, named by `names` in column `column`.
 fn with_tools(
     robot: &Robot,
     poses: &[SimulatedPose],
@@ -62,7 +62,7 @@ fn with_tools(
     out
 }
 
-/// `csv` of `to_csv` without its comment.
+/// Returns positions of a `to_csv` text, without its comment.
 fn positions(csv: &str) -> String {
     without(csv.split_once('\n').unwrap().1, &ORIENTATION)
 }
@@ -71,7 +71,7 @@ fn position(set: &Value) -> f64 {
     set["position_mm"]["mean"].as_f64().unwrap()
 }
 
-/// Evaluates and returns the one set of the document.
+/// Evaluates a file and returns the only set of the document.
 #[track_caller]
 fn evaluated(folder: &Folder, file: &str, flags: &str) -> Value {
     let line = format!("evaluate arm.blob {file} {flags} --json -");
@@ -132,7 +132,7 @@ fn several_targets_on_one_tool() {
     assert!(set.get("orientation_mrad").is_none());
 }
 
-/// Two sessions in one calibration, and a third that the blob does not know.
+/// A calibration of two sessions, and a third session that the blob does not contain.
 #[test]
 fn sessions() {
     let _texts = texts();
@@ -158,7 +158,7 @@ fn sessions() {
             set["orientation_mrad"]["mean"].as_f64().unwrap() < 0.3,
             "{set}"
         );
-        // What the blob knows is not fitted again.
+        // A session that the blob contains is not fitted again.
         let again = evaluated(&folder, known, &format!("--fit-tool {ROWS}"));
         assert_eq!(again, set);
     }
@@ -175,7 +175,7 @@ fn sessions() {
         set["orientation_mrad"]["mean"].as_f64().unwrap() < 0.4,
         "{set}"
     );
-    // Every row is predicted, those that the tool was fitted to as well.
+    // Every row is predicted, including those that the tool was fitted to.
     assert_eq!(folder.text("out.csv").lines().count(), 61);
     for rows in ["60", "1000"] {
         let line = format!("evaluate arm.blob friday --fit-tool {rows} --json -");
@@ -184,7 +184,7 @@ fn sessions() {
     folder.refuses("evaluate arm.blob friday --fit-tool 0 --json -");
 }
 
-/// A tool that was changed without a word: far off without `--fit-tool`, where the file cannot say so.
+/// A remounted tool without a new session name gives large errors unless `--fit-tool` is used; the file cannot show the cause.
 #[test]
 fn a_tool_that_was_changed() {
     let folder = Folder::new();
@@ -226,6 +226,6 @@ fn too_few_rows() {
         ));
     };
     calibrate(to_csv(&robot, &train[..5], false, ""));
-    // Three equations a pose instead of six.
+    // Positions give three equations for each pose in place of six.
     calibrate(positions(&to_csv(&robot, &train[..11], false, "")));
 }

@@ -1,4 +1,4 @@
-//! Touches without a tracker: simulated, planned and imported, and what is refused of them.
+//! Touch files: simulated, planned and imported ones, and what is refused.
 
 use std::path::Path;
 
@@ -8,14 +8,14 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use crate::program::{Folder, changed};
 use crate::texts::texts;
 
-/// A touch file as every command reads it, with NAME.toml beside NAME.csv.
+/// Reads a touch file as every command does, with NAME.toml beside NAME.csv.
 fn touches(folder: &Folder, name: &str, robot: &str) -> TouchSet {
     let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
     let read = TouchSet::read(Path::new(&folder.path(name)), None, &robot);
     read.unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Every kind in one file, and the truth to score with.
+/// A simulated file has every kind of touch, and comes with the truth for scoring.
 #[test]
 fn simulated_touches_are_a_touch_file() {
     let _texts = texts();
@@ -39,7 +39,7 @@ fn simulated_touches_are_a_touch_file() {
         .refused();
 }
 
-/// The rows of a plan are touches of its features, and what is expected of them is less than of random ones.
+/// The rows of a plan are touches of its features, and their expected error is smaller than that of random ones.
 #[test]
 fn planned_touches_are_a_touch_file() {
     let _texts = texts();
@@ -57,7 +57,7 @@ fn planned_touches_are_a_touch_file() {
         mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("drawing_mm"),
         "{plan}"
     );
-    // A plate is no socket.
+    // A plan for a plate is not one for a socket.
     folder
         .run("simulate --robot ur10 --touch-plan touches.csv --out t")
         .refused();
@@ -84,12 +84,12 @@ fn planned_touches_are_a_touch_file() {
     plan("--touch socket=600,100,500 --payloads 1").refused();
 }
 
-/// Folders as MUKCa writes them: a place with two holes, and a folder of places.
+/// Imports folders as MUKCa writes them: a placement with two holes, and a folder of placements.
 #[test]
 fn folders_of_sockets_are_imported() {
     let _texts = texts();
     let folder = Folder::new();
-    // The same ball, driven to two sockets of two places by hand: joints in radians, as numpy saves them.
+    // A ball driven by hand to two sockets of two placements: joints in radians, as numpy saves them.
     let simulated = "simulate --robot ur10 --touch socket2 --touches 12 --seed 5 --out t";
     folder.run(simulated).ok();
     let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();
@@ -127,7 +127,10 @@ fn folders_of_sockets_are_imported() {
     assert_eq!(names, ["front/0", "front/1"]);
     for (row, before) in one.rows.iter().zip(&set.rows) {
         for (q, known) in row.joints.iter().zip(&before.joints) {
-            assert!((q - known).abs() < 1e-15, "the digits of the file");
+            assert!(
+                (q - known).abs() < 1e-15,
+                "the joints must have the digits of the file"
+            );
         }
     }
     let import = |what: &str| folder.run(&format!("import {what} --out x.csv"));
@@ -143,7 +146,7 @@ fn folders_of_sockets_are_imported() {
     assert!(!folder.names().contains(&"x.csv".to_owned()));
 }
 
-/// Whatever reads a touch file refuses it with file, line and column of either file, and writes nothing.
+/// A bad touch file or features file is refused with file, line and column, and nothing is written.
 #[test]
 fn touch_files_are_refused_with_their_place() {
     let _texts = texts();
@@ -170,8 +173,8 @@ fn touch_files_are_refused_with_their_place() {
     folder.refuses("simulate --robot ur10 --touch-plan alone.csv --out out");
 }
 
-/// Bad touches are bad input of `calibrate`: exit code 2 with file, line and column, and nothing is written. What the touches do
-/// not tell is refused as data: exit code 3, and no model either.
+/// `calibrate` refuses bad touches with exit code 2, file, line and column. Touches that do not determine the arm are refused
+/// with exit code 3. Neither writes a model.
 #[test]
 fn touches_are_refused_before_a_model_is_written() {
     let _texts = texts();
@@ -187,7 +190,7 @@ fn touches_are_refused_before_a_model_is_written() {
         csv.replace(second, &second.replace("socket/0", "hole")),
     );
     folder.refuses(format!("{calibrate} bad.csv --features t/touches.toml"));
-    // A distance that is 8 mm off: the arm as drawn cannot say that it is wrong, the calibrated one can.
+    // A distance that is 8 mm wrong: only the calibrated arm can detect it, not the arm as drawn.
     let stated = toml.lines().find(|line| line.starts_with("mm = ")).unwrap();
     let length: f64 = stated.strip_prefix("mm = ").unwrap().parse().unwrap();
     folder.write(
@@ -199,14 +202,14 @@ fn touches_are_refused_before_a_model_is_written() {
         .run("simulate --robot abb-irb120 --touch plane1 --touches 8 --seed 1 --out few")
         .ok();
     folder.refuses_data(format!("{calibrate} few/touches.csv"));
-    // A wire that reads 1 % too much, and one with a wrong zero: the touches of either fit an arm that is none.
+    // A wire that reads 1 % too much, and one with a wrong zero: the touches fit an impossible arm.
     folder
         .run("simulate --robot ur10 --touch wire1 --touches 60 --seed 1 --out wire")
         .ok();
     let wire = folder.text("wire/touches.csv");
     folder.write("wrong.toml", folder.text("wire/touches.toml"));
     for (scale, zero) in [(1.01, 0.0), (1.0, 40.0)] {
-        // The header is behind a comment.
+        // The header follows a comment.
         let csv = changed(wire.split_once('\n').unwrap().1, |names, fields| {
             let at = names.iter().position(|name| *name == "value_mm").unwrap();
             let value: f64 = fields[at].parse().unwrap();

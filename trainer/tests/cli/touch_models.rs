@@ -1,4 +1,4 @@
-//! Models by touches: evaluated, compared, checked, repeated from a project.
+//! Models by touches: evaluating, comparing and checking them, and repeating them from a project.
 
 use std::fmt::Write as _;
 
@@ -6,7 +6,7 @@ use crate::program::{Folder, changed};
 use crate::report::{check_numbers, check_page};
 use crate::texts::texts;
 
-/// An arm with two models by sockets, and touches of other features that neither has seen. The same seed is the same arm.
+/// Returns an arm with two models by sockets, and fresh touches of other features. The same seed gives the same arm.
 fn folder() -> Folder {
     let folder = Folder::new();
     for (kinds, touches, out) in [
@@ -29,7 +29,7 @@ fn folder() -> Folder {
     folder
 }
 
-/// The default limit of the correction is that of the work volume: at the few states of a plan alone, it is smaller.
+/// The default correction limit covers the whole work volume; at the few states of a plan alone it would be smaller.
 #[test]
 fn a_model_of_planned_touches_is_not_limited_elsewhere() {
     let folder = Folder::new();
@@ -51,7 +51,7 @@ fn a_model_of_planned_touches_is_not_limited_elsewhere() {
     assert!(default < 1.02 * wide, "{default} and {wide} mm");
 }
 
-/// The header of a simulated touch file is behind its comment.
+/// Returns the rows of a simulated touch file after its comment.
 fn rows(csv: &str) -> String {
     csv.lines().skip(1).fold(String::new(), |mut out, line| {
         writeln!(out, "{line}").unwrap();
@@ -59,7 +59,7 @@ fn rows(csv: &str) -> String {
     })
 }
 
-/// Touches do not show where an instrument stands: measured poses have a base of their own, without being asked for.
+/// Touches do not determine where an instrument stands, so measured poses get a base of their own without an option.
 #[test]
 fn measured_poses_have_a_base_of_their_own() {
     let folder = folder();
@@ -78,7 +78,7 @@ fn measured_poses_have_a_base_of_their_own() {
     assert!(checked.stdout.contains("by touches, which do not show"));
     let shown = folder.run("inspect many.blob").ok();
     assert!(shown.stdout.contains("by touches alone"), "{shown:#?}");
-    // Who states the base knows it.
+    // A user who states the base determines it.
     folder
         .run("calibrate --robot abb-irb120 many/touches.csv --base-from 0,0,0,1,0,0,0 --out stated.blob")
         .ok();
@@ -105,7 +105,7 @@ fn evaluate_has_a_table_of_features() {
     assert!(found["ratio"].as_f64().unwrap() < 0.6, "{found}");
     let rms = |which: usize| found["features"][0]["rms"][which].as_f64().unwrap();
     assert!(rms(1) < rms(0), "{found}");
-    // One row that does not belong is named, and changes little.
+    // One wrong row is named and changes little.
     let csv = rows(&folder.text("fresh/touches.csv"));
     let mut row = 0;
     let csv = changed(&csv, |names, fields| {
@@ -135,7 +135,7 @@ fn evaluate_has_a_table_of_features() {
     folder.refuses("evaluate many.blob empty.csv");
 }
 
-/// Rows of a tracker in the same file have a line of their own, positions and rotations apart.
+/// Tracker rows in the same file are summarised on a line of their own, with positions and rotations apart.
 #[test]
 fn rows_of_a_tracker_are_judged_beside_touches() {
     let _texts = texts();
@@ -188,7 +188,7 @@ fn models_are_compared_by_touches() {
             .unwrap()
     };
     assert!(ratio(1) < ratio(0), "{document}");
-    // The page with the numbers of the document.
+    // The page has the numbers of the document.
     let outcome = folder.run(&format!("{line} --report page.html --json page.json"));
     outcome.ok().said();
     let page = folder.text("page.html");
@@ -199,7 +199,7 @@ fn models_are_compared_by_touches() {
         "{page}"
     );
     assert!(!page.contains("Warning"), "{page}");
-    // Touches that a model was made from.
+    // Touches that a model was calibrated with.
     let own = line.replace("fresh/", "many/");
     let outcome = folder
         .run(&format!("{own} --report page.html --json page.json"))
@@ -228,7 +228,7 @@ fn touches_show_whether_a_calibration_holds() {
     let document = folder.run(&format!("{line} --json -")).ok().json();
     assert_eq!(document["holds"], true);
     assert!(document["touches"]["size_ppm"].is_number(), "{document}");
-    // The controller shows 0.3 degrees less of joint 3.
+    // The controller reports 0.3 degrees less for joint 3.
     let csv = rows(&folder.text("fresh/touches.csv"));
     let csv = changed(&csv, |names, fields| {
         let joint = names.iter().position(|name| *name == "q3_deg").unwrap();
@@ -244,7 +244,7 @@ fn touches_show_whether_a_calibration_holds() {
         outcome.stderr.contains("reset the zero of joint 3"),
         "{outcome:#?}"
     );
-    // Pages of both, with the numbers of the documents.
+    // Both pages have the numbers of their documents.
     for (line, code, verdict) in [(line, 0, "holds. "), (lost, 1, "does not hold. ")] {
         let outcome = folder.run(&format!("{line} --report check.html --json check.json"));
         assert_eq!(outcome.code, Some(code), "{outcome:#?}");
@@ -258,7 +258,7 @@ fn touches_show_whether_a_calibration_holds() {
     }
     folder.refuses(format!("{line} --fit-tool"));
     folder.refuses("check many.blob many/touches.csv --max-mm 0.3");
-    // A socket without a known distance does not show the arm's size; three touches show nothing.
+    // A socket without a known distance does not determine the arm's size; three touches determine nothing.
     let toml = folder.text("few/touches.toml");
     let alone = &toml[..toml.find("[[distance]]").unwrap()];
     folder.write("alone.toml", alone);
@@ -282,7 +282,7 @@ fn touches_show_whether_a_calibration_holds() {
     folder.refuses("check many.blob three.csv --max-mm 0.3");
 }
 
-/// A project of touches makes the same bytes, and names the file of features with its checksum.
+/// A project of touches gives the same bytes, and names the features file with its checksum.
 #[test]
 fn a_project_of_touches_repeats_its_blob() {
     let _texts = texts();

@@ -1,4 +1,4 @@
-//! Numbers of the documents, recomputed from the files that were written: in the units of their names.
+//! Numbers of the documents, recomputed from the written files, in the units of their names.
 
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_protocol::blob::Correction;
@@ -15,8 +15,8 @@ fn near(value: &Value, expected: f64) {
     );
 }
 
-/// The limit of the correction is that of the blob's bytes, and what single precision loses is below the 2 µm that are
-/// allowed, and above a hundredth of that: `f32` resolves 0.1 µm here.
+/// The correction limit is that in the blob's bytes. The loss of single precision is below the allowed 2 µm and above a
+/// hundredth of that, since `f32` resolves 0.1 µm here.
 #[test]
 fn the_limit_of_the_correction_is_the_blobs() {
     let folder = Folder::new();
@@ -46,7 +46,7 @@ fn the_limit_of_the_correction_is_the_blobs() {
     }
 }
 
-/// Noise that the command line states is that of columns which state it for every row.
+/// Noise stated on the command line has the same effect as noise in columns of every row.
 #[test]
 fn noise_on_the_command_line_is_noise_in_columns() {
     let folder = Folder::new();
@@ -78,12 +78,12 @@ fn noise_on_the_command_line_is_noise_in_columns() {
     let stated = checked("fresh.csv --position-sigma-mm 0.06 --orientation-sigma-mrad 0.1");
     assert_eq!(stated, checked("columns.csv"));
     assert_ne!(stated, checked("fresh.csv"));
-    // Twice the instrument's, of which the check believes no less.
+    // Twice the instrument's noise; the check does not assume less than what is stated.
     near(&stated["noise_mm"], 0.06);
     near(&stated["noise_mrad"], 0.1);
 }
 
-/// "Before" in a report is the arm with base and tool fitted, as `base-tool` calibrates it, and "after" is the blob.
+/// "Before" in a report is the arm with base and tool fitted, as `base-tool` calibrates it; "after" is the blob.
 #[test]
 fn before_is_the_arm_as_it_was_drawn() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! Sheets of xlsx files as tables, and small files that hold too much.
+//! Sheets of xlsx files as tables, and small files that expand to too much.
 
 use std::io::Write;
 
@@ -20,7 +20,7 @@ fn a_sheet_of_a_workbook_is_a_table() {
     let files = folder(&["workbook.xlsx"]);
     import(&files, "workbook.xlsx", WORKBOOK).ok();
     assert_simulated(&files);
-    // The decimal mark of the map is that of texts; a number of a sheet has none.
+    // The decimal mark of the map applies to text; a number in a sheet has none.
     let comma = WORKBOOK.replace("skip_lines", "decimal = \",\", skip_lines");
     import(&files, "workbook.xlsx", &comma).ok();
     assert_simulated(&files);
@@ -40,7 +40,7 @@ fn a_sheet_of_a_workbook_is_a_table() {
     files.refuses("import workbook.xlsx --preset kuka --out data.csv");
 }
 
-/// A zip file of one part, whose bytes are compressed.
+/// Returns a zip file of these parts, with compressed bytes.
 fn zip(parts: &[(&str, &[u8])]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
     for (name, bytes) in parts {
@@ -52,7 +52,7 @@ fn zip(parts: &[(&str, &[u8])]) -> Vec<u8> {
     archive.finish().unwrap().into_inner()
 }
 
-/// A workbook with one sheet.
+/// Returns a workbook with one sheet.
 fn workbook(sheet: &str, shared: &str) -> Vec<u8> {
     let head = "<?xml version=\"1.0\" encoding=\"UTF-8\"?>";
     let main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main";
@@ -80,7 +80,7 @@ fn workbook(sheet: &str, shared: &str) -> Vec<u8> {
     ])
 }
 
-/// Small files that hold too much: compressed zeros, one text for many cells, one cell far out in each of many rows.
+/// Small files that expand to too much: compressed zeros, one text for many cells, one cell far out in each of many rows.
 #[test]
 fn a_small_workbook_that_holds_too_much_is_refused() {
     let _texts = texts();

@@ -1,17 +1,17 @@
-//! Links lead somewhere, and texts and numbers agree with what they are about.
+//! Links have targets, and texts and numbers agree with their sources.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::{document, documents, workspace};
 
-/// Where the device's figures are recorded.
+/// The page with the recorded figures of the device.
 const RECORD: &str = "docs/evidence/performance.md";
 
 /// The generated page.
 const COMMANDS: &str = "docs/reference/commands.md";
 
-/// The anchor that a heading gets: lower case, spaces to hyphens, punctuation gone.
+/// Returns the anchor of a heading: lower case, hyphens for spaces, no punctuation.
 fn anchor(heading: &str) -> String {
     let kept: String = heading
         .trim()
@@ -55,7 +55,7 @@ fn links_lead_somewhere() {
     assert!(links > 100, "only {links} links");
 }
 
-/// Pages that sources and texts of the program name are there.
+/// Pages that are named in sources and in the program's texts exist.
 #[test]
 fn sources_name_pages_that_exist() {
     fn collect(folder: &Path, names: &mut Vec<(PathBuf, String)>) {
@@ -97,7 +97,7 @@ fn sources_name_pages_that_exist() {
     assert!(names.len() > 20, "only {} names", names.len());
 }
 
-/// The page is what the command line is. `POEGP_BLESS=1` rewrites it.
+/// The page equals the help of the command line. `POEGP_BLESS=1` rewrites it.
 #[test]
 fn command_reference() {
     let page = poegp_trainer::cli::command_reference();
@@ -110,7 +110,7 @@ fn command_reference() {
     );
 }
 
-/// Pages that somebody reads from the beginning to the end stay short.
+/// Pages that people read from beginning to end stay short.
 #[test]
 fn guides_are_short() {
     let guides = fs::read_dir(workspace().join("docs/guide")).unwrap();
@@ -125,7 +125,7 @@ fn guides_are_short() {
     }
 }
 
-/// Numbers that a page repeats are those of the record.
+/// Numbers that a page quotes are those of the record.
 #[test]
 fn quoted_numbers_are_those_of_the_record() {
     let record = document(RECORD);

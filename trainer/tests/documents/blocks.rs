@@ -1,4 +1,4 @@
-//! Blocks of a document that are files or commands, and how they are run.
+//! Blocks of a document that are files or commands, and how the tests run them.
 
 use std::fs;
 use std::io::Read;
@@ -9,16 +9,16 @@ use crate::document;
 #[cfg(unix)]
 use crate::firmware_build;
 
-/// Instruction of the README's way from a clone to a report.
+/// The instruction of the README's block that leads from a clone to a report.
 pub const FIRST: &str = "first";
 
-/// What builds the firmware in a clone.
+/// The command that builds the firmware in a clone.
 #[cfg(unix)]
 const FIRMWARE: &str = "cargo run --release -p poegp-tests --example firmware ";
 
 /// A fenced block that is part of the test.
 pub struct Block {
-    /// What the comment says after "test: ".
+    /// The text of the comment after "test: ".
     pub instruction: String,
     /// Line of the comment, from 1.
     pub line: usize,
@@ -86,12 +86,11 @@ pub fn run_in(folder: &Path, name: &str) {
     }
 }
 
-/// Programs that go on; ended with this.
+/// Programs that run in the background; they are ended when this is dropped.
 pub struct Background(pub Vec<Child>);
 
 impl Background {
-    /// Starts a program and waits until it has closed its standard output, which `device emulate` gives away once it is
-    /// ready.
+    /// Starts a program and waits until it has closed its standard output, which `device emulate` does once it is ready.
     fn start(&mut self, mut command: Command) -> String {
         let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut printed = String::new();

@@ -21,7 +21,7 @@ fn the_commands_work() {
     }
 }
 
-/// The README's four commands, on simulated poses of the arm that they name. Cloning and installing are looked at only.
+/// The README's four commands work on simulated poses of the arm that they name. Cloning and installing are only parsed.
 #[test]
 fn four_commands_lead_from_a_clone_to_a_report() {
     let folder = new_folder("first");
@@ -92,7 +92,7 @@ fn the_commands_of_the_page_on_projects_work() {
     assert!(folder.join("other.blob").is_file());
 }
 
-/// The project file of one robot of a fleet, on simulated poses of the robot that it names.
+/// The project file of one robot of a fleet works on simulated poses of the robot that it names.
 #[test]
 fn the_project_of_the_page_on_fleets_works() {
     let page = "docs/guide/fleet.md";
@@ -127,7 +127,7 @@ fn the_commands_of_the_page_on_results_work() {
     }
 }
 
-/// x, y, z in mm of every row of a file of predictions.
+/// Returns x, y, z in mm of every row of a predictions file.
 fn positions(file: &Path) -> Vec<[f64; 3]> {
     let text = fs::read_to_string(file).unwrap();
     let row = |line: &str| {
@@ -140,7 +140,7 @@ fn positions(file: &Path) -> Vec<[f64; 3]> {
 #[test]
 fn the_examples_of_robots_and_measurements_work_and_describe_one_robot_three_times() {
     let folder = run("docs/reference/robot-description.md");
-    // By base-tool calibration: any other would fit the differences of the descriptions away.
+    // Calibrated with base-tool, because any other method would fit the differences of the descriptions away.
     let poe = positions(&folder.join("poe.csv"));
     assert_eq!(poe.len(), 20);
     for other in ["dh.csv", "modified-dh.csv"] {

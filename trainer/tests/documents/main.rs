@@ -1,18 +1,18 @@
-//! The documents of the workspace: their commands work, their links lead somewhere, and their numbers agree.
+//! The documents of the workspace: their commands work, their links have targets, and their numbers agree.
 //!
-//! A fenced block after one of these comments, which a browser does not show, is part of the test:
+//! A fenced block is part of the test if one of these comments, which a browser does not show, is before it:
 //!
 //! ```text
 //! <!-- test: file NAME -->       the block is written to NAME
 //! <!-- test: run -->             lines that start with "trainer" or "$ trainer" are run, in order
-//! <!-- test: run, exit 2 -->     the same, and the program must end so; other lines must be part of what it prints
+//! <!-- test: run, exit 2 -->     the same with this exit code; other lines must be part of what the program prints
 //! <!-- test: first -->           run by a test of its own
 //! ```
 //!
-//! In a block that is run, `cargo run --release -p poegp-tests --example firmware FILE` builds the image without that cargo.
-//! All blocks of a document share one new folder. There is no shell: no quotes, pipes or variables. A line that ends with
-//! `&` goes on in the background until the end of the document; the next waits until it has printed what it has to say.
-//! `until [ -S FILE ]; do sleep 0.1; done` waits for a socket in a shell; here it must exist.
+//! In a block that is run, `cargo run --release -p poegp-tests --example firmware FILE` builds the image without running cargo.
+//! All blocks of a document share one new folder. There is no shell, so no quotes, pipes or variables. A line that ends with
+//! `&` runs in the background until the end of the document; the next line waits until it has printed its expected output.
+//! `until [ -S FILE ]; do sleep 0.1; done` waits for a socket in a shell; here the socket must exist already.
 //!
 //! `<!-- record: ROW -->NUMBER` quotes the record of docs/evidence/performance.md.
 
@@ -38,7 +38,7 @@ fn document(name: &str) -> String {
     fs::read_to_string(workspace().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-/// Every Markdown file of the workspace.
+/// Returns every Markdown file of the workspace.
 fn documents() -> Vec<PathBuf> {
     fn collect(folder: &Path, out: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).unwrap() {

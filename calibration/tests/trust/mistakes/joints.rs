@@ -1,4 +1,4 @@
-//! Joints that count in another way, and other robots.
+//! Mistakes of joints (signs, order, offsets), and files of other robots.
 
 use nalgebra::Vector3;
 use poegp_calibration::robot::Robot;
@@ -22,7 +22,7 @@ pub fn add(list: &mut List) {
     two_at_once(list);
 }
 
-/// Joints that are equivalent to a turn of their neighbour by 180 degrees when they are reversed.
+/// Returns whether reversing this joint is equivalent to turning its neighbour by 180 degrees.
 fn is_wrist(robot: &Robot, joint: usize) -> bool {
     match robot.name.as_str() {
         name if name.contains("iiwa") => joint % 2 == 1,
@@ -83,7 +83,7 @@ fn orders(list: &mut List) {
         .at(&[joint, joint + 1])
         .unless_absorbed();
     }
-    // An iiwa from its flange is an iiwa.
+    // An iiwa read from its flange to its base is an iiwa again.
     list.add("swap: reversed order of all", &[Swap, Inverse], |t, _| {
         let joints = t.joints();
         for i in 0..joints.len() / 2 {
@@ -153,8 +153,8 @@ fn offsets(list: &mut List) {
     }
 }
 
-/// A robot with link `frame` 25 mm longer, in what neither base nor tool absorbs: they move along the axes of the
-/// first and the last joint that move. `None` where too little of a link is left.
+/// Returns a robot with link `frame` 25 mm longer in a direction that neither base nor tool absorbs: these move along the
+/// axes of the first and the last moving joint. Returns `None` if too little of the link remains in that direction.
 fn longer(robot: &Robot, frame: usize, moving: &[usize]) -> Option<Robot> {
     let link = robot.parent_from_joint[frame];
     let mut way = link.translation;
@@ -198,7 +198,7 @@ fn robots(list: &mut List) {
     }
     let right = [Frames, OtherRobot, NoFit];
     if good.robot.name == "kuka-iiwa7" {
-        // The links of an iiwa 14.
+        // Link lengths of an iiwa 14.
         let mut other = good.robot.clone();
         other.parent_from_joint[1].translation.z = 0.36;
         other.parent_from_joint[3].translation = 1.05 * other.parent_from_joint[3].translation;
@@ -220,7 +220,7 @@ fn robots(list: &mut List) {
     }
 }
 
-/// Two mistakes in one file: either, or that nothing explains it.
+/// Adds pairs of mistakes in one file: naming either is right, and so is stating that nothing explains the file.
 fn two_at_once(list: &mut List) {
     let moving = list.good.moving();
     if moving.len() < 4 {
@@ -257,7 +257,7 @@ fn two_at_once(list: &mut List) {
     );
 }
 
-/// Measurements of a simulated arm of the set's kind or another, with as many columns as the set has.
+/// Returns measurements of a simulated arm, of the set's robot or another, with the columns of the set.
 fn foreign(table: &Table, robot: &Robot, seed: u64, rows: usize) -> Table {
     let poses = Simulator::new(robot, Scenario::Paper, &[], seed).measure(rows);
     let other = Table::parse(&to_csv(robot, &poses, false, "another robot"));

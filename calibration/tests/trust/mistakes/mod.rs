@@ -1,4 +1,4 @@
-//! Mistakes that people and exporters make, each with the causes that are right for it.
+//! Mistakes of people and exporters, each with the causes that the examination should name.
 
 mod joints;
 mod order;
@@ -19,10 +19,10 @@ use crate::table::Table;
 
 type Make = dyn Fn(&Good, &mut ChaCha8Rng) -> Table;
 
-/// Gravity in the base frame of an arm that stands, in m/s².
+/// Gravity in the base frame of an upright arm, m/s².
 pub const GRAVITY: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
 
-/// Causes that warn; with any other a file is refused.
+/// Causes that lead to a warning; a file with any other cause is refused.
 const WARNED: [Cause; 8] = [
     Cause::Few,
     Cause::Copies,
@@ -34,44 +34,44 @@ const WARNED: [Cause; 8] = [
     Cause::Frames,
 ];
 
-/// What may hide a mistake.
+/// What may hide a mistake from the examination.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum HiddenBy {
-    /// They absorb it.
+    /// Base and tool absorb it.
     BaseAndTool,
     /// The joint moves the target by too little.
     Lever,
-    /// The arm sags by less.
+    /// The sag of the arm is smaller than the scatter.
     Scatter,
 }
 
-/// One mistake of one set.
+/// One mistake applied to one set.
 pub struct Mistake {
     pub name: String,
-    /// Causes that are right, the most specific first.
+    /// The right causes, the most specific first.
     pub right: Vec<Cause>,
-    /// Joints, from 1, one of which the text has to name.
+    /// Joints, from 1, at least one of which the text must name.
     pub joints: Vec<usize>,
-    /// A model is possible: a warning is enough.
+    /// A model can still be calibrated, so a warning is enough.
     pub only_warns: bool,
-    /// Why nobody can see it in the file; then it does not count.
+    /// Why nobody can see the mistake in the file. Such a mistake is not counted.
     pub unseen: Option<&'static str>,
-    /// What may hide it: then it does not count where that does.
+    /// What may hide the mistake. It is not counted in sets where that happens.
     pub hidden_by: Option<HiddenBy>,
-    /// The robot that the file is said to be of, where it is another.
+    /// The robot that the file is declared to be of, if it is another.
     pub robot: Option<Robot>,
-    /// Gravity that is stated, in the base frame.
+    /// The stated gravity in the base frame.
     pub gravity: Vector3<f64>,
     make: Box<Make>,
 }
 
 impl Mistake {
-    /// The file with the mistake.
+    /// Makes the file with the mistake.
     pub fn table(&self, good: &Good, random: &mut ChaCha8Rng) -> Table {
         (self.make)(good, random)
     }
 
-    /// The mistake does not count where `true`.
+    /// Marks the mistake as not counted if `is_unseen`.
     fn unseen(&mut self, is_unseen: bool, reason: &'static str) -> &mut Self {
         if is_unseen {
             self.unseen = Some(reason);
@@ -79,43 +79,43 @@ impl Mistake {
         self
     }
 
-    /// A warning is enough where `true`.
+    /// Marks a warning as enough if `only_warns`.
     fn warns_if(&mut self, only_warns: bool) -> &mut Self {
         self.only_warns |= only_warns;
         self
     }
 
-    /// Base and tool may absorb the mistake.
+    /// States that base and tool may absorb the mistake.
     fn unless_absorbed(&mut self) -> &mut Self {
         self.hidden_by = Some(HiddenBy::BaseAndTool);
         self
     }
 
-    /// The text has to name one of these joints, from 0.
+    /// States that the text must name one of these joints, from 0.
     fn at(&mut self, joints: &[usize]) -> &mut Self {
         self.joints = joints.iter().map(|j| j + 1).collect();
         self
     }
 
-    /// The joint may move the target by too little.
+    /// States that the joint may move the target by too little.
     fn unless_near(&mut self) -> &mut Self {
         self.hidden_by = Some(HiddenBy::Lever);
         self
     }
 
-    /// The payloads may make too small a difference.
+    /// States that the change of the payloads may be too small to see.
     fn unless_small(&mut self) -> &mut Self {
         self.hidden_by = Some(HiddenBy::Scatter);
         self
     }
 
-    /// The arm is said to hang.
+    /// States gravity as if the arm were upside down.
     fn upside_down(&mut self) -> &mut Self {
         self.gravity = -GRAVITY;
         self
     }
 
-    /// The file is said to be of another robot.
+    /// Declares the file to be of another robot.
     fn read_as(&mut self, robot: Robot) -> &mut Self {
         self.robot = Some(robot);
         self
@@ -129,7 +129,7 @@ pub struct List<'a> {
 }
 
 impl List<'_> {
-    /// Adds a mistake that `make` makes in a copy of the table.
+    /// Adds a mistake; `make` applies it to a copy of the table.
     fn add(
         &mut self,
         name: impl Into<String>,
@@ -143,7 +143,7 @@ impl List<'_> {
         })
     }
 
-    /// Adds a mistake that needs the whole set.
+    /// Adds a mistake whose `make` needs the whole set.
     fn add_of_set(
         &mut self,
         name: impl Into<String>,
@@ -165,7 +165,7 @@ impl List<'_> {
     }
 }
 
-/// All mistakes that a set can have.
+/// Returns all mistakes that a set can have.
 pub fn all(good: &Good) -> Vec<Mistake> {
     let mut list = List {
         good,
@@ -179,7 +179,7 @@ pub fn all(good: &Good) -> Vec<Mistake> {
     list.all
 }
 
-/// `count` of the numbers below `n`, in order.
+/// Draws `count` of the numbers below `n`, in ascending order.
 pub fn some(n: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     let mut all: Vec<usize> = (0..n).collect();
     all.shuffle(random);
@@ -188,23 +188,23 @@ pub fn some(n: usize, count: usize, random: &mut ChaCha8Rng) -> Vec<usize> {
     all
 }
 
-/// A normal number of standard deviation 1.
+/// Returns a standard normal number.
 fn standard(random: &mut ChaCha8Rng) -> f64 {
     let (u, v): (f64, f64) = (random.random(), random.random());
     (-2.0 * libm::log(1.0 - u)).sqrt() * libm::cos(std::f64::consts::TAU * v)
 }
 
-/// Three normal numbers of standard deviation `sigma`.
+/// Returns three normal numbers of standard deviation `sigma`.
 pub fn normal(sigma: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
     Vector3::from_fn(|_, _| sigma * standard(random))
 }
 
-/// A vector of length `length` in any direction.
+/// Returns a vector of length `length` in any direction.
 pub fn direction(length: f64, random: &mut ChaCha8Rng) -> Vector3<f64> {
     normal(1.0, random).normalize() * length
 }
 
-/// Any orientation, at `distance`.
+/// Returns a random orientation at `distance`.
 pub fn any_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     Pose::from_quaternion(
         standard(random),
@@ -213,7 +213,7 @@ pub fn any_pose(distance: f64, random: &mut ChaCha8Rng) -> Pose<f64> {
     )
 }
 
-/// A pure translation.
+/// Returns a pure translation.
 pub fn shift(by: Vector3<f64>) -> Pose<f64> {
     Pose {
         translation: by,
@@ -221,7 +221,7 @@ pub fn shift(by: Vector3<f64>) -> Pose<f64> {
     }
 }
 
-/// A rotation by a vector.
+/// Returns a rotation by a vector.
 pub fn turn(by: Vector3<f64>) -> Pose<f64> {
     Pose::exp(&Twist {
         linear: Vector3::zeros(),

@@ -1,4 +1,4 @@
-//! Rows that belong to other rows, and things that happen while the file is being measured.
+//! Rows with the poses of other rows, and events during the measurement.
 
 use nalgebra::Vector3;
 use poegp_calibration::trust::Cause::{self, Drift, Lag, Mixed, NoFit, Rows, Step};
@@ -8,9 +8,9 @@ use rand::seq::SliceRandom;
 use crate::mistakes::{List, direction, shift, turn};
 use crate::table::Table;
 
-/// A shift of fewer of its scatters than this is no loss, and nobody sees it.
+/// A shift of less than this many scatters is not counted: it does little harm and cannot be seen.
 const VISIBLE: f64 = 3.0;
-/// Two clusters are apart from so many of their scatters on.
+/// Two clusters of poses are distinguishable from this many scatters on.
 const MIXED: f64 = 6.0;
 const SMALL: &str = "below three times the scatter of one component";
 
@@ -70,7 +70,7 @@ fn shuffles(list: &mut List) {
     );
 }
 
-/// A row in the middle half of a table.
+/// Returns a random row in the middle half of a table.
 fn middle(table: &Table, random: &mut impl RngExt) -> usize {
     random.random_range(table.len() / 4..3 * table.len() / 4)
 }
@@ -146,7 +146,7 @@ fn steps(list: &mut List) {
     }
     let mut moving = list.good.moving();
     if list.good.is_narrow() {
-        // Another tool absorbs knocks of the wrist.
+        // A knock of a wrist joint is absorbed by another tool.
         moving.truncate(3);
     }
     for degrees in [0.05, 0.2, 0.5] {
@@ -182,7 +182,7 @@ fn steps(list: &mut List) {
     }
 }
 
-/// Things that happen in the order of a time column, not of the rows.
+/// Adds events that follow the time column instead of the order of the rows.
 fn times(list: &mut List) {
     let with_time = |t: &mut Table| {
         t.add_column("time_s", "0");
@@ -215,7 +215,7 @@ fn times(list: &mut List) {
     );
 }
 
-/// A creep that settles, as an instrument or an arm that warms up.
+/// Adds a drift that settles, as when an instrument or an arm warms up.
 fn warm_up(list: &mut List) {
     let is_small = 2.0 < VISIBLE * list.good.scatter_mm;
     list.add("drift: warm-up of 2 mm", &[Drift, Step], |t, r| {

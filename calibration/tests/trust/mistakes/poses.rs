@@ -1,4 +1,4 @@
-//! Poses in another frame, of another handedness, with orientations in another convention.
+//! Poses in a wrong frame, with a wrong handedness, or with orientations in another convention.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use poegp_calibration::trust::Cause::{
@@ -18,7 +18,7 @@ pub fn add(list: &mut List) {
     }
 }
 
-/// Puts the numbers of position columns `order` into x, y, z.
+/// Writes the position columns `order` into x, y, z.
 fn order_positions(table: &mut Table, order: [usize; 3]) {
     let columns = table.position();
     for row in &mut table.rows {
@@ -38,7 +38,7 @@ fn axes(list: &mut List) {
         list.add(name, right, move |t, _| order_positions(t, order));
     }
     let positions_only = list.good.positions_only();
-    // The same as another order of the quaternion's x, y, z, with base and tool elsewhere.
+    // Equivalent to another order of the quaternion's x, y, z with another base and tool.
     let right: &[Cause] = &[Axes, Quaternion, Orientation];
     list.add("axes: x, y, z rotated among themselves", right, |t, _| {
         order_positions(t, [1, 2, 0])

@@ -1,4 +1,4 @@
-//! Other units under the old names: positions, joints, uncertainties, payloads.
+//! Wrong units under unchanged column names: positions, joints, uncertainties, payloads.
 
 use std::collections::BTreeSet;
 
@@ -9,7 +9,7 @@ use rand::seq::SliceRandom;
 use crate::mistakes::List;
 use crate::table::Table;
 
-/// Multiplies the positions by a factor, under their names.
+/// Multiplies the positions by a factor without renaming the columns.
 fn scale_positions(table: &mut Table, factor: f64) {
     for column in table.position() {
         table.scale(column, factor);
@@ -97,7 +97,7 @@ fn add_sigma(list: &mut List) {
     }
 }
 
-/// Payloads of a table, each once.
+/// Returns the distinct payloads of a table.
 fn payloads(table: &Table, column: usize) -> Vec<f64> {
     let once: BTreeSet<u64> = table.numbers(column).iter().map(|p| p.to_bits()).collect();
     once.into_iter().map(f64::from_bits).collect()

@@ -1,4 +1,4 @@
-//! Values that nobody measured: computed, copied, held, clipped, rounded, missing; and rows that do not belong.
+//! Values that are not measurements (computed, copied, held, clipped, rounded, missing), and rows that do not belong.
 
 use poegp_calibration::trust::Cause::{
     self, Clip, Copies, Few, Mixed, Orientation, Outlier, Placeholder, Readout, Rounding, Stuck,
@@ -27,7 +27,7 @@ pub fn add(list: &mut List) {
     }
 }
 
-/// The poses that the controller computes, with noise of `noise_um` per axis.
+/// Returns the poses that the controller computes, with noise of `noise_um` per axis.
 fn readout(good: &Good, noise_um: f64, random: &mut ChaCha8Rng) -> Table {
     let mut table = good.table.clone();
     let chain = good.robot.chain().expect("a chain");
@@ -64,7 +64,7 @@ fn readouts(list: &mut List) {
     }
 }
 
-/// A share of the rows, in order, none of them the first.
+/// Draws a share of the rows, in order, never the first.
 fn share_of(table: &Table, share: f64, random: &mut ChaCha8Rng) -> Vec<usize> {
     let count = ((share * table.len() as f64).round() as usize).max(1);
     some(table.len() - 1, count, random)
@@ -272,7 +272,7 @@ fn roundings(list: &mut List) {
     }
 }
 
-/// Fields that are no number; the reader names them.
+/// Adds fields that are not numbers; the reader must name them.
 fn texts(list: &mut List) {
     for (name, text) in [
         ("NaN", "NaN"),

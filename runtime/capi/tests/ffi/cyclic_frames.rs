@@ -1,4 +1,4 @@
-//! The frames of a controller's cycle, written and read by the C interface.
+//! The C interface writes and reads the frames of a controller's cycle.
 
 use std::mem::MaybeUninit;
 use std::ptr::{null, null_mut};
@@ -19,7 +19,7 @@ fn cyclic_answer(frame: &[u8]) -> (i32, Option<CyclicAnswer>) {
     (code, answer)
 }
 
-/// A command there, its answer back, and everything that is no answer.
+/// Writes a command, reads its answer, and refuses everything that is not an answer.
 #[test]
 fn cyclic_frames() {
     let (mut frame, mut length) = ([0xee_u8; POEGP_CYCLIC_BYTES], 0);
@@ -49,7 +49,7 @@ fn cyclic_frames() {
         ),
     ] {
         let mut length = 99;
-        // Nine are read only where nine lie.
+        // Nine joints are read only where there are nine.
         let nine = [0.5; 9];
         let joints = if count == 9 { nine.as_ptr() } else { joints };
         let code = command(joints, count, place, &raw mut length);
@@ -86,7 +86,7 @@ fn cyclic_frames() {
         cyclic_answer(cyclic::encode_answer(1, &odd, &mut other).unwrap()),
         refused
     );
-    // A command is no answer, nor are nothing, too much and damage.
+    // A command, no bytes, too many bytes and damaged bytes are refused.
     assert_eq!(cyclic_answer(&frame[..37]), refused);
     assert_eq!(cyclic_answer(&[]), refused);
     assert_eq!(cyclic_answer(&[1; 1_000]), refused);

@@ -1,6 +1,6 @@
-//! The contract of the border, kept by calling it as C would.
+//! Tests the contract of the C interface by calling it as C would.
 //!
-//! Miri runs all of it, too; for another processor, since libm takes square roots on x86 with assembly:
+//! Miri runs all of these tests too, for another processor, because on x86 libm takes square roots with assembly:
 //! `cargo +nightly miri test --target riscv64gc-unknown-linux-gnu -p poegp-capi --test ffi`.
 
 mod cyclic_frames;
@@ -45,7 +45,7 @@ fn load(model: *mut Model, bytes: &[u8]) -> i32 {
     unsafe { poegp_load(model, bytes.as_ptr(), bytes.len()) }
 }
 
-/// The code and the answer of a call that writes its answer.
+/// Returns the code and answer of a call that writes its answer.
 fn answered<T>(call: impl FnOnce(*mut T) -> i32) -> (i32, T) {
     let mut out = MaybeUninit::uninit();
     let code = call(out.as_mut_ptr());
@@ -73,7 +73,7 @@ fn text(letters: &[c_char]) -> String {
     String::from_utf8(bytes.take_while(|byte| *byte != 0).collect()).unwrap()
 }
 
-/// Loads the blob into the runtime's own arm, with another capacity.
+/// Loads the blob into a model of the Rust runtime with another capacity.
 fn arm() -> Box<Arm<f32, { words_for(64) }>> {
     let mut arm = Box::new(Arm::new());
     arm.load_decoded(&blob::decode(BLOB).unwrap()).unwrap();
@@ -214,7 +214,7 @@ fn bad_arguments_are_refused_and_the_answer_is_safe() {
         assert_eq!(answer.status, POEGP_STATUS_BAD_INPUT);
         assert_eq!(answer.joints, [0.0; 8]);
     }
-    // No joints are no crime, and neither are too many.
+    // No joints and too many joints are bad input, but not an error of the call.
     assert_eq!(call(null(), 0, place), POEGP_OK);
     // SAFETY: as above.
     assert_eq!(unsafe { place.read() }.status, POEGP_STATUS_BAD_INPUT);
@@ -222,7 +222,7 @@ fn bad_arguments_are_refused_and_the_answer_is_safe() {
     let (code, answer) = correct(model, &many, 1.0);
     assert_eq!((code, answer.status), (POEGP_OK, POEGP_STATUS_BAD_INPUT));
     assert_eq!(answer.joints, [0.25; 8]);
-    // The model has survived all of it.
+    // The model is still usable afterwards.
     assert_eq!(
         evaluate(model, &COMMAND, 1.0).1.status & POEGP_STATUS_NO_MODEL,
         0
@@ -303,7 +303,7 @@ fn loading_is_all_or_nothing() {
     assert_eq!((evaluate(model, &COMMAND, 1.0), identify(model)), before);
 }
 
-/// The blob with another payload and the checksum that belongs to it.
+/// Returns the blob with a changed payload and a matching checksum.
 fn sealed(change: impl Fn(&mut [u8])) -> Vec<u8> {
     let mut bytes = BLOB.to_vec();
     let (header, payload) = bytes.split_at_mut(blob::HEADER_LENGTH);
@@ -313,7 +313,7 @@ fn sealed(change: impl Fn(&mut [u8])) -> Vec<u8> {
     bytes
 }
 
-/// The blob with other numbers.
+/// Returns the blob with other numbers.
 fn edited(change: impl Fn(&mut blob::Blob<'_>)) -> Vec<u8> {
     let mut blob = blob::decode(BLOB).unwrap();
     change(&mut blob);
@@ -321,7 +321,7 @@ fn edited(change: impl Fn(&mut blob::Blob<'_>)) -> Vec<u8> {
     blob::encode(&blob, &mut buffer).unwrap().to_vec()
 }
 
-/// The blob, signed.
+/// Returns the blob, signed.
 fn signed(keys: &KeyPair) -> Vec<u8> {
     let mut bytes = BLOB.to_vec();
     envelope::set_signed(&mut bytes, true);
@@ -368,7 +368,7 @@ fn a_signature_is_asked_for_and_verified() {
     refused(&signed(&theirs), POEGP_SIGNATURE_WRONG_KEY);
     refused(&good[..good.len() - 1], POEGP_BLOB_TRUNCATED);
     refused(&changed(1_000, false), POEGP_BLOB_CRC_MISMATCH);
-    // The last byte of a weight, and a bit of the signature, with checksums that fit.
+    // The last byte of a weight, and a bit of the signature, both with matching checksums.
     refused(&changed(BLOB.len() - 10, true), POEGP_SIGNATURE_INVALID);
     refused(&changed(good.len() - 30, true), POEGP_SIGNATURE_INVALID);
     // SAFETY: refused before it is read.
@@ -384,12 +384,12 @@ fn a_signature_is_asked_for_and_verified() {
         (identify(model).1.joints, identify(model).1.is_signed),
         (6, 1)
     );
-    // Without a key the same blob is as good as any.
+    // Without a key the signed blob loads like any other.
     assert_eq!(load(model, &good), POEGP_OK);
     assert_eq!(identify(model).1.is_signed, 0);
 }
 
-/// The warnings of a calibration reach the program in C, each under the name that the trainer gave it.
+/// The warnings of a calibration reach a C program, each under the name that the trainer gives it.
 #[test]
 fn warnings_have_their_names() {
     let warned = [Cause::Still, Cause::Drift, Cause::Gain];

@@ -1,5 +1,5 @@
-//! Poses, Jacobian and inverse of a tool, and everything in double precision: the answers of the runtime, and safe ones beside
-//! an error.
+//! Pose, Jacobian and inverse of a tool, and everything in double precision: the answers are the runtime's, and an error
+//! comes with a safe answer.
 
 use std::mem::offset_of;
 
@@ -13,7 +13,7 @@ const TOOL: [f64; 12] = [
 ];
 const IDENTITY: [f64; 12] = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 
-/// The laws of one precision.
+/// The laws for one precision.
 macro_rules! laws {
     ($precision:ident, $number:ty, $bytes:expr, $filter_bytes:expr,
      $init:ident $load:ident $load_signed:ident $identify:ident $size:ident
@@ -148,7 +148,7 @@ macro_rules! laws {
                         (found.base_from_tool, found.trust),
                         (expected.pose.to_rows(), expected.trust)
                     );
-                    // Without a tool it is the target.
+                    // Without a tool the pose is that of the target.
                     let bare = forward(model, null(), &q, kg).1.base_from_tool;
                     assert_eq!(bare, arm.evaluate(&q, kg).pose.to_rows());
 
@@ -182,7 +182,7 @@ macro_rules! laws {
                 assert_eq!((code, identity.joints), (POEGP_OK, 6));
             }
 
-            /// Whatever the tool is, and from the joints of a cycle before.
+            /// For any tool, and with the joints of an earlier cycle as seed.
             #[test]
             fn the_inverse_undoes_forward() {
                 let mut memory = room();
@@ -237,7 +237,7 @@ macro_rules! laws {
                     assert_eq!((code, found.status), (expected, POEGP_STATUS_NO_MODEL));
                     assert_eq!(found.joints, kept);
                 }
-                // A model without a blob is no error, and no answer.
+                // A model without a blob is no error, but has no answer.
                 let model = made(&mut memory);
                 let (code, found) = inverse(model, null(), tool.as_ptr(), &seed, 1.0);
                 assert_eq!((code, found.status), (POEGP_OK, POEGP_STATUS_NO_MODEL));
@@ -306,7 +306,7 @@ macro_rules! laws {
                     let code = unsafe { $jacobian(model, null(), q.as_ptr(), 6, 1.0, out.cast()) };
                     assert_eq!(code, expected);
                 }
-                // Numbers that are none: transposed or long axes, too many joints.
+                // Invalid numbers: transposed or long axes, too many joints.
                 let mut long = tool;
                 long[1] = -1.01;
                 let mut not_a_number = tool;
@@ -405,7 +405,7 @@ macro_rules! laws {
                 assert_eq!((code, counts.lost), (POEGP_OK, ours.counts().lost));
                 // SAFETY: a filter.
                 assert_eq!(unsafe { $reset(filter) }, POEGP_OK);
-                // A model is no filter.
+                // A model is not a filter.
                 // SAFETY: refused.
                 assert_eq!(unsafe { $reset(model.cast()) }, POEGP_ERROR_NOT_INITIALISED);
             }
@@ -435,7 +435,7 @@ laws!(double, f64, POEGP_MODEL_F64_BYTES, POEGP_FILTER_F64_BYTES,
     poegp_evaluate_f64 poegp_correct_f64 poegp_forward_f64 poegp_inverse_f64 poegp_jacobian_f64
     poegp_filter_defaults_f64 poegp_filter_init_f64 poegp_filter_size_f64 poegp_command_f64 poegp_filter_disengaged_f64 poegp_filter_counts_f64 poegp_filter_reset_f64);
 
-/// Both precisions see the same arm, and double precision is not single precision in other types.
+/// Both precisions have the same arm, and double precision does not compute in single precision.
 #[test]
 fn double_precision_is_double() {
     let arm = arm();
@@ -465,7 +465,7 @@ fn double_precision_is_double() {
         rounded += usize::from(*a as f32 as f64 == *a && a.abs() > 1e-3);
     }
     assert_eq!(rounded, 0, "{found:?}");
-    // A step of 1e-12 rad is seen, and is as large as the Jacobian says.
+    // A step of 1e-12 rad changes the pose, by as much as the Jacobian says.
     // SAFETY: arrays are as long as is said.
     let jacobian =
         answered(|out| unsafe { poegp_jacobian_f64(model, null(), q.as_ptr(), 6, 2.0, out) }).1;

@@ -1,4 +1,4 @@
-//! The laws of `poegp_command`, kept by calling it as C would.
+//! Tests the laws of `poegp_command` by calling it as C would.
 
 mod refused;
 
@@ -17,11 +17,11 @@ use poegp_runtime::model::{Model as Arm, words_for};
 const BLOB: &[u8] = include_bytes!("../../examples/arm.blob");
 const COMMAND: [f32; 6] = [0.3, -0.2, 0.4, 0.1, 0.7, -0.5];
 const PERIOD: f32 = 0.01;
-/// Rate limit of the usual settings, in rad per cycle.
+/// Rate limit of the usual settings, rad per cycle.
 const RATE: f32 = 0.02 * PERIOD;
-/// Enough to switch the correction on or off.
+/// Enough cycles to switch the correction on or off.
 const LONG: usize = 400;
-/// Rounding of a joint.
+/// Allowance for the rounding of a joint, rad.
 const ROUNDING: f32 = 5e-7;
 
 type Capacity = Arm<f32, { words_for(64) }>;
@@ -31,7 +31,7 @@ struct ModelMemory([u8; POEGP_MODEL_BYTES]);
 #[repr(C, align(8))]
 struct FilterMemory([u8; POEGP_FILTER_BYTES]);
 
-/// A model and a filter as C has them, and the model as Rust has it.
+/// A model and a filter of the C interface, and the same model in Rust.
 struct Cell {
     model: *mut Model,
     filter: *mut Filter,
@@ -41,7 +41,7 @@ struct Cell {
 
 impl Cell {
     fn new(bytes: &[u8]) -> Self {
-        // Pointers, since a box that moves asks for its memory anew.
+        // Pointers, because moving a box would invalidate them.
         let memory = (
             Box::into_raw(Box::new(ModelMemory([0; POEGP_MODEL_BYTES]))),
             Box::into_raw(Box::new(FilterMemory([0; POEGP_FILTER_BYTES]))),
@@ -89,7 +89,7 @@ impl Cell {
         is_disengaged(self.filter)
     }
 
-    /// The filter switched on at this command, and arrived.
+    /// Returns a cell whose filter was switched on at this command and has settled.
     fn engaged(bytes: &[u8], joints: &[f32]) -> Self {
         let cell = Self::new(bytes);
         for _ in 0..LONG {
@@ -110,7 +110,7 @@ impl Drop for Cell {
     }
 }
 
-/// A call.
+/// The arguments of a call.
 #[derive(Clone, Copy)]
 struct Asked<'a> {
     joints: &'a [f32],
@@ -181,7 +181,7 @@ fn make(start: *mut u8, bytes: usize, settings: *const FilterSettings) -> (i32, 
     (code, filter)
 }
 
-/// The blob with other numbers.
+/// Returns the blob with other numbers.
 fn another_arm() -> Vec<u8> {
     let mut blob = blob::decode(BLOB).unwrap();
     blob.geometry.calibrated[2][3] += 0.004;
@@ -208,7 +208,7 @@ impl Dice {
     }
 }
 
-/// `poegp_command` as it is said to be made of the runtime's parts.
+/// Returns `poegp_command` composed from parts of the runtime, as its documentation describes.
 fn composed(filter: &mut CommandFilter<f32>, arm: &Capacity, asked: &Asked) -> Commanded {
     let payload = filter.payload(asked.payload_kg, asked.cycles);
     let corrected = arm.correct(asked.joints, payload);
@@ -259,7 +259,7 @@ fn a_random_path_has_the_bits_of_the_runtime() {
         for (joint, step) in joints.iter_mut().zip(&speed) {
             *joint += *step;
         }
-        // Exchanged as it should be, and rarely as it should not.
+        // The model is usually exchanged while disengaged, as it should be, and rarely while not.
         if dice.is(if is_disengaged(cell.filter) { 20 } else { 900 }) {
             active = if active.model == cell.model {
                 &spare
@@ -348,7 +348,7 @@ fn switched_on_it_is_the_corrected_command_and_switched_off_the_command() {
     }
 }
 
-/// To the bit, also −0, whatever the model is and refuses.
+/// The command passes to the bit, also −0, whatever the model is or refuses.
 #[test]
 fn switched_off_the_command_passes_whatever_the_model_says() {
     let cell = Cell::new(BLOB);
@@ -384,7 +384,7 @@ fn a_model_is_exchanged_while_disengaged() {
     let spare = Cell::new(&other);
     let cell = Cell::engaged(BLOB, &COMMAND);
     let first = cell.command(&COMMAND, true);
-    // Switched off, and exchanged as soon as the filter says so.
+    // Switched off, and exchanged as soon as the filter is disengaged.
     let mut waited = 0;
     while !cell.is_disengaged() {
         assert!(cell.command(&COMMAND, false).status & POEGP_STATUS_BYPASSED != 0);
@@ -412,7 +412,8 @@ fn a_model_is_exchanged_while_disengaged() {
     assert_eq!(cell.counts(), FilterCounts::default());
 }
 
-/// Not as it should be: exchanged, lost, or taken away while it is applied. What is sent does not step either.
+/// A model that is exchanged, lost or removed while its correction is applied, against the rules, does not make the output
+/// step.
 #[test]
 fn a_model_that_changes_or_goes_does_not_step() {
     let other = another_arm();

@@ -1,4 +1,4 @@
-//! What cannot be meant: refused, and whatever comes, finite joints go.
+//! Invalid arguments are refused, and finite joints come out whatever comes in.
 
 use super::*;
 
@@ -47,7 +47,7 @@ fn memory_and_settings_that_are_none_are_refused() {
             assert_eq!(code(start, size, &raw const settings), expected);
         }
     }
-    // Not one of them has made a filter of it.
+    // None of these calls has made the memory a filter.
     assert!(!is_disengaged(start.cast()));
     let (made, filter) = make(start, size, &raw const good);
     assert_eq!((made, is_disengaged(filter)), (POEGP_OK, true));
@@ -74,7 +74,7 @@ fn bad_filters_are_refused_and_the_answer_is_safe() {
         (null_mut(), POEGP_ERROR_NULL),
         (raw.wrapping_byte_add(2), POEGP_ERROR_MISALIGNED),
         (raw, POEGP_ERROR_NOT_INITIALISED),
-        // A model is no filter.
+        // A model is not a filter.
         (cell.model.cast(), POEGP_ERROR_OVERLAP),
     ] {
         let (code, answer) = command(cell.model, filter, &Asked::new(&given));
@@ -97,7 +97,7 @@ fn bad_filters_are_refused_and_the_answer_is_safe() {
         let code = unsafe { poegp_filter_counts(filter, &raw mut counts) };
         assert_eq!((code, counts), (of_handle, FilterCounts::default()));
     }
-    // Nor is a filter a model: without one the command goes out.
+    // A filter is not a model either: without a model the command comes back.
     let (code, answer) = command(raw.cast(), cell.filter, &Asked::new(&COMMAND));
     assert_eq!(code, POEGP_ERROR_NOT_INITIALISED);
     assert_eq!(answer.status & POEGP_STATUS_NO_MODEL, POEGP_STATUS_NO_MODEL);
@@ -138,7 +138,7 @@ fn bad_arguments_are_refused_and_the_last_joints_stay() {
     assert_eq!(call(many.as_ptr(), 40, place), POEGP_OK);
     assert_eq!(call(null(), 0, place), POEGP_OK);
     assert_eq!(cell.counts().bad, 4);
-    // The filter has survived all of it.
+    // The filter is still usable afterwards.
     let answer = cell.command(&COMMAND, true);
     assert_eq!((answer.joints, answer.weight), (last.joints, 1.0));
     let counts = cell.filter.cast::<FilterCounts>().wrapping_add(1);

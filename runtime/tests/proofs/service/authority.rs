@@ -1,4 +1,4 @@
-//! Who may order what: replayed models and requests, and what each message does without the secret key.
+//! Authority: replayed models and requests are refused, and each message does only what it may without the secret key.
 
 use ed25519_dalek::SigningKey;
 use poegp_protocol::blob;
@@ -10,7 +10,7 @@ use super::desk::{Desk, signature};
 use super::known::{Known, begin, key, public, query, refused, signed_as, upload};
 use crate::arm::Arm;
 
-/// A device of the owner, who has the key of seed 1, with two revisions of a model of one robot stored: the second runs.
+/// Returns a device with the owner's key (seed 1) that stores two revisions of a robot's model and runs the second.
 fn owned() -> (Desk, [Known; 2]) {
     let [first, second, _] = Known::three();
     let revisions = [
@@ -34,7 +34,7 @@ fn command(desk: &mut Desk) {
     desk.ask(&Request::Command(query(&[0.1, 0.2], 1.0)));
 }
 
-/// Signed with a nonce, as bytes that anybody can record and send again.
+/// Returns a signed request with a nonce, as bytes that anybody can record and send again.
 fn recorded(desk: &mut Desk, request: &Request<'_>, key: &SigningKey) -> ([u8; 64], Vec<u8>) {
     let nonce = desk.challenge();
     let mut buffer = [0; MAX_SIGNED];
@@ -49,7 +49,7 @@ fn send(desk: &mut Desk, (signature, request): &([u8; 64], Vec<u8>)) -> Response
 const BYPASS_OFF: Request<'_> = Request::SetBypass { on: false };
 const WRONG: Response = Response::Refused(Refusal::WrongSignature);
 
-/// A recorded upload of an old model, signed by the key and played back.
+/// A recorded upload of an old model, signed by the key, is refused when it is played back.
 #[test]
 fn an_old_model_does_not_come_back() {
     let (mut desk, [old, new]) = owned();
@@ -59,7 +59,7 @@ fn an_old_model_does_not_come_back() {
             lowest,
         })
     };
-    // The one before is still in memory.
+    // The previous model is still in memory.
     assert_eq!(desk.ask(&old.activate()), too_old(20));
     assert_eq!(revision(&mut desk), Some(20));
     for restarted in [false, true] {
@@ -78,7 +78,7 @@ fn an_old_model_does_not_come_back() {
         assert_eq!(desk.ask(&old.roll_back()), refused(Refusal::NotSigned));
         assert_eq!(revision(&mut desk), Some(20));
     }
-    // The same revision again, and a higher one, come in.
+    // The same revision again and a higher one are accepted.
     new.install(&mut desk);
     let [first, ..] = Known::three();
     let newest = signed_as(30, &first, &key(1));
@@ -90,7 +90,7 @@ fn an_old_model_does_not_come_back() {
             lowest: 30
         })
     );
-    // What is stored counts although something else runs, and what runs although it is not stored.
+    // A stored revision counts although another model runs, and a running one counts although it is not stored.
     let latest = signed_as(40, &first, &key(1));
     assert!(matches!(latest.upload(&mut desk), Response::Verified(_)));
     desk.ask(&Request::CommitUpload);
@@ -103,7 +103,7 @@ fn an_old_model_does_not_come_back() {
     assert_eq!(old.upload(&mut desk), too_old(50));
 }
 
-/// The owner steps down: by going back, or by signing the old model as a new revision.
+/// The owner can return to an old model by rolling back or by signing it as a new revision.
 #[test]
 fn the_owner_steps_down() {
     let (mut desk, [old, new]) = owned();
@@ -119,13 +119,13 @@ fn the_owner_steps_down() {
     let [first, ..] = Known::three();
     signed_as(21, &first, &key(1)).install(&mut desk);
     assert_eq!(revision(&mut desk), Some(21));
-    // The highest revision is no end: it may be taken again.
+    // The highest revision is no dead end: it is accepted again.
     for known in [&first, &Known::three()[1]] {
         signed_as(u32::MAX, known, &key(1)).install(&mut desk);
     }
 }
 
-/// Revisions of before the key say nothing: anybody may have written them.
+/// Revisions from before the key do not count, because anybody may have written them.
 #[test]
 fn revisions_count_from_the_key_on() {
     let [first, second, _] = Known::three();
@@ -146,15 +146,15 @@ fn a_signed_request_is_carried_out_once() {
     assert!(desk.identity().bypass);
     let off = recorded(&mut desk, &BYPASS_OFF, &key(1));
     assert!(matches!(send(&mut desk, &off), Response::Identity(_)));
-    // The answer was lost: it is asked for again.
+    // The sender repeats the request because the answer was lost.
     assert!(matches!(send(&mut desk, &off), Response::Identity(_)));
     assert!(!desk.identity().bypass);
-    // With the next challenge right behind it, it is another nonce.
+    // A challenge directly after the request makes its nonce invalid.
     let again = recorded(&mut desk, &BYPASS_OFF, &key(1));
     assert!(matches!(send(&mut desk, &again), Response::Identity(_)));
     desk.challenge();
     assert_eq!(send(&mut desk, &again), WRONG);
-    // Played back: at once, after another challenge, after a restart.
+    // Replayed at once, after another challenge, and after a restart.
     desk.ask(&Request::SetBypass { on: true });
     assert_eq!(send(&mut desk, &off), WRONG);
     let nonce = desk.challenge();
@@ -162,7 +162,7 @@ fn a_signed_request_is_carried_out_once() {
     assert_ne!(
         desk.challenge(),
         nonce,
-        "a nonce that was tried holds no more"
+        "a nonce is valid for one attempt only"
     );
     let mut desk = desk.restarted();
     assert_eq!(send(&mut desk, &off), WRONG);
@@ -171,7 +171,7 @@ fn a_signed_request_is_carried_out_once() {
     assert!(desk.identity().bypass);
 }
 
-/// Commands are no services: a stop that was recorded is none for the commands that come after it.
+/// A recorded stop is not accepted again after a command, although commands are not services.
 #[test]
 fn a_recorded_stop_does_not_stop_later_commands() {
     let (mut desk, _) = owned();
@@ -193,7 +193,7 @@ fn a_recorded_stop_does_not_stop_later_commands() {
 fn what_is_signed_otherwise_is_not_carried_out() {
     let (mut desk, _) = owned();
     desk.ask(&Request::SetBypass { on: true });
-    // By another key; of another request; with any bit changed.
+    // Signed by another key, for another request, or with any bit changed.
     let by_another = recorded(&mut desk, &BYPASS_OFF, &key(2));
     assert_eq!(send(&mut desk, &by_another), WRONG);
     let (restart, _) = recorded(&mut desk, &Request::Restart, &key(1));
@@ -211,7 +211,7 @@ fn what_is_signed_otherwise_is_not_carried_out() {
         let request = &off;
         assert_eq!(desk.ask(&Request::Signed { signature, request }), WRONG);
     }
-    // With a nonce that does not hold: none was asked for, or something else came in between.
+    // With an invalid nonce: none was asked for, or another request came in between.
     let mut without = Desk::start(desk.flash.clone(), true);
     let nonce = [0; 16];
     assert_eq!(
@@ -224,7 +224,7 @@ fn what_is_signed_otherwise_is_not_carried_out() {
     let late = recorded(&mut desk, &BYPASS_OFF, &key(1));
     desk.ask(&Request::Identify);
     assert_eq!(send(&mut desk, &late), WRONG);
-    // A signed request that is signed itself, that is none, that is cyclic.
+    // A signed request that contains a signed, an unknown, a malformed or a cyclic request.
     let evaluate = Request::Evaluate(query(&[], 0.0));
     for bytes in [vec![18; 3], vec![99], vec![14, 0], encoded(&evaluate)] {
         let nonce = desk.challenge();
@@ -235,10 +235,10 @@ fn what_is_signed_otherwise_is_not_carried_out() {
         assert_eq!(answer, refused(Refusal::UnknownMessage), "{bytes:?}");
     }
     assert!(desk.identity().bypass);
-    // Repeated challenges are one.
+    // A repeated challenge returns the same nonce.
     let nonce = desk.challenge();
     assert_eq!(desk.challenge(), nonce);
-    // And it is nothing but a signature that was missing.
+    // The same request with a valid signature is carried out.
     assert!(matches!(
         desk.ask_signed(&BYPASS_OFF, &key(1)),
         Response::Identity(_)
@@ -251,7 +251,7 @@ fn encoded(request: &Request<'_>) -> Vec<u8> {
     request.encode(&mut buffer).expect("short").to_vec()
 }
 
-/// What the key signs for one purpose is of no use for the other.
+/// A signature for one purpose is invalid for the other.
 #[test]
 fn a_request_is_no_blob() {
     let message = order(&[0; 16], &[1, 2, 3]).expect("short");
@@ -259,7 +259,7 @@ fn a_request_is_no_blob() {
     assert_eq!(order(&[0; 16], &[0; MAX_SIGNED + 1]), None);
 }
 
-/// The model with another serial number.
+/// Returns the model with another serial number.
 fn of_another_robot(known: &Known) -> Known {
     let mut decoded = blob::decode(&known.bytes).expect("a blob");
     decoded.robot.serial_number = "another one";
@@ -315,7 +315,7 @@ fn another_robots_model_is_an_order_of_its_own() {
         desk.ask(&Request::CommitUpload);
         desk.ask(&theirs.activate());
         assert_eq!(desk.active(), Some(theirs.blob_crc));
-        // That was for one upload.
+        // The permission was for one upload only.
         assert_eq!(
             upload(&mut desk, &ours.bytes),
             refused(Refusal::AnotherRobot)
@@ -323,7 +323,7 @@ fn another_robots_model_is_an_order_of_its_own() {
     }
 }
 
-/// A device whose key cannot be read takes no order that would have to be signed.
+/// A device whose key cannot be read refuses every request that needs a signature.
 #[test]
 fn a_damaged_key_takes_no_order() {
     let (mut desk, [_, new]) = owned();
@@ -338,7 +338,7 @@ fn a_damaged_key_takes_no_order() {
     assert!(matches!(on, Response::Identity(_)));
 }
 
-/// Every request on an owned device, without the key: SECURITY.md has the same table.
+/// Every request to an owned device, without the key; SECURITY.md has the same table.
 #[test]
 fn what_each_message_may_without_the_key() {
     let page = include_str!("../../../../SECURITY.md");
@@ -358,7 +358,7 @@ fn what_each_message_may_without_the_key() {
     };
     let (_, [_, new]) = owned();
     for message in REQUESTS {
-        // Each in a form that would change something.
+        // Each request in a form that would change something.
         let request = match message.name {
             "Identify" => Request::Identify,
             "Evaluate" => Request::Evaluate(query(&[0.1, 0.2], 1.0)),
@@ -387,7 +387,7 @@ fn what_each_message_may_without_the_key() {
                 signature: &[7; 64],
                 request: &[14],
             },
-            other => panic!("{other} is new: what may it?"),
+            other => panic!("{other} is new: add it to this test and to SECURITY.md"),
         };
         let (mut desk, _) = owned();
         desk.ask(&begin(&new.bytes));
@@ -405,7 +405,7 @@ fn what_each_message_may_without_the_key() {
             "{}: {answer:?}",
             message.name
         );
-        // Whatever it may, neither model nor settings change, the bypass does not end, and the device goes on.
+        // In every case the models and settings stay, the bypass does not end, and the device continues.
         let after = desk.identity();
         assert_eq!(
             (
@@ -424,7 +424,7 @@ fn what_each_message_may_without_the_key() {
             )
         );
         assert!(!desk.restarting);
-        // The owner may all that is only taken signed.
+        // The owner may send everything that needs a signature.
         if found == "signed only" {
             let answer = desk.ask_signed(&request, &key(1));
             assert!(!matches!(answer, Response::Refused(_)), "{answer:?}");
@@ -437,7 +437,7 @@ fn what_each_message_may_without_the_key() {
             .count(),
         REQUESTS.len() + 3
     );
-    // The three rows of one message that depend on its fields, or on what came before.
+    // The rows for messages whose permission depends on their fields or on earlier messages.
     let (mut desk, _) = owned();
     assert_eq!(documented("StopCyclic`, before the first `Command"), "yes");
     assert_eq!(desk.ask(&Request::StopCyclic), Response::CyclicStopped);
@@ -455,7 +455,7 @@ fn what_each_message_may_without_the_key() {
     assert_eq!(desk.ask(&request), refused(Refusal::NotSigned));
 }
 
-/// While a controller sends commands, nobody makes its silence a thing of course; without a key, everybody does.
+/// While a controller sends commands, only the owner may stop the cycle. Without a provisioned key, anybody may.
 #[test]
 fn standing_down_under_a_controller_is_the_owners() {
     let (mut desk, _) = owned();
@@ -469,7 +469,7 @@ fn standing_down_under_a_controller_is_the_owners() {
         Response::CyclicStopped
     );
     assert!(!desk.is_running());
-    // The next cycle begins anew.
+    // After the stop, the state is as before the first command.
     assert_eq!(desk.ask(&Request::StopCyclic), Response::CyclicStopped);
     let mut without = Desk::default();
     command(&mut without);

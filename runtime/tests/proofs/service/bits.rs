@@ -1,5 +1,5 @@
-//! Every bit of the flash that holds models and key: whichever one flips, what runs after a start is a model that was
-//! stored whole, or none.
+//! Flips every bit of the flash that holds models and key. After a start the device runs a model that was stored whole, or
+//! none.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ use crate::arm::WORDS;
 
 const ERASE: u32 = 256;
 
-/// The parts of the flash, and their bytes.
+/// Returns the parts of the flash, with their byte ranges.
 fn parts() -> Vec<(&'static str, Range<u32>)> {
     let [a, b] = layout().slots;
     vec![
@@ -30,7 +30,8 @@ fn parts() -> Vec<(&'static str, Range<u32>)> {
     ]
 }
 
-/// What the device would run, by the store and the loader as [`Desk`]'s start uses them, without a device for each bit.
+/// Returns what the device would run: the store and the loader as [`Desk`]'s start uses them, without a whole device for
+/// each bit.
 fn runs(flash: Flash, resident: &mut ModelSlot<WORDS>) -> Option<u32> {
     let mut store = Store::new(flash, layout()).expect("a layout");
     let key = store.public_key().ok()?;
@@ -45,7 +46,7 @@ fn runs(flash: Flash, resident: &mut ModelSlot<WORDS>) -> Option<u32> {
     None
 }
 
-/// Flips every bit and counts what runs then.
+/// Flips every bit and counts what runs afterwards.
 fn flip_every_bit(flash: &Flash, newest: &Known, other: &Known) -> BTreeMap<String, usize> {
     let mut counts = BTreeMap::new();
     let mut resident = ModelSlot::<WORDS>::default();
@@ -77,7 +78,7 @@ fn installed(models: &[&Known]) -> Desk {
     desk
 }
 
-/// Without a key a damaged model is replaced by the other one, and no flip at all leaves the device without a model.
+/// Without a key, the other model replaces a damaged one. Only a flip in the key's page leaves the device without a model.
 #[test]
 fn every_bit_of_the_flash_without_a_key() {
     let [old, new, _] = Known::three();
@@ -90,13 +91,13 @@ fn every_bit_of_the_flash_without_a_key() {
         .keys()
         .filter(|k| k.ends_with("no model runs"))
         .collect();
-    // A page of the key that is not blank and holds no key takes no model: it fails closed.
+    // A key page that is not blank and holds no key refuses every model: it fails closed.
     assert_eq!(none, ["page of the key: no model runs"]);
     let replaced = counts["blob of slot B: the model before it runs"];
     assert_eq!(replaced, 8 * new.bytes.len());
 }
 
-/// With a key the two copies of it stand for each other.
+/// Each of the two copies of the key replaces the other.
 #[test]
 fn every_bit_of_the_key() {
     let [old, new, _] = Known::three();
@@ -115,7 +116,7 @@ fn every_bit_of_the_key() {
         flipped.bytes_mut()[bit as usize / 8] ^= 1 << (bit % 8);
         let mut store = Store::new(flipped.clone(), layout()).expect("a layout");
         assert_eq!(store.public_key(), Ok(Some(public_key)), "bit {bit}");
-        // The signature is the same computation each time; a few of them will do.
+        // A sample is enough, because the check of the signature is the same computation each time.
         if bit % 64 == 0 {
             assert_eq!(
                 runs(flipped, &mut resident),
@@ -130,8 +131,8 @@ fn every_bit_of_the_key() {
     );
 }
 
-/// The same with a whole device, for every bit that was written in the heads: it starts, answers to the bit by a model
-/// that it names, and can be brought a new one.
+/// A whole device starts with any bit flipped that was written in the heads. It answers to the bit with the model that it
+/// names, and takes a new model.
 #[test]
 fn a_device_starts_with_any_bit_of_the_heads_flipped() {
     let [old, new, third] = Known::three();
@@ -139,7 +140,7 @@ fn a_device_starts_with_any_bit_of_the_heads_flipped() {
     let flash = desk.flash.borrow().clone();
     let mut starts = 0;
     for slot in layout().slots {
-        // Two records of 28 bytes are more than were written.
+        // Covers the two records of 28 bytes, which is more than was written.
         for bit in 8 * slot.start..8 * (slot.start + 56) {
             let mut flipped = flash.clone();
             flipped.bytes_mut()[bit as usize / 8] ^= 1 << (bit % 8);

@@ -1,7 +1,7 @@
-//! The commands of a cycle: whatever is switched, the correction never steps, and it ends at the bits of `Correct`.
+//! The commands of a cycle: no switch makes the correction step, and the correction ends with the bits of `Correct`.
 //!
-//! Beside the device runs a filter of its own, given the models, cycles and switches that the device should have: it says
-//! what every answer is to the bit, and the laws of the filter ([`Judge`]) are measured on it.
+//! A second filter runs beside the device, with the models, cycles and switches that the device should have. It predicts
+//! every answer to the bit, and [`Judge`] checks the laws of the filter on it.
 
 use poegp_protocol::link::{Commanded, CycleSettings, Query, Refusal, Request, Response};
 use poegp_runtime::guard::status::Status;
@@ -11,10 +11,10 @@ use super::known::{Known, bits, public, query, refused};
 use crate::arm::Arm;
 use crate::filter_paths::JOINTS;
 
-/// Roundings of single precision, as in the laws of the filter.
+/// Allowances for rounding in single precision, as in the laws of the filter.
 pub(super) const ROUNDING: [f64; 2] = [0.5e-6, 1e-6];
 
-/// Two that correct by some milliradians, differently.
+/// Returns two models with different corrections of some milliradians.
 pub(super) fn models() -> [Known; 2] {
     [(6, 40.0), (12, 15.0)].map(|(points, factor)| {
         let mut arm = Arm::elastic(JOINTS, points, false);
@@ -26,7 +26,7 @@ pub(super) fn models() -> [Known; 2] {
     })
 }
 
-/// The device with both models stored, the second active, no command yet, and a clock that only a test moves.
+/// Returns a device with both models stored, the second active, no command yet, and a clock that only the test advances.
 pub(super) fn desk_with(models: &[Known; 2]) -> Desk {
     let mut desk = Desk::default();
     for known in models {
@@ -50,7 +50,7 @@ pub(super) fn answer_of(desk: &mut Desk, query: &Query) -> poegp_protocol::link:
     }
 }
 
-/// Whether nothing moves any more.
+/// Returns whether nothing is being blended and the weight is exactly 0 or 1.
 pub(super) fn is_settled(commanded: &Commanded) -> bool {
     let blends = Status::from_bits(commanded.status).contains(Status::BLENDING);
     !blends
@@ -59,7 +59,7 @@ pub(super) fn is_settled(commanded: &Commanded) -> bool {
             .any(|end| end.to_bits() == commanded.weight.to_bits())
 }
 
-/// Sends the command until it is answered as `Correct` does, twice, one in each cycle; how many it took.
+/// Sends the command once a cycle until it is answered as `Correct` answers it, twice in a row. Returns the number of cycles.
 fn settle(desk: &mut Desk, query: &Query, sequence: &mut u16) -> (u32, Commanded) {
     let mut settled = 0;
     for count in 0..40_000 {
@@ -86,7 +86,11 @@ fn a_correction_ramps_in_and_a_model_waits_for_it_to_ramp_out() {
     let query = query(&[0.3, -0.4, 0.2, 0.1, 0.5, -0.2], 2.0);
     let mut sequence = 0;
     let first = command(&mut desk, sequence, &query);
-    assert_eq!(bits(&first.joints), bits(&query.joints), "as it came");
+    assert_eq!(
+        bits(&first.joints),
+        bits(&query.joints),
+        "the first command is uncorrected"
+    );
     assert_eq!(first.weight.to_bits(), 0);
     let (count, settled) = settle(&mut desk, &query, &mut sequence);
     assert_eq!(settled.weight.to_bits(), 1.0_f32.to_bits());
@@ -96,7 +100,7 @@ fn a_correction_ramps_in_and_a_model_waits_for_it_to_ramp_out() {
     let identity = desk.identity();
     assert!(identity.pending);
     assert_eq!(identity.model.map(|m| m.blob_crc), Some(models[0].blob_crc));
-    // Questions are answered by the model that is active, and what needs room for a model has to wait.
+    // `Correct` uses the active model, and requests that need room for a model must wait.
     assert_eq!(answer_of(&mut desk, &query).blob_crc, models[1].blob_crc);
     let busy = refused(Refusal::Busy);
     for request in [
@@ -117,11 +121,11 @@ fn a_correction_ramps_in_and_a_model_waits_for_it_to_ramp_out() {
     assert_eq!(settled.blob_crc, models[0].blob_crc);
     assert!(!desk.identity().pending);
     assert_eq!(desk.statistics().activations, 3);
-    // There is room again.
+    // After the exchange there is room again.
     models[1].install(&mut desk_after_stop(desk));
 }
 
-/// After `StopCyclic` nothing waits.
+/// Stops the cycle, so that no request has to wait.
 fn desk_after_stop(mut desk: Desk) -> Desk {
     desk.ask(&Request::StopCyclic);
     desk
@@ -140,7 +144,7 @@ fn without_commands_a_model_is_exchanged_at_once() {
             1 => {
                 desk.ask(&Request::StopCyclic);
             }
-            // Ordered while commands come, which then stop.
+            // Requested while commands come, which then stop.
             _ => {
                 desk.ask(&models[0].activate());
                 assert!(desk.identity().pending);
@@ -152,7 +156,7 @@ fn without_commands_a_model_is_exchanged_at_once() {
         assert!(!identity.pending);
         assert_eq!(identity.model.map(|m| m.blob_crc), Some(models[0].blob_crc));
         assert_eq!(answer_of(&mut desk, &query).blob_crc, models[0].blob_crc);
-        // When commands come again the correction goes on where it was.
+        // When commands come again, the correction continues where it was.
         desk.wait(1_000);
         sequence += 1;
         let after = command(&mut desk, sequence, &query);
@@ -191,7 +195,7 @@ fn time_is_counted_in_cycles() {
         let statistics = desk.statistics();
         (statistics.repeats, statistics.gaps)
     };
-    // Four hundredths after the last one is no cycle; eight, counted from the one that was, is one.
+    // 4 ms after the last command is no new cycle; 8 ms after it is one, counted from the last command that was a cycle.
     let before = at(&mut desk, 10);
     assert_eq!(at(&mut desk, 4).to_bits(), before.to_bits());
     assert_eq!(counted(&mut desk), (1, 0));
@@ -200,7 +204,7 @@ fn time_is_counted_in_cycles() {
         at(&mut desk, wait);
         assert_eq!(counted(&mut desk), (1, gaps), "{wait}");
     }
-    // A whole turn of the counter and one cycle is no cycle.
+    // A whole turn of the tick counter plus one cycle is a gap, not one cycle.
     for part in [1 << 31, 1 << 31, 10] {
         desk.wait(part);
         desk.look();
@@ -254,7 +258,7 @@ fn settings_are_kept_and_refused_by_name() {
     }
     assert_eq!(desk.identity(), identity);
 
-    // Not while a correction is applied: bypass first.
+    // Refused while a correction is applied; the bypass must come first.
     let query = query(&[0.3, -0.4, 0.9, 0.1, 1.2, -0.2], 2.0);
     let mut sequence = 0;
     settle(&mut desk, &query, &mut sequence);
@@ -269,7 +273,7 @@ fn settings_are_kept_and_refused_by_name() {
     assert_eq!(passed.weight.to_bits(), 0);
     assert!(matches!(desk.ask_twice(&slow), Response::Identity(_)));
     assert_eq!(desk.identity().cycle, period_us(4_000));
-    // It outlives the power, and the next ones as well; in one page there is room for nine.
+    // The settings survive a loss of power, and so do later ones. One page has room for nine.
     let mut desk = Desk::start(desk.flash, false);
     assert_eq!(desk.identity().cycle, period_us(4_000));
     for number in 2..=9 {
@@ -282,7 +286,7 @@ fn settings_are_kept_and_refused_by_name() {
     assert_eq!(desk.restarted().identity().cycle, period_us(9_000));
 }
 
-/// Commands that come while the flash is written do not keep refused settings in force.
+/// Settings that the flash cannot keep are not in force, even if commands come while the flash is written.
 #[test]
 fn settings_that_cannot_be_kept_are_not_in_force() {
     let models = models();
@@ -296,7 +300,7 @@ fn settings_that_cannot_be_kept_are_not_in_force() {
         assert!(matches!(answer, Response::Identity(_)), "{answer:?}");
     }
     let (mut full, mut at_rest) = (0, Some(desk));
-    // Spaces on the line: the commands come at every moment of the service.
+    // The zeros delay the commands, so that they come at every moment of the service.
     for spaces in (0..1_600).step_by(20) {
         let mut desk = at_rest.take().expect("a desk").restarted();
         desk.set_tick_step(1);
@@ -316,7 +320,7 @@ fn settings_that_cannot_be_kept_are_not_in_force() {
     assert!(full > 5, "{full}");
 }
 
-/// Whichever way a model would come to run, it needs the time that is provisioned; what runs, runs on.
+/// A model that needs more time than provisioned is refused in every way that it could start; a running model continues.
 #[test]
 fn a_model_without_time_is_refused_whichever_way_it_comes() {
     let [quick, slow] = models();
@@ -339,11 +343,11 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
     let mut desk = Desk::default();
     slow.install(&mut desk);
     assert_eq!(desk.identity().model.unwrap().instructions, needed);
-    // Not less than what runs takes.
+    // The provisioned time cannot be less than the running model needs.
     assert_eq!(allow(&mut desk, needed - 1), too_slow(needed - 1));
     assert!(matches!(allow(&mut desk, needed), Response::Identity(_)));
     quick.install(&mut desk);
-    // Verified before there was less time, activated after.
+    // Verified while there was enough time, and activated when there is not.
     assert!(matches!(slow.upload(&mut desk), Response::Verified(_)));
     assert!(matches!(allow(&mut desk, enough), Response::Identity(_)));
     for request in [
@@ -358,7 +362,7 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
     assert_eq!(desk.ask_twice(&quick.roll_back()), too_slow(enough));
     assert_eq!(desk.active(), Some(quick.blob_crc));
     assert_eq!(desk.restarted().active(), Some(quick.blob_crc));
-    // At the start: the newest is the slow one, and then there is less time than it needs.
+    // At the start: the newest model is the slow one, and there is less time than it needs.
     let mut desk = Desk::default();
     quick.install(&mut desk);
     let upload = slow.upload(&mut desk);
@@ -371,7 +375,7 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
     assert_eq!(desk.identity().cycle.max_instructions, enough);
 }
 
-/// Whatever the model refuses, the bypass takes the correction back, and a model that waits runs.
+/// Even while the model refuses every command, the bypass removes the correction, and a waiting model starts.
 #[test]
 fn the_bypass_takes_a_correction_back_from_commands_that_the_model_refuses() {
     let models = models();
@@ -400,7 +404,7 @@ fn the_bypass_takes_a_correction_back_from_commands_that_the_model_refuses() {
             let bypassed = commanded.status & Status::BYPASSED.bits() != 0;
             assert_eq!(
                 bypassed, bypass,
-                "what bypasses is said whatever is refused"
+                "the status shows the bypass even where the model refuses"
             );
             bits(&commanded.joints) == bits(&at) && !desk.identity().pending
         });
@@ -434,7 +438,7 @@ fn what_is_no_command_is_answered_with_the_last_answer() {
     desk.wait(1);
     let after = command(&mut desk, sequence + 1, &good);
     assert_eq!(bits(&after.joints), bits(&settled.joints));
-    // Without a model commands pass.
+    // Without a model, commands pass unchanged.
     let mut desk = Desk::default();
     for sequence in 0..10 {
         let passed = command(&mut desk, sequence, &good);

@@ -1,6 +1,6 @@
-//! Power fails at every operation of the flash, over frames: after the restart the device runs the old or the new model.
+//! Cuts power at every flash operation during a request. After the restart the device runs the old or the new model.
 //!
-//! The proofs of the store do the same for more kinds of flash and more states; here it is the whole device.
+//! The tests of the store do the same for more kinds of flash and more states; these tests use the whole device.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -11,8 +11,8 @@ use super::desk::{Desk, Flash, flash};
 use super::known::{Known, query};
 use super::nor::Cut;
 
-/// Brings a device over `prepared` to the request, cuts power at every operation in every way, and returns at how many.
-/// `may_run` are the models that may run afterwards, the one before the request first, the one after it last.
+/// Prepares a device over `prepared`, sends the request, and cuts power at every operation in every way. Returns the number of
+/// cuts. `may_run` has the model before the request and the one after it.
 fn cut_everywhere(
     prepared: &Flash,
     before: impl Fn(&mut Desk),
@@ -30,7 +30,7 @@ fn cut_everywhere(
             let done = !matches!(desk.ask(request), Response::Refused(_));
             let was_cut = flash.borrow().is_off();
             assert!(was_cut || done, "{operation} {cut:?}");
-            // Until the end of power, whatever the flash said, the corrections go on.
+            // As long as there is power, corrections continue whatever the flash reports.
             let old_goes_on = desk.ask(&Request::Correct(question.clone()));
             assert!(matches!(old_goes_on, Response::Corrected(answer) if answer.blob_crc != 0));
 
@@ -42,10 +42,15 @@ fn cut_everywhere(
             let runs = may_run
                 .iter()
                 .position(|known| known.blob_crc == answer.blob_crc);
-            let runs = runs.unwrap_or_else(|| panic!("neither, at {operation} {cut:?}"));
+            let runs = runs.unwrap_or_else(|| {
+                panic!("neither the old nor the new model runs, at {operation} {cut:?}")
+            });
             may_run[runs].assert_corrected(&question, &answer);
-            assert!(!done || runs == 1, "done is done, at {operation} {cut:?}");
-            // And what was interrupted can be done again.
+            assert!(
+                !done || runs == 1,
+                "a completed request was lost, at {operation} {cut:?}"
+            );
+            // The interrupted request can be repeated.
             if runs == 0 {
                 before(&mut desk);
                 let again = desk.ask(request);
@@ -61,7 +66,7 @@ fn cut_everywhere(
     cuts
 }
 
-/// A flash that was used: `models` were installed in turn.
+/// Returns a flash in which `models` were installed one after the other.
 fn used(models: &[&Known]) -> Flash {
     let flash = flash();
     let mut desk = Desk::start(flash.clone(), false);
@@ -82,7 +87,7 @@ fn power_fails_at_every_operation_of_a_commit() {
     for prepared in [used(&[&old]), used(&[&third, &old])] {
         cuts += cut_everywhere(&prepared, upload, &Request::CommitUpload, [&old, &new]);
     }
-    // After it was activated, too.
+    // Also if the model was activated first.
     let activate = |desk: &mut Desk| {
         new.upload(desk);
         desk.ask(&new.activate());
@@ -97,7 +102,7 @@ fn power_fails_at_every_operation_of_a_commit() {
 fn power_fails_at_every_operation_of_a_roll_back() {
     let [old, new, third] = Known::three();
     let nothing = |_: &mut Desk| {};
-    // Heads with room and, after many turns, without.
+    // Heads with free records and, after many rounds, without.
     let mut cuts = 0;
     let mut prepared = used(&[&third, &old, &new]);
     for turn in 0..24 {

@@ -1,4 +1,4 @@
-//! What the cycle answers: the model to the bit, and the command as it came when there is nothing to correct it with.
+//! The answers of a cycle: the bits of the model, or the unchanged command if nothing can correct it.
 
 use poegp_protocol::link::{Query, Refusal, Request, Response, Trace};
 use poegp_runtime::guard::status::Status;
@@ -71,7 +71,7 @@ fn a_trace_shows_the_stages() {
     assert_eq!(bits(&trace.sin_cos), bits(&narrow(&seen.motions)));
 }
 
-/// A trace takes longer than a command: from the first one to the end of the cycles there is none.
+/// A trace takes longer than a command, so traces are refused from the first command to the end of the cycles.
 #[test]
 fn no_trace_delays_a_command() {
     let known = Known::new(Arm::sound(3, 7));
@@ -134,7 +134,7 @@ fn bad_input_comes_back() {
         }
         let expected = 2 * bad.len() as u32;
         for query in bad {
-            // Compared number by number: a NaN is not equal to itself.
+            // Compared number by number, because a NaN does not equal itself.
             let Response::Corrected(answer) = desk.ask(&Request::Correct(query.clone())) else {
                 panic!()
             };
@@ -172,10 +172,10 @@ fn the_bypass_lets_commands_pass() {
         } else {
             known.assert_corrected(&usual, &answer);
         }
-        // Poses are what they are.
+        // The bypass does not change evaluated poses.
         known.assert_evaluated(&usual, &evaluate(&mut desk, &usual));
     }
-    // It outlives a restart, not the power.
+    // The bypass survives a restart, but not a loss of power.
     assert_eq!(desk.ask_twice(&Request::Restart), Response::Restarting);
     let mut desk = desk.restarted();
     assert!(desk.identity().bypass);
@@ -208,9 +208,12 @@ fn only_cyclic_requests_say_that_more_will_come() {
         assert!(desk.is_running());
         for service in &services {
             desk.ask(service);
-            assert!(desk.is_running(), "a service takes nothing back");
+            assert!(desk.is_running(), "a service does not end the cycle");
         }
-        assert!(!desk.answers(&[5, 5, 0]).is_empty(), "nor does noise");
+        assert!(
+            !desk.answers(&[5, 5, 0]).is_empty(),
+            "noise is answered and does not end the cycle"
+        );
         assert!(desk.is_running());
         assert_eq!(
             desk.ask_twice(&Request::StopCyclic),
@@ -218,7 +221,7 @@ fn only_cyclic_requests_say_that_more_will_come() {
         );
         assert!(!desk.is_running());
     }
-    // Completed cycles feed a watchdog; standing down and services do not.
+    // Completed cycles feed a watchdog; stopping and services do not.
     assert_eq!(desk.completed().0, 3);
     assert_eq!(desk.statistics().cycles, 3);
 }
@@ -229,7 +232,7 @@ fn late_answers_are_counted() {
     let request = Request::Correct(query(&[0.1], 0.0));
     desk.ask(&request);
     let statistics = desk.statistics();
-    // Two looks at the clock around the computation, and one at the end.
+    // The clock is read twice around the computation and once at the end.
     assert_eq!(
         (statistics.max_ticks, statistics.max_latency_ticks),
         (100, 300)
@@ -252,7 +255,7 @@ fn late_answers_are_counted() {
     assert_eq!(statistics.cycles, 4);
 }
 
-/// While a blob is verified and written, corrections go on with the old model, in the middle of the service.
+/// While a blob is verified and written, the device answers corrections with the old model, in the middle of the service.
 #[test]
 fn services_do_not_hold_up_the_cycle() {
     let [old, new, _] = Known::three();
@@ -275,7 +278,7 @@ fn services_do_not_hold_up_the_cycle() {
     for (sequence, answer) in &answers {
         if let Response::Corrected(answer) = answer {
             old.assert_corrected(&query, answer);
-            assert_eq!(*sequence, 100 + corrected, "in their order");
+            assert_eq!(*sequence, 100 + corrected, "answers out of order");
             corrected += 1;
         }
     }

@@ -1,4 +1,4 @@
-//! Cyclic frames: the bits of `Command`, and what is dropped counts for nothing but itself.
+//! Cyclic frames give the bits of `Command`, and a dropped frame changes nothing but its own counter.
 
 use poegp_protocol::link::cyclic::{
     CyclicAnswer, MAX_CYCLIC, decode_answer, encode_answer, encode_command,
@@ -14,7 +14,7 @@ fn frame(sequence: u16, query: &Query) -> Vec<u8> {
     encode_command(sequence, query, &mut out).unwrap().to_vec()
 }
 
-/// What the device sends when `bytes` come.
+/// Returns what the device sends in answer to `bytes`.
 fn sent(desk: &mut Desk, bytes: &[u8]) -> Vec<u8> {
     desk.send(bytes);
     desk.run();
@@ -36,7 +36,7 @@ fn path(place: u32) -> Query {
     query(&joints, 2.0)
 }
 
-/// Two devices on one path, with switches on the way: one has every command in a message, the other in a cyclic frame.
+/// Two devices follow one path with the same switches: one gets every command as a message, the other as a cyclic frame.
 #[test]
 fn the_bits_of_command() {
     let models = models();
@@ -77,7 +77,7 @@ fn the_bits_of_command() {
     assert!(frames.is_running());
 }
 
-/// A device that gets frames to drop between the commands answers these as one that does not, and counts.
+/// A device that gets additional frames to drop answers the commands like one that does not, and counts the dropped frames.
 #[test]
 fn what_is_dropped_is_counted_and_changes_nothing() {
     let models = models();
@@ -97,7 +97,7 @@ fn what_is_dropped_is_counted_and_changes_nothing() {
                 repeats += 1;
                 good
             }
-            // The number again with another command.
+            // The same number with another command.
             1 => {
                 repeats += 1;
                 frame(sequence, &path(place + 1))
@@ -112,7 +112,7 @@ fn what_is_dropped_is_counted_and_changes_nothing() {
             }
             3 => {
                 bad += 1;
-                // An answer is longer than the command of as many joints.
+                // An answer is longer than a command with the same number of joints.
                 let mut out = [0; MAX_CYCLIC];
                 let next = sequence.wrapping_add(1);
                 encode_answer(next, &one, &mut out).unwrap().to_vec()
@@ -132,7 +132,7 @@ fn what_is_dropped_is_counted_and_changes_nothing() {
     assert_eq!((quiet.repeats, quiet.bad_frames), (0, 0));
 }
 
-/// The filter holds while nothing but rubbish comes, and goes on from there, as after any gap.
+/// While only invalid frames come, the filter holds the correction. Then it continues, as after any gap.
 #[test]
 fn the_filter_holds() {
     let models = models();
@@ -154,7 +154,7 @@ fn the_filter_holds() {
     assert_eq!((one.repeats, other.repeats), (0, 30));
 }
 
-/// Beside cyclic frames a damaged one is not answered; half a second later it is again, and the number counts again, too.
+/// After cyclic frames, a damaged frame is not answered. Half a second later it is, and the last number may be used again.
 #[test]
 fn damage_is_answered_again_when_commands_have_stopped() {
     let models = models();
@@ -166,7 +166,7 @@ fn damage_is_answered_again_when_commands_have_stopped() {
     cyclic(&mut desk, 5, &path(0));
     assert!(sent(&mut desk, &damaged).is_empty());
     assert!(sent(&mut desk, &frame(5, &path(1))).is_empty());
-    // Services go on.
+    // Services continue.
     let answers = desk.answers(&wire(7, &Request::Identify));
     assert!(matches!(answers[..], [(7, Response::Identity(_))]));
     desk.wait(TICK_HZ / 2 + 1);
@@ -174,7 +174,7 @@ fn damage_is_answered_again_when_commands_have_stopped() {
     assert_eq!(desk.answers(&damaged), bad);
     cyclic(&mut desk, 5, &path(1));
     assert!(sent(&mut desk, &damaged).is_empty());
-    // A message says that its sender waits for answers.
+    // A message shows that its sender waits for answers.
     command(&mut desk, 6, &path(2));
     assert_eq!(desk.answers(&damaged), bad);
     cyclic(&mut desk, 6, &path(3));
@@ -185,7 +185,7 @@ fn damage_is_answered_again_when_commands_have_stopped() {
     assert!(matches!(answer[..], [(9, Response::Statistics(_))]));
 }
 
-/// As after any command, only the owner of the key ends the cycle.
+/// As after any command, only the owner of the key may stop the cycle.
 #[test]
 fn a_cyclic_frame_is_a_command() {
     let models = models();

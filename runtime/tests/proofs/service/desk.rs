@@ -1,8 +1,7 @@
-//! A device on a desk: `Cycle` and `Background` coupled as the firmware couples them, over a flash that knows the rules of
-//! NOR.
+//! A device for tests: `Cycle` and `Background`, coupled as in the firmware, over a simulated NOR flash.
 //!
-//! The front takes bytes in bursts. While a service is carried out it is let in at every order and every operation of
-//! the flash, so cyclic requests that wait on the line are answered in the middle of services, as on the device.
+//! The front takes bytes in bursts. During a service it runs at every order and every flash operation. Waiting cyclic requests
+//! are therefore answered in the middle of services, as on the device.
 
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
@@ -21,13 +20,13 @@ use poegp_runtime::store::{Layout, Store};
 use super::nor::Nor;
 use crate::arm::WORDS;
 
-/// Bytes of a blob that fit.
+/// Capacity for blobs, bytes.
 pub const BYTES: usize = 4_096;
-/// The flash: erase units of 256 bytes.
+/// The flash, with erase units of 256 bytes.
 pub type Flash = Nor<4, 256>;
-/// Ticks in which a cyclic request is to be answered.
+/// Ticks within which a cyclic request must be answered.
 pub const DEADLINE_TICKS: u32 = 1_000;
-/// Instructions of a command for which there is time.
+/// Instructions for which a command has time.
 pub const MAX_INSTRUCTIONS: u32 = 500_000;
 /// Frequency of the clock.
 pub const TICK_HZ: u32 = 1_000;
@@ -49,7 +48,7 @@ pub const BOARD: BoardInfo = BoardInfo {
 const SLOT: u32 = BYTES as u32 + 256;
 const UNITS: usize = 2 * SLOT as usize / 256 + 2;
 
-/// Where everything is.
+/// Returns the layout of the flash.
 pub fn layout() -> Layout {
     Layout {
         slots: [0..SLOT, SLOT..2 * SLOT],
@@ -58,12 +57,12 @@ pub fn layout() -> Layout {
     }
 }
 
-/// An empty flash.
+/// Returns an empty flash.
 pub fn flash() -> Rc<RefCell<Flash>> {
     Rc::new(RefCell::new(Flash::new(UNITS)))
 }
 
-/// Advances at each look and wraps around soon.
+/// A clock that advances whenever it is read, and soon wraps around.
 struct Ticker {
     ticks: u32,
     step: u32,
@@ -77,25 +76,25 @@ impl Clock for Ticker {
 }
 
 thread_local! {
-    /// Nonces so far, of all devices: none comes again after a restart.
+    /// Number of nonces over all devices, so that no nonce repeats after a restart.
     static NONCES: Cell<u64> = const { Cell::new(0) };
 }
 
-/// What the interrupts of the firmware do.
+/// The work of the firmware's interrupts.
 struct Front {
     cycle: Cycle<'static, WORDS>,
     receiver: Receiver,
     other_receiver: Option<Receiver>,
-    /// A service for the background.
+    /// A service request for the background.
     work: Option<Receiver>,
     ticker: Ticker,
     incoming: VecDeque<u8>,
     outgoing: Vec<u8>,
-    /// Bytes that are taken in one turn.
+    /// Bytes that one turn takes.
     burst: usize,
-    /// Whether a service is being carried out.
+    /// Whether a service is in progress.
     serving: bool,
-    /// Cyclic requests answered, and those of them in the middle of a service.
+    /// Answered cyclic requests, and how many of them were answered in the middle of a service.
     completed: u32,
     completed_meanwhile: u32,
 }
@@ -141,7 +140,7 @@ impl Front {
     }
 }
 
-/// How the background reaches the front.
+/// The background's access to the front.
 struct Calls(Rc<RefCell<Front>>);
 
 impl Device<'static, WORDS> for Calls {
@@ -149,7 +148,7 @@ impl Device<'static, WORDS> for Calls {
         let mut front = self.0.borrow_mut();
         let now = front.ticker.ticks;
         let report = front.cycle.apply(order, now);
-        // What came meanwhile is answered before the background sees the report.
+        // What arrived meanwhile is answered before the background sees the report.
         front.turn();
         report
     }
@@ -168,7 +167,7 @@ impl Device<'static, WORDS> for Calls {
     }
 }
 
-/// The flash, whose every operation lets the front in.
+/// The flash; every operation lets the front run.
 struct Wired {
     nor: Rc<RefCell<Flash>>,
     front: Rc<RefCell<Front>>,
@@ -206,15 +205,15 @@ impl NorFlash for Wired {
     }
 }
 
-/// The device.
+/// A device on a desk.
 pub struct Desk {
     front: Rc<RefCell<Front>>,
     background: Background<'static, Wired, WORDS, BYTES>,
-    /// Its flash, to look at or to damage.
+    /// Its flash, for inspection and damage.
     pub flash: Rc<RefCell<Flash>>,
     /// Why stored models were not started.
     pub not_started: [Option<Refusal>; 2],
-    /// Whether `Restart` was answered: the device has to be started anew.
+    /// Whether `Restart` was answered, so that the device must be started again.
     pub restarting: bool,
     sequence: u16,
 }
@@ -226,14 +225,14 @@ impl Default for Desk {
 }
 
 impl Desk {
-    /// With power on, and memory that is all zeros.
+    /// Starts a device at power-on, with memory that is all zeros.
     pub fn start(flash: Rc<RefCell<Flash>>, bypass: bool) -> Self {
         Self::start_on(flash, bypass, BOARD)
     }
 
-    /// The same on another board.
+    /// Starts a device on another board.
     pub fn start_on(flash: Rc<RefCell<Flash>>, bypass: bool, board: BoardInfo) -> Self {
-        // The firmware has statics for these; a few kilobytes for each start are the price of the same types here.
+        // The firmware has statics for these; leaking a few kilobytes for each start gives the same types here.
         let [active, spare] = [Box::leak(Box::default()), Box::leak(Box::default())];
         let active: &'static mut ModelSlot<WORDS> = active;
         let front = Rc::new(RefCell::new(Front {
@@ -270,7 +269,7 @@ impl Desk {
         }
     }
 
-    /// The same flash, started anew; the bypass is kept as the firmware keeps it.
+    /// Starts again with the same flash; the bypass is kept as in the firmware.
     #[must_use]
     pub fn restarted(self) -> Self {
         let mut front = self.front.borrow_mut();
@@ -280,17 +279,17 @@ impl Desk {
         Self::start(self.flash, bypass)
     }
 
-    /// Puts bytes on the line; nobody takes them yet.
+    /// Puts bytes on the line without running the device.
     pub fn send(&self, bytes: &[u8]) {
         self.front.borrow_mut().incoming.extend(bytes);
     }
 
-    /// Takes what the device has put on the line.
+    /// Takes the bytes that the device has sent.
     pub fn sent(&self) -> Vec<u8> {
         std::mem::take(&mut self.front.borrow_mut().outgoing)
     }
 
-    /// Lets the device work until the line is empty and nothing is left to do.
+    /// Runs the device until the line is empty and no work is left.
     pub fn run(&mut self) {
         loop {
             self.front.borrow_mut().turn();
@@ -318,27 +317,27 @@ impl Desk {
         self.restarting |= response == Response::Restarting;
     }
 
-    /// Everything that is answered to these bytes.
+    /// Returns all answers to these bytes.
     pub fn answers(&mut self, bytes: &[u8]) -> Vec<(u16, Response)> {
         self.send(bytes);
         self.run();
         decoded(&self.sent())
     }
 
-    /// The answer to a request.
+    /// Returns the answer to a request.
     pub fn ask(&mut self, request: &Request<'_>) -> Response {
         self.sequence = self.sequence.wrapping_add(257);
         self.ask_as(self.sequence, request)
     }
 
-    /// The same answer to a request and to its repetition.
+    /// Returns the answer to a request and to its repetition, which must be the same.
     pub fn ask_twice(&mut self, request: &Request<'_>) -> Response {
         let first = self.ask(request);
         assert_eq!(self.ask(request), first, "{request:?} repeated");
         first
     }
 
-    /// A nonce.
+    /// Asks for a nonce.
     pub fn challenge(&mut self) -> [u8; NONCE_LENGTH] {
         match self.ask(&Request::Challenge) {
             Response::Challenge { nonce } => nonce,
@@ -346,7 +345,7 @@ impl Desk {
         }
     }
 
-    /// The answer to a request that `key` signs.
+    /// Returns the answer to a request signed by `key`.
     pub fn ask_signed(&mut self, request: &Request<'_>, key: &SigningKey) -> Response {
         let nonce = self.challenge();
         let mut buffer = [0; MAX_SIGNED];
@@ -358,7 +357,7 @@ impl Desk {
         })
     }
 
-    /// Who it is.
+    /// Returns the device's identity.
     pub fn identity(&mut self) -> Identity {
         match self.ask(&Request::Identify) {
             Response::Identity(identity) => identity,
@@ -366,12 +365,12 @@ impl Desk {
         }
     }
 
-    /// CRC in the header of the active model's blob.
+    /// Returns the CRC in the header of the active model's blob.
     pub fn active(&mut self) -> Option<u32> {
         self.identity().model.map(|model| model.blob_crc)
     }
 
-    /// What it has counted.
+    /// Returns the device's counters.
     pub fn statistics(&mut self) -> Statistics {
         match self.ask(&Request::ReadStatistics) {
             Response::Statistics(statistics) => statistics,
@@ -379,41 +378,41 @@ impl Desk {
         }
     }
 
-    /// Whether cyclic requests are expected.
+    /// Returns whether cyclic requests are expected.
     pub fn is_running(&self) -> bool {
         self.front.borrow().cycle.is_running()
     }
 
-    /// Cyclic requests answered: all, and those in the middle of a service.
+    /// Returns the answered cyclic requests: all, and those in the middle of a service.
     pub fn completed(&self) -> (u32, u32) {
         let front = self.front.borrow();
         (front.completed, front.completed_meanwhile)
     }
 
-    /// Lets the front take so many bytes in one turn.
+    /// Sets how many bytes the front takes in one turn.
     pub fn set_burst(&self, bytes: usize) {
         self.front.borrow_mut().burst = bytes;
     }
 
-    /// Lets the clock advance by so much at each look.
+    /// Sets by how much the clock advances whenever it is read.
     pub fn set_tick_step(&self, step: u32) {
         self.front.borrow_mut().ticker.step = step;
     }
 
-    /// Lets the clock advance by so much now.
+    /// Advances the clock.
     pub fn wait(&self, ticks: u32) {
         let mut front = self.front.borrow_mut();
         front.ticker.ticks = front.ticker.ticks.wrapping_add(ticks);
     }
 
-    /// Looks at the clock, as the firmware does once a second.
+    /// Runs the front's check of the clock, as the firmware does once a second.
     pub fn look(&self) {
         let mut front = self.front.borrow_mut();
         let now = front.ticker.ticks;
         front.cycle.look(now);
     }
 
-    /// The same request with this number.
+    /// Returns the answer to a request with this sequence number.
     pub fn ask_as(&mut self, sequence: u16, request: &Request<'_>) -> Response {
         let mut answers = self.answers(&wire(sequence, request));
         let answer = answers.pop().expect("an answer");
@@ -422,20 +421,20 @@ impl Desk {
     }
 }
 
-/// The signature of a request.
+/// Returns the signature of a request.
 pub fn signature(nonce: &[u8; NONCE_LENGTH], request: &[u8], key: &SigningKey) -> [u8; 64] {
     let message = order(nonce, request).expect("short");
     key.sign(&message).to_bytes()
 }
 
-/// The frame of a request.
+/// Returns the frame of a request.
 pub fn wire(sequence: u16, request: &Request<'_>) -> Vec<u8> {
     let (mut scratch, mut out) = ([0; MAX_FRAME], [0; MAX_FRAME]);
     let frame = frame::encode(sequence, request, &mut scratch, &mut out);
     frame.expect("fits a frame").to_vec()
 }
 
-/// The responses in frames that are all intact.
+/// Returns the responses in frames, all of which must be intact.
 pub fn decoded(bytes: &[u8]) -> Vec<(u16, Response)> {
     let mut frames: Vec<&[u8]> = bytes.split(|byte| *byte == 0).collect();
     assert_eq!(frames.pop(), Some(&[][..]), "the last frame is complete");

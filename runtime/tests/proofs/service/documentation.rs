@@ -1,4 +1,4 @@
-//! The tables of `docs/reference/link.md` that this crate has the numbers of.
+//! The tables of `docs/reference/link.md` whose numbers this crate defines.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use poegp_runtime::filter::FilterError;
@@ -6,7 +6,7 @@ use poegp_runtime::guard::status::Status;
 use poegp_runtime::model::signature::SignatureError;
 use poegp_runtime::store::{Slot, StoreError};
 
-/// The table of the section with this heading.
+/// Returns the section with this heading, which contains the table.
 fn table(heading: &str) -> &'static str {
     let page = include_str!("../../../../docs/reference/link.md");
     let (_, section) = page.split_once(heading).expect("a section");
@@ -26,7 +26,7 @@ fn assert_rows(heading: &str, rows: &[(u8, String)]) {
     assert_eq!(documented.count(), rows.len(), "{heading}");
 }
 
-/// The name of the variant.
+/// Returns the name of the variant.
 fn name(error: &impl core::fmt::Debug) -> String {
     let text = format!("{error:?}");
     text[..text.find(' ').unwrap_or(text.len())].to_owned()

@@ -1,4 +1,4 @@
-//! Ten thousand commands with every switch between them, beside a filter that says what each answer is to the bit.
+//! 14 000 commands with every switch between them, beside a filter that predicts each answer to the bit.
 
 use poegp_protocol::link::{Commanded, Query, Refusal, Request, Response};
 use poegp_runtime::guard::status::Status;
@@ -8,7 +8,7 @@ use super::desk::{Desk, TICK_HZ};
 use super::known::{Known, bits, query, refused};
 use crate::filter_paths::{Dice, Judge, Path, Six};
 
-/// A device, its twin, and what was switched.
+/// A device, the filter beside it, and the state of the switches.
 struct Scene {
     desk: Desk,
     models: [Known; 2],
@@ -18,7 +18,7 @@ struct Scene {
     bypass: bool,
     payload_kg: f32,
     sequence: u16,
-    /// Ticks since the last command that counted.
+    /// Ticks since the last command that counted as a cycle.
     waited: u32,
     stopped: bool,
     last: Option<(u16, Query, Commanded)>,
@@ -66,7 +66,7 @@ impl Scene {
         }
     }
 
-    /// The command at `q`, `cycles` after the last.
+    /// Sends the command at `q`, `cycles` after the last.
     fn command(&mut self, q: &Six) -> Commanded {
         self.exchange();
         self.sequence = self.sequence.wrapping_add(1);
@@ -84,12 +84,15 @@ impl Scene {
         let engage = !self.bypass && self.wanted.is_none();
         let command: Six = core::array::from_fn(|i| f64::from(query.joints[i]));
         let correction: Six = core::array::from_fn(|i| f64::from(result.joints[i]) - command[i]);
-        // Number by number, and every law.
+        // The answer is compared number by number, and every law is checked.
         let (_, _, sent) = self.judge.step(&command, &correction, engage, cycles);
         let answer = self.judge.answer.expect("an answer");
         assert_eq!(bits(&commanded.joints), bits(&sent));
         assert_eq!(commanded.weight.to_bits(), answer.weight.to_bits());
-        assert_eq!(commanded.blob_crc, known.blob_crc, "one model at a time");
+        assert_eq!(
+            commanded.blob_crc, known.blob_crc,
+            "the answer names another model than the expected one"
+        );
         let status = Status::from_bits(commanded.status);
         assert_eq!(status.contains(Status::BYPASSED), self.bypass);
         let blends = answer.status.contains(Status::BLENDING);
@@ -106,7 +109,7 @@ impl Scene {
         commanded
     }
 
-    /// The last command again, as if its answer was lost: the same answer.
+    /// Repeats the last command as if its answer was lost. The answer must be the same.
     fn repeat(&mut self) {
         if self.stopped {
             return;
@@ -117,7 +120,7 @@ impl Scene {
         let again = command(&mut self.desk, sequence, &query);
         assert_eq!(bits(&again.joints), bits(&before.joints));
         assert_eq!(again.weight.to_bits(), before.weight.to_bits());
-        // The twin counts it, too.
+        // The filter beside the device counts the repetition too.
         let known = &self.models[self.active];
         let payload_kg = self.judge.filter.payload(query.payload_kg, 0);
         let corrected = known.model.correct(&query.joints, payload_kg).joints;
@@ -165,7 +168,7 @@ impl Scene {
             6..8 => self.order(true),
             8 | 9 => self.payload_kg = dice.within(0.0, 8.0) as f32,
             10 | 11 => self.repeat(),
-            // Late, lost, stopped.
+            // Late, lost, or stopped commands.
             12 => self.wait(1 + dice.below(4) as u32),
             13 => self.wait(5 + dice.below(300) as u32),
             14 => self.wait(600 + dice.below(10_000) as u32),
@@ -179,12 +182,11 @@ fn ten_thousand_commands_and_every_switch() {
     let mut dice = Dice(77);
     let mut scene = Scene::new();
     let mut path = Path::new(&mut dice);
-    // Slow, so that a correction of the size of these models can follow it.
     let (mut ends, mut largest) = (0, 0.0);
     for command in 0..14_000_u32 {
         scene.wait(1);
         path.advance(&mut dice, 1);
-        // Every other stretch is left alone, so that switches come to their end, too.
+        // Every other stretch of 2 000 commands has no switches, so that started switches finish.
         if command / 2_000 % 2 == 0 && dice.below(40) == 0 {
             scene.switch(&mut dice);
         }

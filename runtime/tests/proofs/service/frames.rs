@@ -1,4 +1,4 @@
-//! What is on the line: frames that are damaged, too long, of another version, unknown or too many; and noise.
+//! Frames on the line that are damaged, too long, of another version, unknown or too many, and noise.
 
 use poegp_protocol::blob::CRC;
 use poegp_protocol::link::cobs;
@@ -10,7 +10,7 @@ use super::desk::{Desk, wire};
 use super::known::{Known, query, refused};
 use crate::seeded::config;
 
-/// A frame of this body with a right CRC.
+/// Returns a frame with this body and a right CRC.
 fn sealed(body: &[u8]) -> Vec<u8> {
     let raw = [body, &CRC.checksum(body).to_le_bytes()].concat();
     let mut out = vec![0; cobs::max_encoded(raw.len()) + 1];
@@ -29,7 +29,7 @@ fn damaged_frames_are_answered_and_counted() {
     for bit in 0..8 * (good.len() - 1) {
         let mut damaged = good.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
-        // A flip to zero cuts the frame in two, each of which is answered.
+        // A byte that becomes zero cuts the frame in two, and each part is answered.
         let answers = desk.answers(&damaged);
         assert!(!answers.is_empty() && answers.iter().all(|answer| *answer == bad[0]));
         bad_frames += answers.len() as u32;
@@ -39,7 +39,7 @@ fn damaged_frames_are_answered_and_counted() {
         assert_eq!(desk.answers(&cut), bad);
         bad_frames += 1;
     }
-    // Longer than any frame, once and several times over.
+    // Longer than any frame, a little and by far.
     for length in [MAX_FRAME + 1, 5_000] {
         let long = [vec![1; length], vec![0]].concat();
         assert_eq!(desk.answers(&long), bad);
@@ -55,7 +55,7 @@ fn another_version_gets_an_error_that_names_both() {
     let mut desk = Desk::default();
     let others = (0..=u8::MAX).filter(|version| ![PROTOCOL_VERSION, CYCLIC].contains(version));
     for found in others {
-        // Whatever else is in it: in version 1 number 4 was `Evaluate`, and 200 nothing.
+        // The content does not matter: in version 1 number 4 was `Evaluate`, and 200 was nothing.
         for message in [&[][..], &[0], &[4, 1, 0, 0, 0, 0], &[200]] {
             let frame = sealed(&[&[found, 4, 1], message].concat());
             let refusal = Refusal::ProtocolVersion {
@@ -75,7 +75,7 @@ fn unknown_messages_are_named() {
         vec![],
         vec![REQUESTS.len() as u8],
         vec![255, 255],
-        // One byte too many, one too few, a list that is too long, a bool that is none.
+        // One byte too many, one too few, a list that is too long, an invalid bool.
         vec![0, 0],
         vec![5, 1],
         [vec![1, 9], vec![0; 40]].concat(),
@@ -95,7 +95,7 @@ fn a_second_service_is_busy_and_a_cycle_is_not() {
     let [known, ..] = Known::three();
     let mut desk = Desk::default();
     known.install(&mut desk);
-    // All of it is there before the background looks.
+    // All of the bytes arrive before the background runs.
     desk.set_burst(10_000);
     let question = query(&[0.1, 0.2], 1.0);
     let line = [
@@ -117,7 +117,7 @@ fn a_second_service_is_busy_and_a_cycle_is_not() {
     assert_eq!(answers[3], (4, busy.clone()));
     assert!(matches!(answers[4], (1, Response::Identity(_))));
     assert_eq!(answers.len(), 5);
-    // Sent again it is carried out.
+    // Sent again, the request is carried out.
     assert!(matches!(
         desk.answers(&line[1])[..],
         [(2, Response::Statistics(statistics))] if statistics.refused == refusals + 3
@@ -149,7 +149,10 @@ fn everything_is_counted() {
     desk.ask(&known.roll_back());
     desk.answers(&[1, 2, 3, 0]);
     let statistics = desk.statistics();
-    assert!(statistics.flagged >= 2, "bad input and far away");
+    assert!(
+        statistics.flagged >= 2,
+        "bad input and poses far outside must be flagged"
+    );
     let expected = Statistics {
         frames: 1 + (2 + pieces) + 2 + 4 + 1 + 1 + 1,
         bad_frames: 1,
@@ -158,7 +161,7 @@ fn everything_is_counted() {
         max_ticks: 100,
         max_latency_ticks: 300,
         activations: 1,
-        // These counts depend on the models; the proofs of the cycle check them.
+        // These counts depend on the models; the tests of the cycle check them.
         flagged: statistics.flagged,
         limited: statistics.limited,
         uncorrected: statistics.uncorrected,
@@ -180,13 +183,13 @@ proptest! {
         for answer in desk.answers(&noise) {
             prop_assert!(matches!(answer.1, Response::Refused(_)));
         }
-        // One zero ends whatever was begun; then the device listens.
+        // A zero ends whatever was begun, so the device takes the next frame.
         desk.answers(&[0]);
         let answers = desk.answers(&wire(7, &Request::Identify));
         prop_assert!(matches!(answers[..], [(7, Response::Identity(_))]), "{:?}", answers);
     }
 
-    /// Any message in an intact frame is answered once, with its number.
+    /// Any message in an intact frame is answered once, with its sequence number.
     #[test]
     fn any_message_in_an_intact_frame(
         sequence: u16,

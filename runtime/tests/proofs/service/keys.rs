@@ -1,4 +1,4 @@
-//! The public key: taken once, and then nothing runs that is not signed.
+//! The public key: it can be provisioned once, and from then on only signed models run.
 
 use poegp_protocol::blob::envelope::{key_id, set_signed};
 use poegp_protocol::link::{Key, Refusal, Request, Response};
@@ -14,20 +14,20 @@ fn provision(desk: &mut Desk) {
     assert_eq!(identity.key, Key::Provisioned(key_id(&public_key)));
 }
 
-/// Unsigned.
+/// The refusal of an unsigned model.
 const UNSIGNED: Refusal = Refusal::Signature { code: 2 };
 
 fn is_unsigned(response: &Response) -> bool {
     *response == Response::Refused(UNSIGNED)
 }
 
-/// Signed by the key: everything works as without one, and the device says that it is signed.
+/// Models signed by the key work as without a key, and the device reports their revision.
 #[test]
 fn signed_models_come_in() {
     let [old, new, _] = Known::three();
     let [old, new] = [&old, &new].map(|known| signed(known, &key(1)));
     let mut desk = Desk::default();
-    // Also one that came before there was a key, then without a name for it.
+    // Including a model that came before the key, whose revision was not reported then.
     old.install(&mut desk);
     assert_eq!(desk.identity().model.expect("a model").revision, None);
     provision(&mut desk);
@@ -59,14 +59,14 @@ fn what_is_signed_wrong_is_refused_and_says_why() {
     let other = signed(&new, &key(2));
     assert_eq!(upload(&mut desk, &new.bytes), refusal(2));
     assert_eq!(upload(&mut desk, &other.bytes), refusal(3));
-    // Another model under the signature of a good one.
+    // Another model with the signature of a good one.
     let good = signed(&new, &key(1));
     let mut body = old.bytes.clone();
     set_signed(&mut body, true);
     let trailer = good.bytes[new.bytes.len()..].to_vec();
     let forged = [body, trailer].concat();
     assert_eq!(upload(&mut desk, &forged), refusal(4));
-    // Damage is called damage, signed or not.
+    // Damage is reported as damage, signed or not.
     for place in [30, good.bytes.len() - 20] {
         let mut damaged = good.bytes.clone();
         damaged[place] ^= 1;
@@ -123,7 +123,7 @@ fn nothing_unsigned_comes_in_any_more() {
     assert_eq!(desk.ask_twice(&Request::CommitUpload), not_verified);
     // nor from flash,
     assert!(is_unsigned(&desk.ask_signed(&new.roll_back(), &key(1))));
-    // nor after a start. Until then the active one goes on.
+    // nor after a start. Until then the active model continues.
     let question = query(&[0.1, 0.2], 1.0);
     let Response::Corrected(answer) = desk.ask(&Request::Correct(question.clone())) else {
         panic!()
@@ -138,7 +138,7 @@ fn nothing_unsigned_comes_in_any_more() {
     assert_eq!(desk.identity().model, None);
 }
 
-/// What was verified while there was no key.
+/// A model that was verified before the key was provisioned cannot be activated or stored.
 #[test]
 fn nothing_that_was_verified_without_the_key_becomes_active() {
     let [old, new, _] = Known::three();
@@ -160,14 +160,14 @@ fn nothing_that_was_verified_without_the_key_becomes_active() {
         let answer = desk.ask_twice(&Request::CommitUpload);
         assert_eq!(answer, refused(Refusal::NotVerified));
         if uploaded {
-            // All of its bytes are still there, and are looked at again.
+            // All of its bytes are still there and are verified again.
             assert!(is_unsigned(&desk.ask_twice(&Request::VerifyUpload)));
         }
         assert_eq!(desk.active(), Some(old.blob_crc));
     }
 }
 
-/// What was active before there was a key stays in memory behind a signed one, and does not come back.
+/// A model that was active before the key stays in memory beside a signed one, but cannot be activated again.
 #[test]
 fn what_ran_before_the_key_does_not_come_back() {
     let [old, new, _] = Known::three();
@@ -180,7 +180,7 @@ fn what_ran_before_the_key_does_not_come_back() {
     assert_eq!(desk.active(), Some(new.blob_crc));
 }
 
-/// A device that had a key and cannot read it takes nothing.
+/// A device whose key cannot be read accepts nothing.
 #[test]
 fn a_damaged_key_takes_nothing() {
     let [old, new, _] = Known::three();
@@ -190,7 +190,7 @@ fn a_damaged_key_takes_nothing() {
     let page = layout().key;
     let (start, end) = (page.start as usize, page.end as usize);
     desk.flash.borrow_mut().bytes_mut()[start..end].fill(0);
-    // KeyDamaged of the store.
+    // `KeyDamaged` of the store.
     let damaged = Refusal::Store { code: 15 };
     assert_eq!(new.upload(&mut desk), refused(damaged));
     let public_key = public(&key(1));

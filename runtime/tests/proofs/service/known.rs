@@ -1,4 +1,4 @@
-//! Models whose answers are known, and the requests that bring them onto the device.
+//! Models with known answers, and the requests that bring them to the device.
 
 use ed25519_dalek::{Signer, SigningKey};
 use poegp_protocol::blob::envelope::{Trailer, key_id, set_signed};
@@ -10,10 +10,10 @@ use poegp_runtime::model::Model;
 use super::desk::{BYTES, Desk};
 use crate::arm::{Arm, WORDS};
 
-/// A blob with what the runtime says about it.
+/// A blob with the runtime's model of it.
 pub struct Known {
     pub bytes: Vec<u8>,
-    /// CRC in its header: its name on the link.
+    /// CRC in its header, by which the link names it.
     pub blob_crc: u32,
     pub joints: usize,
     pub model: Model<f32, WORDS>,
@@ -33,7 +33,7 @@ impl Known {
         }
     }
 
-    /// Three that differ in joints and kind of correction.
+    /// Returns three models that differ in joints and kind of correction.
     pub fn three() -> [Self; 3] {
         [
             Self::new(Arm::sound(2, 5)),
@@ -42,12 +42,12 @@ impl Known {
         ]
     }
 
-    /// The announcement of its blob.
+    /// Returns the request that begins its upload.
     pub fn begin(&self) -> Request<'static> {
         begin(&self.bytes)
     }
 
-    /// Brings it onto the device and has it verified.
+    /// Uploads its blob and has it verified.
     pub fn upload(&self, desk: &mut Desk) -> Response {
         upload(desk, &self.bytes)
     }
@@ -74,7 +74,7 @@ impl Known {
         }
     }
 
-    /// Whether the device has answered `query` with this model, to the bit.
+    /// Asserts that the device answered `query` with this model, to the bit.
     pub fn assert_evaluated(&self, query: &Query, answer: &Evaluation) {
         assert_eq!(answer.blob_crc, self.blob_crc);
         let expected = self.model.evaluate(&query.joints, query.payload_kg);
@@ -84,7 +84,7 @@ impl Known {
         assert_eq!(answer.status, expected.status.bits());
     }
 
-    /// The same of `Correct`.
+    /// Asserts the same for `Correct`.
     pub fn assert_corrected(&self, query: &Query, answer: &Corrected) {
         assert_eq!(answer.blob_crc, self.blob_crc);
         let expected = self.model.correct(&query.joints, query.payload_kg);
@@ -101,12 +101,12 @@ impl Known {
     }
 }
 
-/// To compare with bits, NaN included.
+/// Returns the bit patterns for comparison, which also works for NaN.
 pub fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
-/// The answer to a command that is not corrected: finite joints as they came.
+/// Asserts that a command was not corrected: finite joints come back unchanged.
 pub fn assert_as_it_came(query: &Query, answer: &Corrected, status: Status) {
     assert_eq!(answer.status, status.bits());
     assert_eq!(answer.joints.len(), query.joints.len());
@@ -141,7 +141,7 @@ pub fn piece(bytes: &[u8], from: usize, to: usize) -> Request<'_> {
     }
 }
 
-/// Brings bytes onto the device and has them verified.
+/// Uploads bytes and has them verified.
 pub fn upload(desk: &mut Desk, bytes: &[u8]) -> Response {
     assert_eq!(desk.ask(&begin(bytes)), Response::Uploading { received: 0 });
     for from in (0..bytes.len()).step_by(MAX_CHUNK) {
@@ -157,7 +157,7 @@ pub fn refused(refusal: Refusal) -> Response {
     Response::Refused(refusal)
 }
 
-/// Made here, of a seed that everybody knows.
+/// Returns a secret key made from a known seed.
 pub fn key(seed: u8) -> SigningKey {
     SigningKey::from_bytes(&[seed; 32])
 }
@@ -166,12 +166,12 @@ pub fn public(key: &SigningKey) -> [u8; 32] {
     key.verifying_key().to_bytes()
 }
 
-/// `known` signed by `key`, as the first revision.
+/// Returns `known` signed by `key`, as the first revision.
 pub fn signed(known: &Known, key: &SigningKey) -> Known {
     signed_as(1, known, key)
 }
 
-/// The same as this revision.
+/// Returns `known` signed by `key`, as this revision.
 pub fn signed_as(revision: u32, known: &Known, key: &SigningKey) -> Known {
     let mut bytes = known.bytes.clone();
     set_signed(&mut bytes, true);

@@ -1,4 +1,4 @@
-//! The device as a whole, as far as it is pure: frames in, frames out, over a flash that knows the rules of NOR.
+//! The device as a whole without hardware: frames in, frames out, over a simulated NOR flash.
 
 mod authority;
 mod bits;
@@ -13,7 +13,7 @@ mod frames;
 mod keys;
 mod known;
 #[path = "../../store/nor.rs"]
-#[allow(dead_code)] // the proofs of the store use the rest
+#[allow(dead_code)] // the tests of the store use the rest
 mod nor;
 mod self_test;
 mod sequences;

@@ -1,5 +1,5 @@
-//! The self-test: passed by whoever computes as the workstation does, and nothing is corrected without it, nor with a clock
-//! that is too slow.
+//! The self-test: a device passes if it computes as the workstation does. A device that fails, or whose clock is too slow,
+//! corrects nothing.
 
 use std::path::Path;
 use std::{env, fs};
@@ -13,7 +13,7 @@ use super::desk::{BOARD, BYTES, Desk, flash};
 use super::known::{Known, query, refused};
 use crate::arm::{Arm, WORDS};
 
-/// `POEGP_BLESS=1` writes the blob again when the format has changed.
+/// `POEGP_BLESS=1` rewrites the blob after the format has changed.
 #[test]
 fn the_workstation_passes() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/service/self_test.blob");
@@ -41,7 +41,7 @@ fn a_device_that_fails_corrects_nothing() {
     corrects_nothing(failing, Refusal::SelfTest);
 }
 
-/// The number of instructions that is provisioned for a command does not matter: it is of the right clock.
+/// A slow clock is refused whatever number of instructions is provisioned, since that number assumes the right clock.
 #[test]
 fn a_clock_that_is_too_slow_corrects_nothing() {
     let slow = BoardInfo {
@@ -87,7 +87,7 @@ fn corrects_nothing(failing: BoardInfo, why: Refusal) {
     };
     assert_eq!(commanded.joints, asked.joints);
     assert!(Status::from_bits(commanded.status).contains(Status::NO_MODEL));
-    // Nothing is lost: a start that passes runs what is stored.
+    // Nothing is lost: after a start that passes, the stored model runs.
     assert_eq!(desk.flash.borrow().operations, flash_before);
     let mut desk = Desk::start(flash_of(desk), false);
     assert_eq!(desk.active(), Some(new.blob_crc));

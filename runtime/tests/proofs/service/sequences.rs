@@ -1,4 +1,4 @@
-//! Any sequence of requests against a simple model of what the device should say.
+//! Random sequences of requests, compared with a simple model of the device.
 
 use poegp_protocol::link::{Key, Query, Refusal, Request, Response};
 use poegp_runtime::guard::status::Status;
@@ -8,34 +8,34 @@ use super::desk::Desk;
 use super::known::{Known, assert_as_it_came, begin, key, piece, public, query, refused, signed};
 use crate::seeded::config;
 
-/// Pieces of a blob in these proofs.
+/// Pieces of each blob in these tests.
 const PIECES: usize = 6;
-/// The blob that no device takes, behind the three that it does.
+/// The index of the blob that no device accepts, after the three that it does.
 const BROKEN: usize = 3;
 /// The only one that is signed.
 const SIGNED: usize = 2;
-/// What a device with a key says to the others.
+/// What a device with a key answers to the unsigned ones.
 const UNSIGNED: Refusal = Refusal::Signature { code: 2 };
 
-/// What may come.
+/// A request or another event.
 #[derive(Clone, Debug)]
 enum Step {
     Begin(usize),
     Piece(usize, usize),
-    /// The next piece, whichever that is.
+    /// The next piece of the current upload.
     Next,
     Verify,
     Commit,
     Activate(usize),
     RollBack(usize),
-    /// From the active model, when there is one.
+    /// A roll back from the active model, if there is one.
     RollBackHere,
     Bypass(bool),
     Provision,
     Ask(usize),
     Identify,
     Restart,
-    /// All of an upload.
+    /// A whole upload.
     Upload(usize),
 }
 
@@ -56,11 +56,11 @@ fn steps() -> impl Strategy<Value = Vec<(Step, bool)>> {
         1 => Just(Step::Restart),
         4 => (0..=BROKEN).prop_map(Step::Upload),
     ];
-    // Each step, and whether its request is sent twice.
+    // Each step, with whether its request is sent twice.
     prop::collection::vec((step, any::<bool>()), 1..60)
 }
 
-/// Blobs by their number; a slot by 0 and 1.
+/// The expected state. Blobs are named by their index, slots by 0 and 1.
 #[derive(Clone, Debug, Default)]
 struct Expected {
     begun: Option<usize>,
@@ -68,7 +68,7 @@ struct Expected {
     verified: Option<usize>,
     committed: bool,
     active: Option<usize>,
-    /// In memory beside the active one.
+    /// The model in memory beside the active one.
     spare: Option<usize>,
     slots: [Option<usize>; 2],
     first: usize,
@@ -81,14 +81,14 @@ struct Expected {
 }
 
 impl Expected {
-    /// The slot that holds a blob.
+    /// Returns the slot that holds a blob.
     fn slot_of(&self, blob: Option<usize>) -> Option<usize> {
         self.slots
             .iter()
             .position(|held| blob.is_some() && *held == blob)
     }
 
-    /// The slot that a new blob is written into: not that of the active model, nor that of the newest.
+    /// Writes a new blob into the slot that holds neither the active model nor, if possible, the newest.
     fn write(&mut self, blob: usize) {
         let there = self.slot_of(Some(blob));
         let other_than = |slot: usize| self.slots[slot].map(|_| 1 - slot);
@@ -150,7 +150,7 @@ impl Expected {
     }
 }
 
-/// The blobs, the device, and what is expected of it.
+/// The blobs, the device, and its expected state.
 struct Proof {
     known: [Known; 3],
     blobs: [Vec<u8>; 4],
@@ -173,7 +173,7 @@ impl Proof {
         }
     }
 
-    /// Asked by the owner, who signs what has to be signed.
+    /// Sends a request as the owner, who signs what must be signed.
     fn asked_by_the_owner(&mut self, request: &Request<'_>) -> Response {
         match self.expected.key && request.needs_signature() {
             true => self.desk.ask_signed(request, &key(1)),
@@ -186,7 +186,7 @@ impl Proof {
         refused(refusal)
     }
 
-    /// The device is who it should be.
+    /// Checks that the device's identity is the expected one.
     fn check_identity(&self, response: &Response) {
         let Response::Identity(identity) = response else {
             panic!("{response:?}")
@@ -283,7 +283,7 @@ impl Proof {
         if self.expected.active == Some(blob) {
             self.check_identity(&answer);
         } else if self.expected.spare == Some(blob) && !self.expected.takes(blob) {
-            // It was active before there was a key.
+            // The model was active before there was a key.
             self.expected.spare = None;
             assert_eq!(answer, self.refuse(UNSIGNED));
         } else if self.expected.spare == Some(blob) {
@@ -304,7 +304,7 @@ impl Proof {
         }
     }
 
-    /// One cyclic request of each kind.
+    /// Sends one cyclic request of each kind.
     fn ask(&mut self, query: &Query) {
         let active = self.expected.active.map(|blob| &self.known[blob]);
         let evaluations = [
@@ -351,7 +351,7 @@ impl Proof {
             }
             Step::Piece(at, count) => {
                 let (length, unit) = unit(&self);
-                // Some pieces are longer than a frame.
+                // Some pieces are longer than a frame allows.
                 let (from, to) = (at * unit, length.min((at + count) * unit));
                 self.piece(from, to.min(from + 256));
             }
@@ -374,7 +374,7 @@ impl Proof {
                 let public_key = public(&key(1));
                 let answer = self.desk.ask(&Request::Provision { public_key });
                 if !self.expected.key {
-                    // What was verified without it does not count.
+                    // What was verified before the key does not count any more.
                     self.expected.key = true;
                     self.expected.spare = None;
                     (self.expected.verified, self.expected.committed) = (None, false);
@@ -403,7 +403,7 @@ impl Proof {
             }
             Step::Upload(which) => {
                 let mut steps = vec![Step::Begin(*which)];
-                // A last piece may be short, and one more than needed is none at all.
+                // The last piece may be short, so one step more than needed may find no piece.
                 steps.extend(vec![Step::Next; PIECES + 1]);
                 steps.push(Step::Verify);
                 for step in &steps {
@@ -432,7 +432,7 @@ proptest! {
         prop_assert_eq!(counted.cycles, proof.expected.cycles);
         prop_assert_eq!(counted.activations, proof.expected.activations);
         prop_assert_eq!(counted.bad_frames, 0);
-        // And whatever came before, a restart finds what is stored.
+        // After any sequence, a restart finds what is stored.
         proof = proof.carry_out(&Step::Restart);
         proof.carry_out(&Step::Identify).carry_out(&Step::Ask(0));
     }

@@ -1,4 +1,4 @@
-//! What is in flash, what runs after a start, and how one goes back.
+//! What the flash holds, what runs after a start, and how to roll back.
 
 use embedded_storage::nor_flash::NorFlash;
 use poegp_protocol::link::{Refusal, Request, Response};
@@ -14,7 +14,7 @@ fn damage(desk: &Desk, slot: u8) {
     desk.flash.borrow_mut().bytes_mut()[start + 256 + 100] ^= 0x40;
 }
 
-/// The slot that holds `known`.
+/// Returns the slot that holds `known`.
 fn slot_of(desk: &mut Desk, known: &Known) -> Option<u8> {
     let crc = poegp_protocol::blob::CRC.checksum(&known.bytes);
     let slots = desk.identity().slots;
@@ -57,11 +57,11 @@ fn the_newest_runs_and_when_it_is_damaged_the_other() {
     );
     damage(&desk, newer);
     let mut desk = desk.restarted();
-    // CrcMismatch of the store.
+    // `CrcMismatch` of the store.
     let damaged = Some(Refusal::Store { code: 9 });
     assert_eq!(desk.not_started, [damaged, None]);
     assert_eq!(desk.active(), Some(old.blob_crc));
-    // A new one takes the place of the damaged one.
+    // A new model replaces the damaged one.
     new.install(&mut desk);
     assert_eq!(slot_of(&mut desk, &new), Some(newer));
     assert_eq!(slot_of(&mut desk, &old), Some(older));
@@ -71,7 +71,7 @@ fn the_newest_runs_and_when_it_is_damaged_the_other() {
     let mut desk = desk.restarted();
     assert_eq!(desk.not_started, [damaged, damaged]);
     assert_eq!(desk.identity().model, None);
-    // And it can be helped.
+    // The device can be repaired.
     new.install(&mut desk);
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
@@ -121,10 +121,10 @@ fn activate_and_commit_in_either_order_keep_the_old_one() {
                 desk.ask_twice(&known.activate());
             }
             assert_eq!(desk.active(), Some(known.blob_crc));
-            // The one before is in the other slot.
+            // The previous model is in the other slot.
             desk.ask_twice(&known.roll_back());
             assert_eq!(desk.active(), before);
-            // Forward again, with what is stored.
+            // Forward again to the stored model.
             let back = Request::RollBack {
                 from_crc: before.expect("a model"),
             };
@@ -146,14 +146,14 @@ fn the_model_before_can_be_activated_again() {
         desk.ask_twice(&known.activate());
         assert_eq!(desk.active(), Some(known.blob_crc));
     }
-    // It is in memory only until another one is verified in its place.
+    // It stays in memory only until another model is verified in its place.
     third.upload(&mut desk);
     let unknown = refused(Refusal::UnknownModel {
         blob_crc: new.blob_crc,
     });
     assert_eq!(desk.ask_twice(&new.activate()), unknown);
     assert_eq!(desk.active(), Some(old.blob_crc));
-    // What was first in flash stays so: it was not asked for.
+    // The first model in flash stays first, because no request changed that.
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
 
@@ -172,9 +172,13 @@ fn a_roll_back_is_done_once_and_survives() {
     for from in [&old, &other] {
         let before = desk.identity();
         let answer = desk.ask_twice(&from.roll_back());
-        assert_eq!(answer, Response::Identity(before), "not the active one");
+        assert_eq!(
+            answer,
+            Response::Identity(before),
+            "a roll back from another model than the active one does nothing"
+        );
     }
-    // Three times: once done, twice not.
+    // Repeated twice: done once, refused afterwards.
     let Response::Identity(identity) = desk.ask_twice(&new.roll_back()) else {
         panic!()
     };
@@ -188,7 +192,7 @@ fn a_roll_back_is_done_once_and_survives() {
     assert_eq!(desk.active(), Some(old.blob_crc));
     let mut desk = desk.restarted();
     assert_eq!(desk.active(), Some(old.blob_crc));
-    // And forward again.
+    // Forward again.
     desk.ask_twice(&old.roll_back());
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
@@ -201,7 +205,7 @@ fn a_roll_back_ends_an_upload() {
     new.install(&mut desk);
     desk.ask(&begin(&third.bytes));
     desk.ask(&piece(&third.bytes, 0, 50));
-    // One that does nothing does not.
+    // A roll back that does nothing does not end an upload.
     desk.ask(&old.roll_back());
     let received = Response::Uploading { received: 60 };
     assert_eq!(desk.ask(&piece(&third.bytes, 50, 60)), received);
@@ -209,7 +213,7 @@ fn a_roll_back_ends_an_upload() {
     let no_upload = refused(Refusal::NoUpload);
     assert_eq!(desk.ask_twice(&piece(&third.bytes, 60, 70)), no_upload);
     assert_eq!(desk.ask_twice(&Request::VerifyUpload), no_upload);
-    // Nor is one that was verified left.
+    // A roll back also drops a verified model.
     third.upload(&mut desk);
     desk.ask_twice(&old.roll_back());
     assert_eq!(desk.active(), Some(new.blob_crc));
@@ -232,7 +236,7 @@ fn a_roll_back_to_a_damaged_model_is_refused() {
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
 
-/// A model that is stored, uploaded again and activated without a commit is still the stored one.
+/// A stored model that is uploaded again and activated without a commit is recognised as the stored one.
 #[test]
 fn a_stored_model_that_comes_again_is_known() {
     let [old, new, third] = Known::three();
@@ -244,10 +248,10 @@ fn a_stored_model_that_comes_again_is_known() {
     desk.ask(&old.begin());
     new.upload(&mut desk);
     desk.ask(&new.activate());
-    // Going back must not lead to where one is.
+    // A roll back must not lead to the model that is active.
     desk.ask_twice(&new.roll_back());
     assert_eq!(desk.active(), Some(old.blob_crc));
-    // Nor may a commit overwrite the active model.
+    // A commit must not overwrite the active model.
     new.upload(&mut desk);
     desk.ask(&new.activate());
     third.upload(&mut desk);
@@ -256,7 +260,7 @@ fn a_stored_model_that_comes_again_is_known() {
     assert_eq!(slot_of(&mut desk, &old), None);
 }
 
-/// A model that is in memory and whose place in flash was taken is no longer thought to be there.
+/// A model in memory whose slot in flash was overwritten no longer has a slot.
 #[test]
 fn a_model_that_was_overwritten_has_no_slot() {
     let [old, new, third] = Known::three();
@@ -264,19 +268,19 @@ fn a_model_that_was_overwritten_has_no_slot() {
     old.install(&mut desk);
     new.upload(&mut desk);
     desk.ask(&Request::CommitUpload);
-    // `new` is first and was never active, so it is kept, and `third` takes the place of `old`.
+    // `new` is first and was never active, so it is kept, and `third` replaces `old`.
     third.upload(&mut desk);
     desk.ask(&third.activate());
     desk.ask(&Request::CommitUpload);
     assert_eq!(slot_of(&mut desk, &old), None);
     desk.ask(&old.activate());
-    // From it one goes back to the newest, which is now where `old` was.
+    // A roll back from `old` leads to the newest model, which is now where `old` was.
     desk.ask_twice(&old.roll_back());
     assert_eq!(desk.active(), Some(third.blob_crc));
 }
 
-/// The newest is damaged or too slow, so the older one was started. A model that runs before it is committed takes the place of
-/// the one that does not start.
+/// The newest model is damaged or too slow, so the older one was started. A model that is activated and then committed
+/// replaces the one that does not start.
 #[test]
 fn what_was_started_is_kept() {
     for spoilt in [true, false] {
@@ -311,7 +315,7 @@ fn what_was_started_is_kept() {
     }
 }
 
-/// Power fails in the middle of a commit: the old model runs, before and after the restart.
+/// The flash fails in the middle of a commit: the old model runs on.
 #[test]
 fn flash_that_fails_is_named() {
     let [old, new, _] = Known::three();
@@ -328,13 +332,13 @@ fn flash_that_fails_is_named() {
     };
     old.assert_corrected(&question, &answer);
     desk.flash.borrow_mut().restart();
-    // It may be tried again.
+    // The request can be repeated.
     let again = desk.ask_twice(&Request::CommitUpload);
     assert!(matches!(again, Response::Committed(_)), "{again:?}");
     assert_eq!(desk.restarted().active(), Some(new.blob_crc));
 }
 
-/// A loop of uploads and roll backs comes to its end before the flash does.
+/// A loop of uploads and roll backs ends at the limit of writes, before the flash wears out.
 #[test]
 fn a_loop_does_not_wear_out_the_flash() {
     let known = Known::three();
@@ -359,10 +363,10 @@ fn a_loop_does_not_wear_out_the_flash() {
             }
             changes += 1;
             desk.ask(&model.activate());
-            // One for the new blob; one more where the model that is kept was not first.
+            // One write for the new blob, and one more if the model to keep was not first.
             let writes = desk.identity().slot_writes - before;
             assert!((1..=2).contains(&writes), "{writes}");
-            // The same again is nothing.
+            // The same upload again writes nothing.
             model.upload(&mut desk);
             let committed = desk.ask_twice(&Request::CommitUpload);
             assert!(matches!(committed, Response::Committed(_)) || committed == limit);
@@ -374,7 +378,7 @@ fn a_loop_does_not_wear_out_the_flash() {
             }
         }
         assert_eq!(changes, allowed);
-        // Nothing is written any more, and the old model answers.
+        // Nothing is written any more, and the active model stays.
         let identity = desk.identity();
         let operations = desk.flash.borrow().operations;
         let from_crc = desk.active().expect("a model");
@@ -386,7 +390,7 @@ fn a_loop_does_not_wear_out_the_flash() {
     }
 }
 
-/// Where the processor stands still while flash is written, nothing is written while cycles are expected.
+/// If the processor stops while flash is written, nothing is written while cycles are expected.
 #[test]
 fn flash_that_blocks_waits_until_cycles_stop() {
     let [old, new, third] = Known::three();
@@ -408,7 +412,7 @@ fn flash_that_blocks_waits_until_cycles_stop() {
     for request in [&Request::CommitUpload, &new.roll_back(), &key] {
         assert_eq!(desk.ask_twice(request), running);
     }
-    // What writes nothing is carried out, and the upload is still there.
+    // Requests that write nothing are carried out, and the upload stays.
     assert!(matches!(
         desk.ask_twice(&old.roll_back()),
         Response::Identity(_)

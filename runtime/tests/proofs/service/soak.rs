@@ -1,4 +1,4 @@
-//! A hundred thousand corrections over a bad line, while models come and go: every answered one is right to the bit.
+//! A hundred thousand corrections over a bad line while models come and go: every answer that arrives is right to the bit.
 
 use poegp_protocol::link::frame;
 use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response};
@@ -6,12 +6,12 @@ use poegp_protocol::link::{Corrected, Query, Refusal, Request, Response};
 use super::desk::{Desk, wire};
 use super::known::{Known, bits, piece, query};
 
-/// Corrections whose answers arrive.
+/// Number of corrections whose answers arrive.
 const CORRECTIONS: u32 = 100_000;
-/// Commands that are asked for; their answers are computed once for each model.
+/// Different commands; their answers are computed once for each model.
 const QUERIES: u16 = 64;
 
-/// xorshift64*: the same line in every run.
+/// xorshift64*, so that every run has the same line.
 struct Random(u64);
 
 impl Random {
@@ -22,7 +22,7 @@ impl Random {
         (self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) >> 33) as u32 % limit
     }
 
-    /// What arrives of `bytes`: one in a hundred is damaged, dropped or doubled.
+    /// Returns what arrives of `bytes`: one byte in a hundred is damaged, dropped or doubled.
     fn line(&mut self, bytes: &[u8]) -> Vec<u8> {
         let mut out = Vec::with_capacity(bytes.len() + 8);
         for byte in bytes {
@@ -37,7 +37,7 @@ impl Random {
     }
 }
 
-/// What the workstation is about; one request at a time, repeated until it is answered.
+/// The workstation's side: one request at a time, repeated until it is answered.
 struct Workstation {
     known: [Known; 3],
     target: usize,
@@ -82,7 +82,7 @@ impl Workstation {
         State::Piece(from, length.min(from + 8 + random.below(57) as usize))
     }
 
-    /// Takes an answer that arrived; others than to the request at hand are from before.
+    /// Takes an answer that arrived. An answer with another number belongs to an earlier request.
     fn take(&mut self, sequence: u16, response: &Response, random: &mut Random) {
         if sequence != self.sequence {
             return;
@@ -132,7 +132,7 @@ impl Workstation {
     }
 }
 
-/// The intact responses in bytes that may be damaged.
+/// Returns the intact responses in bytes that may be damaged.
 fn arrived(bytes: &[u8]) -> Vec<(u16, Response)> {
     let frames = bytes.split(|byte| *byte == 0);
     frames
@@ -146,7 +146,7 @@ fn a_hundred_thousand_corrections_over_a_bad_line() {
     let mut random = Random(0x9e37_79b9_7f4a_7c15);
     let mut joint = || random.below(4_000) as f32 / 1_000.0 - 2.0;
     let queries: Vec<Query> = (0..QUERIES)
-        // Two joints for the first two models, three for the other.
+        // Two joints for the first two models, three for the third.
         .map(|index| {
             let joints = [joint(), joint(), joint()];
             query(&joints[..2 + usize::from(index % 4 == 0)], 2.0)
@@ -175,7 +175,7 @@ fn a_hundred_thousand_corrections_over_a_bad_line() {
         .collect();
 
     let mut desk = Desk::default();
-    // The line is good when the first model comes.
+    // The line is good while the first model comes.
     known[0].install(&mut desk);
     let mut workstation = Workstation {
         known,
@@ -189,7 +189,7 @@ fn a_hundred_thousand_corrections_over_a_bad_line() {
     };
     let (mut asked, mut answered, mut by_model) = (0_u32, 0_u32, [0_u32; 3]);
     while answered < CORRECTIONS {
-        // The workstation repeats what was not answered; now and then it is impatient and asks twice.
+        // The workstation repeats unanswered requests, and now and then sends one twice.
         let before = (workstation.state, workstation.sequence);
         let service = wire(workstation.sequence, &workstation.request());
         let mut bytes = [&[0], &service[..]].concat();
@@ -240,7 +240,7 @@ fn a_hundred_thousand_corrections_over_a_bad_line() {
     assert!(statistics.cycles >= answered && asked > answered);
     assert!(by_model.iter().all(|count| *count > CORRECTIONS / 20));
     assert!(workstation.uploads > 500 && workstation.roll_backs > 200);
-    // An upload of the model that runs already is no activation.
+    // An upload of the running model is no activation.
     assert!(statistics.activations > 500);
     assert!(statistics.bad_frames > 10_000 && workstation.busy > 100);
     assert!(meanwhile > 1_000);

@@ -1,4 +1,4 @@
-//! A blob comes in: every refusal by name, every repetition, and the old model until the last moment.
+//! Uploads of a blob: every refusal and every repetition, with the old model running until the activation.
 
 use poegp_protocol::blob::{self, CRC, DecodeError};
 use poegp_protocol::link::{Key, MAX_CHUNK, PROTOCOL_VERSION, Refusal, Request, Response};
@@ -70,7 +70,11 @@ fn every_refusal_of_a_transfer_by_name() {
         };
         assert_eq!(desk.ask_twice(&request), refused(too_long));
     }
-    assert_eq!(desk.ask(&Request::VerifyUpload), no_upload, "still none");
+    assert_eq!(
+        desk.ask(&Request::VerifyUpload),
+        no_upload,
+        "still no upload"
+    );
     let received = |received| Response::Uploading { received };
     assert_eq!(desk.ask_twice(&begin(&bytes)), received(0));
     assert_eq!(desk.ask_twice(&piece(&bytes, 0, 100)), received(100));
@@ -112,9 +116,9 @@ fn every_refusal_of_a_transfer_by_name() {
     };
     assert_eq!(desk.ask_twice(&Request::VerifyUpload), refused(incomplete));
     assert_eq!(desk.ask_twice(&Request::CommitUpload), not_verified);
-    // After all of it the upload goes on where it was.
+    // After all refusals the upload continues where it was.
     assert_eq!(desk.ask_twice(&piece(&bytes, 100, 150)), received(150));
-    // A second BeginUpload starts anew; one that is refused does not.
+    // A second BeginUpload starts again; a refused one does not.
     let refused_begin = Request::BeginUpload {
         length: u32::MAX,
         crc: 0,
@@ -127,7 +131,7 @@ fn every_refusal_of_a_transfer_by_name() {
     assert_eq!(desk.identity().model, None);
 }
 
-/// Refused at `VerifyUpload`, twice the same, with the old model active all the time.
+/// A blob is refused at `VerifyUpload`, twice with the same refusal, while the old model stays active.
 #[test]
 fn a_refused_blob_leaves_the_old_model() {
     let mut desk = Desk::default();
@@ -170,7 +174,7 @@ fn a_refused_blob_leaves_the_old_model() {
         assert_eq!(desk.ask(&question), answer);
         assert_eq!(desk.identity(), before);
     }
-    // Bytes that are not the announced ones.
+    // Bytes other than the announced ones.
     desk.ask(&Request::BeginUpload {
         length: 4,
         crc: 5,
@@ -184,7 +188,7 @@ fn a_refused_blob_leaves_the_old_model() {
     assert_eq!(desk.ask_twice(&Request::VerifyUpload), refused(refusal));
     assert_eq!(desk.ask(&question), answer);
     assert_eq!(desk.statistics().activations, 1);
-    // And of the refused ones none can be activated.
+    // None of the refused blobs can be activated.
     let unknown = refused(Refusal::UnknownModel {
         blob_crc: other.blob_crc,
     });
@@ -192,7 +196,7 @@ fn a_refused_blob_leaves_the_old_model() {
     other.install(&mut desk);
 }
 
-/// Every frame of an upload twice, once after the other: the same answers, one activation, one write.
+/// Every frame of an upload is sent twice: the answers are equal, and there is one activation and one write.
 #[test]
 fn a_whole_upload_with_every_frame_twice() {
     let [old, new, _] = Known::three();
@@ -218,7 +222,7 @@ fn a_whole_upload_with_every_frame_twice() {
     assert_eq!(desk.ask_twice(&Request::CommitUpload), committed);
     assert_eq!(operations(&desk), written, "written once");
     let activated = desk.ask_twice(&new.activate());
-    // The requests before it may still be repeated.
+    // Earlier requests may still be repeated.
     assert_eq!(desk.ask_twice(&Request::VerifyUpload), verified);
     assert_eq!(desk.ask_twice(&Request::CommitUpload), committed);
     assert_eq!(desk.ask_twice(&new.activate()), activated);
@@ -231,7 +235,7 @@ fn a_whole_upload_with_every_frame_twice() {
     assert_eq!(desk.active(), Some(new.blob_crc));
 }
 
-/// The same blob again, from the beginning: flash is not written again.
+/// The same blob uploaded again from the beginning writes nothing to flash.
 #[test]
 fn an_upload_that_is_there_already_costs_no_flash() {
     let [known, ..] = Known::three();

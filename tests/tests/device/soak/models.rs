@@ -1,4 +1,4 @@
-//! The models that come and go in a soak, with the answers of each.
+//! The models of a soak, with the answers of each.
 
 use poegp_protocol::blob;
 use poegp_protocol::link::Query;
@@ -9,15 +9,15 @@ use poegp_tests::stages::{CommandBits, Host};
 pub struct Known {
     /// Its blob.
     pub bytes: Vec<u8>,
-    /// What the device calls it.
+    /// CRC by which the device names it.
     pub crc: u32,
     /// The corrected command of each query.
     pub answers: Vec<CommandBits>,
-    /// How many of its answers have come.
+    /// Number of its answers that have arrived.
     pub seen: usize,
 }
 
-/// Three of different kinds.
+/// Returns three models of different kinds.
 pub fn models(queries: &[Query]) -> Vec<Known> {
     let small = |elastic: Elastic| Elastic {
         points: 12,

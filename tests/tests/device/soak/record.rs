@@ -1,7 +1,7 @@
-//! What a soak has done so far, one line for each round, and the flash that goes from one round to the next.
+//! The record of a soak, one line for each round, and the flash that passes from one round to the next.
 //!
-//! A round is written when it is over, so that one that was interrupted is done again, from the flash as it was left: another
-//! cut of the power.
+//! A round is written after its end. An interrupted round is therefore repeated, from the flash as it was left, which acts
+//! as another power cut.
 
 use std::fmt::Write as _;
 use std::fs::{self, OpenOptions};
@@ -11,39 +11,39 @@ use std::path::{Path, PathBuf};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// Bytes of a slot in the flash of the MPS2 boards (`firmware/src/board/mps2.rs`), and of its head.
+/// Bytes of a slot in the flash of the MPS2 boards (`firmware/src/board/mps2.rs`), and of the slot's head.
 const SLOT: u64 = 16 * 4_096;
 const HEAD: u64 = 4_096;
-/// Bytes of a slot's head, and of its blob, that hold something.
+/// Bytes of a slot's head, and of its blob, that are used.
 const WRITTEN_HEAD: u64 = 256;
 const WRITTEN_BLOB: u64 = 2_048;
 
 /// One round.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Round {
-    /// From 0; decides every random number.
+    /// Number from 0, which seeds all random numbers.
     pub number: usize,
-    /// Corrections that were answered, all of them right.
+    /// Number of answered corrections, all of them right.
     pub answered: usize,
-    /// Corrections that the device computed.
+    /// Number of corrections that the device computed.
     pub cycles: u32,
-    /// Damaged requests that it saw.
+    /// Number of damaged requests that the device received.
     pub bad_frames: u32,
-    /// What the workstation did.
+    /// Number of activations by the workstation.
     pub activations: usize,
-    /// Likewise.
+    /// Number of commits by the workstation.
     pub commits: usize,
-    /// Likewise.
+    /// Number of roll backs by the workstation.
     pub roll_backs: usize,
-    /// Bytes that the line damaged, dropped or doubled.
+    /// Number of bytes that the line damaged, dropped or doubled.
     pub damaged_bytes: u64,
-    /// Deepest use of the stack after the first thousand corrections, bytes.
+    /// Deepest use of the stack in the first part of the round, bytes.
     pub stack_first: u32,
-    /// The same at the end.
+    /// Deepest use of the stack until the end, bytes.
     pub stack_last: u32,
-    /// CRC of the model that the start found in the flash; 0 for none.
+    /// CRC of the model that the start found in the flash; 0 if none.
     pub found: u32,
-    /// Whether the power was cut while the flash might be written.
+    /// Whether the power was cut while the flash may have been in the middle of a write.
     pub writing_at_the_cut: bool,
 }
 
@@ -102,20 +102,20 @@ impl Round {
     }
 }
 
-/// All rounds, and their files.
+/// All rounds, with the files of record and flash.
 #[derive(Debug)]
 pub struct Record {
     path: PathBuf,
     memory: PathBuf,
-    /// In order.
+    /// The rounds in order.
     pub rounds: Vec<Round>,
 }
 
 impl Record {
-    /// The record at `path`, begun when there is none.
+    /// Opens the record at `path`, or begins one.
     ///
     /// # Panics
-    /// When it is not one, or its flash is gone: a soak does not go on from what it does not know.
+    /// If the file is not a record or its flash is missing, because a soak must continue from a known state.
     pub fn at(path: &Path) -> Self {
         let mut memory = path.as_os_str().to_owned();
         memory.push(".flash");
@@ -150,20 +150,20 @@ impl Record {
         }
     }
 
-    /// The file of the flash.
+    /// Returns the file of the flash.
     pub fn memory(&self) -> &Path {
         &self.memory
     }
 
-    /// Corrections of all rounds.
+    /// Returns the number of corrections in all rounds.
     pub fn answered(&self) -> usize {
         self.rounds.iter().map(|round| round.answered).sum()
     }
 
-    /// One round more.
+    /// Adds a round.
     ///
     /// # Panics
-    /// When it cannot be written.
+    /// If it cannot be written.
     pub fn add(&mut self, round: Round) {
         let file = OpenOptions::new().append(true).open(&self.path);
         let line = round.line();
@@ -173,7 +173,7 @@ impl Record {
         self.rounds.push(round);
     }
 
-    /// All rounds in a sentence.
+    /// Summarises all rounds in a sentence.
     pub fn summary(&self) -> String {
         let sum = |of: fn(&Round) -> usize| self.rounds.iter().map(of).sum::<usize>();
         let stack = |of: fn(&Round) -> u32| self.rounds.iter().map(of).max().unwrap_or(0);
@@ -204,10 +204,10 @@ impl Record {
     }
 }
 
-/// Flips one bit where a slot has something, every other time in its head. Byte and bit.
+/// Flips one bit in the used part of a slot, every other time in its head. Returns the byte and the bit.
 ///
 /// # Panics
-/// When the file cannot be changed.
+/// If the file cannot be changed.
 pub fn flip_a_bit(memory: &Path, number: usize) -> (u64, u8) {
     let mut generator = ChaCha8Rng::seed_from_u64(1_000 + number as u64);
     let slot = SLOT * generator.random_range(0..2_u64);

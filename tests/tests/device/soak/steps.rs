@@ -1,11 +1,11 @@
-//! What the workstation of a soak does, in order.
+//! The steps of a soak's workstation, in order.
 
 use std::collections::VecDeque;
 
-/// Bytes of a blob in one request. A longer frame hardly ever arrives.
+/// Bytes of a blob in one request. A longer frame would hardly ever arrive undamaged.
 pub const PIECE: usize = 48;
 
-/// One thing that the workstation does.
+/// A step of the workstation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// Begins an upload.
@@ -18,17 +18,17 @@ pub enum Step {
     Commit,
     /// Activates the uploaded model.
     Activate,
-    /// Rolls back to the model before it.
+    /// Rolls back to the previous model.
     RollBack,
-    /// Asks what runs.
+    /// Asks which model runs.
     Identify,
-    /// Asks what runs at a start, when nobody knows it.
+    /// Asks which model runs after a start, when it is not known.
     Find,
-    /// Asks what was counted.
+    /// Asks for the statistics.
     Statistics,
 }
 
-/// Everything that is done with one model, in both orders of commit and activate, every third time without commit.
+/// Returns all steps with one model, with commit and activation in either order, and without a commit every third time.
 pub fn steps(round: usize, length: usize) -> VecDeque<Step> {
     let mut steps = VecDeque::from([Step::Begin]);
     steps.extend((0..length).step_by(PIECE).map(Step::Piece));
@@ -38,7 +38,7 @@ pub fn steps(round: usize, length: usize) -> VecDeque<Step> {
         1 => steps.extend([Step::Activate, Step::Commit]),
         _ => steps.push_back(Step::Activate),
     }
-    // Two models have to be stored before one can be left for the other.
+    // A roll back needs two stored models.
     if round >= 2 && round.is_multiple_of(2) {
         steps.push_back(Step::RollBack);
     }

@@ -1,4 +1,4 @@
-//! The workstation's half of the line: one service at a time, asked for until it is answered.
+//! The workstation's half of the line: one service at a time, repeated until it is answered.
 
 use std::time::Instant;
 
@@ -8,21 +8,21 @@ use poegp_protocol::link::{Refusal, Request, Response};
 use super::steps::{PIECE, Step};
 use super::{SILENCE, Soak, encoded};
 
-/// A service is asked for again after so many answers to others, or a silence.
+/// A service is repeated after this many answers to other requests, or after a silence.
 const AGAIN: usize = 12;
-/// The same when the device was busy.
+/// The same number after the device was busy.
 const AGAIN_AFTER_BUSY: usize = 4;
 
-/// The service that is waited for.
+/// The service whose answer is awaited.
 pub struct Waiting {
     pub sequence: u16,
     pub frame: Vec<u8>,
-    /// When so many answers were heard, or at this time.
+    /// The service is repeated at this number of answers, or at this time.
     pub again: (usize, Instant),
 }
 
 impl Soak {
-    /// Sends the next step of the workstation, or the last one again.
+    /// Sends the workstation's next step, or repeats the last one.
     pub fn send_service(&mut self, now: Instant) {
         if let Some(waiting) = &mut self.waiting {
             if self.heard_frames >= waiting.again.0 || now >= waiting.again.1 {

@@ -1,4 +1,4 @@
-//! What the plots answer to keys, mouse and finger, against the measurement files that were read.
+//! How the plots react to keys, mouse and finger, compared with the measurement files.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use crate::browser::chromium::Browser;
 use crate::browser::{open, pages, silent};
 use crate::program::Folder;
 
-/// Joints in degrees of every line of a measurement file.
+/// Returns the line number and joints in degrees of every row of a measurement file.
 fn joints(folder: &Folder, file: &str) -> Vec<(usize, Vec<f64>)> {
     let text = folder.text(file);
     let mut lines = text.lines();
@@ -29,7 +29,7 @@ fn joints(folder: &Folder, file: &str) -> Vec<(usize, Vec<f64>)> {
     lines.enumerate().map(row).collect()
 }
 
-/// What is said of a pose: its line and its joints.
+/// Returns the line number and the joints in the box of a pose.
 #[track_caller]
 fn said(tip: &str) -> (usize, Vec<f64>) {
     let line = tip.lines().next().unwrap().rsplit(' ').next().unwrap();
@@ -51,7 +51,7 @@ fn as_texts(points: &[(f64, f64)]) -> BTreeSet<String> {
     points.iter().map(|p| format!("{p:?}")).collect()
 }
 
-/// Tab stops once at each plot, and the arrow keys reach each of its dots; what is said there is the file's.
+/// Tab stops once at each plot, and the arrow keys reach each of its dots; the box shows the values of the file.
 #[test]
 fn the_keyboard_reaches_every_point() {
     let Some(mut browser) = Browser::start("keys in reports") else {
@@ -95,7 +95,7 @@ fn the_keyboard_reaches_every_point() {
                     "{page}, {name}: the box is cut off: {tip}"
                 );
                 before = tip.to_owned();
-                // What is seen is what a screen reader says.
+                // A screen reader gets the text that is shown.
                 let heard = state["said"].as_str().unwrap();
                 assert_eq!(heard, tip.trim().replace('\n', "; "), "{page}, {name}");
                 let (line, angles) = said(tip);
@@ -115,7 +115,7 @@ fn the_keyboard_reaches_every_point() {
                 for core in state["cores"].as_array().unwrap() {
                     for (x, y) in points(core) {
                         reached.insert(format!("{:?}", (x, y)));
-                        // The dot of this line is where the joint of this line is.
+                        // The dot of this line is at the joint value of this line.
                         if let Some(j) = joint {
                             let (low, high) = (
                                 plot["ends"][0].as_f64().unwrap(),
@@ -144,7 +144,7 @@ fn the_keyboard_reaches_every_point() {
         assert_eq!(stops, each, "{page}");
         silent(&browser);
     }
-    // The largest error of the document is at the pose that the page says it of.
+    // The largest error in the table is that of the document.
     open(&mut browser, &folder, "calibrate.html");
     let largest = "Math.max(...Array.from(document.querySelectorAll('#poses tbody tr'), (row) => Number(row.cells[1].textContent)))";
     let largest = browser.evaluate(largest).as_f64().unwrap();
@@ -156,7 +156,7 @@ fn the_keyboard_reaches_every_point() {
     );
     let line = browser.text("tests.text()");
     assert!(line.contains("All 60 poses"));
-    // Escape takes the answer away.
+    // Escape closes the box.
     browser.evaluate("document.querySelector('svg[data-plane]').focus()");
     browser.press("End", 0);
     assert_ne!(browser.evaluate("tests.state().tip"), "");
@@ -164,7 +164,7 @@ fn the_keyboard_reaches_every_point() {
     assert_eq!(browser.evaluate("tests.state().tip"), "");
 }
 
-/// Dragging over the plot of a joint marks the poses of that range of the joint, by the file, in all plots.
+/// Dragging over the plot of a joint marks, in all plots, the poses in that range of the joint according to the file.
 #[test]
 fn a_range_of_a_joint_is_marked_everywhere() {
     let Some(mut browser) = Browser::start("marking in reports") else {
@@ -193,7 +193,7 @@ fn a_range_of_a_joint_is_marked_everywhere() {
     let share = |angle: f64| (angle - low) / (high - low);
     let mut shares: Vec<f64> = measured.iter().map(|m| share(m.1[1])).collect();
     shares.sort_by(f64::total_cmp);
-    // Both ends of the range lie closely between two poses.
+    // Each end of the range lies midway between two neighbouring poses.
     let between = |least: f64| {
         let pairs = shares.windows(2).filter(|pair| pair[0] > least);
         let close = pairs.map(|pair| (pair[1] - pair[0], 0.5 * (pair[0] + pair[1])));
@@ -230,7 +230,7 @@ fn a_range_of_a_joint_is_marked_everywhere() {
                 as_texts(&points(marked)).is_subset(&as_texts(&points(all))),
                 "{name}"
             );
-            // By the file: the values of another joint of the same lines.
+            // Compared with the file: values of another joint on the same lines.
             let Some(joint) = name.strip_prefix("joint ") else {
                 continue;
             };
@@ -249,7 +249,7 @@ fn a_range_of_a_joint_is_marked_everywhere() {
             }
         }
     }
-    // The panel says how many they are and their mean error, which the table has, too.
+    // The panel shows their number and their mean error, which the table has too.
     let lines: Vec<usize> = inside.iter().map(|m| m.0).collect();
     let errors = browser.evaluate("Array.from(document.querySelectorAll('#poses tbody tr'), (row) => [row.cells[0].textContent, Number(row.cells[1].textContent)])");
     let errors = errors.as_array().unwrap().iter();
@@ -272,7 +272,7 @@ fn a_range_of_a_joint_is_marked_everywhere() {
         panel.contains(&format!("Mean position error {mean:.3} mm, of the others ")),
         "{panel}"
     );
-    // The dot under the pointer says which it is.
+    // The box belongs to the dot under the pointer.
     let (line, angles) = (measured[6].0, &measured[6].1);
     let x = left + width * share(angles[1]);
     let dots = points(&plot["series"][1]);
@@ -280,7 +280,7 @@ fn a_range_of_a_joint_is_marked_everywhere() {
     browser.mouse("mouseMoved", window(dot.0, dot.1));
     let state = browser.evaluate(&format!("tests.state({index})"));
     assert_eq!(said(state["tip"].as_str().unwrap()).0, line);
-    // So does one under a finger, which is lifted then.
+    // The same for a dot under a finger that is then lifted.
     browser.call(
         "Emulation.setTouchEmulationEnabled",
         json!({"enabled": true}),

@@ -1,7 +1,7 @@
-//! A headless Chromium, driven by the DevTools protocol over its pipe: messages of JSON, each ended by a NUL.
+//! A headless Chromium, driven by the DevTools protocol over a pipe: JSON messages, each ended by a NUL.
 //!
-//! No crate and no port: a shell moves standard input and output to the file descriptors 3 and 4 that Chromium reads and
-//! writes with `--remote-debugging-pipe`.
+//! It needs no crate and no port: a shell connects standard input and output with the file descriptors 3 and 4, which Chromium
+//! uses with `--remote-debugging-pipe`.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -12,12 +12,12 @@ use std::time::{Duration, Instant};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-/// Most time that an answer takes; a machine that is busy with other tests is slow.
+/// Longest wait for an answer, since a machine that runs other tests is slow.
 const PATIENCE: Duration = Duration::from_secs(120);
 const FLAGS: &str = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking \
     --disable-component-update --disable-sync --hide-scrollbars --force-color-profile=srgb --remote-debugging-pipe";
 
-/// The keys of the tests, and their codes.
+/// The keys that the tests press, with their codes.
 const KEYS: [(&str, u32); 7] = [
     ("Tab", 9),
     ("Escape", 27),
@@ -27,7 +27,7 @@ const KEYS: [(&str, u32); 7] = [
     ("ArrowRight", 39),
     ("Enter", 13),
 ];
-/// The modifier Shift.
+/// The modifier for Shift.
 pub const SHIFT: u32 = 8;
 
 pub struct Browser {
@@ -36,14 +36,14 @@ pub struct Browser {
     from: Receiver<Value>,
     last: u64,
     session: Value,
-    /// Complaints: errors, warnings and what the policy refused; dialogs.
+    /// Errors, warnings, violations of the policy, and dialogs.
     pub complaints: Vec<String>,
-    /// What was asked for.
+    /// Requested addresses.
     pub requests: Vec<String>,
     _profile: TempDir,
 }
 
-/// The command of a Chromium, if there is one.
+/// Returns the command of an installed Chromium.
 fn installed() -> Option<&'static str> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let runs = |name: &&str| {
@@ -54,10 +54,10 @@ fn installed() -> Option<&'static str> {
 }
 
 impl Browser {
-    /// An empty page, 1100 wide. Says NOT RUN where no Chromium is installed.
+    /// Opens an empty page, 1100 wide. Prints NOT RUN if no Chromium is installed.
     pub fn start(test: &str) -> Option<Self> {
         let Some(command) = installed() else {
-            // Past what the test harness captures.
+            // Shown even when the test harness captures output.
             let _ = writeln!(
                 std::io::stderr(),
                 "NOT RUN: {test} in a browser, for no chromium is installed"
@@ -112,7 +112,7 @@ impl Browser {
         Some(browser)
     }
 
-    /// What a command answers.
+    /// Sends a command and returns its answer.
     #[track_caller]
     pub fn call(&mut self, method: &str, parameters: Value) -> Value {
         self.last += 1;
@@ -132,11 +132,11 @@ impl Browser {
         }
     }
 
-    /// The next message; what the page complains of and asks for is kept.
+    /// Returns the next message, and keeps complaints and requests of the page.
     #[track_caller]
     fn message(&mut self, during: &str) -> Value {
         let message = self.from.recv_timeout(PATIENCE);
-        let message = message.unwrap_or_else(|e| panic!("chromium says nothing to {during}: {e}"));
+        let message = message.unwrap_or_else(|e| panic!("chromium does not answer {during}: {e}"));
         let event = &message["params"];
         match message["method"].as_str().unwrap_or_default() {
             "Runtime.exceptionThrown" | "Runtime.consoleAPICalled" | "Log.entryAdded" => {
@@ -152,19 +152,19 @@ impl Browser {
         message
     }
 
-    /// Opens a file and waits until it is there.
+    /// Opens a file and waits until it is loaded.
     #[track_caller]
     pub fn open(&mut self, file: &Path) {
         let url = format!("file://{}", file.display());
         self.call("Page.navigate", json!({"url": url}));
         let begin = Instant::now();
         while self.evaluate("document.readyState + location.protocol") != "completefile:" {
-            assert!(begin.elapsed() < PATIENCE, "{url} is not there");
+            assert!(begin.elapsed() < PATIENCE, "{url} is not loaded");
             std::thread::sleep(Duration::from_millis(20));
         }
     }
 
-    /// The value of an expression in the page.
+    /// Returns the value of an expression in the page.
     #[track_caller]
     pub fn evaluate(&mut self, expression: &str) -> Value {
         let parameters =
@@ -177,7 +177,7 @@ impl Browser {
         answer["result"]["value"].take()
     }
 
-    /// A text of the page.
+    /// Returns a text of the page.
     #[track_caller]
     pub fn text(&mut self, expression: &str) -> String {
         let value = self.evaluate(expression);
@@ -187,7 +187,7 @@ impl Browser {
             .to_owned()
     }
 
-    /// Presses a key and lets it go.
+    /// Presses and releases a key.
     #[track_caller]
     pub fn press(&mut self, key: &str, modifiers: u32) {
         let code = KEYS.iter().find(|k| k.0 == key).unwrap().1;
@@ -199,7 +199,7 @@ impl Browser {
         }
     }
 
-    /// `mouseMoved`, `mousePressed` or `mouseReleased` at a point of the window.
+    /// Sends `mouseMoved`, `mousePressed` or `mouseReleased` at a point of the window.
     #[track_caller]
     pub fn mouse(&mut self, kind: &str, (x, y): (f64, f64)) {
         let held = u32::from(kind == "mousePressed");
@@ -210,7 +210,7 @@ impl Browser {
         );
     }
 
-    /// Width and height of the window.
+    /// Sets width and height of the window.
     #[track_caller]
     pub fn size(&mut self, width: u32, height: u32) {
         let size =
@@ -218,7 +218,7 @@ impl Browser {
         self.call("Emulation.setDeviceMetricsOverride", size);
     }
 
-    /// `light` or `dark`, on a `screen` or in `print`.
+    /// Sets the colour scheme `light` or `dark`, on a `screen` or in `print`.
     #[track_caller]
     pub fn media(&mut self, medium: &str, scheme: &str) {
         let features = json!([{"name": "prefers-color-scheme", "value": scheme}]);
@@ -231,7 +231,7 @@ impl Browser {
 
 impl Drop for Browser {
     fn drop(&mut self) {
-        // It ends with its pipe; then its profile can go.
+        // Chromium ends with its pipe; then its profile can be removed.
         let _ = self
             .to
             .write_all(b"{\"id\":0,\"method\":\"Browser.close\"}\0");

@@ -1,4 +1,4 @@
-//! The pictures of the guide: the report of the demonstration in light, dark, on a phone and on paper.
+//! The pictures of the guide: the report of the demonstration in light, in dark, on a phone and on paper.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use crate::browser::chromium::Browser;
 use crate::browser::open;
 use crate::program::Folder;
 
-/// Most bytes of a picture.
+/// Largest size of a picture, bytes.
 const LARGEST: u64 = 150_000;
 const PICTURES: [&str; 4] = ["light", "dark", "phone", "print"];
 
@@ -26,7 +26,7 @@ fn pictures_of_the_guide_are_small() {
     }
 }
 
-/// Takes them again: `POEGP_BLESS=1 cargo test -p poegp-trainer --test cli pictures -- --include-ignored`.
+/// Rewrites the pictures: `POEGP_BLESS=1 cargo test -p poegp-trainer --test cli pictures -- --include-ignored`.
 #[test]
 #[ignore = "takes the pictures of the guide again"]
 fn take_the_pictures() {
@@ -48,11 +48,11 @@ fn take_the_pictures() {
         browser.media(medium, scheme);
         open(&mut browser, &folder, "demo/report.html");
         if name == "print" {
-            // The margin that the style sheet gives a sheet of paper.
+            // The margin that the style sheet has for paper.
             browser.evaluate("document.body.style.margin = '14mm'");
         }
         let (anchor, marks) = match name {
-            // An answer and marked poses.
+            // With a box and marked poses.
             "light" | "phone" => ("#joints", true),
             "dark" => ("#workspace", false),
             _ => ("body", false),
@@ -105,7 +105,7 @@ fn take_the_pictures() {
     }
 }
 
-/// Base64, RFC 4648.
+/// Decodes Base64 (RFC 4648).
 fn decoded(text: &str) -> Vec<u8> {
     let digits = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let (mut out, mut bits, mut count) = (Vec::new(), 0_u32, 0);

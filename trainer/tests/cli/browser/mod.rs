@@ -1,6 +1,6 @@
-//! The pages of the report in a browser: complete without their script, silent, answering with it, legible.
+//! The pages of the report in a browser: complete without their script, without complaints, interactive with it, and legible.
 //!
-//! What the plots answer is compared with the measurement files that were read, not with the page.
+//! What the plots show is compared with the measurement files, not with the page.
 
 mod answers;
 mod chromium;
@@ -13,7 +13,7 @@ use crate::program::{Folder, SERIAL, changed, simulated};
 
 const PAGE: &str = include_str!("page.js");
 
-/// A folder with measurements and the pages of all commands that write one with plots of poses: page and document.
+/// Returns a folder with measurements and, for each command that plots poses, its page and JSON document.
 fn pages() -> (Folder, Vec<(&'static str, &'static str)>) {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
@@ -45,7 +45,7 @@ fn pages() -> (Folder, Vec<(&'static str, &'static str)>) {
     (folder, files.to_vec())
 }
 
-/// Opens a page with what the tests ask of it.
+/// Opens a page and loads the helper functions of the tests.
 #[track_caller]
 fn open(browser: &mut Browser, folder: &Folder, page: &str) {
     browser.open(&folder.path(page));
@@ -88,7 +88,7 @@ fn every_word_and_number_is_there_without_the_script_and_nothing_complains() {
             1,
             "{page}"
         );
-        // Answers and marks change none of it.
+        // A box and marks do not change the text.
         browser.evaluate("document.querySelector('svg[data-plane]').focus()");
         browser.press("End", SHIFT);
         assert!(!browser.text("tests.panel()").is_empty(), "{page}");
@@ -112,7 +112,8 @@ fn every_word_and_number_is_there_without_the_script_and_nothing_complains() {
     }
 }
 
-/// WCAG 2.2 AA in light and in dark, with answer and marks; nothing is wider than a phone; paper has what paper can show.
+/// The pages meet WCAG 2.2 AA in light and in dark, with box and marks. Nothing is wider than a phone, and paper shows no
+/// controls.
 #[test]
 fn the_pages_are_legible() {
     let Some(mut browser) = Browser::start("contrast of reports") else {
@@ -168,7 +169,7 @@ fn the_pages_are_legible() {
     }
 }
 
-/// Names of files, sessions and robots stay text, and would be stopped by the policy if they did not.
+/// Names of files, sessions and robots stay text, and even if they did not, the policy would stop their scripts.
 #[test]
 fn a_script_in_a_name_does_not_run() {
     let Some(mut browser) = Browser::start("hostile names in reports") else {
@@ -203,14 +204,14 @@ fn a_script_in_a_name_does_not_run() {
     ] {
         assert!(text.contains(part), "{part}");
     }
-    // In the answer, too.
+    // In the box as well.
     browser.press("Tab", 0);
     browser.evaluate("document.querySelector('svg[data-plane]').focus()");
     browser.press("End", 0);
     let state = browser.evaluate("tests.state()");
     assert!(state["tip"].as_str().unwrap().contains(hostile), "{state}");
     silent(&browser);
-    // The policy stops what is not the page's own, however it came in.
+    // The policy stops every script that is not the page's own.
     let stopped = "new Promise((done) => {
         document.addEventListener('securitypolicyviolation', (event) => done(event.effectiveDirective), { once: true });
         const script = document.createElement('script');

@@ -1,4 +1,4 @@
-// What the tests ask of a page; it runs in the page beside the page's own script.
+// Functions by which the tests examine a page. They run in the page beside its own script.
 (() => {
   const parse = (colour) => {
     const [r, g, b, a] = colour.match(/[\d.]+/g).map(Number);
@@ -64,7 +64,7 @@
   const plots = () => Array.from(document.querySelectorAll("svg[data-plane]"));
 
   window.tests = {
-    // Texts and marks with too little contrast, and how many were looked at.
+    // Texts and marks with too little contrast, and the number of those that were examined.
     contrasts: () => {
       const all = texts().concat(graphics());
       return { count: all.length, low: all.filter((one) => one.ratio < one.least).map((one) => one.what + " " + one.ratio.toFixed(2)) };
@@ -80,7 +80,7 @@
       marked: Array.from(svg.querySelectorAll("path.marked"), points),
       box: (({ left, top, width }) => ({ left, top, scale: width / svg.viewBox.baseVal.width }))(svg.getBoundingClientRect()),
     })),
-    // Of the plot with the focus, or of this one.
+    // The state of the plot with this index, or of the one with the focus.
     state: (index) => {
       const svg = index === undefined ? document.activeElement : plots()[index];
       const tip = document.querySelector(".tip");

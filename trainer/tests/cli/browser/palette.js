@@ -1,4 +1,4 @@
-// The function that makes of a PNG another one with at most 256 colours, as base64: a third of the bytes.
+// Reduces a PNG to at most 256 colours, which takes a third of the bytes. Returns it as base64.
 async (source) => {
   const image = new Image();
   image.src = source;
@@ -9,7 +9,7 @@ async (source) => {
   context.drawImage(image, 0, 0);
   const pixels = context.getImageData(0, 0, width, height).data;
 
-  // The colours that are most frequent, and the nearest of them for each of the others.
+  // The most frequent colours; each other colour becomes the nearest of them.
   const counts = new Map();
   const at = (i) => (pixels[4 * i] << 16) | (pixels[4 * i + 1] << 8) | pixels[4 * i + 2];
   for (let i = 0; i < width * height; i += 1) counts.set(at(i), (counts.get(at(i)) || 0) + 1);
