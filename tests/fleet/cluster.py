@@ -203,7 +203,8 @@ class Cluster:
             daemon = self.daemons.pop(name)
             daemon.terminate()
             daemon.wait(60)
-        deadline = time.monotonic() + 5
+        # Snakemake takes seconds to end on a busy machine; what was forgotten stays for good.
+        deadline = time.monotonic() + 60
         while (left := descendants()) and time.monotonic() < deadline:
             time.sleep(0.1)
         reap()
