@@ -50,6 +50,7 @@ mod programs_beside;
 mod programs_checked;
 mod programs_flow;
 mod programs_split;
+mod programs_turns;
 mod project;
 mod report;
 mod reproducible;

@@ -418,11 +418,31 @@ fn loads_beside_the_tool_are_named() {
     let folder = folder();
     let text = String::from_utf8_lossy(&file("part.mod"))
         .replace("v100,z1,gun", "v100,z1,gun\\TLoad:=heavy")
-        .replace("TPWrite", "GripLoad piece;\r\n TPWrite");
+        .replace("FOR i", "GripLoad piece;\r\n FOR i");
     folder.write("part.mod", &text);
-    let outcome = folder.run("correct elas.blob part.mod --payload-from-program --out out.mod");
+    let from_program = "correct elas.blob part.mod --payload-from-program --out out.mod";
+    let outcome = folder.run(from_program);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
     assert!(outcome.stdout.contains("GripLoad"), "{outcome:#?}");
     let left = "its tool has no payload in the program";
-    assert_eq!(outcome.stderr.matches(left).count(), 2, "{outcome:#?}");
+    assert_eq!(outcome.stderr.matches(left).count(), 5, "{outcome:#?}");
+    // A load that the program states is added to the tool's, up to the end of the grip.
+    let load = "MODULE Part\r\nPERS loaddata piece:=[1.5,[0,0,1],[1,0,0,0],0,0,0];";
+    let text = text
+        .replace("MODULE Part", load)
+        .replace("ENDFOR", "ENDFOR\r\n GripLoad load0;")
+        .replace("\\TLoad:=heavy", "");
+    folder.write("part.mod", &text);
+    folder.run(from_program).ok();
+    let out = |kg: &str| {
+        let line = format!("correct elas.blob part.mod --payload-kg {kg} --out out_{kg}.mod");
+        folder.run(&line).ok();
+        folder.read(&format!("out_{kg}.mod"))
+    };
+    let (light, heavy, found) = (out("2.5"), out("4"), folder.read("out.mod"));
+    let of = |bytes: &[u8]| {
+        ["p10:=", "row{2}:=", "MoveAbsJ [["].map(|name| numbers_after(bytes, name, 6))
+    };
+    let ([l1, l2, l3], [_, h2, _]) = (of(&light), of(&heavy));
+    assert!(l2 != h2 && of(&found) == [l1, h2, l3]);
 }

@@ -72,6 +72,10 @@ fn module(part: &str) -> String {
     )
 }
 
+/// The point `row{1}` of `part.mod`.
+const POINT_OF_ABB: &str = "[[701.088,449.848,513.922],[0.19635102,0.04915473,0.96244594,-0.18090853],[0,0,-1,0],\
+    [9E9,9E9,9E9,9E9,9E9,9E9]]";
+
 #[test]
 fn modules_are_followed_on_every_way() {
     let folder = folder();
@@ -160,6 +164,48 @@ fn modules_are_followed_on_every_way() {
             1,
             "and is left as it is",
         ),
+        // The same with an optional argument, whose mark is that of an assignment.
+        (
+            format!(
+                "Put table\\Far:=5;\n{go}\nPROC Put(PERS wobjdata w\\num Far)\nw.uframe:=[[1,2,3],[1,0,0,0]];\nENDPROC"
+            ),
+            1,
+            "it is changed at",
+        ),
+        (
+            format!(
+                "VAR robtarget sp;\n{go}\nSearchL \\Stop,di1,sp,p10,v5,gun\\WObj:=table;\nMoveL sp,v5,fine,gun;"
+            ),
+            2,
+            "its target sp is computed",
+        ),
+        (
+            format!("{go}\nSearchL \\Stop,di1,sp,{POINT_OF_ABB},v5,gun\\WObj:=table;"),
+            2,
+            "an instruction that is not corrected",
+        ),
+        // Joints need no frame; and welding moves like any other.
+        (format!("{go}\nMoveAbsJ home,v200,fine,tool0;"), 2, ""),
+        (
+            "ArcLStart p10,v200,seam1,weld1\\Weave:=weave1,fine,gun\\WObj:=table;".to_owned(),
+            2,
+            "",
+        ),
+        (
+            "ArcLEnd p10,v200,seam1,weld1,fine,gun\\WObj:=table\\Track:=track1;".to_owned(),
+            1,
+            "a sensor corrects its path",
+        ),
+        // An element of a list that is left has its place in the list.
+        (
+            format!(
+                "VAR robtarget row{{3}}:=[{POINT_OF_ABB},{},{POINT_OF_ABB}];\nMoveL row{{3}},v5,fine,gun\\WObj:=table;\n\
+                 MoveL row{{2}},v5,fine,gun;",
+                POINT_OF_ABB.replacen("[9E9,", "[100,", 1)
+            ),
+            2,
+            "it has external axes",
+        ),
         // A call of the program's own routine and an instruction that defines a trigger are no motions.
         (
             format!("TriggEquip on,10,0.1\\DOp:=do1,1;\nMoveHome;\n{go}\nPROC MoveHome()\nENDPROC"),
@@ -168,6 +214,23 @@ fn modules_are_followed_on_every_way() {
         ),
     ];
     check(&folder, &cases, "a.mod", "", module);
+}
+
+/// The program changes a tool of the frame file like one of its own.
+#[test]
+fn the_values_of_the_frame_file_do_not_outlast_those_of_the_program() {
+    let folder = folder();
+    let gun = "[tool.gun]\nxyz_mm = [30, -45, 210]\nquaternion = [0.97629601, 0.21643961, 0, 0]\n";
+    folder.write("gun.toml", gun);
+    let go = "MoveL p10,v200,fine,gun\\WObj:=table;";
+    let text = module(&format!("{go}\ngun:=Measured();"));
+    let line = text.lines().find(|line| line.contains("tooldata")).unwrap();
+    folder.write("a.mod", text.replace(line, ""));
+    let line = "correct elas.blob a.mod --payload-kg 2.5 --frames gun.toml --json - --out out.mod";
+    let outcome = folder.run(line);
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert_eq!(outcome.json()["targets"].as_u64(), Some(1));
+    assert!(outcome.stdout.contains("it is changed at"), "{outcome:#?}");
 }
 
 /// Data that a module declares as local belong to that module only.
@@ -256,6 +319,53 @@ fn sources_are_followed_on_every_way() {
         ),
         (format!("{go} WITH $BASE=BASE_DATA[i]"), 1, "computed"),
         (format!("PTP $AXIS_ACT\n{go}:{{Z 5}}"), 1, "computed"),
+        (format!("LIN $POS_ACT:{{Z 5}}\n{go}"), 2, "computed"),
+        (
+            format!("BAS(#INITMOV,0)\n{go}"),
+            1,
+            "BAS(#INITMOV) may reset $",
+        ),
+        (
+            format!("BAS(#INITMOV,0)\n$BASE=BASE_DATA[2]\n$TOOL=TOOL_DATA[3]\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("FDAT_ACT={{TOOL_NO -1,BASE_NO 2,IPO_FRAME #BASE}}\n{go}"),
+            1,
+            "there is no tool or base -1",
+        ),
+        // A base by its name.
+        (
+            format!("DECL FRAME own={{X 900,Y -300,Z 420,A 20,B 0,C 0}}\n$BASE=own\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("DECL FRAME own={{X 900,Y -300,Z 420,A 20,B 0,C 0}}\nown.Z=5\n$BASE=own\n{go}"),
+            1,
+            "computed",
+        ),
+        (
+            "$BASE=$WORLD\nLIN {X 1404.950,Y 362.505,Z 933.922,A -161.4709,B 23.3121,C -159.0124}"
+                .to_owned(),
+            2,
+            "",
+        ),
+        // A point that a routine of the program changes for its caller, and points of a spline.
+        (
+            format!(
+                "DECL E6POS XP1={{{}\nLIN XP1\nLIFT(XP1)\nDEF LIFT(P:OUT)\nP.Z=5",
+                &go[5..]
+            ),
+            1,
+            "the program changes it",
+        ),
+        (
+            format!("SPLINE\nS{}\nENDSPLINE", go.replace("LIN", "PL")),
+            2,
+            "",
+        ),
     ];
     check(&folder, &cases, "a.src", "", source);
     // The base of one motion does not apply to another.
@@ -361,6 +471,19 @@ fn scripts_are_followed_on_every_way() {
             1,
             "the controller moves it",
         ),
+        // A feature that is set again has the value that holds at the move.
+        (
+            format!("f = p[0,0,0,0,0,0]\nf = p[0.1,0,0,0,0,0]\nmovel(pose_trans(f, {POINT}))"),
+            2,
+            "",
+        ),
+        (
+            format!(
+                "f = p[0,0,0,0,0,0]\nif a:\nf = p[0.1,0,0,0,0,0]\nend\nmovel(pose_trans(f, {POINT}))"
+            ),
+            1,
+            "its feature f: it is set at a.script:8, but not on every way",
+        ),
         // The joints of `qnear` are computed at run time.
         (
             "movej(get_inverse_kin(q, qnear=get_target_joint_positions()))".to_owned(),
@@ -388,6 +511,38 @@ fn scripts_are_followed_on_every_way() {
         "--payload-from-program",
         script,
     );
+}
+
+/// Joints need no tool.
+#[test]
+fn a_script_of_joints_needs_no_tool() {
+    let folder = folder();
+    let text = script("movej(q=[0.2, 0.3, -0.1, -0.3, 0.8, 0.5], a=1)").replace(TCP, "");
+    assert_eq!(run(&folder, "a.script", &text, ""), (2, String::new()));
+    let pose = script(&format!("movel(pose={POINT}, a=1)"));
+    assert_eq!(run(&folder, "a.script", &pose, ""), (2, String::new()));
+}
+
+/// Where no joints are known, the branch is a guess, and the command says so.
+#[test]
+fn a_guess_of_the_branch_is_said() {
+    let folder = folder();
+    for (joints, is_said) in [
+        ("", true),
+        ("movej([0.2, 0.35, -0.07, -0.3, 0.8, 0.5])\n", false),
+    ] {
+        folder.write(
+            "a.script",
+            format!("def A():\n{TCP}{joints}movel({POINT})\nend\n"),
+        );
+        let outcome = folder
+            .run("correct elas.blob a.script --payload-kg 1 --out out.script")
+            .ok();
+        let said = outcome
+            .stdout
+            .contains("no joints are known before this first pose");
+        assert_eq!(said, is_said, "{outcome:#?}");
+    }
 }
 
 /// The joints of `qnear` determine the branch: with the wrist turned the other way, the joints and the correction differ.
@@ -422,6 +577,10 @@ fn features_stand_in_features() {
     let one = numbers(&format!(
         "b = p[0.2,0.1,0.1,0,0,0]\nmovel(pose_trans(b, {pose}))"
     ));
+    let again = numbers(&format!(
+        "b = p[0.9,0,0,0,0,0]\nb = p[0.2,0.1,0.1,0,0,0]\nmovel(pose_trans(b, {pose}))"
+    ));
+    assert_eq!(again, one);
     for (a, b) in nested.iter().zip(&one) {
         assert!((a - b).abs() < 2e-6, "{nested:?} {one:?}");
     }
@@ -449,10 +608,21 @@ fn data_that_a_val3_program_changes_are_left() {
             "the program changes it",
         ),
         ("tGun[0]=tOther", 2, "the program changes tGun"),
+        // A computed key stands for every element.
+        ("movel(pPoint[nIndex],tGun,mSpeed)", all, ""),
+        (
+            "movel(pPoint[nIndex],tOwn,mSpeed)",
+            2,
+            "its tool is computed",
+        ),
     ] {
         folder.write(
             "part.pgx",
-            code.replace("begin\n", &format!("begin\n  {line}\n")),
+            code.replace("begin\n", &format!("begin\n  {line}\n"))
+                .replace(
+                    "    <Code>",
+                    "    <Locals><Local name=\"tOwn\" type=\"tool\"/></Locals>\n    <Code>",
+                ),
         );
         let command = "correct elas.blob part.dtx --payload-kg 2.5 --frames frames.toml";
         let outcome = folder.run(&format!("{command} --json - --out out.dtx"));
@@ -486,10 +656,87 @@ fn remarks_of_a_listing_hide_no_instruction() {
         let text = text.replace("   4:J", &format!("   4:  {remark}\n   4:J"));
         assert_eq!(run(&folder, "b.ls", &text, ""), plain, "{remark}");
     }
-    let text = text.replace("   4:J", "   4:  UFRAME[2]=PR[1] ;\n   4:J");
-    let (targets, left) = run(&folder, "b.ls", &text, "");
-    assert!(
-        targets == 2 && left.contains("its frame or tool is set at b.ls:"),
-        "{targets} {left}"
-    );
+    for (line, corrected, reason) in [
+        ("UFRAME[2]=PR[1]", 2, "its frame or tool is set at b.ls:"),
+        ("P[2]=LPOS", 4, "the program changes it"),
+        ("P[R[1]]=PR[3]", 0, "the program changes it"),
+        // In whatever language of the controller.
+        ("L P[2] 5mm/sec FINE VERSATZ,PR[1]", 5, "changes its end"),
+        ("L P[2] 5mm/sec FINE Skip,LBL[1],PR[3]=LPOS", 5, ""),
+    ] {
+        let text = text.replace("   4:J", &format!("   4:  {line} ;\n   4:J"));
+        folder.write("b.ls", text);
+        let line =
+            "correct elas.blob b.ls --payload-kg 2.5 --frames frames.toml --json - --out out";
+        let outcome = folder.run(&format!("{line}.ls"));
+        let said = outcome.stdout.clone() + &outcome.stderr;
+        assert!(said.contains(reason), "{line} {outcome:#?}");
+        if corrected > 0 {
+            assert_eq!(
+                outcome.json()["targets"].as_u64(),
+                Some(corrected),
+                "{outcome:#?}"
+            );
+        }
+    }
+}
+
+/// The first instruction of a listing, with and without a remark before it.
+#[test]
+fn the_first_instruction_of_a_listing_counts() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    let (from, to) = (text.find("   1:").unwrap(), text.find("   4:J").unwrap());
+    for remark in ["", "   1:  !first ;\n"] {
+        let text = format!("{}{remark}{}", &text[..from], &text[to..]);
+        assert_eq!(run(&folder, "b.ls", &text, ""), (5, String::new()));
+    }
+}
+
+/// External axes, frames that the job sets, and shifts on some way to a position.
+#[test]
+fn positions_of_a_job_that_something_moves_are_left() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.jbi")).replace("\r\n", "\n");
+    let all = run(&folder, "a.jbi", &text, "").0;
+    for (line, corrected, reason) in [
+        (
+            "MOVL C00001 BC00001 V=200.0",
+            all - 1,
+            "it has external axes",
+        ),
+        (
+            "MFRAME UF#(2) P001 P002 P003",
+            all - 3,
+            "its frame or tool is set",
+        ),
+        ("SETTOOL TL#(1) P001", all, ""),
+        ("SFTON P001\nSFTOF", all, ""),
+        (
+            "JUMP *A IF IN#(1)=ON\nSFTON P001\n*A",
+            0,
+            "a shift may be active",
+        ),
+        ("IFTHENEXP IN#(1)=ON\nSFTON P001\nSFTOF\nENDIF", all, ""),
+    ] {
+        let text = text.replace("NOP\n", &format!("NOP\n{line}\n"));
+        folder.write("b.jbi", text);
+        let command =
+            "correct elas.blob b.jbi --payload-kg 2.5 --frames frames.toml --json - --out out.jbi";
+        let outcome = folder.run(command);
+        let said = outcome.stdout.clone() + &outcome.stderr;
+        assert!(said.contains(reason), "{line} {outcome:#?}");
+        if corrected > 0 {
+            assert_eq!(
+                outcome.json()["targets"].as_u64(),
+                Some(corrected),
+                "{line} {outcome:#?}"
+            );
+        }
+    }
+    let end = text.replace("MOVJ C00004", "SFTON P001\nJUMP *A\nMOVJ C00004");
+    let end = end.replace("NOP\n", "NOP\n*A\n");
+    folder.write("b.jbi", end);
+    let command = "correct elas.blob b.jbi --payload-kg 2.5 --frames frames.toml --out out.jbi";
+    assert!(folder.run(command).stderr.contains("a shift may be active"));
 }

@@ -161,7 +161,7 @@ pub fn document(
             .count(),
         left: left.collect(),
         frames: frames.collect(),
-        remarks: program.remarks.clone(),
+        remarks: [program.remarks.as_slice(), &outcome.remarks].concat(),
         moved_mm: of(|s| 1e3 * s.moved.0),
         moved_deg: of(|s| s.moved.1.to_degrees()),
         before_mm: of(|s| 1e3 * s.before),

@@ -10,14 +10,14 @@
 //!
 //! This is a small motion of the written pose. Without a correction the motion is zero, and no number changes.
 
-use poegp_calibration::blob::commander::{Commander, pose_distance};
+use poegp_calibration::blob::commander::{Commander, Joints, pose_distance};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::parallel::map_all;
 use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 
 use crate::robot_programs::correction::planning::{Payload, Planned, plan};
-use crate::robot_programs::correction::program::{Left, Program, frames_of};
+use crate::robot_programs::correction::program::{Bound, Left, Program, SLACK, Target, frames_of};
 use crate::robot_programs::correction::replacement::{Replacement, Solved, replace};
 
 /// Least trust of a target. Below it, less than half of the correction's prior is explained by the training data.
@@ -40,6 +40,8 @@ pub struct Outcome {
     pub left: Vec<Left>,
     /// Numbers that change, in the order of the files.
     pub replacements: Vec<Replacement>,
+    /// Other remarks for the user.
+    pub remarks: Vec<String>,
     /// Largest error caused by the decimals of the format, in m.
     pub rounding: f64,
 }
@@ -58,7 +60,7 @@ pub fn solve(
         left: program.left.clone(),
         ..Outcome::default()
     };
-    let planned = plan(program, commander, payload, &mut out.left)?;
+    let planned = plan(program, commander, payload, &mut out.left, &mut out.remarks)?;
     let answers = map_all(threads(), &planned, |p| {
         answer(program, commander, p, direction)
     });
@@ -154,6 +156,12 @@ pub fn corrected(
             joint + 1
         ));
     }
+    if let Some(joint) = leaves_range(target, &joints, &command) {
+        return Err(format!(
+            "corrected, joint {} would leave the range that its configuration states",
+            joint + 1
+        ));
+    }
     let (tool, _) = frames_of(program, target);
     let nominal = commander.nominal_flange(&wanted) * tool;
     let real = commander.real_flange(&wanted, kg) * tool;
@@ -170,4 +178,17 @@ pub fn corrected(
         before: pose_distance(&nominal, &real).0,
         after: corrected.position_error,
     })
+}
+
+/// Returns the joint that leaves a range of the configuration, where no number of the target states the range.
+fn leaves_range(target: &Target, joints: &Joints, command: &Joints) -> Option<usize> {
+    let stated = target
+        .configuration
+        .as_ref()
+        .filter(|c| c.stated.is_empty())?;
+    let leaves = |(joint, lower, upper): &&Bound| {
+        let is_in = |q: f64| (lower + SLACK..=upper - SLACK).contains(&q);
+        is_in(joints[*joint]) && !is_in(command[*joint])
+    };
+    stated.bounds.iter().find(leaves).map(|(joint, ..)| *joint)
 }

@@ -13,7 +13,7 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::fanuc_frames;
 use crate::robot_programs::correction::frames::{FrameFile, Numbered};
 use crate::robot_programs::correction::program::{
-    Configuration, Frame, Goal, Location, Program, Target, Way, of_turn,
+    Configuration, Frame, Goal, Location, Program, Says, Stated, Target, Way, of_turn,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
@@ -65,7 +65,8 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         all.iter().filter(is_inside).copied().collect()
     };
     let (code, data) = (
-        within(motions, positions),
+        // Behind the name of the section.
+        within(motions + 3, positions),
         within(positions, copy.bytes.len()),
     );
     let taught = find_positions(
@@ -82,6 +83,7 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         tokens: &code,
     };
     let changed = changed_frames(&instructions, &program);
+    leave_set_positions(&instructions, &taught, &mut program);
     find_motions(
         &instructions,
         &taught,
@@ -180,6 +182,28 @@ fn changed_frames(text: &Text<'_>, program: &Program) -> BTreeMap<(bool, Option<
     out
 }
 
+/// Leaves the positions that the instructions set as they are: `P[2]=LPOS`, `P[R[1]]=PR[3]`.
+fn leave_set_positions(text: &Text<'_>, taught: &BTreeMap<u32, Taught>, program: &mut Program) {
+    for at in (0..text.tokens.len()).filter(|at| text.name(*at) == "p" && text.is(at + 1, b'[')) {
+        let close = text.find(at + 2, text.tokens.len(), b"]");
+        if !text.is(close + 1, b'=') {
+            continue;
+        }
+        let number = text.number(at + 2).filter(|_| close == at + 3);
+        let line = program.line_of(Location {
+            file: 0,
+            at: text.byte(at),
+        });
+        for (own, taught) in taught {
+            let is_set = number.is_none_or(|number| number.value == f64::from(*own));
+            if let (true, Some(target)) = (is_set, taught.target) {
+                let location = program.targets[target].location;
+                program.leave(location, format!("the program changes it at {line}"));
+            }
+        }
+    }
+}
+
 /// A taught position of `/POS`.
 struct Taught {
     target: Option<usize>,
@@ -227,7 +251,7 @@ fn position(
     for at in from..end {
         let name = text.name(at);
         if name == "config" && text.is(at + 1, b':') {
-            stated = configuration(&text.spelling(at + 2));
+            stated = configuration(text, at + 2);
         }
         if text.is(at + 1, b'=')
             && let Some(number) = text.number(at + 2)
@@ -289,18 +313,36 @@ fn position(
 
 /// Reads a configuration such as `'N U T, 0, 0, 0'`: wrist flipped (F or N), elbow, front or back, whole turns of joints
 /// 1, 4 and 6.
-fn configuration(text: &str) -> Option<Configuration> {
-    let mut parts = text.trim_matches(['\'', '"']).split(',');
-    let is_wrist_flipped = match parts.next()?.split_whitespace().next()? {
-        "F" => Some(true),
-        "N" => Some(false),
+fn configuration(text: &Text<'_>, at: usize) -> Option<Configuration> {
+    let span = text.byte(at)..text.end_of(at);
+    let spelling = std::str::from_utf8(text.source.slice(&span)).ok()?;
+    let is_wrist_flipped = match spelling.trim_matches(['\'', '"', ' ']).as_bytes().first()? {
+        b'F' => Some(true),
+        b'N' => Some(false),
         _ => None,
     };
-    let turns: Vec<f64> = parts.filter_map(|turn| turn.trim().parse().ok()).collect();
-    let bounds = [0, 3, 5].into_iter().zip(turns);
+    let mut from = text.byte(at);
+    let mut turns = Vec::new();
+    for part in spelling.split(',') {
+        let digits = part.trim_matches(['\'', '"', ' ']);
+        let start = from + part.find(digits).unwrap_or(0);
+        turns.extend(Number::parse(
+            text.file,
+            text.source,
+            &(start..start + digits.len()),
+        ));
+        from += part.len() + 1;
+    }
+    let turns: Vec<(usize, Number)> = [0, 3, 5].into_iter().zip(turns).collect();
+    let stated = |(joint, number): &(usize, Number)| Stated {
+        number: *number,
+        says: Says::Turn(*joint),
+    };
+    let bound = |(joint, number): &(usize, Number)| of_turn(*joint, number.value);
     Some(Configuration {
         is_wrist_flipped,
-        ..Configuration::monitored(bounds.map(|(joint, turn)| of_turn(joint, turn)).collect())
+        stated: turns.iter().map(stated).collect(),
+        ..Configuration::monitored(turns.iter().map(bound).collect())
     })
 }
 
@@ -346,15 +388,28 @@ fn motion(
         file: 0,
         at: text.byte(start),
     };
-    let is_modified = |at: usize| {
-        let name = text.name(at);
-        MODIFIED.iter().any(|word| name == *word)
-    };
-    if let Some(at) = (start..stop).find(|at| is_modified(*at)) {
+    let points = 1 + usize::from(text.name(start) == "c");
+    let (mut goals, mut others): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
+    for at in (start + 1..stop).filter(is_position) {
+        let list = if goals.len() < points {
+            &mut goals
+        } else {
+            &mut others
+        };
+        list.push(at);
+    }
+    let is_modified = |at: &usize| MODIFIED.contains(&text.name(*at).as_str());
+    // A register behind the positions is an offset, in whatever language of the controller, unless it is set: PR[3]=LPOS.
+    let is_offset = |at: &usize| !text.is(text.find(*at + 2, stop, b"]") + 1, b'=');
+    let modified = (start..stop).find(is_modified);
+    if let Some(at) = modified.or_else(|| others.into_iter().find(is_offset)) {
         program.leave(location, format!("{} changes its end", text.spelling(at)));
+        let numbers = goals.iter().filter_map(|at| text.number(at + 2));
+        let targets = numbers.filter_map(|number| taught.get(&(number.value as u32))?.target);
+        program.reached_otherwise.extend(targets);
         return Ok(());
     }
-    for at in (start + 1..stop).filter(is_position) {
+    for at in goals {
         if text.name(at) == "pr" {
             program.leave(location, "it goes to a position register");
             continue;

@@ -138,6 +138,20 @@ impl FrameFile {
         self.bases.get(name).copied()
     }
 
+    /// Returns all tools with their names.
+    pub fn tools(&self) -> impl Iterator<Item = (&str, Given)> {
+        self.tools
+            .iter()
+            .map(|(name, given)| (name.as_str(), *given))
+    }
+
+    /// Returns all frames of targets with their names.
+    pub fn bases(&self) -> impl Iterator<Item = (&str, Given)> {
+        self.bases
+            .iter()
+            .map(|(name, given)| (name.as_str(), *given))
+    }
+
     /// Returns the path of the file, to show users where a frame comes from.
     pub fn origin(&self) -> String {
         self.path

@@ -10,6 +10,7 @@ use std::collections::BTreeMap;
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
+use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::frames::{FrameFile, Numbered};
 use crate::robot_programs::correction::inform_conditions::conditions;
 use crate::robot_programs::correction::program::{
@@ -30,13 +31,14 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         given: frames,
         conditions: conditions(others),
         positions: BTreeMap::new(),
+        changed: BTreeMap::new(),
     };
     let units = frames.pulses_per_degree();
     reader.program.joint_units =
         units.map(|all| all.iter().map(|n| (1.0 / n).to_radians()).collect());
     let mut state = Header::default();
     let mut is_code = false;
-    let mut is_shifted = false;
+    let mut code = Vec::new();
     let mut at = 0;
     for line in copy
         .bytes
@@ -51,11 +53,49 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
         } else if !is_code {
             reader.position(text, at, &state);
         } else {
-            reader.instruction(text, at, &mut is_shifted)?;
+            code.push((text.trim_start().to_owned(), at));
         }
         at += line.len();
     }
+    let shifts = reader.shifts(&code);
+    reader.find_changed(&code);
+    for ((text, at), shift) in code.iter().zip(shifts) {
+        reader.instruction(text, *at, shift.as_deref())?;
+    }
     Ok(reader.program)
+}
+
+/// Returns what an instruction does to the order of the lines, and whether it switches a shift.
+fn steps(text: &str) -> Vec<Step<bool>> {
+    let word = text.split_whitespace().next().unwrap_or("");
+    let is_conditional = text.split_whitespace().any(|word| word == "IF");
+    let jump = match (word, text.split_whitespace().nth(1)) {
+        ("JUMP", Some(label)) if label.starts_with('*') => Step::Jump(label.to_owned()),
+        ("RET" | "END", _) => Step::Return,
+        _ => Step::Other,
+    };
+    match word {
+        "SFTON" => vec![Step::Set(0, Some(true))],
+        "SFTOF" => vec![Step::Set(0, Some(false))],
+        "JUMP" | "RET" if is_conditional => vec![Step::Branch, jump, Step::End],
+        "JUMP" | "RET" | "END" => vec![jump],
+        "IFTHEN" | "IFTHENEXP" => vec![Step::Branch],
+        "ELSEIF" | "ELSEIFEXP" | "CASE" => vec![Step::Next(false)],
+        "ELSE" | "DEFAULT" => vec![Step::Next(true)],
+        "SWITCH" => vec![Step::Cases],
+        "WHILE" | "WHILEEXP" | "FOR" => vec![Step::Loop],
+        "ENDIF" | "ENDSWITCH" | "ENDWHILE" | "NEXT" => vec![Step::End],
+        _ if word.starts_with('*') => vec![Step::Label(word.to_owned())],
+        _ => vec![Step::Other],
+    }
+}
+
+/// Returns whether a word is the position of an external axis, such as `BC00001` or `EX002`.
+fn is_axis(word: &str) -> bool {
+    ["BC", "EC", "BP", "EX"].iter().any(|start| {
+        let number = word.strip_prefix(start);
+        number.is_some_and(|n| n.starts_with(|c: char| c.is_ascii_digit() || c == '['))
+    })
 }
 
 /// Settings that the lines above a position state.
@@ -105,6 +145,8 @@ struct Reader<'a> {
     given: &'a FrameFile,
     conditions: Numbered,
     positions: BTreeMap<String, (Option<usize>, Header)>,
+    /// Tools (true) and user frames that the job sets, by number, each with the line; no number is any number.
+    changed: BTreeMap<(bool, Option<u32>), String>,
 }
 
 impl Reader<'_> {
@@ -178,40 +220,75 @@ impl Reader<'_> {
         self.program.leave(Location { file: 0, at }, reason);
     }
 
+    /// Returns for each line the reason why a shift moves its position, if one may be active.
+    fn shifts(&self, code: &[(String, usize)]) -> Vec<Option<String>> {
+        let mut flow = Flow::new();
+        // The controller ends it with the job.
+        flow.key(Some(false), false);
+        let mut first = Vec::new();
+        for (text, at) in code {
+            let location = Location { file: 0, at: *at };
+            let all = steps(text).into_iter();
+            let all: Vec<usize> = all.map(|step| flow.push(0, step, location)).collect();
+            first.push(all[0]);
+        }
+        let certain = flow.certain();
+        let reason = |step: &usize| match certain.value(*step, 0, &self.program) {
+            Ok(false) => None,
+            Ok(true) => Some("a shift is active (SFTON)".to_owned()),
+            Err(reason) => Some(format!("a shift may be active: {reason}")),
+        };
+        first.iter().map(reason).collect()
+    }
+
+    /// Notes the tools and user frames that the job sets: `MFRAME UF#(2) …`, `SETTOOL TL#(3) …`.
+    fn find_changed(&mut self, code: &[(String, usize)]) {
+        for (text, at) in code {
+            let word = text.split_whitespace().next().unwrap_or("");
+            let (is_tool, name) = match word {
+                "SETTOOL" => (true, "TL#("),
+                "MFRAME" | "SETUFRAME" => (false, "UF#("),
+                _ => continue,
+            };
+            let number = text
+                .split_once(name)
+                .and_then(|(_, rest)| rest.split_once(')'));
+            let number = number.and_then(|(number, _)| number.trim().parse().ok());
+            let line = self.program.line_of(Location { file: 0, at: *at });
+            self.changed.entry((is_tool, number)).or_insert(line);
+        }
+    }
+
     fn instruction(
         &mut self,
         text: &str,
         at: usize,
-        is_shifted: &mut bool,
+        shift: Option<&str>,
     ) -> Result<(), InputError> {
         let mut parts = text.split_whitespace();
         let name = parts.next().unwrap_or("");
         let way = match name {
             "MOVJ" => Way::Joints,
             "MOVL" => Way::Line,
-            "MOVC" => return self.arc(text, at, *is_shifted),
-            "SFTON" => {
-                *is_shifted = true;
-                return Ok(());
-            }
-            "SFTOF" => {
-                *is_shifted = false;
-                return Ok(());
-            }
+            // The points of circles come one by one, three or more: the path between them is not checked.
+            "MOVC" => Way::Joints,
             "IMOV" | "MOVS" | "SMOVL" | "SMOVC" => {
                 self.leave(at, format!("{name} is not corrected"));
                 return Ok(());
             }
             _ => return Ok(()),
         };
-        self.move_to(parts.next().unwrap_or(""), way, at, *is_shifted)
-    }
-
-    /// Reads a circular motion. The points of circles come one by one, three or more: each is a target, and the path between
-    /// them is not checked.
-    fn arc(&mut self, text: &str, at: usize, is_shifted: bool) -> Result<(), InputError> {
-        let name = text.split_whitespace().nth(1).unwrap_or("");
-        self.move_to(name, Way::Joints, at, is_shifted)
+        let position = parts.next().unwrap_or("");
+        if parts.any(is_axis) {
+            if let Some((Some(target), _)) = self.positions.get(position) {
+                self.leave(
+                    self.program.targets[*target].location.at,
+                    "it has external axes",
+                );
+            }
+            return Ok(());
+        }
+        self.move_to(position, way, at, shift)
     }
 
     fn move_to(
@@ -219,10 +296,12 @@ impl Reader<'_> {
         name: &str,
         way: Way,
         at: usize,
-        is_shifted: bool,
+        shift: Option<&str>,
     ) -> Result<(), InputError> {
-        if is_shifted {
-            self.leave(at, "a shift is active (SFTON)");
+        if let Some(reason) = shift {
+            self.leave(at, reason);
+            let target = self.positions.get(name).and_then(|(target, _)| *target);
+            self.program.reached_otherwise.extend(target);
             return Ok(());
         }
         let Some((target, header)) = self.positions.get(name).cloned() else {
@@ -234,6 +313,22 @@ impl Reader<'_> {
         };
         let location = self.program.targets[target].location.at;
         let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
+        let user = if header.kind == "USER" && !is_joints {
+            header.user.as_str()
+        } else {
+            ""
+        };
+        let mut used = [(true, header.tool.as_str()), (false, user)].into_iter();
+        let changed = used.find_map(|(is_tool, number)| {
+            let number: u32 = number.parse().ok()?;
+            let of = |number| self.changed.get(&(is_tool, number));
+            of(Some(number)).or_else(|| of(None))
+        });
+        if let Some(line) = changed.filter(|_| !is_joints) {
+            let reason = format!("its frame or tool is set at {line}");
+            self.leave(location, reason);
+            return Ok(());
+        }
         let tool = match self.frame(location, &header.tool, true) {
             Ok(tool) => tool,
             // Joint positions need no frame.
@@ -245,11 +340,6 @@ impl Reader<'_> {
                 origin: "the controller".to_owned(),
             },
             Err(error) => return Err(error),
-        };
-        let user = if header.kind == "USER" && !is_joints {
-            header.user.as_str()
-        } else {
-            ""
         };
         let base = self.frame(location, user, false)?;
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));

@@ -8,7 +8,8 @@ use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 
 use crate::robot_programs::correction::program::{
-    Goal, Left, Program, Target, frames_of, of_sign, written_pose,
+    Bound, Goal, Left, NOISE, Program, SLACK, Says, Stated, Target, frames_of, of_sign,
+    written_pose,
 };
 use crate::robot_programs::correction::source::Number;
 
@@ -48,12 +49,14 @@ enum Refused {
 /// Whether the wrist is flipped in the language's sense, and whether joint 5 is negative in that case.
 type Wrist = (bool, bool);
 
-/// Returns the joints of every target that a move uses, on the branch that the controller takes.
+/// Returns the joints of every target that a move uses, on the branch that the controller takes; and adds what is left, and
+/// a remark where the branch is a guess.
 pub fn plan(
     program: &Program,
     commander: &Commander,
     payload: Payload,
     left: &mut Vec<Left>,
+    remarks: &mut Vec<String>,
 ) -> Result<Vec<Planned>, InputError> {
     let refused: BTreeSet<_> = left.iter().map(|left| left.location).collect();
     let mut is_done = vec![false; program.targets.len()];
@@ -66,12 +69,18 @@ pub fn plan(
         {
             continue;
         }
-        let found = payload_of(program, target, payload).and_then(|kg| {
-            let joints = joints_of(program, commander, target, &last, wrist)?;
-            Ok((joints, kg))
+        let found = payload_of(program, step.target, payload).and_then(|kg| {
+            let (joints, solutions) = joints_of(program, commander, target, &last, wrist)?;
+            Ok((joints, solutions, kg))
         });
         match found {
-            Ok((joints, payload_kg)) => {
+            Ok((joints, solutions, payload_kg)) => {
+                if solutions > 1 {
+                    let line = program.line_of(target.location);
+                    remarks.push(format!(
+                        "{line}: no joints are known before this first pose; of its {solutions} solutions, the one nearest to the middle of the joints' ranges is taken: begin the program with joints if it is another"
+                    ));
+                }
                 last = Some(joints);
                 let stated = target.configuration.as_ref();
                 if let (None, Some(is_flipped)) = (wrist, stated.and_then(|c| c.is_wrist_flipped)) {
@@ -90,17 +99,14 @@ pub fn plan(
             Err(Refused::Program(error)) => return Err(error),
         }
     }
-    for (target, _) in program
-        .targets
-        .iter()
-        .zip(&is_done)
-        .filter(|(_, done)| !**done)
-    {
-        if !refused.contains(&target.location) {
-            let reason = "no move of these files uses it".to_owned();
+    for (index, target) in program.targets.iter().enumerate() {
+        let is_named = is_done[index]
+            || refused.contains(&target.location)
+            || program.reached_otherwise.contains(&index);
+        if !is_named {
             left.push(Left {
                 location: target.location,
-                reason,
+                reason: "no move of these files goes to it unchanged".to_owned(),
             });
         }
     }
@@ -118,11 +124,15 @@ fn first_joints(program: &Program, commander: &Commander) -> Option<Joints> {
         })
 }
 
-fn payload_of(program: &Program, target: &Target, payload: Payload) -> Result<f64, Refused> {
+fn payload_of(program: &Program, target: usize, payload: Payload) -> Result<f64, Refused> {
     match payload {
         Payload::Fixed(kg) => Ok(kg),
+        Payload::FromProgram if program.loaded_differently.contains(&target) => Err(Refused::Left(
+            "its moves carry different payloads".to_owned(),
+        )),
         Payload::FromProgram => {
-            let tool = target.tool.and_then(|index| program.frames.get(index));
+            let tool = program.targets[target].tool;
+            let tool = tool.and_then(|index| program.frames.get(index));
             tool.and_then(|tool| tool.payload_kg)
                 .filter(|kg| *kg >= 0.0)
                 .ok_or_else(|| {
@@ -146,13 +156,14 @@ fn in_radians(program: &Program, commander: &Commander, numbers: &[Number]) -> O
     Some(joints)
 }
 
+/// Returns the joints of a target, and the number of solutions among which they are a guess.
 fn joints_of(
     program: &Program,
     commander: &Commander,
     target: &Target,
     last: &Option<Joints>,
     wrist: Option<Wrist>,
-) -> Result<Joints, Refused> {
+) -> Result<(Joints, usize), Refused> {
     match &target.goal {
         Goal::Joints(numbers) => {
             let joints = in_radians(program, commander, numbers).ok_or_else(|| {
@@ -167,7 +178,7 @@ fn joints_of(
                     "joint {} is beyond its limit",
                     joint + 1
                 ))),
-                None => Ok(joints),
+                None => Ok((joints, 1)),
             }
         }
         Goal::Pose { .. } => pose_joints(program, commander, target, last, wrist),
@@ -180,7 +191,7 @@ fn pose_joints(
     target: &Target,
     last: &Option<Joints>,
     wrist: Option<Wrist>,
-) -> Result<Joints, Refused> {
+) -> Result<(Joints, usize), Refused> {
     let Some(pose) = written_pose(program, target) else {
         return Err(Refused::Left("its orientation is none".to_owned()));
     };
@@ -191,9 +202,15 @@ fn pose_joints(
         let sign = of_sign(WRIST, is_negative == (is_flipped == name));
         configuration.bounds.push(sign);
     }
-    let fits = |joints: &Joints| {
-        let within = |(joint, lower, upper): &(usize, f64, f64)| {
-            joints.get(*joint).is_some_and(|q| q >= lower && q <= upper)
+    // Where a controller monitors turns, a joint on the other side of a boundary counts only if no solution is on this one.
+    let is_quarter = |stated: &Stated| matches!(stated.says, Says::Quarter(_));
+    let is_loose = !configuration.is_monitored || configuration.stated.iter().any(is_quarter);
+    let least = if is_loose { SLACK } else { NOISE };
+    let fits = |joints: &Joints, slack: f64| {
+        let less = SLACK - slack;
+        let within = |(joint, lower, upper): &Bound| {
+            let range = lower + less..=upper - less;
+            joints.get(*joint).is_some_and(|q| range.contains(q))
         };
         configuration.bounds.iter().all(within)
     };
@@ -220,9 +237,9 @@ fn pose_joints(
             && !found.status.contains(Status::BAD_INPUT)
             && commander.beyond_limit(&found.joints).is_none()
             && joint_distance(&found.joints, &near) < NEAR
-            && fits(&found.joints)
+            && fits(&found.joints, least)
         {
-            return Ok(found.joints);
+            return Ok((found.joints, 1));
         }
     }
     let branches = commander.branches(&flange);
@@ -230,8 +247,16 @@ fn pose_joints(
         let far = |joints: &&Joints| joint_distance(joints, &near);
         all.min_by(|a, b| far(a).total_cmp(&far(b))).copied()
     };
-    if let Some(found) = nearest(&mut branches.iter().filter(|joints| fits(joints))) {
-        return Ok(found);
+    let solutions = |count: usize| if known.is_some() { 1 } else { count };
+    let of = |slack: f64| branches.iter().filter(move |joints| fits(joints, slack));
+    let slack = if of(least).next().is_some() {
+        least
+    } else {
+        SLACK
+    };
+    let fitting: Vec<&Joints> = of(slack).collect();
+    if let Some(found) = nearest(&mut fitting.iter().copied()) {
+        return Ok((found, solutions(fitting.len())));
     }
     if branches.is_empty() {
         return Err(Refused::Left(
@@ -239,7 +264,7 @@ fn pose_joints(
         ));
     }
     match nearest(&mut branches.iter()) {
-        Some(found) if !configuration.is_monitored => Ok(found),
+        Some(found) if !configuration.is_monitored => Ok((found, solutions(branches.len()))),
         _ => {
             let source = &program.sources[target.location.file];
             let error = source.error(

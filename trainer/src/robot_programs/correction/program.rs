@@ -1,5 +1,7 @@
 //! The contents of a program as its reader found them: targets with their frames and tools, and what cannot be corrected.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
@@ -32,11 +34,83 @@ pub enum Goal {
 /// Index of a joint, and the lower and upper end in rad of the range that a configuration leaves it.
 pub type Bound = (usize, f64, f64);
 
+/// What a number of a configuration says of the joints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Says {
+    /// Quarter turn in which a joint is.
+    Quarter(usize),
+    /// Whole turn in whose middle half turns a joint is.
+    Turn(usize),
+    /// Signs of the joints as bits, of joint 1 as the lowest.
+    Signs {
+        /// Whether the bits are written as digits.
+        is_binary: bool,
+    },
+}
+
+/// A number of a configuration that follows from the joints, so that it changes where a correction takes a joint over a
+/// boundary: with the old number, the controller would go a whole turn round.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stated {
+    /// The number.
+    pub number: Number,
+    /// What it says.
+    pub says: Says,
+}
+
+impl Stated {
+    /// Returns the number at the joints `to`, in rad. What did not fit the joints `from` stays.
+    pub fn at(&self, from: &[f64], to: &[f64]) -> f64 {
+        let old = self.number.value;
+        let moved = |joint: usize, piece: f64, offset: f64| {
+            let (Some(from), Some(to)) = (from.get(joint), to.get(joint)) else {
+                return old;
+            };
+            let lower = piece * old - offset;
+            let is_fit = (lower - SLACK..lower + piece + SLACK).contains(from);
+            match is_fit && from != to {
+                true => ((to + offset + NOISE) / piece).floor(),
+                false => old,
+            }
+        };
+        match self.says {
+            Says::Quarter(joint) => moved(joint, std::f64::consts::FRAC_PI_2, 0.0),
+            Says::Turn(joint) => moved(joint, std::f64::consts::TAU, std::f64::consts::PI),
+            Says::Signs { .. } => {
+                let mut bits = old as u32;
+                for (joint, (from, to)) in from.iter().zip(to).enumerate().take(6) {
+                    let is_negative = bits >> joint & 1 == 1;
+                    let is_fit = if is_negative {
+                        *from < SLACK
+                    } else {
+                        *from > -SLACK
+                    };
+                    if is_fit && from != to && is_negative != (*to < -NOISE) {
+                        bits ^= 1 << joint;
+                    }
+                }
+                f64::from(bits)
+            }
+        }
+    }
+
+    /// Returns the text of another value.
+    pub fn text(&self, value: f64) -> String {
+        let width = self.number.span().len();
+        match self.says {
+            Says::Signs { is_binary: true } => format!("{:0width$b}", value as u32),
+            _ => format!("{}", value as i64),
+        }
+    }
+}
+
 /// Branch of the inverse kinematics that a controller takes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Configuration {
     /// Ranges of the joints.
     pub bounds: Vec<Bound>,
+    /// Numbers of the file that state these ranges, where a correction can change them.
+    pub stated: Vec<Stated>,
     /// Joints in rad or m near the branch; `None` where they are not known, and those of the target before are used.
     pub near: Option<Vec<f64>>,
     /// Which of two ways the wrist is turned. What a language calls flipped depends on how its robot counts joint 5, so the
@@ -61,6 +135,8 @@ impl Configuration {
 
 /// Largest distance of a joint from its range, in rad, so that a corrected target stays in its range.
 pub const SLACK: f64 = 0.02;
+/// A joint that is this near to the beginning of a range, in rad, is in the range: the decimals of a pose leave it as much.
+pub const NOISE: f64 = 1e-5;
 
 /// Returns the range of a joint on one side of zero.
 pub fn of_sign(joint: usize, is_negative: bool) -> Bound {
@@ -181,6 +257,10 @@ pub struct Program {
     pub moves: Vec<Move>,
     /// Straight moves before which moves can be inserted, in their order.
     pub lines: Vec<Line>,
+    /// Indices of the targets to which moves with different payloads go.
+    pub loaded_differently: BTreeSet<usize>,
+    /// Indices of targets to which a move goes that is left as it is: the move is named, and they are not.
+    pub reached_otherwise: BTreeSet<usize>,
     /// Parts that the reader leaves as they are.
     pub left: Vec<Left>,
     /// Other remarks for the user.
@@ -199,6 +279,8 @@ impl Program {
             frames: Vec::new(),
             moves: Vec::new(),
             lines: Vec::new(),
+            loaded_differently: BTreeSet::new(),
+            reached_otherwise: BTreeSet::new(),
             left: Vec::new(),
             remarks: Vec::new(),
         }
@@ -251,26 +333,24 @@ impl Program {
     pub fn move_to(&mut self, target: usize, way: Way, tool: usize, base: usize) {
         let found = &mut self.targets[target];
         let location = found.location;
-        let kg = |index: usize| self.frames[index].payload_kg;
-        let is_other = match found.goal {
-            // The frames do not matter, but the weight of the tool may.
-            Goal::Joints(_) => found.tool.is_some_and(|t| kg(t) != kg(tool)),
-            Goal::Pose { .. } => {
-                found.tool.is_some_and(|t| t != tool) || found.base.is_some_and(|b| b != base)
-            }
-        };
+        let (old_tool, old_base) = (found.tool.unwrap_or(tool), found.base.unwrap_or(base));
+        let of = |index: usize| &self.frames[index];
+        // The frames of joints do not matter.
+        let is_other = matches!(found.goal, Goal::Pose { .. })
+            && (of(old_tool).pose != of(tool).pose || of(old_base).pose != of(base).pose);
         if is_other {
-            let (old_tool, old_base) = (found.tool.unwrap_or(tool), found.base.unwrap_or(base));
-            let name = |index: usize| self.frames[index].name.clone();
-            let reason = format!(
-                "its moves use different frames: {} in {} and {} in {}",
-                name(old_tool),
-                name(old_base),
-                name(tool),
-                name(base)
-            );
+            let names =
+                |tool: usize, base: usize| format!("{} in {}", of(tool).name, of(base).name);
+            let (old, new) = (names(old_tool, old_base), names(tool, base));
+            let reason = match old == new {
+                true => format!("its moves use different frames, all of them {new}"),
+                false => format!("its moves use different frames: {old} and {new}"),
+            };
             self.leave(location, reason);
             return;
+        }
+        if of(old_tool).payload_kg != of(tool).payload_kg {
+            self.loaded_differently.insert(target);
         }
         (found.tool, found.base) = (Some(tool), Some(base));
         self.moves.push(Move { target, way });

@@ -114,6 +114,16 @@ pub fn replace(
             for (number, value) in orientation.iter().zip(&turned) {
                 put(number, *value, angles, 0.0);
             }
+            for stated in target.configuration.iter().flat_map(|c| &c.stated) {
+                let (number, value) = (stated.number, stated.at(&solved.joints, &solved.command));
+                if value != number.value {
+                    out.push(Replacement {
+                        file: number.file as usize,
+                        span: (number.start as usize, number.end as usize),
+                        text: stated.text(value).into_bytes(),
+                    });
+                }
+            }
         }
     }
     rounding

@@ -199,6 +199,14 @@ impl Value {
         Some(out)
     }
 
+    /// Returns the value of a number.
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Self::Number(number) => Some(number.value),
+            _ => None,
+        }
+    }
+
     /// Returns the name, if the value is one.
     pub fn name(&self) -> Option<&str> {
         match self {

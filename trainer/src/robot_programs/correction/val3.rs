@@ -5,7 +5,7 @@
 //! names. The programs (`.pgx`) say with which tool a point is used (`movej(jJoint[0],tTool[0],…)`); they are read but not
 //! changed.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
@@ -19,6 +19,8 @@ use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
 use crate::robot_programs::dialect::{Orientation, VAL3};
 
+/// Components of points, frames and tools.
+const COMPONENTS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 /// Largest depth of nested frames.
 const DEEPEST: usize = 16;
 
@@ -42,6 +44,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         named: HashMap::new(),
         frames: HashMap::new(),
         changed: HashMap::new(),
+        own: HashSet::new(),
     };
     for (file, source) in copies.iter().enumerate() {
         if is_data(source) {
@@ -63,6 +66,16 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
             tokens,
         })
     };
+    for (file, source) in copies.iter().enumerate().filter(|(_, s)| !is_data(s)) {
+        let is_own = |tag: &Tag| matches!(tag.name.as_str(), "Local" | "Parameter");
+        for tag in tags(source).into_iter().filter(is_own) {
+            let name = tag.attributes.iter().find(|(key, _)| key == "name");
+            let name = name.map(|(_, span)| String::from_utf8_lossy(source.slice(span)));
+            reader
+                .own
+                .extend(name.map(|name| (file, name.into_owned())));
+        }
+    }
     for text in texts() {
         reader.changes(&text);
     }
@@ -92,6 +105,8 @@ struct Reader<'a> {
     frames: HashMap<String, FrameData>,
     /// Data that the programs change, as `name[key]`, or as `name` for all of its elements, each with the line.
     changed: HashMap<String, String>,
+    /// Files and names of the variables and parameters of programs, which hide the data.
+    own: HashSet<(usize, String)>,
 }
 
 /// A start tag: its name, and the positions of its attributes' values.
@@ -180,16 +195,20 @@ impl Reader<'_> {
             let all = |names: &[&str]| -> Option<Vec<Number>> {
                 names.iter().map(|n| number(n)).collect()
             };
-            let pose = all(&["x", "y", "z", "rx", "ry", "rz"]);
             let goal = match kind.as_str() {
                 "jointRx" => all(&["j1", "j2", "j3", "j4", "j5", "j6"]).map(Goal::Joints),
-                "pointRx" => pose.map(|n| Goal::Pose {
+                "pointRx" => all(&COMPONENTS).map(|n| Goal::Pose {
                     position: [n[0], n[1], n[2]],
                     orientation: n[3..].to_vec(),
                 }),
                 "frame" | "tool" => {
-                    let pose = pose.and_then(|n| {
-                        let v: Vec<f64> = n.iter().map(|n| n.value).collect();
+                    // A component that is not written is 0.
+                    let component = |name: &&str| match value(name) {
+                        Some(_) => number(name).map(|n| n.value),
+                        None => Some(0.0),
+                    };
+                    let all: Option<Vec<f64>> = COMPONENTS.iter().map(component).collect();
+                    let pose = all.and_then(|v| {
                         let rotation = Orientation::TurnedXyz.rotation(&v[3..])?;
                         Some(Pose {
                             rotation,
@@ -222,7 +241,8 @@ impl Reader<'_> {
                 self.program.targets.len() - 1
             });
             if target.is_none() && source.is_corrected {
-                self.program.leave(location, "a part of it is no number");
+                self.program
+                    .leave(location, "a part of it is no number, or is not written");
             }
             self.named.insert(key, (target, father));
         }
@@ -342,22 +362,57 @@ impl Reader<'_> {
             file: text.file,
             at: text.byte(point.0),
         };
-        let found = Self::element(text, point)
-            .and_then(|key| self.named.get(&key))
-            .cloned();
-        let Some((target, father)) = found else {
+        let found = self.named_by(text, point);
+        if found.is_empty() {
             let quoted = text
                 .source
                 .quoted(&(text.byte(point.0)..text.byte(point.1)));
             self.program
                 .leave(location, format!("its target is computed: {quoted}"));
-            return Ok(());
-        };
-        let Some(target) = target else {
-            return Ok(());
-        };
+        }
+        for (target, father) in found {
+            if let Some(target) = target {
+                self.move_to(text, (location, target), &father, tool, way)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Returns the targets that an argument may be, with their frames: all elements of `name[key]` for a computed key.
+    fn named_by(
+        &self,
+        text: &Text<'_>,
+        (from, end): (usize, usize),
+    ) -> Vec<(Option<usize>, String)> {
+        let name = text.spelling(from);
+        if self.own.contains(&(text.file, name.clone())) {
+            return Vec::new();
+        }
+        if let Some(key) = Self::element(text, (from, end)) {
+            return self.named.get(&key).cloned().into_iter().collect();
+        }
+        let is_element = text.is(from + 1, b'[') && text.find(from + 2, end, b"]") + 1 == end;
+        let all = format!("{name}[");
+        let mut keys: Vec<_> = self.named.keys().collect();
+        keys.retain(|key| is_element && key.starts_with(&all));
+        keys.sort_by_key(|key| (key.len(), (*key).clone()));
+        keys.into_iter()
+            .map(|key| self.named[key].clone())
+            .collect()
+    }
+
+    /// Notes a motion to a target.
+    fn move_to(
+        &mut self,
+        text: &Text<'_>,
+        (location, target): (Location, usize),
+        father: &str,
+        tool: (usize, usize),
+        way: Way,
+    ) -> Result<(), InputError> {
         let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
-        let tool = match Self::element(text, tool) {
+        let is_own = self.own.contains(&(text.file, text.spelling(tool.0)));
+        let tool = match Self::element(text, tool).filter(|_| !is_own) {
             Some(key) => self.frame(text, location.at, &key, true)?,
             None => Err("its tool is computed".to_owned()),
         };
@@ -375,7 +430,7 @@ impl Reader<'_> {
         let target_at = self.program.targets[target].location;
         let base = match is_joints {
             true => self.frame(text, location.at, "world[0]", false)?,
-            false => self.frame(text, location.at, &father, false)?,
+            false => self.frame(text, location.at, father, false)?,
         };
         match (tool, base) {
             (Ok(tool), Ok(base)) => {

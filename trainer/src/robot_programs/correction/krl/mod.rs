@@ -10,7 +10,7 @@ mod names;
 mod states;
 mod steps;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
@@ -21,7 +21,7 @@ use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::krl::names::Names;
 use crate::robot_programs::correction::krl::states::{Line, Named, States};
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, Program, Target, Way, of_sign,
+    Configuration, Goal, Location, Program, Says, Stated, Target, Way, of_sign,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
@@ -55,6 +55,8 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         given: frames,
         points: Names::new(&copies),
         frame_data: Names::new(&copies),
+        named_frames: Names::new(&copies),
+        changing: BTreeSet::new(),
         numbered: BTreeMap::new(),
     };
     let mut all = Vec::new();
@@ -101,13 +103,29 @@ struct FrameData {
     is_fixed_tool: bool,
 }
 
+/// A declared point.
+#[derive(Clone, Copy, Debug)]
+enum Point {
+    /// Index of its target.
+    Target(usize),
+    /// It is left as it is, for a reason that is said.
+    Left,
+    /// It is in a file that is not corrected.
+    Elsewhere,
+    /// Its declaration has no value.
+    Unset,
+}
+
 struct Reader<'a> {
     program: Program,
     texts: Vec<Text<'a>>,
     given: &'a FrameFile,
-    /// Targets of points by name; `None` for points that are left as they are.
-    points: Names<Option<usize>>,
+    points: Names<Point>,
     frame_data: Names<FrameData>,
+    /// Values of frames by name; `None` for those that are computed or that the program changes.
+    named_frames: Names<Option<Pose<f64>>>,
+    /// Routines that change what their caller gives them.
+    changing: BTreeSet<String>,
     /// Values of `TOOL_DATA` (true) and `BASE_DATA` (false) by number, as data lists declare them.
     numbered: BTreeMap<(bool, u32), Result<Pose<f64>, String>>,
 }
@@ -135,10 +153,37 @@ impl Reader<'_> {
         for (a, b) in text.arguments(first, end - 1) {
             if b >= a + 2 {
                 // A component of more than one token is computed, or a list.
-                out.insert(text.name(a), if b == a + 2 { a + 1 } else { usize::MAX });
+                let is_bits = text.is(a + 1, b'\'') && text.is(b - 1, b'\'');
+                let at = if b == a + 2 || is_bits {
+                    a + 1
+                } else {
+                    usize::MAX
+                };
+                out.insert(text.name(a), at);
             }
         }
         Some(out)
+    }
+
+    /// Returns a number of bits, and whether it is written as such: `35` or `'B100011'`.
+    fn bits(&self, file: usize, at: usize) -> Option<(Number, bool)> {
+        let text = self.texts[file];
+        if !text.is(at, b'\'') {
+            return text.number(at).map(|number| (number, false));
+        }
+        let start = text.byte(at + 1);
+        let written = start..text.byte(text.find(at + 1, at + 4, b"'"));
+        let written = text.source.slice(&written).trim_ascii_end();
+        let digits = written.strip_prefix(b"B").or(written.strip_prefix(b"b"))?;
+        let digits = std::str::from_utf8(digits).ok()?.trim_start();
+        let end = start + written.len();
+        let number = Number {
+            file: file as u32,
+            start: (end - digits.len()) as u32,
+            end: end as u32,
+            value: u32::from_str_radix(digits, 2).ok()?.into(),
+        };
+        Some((number, true))
     }
 
     fn all_of(
@@ -184,8 +229,15 @@ impl Reader<'_> {
                 orientation: n[3..].to_vec(),
             };
             configuration = None;
-            if let Some([turn]) = self.all_of(file, &map, &["t"]).as_deref() {
-                configuration = Some(turns(turn.value as u32));
+            let turn = map.get("t").and_then(|at| self.bits(file, *at));
+            if let Some((turn, is_binary)) = turn {
+                configuration = Some(Configuration {
+                    stated: vec![Stated {
+                        number: turn,
+                        says: Says::Signs { is_binary },
+                    }],
+                    ..turns(turn.value as u32)
+                });
             }
         } else {
             return Err(
@@ -223,6 +275,11 @@ impl Reader<'_> {
         let text = self.texts[file];
         let (at, is_global) = self.declared(line);
         let kind = text.name(at);
+        if matches!(kind.as_str(), "def" | "deffct") && (at..end).any(|at| text.name(at) == "out") {
+            self.changing
+                .insert(text.name(text.find(at, end, b"(") - 1));
+            return;
+        }
         let is_type = matches!(
             kind.as_str(),
             "e6pos" | "pos" | "e6axis" | "axis" | "frame" | "fdat"
@@ -236,18 +293,29 @@ impl Reader<'_> {
             }
             let point = self.point(file, at + 3, end);
             let location = self.location(file, at + 3);
-            let index = match point {
-                Ok(point) if text.source.is_corrected && kind != "frame" => {
+            let point = match point {
+                _ if kind == "frame" => {
+                    let pose = self.pose(file, at + 3, end);
+                    self.named_frames.add(name.clone(), file, is_global, pose);
+                    Point::Unset
+                }
+                _ if !text.source.is_corrected => Point::Elsewhere,
+                Ok(point) => {
                     self.program.targets.push(point);
-                    Some(self.program.targets.len() - 1)
+                    Point::Target(self.program.targets.len() - 1)
                 }
-                Err(reason) if text.source.is_corrected && kind != "frame" => {
+                Err(reason) => {
                     self.program.leave(location, reason);
-                    None
+                    Point::Left
                 }
-                _ => None,
             };
-            self.points.add(name, file, is_global, index);
+            self.points.add(name, file, is_global, point);
+        } else if is_type && kind != "fdat" {
+            // DECL E6POS XP1, XP2
+            for (from, _) in text.arguments(at + 1, end) {
+                self.points
+                    .add(text.name(from), file, is_global, Point::Unset);
+            }
         } else if !self.is_code(file)
             && let Some((is_tool, number, found)) = self.numbered_frame(line)
         {
@@ -298,18 +366,29 @@ impl Reader<'_> {
     fn note_change(&mut self, line: Line) {
         let text = self.texts[line.file];
         let (at, _) = self.declared(line);
-        if at > line.from || !(text.is(at + 1, b'=') || text.is(at + 1, b'.')) {
+        if at > line.from || text.name(at).starts_with("def") {
             return;
         }
-        let name = text.name(at);
-        let at_line = self.program.line_of(self.location(line.file, at));
-        let reason = format!("the program changes it at {at_line}");
-        if let Some(Some(index)) = self.points.find(&name, line.file).copied() {
-            let location = self.program.targets[index].location;
-            self.program.leave(location, reason);
-        } else if let Some(data) = self.frame_data.find_mut(&name, line.file) {
-            let unknown = Named::Unknown(format!("frame data {name}: {reason}"));
-            (data.tool, data.base) = (unknown.clone(), unknown);
+        let is_set = text.is(at + 1, b'=') || text.is(at + 1, b'.');
+        let mut changed = vec![at; usize::from(is_set)];
+        let calls = (at..line.end).filter(|at| self.changing.contains(&text.name(*at)));
+        for call in calls.filter(|call| text.is(call + 1, b'(')) {
+            changed.extend(call + 2..text.find(call + 2, line.end, b")"));
+        }
+        let reason = format!(
+            "the program changes it at {}",
+            self.program.line_of(self.location(line.file, at))
+        );
+        for name in changed.into_iter().map(|at| text.name(at)) {
+            if let Some(Point::Target(index)) = self.points.find(&name, line.file).copied() {
+                let location = self.program.targets[index].location;
+                self.program.leave(location, reason.clone());
+            } else if let Some(data) = self.frame_data.find_mut(&name, line.file) {
+                let unknown = Named::Unknown(format!("frame data {name}: {reason}"));
+                (data.tool, data.base) = (unknown.clone(), unknown);
+            } else if let Some(pose) = self.named_frames.find_mut(&name, line.file) {
+                *pose = None;
+            }
         }
     }
 
@@ -320,7 +399,7 @@ impl Reader<'_> {
             let found = map.get(name).and_then(|at| text.number(*at));
             found.map_or(
                 Named::Unknown("its frame data are computed".to_owned()),
-                |n| Named::Number(n.value as u32),
+                |n| Named::number(n.value),
             )
         };
         let is_fixed_tool = map
@@ -353,8 +432,10 @@ impl Reader<'_> {
                 *state = self.motion(line, Way::Line, states)?;
                 self.note_line(file, (from, end), before.filter(|step| step + 1 == first));
             }
+            // The path of a spline is not checked.
+            "spl" => _ = self.motion(line, Way::Joints, states)?,
             "circ" | "scirc" => *state = self.motion(line, Way::Arc, states)?,
-            "ptp_rel" | "lin_rel" | "circ_rel" | "sptp_rel" | "slin_rel" | "scirc_rel" | "spl"
+            "ptp_rel" | "lin_rel" | "circ_rel" | "sptp_rel" | "slin_rel" | "scirc_rel"
             | "asyptp" => {
                 let location = self.location(file, from);
                 self.program.leave(

@@ -3,8 +3,8 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::krl::Reader;
 use crate::robot_programs::correction::krl::states::{BASE, Line, MODE, Named, States, TOOL};
+use crate::robot_programs::correction::krl::{Point, Reader};
 use crate::robot_programs::correction::program;
 use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Way};
 use crate::robot_programs::correction::tokens::Kind;
@@ -32,6 +32,7 @@ impl Reader<'_> {
         };
         let (tool, base, mode) = (held(TOOL), held(BASE), held(MODE));
         let points = if way == Way::Arc { 2 } else { 1 };
+        let is_monitored = matches!(text.name(from).as_str(), "ptp" | "sptp");
         let first = self.program.moves.len();
         for (a, b) in text.arguments(from + 1, with).into_iter().take(points) {
             let location = self.location(file, a);
@@ -51,10 +52,17 @@ impl Reader<'_> {
                     self.program.targets.push(point);
                     Some(self.program.targets.len() - 1)
                 }),
-                false if name.starts_with('$') => Ok(None),
+                // The arm is there already.
+                false if matches!(name.as_str(), "$axis_act" | "$pos_act") && is_alone => Ok(None),
+                false if !is_alone => Err(computed()),
                 false => match self.points.find(&name, file) {
-                    Some(found) if is_alone => Ok(*found),
-                    Some(_) => Err(computed()),
+                    Some(Point::Target(target)) => Ok(Some(*target)),
+                    Some(Point::Left) => Ok(None),
+                    Some(Point::Elsewhere) => Err(format!(
+                        "its point {} is in a file that is not corrected",
+                        text.spelling(a)
+                    )),
+                    Some(Point::Unset) => Err(computed()),
                     None => Err(format!(
                         "its point {} is in none of the files",
                         text.spelling(a)
@@ -76,7 +84,7 @@ impl Reader<'_> {
                     let at = (states, step);
                     let tool = self.frame(location, &tool, at, true, is_joints)?;
                     let base = self.frame(location, &base, at, false, is_joints)?;
-                    self.move_to(target, way, tool, base);
+                    self.move_to(target, is_monitored, way, tool, base);
                 }
                 Ok(None) => {}
                 Err(reason) => self.program.leave(location, reason),
@@ -114,12 +122,13 @@ impl Reader<'_> {
     fn move_to(
         &mut self,
         target: usize,
+        is_monitored: bool,
         way: Way,
         tool: Result<Frame, String>,
         base: Result<Frame, String>,
     ) {
         let location = self.program.targets[target].location;
-        if way != Way::Joints
+        if !is_monitored
             && let Some(configuration) = &mut self.program.targets[target].configuration
         {
             configuration.is_monitored = false;

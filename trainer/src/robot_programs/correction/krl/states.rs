@@ -32,6 +32,16 @@ pub enum Named {
     Unknown(String),
 }
 
+impl Named {
+    /// Returns the tool or base of this number.
+    pub fn number(number: f64) -> Self {
+        match number >= 0.0 {
+            true => Self::Number(number as u32),
+            false => Self::Unknown(format!("there is no tool or base {number}")),
+        }
+    }
+}
+
 /// What is certain at each line.
 pub struct States {
     pub certain: Certain<Named>,

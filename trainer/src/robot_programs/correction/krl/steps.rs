@@ -191,11 +191,15 @@ impl Reader<'_> {
                 let number = text.number(from + 4).filter(|_| text.is(from + 5, b')'));
                 let value = number.map_or(
                     Named::Unknown("BAS gets a computed number".to_owned()),
-                    |n| Named::Number(n.value as u32),
+                    |n| Named::number(n.value),
                 );
                 match text.name(from + 2).as_str() {
                     "#tool" => vec![(TOOL, value)],
                     "#base" => vec![(BASE, value)],
+                    "#initmov" => [(TOOL, "$TOOL"), (BASE, "$BASE")]
+                        .map(|(key, name)| (key, format!("BAS(#INITMOV) may reset {name}")))
+                        .map(|(key, reason)| (key, Named::Unknown(reason)))
+                        .to_vec(),
                     command if command.starts_with('#') => Vec::new(),
                     _ => vec![(TOOL, value.clone()), (BASE, value)],
                 }
@@ -261,6 +265,12 @@ impl Reader<'_> {
                 Named::HoldsPart(value == "#tcp")
             }
             _ if value == "$nullframe" && is_alone => Named::Number(0),
+            _ if is_alone && let Some(Some(pose)) = self.named_frames.find(&value, file) => {
+                Named::Written(*pose)
+            }
+            _ if key == BASE && is_alone && matches!(value.as_str(), "$world" | "$robroot") => {
+                Named::Number(0)
+            }
             _ => self
                 .pose(file, from + 2, end)
                 .map_or_else(unknown, Named::Written),

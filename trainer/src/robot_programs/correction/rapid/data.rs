@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, SLACK, Target, of_sign,
+    Configuration, Goal, Location, SLACK, Says, Stated, Target, of_sign,
 };
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
@@ -27,6 +27,8 @@ pub enum Setting {
     Pose(Pose<f64>),
     /// A switch.
     Is(bool),
+    /// Mass of a load in kg.
+    Load(f64),
 }
 
 /// A part of a tool or work object that the code may assign.
@@ -108,9 +110,9 @@ impl FrameData {
         })
     }
 
-    /// Creates the tool or work object that a parameter stands for.
-    pub fn parameter(kind: &str) -> Option<Self> {
-        let pose = Err("it is a parameter of its routine".to_owned());
+    /// Creates a tool or work object whose values are not known.
+    pub fn unknown(kind: &str, reason: &str) -> Option<Self> {
+        let pose = Err(reason.to_owned());
         match kind {
             "tooldata" => Some(Self::Tool {
                 is_held: true,
@@ -159,7 +161,7 @@ impl FrameData {
         let pose = match value {
             Ok(Setting::Pose(pose)) => Ok(pose),
             // The part is as declared.
-            Ok(Setting::Is(_)) => return,
+            Ok(Setting::Is(_) | Setting::Load(_)) => return,
             Err(reason) => Err(reason),
         };
         match (self, part) {
@@ -251,7 +253,12 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     if (1..=7).any(|cfx| rest.value == f64::from(cfx)) {
         bounds.push(of_sign(WRIST, rest.value % 2.0 == 1.0));
     }
+    let stated = [(0, first), (3, fourth), (5, sixth)].map(|(joint, number)| Stated {
+        number,
+        says: Says::Quarter(joint),
+    });
     let configuration = Configuration {
+        stated: stated.to_vec(),
         rest: Some(rest),
         ..Configuration::monitored(bounds)
     };
@@ -287,6 +294,18 @@ impl<T> Names<T> {
             is_local,
             value,
         });
+    }
+
+    /// Returns whether a name refers to data of the file `other`.
+    pub fn is_of(&self, name: &str, file: usize, routine: usize, other: usize) -> bool {
+        let found = self.find_with_index(name, file, routine);
+        found.is_some_and(|(index, _)| self.0[name][index].file == other)
+    }
+
+    /// Returns the data to which a name refers in a routine of a file, to be changed.
+    pub fn find_mut(&mut self, name: &str, file: usize, routine: usize) -> Option<&mut T> {
+        let (index, _) = self.find_with_index(name, file, routine)?;
+        Some(&mut self.0.get_mut(name)?.get_mut(index)?.value)
     }
 
     /// Returns the data to which a name refers in a routine of a file.

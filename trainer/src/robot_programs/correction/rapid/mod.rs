@@ -14,6 +14,7 @@ mod syntax;
 use std::collections::HashMap;
 
 use poegp_calibration::input_error::InputError;
+use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
@@ -23,9 +24,9 @@ use crate::robot_programs::correction::rapid::statements::{
     Parameter, Routine, Statement, is_instruction, statements,
 };
 use crate::robot_programs::correction::rapid::states::States;
-use crate::robot_programs::correction::rapid::syntax::{list_starts, stays};
+use crate::robot_programs::correction::rapid::syntax::{arguments, list_starts, stays};
 use crate::robot_programs::correction::source::Source;
-use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
+use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};
 
 const LEXICON: Lexicon = Lexicon {
     comment: b'!',
@@ -63,6 +64,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         texts,
         given: frames,
         named: Names::default(),
+        loads: Names::default(),
         frames: Names::default(),
         routines: Vec::new(),
         by_name: HashMap::new(),
@@ -77,6 +79,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     for statement in &all {
         reader.declare(statement);
     }
+    reader.add_given_frames();
     for statement in &all {
         reader.note_changed_parameter(statement);
     }
@@ -88,12 +91,16 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     Ok(reader.program)
 }
 
+/// Indices of the targets of a name, `None` for those that are left; an array has several. Or the reason why it has none.
+type Points = Result<Vec<Option<usize>>, String>;
+
 struct Reader<'a> {
     program: Program,
     texts: Vec<Text<'a>>,
     given: &'a FrameFile,
-    /// Indices of the targets of each name; an array has several.
-    named: Names<Vec<usize>>,
+    named: Names<Points>,
+    /// Masses of loads in kg; `None` for those that are not known, or that the program changes.
+    loads: Names<Option<f64>>,
     frames: Names<FrameData>,
     routines: Vec<Routine>,
     /// Indices of the routines of each name.
@@ -131,27 +138,53 @@ impl Reader<'_> {
         let (kind, name) = (text.name(at + 1), text.name(at + 2));
         let equals = (at + 3..s.end).find(|i| text.is(*i, b':') && text.is(i + 1, b'='));
         let Some(equals) = equals else {
+            let reason = "it has no value where it is declared";
+            if let Some(frame) =
+                FrameData::unknown(&kind, reason).filter(|_| text.name(at) == "var")
+            {
+                self.frames.add(&name, s.file, s.routine, is_local, frame);
+            } else if matches!(kind.as_str(), "robtarget" | "jointtarget") {
+                let reason = format!("its target {name} is computed");
+                self.named
+                    .add(&name, s.file, s.routine, is_local, Err(reason));
+            }
             return;
         };
         let value = text.value(equals + 2, s.end);
         match kind.as_str() {
+            "robtarget" | "jointtarget" if !text.source.is_corrected => {
+                let reason = format!("its target {name} is in a file that is not corrected");
+                self.named
+                    .add(&name, s.file, s.routine, is_local, Err(reason));
+            }
             "robtarget" | "jointtarget" => {
                 let mut indices = Vec::new();
                 let starts =
                     list_starts(&text, equals + 2, s.end, usize::from(text.is(at + 3, b'{')));
                 for (from, end) in starts {
                     let location = self.location(s, from);
-                    match target(&text.value(from, end), location) {
-                        Read::Target(found) if text.source.is_corrected => {
-                            indices.push(self.program.targets.len());
+                    let index = match target(&text.value(from, end), location) {
+                        Read::Target(found) => {
                             self.program.targets.push(*found);
+                            Ok(self.program.targets.len() - 1)
                         }
-                        Read::Left(reason) => self.program.leave(location, reason),
-                        Read::Nothing => self.program.leave(location, "a part of it is computed"),
-                        Read::Target(_) => {}
+                        Read::Left(reason) => Err(reason),
+                        Read::Nothing => Err("a part of it is computed"),
+                    };
+                    if let Err(reason) = index {
+                        self.program.leave(location, reason);
                     }
+                    indices.push(index.ok());
                 }
-                self.named.add(&name, s.file, s.routine, is_local, indices);
+                self.named
+                    .add(&name, s.file, s.routine, is_local, Ok(indices));
+            }
+            "loaddata" => {
+                let mass = match &value {
+                    Value::List(parts) => parts.first().and_then(Value::number),
+                    _ => None,
+                };
+                self.loads.add(&name, s.file, s.routine, is_local, mass);
             }
             "tooldata" | "wobjdata" => {
                 let found = match kind.as_str() {
@@ -169,23 +202,24 @@ impl Reader<'_> {
     /// Returns name, component and first token of the value, if a statement is an assignment.
     fn assignment(&self, s: &Statement) -> Option<(String, String, usize)> {
         let text = self.texts[s.file];
-        let equals = text.find(s.from, s.end, b":");
-        if !text.is(equals + 1, b'=') || text.at(s.from)?.kind != Kind::Name {
+        if text.at(s.from)?.kind != Kind::Name {
             return None;
         }
-        if matches!(
-            text.name(s.from).as_str(),
-            "const" | "pers" | "var" | "local" | "task"
-        ) {
-            return None;
-        }
+        // Indices and components stand between the name and the mark: p{2}.trans.x:=5
         let mut component = Vec::new();
         let mut at = s.from + 1;
-        while text.is(at, b'.') {
-            component.push(text.name(at + 1));
-            at += 2;
+        loop {
+            if text.is(at, b'{') {
+                at = text.find(at + 1, s.end, b"}") + 1;
+            } else if text.is(at, b'.') {
+                component.push(text.name(at + 1));
+                at += 2;
+            } else {
+                break;
+            }
         }
-        Some((text.name(s.from), component.join("."), equals + 2))
+        let is_assignment = text.is(at, b':') && text.is(at + 1, b'=');
+        is_assignment.then(|| (text.name(s.from), component.join("."), at + 2))
     }
 
     /// Notes names of the routines, and their parameters: these hide data of the module.
@@ -195,12 +229,47 @@ impl Reader<'_> {
             all.push(index);
             let (file, number) = (routine.file, routine.number);
             for p in &routine.parameters {
-                if let Some(frame) = FrameData::parameter(&p.kind) {
+                let reason = "it is a parameter of its routine";
+                if let Some(frame) = FrameData::unknown(&p.kind, reason) {
                     self.frames.add(&p.name, file, number, true, frame);
                 } else if matches!(p.kind.as_str(), "robtarget" | "jointtarget") {
-                    self.named.add(&p.name, file, number, true, Vec::new());
+                    let reason = format!("its target {} is a parameter of its routine", p.name);
+                    self.named.add(&p.name, file, number, true, Err(reason));
+                } else if p.kind == "loaddata" {
+                    self.loads.add(&p.name, file, number, true, None);
                 }
             }
+        }
+    }
+
+    /// Adds the tools and work objects of the frame file, which the program may change like its own.
+    fn add_given_frames(&mut self) {
+        // No file of the program has this number.
+        let file = self.texts.len();
+        for (name, tool) in self.given.tools() {
+            let tool = FrameData::Tool {
+                is_held: true,
+                pose: Ok(tool.pose),
+                mass: tool.payload_kg,
+            };
+            self.frames.add(name, file, 0, false, tool);
+        }
+        for (name, base) in self.given.bases() {
+            let object = FrameData::Object {
+                is_held: false,
+                is_moved: false,
+                user: Ok(base.pose),
+                object: Ok(Pose::identity()),
+            };
+            self.frames.add(name, file, 0, false, object);
+        }
+    }
+
+    /// Returns where the values of a tool or work object come from.
+    fn origin(&self, name: &str, s: &Statement) -> String {
+        match self.frames.is_of(name, s.file, s.routine, self.texts.len()) {
+            true => self.given.origin(),
+            false => "the program".to_owned(),
         }
     }
 
@@ -231,15 +300,22 @@ impl Reader<'_> {
         let is_search = text.name(s.from).starts_with("search");
         let changed = match self.assignment(s) {
             Some((name, ..)) => vec![name],
-            None if is_search => (s.from + 1..s.end).map(|at| text.name(at)).collect(),
+            // SearchL gives the point that it finds to its second argument.
+            None if is_search => {
+                let found = arguments(&text, s.from + 1, s.end).0.get(1).copied();
+                found.map(|(from, _)| text.name(from)).into_iter().collect()
+            }
             None => self.changed_arguments(s),
         };
         for name in changed {
-            let Some(indices) = self.named.find(&name, s.file, s.routine) else {
+            if let Some(mass) = self.loads.find_mut(&name, s.file, s.routine) {
+                *mass = None;
+            }
+            let Some(Ok(indices)) = self.named.find(&name, s.file, s.routine) else {
                 continue;
             };
             let line = self.program.line_of(self.location(s, s.from));
-            for index in indices.clone() {
+            for index in indices.clone().into_iter().flatten() {
                 let location = self.program.targets[index].location;
                 self.program
                     .leave(location, format!("the program changes it at {line}"));
@@ -279,7 +355,7 @@ impl Reader<'_> {
             state.before = None;
         }
         match name.as_str() {
-            "gripload" if text.name(s.from + 1) != "load0" => {
+            "gripload" if matches!(self.grip_load(s), Some(None)) => {
                 let line = self.program.line_of(self.location(s, s.from));
                 self.program.remarks.push(format!(
                     "{line}: GripLoad adds a load, which is not counted: give the sum as --payload-kg"

@@ -6,7 +6,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::program::{Frame, Line, Literal, Way};
 use crate::robot_programs::correction::rapid::data::{FrameData, Read, Setting, target};
 use crate::robot_programs::correction::rapid::statements::Statement;
-use crate::robot_programs::correction::rapid::states::{DISPLACED, MONITORED};
+use crate::robot_programs::correction::rapid::states::{DISPLACED, LOADED, MONITORED};
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
 use crate::robot_programs::correction::rapid::{Reader, State};
 
@@ -43,7 +43,7 @@ impl Reader<'_> {
         };
         let is_joints = name.contains("absj");
         let goals: Vec<(usize, usize)> = positional.iter().take(points).copied().collect();
-        if switch("corr").is_some() {
+        if switch("corr").is_some() || switch("track").is_some() {
             self.leave_motion(s, &goals, "a sensor corrects its path".to_owned());
             return Ok(());
         }
@@ -83,10 +83,13 @@ impl Reader<'_> {
             origin: object.2,
         };
         let mut tool = tool;
-        if switch("tload").is_some() {
-            // The motion states another load than that of the tool.
-            tool.payload_kg = None;
-        }
+        let load = match switched(LOADED) {
+            Ok(Setting::Load(kg)) => Some(kg),
+            _ => None,
+        };
+        // The motion may state another load than that of the tool.
+        let own = tool.payload_kg.filter(|_| switch("tload").is_none());
+        tool.payload_kg = own.zip(load).map(|(own, load)| own + load);
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
         let first = self.program.moves.len();
         for (i, point) in goals.iter().enumerate() {
@@ -127,7 +130,10 @@ impl Reader<'_> {
         let text = self.texts[s.file];
         for (from, _) in goals {
             let named = self.named.find(&text.name(*from), s.file, s.routine);
-            for index in named.cloned().unwrap_or_default() {
+            let all = named
+                .and_then(|named| named.clone().ok())
+                .unwrap_or_default();
+            for index in all.into_iter().flatten() {
                 let target = self.program.targets[index].location;
                 let reason = format!("the move at {line} goes to it, and is left as it is");
                 self.program.leave(target, reason);
@@ -168,23 +174,21 @@ impl Reader<'_> {
             return Vec::new();
         }
         match self.named.find(&name, s.file, s.routine) {
-            Some(all) if all.is_empty() => {
-                self.program.leave(
-                    location,
-                    format!("{name} is not a target that is corrected"),
-                );
+            Some(Err(reason)) => {
+                self.program.leave(location, reason.clone());
                 Vec::new()
             }
-            Some(all) => match text
+            Some(Ok(all)) => match text
                 .number(from + 2)
                 .filter(|_| is_element && end == from + 4)
             {
                 Some(number) => all
                     .get(number.value as usize - usize::from(number.value >= 1.0))
                     .copied()
+                    .flatten()
                     .into_iter()
                     .collect(),
-                None => all.clone(),
+                None => all.iter().copied().flatten().collect(),
             },
             None => {
                 self.program.leave(
@@ -223,7 +227,7 @@ impl Reader<'_> {
             // Joints need no tool, but its weight.
             Some(FrameData::Tool {
                 pose: Err(_), mass, ..
-            }) if is_joints => Ok(Ok(frame(Pose::identity(), *mass, "the program".to_owned()))),
+            }) if is_joints => Ok(Ok(frame(Pose::identity(), *mass, self.origin(&name, s)))),
             Some(FrameData::Tool {
                 pose: Err(reason), ..
             }) => Ok(Err(format!("tool {name}: {reason}"))),
@@ -231,23 +235,20 @@ impl Reader<'_> {
                 pose: Ok(pose),
                 mass,
                 ..
-            }) => Ok(Ok(frame(*pose, *mass, "the program".to_owned()))),
+            }) => Ok(Ok(frame(*pose, *mass, self.origin(&name, s)))),
             Some(FrameData::Object { .. }) => Ok(Err(format!("{name} is no tool"))),
             None if name == "tool0" => Ok(Ok(frame(
                 Pose::identity(),
                 Some(0.0),
                 "the controller".to_owned(),
             ))),
-            None => match self.given.tool(&name) {
-                Some(given) => Ok(Ok(frame(given.pose, given.payload_kg, self.given.origin()))),
-                None => Err(self.given.unknown(
-                    text.source,
-                    text.byte(from),
-                    "tool",
-                    &text.spelling(from),
-                    "tooldata",
-                )),
-            },
+            None => Err(self.given.unknown(
+                text.source,
+                text.byte(from),
+                "tool",
+                &text.spelling(from),
+                "tooldata",
+            )),
         }
     }
 
@@ -284,25 +285,18 @@ impl Reader<'_> {
                 user: Ok(user),
                 object: Ok(object),
                 ..
-            }) => Ok((
-                text.spelling(from),
-                *user * *object,
-                "the program".to_owned(),
-            )),
+            }) => Ok((text.spelling(from), *user * *object, self.origin(&name, s))),
             Some(FrameData::Tool { .. }) => Err(format!("{name} is no work object")),
             None if name == "wobj0" => Ok((name, Pose::identity(), "the controller".to_owned())),
-            None => match self.given.base(&name) {
-                Some(given) => Ok((text.spelling(from), given.pose, self.given.origin())),
-                None => {
-                    return Err(self.given.unknown(
-                        text.source,
-                        text.byte(from),
-                        "base",
-                        &text.spelling(from),
-                        "wobjdata",
-                    ));
-                }
-            },
+            None => {
+                return Err(self.given.unknown(
+                    text.source,
+                    text.byte(from),
+                    "base",
+                    &text.spelling(from),
+                    "wobjdata",
+                ));
+            }
         })
     }
 }

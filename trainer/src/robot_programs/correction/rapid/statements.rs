@@ -2,6 +2,7 @@
 
 use crate::robot_programs::correction::flow::Step;
 use crate::robot_programs::correction::rapid::data::Setting;
+use crate::robot_programs::correction::rapid::syntax::shape;
 use crate::robot_programs::correction::tokens::{Kind, Text};
 
 /// One statement: tokens `from` to `end` of a file, without its semicolon.
@@ -269,6 +270,6 @@ pub fn is_instruction(name: &str) -> bool {
     ];
     match name.strip_prefix("trigg") {
         Some(rest) => !describes.iter().any(|start| rest.starts_with(start)),
-        None => name.starts_with("move"),
+        None => name.starts_with("move") || shape(name).is_some(),
     }
 }

@@ -9,6 +9,8 @@ use crate::robot_programs::correction::rapid::data::{Part, Setting};
 pub const DISPLACED: usize = 0;
 /// Keys that say whether configurations are monitored: in joint moves, and in straight moves.
 pub const MONITORED: [usize; 2] = [1, 2];
+/// Key of the load that GripLoad adds to the tool.
+pub const LOADED: usize = 3;
 
 /// Name of a tool or work object, its index among the data of this name, and a part of it.
 pub type Slot = (String, usize, Part);

@@ -7,7 +7,9 @@ use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::rapid::Reader;
 use crate::robot_programs::correction::rapid::data::{FrameData, Part, Setting};
 use crate::robot_programs::correction::rapid::statements::Statement;
-use crate::robot_programs::correction::rapid::states::{DISPLACED, MONITORED, Slot, States};
+use crate::robot_programs::correction::rapid::states::{
+    DISPLACED, LOADED, MONITORED, Slot, States,
+};
 use crate::robot_programs::correction::tokens::Kind;
 
 impl Reader<'_> {
@@ -19,6 +21,7 @@ impl Reader<'_> {
             // The controller resets them at the beginning of a program.
             flow.key(Some(Setting::Is(initial)), false);
         }
+        flow.key(Some(Setting::Load(0.0)), false);
         let routines: Vec<usize> = self.routines.iter().map(|_| flow.routine()).collect();
         let handlers = flow.routine();
         flow.interrupts(handlers);
@@ -58,6 +61,9 @@ impl Reader<'_> {
             }
             if let Some((key, value)) = self.set_switch(s) {
                 push(&mut flow, Step::Set(key, Some(Setting::Is(value))));
+            }
+            if let Some(load) = self.grip_load(s) {
+                push(&mut flow, Step::Set(LOADED, load.map(Setting::Load)));
             }
             steps.push(first.unwrap_or(0));
         }
@@ -114,6 +120,21 @@ impl Reader<'_> {
             }
         }
         out
+    }
+
+    /// Returns the mass in kg that GripLoad adds, `None` where it is not known.
+    pub(super) fn grip_load(&self, s: &Statement) -> Option<Option<f64>> {
+        let text = self.texts[s.file];
+        if text.name(s.from) != "gripload" {
+            return None;
+        }
+        let name = text.name(s.from + 1);
+        let found = self.loads.find(&name, s.file, s.routine).copied().flatten();
+        let is_name = s.end == s.from + 2;
+        Some(match name.as_str() {
+            "load0" => Some(0.0),
+            _ => found.filter(|mass| is_name && *mass >= 0.0),
+        })
     }
 
     /// Returns the switch that an instruction sets.

@@ -16,11 +16,22 @@ pub fn shape(name: &str) -> Option<(Way, usize, usize)> {
         ];
         kinds.into_iter().find_map(|(kind, way, points)| {
             let suffix = rest.strip_prefix(kind)?;
-            let is_known = matches!(suffix, "" | "sync" | "do" | "ao" | "go");
+            let is_known = match start {
+                // On a line or a circle alone.
+                "arc" | "disp" => {
+                    let process = suffix.trim_start_matches(['1', '2']);
+                    kind.len() == 1 && kind != "j" && matches!(process, "" | "start" | "end")
+                }
+                _ => matches!(suffix, "" | "sync" | "do" | "ao" | "go"),
+            };
             is_known.then_some((way, points, tool + points - 1))
         })
     };
-    known("move", 3).or_else(|| known("trigg", 4))
+    // Welding has data of seam and weld before the zone, dispensing those of the bead.
+    known("move", 3)
+        .or_else(|| known("trigg", 4))
+        .or_else(|| known("arc", 5))
+        .or_else(|| known("disp", 4))
 }
 
 /// Returns whether an instruction leaves the arm where it is, so that a line begins where the move before has ended.

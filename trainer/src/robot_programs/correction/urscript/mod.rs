@@ -106,7 +106,9 @@ enum Variable {
         end: usize,
         target: Option<usize>,
     },
-    /// Computed, or set more than once.
+    /// Set as a whole more than once.
+    Several,
+    /// Computed, or set in part.
     Unknown,
 }
 
@@ -138,7 +140,7 @@ impl Reader<'_> {
                 continue;
             }
             if MOTIONS.contains(&word.as_str()) {
-                let points = self.first(&line).into_iter().take(points_of(&word));
+                let points = self.points(&line, &word).into_iter();
                 let names: Vec<String> = points.filter_map(|p| self.variable(p)).collect();
                 self.reached.extend(names);
             }
@@ -175,14 +177,21 @@ impl Reader<'_> {
                 }
             }
             let name = text.spelling(name_at);
-            let is_first = name_at == begin && equals == begin + 1 && !self.set.contains_key(&name);
-            let written = Variable::Written {
-                from: equals + 1,
-                end: line.end,
-                target: None,
+            let is_whole = name_at == begin && equals == begin + 1;
+            let variable = match self.set.get(&name) {
+                None if is_whole => Variable::Written {
+                    from: equals + 1,
+                    end: line.end,
+                    target: None,
+                },
+                Some(Variable::Written { .. } | Variable::Several)
+                    if is_whole && word != "local" =>
+                {
+                    Variable::Several
+                }
+                _ => Variable::Unknown,
             };
-            self.set
-                .insert(name, if is_first { written } else { Variable::Unknown });
+            self.set.insert(name, variable);
         }
     }
 
@@ -193,6 +202,18 @@ impl Reader<'_> {
             true => text.arguments(line.from + 2, text.find(line.from + 2, line.end, b")")),
             false => Vec::new(),
         }
+    }
+
+    /// Returns the points of a move, also those with their names: `movel(pose=p[…])`.
+    fn points(&self, line: &Line, word: &str) -> Vec<(usize, usize)> {
+        let unnamed = |(from, end): (usize, usize)| {
+            let name = self.text.name(from);
+            let is_named = matches!(name.as_str(), "q" | "pose" | "pose_via" | "pose_to")
+                && self.text.is(from + 1, b'=');
+            (from + 2 * usize::from(is_named), end)
+        };
+        let all = self.first(line).into_iter().take(points_of(word));
+        all.map(unnamed).collect()
     }
 
     fn run(&mut self, states: &States) -> Result<(), InputError> {
@@ -308,8 +329,8 @@ impl Reader<'_> {
             Err(reason) => Some(format!("the controller may move it: {reason}")),
         };
         let word = self.text.name(line.from);
-        for (from, end) in self.first(line).into_iter().take(points_of(&word)) {
-            let (target, base) = match self.target(from, end) {
+        for (from, end) in self.points(line, &word) {
+            let (target, base) = match self.target((from, end), (states, step)) {
                 Ok(found) => found,
                 Err(reason) => {
                     let location = self.location(from);
@@ -320,12 +341,12 @@ impl Reader<'_> {
             let location = self.program.targets[target].location;
             let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
             let (pose, origin) = match &tool {
-                Ok(Setting::Tool(pose)) if states.certain.is_set(step, TOOL) => {
+                Ok(Setting::Pose(pose)) if states.certain.is_set(step, TOOL) => {
                     (*pose, "set_tcp".to_owned())
                 }
-                Ok(Setting::Tool(pose)) => (*pose, self.given.origin()),
+                Ok(Setting::Pose(pose)) => (*pose, self.given.origin()),
                 // Joints need no tool.
-                Err(_) if is_joints => (Pose::identity(), "set_tcp".to_owned()),
+                _ if is_joints => (Pose::identity(), "set_tcp".to_owned()),
                 Err(reason) => {
                     self.program.leave(location, format!("tool tcp: {reason}"));
                     continue;

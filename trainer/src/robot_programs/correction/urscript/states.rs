@@ -1,5 +1,7 @@
 //! What is certain at the lines of a script.
 
+use std::collections::HashMap;
+
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::flow::Certain;
@@ -14,8 +16,8 @@ pub const DISPLACED: usize = 2;
 pub enum Setting {
     /// The script does not set it.
     Nothing,
-    /// A tool.
-    Tool(Pose<f64>),
+    /// A tool or a feature.
+    Pose(Pose<f64>),
     /// A payload in kg.
     Payload(f64),
     /// A switch.
@@ -25,6 +27,8 @@ pub enum Setting {
 /// What is certain at each line.
 pub struct States {
     pub certain: Certain<Setting>,
+    /// Keys of the variables that are set more than once.
+    pub variables: HashMap<String, usize>,
     /// Step of each line.
     pub steps: Vec<usize>,
 }

@@ -3,23 +3,30 @@
 use std::collections::HashMap;
 
 use crate::robot_programs::correction::flow::{Flow, Step};
-use crate::robot_programs::correction::urscript::Reader;
 use crate::robot_programs::correction::urscript::lines::Line;
 use crate::robot_programs::correction::urscript::states::{
     DISPLACED, PAYLOAD, Setting, States, TOOL,
 };
+use crate::robot_programs::correction::urscript::{Reader, Variable};
 
 impl Reader<'_> {
     /// Follows the lines of all functions.
     pub(super) fn states(&self) -> States {
         let mut flow = Flow::new();
         let given = self.given.tool("tcp");
-        let tool = given.map_or(Setting::Nothing, |given| Setting::Tool(given.pose));
+        let tool = given.map_or(Setting::Nothing, |given| Setting::Pose(given.pose));
         flow.key(Some(tool), true);
         flow.key(Some(Setting::Nothing), true);
         // The controller ends it with the program.
         flow.key(Some(Setting::Is(false)), false);
         let text = self.text;
+        let mut names: Vec<&String> = self.set.keys().collect();
+        names.retain(|name| matches!(self.set[*name], Variable::Several));
+        names.sort();
+        let keys = names
+            .into_iter()
+            .map(|name| (name.clone(), flow.key(Some(Setting::Nothing), true)));
+        let variables: HashMap<String, usize> = keys.collect();
         // Routine of each function, by its number and its name.
         let mut routines = HashMap::from([(0, 0)]);
         let mut named = HashMap::new();
@@ -65,10 +72,19 @@ impl Reader<'_> {
             for (key, value) in self.set(line) {
                 push(&mut flow, Step::Set(key, value));
             }
+            let name_at = line.from + usize::from(text.name(line.from) == "global");
+            if let Some(key) = variables.get(&text.spelling(name_at))
+                && text.is(name_at + 1, b'=')
+                && !text.is(name_at + 2, b'=')
+            {
+                let pose = self.pose_of(name_at + 2, line.end).ok();
+                push(&mut flow, Step::Set(*key, pose.map(Setting::Pose)));
+            }
             steps.push(first.unwrap_or(0));
         }
         States {
             certain: flow.certain(),
+            variables,
             steps,
         }
     }
@@ -87,7 +103,7 @@ impl Reader<'_> {
             match text.name(at).as_str() {
                 "set_tcp" => {
                     let pose = first.and_then(|(from, end)| self.pose_of(from, end).ok());
-                    out.push((TOOL, pose.map(Setting::Tool)));
+                    out.push((TOOL, pose.map(Setting::Pose)));
                 }
                 "set_payload" | "set_target_payload" | "set_payload_mass" => {
                     let kg = first

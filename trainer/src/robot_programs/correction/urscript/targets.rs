@@ -5,6 +5,7 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{Configuration, Frame, Goal, Target};
 use crate::robot_programs::correction::source::Number;
+use crate::robot_programs::correction::urscript::states::{Setting, States};
 use crate::robot_programs::correction::urscript::{Reader, Variable};
 use crate::robot_programs::dialect::Orientation;
 
@@ -63,8 +64,30 @@ impl Reader<'_> {
         pose.ok_or_else(|| format!("{name} is computed"))
     }
 
+    /// Returns the pose of a feature as it is at a step.
+    fn feature(
+        &self,
+        (from, end): (usize, usize),
+        (states, step): (&States, usize),
+    ) -> Result<Pose<f64>, String> {
+        let name = self.text.spelling(from);
+        let key = states.variables.get(&name).filter(|_| end == from + 1);
+        let Some(key) = key else {
+            return self.pose_of(from, end);
+        };
+        match states.certain.value(step, *key, &self.program) {
+            Ok(Setting::Pose(pose)) => Ok(pose),
+            Ok(_) => Err(format!("{name} is not set before it")),
+            Err(reason) => Err(format!("{name}: {reason}")),
+        }
+    }
+
     /// Returns the target of an argument, and its base frame.
-    pub(super) fn target(&mut self, from: usize, end: usize) -> Result<(usize, Frame), String> {
+    pub(super) fn target(
+        &mut self,
+        (from, end): (usize, usize),
+        at: (&States, usize),
+    ) -> Result<(usize, Frame), String> {
         let text = self.text;
         let base = Frame {
             name: "base".to_owned(),
@@ -81,9 +104,9 @@ impl Reader<'_> {
                 };
                 let mut name = text.spelling(feature.0);
                 let pose = self
-                    .pose_of(feature.0, feature.1)
+                    .feature(feature, at)
                     .map_err(|reason| format!("its feature {reason}"))?;
-                let (target, inner) = self.target(a, b)?;
+                let (target, inner) = self.target((a, b), at)?;
                 if inner.name != base.name {
                     name = format!("{name} · {}", inner.name);
                 }
@@ -100,7 +123,7 @@ impl Reader<'_> {
             ("get_inverse_kin", Some(all)) => {
                 let (a, b) = all.first().copied().ok_or("its pose is computed")?;
                 let near = self.near(&all[1..])?;
-                let (target, base) = self.target(a, b)?;
+                let (target, base) = self.target((a, b), at)?;
                 if let Some(near) = near {
                     self.put_near(target, near)?;
                 }
@@ -124,6 +147,11 @@ impl Reader<'_> {
                 end: b,
                 target,
             }) if end == from + 1 => (*a, *b, *target),
+            Some(Variable::Several | Variable::Unknown) if end == from + 1 => {
+                return Err(format!(
+                    "its target {name} is computed, or set more than once"
+                ));
+            }
             _ => return Err(format!("its target is computed: {name}")),
         };
         if let Some(index) = target {
