@@ -237,7 +237,9 @@ impl Expected {
         self.slot_changes += u32::from(moved || there.is_none());
         self.first = there.unwrap_or(kept.map_or(0, |slot| 1 - slot));
         self.slots[self.first] = Some(self.staged.clone());
-        self.started = self.started.filter(|slot| *slot != self.first);
+        // The same again is not written again.
+        let stays = |slot: &usize| *slot != self.first || there.is_some();
+        self.started = self.started.filter(stays);
         self.committed = self.stored(self.first);
         self.lowest_revision = self.verified_revision;
         Ok(self.committed.expect("it was stored"))
