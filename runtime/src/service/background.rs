@@ -370,11 +370,16 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     /// Checks that the spare model may follow the active one and the stored one, and unloads it if it may not.
     #[inline(never)]
     fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
+        let signed_only = self.key()?.is_some();
+        let spare = self.spare.as_ref().map(|spare| spare.blob_crc);
+        // The owner of a key has announced that model alone, not the one of the other robot that it replaces.
+        let announced =
+            !signed_only || self.upload.verified.is_none() || self.upload.verified == spare;
         let there = Predecessors {
             active: self.order(device, CycleCommand::Report).model,
             stored_revision: self.lowest_revision,
-            any_robot: self.upload.replaces_robot(),
-            signed_only: self.key()?.is_some(),
+            any_robot: self.upload.replaces_robot() && announced,
+            signed_only,
         };
         self.check_spare(|model| there.may_be_followed_by(model))
     }

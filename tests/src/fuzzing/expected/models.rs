@@ -179,10 +179,11 @@ impl Expected {
             let identity = &known.identity;
             (identity.robot.clone(), identity.serial_number.clone())
         };
+        // With a key, the announcement is for the uploaded model alone.
+        let is_announced = self.verified.is_none_or(|crc| crc == known.blob_crc());
+        let any_robot = self.replaces_robot && (self.key.is_none() || is_announced);
         match self.ordered() {
-            Some(active) if !self.replaces_robot && name(active) != name(known) => {
-                Err(Refusal::AnotherRobot)
-            }
+            Some(active) if !any_robot && name(active) != name(known) => Err(Refusal::AnotherRobot),
             _ => Ok(()),
         }
     }
