@@ -137,11 +137,12 @@ impl Shell {
             receiver.clear();
             cycle::WORKED.put(receiver);
             log::answered(&response);
-            self.answer(sequence, &response);
             if let Response::Identity(identity) = &response {
+                // Before the answer, which may wait for the line until a restart.
                 retain(Retained::Bypass, u32::from(identity.bypass));
                 self.log_model(&identity.model);
             }
+            self.answer(sequence, &response);
             if response == Response::Restarting {
                 let_the_answer_leave();
                 watchdog::restart(StartReason::Requested);

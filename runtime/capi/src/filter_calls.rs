@@ -157,16 +157,15 @@ fn filtered<T: Number>(
     engage: bool,
     cycles: u32,
 ) -> Commanded<T> {
-    let status = corrected.status;
+    let status = corrected.status.with_if(!engage, Status::BYPASSED);
     let sent = filter.step(command, &corrected.joints, status, engage, cycles);
-    let status = sent.status.with(status).with_if(!engage, Status::BYPASSED);
     Commanded {
         joints: sent.joints,
         weight: sent.weight,
         applied: corrected.applied,
         position_error: corrected.position_error,
         rotation_error: corrected.rotation_error,
-        status: u32::from(status.bits()),
+        status: u32::from(sent.status.bits()),
     }
 }
 

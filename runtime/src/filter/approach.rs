@@ -32,7 +32,7 @@ impl<T: Scalar> Time<T> {
 pub(super) struct Drive<T> {
     /// Largest rate.
     pub(super) rate: T,
-    /// Decrease of the rate in every later cycle.
+    /// Decrease of the rate in every later cycle. Above eight times the largest rate, an end that is near would push away.
     pub(super) braking: T,
     /// Largest decrease of the rate in this step.
     pub(super) slower: T,

@@ -134,7 +134,9 @@ impl<T: Scalar> CommandFilter<T> {
         // The weight moves if no offset is left.
         let allowed = limits.acceleration * time.cycles;
         let slack = larger(allowed * T::from_f64(JUST_BELOW) - turning, T::ZERO);
-        let per_size = T::ONE / larger(size, T::from_f64(LEAST));
+        // No correction is larger, nor was in the last call: the weight's rate may pass to the offsets in the next one.
+        let span = size + change;
+        let per_size = T::ONE / larger(span, T::from_f64(LEAST));
         let change = larger(change, T::from_f64(LEAST));
         let by_turning = T::from_f64(0.5 * TURNING) * allowed / change;
         let slower = slack * per_size;
@@ -150,7 +152,7 @@ impl<T: Scalar> CommandFilter<T> {
         let (rate, there) = approach(self.rest, self.rate, &drive, &time);
         let rest = select(there, T::ZERO, self.rest - rate * time.cycles);
         let within = (turning <= allowed)
-            & (rate.abs() * size <= limits.rate)
+            & (rate.abs() * span <= limits.rate)
             & (rest >= T::ZERO)
             & (rest <= T::ONE);
         let turn_of_weight = within & !offset_left;
@@ -249,7 +251,8 @@ macro_rules! compiled {
             ) -> Filtered<Self> {
                 // A model that refuses a command must not keep its correction from being taken back.
                 let last;
-                let (corrected, status) = if !engage & status.contains(Status::BAD_INPUT) {
+                let bad = status.contains(Status::BAD_INPUT);
+                let (corrected, status) = if !engage && bad && filter.takes(command.len()) {
                     last = filter.with_last_correction(command);
                     (&last[..], status.without(Status::BAD_INPUT))
                 } else {
@@ -279,7 +282,8 @@ impl<T: CompiledFilter> CommandFilter<T> {
     /// same request.
     ///
     /// While `engage` is false, a command that is bad only by `status` is taken with the last correction, which is taken back
-    /// as always, and the answer does not say [`Status::BAD_INPUT`].
+    /// as always, and the answer does not say [`Status::BAD_INPUT`]. Until then it needs the number of joints of the last good
+    /// one.
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
     /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.

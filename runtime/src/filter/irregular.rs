@@ -8,6 +8,11 @@ use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 
 impl<T: Scalar> CommandFilter<T> {
+    /// Returns whether a command with `count` joints makes no correction step.
+    pub(super) fn takes(&self, count: usize) -> bool {
+        self.count == count || self.disengaged()
+    }
+
     /// Returns the command with the correction of the last good one.
     #[inline(never)]
     pub(super) fn with_last_correction(&self, command: &[T]) -> [T; MAX_JOINTS] {

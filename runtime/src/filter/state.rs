@@ -52,7 +52,7 @@ pub(super) struct Limits<T> {
     pub(super) rate: T,
     /// Rounding of the correction that counts as path while the command moves, rad or m.
     pub(super) noise: T,
-    /// Largest change of the own step, rad or m.
+    /// Largest change of the own step, rad or m; at most the largest own step, as [`super::approach::approach`] needs it.
     pub(super) acceleration: T,
     /// Largest change of the weight's step, by which the weight goes from 0 to 1 in the blend time.
     pub(super) blend: T,
@@ -193,7 +193,7 @@ impl<T: Scalar> CommandFilter<T> {
         self.limits = Limits {
             rate,
             noise: smaller(noise, T::from_f64(0.5) * rate),
-            acceleration: settings.acceleration * period * period,
+            acceleration: smaller(settings.acceleration * period * period, rate),
             blend: T::from_f64(4.0) * part * part,
             jump: T::from_f64(JUMP) * period,
             patience: T::from_f64(PATIENCE) / part,
@@ -240,7 +240,7 @@ impl<T: Scalar> CommandFilter<T> {
     /// Returns whether the correction is wanted, and for another payload than the model was given.
     #[inline(always)]
     pub(super) fn payload_is_due(&self) -> bool {
-        self.engage & (self.payload.rest != T::ZERO)
+        self.engage & (self.payload.now != self.payload.asked)
     }
 
     /// Returns the increase of the weight per cycle.

@@ -19,7 +19,7 @@ use crate::service::commands::for_filter;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
 use crate::service::loaded_model::{ModelSlot, name};
 use crate::service::upload::Upload;
-use crate::store::{Slot, Store, StoreError, Stored};
+use crate::store::{Store, StoreError, Stored};
 
 /// Functions of the rest of the device that the background needs.
 pub trait Device<'m, const WORDS: usize> {
@@ -42,8 +42,8 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     authority: Authority,
     /// Lowest revision that is accepted: the one of the stored model that runs after a restart.
     lowest_revision: u32,
-    /// Slot of the model that was started from flash last, as long as it is there.
-    started: Option<Slot>,
+    /// The model that was started from flash last, as long as it is there.
+    started: Option<Stored>,
     /// Number of slot changes since the start, including failed ones.
     slot_changes: u32,
 }
@@ -351,7 +351,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     #[inline(never)]
     fn start(&mut self, stored: &Stored, device: &mut impl Device<'m, WORDS>) {
         self.lowest_revision = self.spare_revision();
-        self.started = Some(stored.slot);
+        self.started = Some(*stored);
         self.run_spare(device);
     }
 
@@ -370,11 +370,16 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     /// Checks that the spare model may follow the active one and the stored one, and unloads it if it may not.
     #[inline(never)]
     fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
+        let signed_only = self.key()?.is_some();
+        let spare = self.spare.as_ref().map(|spare| spare.blob_crc);
+        // The owner of a key has announced that model alone, not the one of the other robot that it replaces.
+        let announced =
+            !signed_only || self.upload.verified.is_none() || self.upload.verified == spare;
         let there = Predecessors {
             active: self.order(device, CycleCommand::Report).model,
             stored_revision: self.lowest_revision,
-            any_robot: self.upload.replaces_robot(),
-            signed_only: self.key()?.is_some(),
+            any_robot: self.upload.replaces_robot() && announced,
+            signed_only,
         };
         self.check_spare(|model| there.may_be_followed_by(model))
     }

@@ -288,9 +288,13 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
         let model = &self.active.model;
         let payload_kg = self.commands.filter.payload(query.payload_kg, cycles);
         let result = model.correct(&query.joints, payload_kg);
-        let status = result.status.with_if(self.bypass, Status::BYPASSED);
-        let engage =
-            !self.bypass & !self.new_settings & self.pending.is_none() & (model.joints() > 0);
+        let wanted = !self.bypass & (model.joints() > 0);
+        let waits = self.new_settings | self.pending.is_some();
+        let engage = wanted & !waits;
+        // The filter does not know that a correction is to come.
+        let status = (result.status)
+            .with_if(self.bypass, Status::BYPASSED)
+            .with_if(wanted & waits, Status::BLENDING);
         let filtered = self.commands.step(&result.joints, status, engage, cycles);
         let mut joints = query.joints.clone();
         for (slot, value) in joints.iter_mut().zip(&filtered.joints) {

@@ -444,3 +444,57 @@ fn single_precision_follows_double() {
         }
     }
 }
+
+/// The correction shrinks to nothing just when it is nearly taken back, so the weight could move at any rate; then the model
+/// steps, and the rate passes to the offsets.
+#[test]
+fn a_rate_that_passes_on_is_within_the_limit() {
+    let settings = FilterSettings::<f64> {
+        period_s: 5e-4,
+        rate: 1e-3,
+        acceleration: 0.2,
+        blend_s: 0.014,
+    };
+    let mut start = Judge::of(&settings, [1e-14, 2e-14]);
+    let q = [0.5; JOINTS];
+    for _ in 0..4_000 {
+        start.step(&q, &[1e-3; JOINTS], true, 1);
+    }
+    assert_eq!(start.filter.weight(), 1.0);
+    let mut taken_back = 0;
+    while !start.filter.disengaged() {
+        let mut judge = start.clone();
+        let near = [0.5 + 1e-3; JOINTS];
+        judge.step(&near, &[0.0; JOINTS], false, 1);
+        for _ in 0..10 {
+            judge.step(&near, &[0.01; JOINTS], false, 1);
+        }
+        judge.assert("passed on");
+        start.step(&q, &[1e-3; JOINTS], false, 1);
+        taken_back += 1;
+    }
+    assert!(taken_back > 1_000);
+}
+
+#[test]
+fn a_payload_blends_exactly_while_it_is_another() {
+    let mut dice = Dice(22);
+    let mut filter = CommandFilter::<f32>::new();
+    let settings = FilterSettings {
+        blend_s: 0.0101,
+        ..FilterSettings::default()
+    };
+    filter.configure(&settings).expect("sound");
+    let mut asked = 0.0;
+    for call in 0..400_000 {
+        if dice.below(15) == 0 {
+            asked = dice.within(0.0, 10.0) as f32;
+        }
+        let payload = filter.payload(asked, 1);
+        let answer = filter.step(&[0.5], &[0.501], Status::OK, true, 1);
+        if call > 1_000 {
+            let blends = answer.status.contains(Status::BLENDING);
+            assert_eq!(blends, payload != asked, "call {call}: {payload} {asked}");
+        }
+    }
+}

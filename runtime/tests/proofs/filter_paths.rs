@@ -40,12 +40,16 @@ pub struct Path {
     pulse: Six,
     phase: Six,
     time: f64,
+    period: f64,
     pace: f64,
     goes: bool,
 }
 
 impl Path {
     pub fn new(dice: &mut Dice) -> Self {
+        Self::with_period(dice, PERIOD)
+    }
+    pub fn with_period(dice: &mut Dice, period: f64) -> Self {
         let top = dice.within(0.1, 3.0);
         Self {
             middle: dice.six(-1.5, 1.5),
@@ -53,6 +57,7 @@ impl Path {
             pulse: dice.six(1.0, 6.0),
             phase: dice.six(0.0, 6.0),
             time: 0.0,
+            period,
             pace: 1.0,
             goes: true,
         }
@@ -72,7 +77,7 @@ impl Path {
             }
             let wanted = if self.goes { 1.0 } else { 0.0 };
             self.pace += (wanted - self.pace).clamp(-0.005, 0.005);
-            self.time += PERIOD * self.pace;
+            self.time += self.period * self.pace;
         }
     }
     pub fn at(&self) -> Six {
@@ -157,13 +162,18 @@ pub struct Worst {
 }
 
 /// A filter, and the laws that every answer must satisfy.
+#[derive(Clone)]
 pub struct Judge<T> {
     pub filter: CommandFilter<T>,
     pub worst: Worst,
     pub answer: Option<Filtered<T>>,
     /// Allowance for rounding, of a step and of a second difference.
     rounding: [f64; 2],
-    /// Payload of the last step, and whether it has changed since.
+    /// Limits per cycle.
+    rate: f64,
+    acceleration: f64,
+    jump: f64,
+    /// Payload of the last step, and whether it has moved since.
     payload: T,
     payload_moves: bool,
     seen: Option<Seen>,
@@ -182,9 +192,17 @@ pub fn many<T: CompiledFilter>(values: &Six) -> [T; JOINTS] {
 
 impl<T: CompiledFilter> Judge<T> {
     pub fn new(rounding: [f64; 2]) -> Self {
+        Self::of(&FilterSettings::default(), rounding)
+    }
+
+    pub fn of(settings: &FilterSettings<T>, rounding: [f64; 2]) -> Self {
         let mut filter = CommandFilter::new();
-        filter.configure(&FilterSettings::default()).expect("sound");
+        filter.configure(settings).expect("sound");
+        let period = settings.period_s.to_f64();
         Self {
+            rate: settings.rate.to_f64() * period,
+            acceleration: settings.acceleration.to_f64() * period * period,
+            jump: JUMP * period,
             filter,
             worst: Worst::default(),
             answer: None,
@@ -269,9 +287,9 @@ impl<T: CompiledFilter> Judge<T> {
             now.moved = difference(&command, &last.command)
                 .iter()
                 .fold(0.0, |a: f64, b| a.max(b.abs()));
-            let jumped = now.moved > JUMP * PERIOD * n * (1.0 + 1e-6);
+            let jumped = now.moved > self.jump * n * (1.0 + 1e-6);
             let scale = if lost { 1.0 } else { n };
-            let rounding_of_q = noise::<T>(RATE);
+            let rounding_of_q = noise::<T>(self.rate);
             let noise = if now.moved > 0.0 { rounding_of_q } else { 0.0 };
             let payload_moves = core::mem::take(&mut self.payload_moves);
             let explained = if lost | jumped | payload_moves {
@@ -282,7 +300,7 @@ impl<T: CompiledFilter> Judge<T> {
             now.plain = !lost & !jumped;
             let [of_step, of_change] = self.rounding;
             // A filter that gives up sets its weight to zero and keeps x, which is no motion of the weight.
-            let gave_up = (weight == 0.0) & (last.weight > 1.7e-5 * scale);
+            let gave_up = (weight == 0.0) & (last.weight > 0.0) & x.iter().any(|x| *x != 0.0);
             self.gave_up += u32::from(gave_up);
             let by_weight = if gave_up { 0.0 } else { weight - last.weight };
             for i in 0..JOINTS {
@@ -293,23 +311,23 @@ impl<T: CompiledFilter> Judge<T> {
                 now.own[i] = own / scale;
                 // The weight's change added its share at the last correction, not at this one.
                 now.before[i] = now.own[i] - by_weight / scale * now.change[i];
-                let limit = 0.5 * now.moved + rounding_of_q + RATE * n;
+                let limit = 0.5 * now.moved + rounding_of_q + self.rate * n;
                 self.worst.step = self.worst.step.max((now.step[i].abs() - of_step) / limit);
-                let excess = (own.abs() - of_step) / (RATE * scale);
+                let excess = (own.abs() - of_step) / (self.rate * scale);
                 self.worst.own = self.worst.own.max(excess);
                 let before = if lost { 0.0 } else { last.before[i] };
-                let jerk = ((now.own[i] - before).abs() - of_change) / (ACCELERATION * scale);
+                let jerk = ((now.own[i] - before).abs() - of_change) / (self.acceleration * scale);
                 self.worst.jerk = self.worst.jerk.max(jerk);
                 if now.plain & last.plain & (cycles == 1) & (last.cycles == 1) {
                     let second = now.step[i] - last.step[i];
                     let by_path = last.weight * (now.change[i] - last.change[i]);
-                    let plain = ((second - by_path).abs() - of_change) / ACCELERATION;
+                    let plain = ((second - by_path).abs() - of_change) / self.acceleration;
                     self.worst.plain = self.worst.plain.max(plain);
                     self.worst.calls += 1;
                 }
                 if (now.moved == 0.0) & (last.moved == 0.0) & (cycles == 1) & (last.cycles == 1) {
                     let second = (now.step[i] - last.step[i]).abs() - of_change;
-                    self.worst.standing = self.worst.standing.max(second / ACCELERATION);
+                    self.worst.standing = self.worst.standing.max(second / self.acceleration);
                 }
             }
         }

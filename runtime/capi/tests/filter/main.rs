@@ -219,14 +219,18 @@ fn composed(filter: &mut CommandFilter<f32>, arm: &Capacity, asked: &Asked) -> C
         asked.engage,
         asked.cycles,
     );
-    let bypassed = u32::from(Status::BYPASSED.bits()) * u32::from(!asked.engage);
+    let bypassed = if asked.engage {
+        Status::OK
+    } else {
+        Status::BYPASSED
+    };
     Commanded {
         joints: sent.joints,
         weight: sent.weight,
         applied: corrected.applied,
         position_error: corrected.position_error,
         rotation_error: corrected.rotation_error,
-        status: u32::from(sent.status.with(corrected.status).bits()) | bypassed,
+        status: u32::from(sent.status.with(bypassed).bits()),
     }
 }
 
@@ -373,6 +377,8 @@ fn switched_off_the_command_passes_whatever_the_model_says() {
             assert_eq!(sent.to_bits(), joint.to_bits());
         }
         assert_ne!(answer.status & POEGP_STATUS_BYPASSED, 0);
+        // What passes is not bad.
+        assert_eq!(answer.status & POEGP_STATUS_BAD_INPUT, 0);
         assert!(cell.is_disengaged());
     }
     assert_eq!(cell.counts().bad, 0);

@@ -315,6 +315,11 @@ fn another_robots_model_is_an_order_of_its_own() {
         desk.ask(&Request::CommitUpload);
         desk.ask(&theirs.activate());
         assert_eq!(desk.active(), Some(theirs.blob_crc));
+        if provisioned {
+            // Nor does the other one come back unsigned, even with the same revision.
+            let back = desk.ask(&ours.activate());
+            assert_eq!(back, refused(Refusal::AnotherRobot));
+        }
         // The permission was for one upload only.
         assert_eq!(
             upload(&mut desk, &ours.bytes),

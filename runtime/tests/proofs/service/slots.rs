@@ -315,6 +315,23 @@ fn what_was_started_is_kept() {
     }
 }
 
+/// It is kept even if it was uploaded and committed again meanwhile, which writes nothing.
+#[test]
+fn what_was_started_and_comes_again_is_kept() {
+    let [old, new, third] = Known::three();
+    let mut desk = Desk::default();
+    old.install(&mut desk);
+    let mut desk = desk.restarted();
+    old.install(&mut desk);
+    new.upload(&mut desk);
+    desk.ask(&Request::CommitUpload);
+    third.upload(&mut desk);
+    desk.ask(&third.activate());
+    desk.ask(&Request::CommitUpload);
+    assert!(slot_of(&mut desk, &old).is_some());
+    assert_eq!(slot_of(&mut desk, &new), None);
+}
+
 /// The flash fails in the middle of a commit: the old model runs on.
 #[test]
 fn flash_that_fails_is_named() {

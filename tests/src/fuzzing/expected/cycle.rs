@@ -129,8 +129,11 @@ impl Expected {
         let empty = Model::<f32, WORDS>::new();
         let model = self.active.as_ref().map_or(&empty, |active| &active.model);
         let result = model.correct(&query.joints, payload_kg);
-        let status = result.status.with_if(self.bypass, Status::BYPASSED);
-        let engage = !self.bypass && self.pending.is_none() && self.active.is_some();
+        let wanted = !self.bypass && self.active.is_some();
+        let engage = wanted && self.pending.is_none();
+        let status = (result.status)
+            .with_if(self.bypass, Status::BYPASSED)
+            .with_if(wanted && !engage, Status::BLENDING);
         let filtered = filter.step(&query.joints, &result.joints, status, engage, cycles);
         let joints: Joints = filtered.joints[..query.joints.len()]
             .iter()

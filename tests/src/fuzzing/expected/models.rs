@@ -179,10 +179,11 @@ impl Expected {
             let identity = &known.identity;
             (identity.robot.clone(), identity.serial_number.clone())
         };
+        // With a key, the announcement is for the uploaded model alone.
+        let is_announced = self.verified.is_none_or(|crc| crc == known.blob_crc());
+        let any_robot = self.replaces_robot && (self.key.is_none() || is_announced);
         match self.ordered() {
-            Some(active) if !self.replaces_robot && name(active) != name(known) => {
-                Err(Refusal::AnotherRobot)
-            }
+            Some(active) if !any_robot && name(active) != name(known) => Err(Refusal::AnotherRobot),
             _ => Ok(()),
         }
     }
@@ -237,7 +238,9 @@ impl Expected {
         self.slot_changes += u32::from(moved || there.is_none());
         self.first = there.unwrap_or(kept.map_or(0, |slot| 1 - slot));
         self.slots[self.first] = Some(self.staged.clone());
-        self.started = self.started.filter(|slot| *slot != self.first);
+        // The same again is not written again.
+        let stays = |slot: &usize| *slot != self.first || there.is_some();
+        self.started = self.started.filter(stays);
         self.committed = self.stored(self.first);
         self.lowest_revision = self.verified_revision;
         Ok(self.committed.expect("it was stored"))
