@@ -22,6 +22,7 @@ use crate::blob::predict::{BlobError, BlobModel};
 use crate::blob::wire_corrections::{DoesNotFit, elastic, fixed, little_endian, task_space};
 use crate::learning::task_space::Hyperparameters;
 use crate::learning::task_space::fit::SignalVarianceLimit;
+use crate::measurement::folds::configurations;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::sample::ToolName;
 use crate::measurement::samples::Samples;
@@ -297,7 +298,7 @@ fn to_bytes(
             trainer_version: env!("CARGO_PKG_VERSION"),
             date: &provenance.date,
             data_sha256: provenance.data_sha256,
-            training_poses: samples.len() as u32,
+            training_poses: configurations(samples, &robot.kinds()).len() as u32,
         },
         gauge: wire_gauge(calibration)?,
         tools: fixed(wire_tools(calibration, provenance), "tools")?,

@@ -11,7 +11,7 @@ use poegp_protocol::limits::MAX_FRAMES;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Matrix6, Pose, Twist, residual};
 
-use crate::measurement::noise::NoiseScales;
+use crate::measurement::noise::{FOLLOWED, NoiseScales};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::Sample;
 use crate::numeric::matrix::Mat;
@@ -156,6 +156,31 @@ fn updated(poe: &Poe<f64>, free: &[usize], step: &Mat<f64>) -> Poe<f64> {
         *frame = Pose::exp(&twist) * *frame;
     }
     out
+}
+
+/// Returns the shares of the equations of positions and of rotations that the `free` frames follow in a fit of whole poses.
+/// `None` where the equations are so many that [`FOLLOWED`] is out of reach.
+pub fn followed_share<F>(
+    poe: &Poe<f64>,
+    samples: &[Sample<F>],
+    free: &[usize],
+    kind: ResidualFrame,
+) -> Option<[f64; 2]> {
+    let equations = (3 * samples.len()) as f64;
+    if (6 * free.len()) as f64 <= FOLLOWED * equations {
+        return None;
+    }
+    let (_, a) = linearise(poe, samples, free, kind);
+    let Svd { u, values, .. } = Svd::new(&a)?;
+    let mut share = [0.0; 2];
+    for (value, column) in values.iter().zip(u.column_iter()) {
+        if *value > RELATIVE_RANK_TOLERANCE * values[0] {
+            for (row, x) in column.iter().enumerate() {
+                share[row % 6 / 3] += x * x / equations;
+            }
+        }
+    }
+    Some(share)
 }
 
 /// Moves the `free` frames of `poe` to the least-squares fit of `samples`.

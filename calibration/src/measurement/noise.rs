@@ -57,6 +57,15 @@ pub struct NoiseScales {
 /// Lower bound on the noise of any instrument: standard deviation of one component, in m and rad.
 pub const QUIETEST: (f64, f64) = (1e-6, 1e-6);
 
+/// Share of the equations of positions or of rotations above which the parameters of a fit follow the noise: the residuals
+/// say less of it with every round of estimating both, until nothing is left.
+pub const FOLLOWED: f64 = 0.6;
+
+/// Returns whether the parameters of a fit follow the noise of positions or of rotations.
+pub fn is_followed(share: &[f64; 2]) -> bool {
+    share.iter().any(|share| *share > FOLLOWED)
+}
+
 impl NoiseScales {
     /// Unit scales: metres and radians have the same weight.
     pub const ONE: Self = Self::uniform(1.0, 1.0);
@@ -169,6 +178,18 @@ impl NoiseScales {
         out.position = scale(position, out.quietest.position);
         out.orientation = scale(orientation, out.quietest.orientation);
         out
+    }
+
+    /// Converts the RMS of residuals to the noise, where the parameters follow these shares of the equations of positions and of
+    /// rotations.
+    #[must_use]
+    pub fn beside(self, followed: &[f64; 2]) -> Self {
+        let noise = |scale: f64, share: f64| scale / (1.0 - share).max(1e-12).sqrt();
+        Self {
+            position: noise(self.position, followed[0]),
+            orientation: noise(self.orientation, followed[1]),
+            ..self
+        }
     }
 
     /// Raises both scales to at least `least`. A rotation scale of zero, which position-only samples give, becomes one.

@@ -130,25 +130,41 @@ impl Calibration {
 
     /// Computes the standard deviation of new poses from the residuals of the training `samples` by generalised
     /// cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m components.
-    /// Repeats of a pose add no components: what the model does not know of the pose is in all of them.
+    /// Repeats of a pose add no components: what the model does not know of the pose is in all of them. Where it is known how
+    /// many parameters the positions and the rotations determine, each has a factor of its own.
     pub(super) fn constant_deviation_of(&self, samples: &[BaseSample]) -> (f64, f64) {
         let poses = different_poses(samples, self.nominal.kinds());
         let components: usize = poses.iter().map(|s| s.observation.equations()).sum();
-        let parameters = match self.estimate {
+        let of_positions = (3 * poses.len()) as f64;
+        let of_rotations = components as f64 - of_positions;
+        // Parameters can follow all rows to the last digit: residuals and what is left of m then fall alike. With repeats, p is
+        // that of the rows and may be larger than m.
+        let least = if poses.len() == samples.len() {
+            1e-9
+        } else {
+            1.0
+        };
+        let factor = |components: f64, parameters: f64| {
+            components.max(1.0) / (components - parameters).max(least)
+        };
+        let factors = match self.estimate {
             FrameEstimate::Parametric {
-                parameters: Some(parameters),
+                parameters: Some([by_positions, by_rotations]),
                 ..
-            } => parameters,
+            } => (
+                factor(of_positions, by_positions),
+                factor(of_rotations, by_rotations),
+            ),
             _ => {
                 let method = self.config.method.implementation();
                 let other_tools = self.tools.len().saturating_sub(1);
-                (method.parameters(self.nominal.kinds().len()) + 6 * other_tools) as f64
+                let parameters = method.parameters(self.nominal.kinds().len()) + 6 * other_tools;
+                let both = factor(components as f64, parameters as f64);
+                (both, both)
             }
         };
-        let components = components as f64;
-        let factor = components / (components - parameters).max(1.0);
         let (position, rotation) = self.rms(samples);
-        (factor * position, factor * rotation)
+        (factors.0 * position, factors.1 * rotation)
     }
 
     /// Computes the RMS of one position and one rotation component of the residuals of `samples`, in m and rad.

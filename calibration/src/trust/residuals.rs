@@ -6,6 +6,7 @@ use poegp_protocol::cause::Cause;
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
+use crate::numeric::statistics::extremes;
 use crate::trust::change_points::{Part, changes};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
@@ -36,8 +37,13 @@ const OTHER_UNIT: f64 = 60.0;
 const OVERSTATED: f64 = 8.0;
 /// Share of the scatter caused by rounding the positions above which the rounding is reported.
 const ROUNDED: f64 = 0.3;
-/// Range of the ratio of the scatter caused by rounding the joints to the scatter found in which the rounding is reported.
-const ROUNDED_JOINTS: (f64, f64) = (0.4, 3.0);
+/// Share of the scatter that rounding the joints would cause above which it is reported.
+const ROUNDED_JOINTS: f64 = 0.4;
+/// Range of a joint in steps of its digits below which rounding is no scatter.
+const STEPS: f64 = 10.0;
+/// Share of the covariance that rounded joints cause above which the residuals show it: 1 if the joints were rounded after
+/// the arm had moved, 0 if they were commanded with these digits.
+const SHOWN: f64 = 0.5;
 
 /// Returns the findings from the residuals. `nominal` is the median position residual of the nominal arm, in m.
 pub fn examine(
@@ -220,13 +226,17 @@ impl Scene<'_> {
         }
         let mut square = 0.0;
         let mut widest = (0.0_f64, String::new());
+        let mut variances = Vec::new();
         for (j, column) in self.set.joint_columns.iter().enumerate() {
             let values = self
                 .set
                 .measurements
                 .iter()
                 .map(|m| column.unit.from_si(m.joints[j]));
-            let written = step(values);
+            let (low, high) = extremes(values.clone());
+            // The rounding of a joint that hardly moves is an offset, which the geometry takes.
+            let written = Some(step(values)).filter(|step| high - low > STEPS * step);
+            let written = written.unwrap_or(0.0);
             let step = written / column.unit.from_si(1.0);
             let effect: f64 = (0..g.samples.len())
                 .flat_map(|k| (0..3).map(move |b| (k, b)))
@@ -234,12 +244,13 @@ impl Scene<'_> {
                 .sum();
             let effect = (effect / (3 * g.samples.len()) as f64).sqrt() * g.scales.position;
             square += (effect * step / uniform).powi(2);
+            variances.push((step / uniform).powi(2));
             if written > widest.0 {
                 widest = (written, column.name.clone());
             }
         }
         let ratio = square.sqrt() / scatter;
-        (ROUNDED_JOINTS.0..ROUNDED_JOINTS.1).contains(&ratio).then(|| {
+        (ratio > ROUNDED_JOINTS && self.share_of(&variances) > SHOWN).then(|| {
             let text = format!(
                 "the joints are rounded ({} to {}), which alone scatters the positions by {} of the {} found: give more \
                  digits",
@@ -248,8 +259,44 @@ impl Scene<'_> {
                 length(square.sqrt()),
                 length(scatter)
             );
-            warning(Cause::Rounding, text, ratio, ROUNDED_JOINTS.0)
+            warning(Cause::Rounding, text, ratio, ROUNDED_JOINTS)
         })
+    }
+
+    /// Returns how much of the covariance that errors of the joints with these variances cause is in the residuals, beside
+    /// noise of positions and of rotations: λ by least squares in r rᵀ ≈ v₁ I₁ + v₂ I₂ + λ C.
+    fn share_of(&self, variances: &[f64]) -> f64 {
+        let g = self.geometry;
+        let (mut explained, mut possible) = (0.0, 0.0);
+        let (mut count, mut noise, mut trace) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        for (k, residual) in g.residuals.iter().enumerate() {
+            if g.weights[k] < 1.0 {
+                continue;
+            }
+            let of = |i: usize, j: usize| -> f64 {
+                let joints = variances.iter().enumerate();
+                let both = |(c, v): (usize, &f64)| {
+                    v * g.linear.jacobian[(ROWS * k + i, c)] * g.linear.jacobian[(ROWS * k + j, c)]
+                };
+                joints.map(both).sum()
+            };
+            let equations = g.samples[k].observation.equations();
+            for i in 0..equations {
+                let part = i / 3;
+                count[part] += 1.0;
+                noise[part] += residual[i] * residual[i];
+                trace[part] += of(i, i);
+                for j in 0..equations {
+                    explained += of(i, j) * residual[i] * residual[j];
+                    possible += of(i, j).powi(2);
+                }
+            }
+        }
+        for part in (0..2).filter(|part| count[*part] > 0.0) {
+            explained -= trace[part] * noise[part] / count[part];
+            possible -= trace[part] * trace[part] / count[part];
+        }
+        g.degrees_of_freedom().powi(2) * explained / possible.max(f64::MIN_POSITIVE)
     }
 
     fn frames(&self) -> Option<Finding> {

@@ -9,6 +9,7 @@ use poegp_runtime::math::se3::Pose;
 use crate::measurement::parse;
 use crate::measurement::sample::samples;
 use crate::robot::{LoadOptions, Robot};
+use crate::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
 use crate::trust::{Findings, Tier, examine};
 
 const TRAIN: &str = include_str!("../../../tests/data/simulated/irb4400_paper_s0_train.csv");
@@ -205,4 +206,27 @@ fn what_moves_is_found_whatever_is_fitted() {
     assert_eq!(findings.0[0].cause, Cause::Step);
     let few = examined_for(&header, &rows[..8], -9.81, false);
     assert!(few.0.is_empty(), "{few:?}");
+}
+
+/// Joints that were commanded with few digits are what the arm was told; only joints that lost digits scatter the poses.
+#[test]
+fn joints_with_few_digits_are_rounded_only_if_the_poses_show_it() {
+    let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
+    for (decimals, commanded) in [(1, true), (2, true), (1, false), (2, false)] {
+        let unit = libm::pow(10.0, f64::from(decimals));
+        let rounded = |q: f64| ((q.to_degrees() * unit).round() / unit).to_radians();
+        let mut arm = Simulator::new(&robot, Scenario::Paper, &[1.0, 5.0], 3);
+        let poses = arm.measure(100).into_iter().map(|pose| {
+            let joints: Vec<f64> = pose.joints.iter().map(|q| rounded(*q)).collect();
+            match commanded {
+                true => arm.measure_at(&joints, pose.payload_kg),
+                false => SimulatedPose { joints, ..pose },
+            }
+        });
+        let poses: Vec<SimulatedPose> = poses.collect();
+        let (header, rows) = table_of(&to_csv(&robot, &poses, false, "rounded"));
+        let findings = examined(&header, &rows);
+        let is_found = findings.0.iter().any(|f| f.cause == Cause::Rounding);
+        assert_eq!(is_found, !commanded, "{decimals}: {findings:?}");
+    }
 }

@@ -52,6 +52,9 @@ pub struct BlobArm {
     pub knows_its_error: bool,
     training: Vec<BaseSample>,
     repeats: f64,
+    /// Standard deviation of the training positions about a model that does not know its own error, m: its frames were
+    /// fitted as if all that it leaves unexplained were noise.
+    unexplained: Option<f64>,
 }
 
 impl BlobArm {
@@ -96,6 +99,8 @@ impl BlobArm {
         Self {
             repeats: training_poses.max(1.0) / training.len() as f64,
             knows_its_error: !kernels.is_empty(),
+            unexplained: (blob.variance.as_ref().filter(|_| kernels.is_empty()))
+                .map(|v| f64::from(v.floor_m2).sqrt()),
             kernels: if kernels.is_empty() {
                 let weights = vec![SMOOTH_WEIGHT; n];
                 vec![JointKernel::from_natural(&weights, 0.0, SMOOTH_VARIANCE, 0.0); n]
@@ -143,8 +148,9 @@ impl BlobArm {
             Inputs::new(&self.state, &training),
         );
         let mut s = self.prior((&seen, &there), (&seen, &there));
+        let noise = (self.unexplained).map_or(1.0, |u| (u / scales.position).powi(2).max(1.0));
         for i in 0..s.nrows() {
-            s[(i, i)] += 1.0 / self.repeats;
+            s[(i, i)] += noise / self.repeats;
         }
         let c = self.prior((at, &here), (&seen, &there));
         let p = self.prior((at, &here), (at, &here));

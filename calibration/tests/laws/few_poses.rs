@@ -5,7 +5,7 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::Config;
+use poegp_calibration::model::config::{Config, Weighting};
 use poegp_runtime::math::se3::{Pose, Twist};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -69,6 +69,43 @@ fn parameters_alone_state_the_errors_of_new_poses() {
         for ratio in found.ratios() {
             assert!((0.75..1.5).contains(&ratio), "{poses} poses: {ratio}");
         }
+    }
+}
+
+/// The parameters can follow the positions of so few poses exactly. The fitted noise, and the stated errors of other poses, must
+/// not vanish then.
+#[test]
+fn parameters_that_follow_all_positions_leave_their_noise() {
+    let (robot, _) = sets::arm();
+    let test = sets::simulated(&robot, "test1");
+    let by_noise = Config {
+        weighting: Weighting::Noise,
+        ..Config::new(Method::Poe)
+    };
+    let whole = |sample: &InstrumentSample| sample.clone();
+    let position = |sample: &InstrumentSample| InstrumentSample {
+        observation: Observation::Position(sample.observation.position()),
+        ..sample.clone()
+    };
+    type As = fn(&InstrumentSample) -> InstrumentSample;
+    let cases: [(&str, usize, &Config, As); 3] = [
+        ("elastic", 12, &elastic(false), whole),
+        ("elastic, positions", 14, &elastic(false), position),
+        ("poe", 8, &by_noise, whole),
+    ];
+    for (name, poses, config, seen) in cases {
+        let mut found = Found::default();
+        for draw in 0..8 {
+            let mut train = sets::simulated(&robot, "train");
+            train.rotate_left(30 * draw);
+            let train: Vec<InstrumentSample> = train[..poses].iter().map(seen).collect();
+            found.add(&calibrated(&robot, &train, config), &test);
+        }
+        let [_, device] = found.ratios();
+        println!("{name}, {poses}: {device} {found:?}");
+        assert!((0.4..3.0).contains(&device), "{name}, {poses}: {device}");
+        let share = found.within / found.components;
+        assert!(share > 0.35, "{name}, {poses}: {share}");
     }
 }
 

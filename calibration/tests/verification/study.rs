@@ -10,7 +10,7 @@ use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::Config;
+use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Disturbance, Scenario, Simulator, to_csv};
@@ -47,10 +47,14 @@ pub fn measured(robot: &Robot, simulator: &mut Simulator, poses: usize) -> Vec<I
 
 impl Cell {
     pub fn new(robot: &str, scenario: Scenario, seed: u64, options: &Config) -> Self {
+        Self::trained(TRAINING, robot, scenario, seed, options)
+    }
+
+    fn trained(poses: usize, robot: &str, scenario: Scenario, seed: u64, options: &Config) -> Self {
         let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
         let payloads = [1.0, 2.5, 3.5, 5.0, 7.5];
         let mut simulator = Simulator::new(&robot, scenario, &payloads, seed);
-        let training = measured(&robot, &mut simulator, TRAINING);
+        let training = measured(&robot, &mut simulator, poses);
         let origin = Provenance {
             serial_number: String::new(),
             date: "2026-11-20".to_owned(),
@@ -278,4 +282,25 @@ fn false_alarms_come_at_their_rate() {
     assert!((1..18).contains(&alarms), "{alarms} of {CHECKS}");
     assert!((noise_mm / 0.03 - 1.0).abs() < 0.1, "{noise_mm}");
     assert!((noise_mrad / 0.05 - 1.0).abs() < 0.1, "{noise_mrad}");
+}
+
+/// What few poses leave unknown of the frames of a model without processes is no drift.
+#[test]
+fn a_model_of_few_poses_raises_few_alarms() {
+    let poe = Config {
+        weighting: Weighting::Noise,
+        ..Config::new(Method::Poe)
+    };
+    let (name, scenario) = ARMS[0];
+    let (mut alarms, mut checks) = (0, 0);
+    for seed in 1..=8 {
+        let mut arm = Cell::trained(12, name, scenario, seed, &poe);
+        for _ in 0..10 {
+            let report = arm.trial(None, CHECK, false, &check::Options::default());
+            alarms += usize::from(!report.changes.is_empty());
+            checks += 1;
+        }
+    }
+    println!("{alarms} alarms in {checks}");
+    assert!(5 * alarms <= checks, "{alarms} of {checks}");
 }

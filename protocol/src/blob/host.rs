@@ -37,7 +37,7 @@ pub struct Provenance<'a> {
     pub date: &'a str,
     /// SHA-256 of the measurement file.
     pub data_sha256: [u8; 32],
-    /// Number of poses in the training set.
+    /// Number of different poses in the training set: repeats of one count once.
     pub training_poses: u32,
 }
 

@@ -3,7 +3,7 @@
 use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{ParametricModel, PriorGroup, ROWS};
-use crate::measurement::noise::NoiseScales;
+use crate::measurement::noise::{FOLLOWED, NoiseScales, is_followed};
 use crate::measurement::sample::{BaseSample, InstrumentSample};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
@@ -14,13 +14,14 @@ use crate::numeric::product::{Transposed, product};
 const PARAMETRIC_ROUNDS: usize = 60;
 
 /// Fits the parameters alone, most probable under their prior, and estimates the noise on the way. Returns the RMS of the
-/// residuals.
+/// residuals; of a few rows, which the parameters can follow, divided by the share of equations that is left for the noise.
 pub fn parametric_fit(
     state: &mut ParametricModel,
     samples: &[BaseSample],
     hyper: &[f64],
 ) -> NoiseScales {
     let mut scales = residual_scales(state, samples);
+    let mut are_followed = false;
     for _ in 0..PARAMETRIC_ROUNDS {
         let groups = state.layout.groups();
         let linear = state.linearise(samples, scales);
@@ -46,7 +47,13 @@ pub fn parametric_fit(
             }
             share *= 0.5;
         }
-        let new = residual_scales(state, samples);
+        let mut new = residual_scales(state, samples);
+        if let Some(share) = followed_share(state, samples, scales, hyper) {
+            are_followed |= is_followed(&share);
+            if are_followed {
+                new = new.beside(&share);
+            }
+        }
         let settled = (new.position / scales.position - 1.0).abs() < 1e-6
             && (new.orientation / scales.orientation - 1.0).abs() < 1e-6;
         scales = new;
@@ -84,18 +91,43 @@ fn objective(
     data + prior
 }
 
-/// Returns the effective number of parameters that `samples` determine beside the prior, tr(A (AᵀA + Λ⁻¹)⁻¹ Aᵀ), with
-/// rows in units of `scales`; `None` when the normal equations cannot be factored.
+/// Returns the effective numbers of parameters that positions and rotations determine beside the prior: the parts of
+/// tr(A (AᵀA + Λ⁻¹)⁻¹ Aᵀ), with rows in units of `scales`; `None` when the normal equations cannot be factored.
 pub fn effective_parameters(
     state: &ParametricModel,
     samples: &[BaseSample],
     scales: NoiseScales,
     hyper: &[f64],
-) -> Option<f64> {
+) -> Option<[f64; 2]> {
     let linear = state.linearise(samples, scales);
-    let (_, normal) = normal_equations(&linear.a, &prior_sd(&state.layout.groups(), hyper));
-    let left = Factor::new(normal, 1).ok()?.inverse();
-    Some((0..left.nrows()).map(|i| 1.0 - left[(i, i)]).sum())
+    let (scaled, normal) = normal_equations(&linear.a, &prior_sd(&state.layout.groups(), hyper));
+    let half = Factor::new(normal, 1).ok()?.half_solve(&scaled.transpose());
+    let mut out = [0.0; 2];
+    for (row, column) in half.column_iter().enumerate() {
+        out[row % ROWS / 3] += column.norm_squared();
+    }
+    Some(out)
+}
+
+/// Returns the shares of the equations of positions and of rotations that the parameters follow. `None` where the equations
+/// are so many that [`FOLLOWED`] is out of reach.
+fn followed_share(
+    state: &ParametricModel,
+    samples: &[BaseSample],
+    scales: NoiseScales,
+    hyper: &[f64],
+) -> Option<[f64; 2]> {
+    let whole = samples.iter().filter(|s| s.observation.has_orientation());
+    let equations = [samples.len(), whole.count()].map(|rows| (3 * rows) as f64);
+    let most = state.layout.groups().len() as f64;
+    let is_reached = |count: f64| count > 0.0 && most > FOLLOWED * count;
+    if !equations.into_iter().any(is_reached) {
+        return None;
+    }
+    let parameters = effective_parameters(state, samples, scales, hyper)?;
+    Some(std::array::from_fn(|i| {
+        parameters[i] / equations[i].max(1.0)
+    }))
 }
 
 /// Returns the prior standard deviation of every parameter.

@@ -34,8 +34,8 @@ pub struct ElasticFit {
     pub scales: NoiseScales,
     /// Inputs of the processes.
     pub inputs: Inputs,
-    /// Effective number of parameters of a fit without processes.
-    pub effective_parameters: Option<f64>,
+    /// Effective numbers of parameters that positions and rotations determine in a fit without processes.
+    pub effective_parameters: Option<[f64; 2]>,
     /// Solution with all poses as inducing points; `None` without processes.
     pub solved: Option<Posterior>,
     /// State at which the model was linearised for `solved`; `state` has moved on since.

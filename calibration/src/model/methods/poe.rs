@@ -2,9 +2,11 @@
 
 use poegp_runtime::kinematics::poe::Poe;
 
-use crate::identification::frame_fit::{FrameFit, ResidualFrame, fit_frames, residual_components};
+use crate::identification::frame_fit::{
+    FrameFit, ResidualFrame, fit_frames, followed_share, residual_components,
+};
 use crate::learning::elastic::options::ElasticOptions;
-use crate::measurement::noise::NoiseScales;
+use crate::measurement::noise::{NoiseScales, is_followed};
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
@@ -65,8 +67,17 @@ fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
         &free,
         ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
     );
+    let mut kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
+    let mut are_followed = false;
     for _ in 0..NOISE_ROUNDS {
-        let kind = estimated_noise(&chain, samples);
+        let mut scales = estimated_noise(&chain, samples);
+        if let Some(share) = followed_share(&chain, samples, &free, kind) {
+            are_followed |= is_followed(&share);
+            if are_followed {
+                scales = scales.beside(&share);
+            }
+        }
+        kind = ResidualFrame::ToolPoint(scales);
         fit = fit_frames(&mut chain, samples, &free, kind);
     }
     (chain, fit)
@@ -77,7 +88,7 @@ const NOISE_ROUNDS: usize = 4;
 
 /// Estimates the noise of position and rotation at the tool point from the residuals; rows that declare their own noise keep
 /// it.
-fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> ResidualFrame {
+fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> NoiseScales {
     let residual = |s: &BaseSample| {
         residual_components(
             ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
@@ -86,5 +97,5 @@ fn estimated_noise(chain: &Poe<f64>, samples: &[BaseSample]) -> ResidualFrame {
         )
     };
     let residuals: Vec<[f64; 6]> = samples.iter().map(residual).collect();
-    ResidualFrame::ToolPoint(NoiseScales::estimated(&residuals, samples).at_least(1e-9))
+    NoiseScales::estimated(&residuals, samples).at_least(1e-9)
 }

@@ -167,7 +167,7 @@ pub enum FrameEstimate {
     Parametric {
         /// The predictive covariance, if there are processes.
         uncertainty: Option<Box<Uncertainty>>,
-        /// Effective number of parameters, where it is not that of the method.
-        parameters: Option<f64>,
+        /// Effective numbers of parameters that positions and rotations determine, where they are not the method's.
+        parameters: Option<[f64; 2]>,
     },
 }
