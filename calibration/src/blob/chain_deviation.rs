@@ -7,7 +7,7 @@
 use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
 
-use crate::identification::frame_fit::{ResidualFrame, linearise};
+use crate::identification::frame_fit::{METRES_PER_RADIAN, ResidualFrame, linearise};
 use crate::identification::prediction_covariance::PredictionCovariance;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::cholesky::Factor;
@@ -63,12 +63,17 @@ impl ChainDeviation {
             None => f64::from(u8::from(i == j)),
         };
         let free = 1..n.saturating_sub(1).max(1);
+        // The fit of the zeros weighs 0.3 m as a radian.
+        let weight = |row: usize| match row % SIX {
+            0..3 => METRES_PER_RADIAN.recip(),
+            _ => 1.0,
+        };
         let columns = Mat::from_fn(rows.len(), 2 * SIX + free.len(), |row, column| {
             if column < SIX {
-                return all[(row, column)];
+                return weight(row) * all[(row, column)];
             }
             if column < 2 * SIX {
-                return all[(row, SIX * n + column - SIX)];
+                return weight(row) * all[(row, SIX * n + column - SIX)];
             }
             let joint = free.start + column - 2 * SIX;
             let of = |i: usize| {
@@ -78,9 +83,12 @@ impl ChainDeviation {
                 };
                 share(i, joint) * all[(row, SIX * (i + 1) + axis)]
             };
-            (0..n - 1).map(of).sum()
+            weight(row) * (0..n - 1).map(of).sum::<f64>()
         });
-        let zeros = fitted(&columns, &covariance)?;
+        let weighed = Mat::from_fn(rows.len(), rows.len(), |i, j| {
+            weight(i) * covariance[(i, j)] * weight(j)
+        });
+        let zeros = fitted(&columns, &weighed)?;
         let of = |joint: usize| {
             if !free.contains(&joint) {
                 return 0.0;

@@ -155,12 +155,12 @@ impl<'a> Zeros<'a> {
         out
     }
 
-    /// Fits the parameters by Gauss–Newton; metres and radians have the same weight, as in the base-tool calibration.
+    /// Fits the parameters by Gauss–Newton, with the weights of the default gauge.
     fn fit(&mut self, samples: &[BaseSample]) {
         let frames: Vec<usize> = (0..=self.offsets.len()).collect();
         for _ in 0..STEPS {
             let chain = self.chain();
-            let kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
+            let kind = ResidualFrame::TOOL_POINT_TOOL_LENGTH;
             let before = cost(&chain, samples, kind);
             let (y, all) = linearise(&chain, samples, &frames, kind);
             let a = self.columns(&all);

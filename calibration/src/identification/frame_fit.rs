@@ -30,6 +30,9 @@ pub enum ResidualFrame {
 impl ResidualFrame {
     /// Residual at the tool point, with metres and radians weighted alike.
     pub const TOOL_POINT_UNIT_WEIGHTS: Self = Self::ToolPoint(NoiseScales::ONE);
+    /// Residual at the tool point, with 0.3 m weighted as a radian: a rotation counts as what it moves at the end of a tool.
+    pub const TOOL_POINT_TOOL_LENGTH: Self =
+        Self::ToolPoint(NoiseScales::uniform(METRES_PER_RADIAN, 1.0));
 
     /// Returns the residual with the noise scales of one row.
     fn of<F>(self, sample: &Sample<F>) -> Self {
@@ -39,6 +42,9 @@ impl ResidualFrame {
         }
     }
 }
+
+/// Position error in m that weighs as much as a rotation error of 1 rad where a drawing is brought nearest to a model.
+pub const METRES_PER_RADIAN: f64 = 0.3;
 
 /// Report of a fit.
 #[derive(Clone, Copy, Debug)]

@@ -6,7 +6,6 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::with_base_and_tool;
 use crate::identification::frame_fit::{ResidualFrame, fit_frames};
-use crate::measurement::noise::NoiseScales;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::model::calibration::Calibration;
@@ -14,8 +13,6 @@ use crate::model::correction::Correction;
 use crate::model::gauge::{Gauge, GaugeChoice, GaugeFrame, GaugeGrid, GaugeTooFar};
 use crate::robot::Robot;
 
-/// Position error in m that weighs as much as a rotation error of 1 rad.
-const METRES_PER_RADIAN: f64 = 0.3;
 /// Largest accepted deviation of a stated frame from the fit to the measured poses, in m and rad.
 const FARTHEST: (f64, f64) = (10e-3, 10e-3);
 
@@ -79,13 +76,12 @@ impl Calibration {
         free.extend(base.is_none().then_some(0));
         free.extend(tool.is_none().then_some(last));
         if !free.is_empty() {
-            let scales = NoiseScales::uniform(METRES_PER_RADIAN, 1.0);
             let samples: Vec<BaseSample> = self.at(robot, grid).collect();
             fit_frames(
                 &mut chain,
                 &samples,
                 &free,
-                ResidualFrame::ToolPoint(scales),
+                ResidualFrame::TOOL_POINT_TOOL_LENGTH,
             );
         }
         let fitted = |pose| GaugeFrame {

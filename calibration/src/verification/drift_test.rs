@@ -115,12 +115,13 @@ impl DriftTest {
         self.rest / self.freedom.max(1) as f64
     }
 
-    /// Returns the significant hypotheses, at most `MOST`, in the order in which they were found.
-    pub fn choose(&self, false_alarms: f64) -> Vec<Choice> {
+    /// Returns the significant ones among the hypotheses that `is_allowed`, at most `MOST`, in the order in which they were
+    /// found.
+    pub fn choose(&self, false_alarms: f64, is_allowed: impl Fn(usize) -> bool) -> Vec<Choice> {
         let mut chosen: Vec<Choice> = Vec::new();
         while chosen.len() < MOST {
             let taken: Vec<usize> = chosen.iter().map(|c| c.hypothesis).collect();
-            let Some(next) = self.next(&taken, false_alarms) else {
+            let Some(next) = self.next(&taken, false_alarms, &is_allowed) else {
                 break;
             };
             chosen.push(next);
@@ -128,10 +129,16 @@ impl DriftTest {
         chosen
     }
 
-    /// Returns the best hypothesis beside those that were taken, if it is significant.
-    fn next(&self, taken: &[usize], false_alarms: f64) -> Option<Choice> {
+    /// Returns the best allowed hypothesis beside those that were taken, if it is significant.
+    fn next(
+        &self,
+        taken: &[usize],
+        false_alarms: f64,
+        is_allowed: &impl Fn(usize) -> bool,
+    ) -> Option<Choice> {
         let known = self.columns(taken);
         let candidates: Vec<(usize, Columns)> = (0..self.effects.len())
+            .filter(|h| is_allowed(*h))
             .filter(|h| taken.iter().all(|t| self.parts[*t] != self.parts[*h]))
             .map(|h| (h, self.beside(h, &known)))
             .filter(|(_, q)| !q.is_empty())

@@ -36,7 +36,9 @@ use crate::numeric::statistics::ErrorSummary;
 use crate::validation::held_out::HeldOutPose;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, DriftTest, columns};
-use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitivity};
+use crate::verification::estimate::{
+    Fit, alternatives, can_be_found, change, lengths, sensitivity,
+};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Report, RowError};
 use crate::verification::whitened::Whitened;
@@ -104,14 +106,16 @@ pub fn check(
     let y = &weighed.y;
     let (white, free) = (weighed.whiten(y), columns(&weighed.whiten(&nuisance)));
     let test = DriftTest::new(&white, &free, &effects, numbers, weighed.absent);
-    let choices = test.choose(options.false_alarms);
-    let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
-    let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &all[*h]).collect();
-    let fit = Fit::new((y, &weighed.factor), &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
     let sensitivity = sensitivity(&test, &all, options.false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);
     }
+    let choices = test.choose(options.false_alarms, |h| {
+        can_be_found(&all[h], &sensitivity)
+    });
+    let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
+    let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &all[*h]).collect();
+    let fit = Fit::new((y, &weighed.factor), &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
     let reach = test.reach() * test.variance().sqrt();
     let changes = choices.iter().enumerate().map(|(i, choice)| Change {
         or_else: alternatives(&test, &all, &taken, i, options.false_alarms),

@@ -10,7 +10,7 @@ use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::rotation::nearest_rotation;
-use poegp_calibration::numeric::statistics::{PoseError, Summary};
+use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError, Summary};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
@@ -250,5 +250,26 @@ fn offsets_that_an_arm_has_are_found() {
         let error = PoseError::between(&blob.predict(&joints, None).pose, &stands);
         assert!(error.position_mm < 5e-3, "{error:?}");
         assert!(error.orientation_mrad.unwrap() < 5e-3, "{error:?}");
+    }
+}
+
+/// The fit of joint offsets weighs rotations as the base and tool of the drawing do, so that offsets bring positions nearer.
+#[test]
+fn joint_offsets_bring_positions_nearer_than_the_drawing() {
+    let (robot, _) = sets::arm();
+    let train = sets::simulated(&robot, "train");
+    for method in [Method::Poe, Method::Elastic] {
+        let (blob, _) = model(method, &train[..100]);
+        let frames: Vec<Pose<f64>> = blob.blob().geometry.nominal.iter().map(frame).collect();
+        let kinds: Vec<_> = blob.blob().robot.joints.iter().map(|j| j.kind).collect();
+        let drawing = Poe::new(&kinds, &frames).unwrap();
+        let flange_from_target = Pose::from_rows(&blob.host().gauge.flange_from_target);
+        let predicted = trained(&blob);
+        let found = JointOffsets::new(&predicted, &drawing, &flange_from_target, None);
+        let mean = |errors: &ErrorSummary| errors.position_mm.mean;
+        let drawn = mean(&predicted.distances(&drawing));
+        let (zeros, alone) = (mean(&found.error), mean(&found.base_and_tool));
+        eprintln!("{}: {zeros}, {alone}, drawn {drawn} mm", method.name());
+        assert!(zeros < 0.95 * drawn && alone < 1.02 * drawn, "{found:?}");
     }
 }

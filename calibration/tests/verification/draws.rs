@@ -38,10 +38,10 @@ fn one_hypothesis_is_an_f_test() {
 #[test]
 fn p_values_are_those_of_f() {
     // 3 f.ppf(0.99, 3, 100) = 11.951, and 3 f.ppf(0.995, 3, 100) = 13.626.
-    assert!(one_test(11.6_f64.sqrt()).choose(0.01).is_empty());
-    let found = one_test(12.4_f64.sqrt()).choose(0.01);
+    assert!(one_test(11.6_f64.sqrt()).choose(0.01, |_| true).is_empty());
+    let found = one_test(12.4_f64.sqrt()).choose(0.01, |_| true);
     assert_eq!(found.len(), 1);
-    let found = one_test(13.626_f64.sqrt()).choose(0.01);
+    let found = one_test(13.626_f64.sqrt()).choose(0.01, |_| true);
     assert!((found[0].p_value / 0.005 - 1.0).abs() < 0.3, "{found:?}");
 }
 
@@ -57,9 +57,9 @@ fn what_is_free_is_not_found_and_what_looks_the_same_is_said() {
     });
     let effects = [vec![column(0)], vec![column(0), column(1)]];
     let free = DriftTest::new(&y, &vec![column(0)], &effects, vec![0, 1], 0);
-    assert!(free.choose(0.01).is_empty());
+    assert!(free.choose(0.01, |_| true).is_empty());
     let test = DriftTest::new(&y, &Vec::new(), &effects, vec![0, 1], 0);
-    let found = test.choose(0.01);
+    let found = test.choose(0.01, |_| true);
     assert_eq!((found.len(), found[0].hypothesis), (1, 0));
     assert!(test.explain(&[1], 0, 0.01));
     let (effect, own) = test.visible(0, 1);

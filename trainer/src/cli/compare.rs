@@ -72,8 +72,8 @@ pub struct HeldOutPart {
 /// `trainer compare`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Example: trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5\n\
-    Example: trainer compare --robot abb-irb120 touches.csv --blob before.blob --blob after.blob"
+    after_help = "Examples:\n  trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5\n  \
+    trainer compare --robot abb-irb120 touches.csv --blob before.blob --blob after.blob"
 )]
 pub struct Compare {
     /// Measurements for training and cross-validation; with --blob, touches.

@@ -80,8 +80,8 @@ struct StdSummary {
 #[command(
     after_help = "With touches, the command keeps the arm of the blob and fits features and tips to it. It prints by how much the touches \
     miss each feature, beside the same for the arm as drawn.\n\n\
-    Example: trainer evaluate arm.blob test.csv --predictions predicted.csv --json -\n\
-    Example: trainer evaluate arm.blob touches.csv --features touches.toml"
+    Examples:\n  trainer evaluate arm.blob test.csv --predictions predicted.csv --json -\n  \
+    trainer evaluate arm.blob touches.csv --features touches.toml"
 )]
 pub struct Evaluate {
     /// Model (`.blob`).

@@ -23,10 +23,10 @@ const SHOWN: usize = 3;
 #[command(
     after_help = "A column map states the meaning and the unit of each column. A preset is a map for a known file; without --map and \
     --preset, the preset whose columns are all in the header is used, if there is exactly one.\n\n\
-    Example: trainer import log.csv --preset kuka --out measured.csv\n\
-    Example: trainer import points.txt joints.csv --preset spatial-analyzer --out measured.csv\n\
-    Example: trainer import tracker.txt --map map.toml --out measured.csv\n\
-    Example: trainer import data/panda --preset mukca --distance 50 --out touches.csv"
+    Examples:\n  trainer import log.csv --preset kuka --out measured.csv\n  \
+    trainer import points.txt joints.csv --preset spatial-analyzer --out measured.csv\n  \
+    trainer import tracker.txt --map map.toml --out measured.csv\n  \
+    trainer import data/panda --preset mukca --distance 50 --out touches.csv"
 )]
 pub struct Import {
     /// Measurements; if the joints are in a second file, first the poses or points, then the joints. With the

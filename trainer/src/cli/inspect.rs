@@ -15,6 +15,7 @@ use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::signing::id_text;
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::measurement::sample::ToolName;
 
 /// `trainer inspect`.
 #[derive(Debug, Args)]
@@ -106,6 +107,9 @@ fn document(loaded: &BlobModel) -> Value {
         "data_sha256": p.data_sha256.iter().map(|b| format!("{b:02x}")).collect::<String>(),
         "instrument_from_base": host.gauge.instrument_from_base,
         "flange_from_target": host.gauge.flange_from_target,
+        "tools": tools(loaded).iter().map(|(name, pose)| json!({
+            "session": name.session, "target": name.target, "flange_from_target": pose.to_rows()
+        })).collect::<Vec<_>>(),
         "gauge": {"base": source_name(host.gauge.base), "tool": source_name(host.gauge.tool),
                   "grid_ranges": host.gauge.ranges.as_slice(), "grid_payload_kg": host.gauge.payload_kg},
         "warnings": blob.warnings.iter().map(|c| c.name()).collect::<Vec<_>>(),
@@ -117,6 +121,15 @@ fn document(loaded: &BlobModel) -> Value {
             "command": size.map_or(0, |size| size.command_bound()),
         },
     })
+}
+
+/// Returns the tools that the blob names, with `flange_from_target` of each.
+fn tools(loaded: &BlobModel) -> Vec<(&ToolName, Pose<f64>)> {
+    let first = Pose::from_rows(&loaded.host().gauge.flange_from_target);
+    let named = loaded.tools().iter();
+    named
+        .map(|(name, first_from_own)| (name, first * *first_from_own))
+        .collect()
 }
 
 /// Returns the signature part of the blob, if it has one.
@@ -268,11 +281,23 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     report.line(format_args!("  {}", predictive_std_line(blob)));
     report.line("");
     print_joints(report, blob);
-    for (name, pose) in [
-        ("instrument_from_base", &host.gauge.instrument_from_base),
-        ("flange_from_target", &host.gauge.flange_from_target),
-    ] {
-        let pose = Pose::from_rows(pose);
+    let mut frames = vec![
+        (
+            "instrument_from_base".to_owned(),
+            Pose::from_rows(&host.gauge.instrument_from_base),
+        ),
+        (
+            "flange_from_target".to_owned(),
+            Pose::from_rows(&host.gauge.flange_from_target),
+        ),
+    ];
+    let named = tools(loaded);
+    if named.len() > 1 {
+        frames.pop();
+        let named = named.into_iter();
+        frames.extend(named.map(|(name, pose)| (format!("flange_from_target of {name}"), pose)));
+    }
+    for (name, pose) in frames {
         let (w, v) = pose.quaternion();
         let t = 1e3 * pose.translation;
         report.line(format_args!(

@@ -23,8 +23,8 @@ use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
 #[command(
     after_help = "Writes train.csv and test1.csv … into DIR; the test sets also have the noiseless poses. With --touch it writes \
     touches.csv, their features touches.toml, and truth.csv, the true position of the tip at 300 other poses.\n\n\
-    Example: trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell\n\
-    Example: trainer simulate --robot ur10 --touch socket2,wire1 --touches 40 --out touched"
+    Examples:\n  trainer simulate --robot abb-irb4400-serial --poses 300 --payloads 1,2.5,3.5,5,7.5 --seed 1 --out cell\n  \
+    trainer simulate --robot ur10 --touch socket2,wire1 --touches 40 --out touched"
 )]
 pub struct Simulate {
     #[command(flatten)]

@@ -19,6 +19,10 @@ const SAME_ARM_M: f64 = 1e-3;
 /// Largest rotation between two descriptions of one nominal arm, in radians.
 const SAME_ARM_RAD: f64 = 1e-3;
 
+/// What a file of links and joints leaves out where joints are coupled, as part of a sentence.
+pub const COUPLING: &str =
+    "the coupling of the joints: joint values are those of the chain, q_serial = C q";
+
 /// Why the frames of a loaded blob always form a chain, as a message of `expect`.
 const HAS_JOINTS: &str = "a blob that loads has 1 to 8 joints and a frame more";
 
@@ -62,7 +66,8 @@ pub struct CalibratedChain {
     pub fit: Option<NearestChain>,
     /// Distances of chain and drawing from the model.
     pub distance: Distance,
-    /// Parts of the model that no chain can hold, each as part of a sentence.
+    /// Parts of the model that no chain can hold, each as part of a sentence. The coupling is not among them, because tables
+    /// state it.
     pub not_carried: Vec<String>,
     /// Names of the tools after the first.
     pub other_tools: Vec<String>,
@@ -156,12 +161,6 @@ impl CalibratedChain {
         if let Some(robot) = chain.built_in() {
             chain.joints = robot.joints;
         }
-        if chain.coupling.is_some() {
-            chain.not_carried.push(
-                "the coupling of the joints: joint values are those of the chain, q_serial = C q"
-                    .to_owned(),
-            );
-        }
         chain
     }
 
@@ -173,6 +172,13 @@ impl CalibratedChain {
     /// Returns the nominal chain from base to target.
     pub fn drawing(&self) -> Poe<f64> {
         chain_of(&self.joints, &self.nominal)
+    }
+
+    /// Returns what a file of links and joints leaves out of the model, each as part of a sentence.
+    pub fn not_in_links(&self) -> Vec<String> {
+        let mut out = self.not_carried.clone();
+        out.extend(self.coupling.is_some().then(|| COUPLING.to_owned()));
+        out
     }
 
     /// Returns the limits of joint `i`, in rad or m; `None` for a coupled joint, whose limits are those of the controller.

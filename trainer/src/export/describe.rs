@@ -37,15 +37,22 @@ pub(super) fn against_drawing(error: &ErrorSummary, distance: &Distance) -> [Str
     ]
 }
 
-/// Returns the lines at the beginning of every exported text.
-pub(super) fn comments(chain: &CalibratedChain) -> Vec<String> {
+/// Returns the lines at the beginning of an exported text that leaves these parts of the model out.
+pub(super) fn comments(chain: &CalibratedChain, left_out: &[String]) -> Vec<String> {
     let mut out = chain.provenance.clone();
     out.extend(accuracy(chain));
-    if !chain.not_carried.is_empty() {
-        let left_out = chain.not_carried.join("; ");
-        out.push(format!("not in this file: {left_out}"));
+    if !left_out.is_empty() {
+        out.push(format!("not in this file: {}", left_out.join("; ")));
     }
+    out.extend(target_of(chain));
     out
+}
+
+/// Says whose target a file has, if the model has several.
+pub fn target_of(chain: &CalibratedChain) -> Option<String> {
+    let others = chain.other_tools.join(", ");
+    (!others.is_empty())
+        .then(|| format!("the target is that of the first tool; not that of {others}"))
 }
 
 /// Describes distances from the model.

@@ -7,7 +7,7 @@ use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 use crate::export::CalibratedChain;
-use crate::export::describe::{against_drawing, distance, distance_json, region};
+use crate::export::describe::{against_drawing, distance, distance_json, region, target_of};
 use crate::export::format::{decimals, rounded};
 use crate::export::gauge;
 use crate::export::tables::{origin, pose, quoted};
@@ -62,7 +62,8 @@ pub fn moves(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
 /// Returns the file as TOML.
 pub fn to_toml(chain: &CalibratedChain, zeros: &JointOffsets) -> String {
     let mut out = String::new();
-    for line in chain.provenance.iter().chain(&accuracy(chain, zeros)) {
+    let lines = accuracy(chain, zeros).into_iter().chain(target_of(chain));
+    for line in chain.provenance.iter().cloned().chain(lines) {
         let _ = writeln!(out, "# {line}");
     }
     let _ = writeln!(

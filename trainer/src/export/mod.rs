@@ -2,8 +2,9 @@
 //! rows, joint zeros, a C header.
 //!
 //! Other programs know only chains of frames, so all of them get the calibrated chain of a blob ([`CalibratedChain`]): the
-//! same poses to a nanometre in every format. What no chain can hold (gravity, gear ripple, Gaussian processes, coupled
-//! joints) is left out and named ([`CalibratedChain::not_carried`]); only the C header has the whole model.
+//! same poses to a nanometre in every format. What no chain can hold (gravity, gear ripple, Gaussian processes) is
+//! left out and named ([`CalibratedChain::not_carried`]), and so is the coupling in files of links and joints; only the C
+//! header has the whole model.
 //!
 //! The poses of a chain do not determine its frames: a joint's frame may slide along the joint's own axis and turn about it
 //! without moving the target. [`gauge`] uses that freedom to keep every link where the nominal description has it, so that

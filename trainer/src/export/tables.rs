@@ -71,7 +71,7 @@ impl Table {
             }
             _ => "A joint's origin is in the frame before; it acts about (or along) its axis.",
         };
-        let mut out = comments(chain);
+        let mut out = comments(chain, &chain.not_carried);
         out.push(format!("Metres and radians. {meaning}"));
         out
     }

@@ -188,7 +188,7 @@ impl UrKinematics {
 
     /// Returns the lines before the numbers of a file.
     pub(super) fn comments(&self, chain: &CalibratedChain) -> Vec<String> {
-        let mut out = comments(chain);
+        let mut out = comments(chain, &chain.not_carried);
         out.push(
             "metres and radians; each frame in the one before, the first in base_link_inertia (the controller's base)"
                 .to_owned(),

@@ -192,7 +192,7 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
 
 /// Returns an XML comment on the calibration.
 pub(super) fn comment(chain: &CalibratedChain) -> String {
-    let mut lines = comments(chain);
+    let mut lines = comments(chain, &chain.not_in_links());
     lines.push(format!(
         "the target in the flange (the tip): xyz {} m, rpy {} rad",
         three(xyz(&chain.flange_from_target), " "),

@@ -103,6 +103,15 @@ pub fn rounded(value: f64, decimals: usize) -> String {
     }
 }
 
+/// Renders a sentence that a terminal shows, too: the text between two backticks is code.
+pub fn sentence(text: &str) -> Markup {
+    html! {
+        @for (i, part) in text.split('`').enumerate() {
+            @if i % 2 == 0 { (part) } @else { code { (part) } }
+        }
+    }
+}
+
 /// A part of the page under a heading.
 #[derive(Debug)]
 pub struct Section {
@@ -140,7 +149,7 @@ impl Section {
     pub fn missing(mut self, why: impl AsRef<str>) -> Self {
         self.close_figures();
         self.blocks
-            .push(html! { p class="missing" { (why.as_ref()) } });
+            .push(html! { p class="missing" { (sentence(why.as_ref())) } });
         self
     }
 
@@ -151,7 +160,7 @@ impl Section {
             figure {
                 figcaption { (finding) }
                 (svg)
-                @if !note.is_empty() { p class="note" { (note) } }
+                @if !note.is_empty() { p class="note" { (sentence(note)) } }
             }
         });
         self
@@ -308,7 +317,7 @@ impl Page {
                     style { (PreEscaped(STYLE)) }
                 }
                 body {
-                    header { h1 { (self.title) } p { (self.subtitle) } }
+                    header { h1 { (self.title) } p { (sentence(&self.subtitle)) } }
                     main {
                         @for (i, section) in self.sections.iter().enumerate() {
                             section id=(section.id) {

@@ -103,6 +103,11 @@ fn every_description_has_the_poses_of_the_chain() {
                     .unwrap()
                     .coupling
             );
+            // A table has the coupling, and a URDF says that it has none.
+            let says = |file: &str| folder.text(file).contains("the coupling of the joints");
+            assert!(says("new.urdf") && !says("dh.toml") && !says("poe.toml"));
+            let document = folder.run("export arm.blob --poe a.toml --json -").ok();
+            assert_eq!(document.json()["not_carried"], serde_json::json!([]));
         }
         folder
             .run("export arm.blob --dh dh.json --poe -")

@@ -132,6 +132,38 @@ fn several_targets_on_one_tool() {
     assert!(set.get("orientation_mrad").is_none());
 }
 
+/// `inspect` shows the tool of each session, and an export says whose target it has.
+fn the_blobs_tools_are_shown(folder: &Folder) {
+    let document = folder.run("inspect arm.blob --json -").ok().json();
+    let pose = |of: &Value| -> Pose<f64> {
+        let rows: Vec<f64> = serde_json::from_value(of["flange_from_target"].clone()).unwrap();
+        Pose::from_rows(&rows.try_into().unwrap())
+    };
+    let tools = document["tools"].as_array().unwrap();
+    let names: Vec<&Value> = tools.iter().map(|tool| &tool["session"]).collect();
+    assert_eq!(names, ["monday", "tuesday"]);
+    let apart = |a: &Pose<f64>, b: &Pose<f64>| (a.inverse() * *b).log().to_array();
+    assert!(
+        apart(&pose(&document), &pose(&tools[0]))
+            .iter()
+            .all(|x| x.abs() < 1e-9)
+    );
+    let missed = apart(&(pose(&tools[0]) * tool(1)), &pose(&tools[1]));
+    assert!(missed.iter().all(|x| x.abs() < 3e-4), "{missed:?}");
+    let text = folder.run("inspect arm.blob").ok().stdout;
+    assert!(
+        text.contains("flange_from_target of session \"tuesday\": "),
+        "{text}"
+    );
+    folder
+        .run("export arm.blob --dh dh.toml --joint-offsets zeros.toml --out a.urdf")
+        .ok();
+    let said = "the target is that of the first tool; not that of session \"tuesday\"";
+    for file in ["dh.toml", "zeros.toml", "a.urdf"] {
+        assert!(folder.text(file).contains(said), "{file}");
+    }
+}
+
 /// A calibration of two sessions, and a third session that the blob does not contain.
 #[test]
 fn sessions() {
@@ -149,6 +181,7 @@ fn sessions() {
     }
     let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
     folder.run(&line).ok();
+    the_blobs_tools_are_shown(&folder);
     for known in ["monday", "tuesday"] {
         let set = evaluated(&folder, known, "");
         println!("session {known}: {:.4} mm", position(&set));

@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use serde_json::{Value, json};
+
 use crate::program::{Folder, changed};
 use crate::report::{check_numbers, check_page};
 use crate::texts::texts;
@@ -283,6 +285,35 @@ fn touches_show_whether_a_calibration_holds() {
 }
 
 /// A project of touches gives the same bytes, and names the features file with its checksum.
+/// Touches of another arm leave errors that no joint explains. A joint that touches hardly see is not blamed for them: its
+/// zero would be off by any number of degrees, and the tip by metres.
+#[test]
+fn a_joint_that_touches_do_not_show_is_not_blamed() {
+    let folder = Folder::new();
+    for line in [
+        "simulate --robot ur10 --touch socket2,plane1 --touches 40 --seed 1 --out one",
+        "simulate --robot ur10 --touch socket2,plane1 --touches 30 --seed 2 --out other",
+        "calibrate --robot ur10 one/touches.csv --out one.blob",
+    ] {
+        folder.run(line).ok();
+    }
+    let outcome = folder.run("check one.blob other/touches.csv --max-mm 1 --json -");
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let found = outcome.json();
+    let found = &found["touches"];
+    let sensitivity = found["sensitivity"].as_array().unwrap();
+    let unseen = sensitivity.iter().filter(|s| s["smallest"].is_null());
+    let unseen: Vec<&Value> = unseen.map(|s| &s["part"]).collect();
+    assert!(unseen.contains(&&json!({ "joint": 1 })), "{found:#}");
+    let changes = found["changes"].as_array().unwrap();
+    assert!(!changes.is_empty());
+    for change in changes {
+        assert!(!unseen.contains(&&change["part"]), "{change:#}");
+    }
+    let effect = found["effect_mm"]["max"].as_f64().unwrap();
+    assert!(effect < 20.0, "{effect} mm");
+}
+
 #[test]
 fn a_project_of_touches_repeats_its_blob() {
     let _texts = texts();

@@ -31,7 +31,9 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::Summary;
 use crate::validation::touches::{flanges, gravity};
 use crate::verification::drift_test::{Columns, DriftTest, columns};
-use crate::verification::estimate::{Fit, alternatives, change, lengths, sensitivity};
+use crate::verification::estimate::{
+    Fit, alternatives, can_be_found, change, lengths, sensitivity,
+};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, CheckError, Sensitivity};
 use crate::verification::touches::rows::{ArmAtTouches, Rows};
@@ -124,15 +126,17 @@ pub fn check_touches(
             needed: problem.states.len() + missing.div_ceil(each.max(1)),
         });
     }
-    let choices = test.choose(false_alarms);
-    let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
-    let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &weighed.all[*h]).collect();
-    let found =
-        Fit::new((&rows.y, &weighed.factor), &rows.free, &chosen).ok_or(CheckError::Unsolvable)?;
     let mut sensitivity = sensitivity(&test, &weighed.all, false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);
     }
+    let choices = test.choose(false_alarms, |h| {
+        can_be_found(&weighed.all[h], &sensitivity)
+    });
+    let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
+    let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &weighed.all[*h]).collect();
+    let found =
+        Fit::new((&rows.y, &weighed.factor), &rows.free, &chosen).ok_or(CheckError::Unsolvable)?;
     let size = sensitivity.pop_if(|s| s.part == Part::Size);
     let reach = test.reach() * test.variance().sqrt();
     let changes = choices.iter().enumerate().map(|(i, choice)| Change {

@@ -46,11 +46,11 @@ const RATES: (f64, f64) = (0.001, 0.2);
 #[command(
     after_help = "Ten to twenty poses, spread over the joints as in training. The calibration does not hold (exit code 1) if \
     --max-mm is not met, or if a detected drift moves the target by more than --max-drift-mm on average.\n\n\
-    Example: trainer check arm.blob monday.csv --max-mm 0.15\n\
-    Example: trainer check arm.blob touches.csv --features touches.toml --max-mm 0.3\n\
-    Example: trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n\
-    Example: trainer check arm.blob monday.csv --max-mm 0.15 --programs corrected\n\
-    Example: trainer check arm.blob monday.csv --max-mm 0.15 --fit-base   (the tracker was moved)"
+    Examples:\n  trainer check arm.blob monday.csv --max-mm 0.15\n  \
+    trainer check arm.blob touches.csv --features touches.toml --max-mm 0.3\n  \
+    trainer check arm.blob monday.csv --max-mm 0.15 --report monday.html\n  \
+    trainer check arm.blob monday.csv --max-mm 0.15 --programs corrected\n  \
+    trainer check arm.blob monday.csv --max-mm 0.15 --fit-base   (the tracker was moved)"
 )]
 pub struct Check {
     /// Model (`.blob`).

@@ -11,7 +11,7 @@ use crate::report::chart::{Axis, Brush, Plot, Series};
 use crate::report::data::drawn;
 use crate::report::sections::headline::tile;
 use crate::report::sections::poses::{joint_columns, joint_fields, left_out};
-use crate::report::{Column, Number, Page, Provenance, Section, rounded, sections};
+use crate::report::{Column, Number, Page, Provenance, Section, rounded, sections, sentence};
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::numeric::statistics::Summary;
@@ -266,7 +266,7 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
 pub(super) fn moved(f: &Changes<'_>) -> Section {
     let mut section = Section::new("moved", "What has moved");
     if let Some(text) = f.unknown_error {
-        section = section.text(html! { (text) });
+        section = section.text(sentence(text));
     }
     let rate = html! {
         "Of a hundred checks of an arm to which nothing happened, "
@@ -279,15 +279,20 @@ pub(super) fn moved(f: &Changes<'_>) -> Section {
     }
     let mut rows = Vec::new();
     for (i, change) in f.changes.iter().enumerate() {
+        // It belongs to the whole change, not to a component.
+        let p = html! {
+            @if change.p_value < wording::LEAST_P { "< " (wording::LEAST_P) }
+            @else { (Number::new(change.p_value, 4, format!("{}/changes/{i}/p_value", f.at))) }
+        };
         if sizes(change).is_empty() {
             let undetermined = html! { (wording::UNDETERMINED) };
             rows.push(vec![
                 html! { (wording::part(change.part)) },
                 undetermined,
-                html! {},
+                p.clone(),
             ]);
         }
-        for (what, estimate, unit, decimals, key) in sizes(change) {
+        for (k, (what, estimate, unit, decimals, key)) in sizes(change).into_iter().enumerate() {
             let location = format!("{}/changes/{i}/{key}", f.at);
             rows.push(vec![
                 html! { (wording::part(change.part)) " " (what) },
@@ -295,10 +300,7 @@ pub(super) fn moved(f: &Changes<'_>) -> Section {
                     (Number::new(estimate.value, decimals, format!("{location}/value"))) " ± "
                     (Number::new(estimate.plus_minus, decimals, format!("{location}/plus_minus"))) " " (unit)
                 },
-                html! {
-                    @if change.p_value < wording::LEAST_P { "< " (wording::LEAST_P) }
-                    @else { (Number::new(change.p_value, 4, format!("{}/changes/{i}/p_value", f.at))) }
-                },
+                html! { @if k == 0 { (p) } },
             ]);
         }
     }

@@ -10,7 +10,10 @@ use serde_json::json;
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
-use crate::export::describe::{accuracy, describe, distance_json, region as describe_region};
+use crate::export::calibrated_chain::COUPLING;
+use crate::export::describe::{
+    accuracy, describe, distance_json, region as describe_region, target_of,
+};
 use crate::export::urdf::{Changes, changes, minimal};
 use crate::export::{
     CalibratedChain, Table, c_header, csv, dh, gauge, joint_zeros, mjcf, poe,
@@ -26,14 +29,14 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 /// `trainer export`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Give at least one output. Each holds the calibrated chain of the blob, to a nanometre. The command names what a \
-    file cannot hold (gravity, ripple, Gaussian processes). If the model has some of these, the chain is the one whose poses \
-    are closest to the model's over a region and its payloads. Each file states how far the chain is from the model, beside \
-    the drawing. A chain that is no closer than the drawing is not written, and the exit code is 1. Only the C header holds \
+    after_help = "Give at least one output. Each holds the calibrated chain of the blob, to a nanometre (the floats of a C \
+    header: to tenths of a micrometre). The command names what a file cannot hold (gravity, ripple, Gaussian processes). If \
+    the model has some of these, the chain is the one whose poses are closest to the model's over a region and its payloads. \
+    Each file states how far the chain is from the model, beside the drawing. A chain that is no closer than the drawing is not written, and the exit code is 1. Only the C header holds \
     the whole model.\n\n\
-    Example: trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf --payload-kg 5\n\
-    Example: trainer export arm.blob --mjcf arm.xml --region 15@0,-20,30,0,45,0\n\
-    Example: trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"
+    Examples:\n  trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf --payload-kg 5\n  \
+    trainer export arm.blob --mjcf arm.xml --region 15@0,-20,30,0,45,0\n  \
+    trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"
 )]
 pub struct Export {
     /// Model (`.blob`).
@@ -170,11 +173,16 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
         files.push((path, text));
     }
     let names: Vec<&Path> = files.iter().map(|(path, _)| *path).collect();
+    let has_links = a.out.is_some() || a.mjcf.is_some();
+    let mut left_out = chain.not_carried.clone();
+    left_out.extend(
+        (has_links && chain.coupling.is_some()).then(|| format!("in URDF and MJCF {COUPLING}")),
+    );
     let mut summary = json!({
         "robot": chain.name,
         "files": names,
         "remarks": said,
-        "not_carried": chain.not_carried,
+        "not_carried": left_out,
         "other_tools": chain.other_tools,
         "distance": match &zeros {
             Some((_, zeros)) => joint_zeros::distances(&chain, zeros),
@@ -209,7 +217,7 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     for line in said {
         report.line(format_args!("  {line}"));
     }
-    if !chain.not_carried.is_empty() && has_chain {
+    if !left_out.is_empty() && has_chain {
         report.line(format_args!(
             "Not in these files, which hold a chain of frames only{}: {}",
             if a.c_header.is_some() {
@@ -217,14 +225,11 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
             } else {
                 ""
             },
-            chain.not_carried.join("; ")
+            left_out.join("; ")
         ));
     }
-    if !chain.other_tools.is_empty() {
-        report.line(format_args!(
-            "The target is that of the first tool; not that of {}",
-            chain.other_tools.join(", ")
-        ));
+    if let Some(line) = target_of(&chain) {
+        report.line(format_args!("  {line}"));
     }
     Ok(summary)
 }
@@ -251,10 +256,15 @@ fn nearer_than_the_drawing(
     if own < drawing {
         return Ok(());
     }
+    let whole = chain.distance.chain.position_mm.mean;
+    let help = match whole < drawing {
+        true => format!("a file of the whole chain, such as --dh, is {whole:.3} mm from the model"),
+        false => "use the drawing; `trainer inspect` shows base and tool".to_owned(),
+    };
     Err(Failure::Quality(format!(
         "nothing written: {what} would be {own:.3} mm from the model in the mean, no nearer than the {drawing:.3} mm of the drawing \
          with the model's base and tool, over {}\n\
-         help: use the drawing; `trainer inspect` shows base and tool",
+         help: {help}",
         describe_region(&chain.distance.region, &chain.joints)
     )))
 }

@@ -4,7 +4,7 @@
 use maud::{Markup, html};
 use serde::Serialize;
 
-use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section};
+use crate::report::{HeldOutSummary, Number, Provenance, ReportData, Section, sentence};
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::learning::elastic::warm_up::WarmUpReport;
 use poegp_calibration::model::frame_changes::FrameChange;
@@ -285,7 +285,7 @@ pub fn choice(
             };
             section = section
                 .text(html! {
-                    (reason) ". Held-out errors of this page that are by the same folds flatter it a little; those of test "
+                    (sentence(reason)) ". Held-out errors of this page that are by the same folds flatter it a little; those of test "
                     "files do not."
                 })
                 .table(
@@ -295,8 +295,8 @@ pub fn choice(
         }
     }
     for warning in warnings {
-        section =
-            section.text(html! { b { "Warning (" (warning.cause) "): " } (warning.text) "." });
+        section = section
+            .text(html! { b { "Warning (" (warning.cause) "): " } (sentence(&warning.text)) "." });
     }
     if let Some(rows) = budget {
         let row = |(i, r): (usize, &BudgetTrial)| {

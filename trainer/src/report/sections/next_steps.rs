@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use crate::report::{Number, Section};
+use crate::report::{Number, Section, sentence};
 use poegp_calibration::validation::next_steps::{NextSteps, Step};
 
 /// Returns the section with the steps in order of their gain, or with a sentence that none is worthwhile.
@@ -12,7 +12,7 @@ pub fn next_steps(found: Option<&NextSteps>) -> Section {
         return section.missing("Not shown: nothing was examined.");
     };
     section = section.block(html! {
-        p { b { (found.verdict) "." } @if let Some(why) = &found.why { " " (why) "." } }
+        p { b { (found.verdict) "." } @if let Some(why) = &found.why { " " (sentence(why)) "." } }
     });
     if !found.steps.is_empty() {
         let steps = found.steps.iter().enumerate();
