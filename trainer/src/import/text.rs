@@ -264,8 +264,8 @@ fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputE
     let end = all.len().saturating_sub(layout.skip_last_lines);
     let kept = all[..end].iter().enumerate().skip(layout.skip_lines);
     let is_error = |line: &str| {
-        let mut first = line.split_once([',', ';', '\t']).into_iter();
-        first.any(|(first, _)| is_spreadsheet_error(first.trim()))
+        line.split_once([',', ';', '\t'])
+            .is_some_and(|(first, _)| is_spreadsheet_error(first.trim()))
     };
     let is_row = |line: &str| !line.is_empty() && (!is_comment(line) || is_error(line));
     kept.filter(|(_, line)| is_row(line.trim()))
