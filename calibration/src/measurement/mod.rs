@@ -50,6 +50,7 @@ pub use crate::measurement::validate::{JointChecks, JointLimits};
 use sha2::{Digest, Sha256};
 
 pub use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSet};
+pub use crate::measurement::table::is_spreadsheet_error;
 
 use crate::input_error::InputError;
 

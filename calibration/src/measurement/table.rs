@@ -85,9 +85,30 @@ pub(super) enum Part<'a> {
     Record(usize, &'a StringRecord),
 }
 
-/// Returns whether a line is a comment or blank; `line` is trimmed.
+/// Returns whether a line is a comment or blank; `line` is trimmed. A row whose first field is an error of a spreadsheet is
+/// neither.
 pub(super) fn is_remark(line: &str) -> bool {
-    line.is_empty() || line.starts_with('#')
+    let is_row = |line: &str| {
+        line.split_once(',')
+            .is_some_and(|(first, _)| is_spreadsheet_error(first.trim()))
+    };
+    line.is_empty() || (line.starts_with('#') && !is_row(line))
+}
+
+/// Returns whether a spreadsheet writes this text into a cell without a value, in whatever language: `#DIV/0!`, `#WERT!`,
+/// `#NAME?`, `#N/A`, `#NV`, or `####` where the column is too narrow.
+pub fn is_spreadsheet_error(cell: &str) -> bool {
+    let Some(name) = cell.strip_prefix('#') else {
+        return false;
+    };
+    let is_name = !name.chars().any(|c| c.is_lowercase() || c.is_whitespace());
+    let is_narrow = name.len() > 1 && name.chars().all(|c| c == '#');
+    let is_letter = |part: &str| part.chars().count() == 1 && part.chars().all(char::is_alphabetic);
+    let is_unavailable = name == "NV"
+        || name
+            .split_once('/')
+            .is_some_and(|(a, b)| is_letter(a) && is_letter(b));
+    is_narrow || (is_name && (is_unavailable || name.ends_with(['!', '?'])))
 }
 
 /// Passes all parts of `text` to `show`, in order. `text` consists of whole records; its first line is number `first` of the

@@ -79,20 +79,29 @@ impl Robot {
             .and_then(|e| e.to_str())
             .unwrap_or("")
             .to_ascii_lowercase();
-        match extension.as_str() {
-            "urdf" | "xml" => urdf::parse(path, text, options),
+        let robot = match extension.as_str() {
+            "urdf" | "xml" => urdf::parse(path, text, options)?,
             "toml" => {
                 no_link_names(path, options)?;
-                toml_description::parse(path, text)
+                toml_description::parse(path, text)?
             }
-            "xacro" => Err(InputError::new(path, "a xacro file", "a URDF file")
-                .with_help("expand it first, for example `xacro robot.urdf.xacro > robot.urdf`")),
-            _ => Err(InputError::new(
-                path,
-                format!("the file name extension \"{extension}\""),
-                "\".urdf\", \".xml\" or \".toml\"",
-            )),
-        }
+            "xacro" => {
+                return Err(
+                    InputError::new(path, "a xacro file", "a URDF file").with_help(
+                        "expand it first, for example `xacro robot.urdf.xacro > robot.urdf`",
+                    ),
+                );
+            }
+            _ => {
+                return Err(InputError::new(
+                    path,
+                    format!("the file name extension \"{extension}\""),
+                    "\".urdf\", \".xml\" or \".toml\"",
+                ));
+            }
+        };
+        no_long_links(path, &robot)?;
+        Ok(robot)
     }
 
     /// Returns base_from_flange at the controller's joint values `q` (rad or m): a test oracle, written without the
@@ -115,6 +124,26 @@ impl Robot {
             pose = pose * moved * self.parent_from_joint[i + 1];
         }
         pose
+    }
+}
+
+/// Longest link of an arm, in m.
+const LONGEST_LINK: f64 = 100.0;
+
+/// Refuses lengths in millimetres that were read as metres. The base may be anywhere.
+fn no_long_links(file: &Path, robot: &Robot) -> Result<(), InputError> {
+    let links = robot.parent_from_joint[1..].iter().zip(&robot.joints);
+    let mut lengths = links.map(|(link, joint)| (normal_form::norm(&link.translation), joint));
+    match lengths.find(|(length, _)| *length > LONGEST_LINK) {
+        None => Ok(()),
+        Some((length, joint)) => Err(InputError::new(
+            file,
+            format!("a link of {length:.0} m after joint \"{}\"", joint.name),
+            format!("links of at most {LONGEST_LINK} m"),
+        )
+        .with_help(
+            "are these millimetres? A URDF is in metres, and a key of a TOML description ends in the unit",
+        )),
     }
 }
 

@@ -87,7 +87,7 @@ fn not_urdf(file: &Path, text: &str, error: &urdf_rs::UrdfError) -> InputError {
         Some((found, expected)) => InputError::new(file, found, expected),
         None => InputError::new(file, reason, "a URDF, XML with the root element <robot>"),
     };
-    if text.contains("xacro:") {
+    if ["xacro:", "${"].iter().any(|sign| text.contains(sign)) {
         return error.with_help(
             "expand the xacro first, for example `xacro robot.urdf.xacro > robot.urdf`",
         );
@@ -255,7 +255,9 @@ impl<'a> Reader<'a> {
         let roots: Vec<&'a str> = tree.links.iter().filter(is_root).copied().collect();
         match roots[..] {
             [root] => Ok(root),
-            [] => Err(self.error("no link", "a tree of links and joints")),
+            [] => Err(self
+                .error("no link", "a tree of links and joints")
+                .with_help("a URDF has the root element <robot>")),
             _ => Err(self
                 .error(
                     format!("several root links: {}", list(roots.iter().copied())),

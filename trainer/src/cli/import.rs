@@ -197,7 +197,12 @@ pub fn run(a: &Import) -> Result<(), Failure> {
             (Map::parse(&path, &text)?, text)
         }
     };
-    let imported = import_bytes(&a.files, &bytes, &map)?;
+    let imported = import_bytes(&a.files, &bytes, &map);
+    // The map of a preset that does not fit is the start of one that does.
+    if let (Err(_), Some(path)) = (&imported, &a.write_map) {
+        write_outputs(&[(path, text.as_bytes())])?;
+    }
+    let imported = imported?;
     let summary = summary_text(summary(&imported))?;
     let mut files: Vec<(&Path, &[u8])> = vec![(&a.out, imported.csv.as_bytes())];
     files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));

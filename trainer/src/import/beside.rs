@@ -128,10 +128,7 @@ impl<'a> Beside<'a> {
             row.sigma_mrad = above_zero(column, 1e3 * fields.radians(column, unit)?)?;
         }
         for reference in &self.references {
-            let missed = reference
-                .0
-                .iter()
-                .all(|column| fields.text(*column).is_empty());
+            let missed = reference.0.iter().all(|column| fields.is_missing(*column));
             let point = if missed {
                 Vector3::zeros()
             } else {

@@ -171,9 +171,9 @@ fn groups<'a>(
             },
             (None, None) => (text, String::new()),
         };
-        let empty = xyz.iter().any(|column| fields.text(*column).is_empty());
+        let is_missing = xyz.iter().any(|column| fields.is_missing(*column));
         let mut location = Vector3::zeros();
-        if !(empty && map.incomplete == Incomplete::LeaveOut) {
+        if !(is_missing && map.incomplete == Incomplete::LeaveOut) {
             for (x, column) in location.iter_mut().zip(xyz) {
                 *x = fields.millimetres(column, unit)?;
             }

@@ -31,15 +31,11 @@ pub struct Reflected {
 
 impl Reflected {
     /// Returns the reflectors that the instrument saw in this row, and their indices. The fields of a missed reflector are
-    /// empty or `0 0 0`.
+    /// empty, `NaN` or `0 0 0`.
     fn seen(&self, fields: &RowValues<'_>) -> Result<Seen, InputError> {
         let mut pairs = (Vec::new(), Vec::new());
         for (i, (columns, location)) in self.reflectors.iter().enumerate() {
-            if columns
-                .0
-                .iter()
-                .all(|column| fields.text(*column).is_empty())
-            {
+            if columns.0.iter().all(|column| fields.is_missing(*column)) {
                 continue;
             }
             let point = columns.read(fields)?;
@@ -133,7 +129,7 @@ impl PoseReader {
     }
 }
 
-/// Returns whether the instrument missed the target: a field of the pose is empty, the position is 0 0 0, or the
+/// Returns whether the instrument missed the target: a field of the pose is missing, the position is 0 0 0, or the
 /// reflectors that it saw do not span a plane.
 pub fn is_miss(fields: &RowValues<'_>, pose: &PoseReader) -> bool {
     let zero = |columns: &[usize], unit| {
@@ -154,7 +150,7 @@ pub fn is_miss(fields: &RowValues<'_>, pose: &PoseReader) -> bool {
         || pose
             .columns()
             .iter()
-            .any(|column| fields.text(*column).is_empty())
+            .any(|column| fields.is_missing(*column))
 }
 
 pub fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {

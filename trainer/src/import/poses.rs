@@ -73,7 +73,7 @@ pub fn rows(
             line: joint_line,
         };
         let is_empty = |fields: &RowValues<'_>, columns: &[usize]| {
-            columns.iter().any(|column| fields.text(*column).is_empty())
+            columns.iter().any(|column| fields.is_missing(*column))
         };
         if map.incomplete == Incomplete::LeaveOut
             && (is_miss(&fields, &pose)

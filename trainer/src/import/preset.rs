@@ -11,7 +11,7 @@ use toml::{Table as Toml, Value};
 use crate::import::column_map::drivers::Driver;
 use crate::import::column_map::{Decimal, Encoding, Layout, Separator};
 use crate::import::spreadsheet::is_zip;
-use crate::import::text::{Table, decoded, fields, heading};
+use crate::import::text::{Table, decoded, fields, heading, is_number};
 use crate::import::units::Unit;
 use poegp_calibration::input_error::InputError;
 
@@ -187,9 +187,9 @@ fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputErr
             .iter()
             .any(|mark| line.starts_with(mark.as_str()))
     };
-    let lines: Vec<&str> = text.lines().map(str::trim).collect();
-    let lines = lines
-        .into_iter()
+    let lines = text
+        .split(['\n', '\r'])
+        .map(str::trim)
         .filter(|line| !line.is_empty() && !is_comment(line));
     let lines: Vec<&str> = lines.take(LOOKED_AT).collect();
     let mut best = 0;
@@ -227,13 +227,4 @@ fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputErr
         }
     }
     Ok(())
-}
-
-fn is_number(field: &str, decimal: Decimal) -> bool {
-    let plain = match decimal {
-        Decimal::Point => field.to_owned(),
-        Decimal::Comma if field.contains('.') => return false,
-        Decimal::Comma => field.replace(',', "."),
-    };
-    plain.parse::<f64>().is_ok_and(f64::is_finite)
 }

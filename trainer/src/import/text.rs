@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::import::column_map::{ColumnName, Decimal, Encoding, Layout, Separator};
 use crate::import::spreadsheet::{self, is_zip};
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::is_spreadsheet_error;
 
 /// A row of trimmed fields.
 #[derive(Clone, Debug)]
@@ -46,6 +47,9 @@ impl Table {
                 )
                 .with_help("is skip_lines too large? A file without header has header_lines = 0"));
             };
+            if i < 2 {
+                check_header(path, &line, layout)?;
+            }
             match i {
                 0 => header = Some(line),
                 1 => units = Some(line),
@@ -54,13 +58,16 @@ impl Table {
         }
         let mut rows: Vec<Line> = kept.collect();
         let Some(first) = rows.first() else {
-            return Err(InputError::new(
-                path,
-                "no rows",
-                "one measurement a row after the header",
-            ));
+            return Err(
+                InputError::new(path, "no rows", "one measurement a row after the header")
+                    .with_help(format!(
+                        "lines that begin with {} are comments: comments in [file] of the map",
+                        layout.comments.join(" or ")
+                    )),
+            );
         };
         // A separator at the end of a row makes an empty field that is no column.
+        let named = header.as_ref().map_or(0, |header| header.fields.len());
         if let Some(header) = &mut header {
             while header.fields.len() > 1 && header.fields.last().is_some_and(String::is_empty) {
                 header.fields.pop();
@@ -81,6 +88,10 @@ impl Table {
                 };
                 let help = match (layout.separator, width, layout.decimal) {
                     (_, 1, _) => "is the separator another one?",
+                    _ if row.fields.len() == named => {
+                        "the header does not name the last column: header_lines = 0 and skip_lines give every column by \
+                         its number"
+                    }
                     (Separator::Comma, _, Decimal::Point) if row.fields.len() > width => {
                         "is the comma the decimal point?"
                     }
@@ -123,16 +134,18 @@ impl Table {
         fields.get(index).map_or("", String::as_str)
     }
 
-    /// Returns the unit that the header states for column `index`, and the line of that statement: in brackets behind the
-    /// name, or on the second line.
-    pub fn unit(&self, index: usize) -> Option<(usize, &str)> {
-        let header = self.header.as_ref()?;
-        let behind = heading(self.name(index)).1;
-        behind.map(|unit| (header.number, unit)).or_else(|| {
-            let units = self.units.as_ref()?;
+    /// Returns what the header states as the unit of column `index`, each with its line: on the second line, and in brackets
+    /// behind the name.
+    pub fn units(&self, index: usize) -> impl Iterator<Item = (usize, &str)> {
+        let below = self.units.as_ref().and_then(|units| {
             let text = units.fields.get(index).filter(|text| !text.is_empty())?;
             Some((units.number, heading(text).1.unwrap_or(text)))
-        })
+        });
+        let behind = self.header.as_ref().and_then(|header| {
+            let unit = heading(self.name(index)).1?;
+            Some((header.number, unit))
+        });
+        below.into_iter().chain(behind)
     }
 
     /// Returns the index of a column, from 0; else what was found and what was expected.
@@ -195,6 +208,32 @@ impl Table {
     }
 }
 
+/// Refuses a measurement in the place of a header: it would be lost. Columns without a name are often numbered, so whole
+/// numbers are names.
+fn check_header(path: &Path, line: &Line, layout: &Layout) -> Result<(), InputError> {
+    let is_name = |field: &&String| field.bytes().all(|b| b.is_ascii_digit());
+    let mut fields = line.fields.iter().filter(|field| !is_name(field));
+    let Some(number) = fields.find(|field| is_number(field, layout.decimal)) else {
+        return Ok(());
+    };
+    let found = format!("the number {number:?} in the header");
+    Err(InputError::new(path, found, "the names of the columns")
+        .at_line(line.number)
+        .with_help(
+            "a file without header has header_lines = 0; a header after # is a comment, unless comments = []",
+        ))
+}
+
+/// Returns whether a field is a number with this decimal mark.
+pub fn is_number(field: &str, decimal: Decimal) -> bool {
+    let plain = match decimal {
+        Decimal::Point => field.to_owned(),
+        Decimal::Comma if field.contains('.') => return false,
+        Decimal::Comma => field.replace(',', "."),
+    };
+    plain.parse::<f64>().is_ok_and(f64::is_finite)
+}
+
 /// Returns the lines of a file, header included, without those that the layout skips.
 fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputError> {
     let is_comment = |text: &str| {
@@ -209,16 +248,27 @@ fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputE
             .collect();
         lines.truncate(lines.len().saturating_sub(layout.skip_last_lines));
         lines.retain(|line| {
-            let first = line.fields.iter().find(|field| !field.is_empty());
-            first.is_some_and(|text| !is_comment(text))
+            let mut there = line.fields.iter().filter(|field| !field.is_empty());
+            let first = there.next();
+            let mut is_error = |first: &str| is_spreadsheet_error(first) && there.next().is_some();
+            first.is_some_and(|first| !is_comment(first) || is_error(first))
         });
         return Ok(lines);
     }
     let text = decoded(path, bytes, layout.encoding)?;
-    let all: Vec<&str> = text.lines().collect();
+    // Older programs for the Mac end a line with a carriage return alone.
+    let all: Vec<&str> = match text.contains('\n') {
+        true => text.lines().collect(),
+        false => text.split_terminator('\r').collect(),
+    };
     let end = all.len().saturating_sub(layout.skip_last_lines);
     let kept = all[..end].iter().enumerate().skip(layout.skip_lines);
-    kept.filter(|(_, line)| !line.trim().is_empty() && !is_comment(line.trim()))
+    let is_error = |line: &str| {
+        line.split_once([',', ';', '\t'])
+            .is_some_and(|(first, _)| is_spreadsheet_error(first.trim()))
+    };
+    let is_row = |line: &str| !line.is_empty() && (!is_comment(line) || is_error(line));
+    kept.filter(|(_, line)| is_row(line.trim()))
         .map(|(index, line)| {
             Ok(Line {
                 number: index + 1,

@@ -8,13 +8,13 @@ use poegp_calibration::input_error::InputError;
 
 /// A kind of units that a header can state.
 pub trait Unit: Copy + PartialEq + 'static {
-    /// Every unit with its names; a map uses the first name.
+    /// Every unit with its names; a map uses the first name. A header may write names of several letters in capitals, too.
     const UNITS: &'static [(Self, &'static [&'static str])];
 
     /// Returns the unit with this name.
     fn named(text: &str) -> Option<Self> {
         let mut units = Self::UNITS.iter();
-        let found = units.find(|(_, names)| names.contains(&text));
+        let found = units.find(|(_, names)| is_among(names, text));
         found.map(|(unit, _)| *unit)
     }
 
@@ -26,36 +26,61 @@ pub trait Unit: Copy + PartialEq + 'static {
     }
 }
 
+const MILLIMETRE: &[&str] = &[
+    "mm",
+    "millimeter",
+    "millimeters",
+    "millimetre",
+    "millimetres",
+];
+const METRE: &[&str] = &["m", "M", "meter", "meters", "metre", "metres"];
+
 impl Unit for LengthUnit {
     const UNITS: &'static [(Self, &'static [&'static str])] = &[
-        (Self::Mm, &["mm"]),
-        (Self::M, &["m"]),
-        (Self::Um, &["um", "µm", "μm"]),
-        (Self::In, &["in", "inch", "inches"]),
+        (Self::Mm, MILLIMETRE),
+        (Self::M, METRE),
+        (
+            Self::Um,
+            &[
+                "um",
+                "µm",
+                "μm",
+                "micron",
+                "microns",
+                "micrometer",
+                "micrometre",
+            ],
+        ),
+        (Self::In, &["in", "inch", "inches", "zoll", "\""]),
     ];
 }
 
+const DEGREE: &[&str] = &["deg", "°", "º", "degree", "degrees"];
+const RADIAN: &[&str] = &["rad", "radian", "radians"];
+
 impl Unit for AngleUnit {
     const UNITS: &'static [(Self, &'static [&'static str])] = &[
-        (Self::Deg, &["deg", "°", "degrees"]),
-        (Self::Rad, &["rad", "radians"]),
+        (Self::Deg, DEGREE),
+        (Self::Rad, RADIAN),
         (Self::Mrad, &["mrad"]),
     ];
 }
 
 impl Unit for JointUnit {
     const UNITS: &'static [(Self, &'static [&'static str])] = &[
-        (Self::Deg, &["deg", "°", "degrees"]),
-        (Self::Rad, &["rad", "radians"]),
-        (Self::Mm, &["mm"]),
-        (Self::M, &["m"]),
+        (Self::Deg, DEGREE),
+        (Self::Rad, RADIAN),
+        (Self::Mm, MILLIMETRE),
+        (Self::M, METRE),
     ];
 }
 
 impl Unit for TimeUnit {
     const UNITS: &'static [(Self, &'static [&'static str])] = &[
-        (Self::S, &["s"]),
-        (Self::Ms, &["ms"]),
+        (Self::S, &["s", "sec", "second", "seconds"]),
+        (Self::Ms, &["ms", "msec", "millisecond", "milliseconds"]),
+        (Self::Us, &["us", "µs", "μs", "microsecond", "microseconds"]),
+        (Self::Ns, &["ns", "nsec", "nanosecond", "nanoseconds"]),
         (Self::Iso8601, &["iso8601", "ISO 8601"]),
     ];
 }
@@ -65,12 +90,28 @@ impl Unit for MassUnit {
         &[(Self::Kg, &["kg"]), (Self::G, &["g"])];
 }
 
+/// Units that headers state and no import converts.
+const OTHERS: &[&str] = &[
+    "cm", "dm", "mil", "mils", "thou", "ft", "foot", "feet", "gon", "arcmin", "arcsec", "lb",
+    "lbs", "oz",
+];
+
+/// Returns whether a text is one of these names. The letters of a single one must agree in case: "S" is an axis of a robot.
+fn is_among(names: &[&str], text: &str) -> bool {
+    let same = |name: &str| match text.chars().nth(1) {
+        None => name == text,
+        Some(_) => name.eq_ignore_ascii_case(text),
+    };
+    names.iter().any(|name| same(name))
+}
+
 /// Returns whether a text is the name of any unit.
 fn is_unit(text: &str) -> bool {
     LengthUnit::named(text).is_some()
         || AngleUnit::named(text).is_some()
         || MassUnit::named(text).is_some()
         || TimeUnit::named(text).is_some()
+        || is_among(OTHERS, text)
 }
 
 /// Returns the unit of a column: the one that the map states under `key` (`stated`), or the one of the header.
@@ -81,45 +122,41 @@ pub fn unit_of<U: Unit>(
     stated: Option<U>,
     key: &str,
 ) -> Result<U, InputError> {
-    let header = table.unit(column);
     let names: Vec<&str> = U::UNITS.iter().map(|(_, names)| names[0]).collect();
     let names = names.join(", ");
-    let (line, found, expected) = match (stated, header) {
-        (Some(stated), Some((line, text))) if is_unit(text) && U::named(text) != Some(stated) => {
-            let expected = format!(
-                "{}, which {} states as {key}",
-                stated.name(),
-                map.path.display()
-            );
-            (line, format!("the unit {text:?}"), expected)
-        }
-        (Some(stated), _) => return Ok(stated),
-        (None, Some((line, text))) => match U::named(text) {
-            Some(unit) => return Ok(unit),
-            None => (
-                line,
-                format!("the unit {text:?}"),
-                format!("one of {names}"),
-            ),
-        },
-        (None, None) => {
-            let expected = format!(
-                "{key} = \"…\" ({names}) in the map, or the unit in brackets behind the name"
-            );
-            let Some(header) = &table.header else {
-                let found = format!("no {key}, and no header in {}", table.path.display());
-                return Err(InputError::new(&map.path, found, expected));
-            };
-            (
-                header.number,
-                "a column without a unit".to_owned(),
-                expected,
-            )
-        }
+    let error = |line: usize, found: String, expected: String| {
+        InputError::new(&table.path, found, expected)
+            .at_line(line)
+            .at_column(column + 1, table.name(column))
     };
-    Err(InputError::new(&table.path, found, expected)
-        .at_line(line)
-        .at_column(column + 1, table.name(column)))
+    let mut unit = stated;
+    let mut source = format!("which {} states as {key}", map.path.display());
+    for (line, text) in table.units(column) {
+        let found = format!("the unit {text:?}");
+        match (unit, U::named(text)) {
+            (None, None) => return Err(error(line, found, format!("one of {names}"))),
+            (None, named) => {
+                unit = named;
+                source = format!("as line {line} says");
+            }
+            (Some(unit), named) if named != Some(unit) && is_unit(text) => {
+                return Err(error(line, found, format!("{}, {source}", unit.name())));
+            }
+            // A text in brackets that is no unit, such as that of a frame.
+            _ => {}
+        }
+    }
+    if let Some(unit) = unit {
+        return Ok(unit);
+    }
+    let expected =
+        format!("{key} = \"…\" ({names}) in the map, or the unit in brackets behind the name");
+    let Some(header) = &table.header else {
+        let found = format!("no {key}, and no header in {}", table.path.display());
+        return Err(InputError::new(&map.path, found, expected));
+    };
+    let found = "a column without a unit".to_owned();
+    Err(error(header.number, found, expected))
 }
 
 /// Returns the unit that several columns share.
@@ -141,7 +178,7 @@ pub fn shared_unit<U: Unit>(
                 format!("the unit {:?}", unit.name()),
                 expected,
             )
-            .at_line(table.unit(*column).map_or(line, |(line, _)| line))
+            .at_line(table.units(*column).next().map_or(line, |(line, _)| line))
             .at_column(column + 1, table.name(*column)));
         }
         shared = Some(unit);

@@ -29,6 +29,12 @@ impl<'a> RowValues<'a> {
         self.line.fields.get(index).map_or("", String::as_str)
     }
 
+    /// Returns whether a column has no value here: it is empty, or "NaN" as programs write that measure nothing.
+    pub fn is_missing(&self, index: usize) -> bool {
+        let text = self.text(index);
+        text.is_empty() || text.eq_ignore_ascii_case("nan")
+    }
+
     /// Returns an error at a column of this row.
     pub fn error(
         &self,
@@ -65,7 +71,7 @@ impl<'a> RowValues<'a> {
                 error.with_help(help)
             }
         };
-        if text.is_empty() {
+        if self.is_missing(index) {
             return Err(error(
                 "rows without a measurement: incomplete = \"leave-out\" in the map leaves them out and lists them",
             ));
@@ -129,6 +135,8 @@ impl<'a> RowValues<'a> {
         let (name, locations) = match unit {
             TimeUnit::S => ("a time in seconds", 0),
             TimeUnit::Ms => ("a time in milliseconds", -3),
+            TimeUnit::Us => ("a time in microseconds", -6),
+            TimeUnit::Ns => ("a time in nanoseconds", -9),
             TimeUnit::Iso8601 => return self.date_and_time(index),
         };
         Ok(Moment {

@@ -33,7 +33,11 @@ fn bad_cells_are_named_where_they_stand() {
         ("310\n", "310,5\n"),
         (",310\n", "\n"),
         ("3,4", "\"3,4"),
+        ("3,4", "#N/A,4"),
+        ("3,4", "#WERT!,4"),
+        ("3,4", "######,4"),
         ("a,b,", "a,a,"),
+        ("x,y,z\n", "x,y,\n"),
         ("1,2,100,200,300\n3,4,110,210,310\n", ""),
     ] {
         let raw = RAW.replace(from, to);
@@ -44,6 +48,26 @@ fn bad_cells_are_named_where_they_stand() {
     import(b"\xff\xfea\0,\0b\0", MAP).refused();
     import(b"PK\x03\x04....", MAP).refused();
     import(b"a,b\0", MAP).refused();
+}
+
+/// A measurement in the place of a header would be lost.
+#[test]
+fn a_header_is_no_measurement() {
+    let _texts = texts();
+    let numbers = MAP
+        .replace("\"a\", \"b\"", "1, 2")
+        .replace("\"x\", \"y\", \"z\"", "3, 4, 5");
+    let file = |keys: &str, map: &str| format!("[file]\n{keys}\n\n{map}");
+    let measured = RAW.replace("100,", "100.5,");
+    import(&measured, &file("header_lines = 2", MAP)).refused();
+    let headless = measured.replace("a,b,x,y,z\n", "# a b x y z\n");
+    import(&headless, &numbers).refused();
+    import(&headless, &file("header_lines = 0", &numbers)).ok();
+    // Programs that have no names number the columns.
+    import(measured.replace("a,b,x,y,z", "0,1,2,3,4"), &numbers).ok();
+    // Nothing but comments; and lines that end as on an old Mac.
+    import(measured.replace('\n', "\n#"), MAP).refused();
+    import(measured.replace('\n', "\r"), MAP).ok();
 }
 
 /// A thousands separator is accepted only before exactly three digits of the integer part.
@@ -64,6 +88,10 @@ fn numbers_that_contradict_their_marks_are_refused() {
     }
     for cell in ["12,5", "1,2345", "1.5,000"] {
         import(raw(cell), &map(".", ",")).refused();
+    }
+    // One mark cannot be both, and no mark is part of a number.
+    for (decimal, thousands) in [(".", "."), (",", ","), (".", "0"), (".", "-")] {
+        import(raw("310"), &map(decimal, thousands)).refused();
     }
 }
 
@@ -139,7 +167,7 @@ fn rotations_that_are_none_are_refused() {
 fn what_is_left_out_is_listed() {
     let _texts = texts();
     let map = format!("incomplete = \"leave-out\"\n{MAP}");
-    let raw = "a,b,x,y,z\n1,2,100,200,300\n1,2,0,0,0\n3,4,,,\n3,4,110,210,310\n";
+    let raw = "a,b,x,y,z\n1,2,100,200,300\n1,2,0,0,0\n3,4,,,\n3,4,NaN,nan,NaN\n3,nan,1,2,3\n3,4,110,210,310\n";
     import(raw, &map).ok().said();
     import("a,b,x,y,z\n1,2,0,0,0\n", &map).refused();
     // A bad field is still refused.

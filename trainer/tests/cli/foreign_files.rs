@@ -144,12 +144,56 @@ fn units_that_are_missing_unknown_or_contradict_are_named() {
     let numbers = "file = { header_lines = 0 }\njoints = { columns = [1] }\nposition = { columns = [2, 3, 4], unit = \"mm\" }\n";
     folder.write("numbers.csv", "1,2,3,4\n");
     import(&folder, "numbers.csv", numbers).refused();
-    // A preset states units as well.
+    // A preset states units as well, and a header has names of units that no import converts.
+    let kuka = "A1,A2,X [in],Y [in],Z [in],A,B,C,LOAD\n1,2,3,4,5,6,7,8,9\n";
+    for (from, to) in [
+        ("[in]", "[in]"),
+        ("[in]", "[Inch]"),
+        ("[in]", "[IN]"),
+        ("[in]", "(Meters)"),
+        ("[in]", "[cm]"),
+        ("A2,X [in],Y [in],Z [in]", "A2 (RAD),X,Y,Z"),
+        ("A2,X [in],Y [in],Z [in]", "A2 [gon],X,Y,Z"),
+        ("X [in],Y [in],Z [in],A,B,C,LOAD", "X,Y,Z,A,B,C,LOAD [lbs]"),
+    ] {
+        folder.write("kuka.csv", kuka.replace(from, to));
+        folder.refuses("import kuka.csv --preset kuka --out data.csv");
+    }
+    // The second line of the header, beside brackets that hold no unit, or another one.
     folder.write(
-        "kuka.csv",
-        "A1,A2,X [in],Y [in],Z [in],A,B,C\n1,2,3,4,5,6,7,8\n",
+        "lines.csv",
+        "a,x (tool),y (tool),z (tool)\ndeg,m,m,m\n1,2,3,4\n",
     );
-    folder.refuses("import kuka.csv --preset kuka --out data.csv");
+    let lines = "file = { header_lines = 2 }\njoints = { columns = [\"a\"] }\nposition = { columns = [2, 3, 4], unit = \"mm\" }\n";
+    import(&folder, "lines.csv", lines).refused();
+    import(&folder, "lines.csv", &lines.replace(", unit = \"mm\"", "")).ok();
+    folder.write(
+        "lines.csv",
+        folder.text("lines.csv").replace("(tool)", "(mm)"),
+    );
+    import(&folder, "lines.csv", &lines.replace(", unit = \"mm\"", "")).refused();
+}
+
+/// Programs write the names of units out, in capitals or not. What stands in brackets and is no unit leaves that of the map.
+#[test]
+fn names_of_units_are_read_in_all_their_forms() {
+    let text = folder(&["brackets.csv"]).text("brackets.csv");
+    let stated = BRACKETS.replace("\"Load\" }", "\"Load\", unit = \"kg\" }");
+    for (map, from, to) in [
+        (BRACKETS, "[in]", "(Inches)"),
+        (BRACKETS, "[in]", "[IN]"),
+        (BRACKETS, "[in]", "[Zoll]"),
+        (BRACKETS, "[rad]", "[Radian]"),
+        (BRACKETS, "[deg]", "(Degree)"),
+        (&stated, "(kg)", "(KG)"),
+        (&stated, "(kg)", "(S)"),
+        (&stated, "(kg)", "(G)"),
+    ] {
+        let folder = Folder::new();
+        folder.write("brackets.csv", text.replace(from, to));
+        import(&folder, "brackets.csv", map).ok();
+        assert_simulated(&folder);
+    }
 }
 
 /// Returns a map of the tracker's poses and of joints, with these keys.
@@ -269,6 +313,13 @@ fn dates_and_times_of_two_zones_are_joined() {
         import(&folder, "tracker.csv rtde.txt", &iso).ok();
         assert_simulated(&folder);
         local.push(folder);
+    }
+    // ROS stamps messages in nanoseconds.
+    for (unit, digits) in [("ns", "000000"), ("us", "000")] {
+        let folder = folder(&["tracker.csv", "rtde.txt"]);
+        dated(&folder, "tracker.csv", 1, ';', |ms| format!("{ms}{digits}"));
+        import(&folder, "tracker.csv rtde.txt", &by_time(unit, "s")).ok();
+        assert_simulated(&folder);
     }
     let _texts = texts();
     // A time zone in only one file, a number, and an invalid date.

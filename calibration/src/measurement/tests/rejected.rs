@@ -258,6 +258,24 @@ fn quaternions_that_are_none() {
     );
 }
 
+/// A row that begins with an error of a spreadsheet is no comment: it would be lost.
+#[test]
+fn rows_that_begin_with_an_error_of_a_spreadsheet_are_no_comments() {
+    let text = |cell: &str| format!("q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n{cell},2,3,4\n\"5\",6,7,8\n");
+    for cell in [
+        "#N/A", "#NV", "#N/D", "#DIV/0!", "#WERT!", "#NAME?", "#####",
+    ] {
+        let said = [format!("set.csv:3: column 1 (q1_deg): found \"{cell}\"")];
+        for text in [text(cell), text(cell).replace('"', "")] {
+            refused(&text, &said.each_ref().map(String::as_str));
+        }
+    }
+    for comment in ["#", "#2", "# N/A", "##", "#Note!", "#1/2", "#P1", "#a/b c"] {
+        let set = parse("set.csv", text(comment).as_bytes()).unwrap();
+        assert_eq!(set.measurements.len(), 2, "{comment}");
+    }
+}
+
 /// No text makes the reader panic: every prefix of a file, and every file with one byte changed.
 #[test]
 fn truncated_and_corrupted_files_do_not_panic() {

@@ -67,6 +67,19 @@ fn files_are_refused_by_name() {
         &none,
         &["a.toml:1: column 8", "found", "expected"],
     );
+    // Millimetres in a file of metres.
+    let text = include_str!("../../../robots/ur5.toml");
+    let long = text.replace("a_m = -0.425", "a_m = -425");
+    assert_ne!(long, text);
+    load_refused(
+        &write("long.toml", long.as_bytes()),
+        &none,
+        &[
+            "long.toml: found a link of 425 m after joint",
+            "at most 100 m",
+            "millimetres?",
+        ],
+    );
     // A byte order mark is no error.
     let text = [
         b"\xef\xbb\xbf",
@@ -103,6 +116,13 @@ fn urdf_is_refused_by_name() {
     let none = LoadOptions::default();
     urdf_refused("", &none, &["empty file"]);
     urdf_refused("name = \"x\"", &none, &["not XML"]);
+    urdf_refused(
+        "<robot name=\"x\"><link name=\"a\"/><link name=\"b\"/><joint name=\"j\" type=\"fixed\"><parent link=\"a\"/>\
+         <child link=\"b\"/><origin xyz=\"0 0 ${height}\"/></joint></robot>",
+        &none,
+        &["${height}", "expand the xacro first"],
+    );
+    urdf_refused("<sdf><model/></sdf>", &none, &["no link", "<robot>"]);
     urdf_refused(
         "<robot name=\"x\"><link name=\"a\">",
         &none,

@@ -210,6 +210,23 @@ impl Map {
     }
 
     fn check(&self) -> Result<(), InputError> {
+        for layout in [Some(&self.file), self.joints_file.as_ref()]
+            .into_iter()
+            .flatten()
+        {
+            let decimal = match layout.decimal {
+                Decimal::Point => '.',
+                Decimal::Comma => ',',
+            };
+            let is_mark = |mark: char| {
+                mark != decimal && !mark.is_ascii_alphanumeric() && !"+-".contains(mark)
+            };
+            if let Some(mark) = layout.thousands.filter(|mark| !is_mark(*mark)) {
+                let found = format!("thousands = \"{mark}\" beside decimal = \"{decimal}\"");
+                let expected = "a mark that is in no number otherwise, or no thousands";
+                return Err(InputError::new(&self.path, found, expected));
+            }
+        }
         let ways = [
             self.position.is_some(),
             self.pose.is_some(),

@@ -448,6 +448,10 @@ pub enum TimeUnit {
     S,
     /// Millisecond.
     Ms,
+    /// Microsecond.
+    Us,
+    /// Nanosecond, as ROS stamps messages.
+    Ns,
     /// Date and time of day as `2026-11-23T14:05:09.125Z`, which has no unit.
     Iso8601,
 }
