@@ -232,7 +232,46 @@ fn named(
             );
         }
     }
+    for (index, name) in table.header.iter().enumerate() {
+        let read = |name: &str| meaning(name).or_else(|| touch(name));
+        let meant = likely_name(name, read).filter(|_| read(name).is_none());
+        if let Some((meant, quantity)) = meant
+            && !known.contains_key(&quantity)
+        {
+            let expected = format!("{meant}, or a name that resembles no column's");
+            return Err(
+                InputError::new(file, format!("the column {}", quoted(name)), expected)
+                    .at_line(table.header_line)
+                    .at_column(index + 1, name),
+            );
+        }
+    }
     Ok((known, unknown))
+}
+
+/// Returns the column that an unknown name was probably meant to be: in other letters, in a unit that no column has, or
+/// without its unit. `read` returns the meaning of a name.
+fn likely_name(
+    name: &str,
+    read: impl Fn(&str) -> Option<(Quantity, Unit)>,
+) -> Option<(String, Quantity)> {
+    const UNITS: [&str; 14] = [
+        "um", "cm", "in", "inch", "ft", "mil", "lb", "lbs", "g", "t", "n", "gon", "grad", "turns",
+    ];
+    let plain = name.trim().to_lowercase().replace([' ', '-'], "_");
+    let is_bare = ["payload", "value"].contains(&plain.as_str());
+    let stem = match plain.rsplit_once('_') {
+        Some((stem, unit)) if UNITS.contains(&unit) => stem,
+        _ if is_bare => &plain,
+        _ => "",
+    };
+    let with_units = ["mm", "deg", "kg"].map(|unit| format!("{stem}_{unit}"));
+    let component = plain.replacen("q_", "q", 1);
+    let mut candidates = [plain.clone(), component].into_iter().chain(with_units);
+    candidates.find_map(|name| {
+        let (quantity, _) = read(&name)?;
+        Some((name, quantity))
+    })
 }
 
 /// The known columns that have not been taken yet.

@@ -97,8 +97,8 @@ pub(super) fn is_remark(line: &str) -> bool {
 
 /// Returns whether a spreadsheet writes this text into a cell without a value, in whatever language: `#DIV/0!`, `#WERT!`,
 /// `#NAME?`, `#N/A`, `#NV`, or `####` where the column is too narrow.
-pub fn is_spreadsheet_error(cell: &str) -> bool {
-    let Some(name) = cell.strip_prefix('#') else {
+pub fn is_spreadsheet_error(field: &str) -> bool {
+    let Some(name) = field.strip_prefix('#') else {
         return false;
     };
     let is_name = !name.chars().any(|c| c.is_lowercase() || c.is_whitespace());

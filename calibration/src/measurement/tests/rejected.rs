@@ -1,7 +1,7 @@
 //! What the reader refuses, and the words it uses.
 
 use crate::measurement::parse;
-use crate::measurement::tests::says;
+use crate::measurement::tests::{notes_say, ok, says};
 
 #[track_caller]
 fn refused(bytes: impl AsRef<[u8]>, parts: &[&str]) {
@@ -69,6 +69,30 @@ fn rows_of_another_width() {
     refused(
         format!("{head}1,\"2\n# a\",3,4,5\n6,7,8,9\n"),
         &["set.csv:4:", "a long row of 5", "quotation mark"],
+    );
+}
+
+#[test]
+fn columns_that_resemble_known_ones_are_not_ignored() {
+    for (name, meant) in [
+        ("payload_lb", "payload_kg"),
+        ("payload", "payload_kg"),
+        ("Payload_kg", "payload_kg"),
+        ("sigma_um", "sigma_mm"),
+        ("q_w", "qw"),
+        ("QW", "qw"),
+        ("Target", "target"),
+    ] {
+        let head = format!("q1_deg,x_mm,y_mm,z_mm,{name}");
+        let expected = format!("expected {meant}, or a name that resembles no column's");
+        let column = format!("set.csv:1: column 5 ({name})");
+        refused(format!("{head}\n1,2,3,4,1\n"), &[&column, &expected]);
+    }
+    // Not where the quantity is there already.
+    let set = ok("q1_deg,x_mm,y_mm,z_mm,payload_kg,payload_lb\n1,2,3,4,1,2.2\n");
+    notes_say(
+        &set.notes,
+        &["the column \"payload_lb\" is not known and was ignored"],
     );
 }
 

@@ -398,6 +398,16 @@ fn gravity_that_is_no_unit_vector() {
 }
 
 #[test]
+fn a_reading_in_a_unit_of_no_column_is_not_ignored() {
+    let (csv, toml) = simulated(TouchKind::Plane, 3, 12);
+    refused(
+        &with_field(&csv, 3, "value_um", "120"),
+        &toml,
+        &["(value_um): found the column \"value_um\", expected value_mm"],
+    );
+}
+
+#[test]
 fn metres_under_a_name_in_millimetres() {
     let (csv, toml) = simulated(TouchKind::Wire, 1, 6);
     let mut metres = csv.clone();
