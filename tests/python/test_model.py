@@ -50,13 +50,11 @@ def test_predictions_are_those_of_evaluate(arm, rows, trainer, tmp_path, method)
     assert np.abs(poses[:, :3, :3] - rotation(expected[TURN].astype(float))).max() < 4e-12
     assert np.array_equal(poses[:, 3], np.tile([0.0, 0.0, 0.0, 1.0], (300, 1)))
     assert [text(x) for x in answer.trust] == expected["trust"].tolist()
-    if method == "elastic":
-        # The device multiplies by 1 000 in single precision.
-        milli = np.float32(1e3) * answer.sigma_m.astype(np.float32)
-        assert [text(x) for x in milli] == expected["sigma_mm"].tolist()
-        assert not np.isnan(answer.sigma_m).any()
-    else:
-        assert np.isnan(answer.sigma_m).all()
+    # The device multiplies by 1 000 in single precision.
+    milli = np.float32(1e3) * answer.sigma_m.astype(np.float32)
+    assert [text(x) for x in milli] == expected["sigma_mm"].tolist()
+    # A model without processes has one standard deviation for all poses.
+    assert (np.ptp(answer.sigma_m) == 0.0) == (method == "poe")
     names = {flag: flag.name.lower().replace("_", "-") for flag in poegp.Status}
     for bits, status in zip(answer.status, expected["status"]):
         assert status == ("+".join(n for flag, n in names.items() if bits & flag) or "ok")
@@ -123,8 +121,10 @@ def test_corrected_commands_bring_the_arm_where_the_drawing_says(elastic, wide, 
             there, _ = model.predict(joints, payload_kg=rows.kg, frame=frame)
             # Beside singularities a part stays, and is stated. This small arm is near one in a third of these poses.
             left = np.linalg.norm(there[:, :3, 3] - wanted[:, :3, 3], axis=1)
-            assert np.abs(left - answer.position_error_m).max() < within
             whole = answer.status & poegp.Status.PARTLY_CORRECTED == 0
+            stated = answer.position_error_m
+            # What stays is estimated with the deflection at the commanded joints.
+            assert (np.abs(left - stated) < np.where(whole, within, 2 * within + 0.05 * stated)).all()
             assert whole.sum() > 150
             assert apart(there[whole], wanted[whole])[0] < within
             before, _ = model.predict(rows.q, payload_kg=rows.kg, frame=frame)
@@ -165,8 +165,11 @@ def test_a_tool_is_brought_to_a_pose(elastic, wide, rows):
             assert np.median(np.linalg.norm(there - wanted, axis=(1, 2))) < 2 * usual
     given = model.inverse(wanted, seed=rows.q, payload_kg=rows.kg, frame="base", tool=model.flange_from_target)[0]
     same = model.inverse(wanted, seed=rows.q, payload_kg=rows.kg, frame="base")[0]
-    # The search ends some nanoradians from where it would have ended.
-    assert np.abs(given - same).max() < 1e-7
+    # Both searches end at the same pose. Near a singularity, rounding moves the joints more than the pose.
+    at = [model.predict(joints, payload_kg=rows.kg, frame="base")[0] for joints in (given, same)]
+    assert apart(*at)[0] < 1e-8
+    assert np.abs(given - same).max() < 1e-6
+    assert np.median(np.abs(given - same)) < 1e-12
     with pytest.raises(ValueError, match=r"tool: found an array of shape \(1, 4, 4\), expected \(4, 4\)"):
         model.inverse(wanted, seed=rows.q, payload_kg=rows.kg, tool=tool[None])
 
