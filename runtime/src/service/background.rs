@@ -19,7 +19,7 @@ use crate::service::commands::for_filter;
 use crate::service::exchange::{BoardInfo, CycleAck, CycleCommand};
 use crate::service::loaded_model::{ModelSlot, name};
 use crate::service::upload::Upload;
-use crate::store::{Store, StoreError, Stored};
+use crate::store::{Slot, Store, StoreError, Stored};
 
 /// Functions of the rest of the device that the background needs.
 pub trait Device<'m, const WORDS: usize> {
@@ -42,8 +42,8 @@ pub struct Background<'m, F, const WORDS: usize, const BYTES: usize> {
     authority: Authority,
     /// Lowest revision that is accepted: the one of the stored model that runs after a restart.
     lowest_revision: u32,
-    /// The model that was started from flash last, as long as it is there.
-    started: Option<Stored>,
+    /// Slot of the model that was started from flash last, as long as it is there.
+    started: Option<Slot>,
     /// Number of slot changes since the start, including failed ones.
     slot_changes: u32,
 }
@@ -351,7 +351,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     #[inline(never)]
     fn start(&mut self, stored: &Stored, device: &mut impl Device<'m, WORDS>) {
         self.lowest_revision = self.spare_revision();
-        self.started = Some(*stored);
+        self.started = Some(stored.slot);
         self.run_spare(device);
     }
 

@@ -22,13 +22,14 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         // The model was verified, but there may be less time by now.
         in_time(self.upload.instructions, active.cycle.max_instructions)?;
         let before = self.store.writes();
-        let keep = active.slot.or(self.started.map(|started| started.slot));
+        let there = self.store.candidates();
+        let keep = active.slot.or(self.started);
         let written = self.store.write(self.upload.bytes(), keep);
         self.count_change(before, written.is_err());
         let stored = written.map_err(refused)?;
-        // The same again is not written again.
-        let stays = |started: &Stored| started.slot != stored.slot || *started == stored;
-        self.started = self.started.filter(stays);
+        // A blob that is there already is not written again.
+        let stays = there.contains(&Some(stored));
+        self.started = self.started.filter(|slot| stays || *slot != stored.slot);
         let (blob_crc, slot) = (verified, stored.slot);
         self.notify(device, CycleCommand::Stored { blob_crc, slot });
         if let Some(spare) = &mut self.spare {
