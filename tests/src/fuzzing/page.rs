@@ -11,7 +11,12 @@ pub fn report(bytes: &[u8]) {
     // An empty heading is left out with its tags, so the name is never empty.
     let name = format!("a{}", String::from_utf8_lossy(bytes));
     let page = page(&name);
-    let ordinary = self::page("ordinary");
+    // Backticks alone have a meaning: in a sentence, the text between two of them is code.
+    let ordinary: String = name
+        .chars()
+        .map(|c| if c == '`' { c } else { 'o' })
+        .collect();
+    let ordinary = self::page(&ordinary);
     for mark in ['<', '>', '"'] {
         let count = |text: &str| text.matches(mark).count();
         // Text keeps its `>` only when it is escaped, like the others.
