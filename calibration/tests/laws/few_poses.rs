@@ -109,22 +109,24 @@ fn parameters_that_follow_all_positions_leave_their_noise() {
     }
 }
 
-/// From 40 poses the device states nearly the host's standard deviation, and it covers the expected share of errors.
+/// From 30 and 40 poses the device states nearly the host's standard deviation, and it covers the expected share of errors.
 #[test]
 fn the_device_knows_that_poses_are_few() {
     let (robot, _) = sets::arm();
     let test = sets::simulated(&robot, "test1");
-    let mut found = Found::default();
-    for draw in 0..2 {
-        let mut train = sets::simulated(&robot, "train");
-        train.rotate_left(100 * draw);
-        found.add(&calibrated(&robot, &train[..40], &elastic(true)), &test);
+    for poses in [30, 40] {
+        let mut found = Found::default();
+        for draw in 0..2 {
+            let mut train = sets::simulated(&robot, "train");
+            train.rotate_left(100 * draw);
+            found.add(&calibrated(&robot, &train[..poses], &elastic(true)), &test);
+        }
+        let [host, device] = found.ratios();
+        println!("{poses} poses: host {host}, device {device}, {found:?}");
+        assert!((device / host - 1.0).abs() < 0.12, "{device}, host {host}");
+        let share = found.within / found.components;
+        assert!((0.58..0.85).contains(&share), "{share}");
     }
-    let [host, device] = found.ratios();
-    println!("40 poses: host {host}, device {device}, {found:?}");
-    assert!((device / host - 1.0).abs() < 0.15, "{device}, host {host}");
-    let share = found.within / found.components;
-    assert!((0.58..0.85).contains(&share), "{share}");
 }
 
 /// 16 poses measured four times count as 16 poses, not 64: the stated standard deviation fits the errors elsewhere.
