@@ -85,7 +85,7 @@ def calibrate(robot, data, *, method="auto", **options):
         optionally ``qw`` … ``qz``, ``payload_kg`` and others). A project file (``.toml``) is taken, too, and so is a file of
         touches with ``NAME.toml`` beside it or ``features="NAME.toml"``.
     method : str
-        ``auto``, or ``elastic``, ``poe``, ``base-tool``, ``poe-gp``, ``poe-gp-load``.
+        ``auto``, or ``elastic``, ``parametric``, ``poe``, ``base-tool``, ``poe-gp``, ``poe-gp-load``.
     **options
         The options of ``trainer calibrate`` with underscores: ``inducing_points=150``, ``position_sigma_mm=0.02``,
         ``gravity=[0, 0, -9.81]``, ``test=["a.csv", "b.csv"]``, ``keep_gauge="old.blob"``, ``accept=["drift"]``,

@@ -14,7 +14,7 @@ __all__: list[str]
 _Path = str | os.PathLike[str]
 _Frame = Literal["instrument", "base"]
 _Precision = Literal["f32", "f64"]
-_Method = Literal["auto", "base-tool", "poe", "poe-gp", "poe-gp-load", "elastic"]
+_Method = Literal["auto", "base-tool", "poe", "poe-gp", "poe-gp-load", "parametric", "elastic"]
 
 class Error(Exception):
     """A calibration or a correction that is not possible."""

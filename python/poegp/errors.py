@@ -29,5 +29,5 @@ class InputError(Error, ValueError):
 class DataRefused(Error):
     """Measurements that no model should be made of.
 
-    Each cause stands in brackets at the end of its line. ``calibrate(..., accept=[cause])`` goes on with a warning.
+    Each cause stands in brackets at the end of its line. ``calibrate(..., accept=[cause])`` lowers the refusal to a warning.
     """

@@ -3,6 +3,7 @@
 use std::os::unix::net::UnixStream;
 use std::time::Duration;
 
+use crate::emulator::{Clock, Emulator, EmulatorError, Machine};
 use crate::firmware_build::{Board, FirmwareError, firmware_of};
 use poegp_protocol::link::{
     Commanded, Corrected, CycleSettings, Evaluation, Identity, Query, Refusal, Request, Response,
@@ -10,7 +11,6 @@ use poegp_protocol::link::{
 };
 use poegp_runtime::model::Model400;
 use poegp_trainer::device::client::{Client, Options};
-use poegp_trainer::device::emulator::{Clock, Emulator, EmulatorError, Machine};
 use poegp_trainer::device::error::ClientError;
 
 /// Time limit of an emulated machine.

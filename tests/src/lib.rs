@@ -15,6 +15,7 @@
 pub mod bad_line;
 pub mod demo;
 pub mod device;
+pub mod emulator;
 pub mod execution;
 pub mod firmware_build;
 pub mod fuzzing;
@@ -27,7 +28,7 @@ pub mod stages;
 
 use std::path::Path;
 
-pub use poegp_trainer::device::{defmt_log as log, emulator};
+pub use poegp_trainer::device::defmt_log as log;
 
 /// Returns the root of the workspace.
 ///

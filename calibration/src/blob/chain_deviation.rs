@@ -4,7 +4,6 @@
 //! predictions over a region. If K is the covariance of y, x has the covariance G K Gᵀ, with G = (CᵀC)⁻¹ Cᵀ. The part of the
 //! model that a chain cannot represent is not uncertainty: it is the distance from the model, which the export states.
 
-use poegp_protocol::JointKind;
 use poegp_runtime::kinematics::poe::Poe;
 
 use crate::identification::frame_fit::{METRES_PER_RADIAN, ResidualFrame, linearise};
@@ -13,6 +12,7 @@ use crate::measurement::sample::InstrumentSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
+use crate::robot::own_motion;
 
 /// Share of the largest diagonal element that is added to every diagonal element, so that redundant directions stay
 /// unchanged.
@@ -76,13 +76,7 @@ impl ChainDeviation {
                 return weight(row) * all[(row, SIX * n + column - SIX)];
             }
             let joint = free.start + column - 2 * SIX;
-            let of = |i: usize| {
-                let axis = match kinds[i] {
-                    JointKind::Revolute => 5,
-                    JointKind::Prismatic => 2,
-                };
-                share(i, joint) * all[(row, SIX * (i + 1) + axis)]
-            };
+            let of = |i: usize| share(i, joint) * all[(row, SIX * (i + 1) + own_motion(kinds[i]))];
             weight(row) * (0..n - 1).map(of).sum::<f64>()
         });
         let weighed = Mat::from_fn(rows.len(), rows.len(), |i, j| {

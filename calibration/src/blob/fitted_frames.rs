@@ -1,8 +1,6 @@
 //! Fits base and tool frames that were set up again after the calibration to new measurements.
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_protocol::JointKind;
-use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 
 use crate::blob::predict::BlobModel;
@@ -114,9 +112,6 @@ impl FittedFrames {
     /// Fits the frames that `which` selects and keeps the blob's base and the given `tools` otherwise; the first `tools` are
     /// those that the blob knows. The base is also fitted if the model knows no instrument
     /// ([`BlobModel::knows_instrument`]).
-    ///
-    /// # Errors
-    /// [`FrameError`].
     pub fn new(
         blob: &BlobModel,
         samples: &[InstrumentSample],
@@ -183,7 +178,6 @@ impl FittedFrames {
     }
 }
 
-/// Returns `count` of `rows`, evenly spread.
 fn evenly_spaced(rows: &[usize], count: usize) -> Vec<usize> {
     let count = count.min(rows.len());
     (0..count).map(|i| rows[i * rows.len() / count]).collect()
@@ -241,22 +235,12 @@ impl<'a> Registered<'a> {
 
     /// Computes base and tools without an initial value, from the calibrated chain, as the base-tool calibration does.
     fn start_both(&mut self) {
-        let blob = self.blob.blob();
-        let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
-        let frames: Vec<Pose<f64>> = blob
-            .geometry
-            .calibrated
-            .iter()
-            .map(|f| Pose::<f32>::from_rows(f).cast())
-            .collect();
-        if let Ok(chain) = Poe::new(&kinds, &frames) {
-            let found = fit_base_and_tools(&chain, self.samples);
-            self.frames.instrument_from_base = found.instrument_from_base;
-            let tools = self.frames.tools.iter_mut().zip(found.flange_from_targets);
-            for ((tool, fitted), is_fitted) in tools.zip(&self.frames.is_tool_fitted) {
-                if *is_fitted {
-                    *tool = fitted;
-                }
+        let found = fit_base_and_tools(&self.blob.chain(), self.samples);
+        self.frames.instrument_from_base = found.instrument_from_base;
+        let tools = self.frames.tools.iter_mut().zip(found.flange_from_targets);
+        for ((tool, fitted), is_fitted) in tools.zip(&self.frames.is_tool_fitted) {
+            if *is_fitted {
+                *tool = fitted;
             }
         }
     }

@@ -15,6 +15,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::ErrorSummary;
+use crate::robot::own_motion;
 
 /// Largest number of Gauss–Newton steps.
 const STEPS: usize = 30;
@@ -134,7 +135,8 @@ impl<'a> Zeros<'a> {
             }
             for (at, j) in self.free.iter().enumerate() {
                 let of = |i: usize| {
-                    self.share(i, *j) * a[(row, SIX * (i + 1) + axis(self.drawing.kinds()[i]))]
+                    self.share(i, *j)
+                        * a[(row, SIX * (i + 1) + own_motion(self.drawing.kinds()[i]))]
                 };
                 out[(row, 2 * SIX + at)] = (0..n - 1).map(of).sum();
             }
@@ -190,17 +192,9 @@ impl<'a> Zeros<'a> {
     }
 }
 
-/// Returns which of the six parameters of a frame is a motion of the preceding joint.
-fn axis(kind: JointKind) -> usize {
-    match kind {
-        JointKind::Revolute => 5,
-        JointKind::Prismatic => 2,
-    }
-}
-
 /// Returns a rotation about z by `value` in rad or a translation along z by `value` in m.
 fn motion(kind: JointKind, value: f64) -> Pose<f64> {
     let mut twist = [0.0; SIX];
-    twist[axis(kind)] = value;
+    twist[own_motion(kind)] = value;
     Pose::exp(&Twist::from_array(&twist))
 }

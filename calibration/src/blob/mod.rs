@@ -6,6 +6,7 @@ pub mod commander;
 pub mod evaluator;
 pub mod fitted_frames;
 pub mod joint_offsets;
+pub mod live_correction;
 pub mod nearest_chain;
 pub mod precision_loss;
 pub mod predict;

@@ -4,7 +4,9 @@
 use std::path::Path;
 
 use poegp_protocol::blob::{self, Blob, DecodeError, FrameSource, Host};
+use poegp_protocol::{JointKind, Transform};
 use poegp_runtime::guard::status::Status;
+use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
@@ -13,6 +15,7 @@ use crate::identification::base_tools::UNKNOWN_TOOL;
 use crate::input_error::InputError;
 use crate::learning::task_space::MAX_POINTS;
 use crate::measurement::sample::{InstrumentSample, ToolName};
+use crate::numeric::rotation::nearest_rotation;
 use crate::numeric::statistics::PoseError;
 
 /// The workstation's instance of the runtime model. The device's instance holds fewer points; the results are the same.
@@ -71,9 +74,6 @@ pub struct Prediction {
 
 impl BlobModel {
     /// Decodes and checks `bytes`.
-    ///
-    /// # Errors
-    /// [`BlobError`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Self, BlobError> {
         let decoded = Decoded::try_new(bytes, |bytes| {
             let blob = blob::decode(bytes)?;
@@ -168,6 +168,18 @@ impl BlobModel {
             || self.host().gauge.base == FrameSource::Stated
     }
 
+    /// Returns the kinds of the joints.
+    pub fn kinds(&self) -> Vec<JointKind> {
+        let joints = self.blob().robot.joints.iter();
+        joints.map(|joint| joint.kind).collect()
+    }
+
+    /// Returns the calibrated chain, from the base to the first target.
+    pub fn chain(&self) -> Poe<f64> {
+        let frames = poses(&self.blob().geometry.calibrated);
+        Poe::new(&self.kinds(), &frames).expect("a loaded blob is a chain")
+    }
+
     /// Returns the joint coupling C of q_serial = C q by rows; `None` means the identity.
     pub fn coupling(&self) -> Option<Vec<Vec<f64>>> {
         let robot = &self.blob().robot;
@@ -210,6 +222,21 @@ impl BlobModel {
             })
             .collect()
     }
+}
+
+/// Returns the frames of a blob in f64.
+pub fn poses(frames: &[Transform<f32>]) -> Vec<Pose<f64>> {
+    let frames = frames.iter();
+    frames.map(|f| Pose::<f32>::from_rows(f).cast()).collect()
+}
+
+/// Returns the frames of a blob in f64, each with the nearest rotation.
+pub fn rigid_poses(frames: &[Transform<f32>]) -> Vec<Pose<f64>> {
+    let mut out = poses(frames);
+    for pose in &mut out {
+        pose.rotation = nearest_rotation(&pose.rotation);
+    }
+    out
 }
 
 /// Returns the pose with a rotation matrix that is orthonormal to f64; a matrix of f32 is orthonormal to seven digits only.

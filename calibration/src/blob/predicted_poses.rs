@@ -7,7 +7,9 @@ use crate::blob::predict::{BlobModel, orthonormal};
 use crate::blob::region::Region;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample};
+use crate::numeric::parallel::map_all;
 use crate::numeric::statistics::{ErrorSummary, PoseErrors};
+use crate::progress::threads;
 use crate::robot::coupled;
 
 /// Number of poses that a chain is fitted to.
@@ -51,7 +53,10 @@ impl PredictedPoses {
 
 fn predictions(blob: &BlobModel, region: &Region, first: u32, count: u32) -> Vec<BaseSample> {
     let queries: Vec<Query> = (first..first + count).map(|k| region.point(k)).collect();
-    let answers = blob.evaluate_batch(&queries);
+    let model = blob.model();
+    let answers = map_all(threads(), &queries, |query: &Query| {
+        model.evaluate(&query.joints, query.payload_kg)
+    });
     let coupling = blob.coupling();
     let samples = queries.iter().zip(&answers).map(|(query, answer)| {
         let joints: Vec<f64> = query.joints.iter().map(|q| f64::from(*q)).collect();

@@ -81,9 +81,6 @@ const SMALLER_SIGNAL_VARIANCES: [f64; 3] = [30.0, 10.0, 3.0];
 const COMFORTABLE: f64 = 0.7;
 
 /// Calibrates `robot` with [`calibrate`] and writes the blob with [`Calibration::into_blob`].
-///
-/// # Errors
-/// [`DeviceError`].
 pub fn calibrate_to_blob(
     robot: &Robot,
     samples: &[InstrumentSample],
@@ -96,9 +93,6 @@ pub fn calibrate_to_blob(
 }
 
 /// Calibrates as [`calibrate_to_blob`] does, in the gauge that `gauge` chooses.
-///
-/// # Errors
-/// [`DeviceError`].
 pub fn calibrate_in_gauge(
     robot: &Robot,
     samples: &[InstrumentSample],
@@ -121,9 +115,6 @@ impl Calibration {
     /// is fitted again with a smaller limit on its signal variance (on ten simulated robots 30 instead of 300 costs 0.5 % of
     /// accuracy and saves five sixths of the rounding error); `TaskSpaceCorrection::max_signal_variance` states the limit
     /// that was used.
-    ///
-    /// # Errors
-    /// [`DeviceError`].
     pub fn into_blob(
         self,
         robot: &Robot,
@@ -203,8 +194,8 @@ pub enum ExportError {
     Unusable(#[from] BlobError),
     /// The poses of the blob are too far from the f64 model's.
     #[error(
-        "the f32 model differs from the f64 fit by up to {:.2} µm (limit {:.0} µm) and by {:.3} µm in the mean (limit {:.1} µm); \
-         the fit is ill-conditioned: check units and joint order",
+        "the f32 model differs from the f64 fit by up to {:.2} µm (limit {:.0} µm) and by {:.3} µm on average (limit \
+         {:.1} µm); the fit is ill-conditioned: check units and joint order",
         .0.max_m * 1e6, MAX_F32_ERROR_M * 1e6, .0.mean_m * 1e6, MEAN_F32_ERROR_M * 1e6
     )]
     SinglePrecisionLossTooLarge(SinglePrecisionLoss),

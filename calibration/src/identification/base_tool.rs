@@ -11,21 +11,10 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::frame_fit::{FrameFit, ResidualFrame, cost, fit_frames};
+use crate::identification::frame_fit::{ResidualFrame, cost, fit_frames};
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
-
-/// Calibrated poses of instrument and target.
-#[derive(Clone, Copy, Debug)]
-pub struct BaseTool {
-    /// Base frame as seen from the instrument, `instrument_from_base`.
-    pub instrument_from_base: Pose<f64>,
-    /// Target as seen from the flange, `flange_from_target`.
-    pub flange_from_target: Pose<f64>,
-    /// Report of the fit.
-    pub fit: FrameFit,
-}
 
 /// Number of starts that are refined.
 const REFINED: usize = 3;
@@ -33,8 +22,9 @@ const REFINED: usize = 3;
 /// A measured `instrument_from_target` and the nominal `base_from_flange` at its joints.
 type Pair = (Pose<f64>, Pose<f64>);
 
-/// Calibrates base and tool of the nominal chain (base to flange) to samples of one tool. A start needs whole poses.
-pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
+/// Calibrates base and tool of the nominal chain (base to flange) to samples of one tool. A start needs whole poses. Returns
+/// `instrument_from_base` and `flange_from_target`.
+pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> (Pose<f64>, Pose<f64>) {
     let pair = |s: &InstrumentSample| {
         let flange = nominal.forward(&s.serial_joints);
         s.observation.pose().map(|measured| (measured, flange))
@@ -72,17 +62,17 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseTool {
         );
         (fit, chain)
     };
-    let (fit, chain) = starts
+    let (_, chain) = starts
         .into_iter()
         .take(REFINED)
         .map(refine)
         .reduce(|a, b| if b.0.rms < a.0.rms { b } else { a })
         .expect("the closed form is always a candidate");
-    BaseTool {
-        instrument_from_base: chain.frames()[0] * nominal.frames()[0].inverse(),
-        flange_from_target: nominal.frames()[last].inverse() * chain.frames()[last],
-        fit,
-    }
+    let (drawn, fitted) = (nominal.frames(), chain.frames());
+    (
+        fitted[0] * drawn[0].inverse(),
+        drawn[last].inverse() * fitted[last],
+    )
 }
 
 /// Returns the chain from the instrument to the target.

@@ -10,7 +10,6 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::base_tool;
-use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::fit::refine_base_and_tools;
 use crate::identification::parametric::state::{Layout, ParametricModel};
 use crate::measurement::sample::{InstrumentSample, Sample};
@@ -23,8 +22,6 @@ pub struct BaseAndTools {
     pub instrument_from_base: Pose<f64>,
     /// Target as seen from the flange, `flange_from_target`, of each tool.
     pub flange_from_targets: Vec<Pose<f64>>,
-    /// Report of the fit.
-    pub fit: FrameFit,
 }
 
 /// The frame of a tool that was not calibrated: what is predicted of it is not a number, and no error hides it.
@@ -52,11 +49,10 @@ pub fn tool_count<F>(samples: &[Sample<F>]) -> usize {
 pub fn fit_base_and_tools(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> BaseAndTools {
     let tools = tool_count(samples);
     if tools == 1 && samples.iter().all(|s| s.observation.has_orientation()) {
-        let found = base_tool(nominal, samples);
+        let (instrument_from_base, flange_from_target) = base_tool(nominal, samples);
         return BaseAndTools {
-            instrument_from_base: found.instrument_from_base,
-            flange_from_targets: vec![found.flange_from_target],
-            fit: found.fit,
+            instrument_from_base,
+            flange_from_targets: vec![flange_from_target],
         };
     }
     let base = start_of_base(nominal, samples);
@@ -82,11 +78,10 @@ pub fn fit_base_and_tools(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> B
         layout,
         Vector3::zeros(),
     );
-    let fit = refine_base_and_tools(&mut state, samples);
+    refine_base_and_tools(&mut state, samples);
     BaseAndTools {
         instrument_from_base: state.frames[0] * nominal.frames()[0].inverse(),
         flange_from_targets: state.tools.iter().map(|t| flange.inverse() * *t).collect(),
-        fit,
     }
 }
 
@@ -103,7 +98,7 @@ fn start_of_base(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Pose<f64> 
         .unwrap_or(0);
     let poses: Vec<InstrumentSample> = whole(largest).cloned().collect();
     if poses.len() >= 3 {
-        return base_tool(nominal, &poses).instrument_from_base;
+        return base_tool(nominal, &poses).0;
     }
     let flanges: Vec<Vector3<f64>> = samples
         .iter()

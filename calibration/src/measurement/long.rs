@@ -154,8 +154,8 @@ impl LongFile {
         };
         notes.extend(set.note_odd(robot));
         notes.push(format!(
-            "a long file: all {count} rows are compared; {} of them, evenly spread, stand for all where the examination \
-             of the data and the fit of frames need many rows at once",
+            "a long file: all {count} rows are compared; the examination of the data and the fit of frames use {} of \
+             them, evenly spread",
             set.measurements.len()
         ));
         let samples = samples(&set, robot, tools)?;
@@ -188,7 +188,7 @@ impl LongFile {
         let changed = || {
             InputError::new(
                 &self.path,
-                "another file than before",
+                "a file that changed while it was read",
                 "the same file throughout",
             )
         };

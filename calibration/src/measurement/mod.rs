@@ -17,12 +17,14 @@
 //!
 //! Lines that start with `#` and blank lines are skipped. Lines may end with CRLF, the file may begin with a UTF-8 byte
 //! order mark, and spaces around a field are ignored. A column with any other name is ignored, with a note; a name that
-//! only resembles one of these is refused. A quaternion whose norm is within 1e-3 of 1 is normalised; any other is refused. A row that repeats another is kept, with a note.
+//! only resembles one of these is refused. A quaternion whose norm is within 1e-3 of 1 is normalised; any other is refused.
+//! A row that repeats another is kept, with a note.
 //!
 //! A reference point that is `0 0 0` or empty is a miss and becomes `None`. A *position* of `0 0 0` is a tracker miss, too,
 //! but it is refused: a row without its measurement does not belong in the file. Nothing else is repaired or dropped.
 
 pub mod chunks;
+mod column_names;
 mod columns;
 pub mod elapsed;
 pub mod folds;
@@ -50,7 +52,7 @@ pub use crate::measurement::validate::{JointChecks, JointLimits};
 use sha2::{Digest, Sha256};
 
 pub use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSet};
-pub use crate::measurement::table::is_spreadsheet_error;
+pub use crate::measurement::table::{is_remark, is_spreadsheet_error};
 
 use crate::input_error::InputError;
 

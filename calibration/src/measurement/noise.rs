@@ -12,6 +12,7 @@
 //! Without stated uncertainties, or with the same one in all rows, v_k = v to the last bit.
 
 use crate::measurement::sample::Sample;
+use crate::numeric::statistics::median;
 
 pub use crate::measurement::observation::InstrumentNoise;
 
@@ -57,13 +58,30 @@ pub struct NoiseScales {
 /// Lower bound on the noise of any instrument: standard deviation of one component, in m and rad.
 pub const QUIETEST: (f64, f64) = (1e-6, 1e-6);
 
-/// Share of the equations of positions or of rotations above which the parameters of a fit follow the noise: the residuals
-/// say less of it with every round of estimating both, until nothing is left.
+/// Share of the equations of positions or of rotations above which the parameters of a fit follow the noise. Parameters and
+/// noise are estimated in turn, so the residuals of such a fit would vanish, round by round.
 pub const FOLLOWED: f64 = 0.6;
 
-/// Returns whether the parameters of a fit follow the noise of positions or of rotations.
-pub fn is_followed(share: &[f64; 2]) -> bool {
-    share.iter().any(|share| *share > FOLLOWED)
+/// Estimates the noise from the residuals of fits, round by round.
+#[derive(Debug, Default)]
+pub struct NoiseOfFits {
+    /// Whether the parameters followed the noise in this round or an earlier one.
+    is_followed: bool,
+}
+
+impl NoiseOfFits {
+    /// Returns the noise for the RMS of the residuals of a round and, where it may be large, the share of the equations of
+    /// positions and of rotations that the parameters follow.
+    pub fn of(&mut self, rms: NoiseScales, share: Option<[f64; 2]>) -> NoiseScales {
+        let Some(share) = share else {
+            return rms;
+        };
+        self.is_followed |= share.iter().any(|share| *share > FOLLOWED);
+        match self.is_followed {
+            true => rms.beside(&share),
+            false => rms,
+        }
+    }
 }
 
 impl NoiseScales {
@@ -183,7 +201,7 @@ impl NoiseScales {
     /// Converts the RMS of residuals to the noise, where the parameters follow these shares of the equations of positions and of
     /// rotations.
     #[must_use]
-    pub fn beside(self, followed: &[f64; 2]) -> Self {
+    fn beside(self, followed: &[f64; 2]) -> Self {
         let noise = |scale: f64, share: f64| scale / (1.0 - share).max(1e-12).sqrt();
         Self {
             position: noise(self.position, followed[0]),
@@ -212,11 +230,6 @@ const MEDIAN_NORM: f64 = 1.5382;
 
 fn norm(r: &[f64; 3]) -> f64 {
     r.iter().map(|x| x * x).sum::<f64>().sqrt()
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Finds by bisection where the decreasing function `f` changes sign between 0 and `upper`, at which it must not be

@@ -6,7 +6,8 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
-use crate::measurement::columns::{Column, Unit};
+use crate::measurement::column_names::Unit;
+use crate::measurement::columns::Column;
 use crate::measurement::rows::Row;
 use crate::measurement::table::{MEASURED_POSE, Table};
 use crate::numeric::rotation::aligned;
@@ -93,7 +94,7 @@ impl PointPairs {
             return Err(InputError::new(
                 path,
                 "points on a line",
-                "points that span a triangle: those of a line leave a rotation free",
+                "points that are not on one line: a line leaves a rotation undetermined",
             ));
         }
         let sigma = sigmas

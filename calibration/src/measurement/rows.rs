@@ -8,7 +8,8 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, dot};
 
 use crate::input_error::InputError;
-use crate::measurement::columns::{Column, Columns, Unit};
+use crate::measurement::column_names::Unit;
+use crate::measurement::columns::{Column, Columns};
 use crate::measurement::set::Measurement;
 use crate::measurement::table::{Table, quoted};
 
@@ -28,7 +29,9 @@ pub(super) fn measurements(
     table: &Table,
     columns: &Columns,
 ) -> Result<(Vec<Measurement>, Vec<String>), InputError> {
-    let mut notes = repeated_rows(table);
+    let mut notes: Vec<String> = repeats_note(&repeats(table), "kept, although")
+        .into_iter()
+        .collect();
     let mut measurements = Vec::with_capacity(table.rows.len());
     let mut worst_norm = (0.0_f64, 0);
     for (line, fields) in &table.rows {
@@ -63,26 +66,35 @@ pub(super) fn measurements(
 pub(super) fn norm_note((off_unit, line): (f64, usize)) -> Option<String> {
     (off_unit > QUATERNION_NOTE).then(|| {
         format!(
-            "the quaternions were normalised: their norm is off 1 by up to {off_unit:.1e} (line {line})"
+            "the quaternions were normalised: their norm differs from 1 by up to {off_unit:.1e} (line {line})"
         )
     })
 }
 
-pub(super) fn repeated_rows(table: &Table) -> Vec<String> {
+/// Returns the lines of rows that are equal to an earlier row in every digit, each with the line of that row.
+pub(super) fn repeats(table: &Table) -> Vec<(usize, usize)> {
     let mut seen: HashMap<String, usize> = HashMap::new();
-    let mut repeats = Listed::default();
+    let mut repeats = Vec::new();
     for (line, fields) in &table.rows {
         let row = fields.iter().collect::<Vec<_>>().join("\u{1f}");
         match seen.get(&row) {
-            Some(first) => repeats.push(format_args!("{line} as {first}")),
+            Some(first) => repeats.push((*line, *first)),
             None => {
                 seen.insert(row, *line);
             }
         }
     }
-    let text =
-        |rows: String| format!("kept, although equal to an earlier row in every digit: {rows}");
-    repeats.text().map(text).into_iter().collect()
+    repeats
+}
+
+/// Returns the note about [`repeats`]; `fate` is what happens to these rows.
+pub(super) fn repeats_note(repeats: &[(usize, usize)], fate: &str) -> Option<String> {
+    let mut listed = Listed::default();
+    for (line, first) in repeats {
+        listed.push(format_args!("{line} as {first}"));
+    }
+    let text = |rows: String| format!("{fate} identical to an earlier row: {rows}");
+    listed.text().map(text)
 }
 
 /// A count of rows and the first few of them: "1 row (line 4)", "9 rows (lines 83, 104, …)".
@@ -142,7 +154,7 @@ impl Row<'_> {
                     "the position 0 0 0",
                     "a measured position",
                 )
-                .with_help("a tracker writes 0 0 0 where it missed the target: take the row out"));
+                .with_help("a tracker writes 0 0 0 where it missed the target: remove the row"));
         }
         let (orientation, off_unit) = match &columns.orientation {
             Some(orientation) => {
@@ -221,15 +233,15 @@ impl Row<'_> {
         let Ok(number) = text.parse::<f64>() else {
             let error = error();
             return Err(match text {
-                "" => error.with_help("give the value, or take the row out"),
+                "" => error.with_help("enter the value, or remove the row"),
                 _ if text.replacen(',', ".", 1).parse::<f64>().is_ok() => {
-                    error.with_help("the decimal point is a point")
+                    error.with_help("use a point, not a comma, as the decimal mark")
                 }
                 _ => error,
             });
         };
         if !number.is_finite() {
-            return Err(error().with_help("a value that was not measured: take the row out"));
+            return Err(error().with_help("the value was not measured: remove the row"));
         }
         Ok(match column.unit {
             Unit::Degree => number.to_radians(),
@@ -262,7 +274,7 @@ impl Row<'_> {
                     "an empty field",
                     "a payload in kilograms in every row",
                 )
-                .with_help("write 0 where there was none, or leave the whole column out"));
+                .with_help("write 0 where there was none, or remove the whole column"));
         }
         match self.number(column)? {
             payload if payload < 0.0 => Err(self.error(
@@ -297,7 +309,7 @@ impl Row<'_> {
                 );
                 return Err(match column.unit {
                     Unit::Metre => {
-                        error.with_help("are these millimetres? Then the column is named …_mm")
+                        error.with_help("are these millimetres? Then name the column …_mm")
                     }
                     _ => error,
                 });
@@ -326,7 +338,7 @@ impl Row<'_> {
                     "an empty field",
                     "all four numbers of the quaternion in every row",
                 )
-                .with_help("rows with a position only belong in a file without qw, qx, qy, qz"));
+                .with_help("put rows without an orientation into a file without qw, qx, qy, qz"));
         }
         let w = self.number(&columns[0])?;
         let v = Vector3::new(

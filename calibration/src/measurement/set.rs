@@ -111,16 +111,6 @@ impl MeasurementSet {
         self.any(|m| m.orientation.is_some())
     }
 
-    /// Returns whether the rows are divided into sessions.
-    pub fn has_sessions(&self) -> bool {
-        self.any(|m| m.session.is_some())
-    }
-
-    /// Returns whether the rows name their target.
-    pub fn has_targets(&self) -> bool {
-        self.any(|m| m.target.is_some())
-    }
-
     /// Returns whether the set comes from a simulation and has the noiseless poses.
     pub fn has_truth(&self) -> bool {
         self.any(|m| m.truth.is_some())

@@ -48,9 +48,9 @@ impl Table {
 }
 
 /// Description of a row of a measurement file.
-pub(super) const MEASURED_POSE: &str = "one measured pose a row";
+pub(super) const MEASURED_POSE: &str = "one measured pose per row";
 /// Description of a row of a touch file.
-pub(super) const TOUCH: &str = "one touch a row";
+pub(super) const TOUCH: &str = "one touch per row";
 
 pub(super) fn no_header(file: &Path, row: &str) -> InputError {
     InputError::new(file, "an empty file", format!("a header row and {row}"))
@@ -87,7 +87,7 @@ pub(super) enum Part<'a> {
 
 /// Returns whether a line is a comment or blank; `line` is trimmed. A row whose first field is an error of a spreadsheet is
 /// neither.
-pub(super) fn is_remark(line: &str) -> bool {
+pub fn is_remark(line: &str) -> bool {
     let is_row = |line: &str| {
         line.split_once(',')
             .is_some_and(|(first, _)| is_spreadsheet_error(first.trim()))
@@ -156,7 +156,9 @@ pub(super) fn each_line(
     }
     if state == Quoting::Open {
         let found = "a quotation mark that is not closed";
-        return Err(InputError::new(file, found, "one that closes the text").at_line(begin));
+        return Err(
+            InputError::new(file, found, "a quotation mark that closes the text").at_line(begin),
+        );
     }
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
@@ -264,7 +266,7 @@ pub(super) fn check_header(
             "a header row with the names of the columns",
         )
         .at_line(line)
-        .with_help("a header after # is a comment: take the # away"));
+        .with_help("a header after # is a comment: remove the #"));
     }
     Ok(())
 }

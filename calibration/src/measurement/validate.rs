@@ -169,7 +169,8 @@ impl<'a> JointLimits<'a> {
                 "as millimetres the value is within the limits: is the column's unit _mm?",
             ),
             _ => error.with_help(
-                "is this the robot of the file, and are the joints the controller's, in its order and sign?",
+                "check that the file is of this robot, and that the joints have the order and the signs of its \
+                 controller",
             ),
         })
     }
@@ -202,7 +203,7 @@ impl<'a> JointLimits<'a> {
             limit > 0.0 && largest.to_degrees() <= std::f64::consts::TAU && largest < 0.1 * limit;
         tiny.then(|| {
             format!(
-                "all joint values are within ±{}°, where the limits go to {}°: are they radians?",
+                "all joint values are within ±{}°, although the limits reach {}°: are they radians?",
                 round(largest.to_degrees()),
                 round(limit.to_degrees())
             )

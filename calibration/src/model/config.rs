@@ -51,8 +51,6 @@ pub struct Config {
     pub ripple: bool,
     /// Whether the elastic model may have own-joint curves; it has one only where the evidence supports it.
     pub curve: bool,
-    /// Whether the elastic model has joint processes; without them it is parametric.
-    pub processes: bool,
     /// Upper limit on the poses that the hyperparameters of the elastic model are learnt from; the folds of a model
     /// selection learn from fewer.
     #[serde(skip)]
@@ -103,7 +101,6 @@ impl Default for Config {
             gravity_terms: true,
             ripple: true,
             curve: true,
-            processes: true,
             hyperparameter_poses: HYPERPARAMETER_POSES,
             outliers: OutlierPolicy::default(),
             warm_up: WarmUpPolicy::default(),
@@ -185,7 +182,7 @@ impl Config {
     pub(crate) fn elastic(&self) -> ElasticOptions {
         ElasticOptions {
             gravity_terms: self.gravity_terms,
-            processes: self.processes,
+            processes: self.method != Method::Parametric,
             ripple: self.ripple,
             curve: self.curve,
             gravity: self.gravity_m_s2.into(),

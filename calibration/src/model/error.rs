@@ -26,7 +26,7 @@ pub enum CalibrationError {
     },
     /// More poses than the method takes.
     #[error(
-        "{found} poses: `{method}` takes at most {most}, for every pose is a point of its Gaussian process"
+        "{found} poses: `{method}` takes at most {most}, because every pose is a point of its Gaussian process"
     )]
     TooManyPoses {
         /// Poses there.
@@ -61,7 +61,7 @@ pub enum CalibrationError {
     NoPayload,
     /// A tool has no row that the model may be trained on.
     #[error(
-        "no row of session or target {tool} is left, for they contradict the others: measure more of them, or take them out"
+        "all rows of session or target {tool} contradict the others: measure them again, or remove them"
     )]
     NoPoseOfTool {
         /// Number of the session or target in the order of the file, from 1.
@@ -69,7 +69,7 @@ pub enum CalibrationError {
     },
     /// No pose can be held out.
     #[error(
-        "no pose can be held out, for each session and target needs three others: measure more poses of each"
+        "too few different poses to hold one out: each session and target needs four that agree with each other"
     )]
     NothingHeldOut,
     /// The robot has no chain of 1 to 8 joints.

@@ -115,17 +115,18 @@ impl GaugeTooFar {
     pub fn remedy(&self) -> &'static str {
         match (self.is_base, self.is_stated) {
             (true, true) => {
-                "see whether these are points or numbers of this station: instrument_from_base, in mm, the quaternion as QW,QX,QY,QZ"
+                "check that these points or numbers are of this station: instrument_from_base, in mm, the quaternion \
+                 as QW,QX,QY,QZ"
             }
             (false, true) => {
-                "see whether the numbers are those of this target: flange_from_target, in mm, the quaternion as QW,QX,QY,QZ"
+                "check that the numbers are of this target: flange_from_target, in mm, the quaternion as QW,QX,QY,QZ"
             }
             (true, false) => {
-                "the instrument was moved: measure fixed points before and after and give them as --references, or state the \
-                 base with --base-from"
+                "if the instrument was moved, give fixed points measured before and after as --references, or state \
+                 the base with --base-from"
             }
             (false, false) => {
-                "the target was mounted in another way: state the tool with --tool-from, or keep no gauge"
+                "if the target was mounted in another way, state the tool with --tool-from, or do not keep the gauge"
             }
         }
     }

@@ -18,9 +18,6 @@ const FARTHEST: (f64, f64) = (10e-3, 10e-3);
 
 impl Calibration {
     /// Returns the same model, stated in the gauge that `choice` leads to.
-    ///
-    /// # Errors
-    /// [`GaugeTooFar`].
     pub fn in_gauge(self, robot: &Robot, choice: &GaugeChoice) -> Result<Self, GaugeTooFar> {
         let grid = choice.grid.clone().unwrap_or(self.gauge.grid.clone());
         let own = &self.base_and_tools;

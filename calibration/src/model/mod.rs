@@ -40,9 +40,6 @@ use crate::progress::FitContext;
 use crate::robot::Robot;
 
 /// Calibrates `robot` with samples whose poses are `instrument_from_target`.
-///
-/// # Errors
-/// [`CalibrationError`].
 pub fn calibrate(
     robot: &Robot,
     samples: &[InstrumentSample],

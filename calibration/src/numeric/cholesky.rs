@@ -197,9 +197,6 @@ pub struct Factor {
 
 impl Factor {
     /// Factors a symmetric matrix, of which only the lower triangle is read.
-    ///
-    /// # Errors
-    /// [`NotPositive`].
     pub fn new(mut matrix: Mat<f64>, threads: usize) -> Result<Self, NotPositive> {
         factor(columns_mut(&mut matrix), threads)?;
         Ok(Self {

@@ -202,9 +202,6 @@ impl StopCriteria {
 /// Returns the lowest point found from `start` within `bounds` (lower, upper); its value never exceeds that of the start.
 ///
 /// The result is deterministic.
-///
-/// # Errors
-/// [`Cancelled`].
 pub fn minimize<O: Objective>(
     objective: &O,
     start: &[f64],
@@ -220,9 +217,6 @@ pub fn minimize<O: Objective>(
 /// such as [`Minimum::units`] of a similar function. It takes at most half of the iterations. It remembers half as many
 /// steps as there are coordinates: with 60 hyperparameters, 30 remembered steps took a quarter fewer iterations than ten,
 /// and ended lower.
-///
-/// # Errors
-/// [`Cancelled`].
 pub fn minimize_in_units<O: Objective>(
     objective: &O,
     start: &[f64],

@@ -60,6 +60,30 @@ pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     values.into_iter().fold(ends, wider)
 }
 
+/// Returns the different values, in ascending order.
+pub fn distinct(values: impl IntoIterator<Item = f64>) -> Vec<f64> {
+    let mut out: Vec<f64> = values.into_iter().collect();
+    out.sort_by(f64::total_cmp);
+    out.dedup();
+    out
+}
+
+/// Returns the value below which a share of the values lie, or 0 if there are none.
+pub fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
+    let Some(last) = values.len().checked_sub(1) else {
+        return 0.0;
+    };
+    let at = (share * values.len() as f64) as usize;
+    *values
+        .select_nth_unstable_by(at.min(last), f64::total_cmp)
+        .1
+}
+
+/// Returns the median, or 0 if there are no values.
+pub fn median(values: Vec<f64>) -> f64 {
+    quantile(values, 0.5)
+}
+
 /// Absolute standardised errors of poses that were not fitted: of position, then of rotation.
 pub type Standardised = [Vec<f64>; 2];
 

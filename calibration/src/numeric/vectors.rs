@@ -20,10 +20,15 @@ pub fn vectorised<R>(work: impl FnMut() -> R) -> R {
     Arch::new().dispatch(Work(work))
 }
 
+/// Returns the inner product Σ a b, added from the first term to the last.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
 /// Number of partial sums, the same on every processor.
 const LANES: usize = 8;
 
-/// Returns the inner product Σ a b.
+/// Returns the inner product Σ a b, added in partial sums.
 #[inline(always)]
 pub fn inner(a: &[f64], b: &[f64]) -> f64 {
     let mut lanes = [0.0; LANES];

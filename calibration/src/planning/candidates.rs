@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::planning::constraints::Constraints;
 use crate::planning::refusals::Refusals;
-use crate::robot::Robot;
+use crate::robot::{Robot, in_file_units};
 
 /// Most configurations that are drawn: a robot cell that allows one in ten thousand still gets a plan of some poses.
 const MOST_DRAWN: usize = 300_000;
@@ -24,14 +24,6 @@ pub struct Candidates {
     pub drawn: usize,
     /// Why the other configurations are forbidden.
     pub refusals: Refusals,
-}
-
-/// Converts a joint to the unit of files and programs: degrees or millimetres.
-pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
-    match kind {
-        JointKind::Revolute => joint.to_degrees(),
-        JointKind::Prismatic => 1e3 * joint,
-    }
 }
 
 /// Formats a value of a plan with its three decimals.

@@ -225,7 +225,7 @@ impl TomlSource<'_> {
         let span = key.map(|(_, _, value)| value.span());
         let height = height.or_else(|| mounting_plane(robot));
         if let (Some(asked), true, None) = (&file.floor, wanted, height) {
-            let expected = "floor_mm: of this robot the plane that it is mounted on is not known";
+            let expected = "floor_mm, because the mounting plane of this robot is not known";
             return Err(self.error(asked.span(), "floor", "true", expected));
         }
         Ok(height.filter(|_| wanted).map(|height| Constraint {
@@ -277,7 +277,7 @@ impl TomlSource<'_> {
             ("instrument_m", METRE, &sight.instrument_m),
         ])?;
         let instrument = instrument.ok_or_else(|| {
-            let expected = "where the instrument stands in the base frame";
+            let expected = "instrument_mm, the position of the instrument in the base frame";
             self.error(table.span(), "", "no instrument_mm", expected)
         })?;
         let angle = self.at_most_one_unit(&[
@@ -285,13 +285,18 @@ impl TomlSource<'_> {
             ("max_angle_rad", RADIAN, &sight.max_angle_rad),
         ])?;
         let Some((key, factor, angle)) = angle else {
-            let expected = "how far the target may be turned away";
+            let expected = "max_angle_deg, the largest angle between the target's normal and the line of sight";
             return Err(self.error(table.span(), "", "no max_angle_deg", expected));
         };
         let max_angle = angle.get_ref() * factor;
         if !(max_angle > 0.0 && max_angle <= std::f64::consts::PI) {
             let found = angle.get_ref().to_string();
-            return Err(self.error(angle.span(), key, found, "an angle above 0, to half a turn"));
+            return Err(self.error(
+                angle.span(),
+                key,
+                found,
+                "an angle above 0, at most half a turn",
+            ));
         }
         let normal = Vector3::from(*sight.normal.get_ref());
         let length = normal.norm();

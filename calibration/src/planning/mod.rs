@@ -170,9 +170,6 @@ impl<'a> Planner<'a> {
     }
 
     /// Makes a plan of `count` poses for the calibration and `checks` poses to check it.
-    ///
-    /// # Errors
-    /// [`TooTight`].
     pub fn plan(&self, count: usize, checks: usize, strategy: Strategy) -> Result<Plan, TooTight> {
         let joints = &self.candidates.joints;
         if joints.len() < count + checks {

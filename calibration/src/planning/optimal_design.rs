@@ -284,7 +284,6 @@ impl Candidate {
 }
 
 impl OfPayload {
-    /// Returns the candidates after a change of C.
     fn after(&self, change: &Change) -> Vec<Candidate> {
         let Change { kernel, both, .. } = change;
         let moved = product(&self.rows, &change.columns);

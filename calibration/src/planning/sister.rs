@@ -12,13 +12,11 @@
 //! sizes are taken.
 
 use nalgebra::Vector3;
-use poegp_protocol::JointKind;
-use poegp_protocol::blob::{Correction, Elastic, Transform};
+use poegp_protocol::blob::{Correction, Elastic};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::blob::predict::BlobModel;
-use crate::numeric::rotation::nearest_rotation;
+use crate::blob::predict::{BlobModel, rigid_poses};
 use crate::planning::optimal_design::{Prior, Wave};
 use crate::robot::Robot;
 
@@ -51,7 +49,7 @@ pub enum NotASister {
         joint: usize,
     },
     /// The joints of the controller are coupled in another way.
-    #[error("a model of \"{robot}\", whose joints are coupled otherwise")]
+    #[error("a model of \"{robot}\", with another joint coupling")]
     Coupling {
         /// Robot of the model.
         robot: String,
@@ -112,7 +110,7 @@ impl Sister {
         {
             return Err(NotASister::Coupling { robot: name() });
         }
-        let drawn = aligned(robot, &poses(&blob.geometry.nominal));
+        let drawn = aligned(robot, &rigid_poses(&blob.geometry.nominal));
         for (joint, (_, twist)) in (1..).zip(&drawn[..n]) {
             let (linear, angular) = (twist.linear.norm(), twist.angular.norm());
             if linear.max(angular) > SAME_DRAWING {
@@ -124,13 +122,12 @@ impl Sister {
                 });
             }
         }
-        let calibrated = aligned(robot, &poses(&blob.geometry.calibrated));
+        let calibrated = aligned(robot, &rigid_poses(&blob.geometry.calibrated));
         let mut frames: Vec<Pose<f64>> = calibrated.iter().map(|(frame, _)| *frame).collect();
         let target: Pose<f64> = Pose::from_rows(&model.host().gauge.flange_from_target);
         if let Some(last) = frames.last_mut() {
             *last = *last * target.inverse();
         }
-        let kinds: Vec<JointKind> = robot.joints.iter().map(|j| j.kind).collect();
         let mut prior = Prior::usual(n);
         // The first frame is the base's and the last the target's: both are where somebody mounted them.
         prior.frames =
@@ -143,22 +140,11 @@ impl Sister {
             _ => false,
         };
         Ok(Self {
-            chain: Poe::new(&kinds, &frames).expect("as many frames as the robot has"),
+            chain: Poe::new(&robot.kinds(), &frames).expect("as many frames as the robot has"),
             prior,
             is_elastic,
         })
     }
-}
-
-fn poses(frames: &[Transform<f32>]) -> Vec<Pose<f64>> {
-    let pose = |rows: &Transform<f32>| {
-        let stored = Pose::<f32>::from_rows(rows).cast::<f64>();
-        Pose {
-            rotation: nearest_rotation(&stored.rotation),
-            ..stored
-        }
-    };
-    frames.iter().map(pose).collect()
 }
 
 /// Returns the same chain with frames as near as possible to the robot's, each with its deviation as a twist in the joint's

@@ -2,11 +2,9 @@
 
 use std::fmt::Write as _;
 
-use poegp_protocol::JointKind;
-
 use crate::planning::Plan;
-use crate::planning::candidates::{decimals, in_file_units};
-use crate::robot::Robot;
+use crate::planning::candidates::decimals;
+use crate::robot::{Robot, in_file_units};
 
 /// Formats the poses of a plan that are for the calibration (`check` false) or to check it (`check` true). Comments in the
 /// file say which poses of the program they are. Without payloads there is no payload column.
@@ -24,15 +22,7 @@ pub fn to_csv(robot: &Robot, plan: &Plan, check: bool) -> String {
     if has_payload {
         out += "payload_kg,";
     }
-    let unit = |kind: JointKind| match kind {
-        JointKind::Revolute => "deg",
-        JointKind::Prismatic => "mm",
-    };
-    let names: Vec<String> = (1..)
-        .zip(&robot.joints)
-        .map(|(i, joint): (usize, _)| format!("q{i}_{}", unit(joint.kind)))
-        .collect();
-    let _ = writeln!(out, "{}", names.join(","));
+    let _ = writeln!(out, "{}", robot.file_columns().join(","));
     let mut before = None;
     for (number, pose) in (1..).zip(&plan.poses).filter(|(_, p)| p.check == check) {
         let group = pose.payload_kg.map(f64::to_bits);

@@ -299,7 +299,9 @@ fn the_floor_is_the_mounting_plane_unless_the_file_says_otherwise() {
     assert_eq!(parse(&robot, "floor_mm = -50").floor(), Some(-0.05));
     let error = Constraints::parse(Path::new("cell.toml"), "floor = true", &robot).unwrap_err();
     assert!(
-        error.to_string().contains("mounted on is not known"),
+        error
+            .to_string()
+            .contains("the mounting plane of this robot is not known"),
         "{error}"
     );
 }

@@ -35,6 +35,22 @@ pub struct ClassPrior {
     pub joint_zero: f64,
 }
 
+/// Converts a joint to the unit of files and programs: degrees or millimetres.
+pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
+    match kind {
+        JointKind::Revolute => joint.to_degrees(),
+        JointKind::Prismatic => 1e3 * joint,
+    }
+}
+
+/// Returns which component of a twist (v, ω) in a joint's frame is the joint's own motion.
+pub fn own_motion(kind: JointKind) -> usize {
+    match kind {
+        JointKind::Revolute => 5,
+        JointKind::Prismatic => 2,
+    }
+}
+
 /// One moving joint.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Joint {
@@ -67,6 +83,15 @@ impl Robot {
     /// None for a robot that was loaded: it has 1 to 8 joints and one frame more.
     pub fn chain(&self) -> Result<Poe<f64>, WrongChain> {
         Poe::new(&self.kinds(), &self.parent_from_joint)
+    }
+
+    /// Returns the columns of the joints in files, as `q1_deg`.
+    pub fn file_columns(&self) -> Vec<String> {
+        let column = |(i, joint): (usize, &Joint)| match joint.kind {
+            JointKind::Revolute => format!("q{i}_deg"),
+            JointKind::Prismatic => format!("q{i}_mm"),
+        };
+        (1..).zip(&self.joints).map(column).collect()
     }
 
     /// Returns the kinds of the joints.

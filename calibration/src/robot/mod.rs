@@ -32,7 +32,9 @@ use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 
 pub use crate::robot::builtin::BUILT_IN;
-pub use crate::robot::description::{ClassPrior, Joint, LoadOptions, Robot, coupled};
+pub use crate::robot::description::{
+    ClassPrior, Joint, LoadOptions, Robot, coupled, in_file_units, own_motion,
+};
 
 use crate::input_error::InputError;
 

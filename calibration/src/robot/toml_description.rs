@@ -377,7 +377,9 @@ impl TomlSource<'_> {
             )
         };
         if joint.origin.is_none() {
-            return Err(missing("origin").with_help("origin = {} is the frame of the joint before"));
+            return Err(
+                missing("origin").with_help("origin = {} is the frame of the previous joint")
+            );
         }
         let axis = joint.axis.as_ref().ok_or_else(|| missing("axis"))?;
         let vector = Vector3::from(*axis.get_ref());

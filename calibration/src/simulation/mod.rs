@@ -15,7 +15,7 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::robot::Robot;
+use crate::robot::{Robot, in_file_units};
 use crate::simulation::true_arm::normal_vector;
 pub use crate::simulation::true_arm::{Disturbance, Scenario, TrueArm};
 
@@ -147,14 +147,7 @@ impl Simulator {
 /// Writes a measurement file of `poses`; with the truth in `true_*` columns if `with_truth`.
 pub fn to_csv(robot: &Robot, poses: &[SimulatedPose], with_truth: bool, comment: &str) -> String {
     let mut out = format!("# {comment}\npayload_kg");
-    for (i, joint) in robot.joints.iter().enumerate() {
-        let unit = if joint.kind == poegp_protocol::JointKind::Revolute {
-            "deg"
-        } else {
-            "mm"
-        };
-        let _ = write!(out, ",q{}_{unit}", i + 1);
-    }
+    out += &format!(",{}", robot.file_columns().join(","));
     out += ",x_mm,y_mm,z_mm,qw,qx,qy,qz";
     if with_truth {
         out += ",true_x_mm,true_y_mm,true_z_mm,true_qw,true_qx,true_qy,true_qz";
@@ -163,12 +156,7 @@ pub fn to_csv(robot: &Robot, poses: &[SimulatedPose], with_truth: bool, comment:
     for pose in poses {
         let _ = write!(out, "{}", pose.payload_kg);
         for (joint, q) in robot.joints.iter().zip(&pose.joints) {
-            let value = if joint.kind == poegp_protocol::JointKind::Revolute {
-                q.to_degrees()
-            } else {
-                1e3 * q
-            };
-            let _ = write!(out, ",{value:.10}");
+            let _ = write!(out, ",{:.10}", in_file_units(joint.kind, *q));
         }
         write_pose(&mut out, &pose.measured);
         if with_truth {

@@ -97,7 +97,7 @@ impl TrueArm {
         } else {
             0.9
         };
-        let kinds: Vec<JointKind> = robot.joints.iter().map(|j| j.kind).collect();
+        let kinds = robot.kinds();
         let mut chain =
             Poe::new(&kinds, &robot.parent_from_joint).expect("a loaded robot is a chain");
         for frame in chain.frames_mut() {

@@ -109,6 +109,28 @@ impl AddedTerms {
         })
     }
 
+    /// Returns the residuals that the terms leave once all other parameters adapted. `effect` is that of
+    /// [`over`](Self::over).
+    pub fn left(
+        &self,
+        geometry: &Geometry,
+        coefficients: &[f64],
+        effect: impl Fn(usize, usize, usize) -> f64,
+    ) -> Vec<[f64; ROWS]> {
+        let x = Mat::from_fn(coefficients.len(), 1, |i, _| coefficients[i]);
+        let step = &geometry.next_step - &geometry.covariance * (self.with_all.transpose() * x);
+        let adapted = &geometry.linear.a * step;
+        let of = |(k, residual): (usize, &[f64; ROWS])| {
+            std::array::from_fn(|i| {
+                let row = ROWS * k + i;
+                let terms = coefficients.iter().enumerate();
+                let own: f64 = terms.map(|(c, x)| x * effect(k, row, c)).sum();
+                residual[i] - own - adapted[(row, 0)]
+            })
+        };
+        geometry.residuals.iter().enumerate().map(of).collect()
+    }
+
     /// Returns the sum of squares of the terms' effect on all rows.
     pub fn square(&self, coefficients: &[f64]) -> f64 {
         let pairs =

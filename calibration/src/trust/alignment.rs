@@ -14,6 +14,7 @@ use crate::measurement::observation::Observation;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::{aligned, nearest_rotation};
+use crate::numeric::statistics::{median, quantile};
 use crate::numeric::svd::Svd;
 
 /// Length in m that weighs as much as a radian.
@@ -101,22 +102,6 @@ impl Alignment {
 fn angle(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
     // |A − B|² = 4 (1 − cos θ); the half angle keeps small angles exact.
     2.0 * libm::asin(((a - b).norm() / 8.0_f64.sqrt()).min(1.0))
-}
-
-/// Returns the median, or 0 if there are no values.
-pub fn median(values: Vec<f64>) -> f64 {
-    quantile(values, 0.5)
-}
-
-/// Returns the value below which a share of the values lie, or 0 if there are none.
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    let Some(last) = values.len().checked_sub(1) else {
-        return 0.0;
-    };
-    let at = (share * values.len() as f64) as usize;
-    *values
-        .select_nth_unstable_by(at.min(last), f64::total_cmp)
-        .1
 }
 
 /// Number of Gauss–Newton steps of a final fit.

@@ -15,6 +15,16 @@ pub enum Tier {
     Refused,
 }
 
+impl Tier {
+    /// Returns the tier of a finding that only a grave case refuses.
+    pub fn refused_if(is_grave: bool) -> Self {
+        match is_grave {
+            true => Self::Refused,
+            false => Self::Warning,
+        }
+    }
+}
+
 /// One result of an examination.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Finding {
@@ -33,6 +43,24 @@ pub struct Finding {
 }
 
 impl Finding {
+    /// Creates a finding about the whole file; `value` decided, by comparison with `threshold`.
+    pub fn new(cause: Cause, tier: Tier, text: String, value: f64, threshold: f64) -> Self {
+        Self {
+            cause,
+            tier,
+            text,
+            rows: Vec::new(),
+            value,
+            threshold,
+        }
+    }
+
+    /// Limits the finding to some lines of the file.
+    #[must_use]
+    pub fn of_rows(self, rows: Vec<usize>) -> Self {
+        Self { rows, ..self }
+    }
+
     /// Returns whether the finding concerns values that no instrument measured: they must not be used to judge a model,
     /// either.
     pub fn is_of_values(&self) -> bool {
@@ -84,14 +112,7 @@ mod tests {
 
     #[test]
     fn a_cause_that_is_accepted_is_one_tier_less_grave() {
-        let finding = |cause, tier| Finding {
-            cause,
-            tier,
-            text: String::new(),
-            rows: Vec::new(),
-            value: 0.0,
-            threshold: 0.0,
-        };
+        let finding = |cause, tier| Finding::new(cause, tier, String::new(), 0.0, 0.0);
         let mut findings = Findings(vec![
             finding(Cause::Still, Tier::Warning),
             finding(Cause::Step, Tier::Refused),

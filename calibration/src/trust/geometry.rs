@@ -14,7 +14,8 @@ use crate::measurement::sample::{BaseSample, in_base_frame};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-use crate::trust::alignment::{Alignment, median};
+use crate::numeric::statistics::median;
+use crate::trust::alignment::Alignment;
 use crate::trust::readings::Data;
 
 /// Largest number of determined parameters per position equation: with more, the residuals no longer show the noise.
@@ -42,6 +43,7 @@ pub enum Priors {
 }
 
 /// A fitted geometry.
+#[derive(Clone)]
 pub struct Geometry {
     /// The fitted model.
     pub state: ParametricModel,
@@ -55,6 +57,8 @@ pub struct Geometry {
     pub residuals: Vec<[f64; ROWS]>,
     /// Weights of the rows, 0 to 1.
     pub weights: Vec<f64>,
+    /// Standard deviations of the parameters' priors.
+    pub sd: Vec<f64>,
     /// Covariance of the parameters: the inverse of AᵀWA + Λ⁻¹, with the prior covariance Λ.
     pub covariance: Mat<f64>,
     /// The next Gauss–Newton step. Progress along a curved valley is slow, so hypotheses are compared with the point at
@@ -79,11 +83,83 @@ impl Geometry {
         priors: Priors,
         gravity: Vector3<f64>,
     ) -> Option<Self> {
-        let mut fits = [(true, true), (true, false), (false, false)]
+        let mut fits = Self::fits(data, alignment, priors, gravity);
+        fits.find(|fit| fit.as_ref().is_none_or(|fit| !fit.is_too_free()))?
+    }
+
+    /// Returns fits with fewer and fewer terms: gravity and harmonics, gravity alone, neither.
+    pub fn fits(
+        data: &Data<'_>,
+        alignment: &Alignment,
+        priors: Priors,
+        gravity: Vector3<f64>,
+    ) -> impl Iterator<Item = Option<Self>> {
+        [(true, true), (true, false), (false, false)]
             .into_iter()
-            .map(|terms| Self::fit_terms(data, alignment, priors, gravity, terms));
-        let most = FREE * (3 * data.samples.len()) as f64;
-        fits.find(|fit| fit.as_ref().is_none_or(|fit| fit.determined <= most))?
+            .map(move |terms| Self::fit_terms(data, alignment, priors, gravity, terms))
+    }
+
+    /// Returns whether the parameters follow the noise, so that the residuals no longer show it.
+    pub fn is_too_free(&self) -> bool {
+        self.determined > FREE * (3 * self.samples.len()) as f64
+    }
+
+    /// Returns the same geometry with the scales and weights of other residuals, which are given in units of its scales:
+    /// those that a change would leave. `None` if the equations cannot be solved.
+    pub fn rescaled(&self, left: &[[f64; ROWS]]) -> Option<Self> {
+        let of = |scales: NoiseScales, i: usize| match i {
+            0..3 => scales.position,
+            _ => scales.orientation,
+        };
+        let plain: Vec<[f64; ROWS]> = left
+            .iter()
+            .map(|r| std::array::from_fn(|i| of(self.scales, i) * r[i]))
+            .collect();
+        let scales = scales_of(&plain, &self.samples);
+        let factor = |i: usize| of(self.scales, i) / of(scales, i);
+        let in_units = |rows: &[[f64; ROWS]]| -> Vec<[f64; ROWS]> {
+            let row = |r: &[f64; ROWS]| std::array::from_fn(|i| factor(i) * r[i]);
+            rows.iter().map(row).collect()
+        };
+        let mut out = self.clone();
+        out.scales = scales;
+        out.residuals = in_units(&self.residuals);
+        out.weights = row_weights(&in_units(left), &self.samples);
+        for matrix in [
+            &mut out.linear.a,
+            &mut out.linear.y,
+            &mut out.linear.jacobian,
+        ] {
+            for (row, mut values) in matrix.row_iter_mut().enumerate() {
+                values *= factor(row % ROWS);
+            }
+        }
+        out.solve()?;
+        Some(out)
+    }
+
+    /// Computes the covariance, the next step and the number of determined parameters.
+    pub fn solve(&mut self) -> Option<()> {
+        let (sd, linear) = (&self.sd, &self.linear);
+        let factor = Factor::new(normal(linear, &self.weights, sd), 1).ok()?;
+        let identity = Mat::from_fn(sd.len(), sd.len(), |i, j| {
+            f64::from(u8::from(i == j)) * sd[i]
+        });
+        let half = factor.solve(&identity);
+        let covariance = Mat::from_fn(sd.len(), sd.len(), |i, j| sd[i] * half[(i, j)]);
+        let gradient = Mat::from_fn(sd.len(), 1, |i, _| {
+            let rows = (0..linear.a.nrows()).map(|r| {
+                self.weights[r / ROWS] * linear.a[(r, i)] * self.residuals[r / ROWS][r % ROWS]
+            });
+            // Terms that were added after the fit start from 0.
+            let deviation = self.state.deviation.get(i).unwrap_or(&0.0);
+            rows.sum::<f64>() - deviation / (sd[i] * sd[i])
+        });
+        let determined = (0..sd.len()).map(|i| 1.0 - covariance[(i, i)] / (sd[i] * sd[i]));
+        self.determined = determined.sum();
+        self.next_step = &covariance * gradient;
+        self.covariance = covariance;
+        Some(())
     }
 
     /// Same as [`fit`](Self::fit), with the given selection of gravity and harmonics.
@@ -162,19 +238,6 @@ impl Geometry {
         let linear = state.linearise(&samples, scales);
         let residuals = state.residuals(&samples, scales);
         let weights = row_weights(&residuals, &samples);
-        let factor = Factor::new(normal(&linear, &weights, &sd), 1).ok()?;
-        let identity = Mat::from_fn(sd.len(), sd.len(), |i, j| {
-            f64::from(u8::from(i == j)) * sd[i]
-        });
-        let half = factor.solve(&identity);
-        let covariance = Mat::from_fn(sd.len(), sd.len(), |i, j| sd[i] * half[(i, j)]);
-        let gradient = Mat::from_fn(sd.len(), 1, |i, _| {
-            let rows = (0..linear.a.nrows())
-                .map(|r| weights[r / ROWS] * linear.a[(r, i)] * residuals[r / ROWS][r % ROWS]);
-            rows.sum::<f64>() - state.deviation[i] / (sd[i] * sd[i])
-        });
-        let next_step = &covariance * gradient;
-        let determined = (0..sd.len()).map(|i| 1.0 - covariance[(i, i)] / (sd[i] * sd[i]));
         let plain = state.residuals(&samples, NoiseScales::ONE);
         let norm = |r: &[f64]| r.iter().map(|x| x * x).sum::<f64>().sqrt();
         let whole = plain
@@ -193,20 +256,23 @@ impl Geometry {
         for (frame, shift) in shifts_along_axes(&state.frames, &nominal) {
             frames_off[frame].0 = frames_off[frame].0.max(shift);
         }
-        Some(Self {
+        let mut out = Self {
             position: median(plain.iter().map(|r| norm(&r[..3])).collect()),
             rotation: median(whole.map(|(r, _)| norm(&r[3..])).collect()),
             frames_off,
-            determined: determined.sum(),
+            determined: 0.0,
             state,
             samples,
             scales,
             linear,
             residuals,
             weights,
-            covariance,
-            next_step,
-        })
+            covariance: Mat::zeros(0, 0),
+            next_step: Mat::zeros(0, 0),
+            sd,
+        };
+        out.solve()?;
+        Some(out)
     }
 
     /// Returns the residual of a row per equation, in standard deviations.
@@ -225,7 +291,13 @@ impl Geometry {
 
     /// Returns whether there were enough rows for gravity and harmonics.
     pub fn is_whole(&self) -> bool {
-        self.state.layout.gravity && !self.state.layout.ripple.is_empty()
+        self.terms() == (true, true)
+    }
+
+    /// Returns whether gravity and harmonics are included.
+    pub fn terms(&self) -> (bool, bool) {
+        let layout = &self.state.layout;
+        (layout.gravity, !layout.ripple.is_empty())
     }
 
     /// Returns the number of equations of all rows.
@@ -277,6 +349,11 @@ fn size(residual: &[f64; ROWS], equations: usize) -> f64 {
 }
 
 fn robust_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales {
+    scales_of(&state.residuals(samples, NoiseScales::ONE), samples)
+}
+
+/// Returns the robust scales of residuals in m and rad.
+fn scales_of(residuals: &[[f64; ROWS]], samples: &[BaseSample]) -> NoiseScales {
     // The stated uncertainties are themselves under examination, so they do not affect the weights here.
     let plain: Vec<BaseSample> = samples
         .iter()
@@ -285,7 +362,7 @@ fn robust_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales
             ..s.clone()
         })
         .collect();
-    NoiseScales::robust(&state.residuals(&plain, NoiseScales::ONE), &plain).at_least(LEAST_SCALE)
+    NoiseScales::robust(residuals, &plain).at_least(LEAST_SCALE)
 }
 
 /// Weights limit the pull of a row that does not belong, however far off it is; rows that are off together still show where

@@ -1,15 +1,17 @@
-//! Finds rows of two kinds that alternate: two targets or two places of the instrument that no column tells apart.
+//! Finds rows of two kinds that alternate: two targets, two places of the instrument or two zeros of a joint that no column
+//! tells apart.
 //!
 //! The geometry settles between both kinds, and the residuals form two clusters: along the target's axes if the targets
-//! differ, along the instrument's if it stood in two places.
+//! differ, along the instrument's if it stood in two places, along the motion of a joint if its zero changed.
 
 use nalgebra::Vector3;
 use poegp_protocol::cause::Cause;
 
+use crate::identification::parametric::state::ROWS;
 use crate::numeric::matrix::Mat;
 use crate::numeric::svd::Svd;
-use crate::trust::change_points::{Part, REFUSED, changes, needed};
-use crate::trust::finding::{Finding, Tier};
+use crate::trust::change_points::{Part, changes, needed};
+use crate::trust::finding::Finding;
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lines};
@@ -28,7 +30,9 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     }
     let needed = needed(geometry);
     let halves = [Part::Tool, Part::Base].map(|part| [(part, 0), (part, 3)]);
-    let candidates = halves.into_iter().flatten().filter_map(|(part, first)| {
+    let joints = (0..geometry.state.layout.joints).map(|j| (Part::Joint(j), 0));
+    let directions = halves.into_iter().flatten().chain(joints);
+    let candidates = directions.filter_map(|(part, first)| {
         let rows = clusters(geometry, part, first)?;
         let changes = changes(geometry, &rows);
         let change = changes.into_iter().find(|c| c.part == part)?;
@@ -36,35 +40,45 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     });
     let (rows, change) = candidates.max_by(|a, b| a.1.drop.total_cmp(&b.1.drop))?;
     let rows: Vec<usize> = rows.iter().map(|k| data.line(*k)).collect();
-    let what = if change.part == Part::Tool {
-        "another target or reflector"
-    } else {
-        "another place of the instrument"
-    };
-    Some(Finding {
-        cause: Cause::Mixed,
-        tier: if change.displacement > REFUSED {
-            Tier::Refused
-        } else {
-            Tier::Warning
-        },
-        text: format!(
-            "{} of {count} rows ({}) lie {} from where the others would: {what} (a session of its own)",
-            rows.len(),
-            lines(&rows),
-            length(change.displacement)
+    let what = match change.part {
+        Part::Tool => {
+            "another target or reflector; give these rows a session of their own".to_owned()
+        }
+        Part::Joint(j) => format!(
+            "another zero of joint {}; calibrate from rows of one zero",
+            j + 1
         ),
-        rows,
-        value: change.drop / count as f64,
-        threshold: needed / count as f64,
-    })
+        _ => {
+            "another position of the instrument; give these rows a session of their own".to_owned()
+        }
+    };
+    let text = format!(
+        "{} of {count} rows ({}) are {} from where the others would be: {what}",
+        rows.len(),
+        lines(&rows),
+        length(change.displacement)
+    );
+    Some(
+        change
+            .finding(Cause::Mixed, text, needed, count)
+            .of_rows(rows),
+    )
 }
 
-/// Cuts the rows in two along the principal axis of three components of their residuals: positions from 0 on, rotations
-/// from 3 on. Returns the smaller part if both are well apart.
-fn clusters(geometry: &Geometry, part: Part, first: usize) -> Option<Vec<usize>> {
-    let count = geometry.samples.len();
-    let mut turned = Mat::zeros(count, 3);
+/// Returns for each row the change of a joint's zero that explains most of its residual.
+fn zeros(geometry: &Geometry, joint: usize) -> Mat<f64> {
+    let of = |k: usize| {
+        let moved = |i: usize| geometry.linear.jacobian[(ROWS * k + i, joint)];
+        let square: f64 = (0..ROWS).map(|i| moved(i).powi(2)).sum();
+        let seen: f64 = (0..ROWS).map(|i| moved(i) * geometry.residuals[k][i]).sum();
+        seen / square.max(f64::MIN_POSITIVE)
+    };
+    Mat::from_fn(geometry.samples.len(), 1, |k, _| of(k))
+}
+
+/// Returns three components of the residuals of each row, in the axes of a part: positions from 0 on, rotations from 3 on.
+fn turned(geometry: &Geometry, part: Part, first: usize) -> Mat<f64> {
+    let mut turned = Mat::zeros(geometry.samples.len(), 3);
     for (k, residual) in geometry.residuals.iter().enumerate() {
         let mut seen = Vector3::from_fn(|i, _| geometry.weights[k].sqrt() * residual[first + i]);
         if part == Part::Tool {
@@ -74,6 +88,17 @@ fn clusters(geometry: &Geometry, part: Part, first: usize) -> Option<Vec<usize>>
         }
         turned.row_mut(k).copy_from(&seen.transpose());
     }
+    turned
+}
+
+/// Cuts the rows in two along the principal axis of what their residuals show of a part. Returns the smaller part if both are
+/// well apart.
+fn clusters(geometry: &Geometry, part: Part, first: usize) -> Option<Vec<usize>> {
+    let count = geometry.samples.len();
+    let mut turned = match part {
+        Part::Joint(joint) => zeros(geometry, joint),
+        _ => turned(geometry, part, first),
+    };
     for mut column in turned.column_iter_mut() {
         let mean = column.sum() / count as f64;
         column.add_scalar_mut(-mean);

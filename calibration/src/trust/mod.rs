@@ -7,29 +7,40 @@ mod added_terms;
 mod alignment;
 mod change_points;
 mod conventions;
+mod copies;
+mod digits;
 mod finding;
 mod geometry;
+mod left_out;
+mod linear_mistakes;
 mod mixture;
 mod nominal_arm;
 mod numbers;
 mod payloads;
+mod ratio;
 mod readings;
 mod residuals;
 #[cfg(test)]
 mod tests;
-mod wording;
+mod two_arms;
+pub(crate) mod wording;
+
+use std::collections::HashSet;
 
 use nalgebra::Vector3;
 
 pub use poegp_protocol::cause::{Cause, Causes};
 
+pub(crate) use crate::trust::change_points::drop_among;
 pub use crate::trust::finding::{Finding, Findings, Tier};
 pub use crate::trust::residuals::overstated_noise;
 
 use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::statistics::median;
 use crate::robot::Robot;
-use crate::trust::alignment::{LEVER, Row, align, median};
+use crate::trust::alignment::{LEVER, Row, align};
+use crate::trust::copies::Copies;
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading};
 
@@ -57,6 +68,8 @@ pub fn identify(
 
 /// Ratio above which rows contradict the arm of the others: their median distance from it over that of the others.
 const CONTRADICTS: f64 = 2.0;
+/// Ratio by which a cause with many terms must explain more than one with few.
+const MANY_TERMS: f64 = 1.3;
 /// Ratio of the geometry's median residual to the nominal arm's above which the geometry explains little.
 const POOR: f64 = 0.4;
 
@@ -82,36 +95,102 @@ pub fn examine(
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
         out.0.extend(arm.findings);
-        if !out.is_refused()
-            && is_enough
-            && let Some(geometry) = Geometry::fit(&data, &arm.alignment, Priors::Made, gravity)
+        let is_refused = out.is_refused();
+        let is_fitted = is_enough && (!is_refused || out.0.iter().any(is_unexplained));
+        let fit = || Geometry::fit(&data, &arm.alignment, Priors::Made, gravity);
+        let geometry = is_fitted.then(fit).flatten();
+        let base = &arm.alignment.base;
+        if is_refused
+            && let Some(geometry) = &geometry
+            && let Some(mistake) = linear_mistakes::certain(&data, base, geometry)
         {
+            out.0.retain(|f| !is_unexplained(f));
+            out.0.push(mistake);
+        }
+        if !is_refused && let Some(geometry) = geometry {
             out.0.extend(suspects.into_iter().filter(|f| {
                 let (cut, rest) = parted(&data, f);
                 let off = |rows: &[usize]| median(rows.iter().map(|k| geometry.size(*k)).collect());
                 off(&cut) > CONTRADICTS * off(&rest)
             }));
+            // A file whose residuals show a quieter instrument has repeats that are nearer each other.
+            if out.0.iter().any(|f| f.cause == Cause::Copies) {
+                out.0.retain(|f| f.cause != Cause::Copies);
+                out.0
+                    .extend(Copies::new(set, samples, Some(geometry.scales)).finding());
+            }
             let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);
             // An episode is searched for only if the geometry explains little.
             let is_poor = geometry.position > POOR * arm.alignment.position;
             // Payloads that were measured one after the other are no step.
             let geometry = payloads::with_terms_of_each_payload(geometry);
-            let step = change_points::examine(&data, &geometry).or_else(|| {
+            let terms = geometry.terms();
+            let fewer = || {
+                let fits = Geometry::fits(&data, &arm.alignment, Priors::Made, gravity);
+                let fewer = fits.flatten().filter(move |fit| fit.terms() < terms);
+                fewer.map(payloads::with_terms_of_each_payload)
+            };
+            let step = change_points::examine(&data, &geometry, fewer).or_else(|| {
                 is_poor
                     .then(|| change_points::episode(&data, &geometry))
                     .flatten()
             });
-            let has_step = step.is_some();
-            out.0.extend(step);
-            // Other residuals beside a step are attributed to the step.
+            let mistake = linear_mistakes::examine(&data, base, &geometry);
+            let mixed = rest.iter().find(|f| f.cause == Cause::Mixed);
+            let arms = two_arms::examine(&data, &geometry);
+            // Only the best of them is named, and other residuals are attributed to it.
+            let main = main_cause(step.into_iter().chain(mistake), mixed, arms);
+            let is_explained = main.is_some();
+            out.0.extend(main);
             out.0.extend(
                 rest.into_iter()
-                    .filter(|f| !has_step || f.cause == Cause::Noise),
+                    .filter(|f| !is_explained || f.cause == Cause::Noise),
             );
+        }
+        let is_explained = |f: &Finding| {
+            matches!(
+                f.cause,
+                Cause::Outlier | Cause::Step | Cause::Drift | Cause::Mixed
+            )
+        };
+        if !is_refused
+            && fits_geometry
+            && data.samples.len() <= left_out::MOST_ROWS
+            && !out.0.iter().any(is_explained)
+        {
+            // The fewest terms leave the most equations to check each row.
+            let fits = Geometry::fits(&data, &arm.alignment, Priors::Made, gravity);
+            let fit = fits.flatten().last();
+            out.0
+                .extend(fit.and_then(|fit| left_out::examine(&data, &fit)));
         }
     }
     out.accept(&[]);
     out
+}
+
+/// Returns whether a refusal names no cause that could be put right, so that one which explains the rows takes its place.
+fn is_unexplained(finding: &Finding) -> bool {
+    let causes = [
+        Cause::Mixed,
+        Cause::NoFit,
+        Cause::Orientation,
+        Cause::Frames,
+    ];
+    finding.tier == Tier::Refused && causes.contains(&finding.cause)
+}
+
+/// Returns the finding that explains the residuals best: one of `simple`, or that of two `arms`, which have many more terms
+/// and therefore must explain more than those and than two kinds of rows, `mixed`.
+fn main_cause(
+    simple: impl Iterator<Item = Finding>,
+    mixed: Option<&Finding>,
+    arms: Option<Finding>,
+) -> Option<Finding> {
+    let simple = simple.max_by(|a, b| a.value.total_cmp(&b.value));
+    let explained = simple.as_ref().or(mixed).map_or(0.0, |f| f.value);
+    arms.filter(|arms| arms.value > MANY_TERMS * explained)
+        .or(simple)
 }
 
 /// Separates the findings that are certain from clipped columns that are only suspected. Rows at an extreme of a column are
@@ -142,12 +221,16 @@ fn parted(data: &Data<'_>, finding: &Finding) -> (Vec<usize>, Vec<usize>) {
 }
 
 /// Collects the rows in chronological order; rows of equal time, or without a column of time, keep the order of the file.
+/// A row that equals an earlier one in every digit was copied, not measured, and is left out.
 fn data<'a>(
     robot: &'a Robot,
     set: &MeasurementSet,
     samples: &'a [InstrumentSample],
 ) -> Option<Data<'a>> {
-    let mut order: Vec<usize> = (0..samples.len()).collect();
+    let mut seen = HashSet::new();
+    let mut order: Vec<usize> = (0..samples.len())
+        .filter(|k| seen.insert(digits(&samples[*k])))
+        .collect();
     let time = |k: &usize| set.measurements[*k].time_s.unwrap_or(0.0);
     order.sort_by(|a, b| time(a).total_cmp(&time(b)));
     Some(Data {
@@ -156,4 +239,14 @@ fn data<'a>(
         samples: order.iter().map(|k| &samples[*k]).collect(),
         lines: order.iter().map(|k| set.measurements[*k].line).collect(),
     })
+}
+
+/// Returns the bits of all numbers of a row.
+fn digits(sample: &InstrumentSample) -> (Vec<u64>, usize) {
+    let position = sample.observation.position();
+    let pose = sample.observation.pose();
+    let rotation = pose.iter().flat_map(|p| p.rotation.iter().copied());
+    let numbers = sample.joints.iter().copied().chain(sample.payload_kg);
+    let all = numbers.chain(position.iter().copied()).chain(rotation);
+    (all.map(f64::to_bits).collect(), sample.tool)
 }

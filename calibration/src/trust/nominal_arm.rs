@@ -167,9 +167,12 @@ impl Scene<'_> {
             return None;
         }
         if given.badness <= 1.0 && given.share >= MOST {
-            if a.position < COMPUTED.0 && a.rotation < COMPUTED.1 {
+            let is_computed = |a: &Alignment| a.position < COMPUTED.0 && a.rotation < COMPUTED.1;
+            // A fit follows a repeated pose, even if an instrument measured it.
+            if is_computed(a) && is_computed(&align(&self.once_each())) {
                 let text = format!(
-                    "the poses are those of the drawing to {}: the controller computed them, no instrument measured them",
+                    "the poses agree with the nominal robot to {}: the controller computed them, and no instrument \
+                     measured them",
                     given.lengths(self.has_orientation)
                 );
                 return Some(refused(
@@ -193,11 +196,21 @@ impl Scene<'_> {
             .or_else(|| Some(self.unexplained(given)))
     }
 
-    /// Returns the number of rows with different joints, up to [`LEAST_ROWS`].
-    fn distinct(&self) -> usize {
+    /// Returns the rows whose joints no earlier row has.
+    fn first_rows(&self) -> impl Iterator<Item = usize> {
         let samples = &self.data.samples;
         let is_first = |k: &usize| samples[..*k].iter().all(|s| s.joints != samples[*k].joints);
-        (0..samples.len()).filter(is_first).take(LEAST_ROWS).count()
+        (0..samples.len()).filter(is_first)
+    }
+
+    /// Returns the number of rows with different joints, up to [`LEAST_ROWS`].
+    fn distinct(&self) -> usize {
+        self.first_rows().take(LEAST_ROWS).count()
+    }
+
+    /// Returns one row for all that have the same joints.
+    fn once_each(&self) -> Vec<Row> {
+        self.first_rows().map(|k| self.rows[k]).collect()
     }
 
     /// Returns the refusal of a file that another reading explains.
@@ -272,14 +285,14 @@ impl Scene<'_> {
         };
         let (fit, first) = &fits[0];
         let mut text = format!(
-            "the poses are {} from the arm as drawn; {}: {} if so",
+            "the poses are {} from the nominal robot; {}: that would leave {}",
             given.lengths(self.has_orientation),
             sentence(first),
             fit.lengths(self.has_orientation)
         );
         let others: Vec<String> = fits[1..].iter().take(3).map(|(_, c)| sentence(c)).collect();
         if !others.is_empty() {
-            text += &format!(" (as well: {})", others.join("; "));
+            text += &format!(" (fits equally: {})", others.join("; "));
         }
         let value = fit.relative / given.relative;
         Some(refused(all[first[0]].cause, text, value, BETTER))
@@ -330,10 +343,7 @@ impl Scene<'_> {
         if others.len() >= LEAST_ROWS {
             text += &self.of_others(&fit, &others);
         }
-        Some(Finding {
-            rows: of_others,
-            ..refused(Cause::Mixed, text, share, NEARLY_ALL)
-        })
+        Some(refused(Cause::Mixed, text, share, NEARLY_ALL).of_rows(of_others))
     }
 
     /// Describes what explains the rows that do not agree with the others.
@@ -344,8 +354,8 @@ impl Scene<'_> {
             let base = fit.alignment.base.inverse() * own.alignment.base;
             let tool = fit.alignment.tools[0].inverse() * own.alignment.tools[0];
             return format!(
-                "; by themselves they do, with the base {} and the target {} elsewhere: something was moved or mounted \
-                 again there (a session of its own)",
+                "; on their own they do, with the base {} and the target {} away: something was moved or remounted \
+                 there; give these rows a session of their own",
                 lengths(base.translation.norm(), base.log().angular.norm(), true),
                 lengths(tool.translation.norm(), tool.log().angular.norm(), true)
             );
@@ -383,8 +393,8 @@ impl Scene<'_> {
         let fit = Fit::of(&positions, self.reach);
         (fit.badness <= 1.0).then(|| {
             let text = format!(
-                "the positions fit the arm as drawn to {}, the orientations do not by {:.0} mrad: check the order, the \
-                 signs and the convention of the orientation columns",
+                "the positions fit the nominal robot to {}, but the orientations are off by {:.0} mrad: check the \
+                 order, the signs and the convention of the orientation columns",
                 fit.lengths(false),
                 1e3 * given.alignment.rotation
             );
@@ -411,7 +421,7 @@ impl Scene<'_> {
         let (link, (shift, _)) = shifted?;
         let (cause, named) = if turn / 35e-3 > shift / 6.5e-3 {
             let named = format!(
-                "the zero or the axis of joint {} is {:.2}° away from the drawing's",
+                "the zero or the axis of joint {} differs by {:.2}° from the drawing",
                 joint + 1,
                 turn.to_degrees()
             );
@@ -420,15 +430,15 @@ impl Scene<'_> {
             (
                 Cause::Frames,
                 format!(
-                    "the link before joint {} is {} away from the drawing's",
+                    "the link before joint {} differs by {} from the drawing",
                     link + 1,
                     length(*shift)
                 ),
             )
         };
         let text = format!(
-            "the poses are {} from the arm as drawn; with a geometry of its own {} are left, and {named}: is the arm \
-             mastered, and is it this variant of the robot?",
+            "the poses are {} from the nominal robot; a fitted geometry leaves {}, and {named}: is the arm mastered, \
+             and is it this variant of the robot?",
             given.lengths(self.has_orientation),
             lengths(geometry.position, geometry.rotation, self.has_orientation)
         );
@@ -443,8 +453,8 @@ impl Scene<'_> {
     /// Returns the refusal of a file that nothing explains.
     fn unexplained(&self, given: &Fit) -> Finding {
         let text = format!(
-            "the poses are {} from the arm as drawn, and nothing that was tried explains it: is it this robot, and do \
-             the joints and the pose of a row belong together?",
+            "the poses are {} from the nominal robot, and nothing that was tried explains it: check that this is the \
+             robot, and that the joints and the pose of each row belong together",
             given.lengths(self.has_orientation)
         );
         refused(Cause::NoFit, text, given.badness, 1.0)
@@ -452,14 +462,7 @@ impl Scene<'_> {
 }
 
 fn refused(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
-    Finding {
-        cause,
-        tier: Tier::Refused,
-        text,
-        rows: Vec::new(),
-        value,
-        threshold,
-    }
+    Finding::new(cause, Tier::Refused, text, value, threshold)
 }
 
 /// Returns the indices of some rows, evenly spread over the file.

@@ -1,7 +1,6 @@
 //! Examines only the numbers, before anything is solved: too few rows, repeated rows, placeholders for missing values,
 //! cut-off values.
 
-use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
 use poegp_runtime::kinematics::poe::Poe;
@@ -11,9 +10,9 @@ use crate::measurement::MeasurementSet;
 use crate::measurement::elapsed::LEAST_SORTED;
 use crate::measurement::folds::different_poses;
 use crate::measurement::sample::InstrumentSample;
-use crate::numeric::statistics::extremes;
+use crate::numeric::statistics::{extremes, median};
 use crate::robot::Robot;
-use crate::trust::alignment::median;
+use crate::trust::copies::Copies;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::wording::{lines, three_digits};
 
@@ -21,15 +20,14 @@ use crate::trust::wording::{lines, three_digits};
 const FEW: (f64, f64) = (1.25, 2.9);
 /// Range of a joint below which it counts as not moving, in rad and m.
 const STILL: (f64, f64) = (8.73e-3, 1e-3);
-/// Differences in joints (rad), position (m) and orientation (rad) within which rows are copies: a repeated measurement
-/// differs by more.
-const COPY: (f64, f64, f64) = (1.75e-4, 1e-5, 1e-5);
-/// Number of copies, and share of all rows, from which a warning is given.
-const COPIES: (usize, f64) = (3, 0.03);
 /// Motion of the flange between two rows, in m and rad, beyond which they cannot have the same pose.
 const MOVED: (f64, f64) = (2e-3, 5e-3);
 /// Number of rows, and share of all rows, at the extreme value of a column from which it counts as cut off.
 const CUT: (usize, f64) = (3, 0.02);
+/// Largest number of payloads with one pose each; more are weighed masses that differ from row to row.
+const MOST_LONE: usize = 8;
+/// Number of poses of another payload from which one pose is too little beside it.
+const MANY: usize = 10;
 /// Share of distinct values among the others in a column above which a value that several rows share stands out.
 const DIFFERENT: f64 = 0.75;
 /// Distance from the median beyond which a value may stand for a missing one, in units of the median distance.
@@ -56,32 +54,16 @@ pub fn examine(
         flanges,
     };
     let mut out = Vec::new();
-    let copies = scene.copies();
+    let copies = Copies::new(set, samples, None);
     out.extend(scene.stuck());
     out.extend(scene.placeholders());
     let still = scene.still();
-    out.extend(scene.cut_off(&copies, &still));
+    out.extend(scene.cut_off(copies.rows(), &still));
     out.extend(scene.sorted());
     out.extend(scene.few(still.len()));
     out.extend(scene.payload(reach));
-    if copies.len() >= COPIES.0 && copies.len() as f64 >= COPIES.1 * samples.len() as f64 {
-        let rows: Vec<usize> = copies.iter().map(|k| scene.line(*k)).collect();
-        let share = copies.len() as f64 / samples.len() as f64;
-        let text = format!(
-            "{} of {} rows repeat an earlier row ({}): they add nothing, and errors on them are not held out",
-            copies.len(),
-            samples.len(),
-            lines(&rows)
-        );
-        out.push(Finding {
-            cause: Cause::Copies,
-            tier: Tier::Warning,
-            text,
-            rows,
-            value: share,
-            threshold: COPIES.1,
-        });
-    }
+    out.extend(scene.lone_payloads());
+    out.extend(copies.finding());
     if !still.is_empty() {
         let names: Vec<String> = still.iter().map(|(j, _)| (j + 1).to_string()).collect();
         let widest = still.iter().map(|(_, range)| *range).fold(0.0, f64::max);
@@ -95,14 +77,8 @@ pub fn examine(
             names.join(", "),
             three_digits(widest.to_degrees())
         );
-        out.push(Finding {
-            cause: Cause::Still,
-            tier: Tier::Warning,
-            text,
-            rows: Vec::new(),
-            value: widest,
-            threshold: STILL.0,
-        });
+        let found = Finding::new(Cause::Still, Tier::Warning, text, widest, STILL.0);
+        out.push(found);
     }
     out
 }
@@ -122,17 +98,18 @@ impl Scene<'_> {
     /// Finds a column by which the rows are sorted, so that their order is not chronological.
     fn sorted(&self) -> Option<Finding> {
         let name = self.set.sorted_by()?;
-        Some(Finding {
-            cause: Cause::Time,
-            tier: Tier::Note,
-            text: format!(
-                "the rows are sorted by {name}, so that steps and drifts of the instrument cannot be seen: give the time of \
-                 each row in a column time_s"
-            ),
-            rows: Vec::new(),
-            value: self.samples.len() as f64,
-            threshold: LEAST_SORTED as f64,
-        })
+        let text = format!(
+            "the rows are sorted by {name}, so that steps and drifts of the instrument cannot be seen: give the time of \
+             each row in a column time_s"
+        );
+        let (value, threshold) = (self.samples.len() as f64, LEAST_SORTED as f64);
+        Some(Finding::new(
+            Cause::Time,
+            Tier::Note,
+            text,
+            value,
+            threshold,
+        ))
     }
 
     /// Returns the joints that do not move, with their ranges in rad or m.
@@ -150,29 +127,6 @@ impl Scene<'_> {
             Some((j, range(j))).filter(|(_, range)| *range < least)
         });
         still.collect()
-    }
-
-    /// Returns the rows that repeat an earlier one.
-    fn copies(&self) -> Vec<usize> {
-        let same = |a: &InstrumentSample, b: &InstrumentSample| {
-            let near = |(x, y): (&f64, &f64)| (x - y).abs() <= COPY.0;
-            let apart = a.observation.position() - b.observation.position();
-            let is_turned = || match (a.observation.pose(), b.observation.pose()) {
-                (Some(a), Some(b)) => (a.inverse() * b).log().angular.norm() > COPY.2,
-                _ => false,
-            };
-            // Compares x first, because nearly all pairs of rows differ in it.
-            apart.x.abs() <= COPY.1
-                && apart.norm() <= COPY.1
-                && a.joints.iter().zip(&b.joints).all(near)
-                && !is_turned()
-        };
-        let earlier = |k: &usize| {
-            self.samples[..*k]
-                .iter()
-                .any(|s| same(s, &self.samples[*k]))
-        };
-        (0..self.samples.len()).filter(earlier).collect()
     }
 
     /// Finds rows that have the pose of an earlier row to the last digit although the joints differ.
@@ -248,7 +202,7 @@ impl Scene<'_> {
         (!rows.is_empty()).then(|| {
             let rows: Vec<usize> = rows.iter().map(|k| self.line(*k)).collect();
             let text = format!(
-                "in {} rows ({}) {named}, though the robot had moved: a number that stands for a missing one",
+                "in {} rows ({}) {named}, though the robot had moved: a placeholder for a missing value",
                 rows.len(),
                 lines(&rows)
             );
@@ -342,19 +296,38 @@ impl Scene<'_> {
             _ => return None,
         };
         let text = format!(
-            "{} poses give {equations} equations for {unknowns} unknowns: measure {} poses at least",
+            "{} poses give {equations} equations for {unknowns} unknowns: measure at least {} poses",
             poses.len(),
             (FEW.1 * unknowns as f64 / (equations as f64 / poses.len() as f64)).ceil()
         );
         let threshold = if tier == Tier::Refused { FEW.0 } else { FEW.1 };
-        Some(Finding {
-            cause: Cause::Few,
-            tier,
-            text,
-            rows: Vec::new(),
-            value: ratio,
-            threshold,
-        })
+        Some(Finding::new(Cause::Few, tier, text, ratio, threshold))
+    }
+
+    /// Finds payloads that were measured at one pose only, beside others with more: nothing checks what is stated of them.
+    fn lone_payloads(&self) -> Option<Finding> {
+        let poses = different_poses(self.samples, &self.robot.kinds());
+        let count = |m: &f64| poses.iter().filter(|s| s.payload_kg == Some(*m)).count();
+        let payloads: Vec<f64> = poses.iter().filter_map(|s| s.payload_kg).collect();
+        let mut lone: Vec<f64> = payloads.iter().copied().filter(|m| count(m) == 1).collect();
+        lone.sort_by(f64::total_cmp);
+        let is_beside_many = payloads.iter().any(|m| count(m) >= MANY);
+        if lone.is_empty() || lone.len() > MOST_LONE || !is_beside_many {
+            return None;
+        }
+        let rows = (0..self.samples.len())
+            .filter(|k| (self.samples[*k].payload_kg).is_some_and(|m| lone.contains(&m)))
+            .map(|k| self.line(k));
+        let rows: Vec<usize> = rows.collect();
+        let names: Vec<String> = lone.iter().map(f64::to_string).collect();
+        let each = if lone.len() == 1 { "" } else { " each" };
+        let text = format!(
+            "{} kg of payload have one pose{each} ({}): the model's error there may be larger than it states; measure two \
+             poses or more with every payload",
+            names.join(", "),
+            lines(&rows)
+        );
+        Some(Finding::new(Cause::Payload, Tier::Warning, text, 1.0, 2.0).of_rows(rows))
     }
 
     /// Finds payloads that no arm of this reach carries.
@@ -369,18 +342,14 @@ impl Scene<'_> {
             .iter()
             .filter_map(|s| s.payload_kg)
             .fold(0.0, f64::max);
-        (!rows.is_empty()).then(|| Finding {
-            cause: Cause::Payload,
-            tier: Tier::Warning,
-            text: format!(
+        (!rows.is_empty()).then(|| {
+            let text = format!(
                 "payload_kg is {} in {}: an arm of {} m carries {heaviest:.0} kg at most; is it in grams?",
                 three_digits(most),
                 lines(&rows),
                 three_digits(reach)
-            ),
-            rows,
-            value: most,
-            threshold: heaviest,
+            );
+            Finding::new(Cause::Payload, Tier::Warning, text, most, heaviest).of_rows(rows)
         })
     }
 }
@@ -397,40 +366,5 @@ fn stands_for_missing(metres: f64) -> bool {
 }
 
 fn refused(cause: Cause, text: String, rows: Vec<usize>, threshold: f64) -> Finding {
-    Finding {
-        cause,
-        tier: Tier::Refused,
-        text,
-        value: rows.len() as f64,
-        rows,
-        threshold,
-    }
-}
-
-/// Returns the step of the digits of values: the largest power of ten that divides all of them; 0 if they have more digits
-/// than matter, or are all equal.
-pub fn step(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    let first = values.clone().next();
-    if values.clone().all(|v| Some(v) == first) {
-        return 0.0;
-    }
-    for exponent in (-6..=3).rev() {
-        let step = 10.0_f64.powi(exponent);
-        let divides = |v: f64| {
-            let count = v / step;
-            (count - count.round()).abs() < 1e-6
-        };
-        if values.clone().all(divides) {
-            return step;
-        }
-    }
-    0.0
-}
-
-/// Returns the position coordinates of all rows, in mm.
-pub fn positions_mm(set: &MeasurementSet) -> impl Iterator<Item = f64> + Clone + '_ {
-    set.measurements.iter().flat_map(|m| {
-        let p: Vector3<f64> = m.position * 1e3;
-        [p[0], p[1], p[2]]
-    })
+    Finding::new(cause, Tier::Refused, text, rows.len() as f64, threshold).of_rows(rows)
 }

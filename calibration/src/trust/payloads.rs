@@ -17,6 +17,8 @@ const SAG: f64 = 13.0;
 /// Drop of χ² per row by gravity terms for each payload above which the payloads are doubted; tested if the scatter ratio
 /// along sag exceeds the second number.
 const BY_PAYLOAD: (f64, f64) = (3.3, 6.0);
+/// Ratio of the scatter along the motion of a joint to that along sag above which the joint is named.
+const PLAY: f64 = 0.95;
 /// Rise under load above which the payloads are doubted, in its standard deviations.
 const RISE: f64 = 4.0;
 /// Rise from the lightest to the heaviest payload above which the file is refused, in standard deviations of one component
@@ -93,6 +95,7 @@ pub fn with_terms_of_each_payload(geometry: Geometry) -> Geometry {
     out.covariance = covariance;
     out.next_step = next_step;
     out.determined += determined;
+    out.sd.resize(count, PriorGroup::Payload.prior_sd());
     out
 }
 
@@ -175,22 +178,34 @@ impl<'a> Payloads<'a> {
         let rise = lift / (variance.sqrt() * noise).max(f64::MIN_POSITIVE);
         let span = self.different.last()? - self.different.first()?;
         let of_span = span * lift / carried;
-        (rise > RISE).then(|| Finding {
-            cause: Cause::Payload,
-            tier: if of_span > REFUSED_RISE * noise {
-                Tier::Refused
-            } else {
-                Tier::Warning
-            },
-            text: format!(
+        (rise > RISE).then(|| {
+            let text = format!(
                 "the arm rises under load, by {} with {} kg: are the payloads exchanged, or does --gravity point up?",
                 length(of_span * g.scales.position),
                 three_digits(span)
-            ),
-            rows: Vec::new(),
-            value: rise,
-            threshold: RISE,
+            );
+            let tier = Tier::refused_if(of_span > REFUSED_RISE * noise);
+            Finding::new(Cause::Payload, tier, text, rise, RISE)
         })
+    }
+
+    /// Returns the joint, from 0, along whose motion the residuals scatter most, if that is nearly as much as `along` the
+    /// direction of sag.
+    fn joint_with_play(&self, along: f64) -> Option<usize> {
+        let g = self.geometry;
+        let of = |joint: usize| -> f64 {
+            let rows = g.residuals.iter().zip(&g.weights).enumerate();
+            rows.map(|(k, (residual, weight))| {
+                let moves = |b: usize| g.linear.jacobian[(ROWS * k + b, joint)];
+                let square: f64 = (0..ROWS).map(|b| moves(b).powi(2)).sum();
+                let part: f64 = (0..ROWS).map(|b| moves(b) * residual[b]).sum();
+                weight * part * part / square.max(f64::MIN_POSITIVE)
+            })
+            .sum()
+        };
+        let all = (0..g.state.layout.joints).map(|joint| (joint, of(joint)));
+        let (joint, most) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        (most > PLAY * along).then_some(joint)
     }
 
     /// Examines whether the residuals scatter along the direction of sag.
@@ -220,18 +235,24 @@ impl<'a> Payloads<'a> {
         }
         let count = g.samples.len() as f64;
         let ratio = (along / count) / (across / equations.max(1.0)).max(1e-12);
-        let warning = |text: String, value: f64, threshold: f64| Finding {
-            cause: Cause::Payload,
-            tier: Tier::Warning,
-            text,
-            rows: Vec::new(),
-            value,
-            threshold,
+        let warning = |text: String, value: f64, threshold: f64| {
+            Finding::new(Cause::Payload, Tier::Warning, text, value, threshold)
         };
         if ratio > SAG {
+            let has_play = match self.joint_with_play(along) {
+                Some(joint) => format!("joint {} has play", joint + 1),
+                None => "a joint has play".to_owned(),
+            };
+            let why = match self.different.is_empty() {
+                true => format!(
+                    "the file has no payload_kg, so {has_play}, or several payloads were carried"
+                ),
+                false => "payload_kg is wrong or exchanged in some rows, or several payloads were carried but only one \
+                          is stated"
+                    .to_owned(),
+            };
             let text = format!(
-                "the measurements scatter {} times as much along the direction of sag as across it: payload_kg is wrong or \
-                 exchanged in some rows, or several payloads were carried and one is stated",
+                "the measurements scatter {} times as much along the direction of sag as across it: {why}",
                 three_digits(ratio)
             );
             return Some(warning(text, ratio, SAG));

@@ -384,7 +384,7 @@ fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
                 out.push(Reading::new(
                     Cause::Offset,
                     format!(
-                        "the zero of joint {} looks {degrees}° away from the drawing's",
+                        "the zero of joint {} looks {degrees}° off from the drawing",
                         j + 1
                     ),
                     of_one(j, move |q| q + offset),
@@ -409,7 +409,7 @@ fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
                 let operator = if sign > 0.0 { "+" } else { "−" };
                 out.push(Reading::new(
                     Cause::Coupling,
-                    format!("joint {a} looks coupled: q{a} {operator} q{b} in place of q{a}"),
+                    format!("joint {a} looks coupled: q{a} {operator} q{b} instead of q{a}"),
                     Change::Joints(Box::new(move |q| {
                         let mut q = q.to_vec();
                         q[j] += sign * q[other];

@@ -8,11 +8,12 @@ use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
 use crate::numeric::statistics::extremes;
 use crate::trust::change_points::{Part, changes};
+use crate::trust::digits::{positions_mm, step};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::mixture;
-use crate::trust::numbers::{positions_mm, step};
 use crate::trust::payloads;
+use crate::trust::ratio;
 use crate::trust::readings::Data;
 use crate::trust::wording::{length, lengths, lines, three_digits};
 
@@ -74,7 +75,7 @@ pub fn examine(
     out.extend(scene.outliers());
     out.extend(payloads::examine(geometry));
     out.extend(mixture::examine(data, geometry));
-    out.extend(scene.frames());
+    out.extend(ratio::examine(geometry).or_else(|| scene.frames()));
     if out.is_empty() {
         out.extend(scene.nominal(nominal));
     }
@@ -88,14 +89,7 @@ struct Scene<'a> {
 }
 
 fn warning(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
-    Finding {
-        cause,
-        tier: Tier::Warning,
-        text,
-        rows: Vec::new(),
-        value,
-        threshold,
-    }
+    Finding::new(cause, Tier::Warning, text, value, threshold)
 }
 
 /// Returns the finding that positions scatter by more than the stated standard uncertainty explains, both in m.
@@ -116,7 +110,7 @@ pub fn overstated_noise(stated: f64, scatter: f64) -> Option<Finding> {
 
 fn noise(stated: f64, scatter: f64, verdict: &str, value: f64, threshold: f64) -> Finding {
     let text = format!(
-        "a standard uncertainty of {} is stated, and the positions scatter by {}: {verdict}",
+        "a standard uncertainty of {} is stated, but the positions scatter by {}: {verdict}",
         length(stated),
         length(scatter)
     );
@@ -133,18 +127,13 @@ impl Scene<'_> {
 
     fn left(&self, reach: f64) -> Option<Finding> {
         let share = self.geometry.position / reach;
-        (share > LEFT).then(|| Finding {
-            tier: Tier::Refused,
-            ..warning(
-                Cause::NoFit,
-                format!(
-                    "{} are left after the geometry was fitted, and nothing that was tried explains it: is it this robot, \
-                     and do the joints and the pose of a row belong together?",
-                    lengths(self.geometry.position, self.geometry.rotation, self.has_orientation())
-                ),
-                share,
-                LEFT,
-            )
+        (share > LEFT).then(|| {
+            let text = format!(
+                "the fitted geometry leaves {}, and nothing that was tried explains it: check that this is the robot, \
+                 and that the joints and the pose of each row belong together",
+                lengths(self.geometry.position, self.geometry.rotation, self.has_orientation())
+            );
+            Finding::new(Cause::NoFit, Tier::Refused, text, share, LEFT)
         })
     }
 
@@ -159,7 +148,7 @@ impl Scene<'_> {
         }
         let rows: Vec<usize> = off.iter().map(|k| self.data.line(*k)).collect();
         let mut text = format!(
-            "{} of {count} rows do not belong ({}): they are up to {} standard deviations from the others",
+            "{} of {count} rows are outliers ({}): up to {} standard deviations from the others",
             off.len(),
             lines(&rows),
             three_digits(worst)
@@ -175,26 +164,16 @@ impl Scene<'_> {
             && change.drop > 0.8 * size
         {
             let axes = match change.part {
-                Part::Base => "the instrument's axes: it was moved meanwhile".to_owned(),
+                Part::Base => "the instrument's axes: it was moved in between".to_owned(),
                 Part::Tool => "the target's axes: another target or reflector".to_owned(),
                 Part::Joint(j) => format!("joint {}", j + 1),
+                Part::Joints => "the joints".to_owned(),
             };
             text += &format!("; they share one shift in {axes}");
         }
         let share = off.len() as f64 / count as f64;
-        let tier = if share > MANY {
-            Tier::Refused
-        } else {
-            Tier::Warning
-        };
-        Some(Finding {
-            cause: Cause::Outlier,
-            tier,
-            text,
-            rows,
-            value: worst,
-            threshold: least,
-        })
+        let tier = Tier::refused_if(share > MANY);
+        Some(Finding::new(Cause::Outlier, tier, text, worst, least).of_rows(rows))
     }
 
     /// Returns the standard deviation of one position component, in m.
@@ -217,7 +196,7 @@ impl Scene<'_> {
         let position = 1e-3 * step(positions_mm(self.set)) / uniform;
         if position > ROUNDED * scatter {
             let text = format!(
-                "the positions have steps of {}, which alone scatters by {} of the {} found: give more digits",
+                "the positions are rounded to {}, which alone causes {} of the {} of scatter: export more digits",
                 length(position * uniform),
                 length(position),
                 length(scatter)
@@ -252,8 +231,8 @@ impl Scene<'_> {
         let ratio = square.sqrt() / scatter;
         (ratio > ROUNDED_JOINTS && self.share_of(&variances) > SHOWN).then(|| {
             let text = format!(
-                "the joints are rounded ({} to {}), which alone scatters the positions by {} of the {} found: give more \
-                 digits",
+                "the joints are rounded ({} to {}), which alone causes {} of the {} of scatter of the positions: \
+                 export more digits",
                 widest.1,
                 three_digits(widest.0),
                 length(square.sqrt()),
@@ -308,8 +287,8 @@ impl Scene<'_> {
         let ratio = (shift / FRAME.0).max(turn / FRAME.1);
         (ratio > 1.0).then(|| {
             let text = format!(
-                "joint {} is {} and {:.2}° from where the drawing has it against joint {frame}: is this variant of the robot \
-                 the right one, and is it mastered?",
+                "joint {} is {} and {:.2}° from its nominal position relative to joint {frame}: is this the right \
+                 variant of the robot, and is it mastered?",
                 frame + 1,
                 length(*shift),
                 turn.to_degrees()
@@ -323,7 +302,8 @@ impl Scene<'_> {
         let ratio = nominal / left.max(1e-9);
         (ratio < NOMINAL && nominal < COMPUTED).then(|| {
             let text = format!(
-                "the arm as drawn leaves {}, and no geometry does better than {}: did the controller compute these poses?",
+                "the nominal robot leaves {}, and no fitted geometry leaves less than {}: did the controller compute \
+                 these poses?",
                 length(nominal),
                 length(left)
             );

@@ -29,9 +29,6 @@ pub struct OtherRobot {
 
 impl CommandChange {
     /// Compares the commands of `before` with those of `after` at wanted joints (rad or m) and payloads (kg).
-    ///
-    /// # Errors
-    /// [`OtherRobot`].
     pub fn new(
         before: &BlobModel,
         after: &BlobModel,

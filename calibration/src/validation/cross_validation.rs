@@ -133,9 +133,6 @@ impl Task<'_> {
     }
 
     /// Computes the held-out errors of the method of `config`. `progress` is called after every calibration.
-    ///
-    /// # Errors
-    /// [`CompareError`].
     pub fn run(
         &self,
         config: &Config,
@@ -183,9 +180,6 @@ impl Task<'_> {
 
     /// Returns the error of every training pose that can be held out ([`Folds::held_out`]), in order, each predicted by a
     /// model that did not see it.
-    ///
-    /// # Errors
-    /// [`CompareError`].
     pub fn held_out(
         &self,
         config: &Config,
@@ -197,9 +191,6 @@ impl Task<'_> {
 
     /// Predicts every training pose that can be held out, in order, by a model that did not see it, and returns all that is
     /// known of each prediction. `with_sigma` also asks for predicted standard deviations, which may cost further fits.
-    ///
-    /// # Errors
-    /// [`CompareError`].
     pub fn held_out_poses(
         &self,
         config: &Config,
@@ -246,9 +237,6 @@ impl Task<'_> {
     }
 
     /// Calibrates the model of `config` with some of the training poses.
-    ///
-    /// # Errors
-    /// [`CompareError`].
     pub fn calibrated(
         &self,
         config: &Config,
@@ -279,9 +267,6 @@ impl Task<'_> {
 }
 
 /// Cross-validates the method of `config`: each pose of `data` is predicted by a model that did not see it.
-///
-/// # Errors
-/// [`CompareError`].
 pub fn cross_validate(
     robot: &Robot,
     data: &Samples,

@@ -18,7 +18,7 @@ use crate::learning::elastic::inducing_sets::MAX_PAYLOADS;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Method;
 use crate::model::config::Config;
-use crate::numeric::statistics::Summary;
+use crate::numeric::statistics::{Summary, distinct};
 use crate::robot::Robot;
 use crate::validation::cross_validation::{CompareError, Task};
 
@@ -105,12 +105,7 @@ impl Budget {
         curve_orders: usize,
         landmarks: usize,
     ) -> Option<ModelSize> {
-        let mut payloads: Vec<f64> = samples
-            .iter()
-            .map(|s| s.payload_kg.unwrap_or(0.0))
-            .collect();
-        payloads.sort_by(f64::total_cmp);
-        payloads.dedup();
+        let payloads = distinct(samples.iter().map(|s| s.payload_kg.unwrap_or(0.0)));
         let groups = payloads.len().clamp(1, MAX_PAYLOADS);
         let (joints, kinds) = (robot.joints.len(), robot.joints.iter().map(|j| j.kind));
         let prismatic = kinds.filter(|kind| *kind == JointKind::Prismatic).count();
@@ -184,12 +179,9 @@ pub type Fitted = Result<(Config, Vec<BudgetTrial>), Cost>;
 /// Most models that [`fit_to_budget`] cross-validates.
 pub const TRIALS: usize = 3;
 
-/// Chooses the model with the least held-out error among those that fit the budget: the one that fills it, and the one
-/// without processes. The one that `config` asks for is first in the table. `progress` is called after every calibration of
+/// Chooses the model with the least held-out error among those that fit the budget: the one that fills it, and the
+/// parametric one. The one that `config` asks for is first in the table. `progress` is called after every calibration of
 /// the cross-validation, at most [`TRIALS`] times the number of folds.
-///
-/// # Errors
-/// [`CompareError`].
 pub fn fit_to_budget(
     budget: &Budget,
     task: &Task<'_>,
@@ -198,9 +190,9 @@ pub fn fit_to_budget(
 ) -> Result<Fitted, CompareError> {
     let asked = task.calibrated(config, task.train)?;
     let mut models = vec![("without a budget", *config)];
-    let smallest = if config.method == Method::Elastic && config.processes {
+    let smallest = if config.method == Method::Elastic {
         let bare = Config {
-            processes: false,
+            method: Method::Parametric,
             ..*config
         };
         // Only a fit shows whether there is an own-joint curve and how long it is.
@@ -212,7 +204,7 @@ pub fn fit_to_budget(
         if let Some(size) = with_variance.or_else(|| sized(0)) {
             models.push(("within the budget", budget.limited(&size, config)));
         }
-        models.push(("without processes", bare));
+        models.push((Method::Parametric.name(), bare));
         task.calibrated(&bare, task.train)?
     } else {
         models[0].0 = "within the budget";

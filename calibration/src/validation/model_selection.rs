@@ -32,7 +32,7 @@ const CAREFUL: usize = 40;
 /// Number of different poses below which the folds may choose the wrong model.
 pub const UNCERTAIN: usize = 25;
 /// Factor by which the error differed from what the folds of fewer poses expected, over nine sets.
-const FEW_FACTOR: u32 = 3;
+pub const FEW_FACTOR: u32 = 3;
 /// Most poses that a fold learns hyperparameters from.
 const HYPERPARAMETER_POSES: usize = 40;
 /// Ratio to a simpler model's mean held-out error above which a model that is kept gets a warning.
@@ -120,12 +120,10 @@ pub fn candidates(samples: &[InstrumentSample], robot: &Robot, base: &Config) ->
             ..*base
         },
     };
-    let mut parameters_only = of("elastic, parameters alone", Method::Elastic);
-    parameters_only.config.processes = false;
     let all = vec![
         of("base-tool", Method::BaseTool),
         of("poe --weighting noise", Method::Poe),
-        parameters_only,
+        of("parametric", Method::Parametric),
         of("elastic", Method::Elastic),
     ];
     possible(all, samples, robot)
@@ -314,22 +312,20 @@ impl Choice {
         let mean = |row: &Row| format!("`{}` {:.4} mm", row.candidate, row.position_mm.mean);
         let others: Vec<String> = self.table.iter().filter(|r| !r.chosen).map(mean).collect();
         let why = match (self.is_named, chosen.behind_best_mm > 0.0) {
-            (true, _) => "as it was named",
+            (true, _) => "as requested",
             (false, true) if standard_errors(self.poses) > 1.0 => {
-                "the simplest that is not behind the best by more than two standard errors"
+                "the simplest within two standard errors of the best"
             }
-            (false, true) => {
-                "the simplest that is not behind the best by more than one standard error"
-            }
+            (false, true) => "the simplest within one standard error of the best",
             (false, false) if rank + 1 < self.table.len() => "the best",
-            (false, false) => "the best, and all simpler ones are behind",
+            (false, false) => "the best, and no simpler one is close enough",
         };
         let against = match others.is_empty() {
             true => String::new(),
             false => format!("; {}", others.join(", ")),
         };
         format!(
-            "`{}`, {why}: {:.4} mm in the mean on {} rows held out by {} folds{against}",
+            "`{}`, {why}: {:.4} mm mean on {} rows held out by {} folds{against}",
             chosen.candidate,
             chosen.position_mm.mean,
             self.held_out,
@@ -345,21 +341,14 @@ impl Choice {
             return findings;
         };
         let mut add = |cause, tier, text, value, threshold| {
-            findings.push(Finding {
-                cause,
-                tier,
-                text,
-                rows: Vec::new(),
-                value,
-                threshold,
-            });
+            findings.push(Finding::new(cause, tier, text, value, threshold));
         };
         let after = chosen.position_mm.mean;
         let simpler = self.table[..rank].iter();
         let best = simpler.min_by(|a, b| a.position_mm.mean.total_cmp(&b.position_mm.mean));
         if let Some(best) = best.filter(|best| after > WORSE * best.position_mm.mean) {
             let text = format!(
-                "`{}` is simpler and better on rows that were not trained on: {:.4} mm in the mean, `{}` {after:.4} mm",
+                "`{}` is simpler and better on held-out rows: {:.4} mm mean, `{}` {after:.4} mm",
                 best.candidate, best.position_mm.mean, chosen.candidate
             );
             let ratio = after / best.position_mm.mean;
@@ -368,8 +357,8 @@ impl Choice {
         let poses = self.poses;
         if rank > 0 && poses < UNCERTAIN {
             let text = format!(
-                "{poses} poses are few to choose `{}` by: a simpler model may be better, and the expected error may be wrong by a factor \
-                 of {FEW_FACTOR}; measure at least {UNCERTAIN}",
+                "{poses} poses are too few to choose `{}` reliably: a simpler model may be better, and the expected \
+                 error may be wrong by a factor of {FEW_FACTOR}; measure at least {UNCERTAIN}",
                 chosen.candidate
             );
             add(
@@ -397,8 +386,8 @@ impl Choice {
         if let Some(drawing) = drawing.filter(|_| asks_for_gain) {
             let before = drawing.position_mm.mean;
             let text = format!(
-                "these rows do not show that a calibration helps: {before:.4} mm as drawn with base and tool fitted, {after:.4} mm \
-                 expected of `{}` on other rows; {}",
+                "these rows do not show that a calibration helps: the expected error on other rows is {before:.4} mm \
+                 as drawn, with base and tool fitted, and {after:.4} mm with `{}`; {}",
                 chosen.candidate,
                 match poses >= MANY && after > CONTRADICTORY_MM {
                     true =>

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use nalgebra::Vector3;
 
-use crate::blob::predict::BlobModel;
+use crate::blob::predict::{BlobModel, poses};
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::jet::RowJet;
 use crate::measurement::sample::BaseSample;
@@ -71,8 +71,7 @@ pub struct TouchResidual {
 
 /// Returns the frames of the drawing from base to flange, without the tool of the blob.
 pub fn drawing(loaded: &BlobModel) -> Vec<Pose<f64>> {
-    let rows = loaded.blob().geometry.nominal.iter();
-    let mut frames: Vec<Pose<f64>> = rows.map(|f| Pose::<f32>::from_rows(f).cast()).collect();
+    let mut frames = poses(&loaded.blob().geometry.nominal);
     if let Some(last) = frames.last_mut() {
         *last = *last * flange_from_target(loaded).inverse();
     }
@@ -150,6 +149,10 @@ pub fn evaluate_touches(
         .collect();
     let drawn = TouchFit::on_drawing_without(&problem, &weights);
     let drawn_residuals = drawn.residuals(&problem);
+    let distance = |known: &KnownDistance, fit: &TouchFit| {
+        let measured = fit.distance_by_touches(&problem, known.between);
+        DistanceSummary::new(set, known, [&drawn, fit], measured)
+    };
     let of = |(fit, flanges): (TouchFit, &Vec<(Pose<f64>, Status)>)| {
         let residuals: [Vec<RowJet>; 2] = [drawn_residuals.clone(), fit.residuals(&problem)];
         TouchEvaluation {
@@ -160,7 +163,7 @@ pub fn evaluate_touches(
             ratio: ratio(&problem, &weights, &residuals),
             features: features(&problem, &fit, &residuals),
             tracker: tracker(&problem, &fit, &residuals),
-            distances: distances(set, &problem, &drawn, &fit),
+            distances: set.distances.iter().map(|d| distance(d, &fit)).collect(),
             noise: noise(&problem, &fit),
             tips_mm: tips_mm(&problem, &fit),
             outliers: outliers(&problem, &fit, &residuals[1]),
@@ -197,27 +200,4 @@ fn ratio(problem: &TouchProblem, weights: &[f64], residuals: &[Vec<RowJet>; 2]) 
         .sum()
     };
     (squares(&residuals[1]) / squares(&residuals[0]).max(1e-300)).sqrt()
-}
-
-fn distances(
-    set: &TouchSet,
-    problem: &TouchProblem,
-    drawn: &TouchFit,
-    fit: &TouchFit,
-) -> Vec<DistanceSummary> {
-    let of = |known: &KnownDistance| {
-        let error = |fit: &TouchFit| {
-            let missed = fit.distance(known.between, known.distance);
-            1e3 * missed.map_or(0.0, |(missed, _)| missed)
-        };
-        let measured = fit.distance_by_touches(problem, known.between);
-        DistanceSummary {
-            between: known.between.map(|f| set.features[f].name.clone()),
-            said_mm: 1e3 * known.distance,
-            sigma_mm: 1e3 * known.sigma,
-            error_mm: [error(drawn), error(fit)],
-            measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
-        }
-    };
-    set.distances.iter().map(of).collect()
 }

@@ -14,18 +14,21 @@
 //! than the training poses, which the inducing points of each joint cover. A model without such processes does not know the shape of its
 //! own error: it gets a smooth deflection of every joint, whose size the check itself estimates.
 
+use std::ops::Range;
+
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction};
 use poegp_runtime::gp::joint_kernel::JointKernel;
-use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::blob::predict::BlobModel;
 use crate::identification::parametric::gear_line::GearLine;
-use crate::identification::parametric::state::{Layout, Linearised, ParametricModel, ROWS};
+use crate::identification::parametric::state::{
+    Layout, Linearised, ParametricModel, PriorGroup, ROWS,
+};
 use crate::learning::elastic::inputs::Inputs;
 use crate::learning::elastic::inputs::kernel;
 use crate::measurement::noise::NoiseScales;
@@ -35,11 +38,16 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::robot::coupled;
+use crate::verification::unknown_frames::{TrainingSet, UnknownFrames};
 
 /// Most poses that stand for the training poses.
 const MAX_POSES: usize = 100;
 /// Variance of the smooth deflection of a model without joint processes, rad² or m², before its size is fitted.
 const SMOOTH_VARIANCE: f64 = 1e-8;
+/// Number of poses in all sets of training poses that are drawn for a model without processes, and the fewest and the most
+/// sets: the fewer poses, the more sets differ.
+const DRAWN: usize = 2000;
+const SETS: (usize, usize) = (16, 128);
 /// Kernel weight of each joint in the smooth deflection; its lengthscale is about a radian.
 const SMOOTH_WEIGHT: f64 = 1.0;
 
@@ -51,7 +59,11 @@ pub struct BlobArm {
     /// Whether the kernels are the blob's; if not, their size has to be estimated.
     pub knows_its_error: bool,
     training: Vec<BaseSample>,
+    /// Further sets like `training`, drawn from the trained ranges.
+    sets: Vec<Vec<BaseSample>>,
     repeats: f64,
+    /// Whether the frames were fitted with priors about the drawing.
+    has_priors: bool,
     /// Standard deviation of the training positions about a model that does not know its own error, m: its frames were
     /// fitted as if all that it leaves unexplained were noise.
     unexplained: Option<f64>,
@@ -62,16 +74,9 @@ impl BlobArm {
     pub fn new(loaded: &BlobModel, tools: &[Pose<f64>]) -> Self {
         let blob = loaded.blob();
         let n = blob.robot.joints.len();
-        let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
-        let frames: Vec<Pose<f64>> = blob
-            .geometry
-            .calibrated
-            .iter()
-            .map(|f| Pose::<f32>::from_rows(f).cast())
-            .collect();
-        let chain = Poe::new(&kinds, &frames).expect("a loaded blob is a chain");
-        let coupling = coupling(blob);
-        let last = frames[n];
+        let chain = loaded.chain();
+        let coupling = loaded.coupling();
+        let last = chain.frames()[n];
         let tools = tools.iter().map(|tool| last * *tool).collect::<Vec<_>>();
         let elastic = match &blob.correction {
             Correction::Elastic(elastic) => Some(elastic),
@@ -94,10 +99,28 @@ impl BlobArm {
         let gravity = elastic.map_or([0.0; 3], |e| e.gravity.map(f64::from));
         let kernels: Vec<JointKernel<f64>> =
             elastic.map_or(Vec::new(), |e| e.kernels.iter().map(joint_kernel).collect());
-        let training = training_poses(blob, coupling.as_ref());
-        let training_poses = f64::from(loaded.host().provenance.training_poses);
+        let trained = loaded.host().provenance.training_poses as usize;
+        let of_tools = |poses: Vec<BaseSample>| -> Vec<BaseSample> {
+            let with = |(i, s): (usize, BaseSample)| Sample {
+                tool: i % count,
+                ..s
+            };
+            poses.into_iter().enumerate().map(with).collect()
+        };
+        let draw =
+            |seed: u64, most: usize| of_tools(training_poses(blob, coupling.as_ref(), seed, most));
+        let training = draw(1, MAX_POSES);
+        let fewest = trained.clamp(1, MAX_POSES);
+        let sets = match kernels.is_empty() {
+            true => (0..(DRAWN / fewest).clamp(SETS.0, SETS.1) as u64)
+                .map(|seed| draw(2 + seed, fewest))
+                .collect(),
+            false => Vec::new(),
+        };
         Self {
-            repeats: training_poses.max(1.0) / training.len() as f64,
+            repeats: (trained.max(1)) as f64 / training.len() as f64,
+            sets,
+            has_priors: elastic.is_some(),
             knows_its_error: !kernels.is_empty(),
             unexplained: (blob.variance.as_ref().filter(|_| kernels.is_empty()))
                 .map(|v| f64::from(v.floor_m2).sqrt()),
@@ -108,14 +131,7 @@ impl BlobArm {
                 kernels
             },
             state: ParametricModel::new(&chain, tools, coupling, layout, gravity.into()),
-            training: training
-                .into_iter()
-                .enumerate()
-                .map(|(i, s)| Sample {
-                    tool: i % count,
-                    ..s
-                })
-                .collect(),
+            training,
         }
     }
 
@@ -132,11 +148,7 @@ impl BlobArm {
         at: &Linearised,
         scales: NoiseScales,
     ) -> Option<Mat<f64>> {
-        let observation = if samples.iter().any(|s| s.observation.has_orientation()) {
-            Observation::Pose(Pose::identity())
-        } else {
-            Observation::Position(Vector3::zeros())
-        };
+        let observation = seen_as(samples);
         let with = |s: &BaseSample| Sample {
             observation,
             ..s.clone()
@@ -161,6 +173,50 @@ impl BlobArm {
         }))
     }
 
+    /// Returns what a model without processes does not know of its frames, seen by observations as at `samples`; `None` for a
+    /// model that knows its error.
+    pub fn unknown_frames(
+        &self,
+        samples: &[InstrumentSample],
+        scales: NoiseScales,
+    ) -> Option<UnknownFrames> {
+        let fewest = self.sets.first()?.len();
+        let groups = self.state.layout.groups();
+        let sd = |g: &PriorGroup| match self.has_priors {
+            true => g.prior_sd(),
+            // Least squares without priors.
+            false => PriorGroup::BaseAndTools.prior_sd(),
+        };
+        let observation = seen_as(samples);
+        let sets = self.sets.iter().map(|set| {
+            let with = |s: &BaseSample| Sample {
+                observation,
+                ..s.clone()
+            };
+            let set: Vec<BaseSample> = set.iter().map(with).collect();
+            let at = self.state.linearise(&set, scales);
+            TrainingSet {
+                smooth: self.smooth_of_joints(&set, &at),
+                a: at.a,
+            }
+        });
+        Some(UnknownFrames {
+            sets: sets.collect(),
+            repeats: self.repeats * self.training.len() as f64 / fewest as f64,
+            sd: groups.iter().map(sd).collect(),
+            each: observation.equations(),
+        })
+    }
+
+    /// Computes the covariance of the smooth deflection of each joint, of unit size.
+    pub fn smooth_of_joints<F>(&self, samples: &[Sample<F>], at: &Linearised) -> Vec<Mat<f64>> {
+        let here = Inputs::new(&self.state, samples);
+        let joints = 0..self.kernels.len();
+        joints
+            .map(|c| self.processes_of(c..c + 1, (at, &here), (at, &here)))
+            .collect()
+    }
+
     /// Computes the covariance of the smooth deflection, of unit size, for a blob that does not know its own error.
     pub fn smooth_covariance(&self, samples: &[InstrumentSample], at: &Linearised) -> Mat<f64> {
         let here = Inputs::new(&self.state, samples);
@@ -183,13 +239,23 @@ impl BlobArm {
     }
 
     fn processes(&self, a: (&Linearised, &Inputs), b: (&Linearised, &Inputs)) -> Mat<f64> {
+        self.processes_of(0..self.kernels.len(), a, b)
+    }
+
+    fn processes_of(
+        &self,
+        joints: Range<usize>,
+        a: (&Linearised, &Inputs),
+        b: (&Linearised, &Inputs),
+    ) -> Mat<f64> {
         let mut out = Mat::zeros(a.0.a.nrows(), b.0.a.nrows());
         let query = |inputs: &Inputs, i: usize| (inputs.features[i], inputs.payloads[i]);
         for i in 0..a.1.payloads.len() {
             let (fa, ma) = query(a.1, i);
             for j in 0..b.1.payloads.len() {
                 let (fb, mb) = query(b.1, j);
-                for (c, k) in self.kernels.iter().enumerate() {
+                for c in joints.clone() {
+                    let k = &self.kernels[c];
                     let value = kernel(k, self.state.kinds(), (&fa, ma), (&fb, mb));
                     for row in 0..ROWS {
                         let left = value * a.0.jacobian[(ROWS * i + row, c)];
@@ -205,6 +271,15 @@ impl BlobArm {
     }
 }
 
+/// Returns an observation of the kind of `samples`.
+fn seen_as(samples: &[InstrumentSample]) -> Observation {
+    if samples.iter().any(|s| s.observation.has_orientation()) {
+        Observation::Pose(Pose::identity())
+    } else {
+        Observation::Position(Vector3::zeros())
+    }
+}
+
 fn joint_kernel(wire: &poegp_protocol::blob::JointKernel) -> JointKernel<f64> {
     let mut out = JointKernel::zero();
     out.set_rates(wire.rates.iter().map(|rate| f64::from(*rate)));
@@ -214,25 +289,25 @@ fn joint_kernel(wire: &poegp_protocol::blob::JointKernel) -> JointKernel<f64> {
     out
 }
 
-fn coupling(blob: &Blob<'_>) -> Option<Vec<Vec<f64>>> {
-    let rows = blob.robot.coupling.chunks(blob.robot.joints.len());
-    let rows = rows.map(|row| row.iter().map(|c| f64::from(*c)).collect());
-    (!blob.robot.coupling.is_empty()).then(|| rows.collect())
-}
-
 /// Returns poses that stand for the training poses. They are at the inducing points; joints that a kernel does not depend on
 /// are drawn from the trained ranges. For a blob without inducing points, all joints are drawn.
-fn training_poses(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<BaseSample> {
-    let mut random = ChaCha8Rng::seed_from_u64(1);
+/// At most `most` poses are returned.
+fn training_poses(
+    blob: &Blob<'_>,
+    coupling: Option<&Vec<Vec<f64>>>,
+    seed: u64,
+    most: usize,
+) -> Vec<BaseSample> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut within = |range: (f32, f32)| {
         let (lower, upper) = (f64::from(range.0), f64::from(range.1));
         lower + (upper - lower) * random.random::<f64>()
     };
     let mut points = inducing_points(blob);
-    let every = points.len().div_ceil(MAX_POSES).max(1);
+    let every = points.len().div_ceil(most).max(1);
     points = points.into_iter().step_by(every).collect();
     if points.is_empty() {
-        points = vec![(Vec::new(), None); MAX_POSES];
+        points = vec![(Vec::new(), None); most];
     }
     let poses: Vec<(Vec<f64>, f64)> = points
         .into_iter()
@@ -259,7 +334,6 @@ fn training_poses(blob: &Blob<'_>, coupling: Option<&Vec<Vec<f64>>>) -> Vec<Base
 /// The joints that an inducing point's kernel depends on, with their values, and the point's payload in kg.
 type PartialPose = (Vec<(usize, f64)>, Option<f64>);
 
-/// Returns the inducing points of a blob.
 fn inducing_points(blob: &Blob<'_>) -> Vec<PartialPose> {
     let Correction::Elastic(elastic) = &blob.correction else {
         return Vec::new();

@@ -11,13 +11,16 @@
 //! which nothing has moved. So the test needs no tabulated distribution, which several overlapping tests do not have, and
 //! has one rate for all of them. The reported hypothesis is the one with the largest T_h − r_h ln m (Schwarz): six
 //! components explain what one does, and a little noise besides. The test is then repeated on what this hypothesis leaves
-//! unexplained.
+//! unexplained; if something is left, the best two hypotheses take its place, then the best three. One that is not
+//! significant beside the others is dropped: the best alone may follow two others and explain nothing beside them.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use crate::numeric::matrix::Mat;
+use crate::numeric::statistics::quantile;
+use crate::numeric::vectors::dot;
 
 /// Number of draws of an arm that has not changed: at a rate of 1 %, the critical value is known to 1 % of itself.
 const DRAWS: usize = 20_000;
@@ -43,7 +46,36 @@ pub struct DriftTest {
     effects: Vec<Columns>,
     /// Number of each hypothesis's part; a part can move only once.
     parts: Vec<usize>,
-    draws: Vec<(Vec<f64>, f64)>,
+    draws: Vec<Draw>,
+}
+
+/// Residuals of an arm that has not changed: Qᵀ y and |y − Q Qᵀ y|².
+type Draw = (Vec<f64>, f64);
+
+/// Draws residuals of an arm that has not changed, y = R z with one root R after the other; `all` is Q.
+fn mixture(
+    roots: &[Mat<f64>],
+    (nuisance, all): (&Columns, &Columns),
+    random: &mut ChaCha8Rng,
+) -> Vec<Draw> {
+    let mut draw = |i: usize| {
+        let root = &roots[i % roots.len()];
+        let z: Vec<f64> = (0..root.ncols())
+            .map(|_| StandardNormal.sample(random))
+            .collect();
+        let mut y = vec![0.0; root.nrows()];
+        // A root is a lower triangle.
+        for (j, z) in z.iter().enumerate() {
+            for (i, y) in y.iter_mut().enumerate().skip(j) {
+                *y += root[(i, j)] * z;
+            }
+        }
+        let y = without(&y, nuisance);
+        let seen: Vec<f64> = all.iter().map(|q| dot(q, &y)).collect();
+        let rest = (dot(&y, &y) - dot(&seen, &seen)).max(0.0);
+        (seen, rest)
+    };
+    (0..DRAWS).map(&mut draw).collect()
 }
 
 /// Columns of a matrix, each a vector.
@@ -77,6 +109,17 @@ impl DriftTest {
         parts: Vec<usize>,
         absent: usize,
     ) -> Self {
+        Self::with_roots((y, None), nuisance, effects, parts, absent)
+    }
+
+    /// Same as [`DriftTest::new`]; the residuals of an arm that has not changed have one of the covariances with these roots.
+    pub fn with_roots(
+        (y, roots): (&Mat<f64>, Option<&[Mat<f64>]>),
+        nuisance: &Columns,
+        effects: &[Columns],
+        parts: Vec<usize>,
+        absent: usize,
+    ) -> Self {
         let nuisance = basis(nuisance, &[]);
         let clean = |column: &Vec<f64>| without(column, &nuisance);
         let y = clean(&(0..y.nrows()).map(|i| y[(i, 0)]).collect());
@@ -85,19 +128,23 @@ impl DriftTest {
             .map(|columns| columns.iter().map(clean).collect())
             .collect();
         let all = basis(&effects.concat(), &[]);
-        let inside = |column: &Vec<f64>| all.iter().map(|q| inner(q, column)).collect();
+        let inside = |column: &Vec<f64>| all.iter().map(|q| dot(q, column)).collect();
         let seen: Vec<f64> = inside(&y);
-        let rest = (inner(&y, &y) - inner(&seen, &seen)).max(0.0);
+        let rest = (dot(&y, &y) - dot(&seen, &seen)).max(0.0);
         let rows = y.len() - nuisance.len() - absent;
         let freedom = rows.saturating_sub(all.len());
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
-        let chi_squared = ChiSquared::new(freedom.max(1) as f64).expect("a positive number");
-        let draws = (0..DRAWS).map(|_| {
-            let seen = all.iter().map(|_| StandardNormal.sample(&mut random));
-            (seen.collect(), chi_squared.sample(&mut random))
+        let longer = roots.map(|roots| mixture(roots, (&nuisance, &all), &mut random));
+        let draws = longer.unwrap_or_else(|| {
+            let chi_squared = ChiSquared::new(freedom.max(1) as f64).expect("a positive number");
+            let draw = |_| {
+                let seen = all.iter().map(|_| StandardNormal.sample(&mut random));
+                (seen.collect(), chi_squared.sample(&mut random))
+            };
+            (0..DRAWS).map(draw).collect()
         });
         Self {
-            draws: draws.collect(),
+            draws,
             effects: effects
                 .iter()
                 .map(|columns| columns.iter().map(inside).collect())
@@ -115,66 +162,132 @@ impl DriftTest {
         self.rest / self.freedom.max(1) as f64
     }
 
-    /// Returns the significant ones among the hypotheses that `is_allowed`, at most `MOST`, in the order in which they were
-    /// found.
+    /// Returns the significant ones among the hypotheses that `is_allowed`, at most `MOST`: the fewest that leave nothing which
+    /// one of the others would explain, and of as many the best.
     pub fn choose(&self, false_alarms: f64, is_allowed: impl Fn(usize) -> bool) -> Vec<Choice> {
-        let mut chosen: Vec<Choice> = Vec::new();
-        while chosen.len() < MOST {
-            let taken: Vec<usize> = chosen.iter().map(|c| c.hypothesis).collect();
-            let Some(next) = self.next(&taken, false_alarms, &is_allowed) else {
-                break;
-            };
-            chosen.push(next);
+        let allowed: Vec<usize> = (0..self.effects.len()).filter(|h| is_allowed(*h)).collect();
+        let Some(first) = self.next(&[], false_alarms, &allowed) else {
+            return Vec::new();
+        };
+        let mut taken = vec![first.hypothesis];
+        while taken.len() < MOST
+            && let Some(next) = self.next(&taken, false_alarms, &allowed)
+        {
+            taken.push(next.hypothesis);
+            // What is best alone may explain nothing beside two others.
+            taken = self.best_of(taken.len(), &allowed).unwrap_or(taken);
         }
-        chosen
+        let chosen = self.pruned(&taken, false_alarms, &allowed);
+        match chosen.len() {
+            0 | 1 => vec![first],
+            _ => chosen,
+        }
+    }
+
+    /// Returns these hypotheses, each with its p-value beside the others; those that are not significant there are dropped one
+    /// after the other.
+    fn pruned(&self, taken: &[usize], false_alarms: f64, allowed: &[usize]) -> Vec<Choice> {
+        let beside_others = |h: &usize| Choice {
+            hypothesis: *h,
+            p_value: self.p_value_beside(*h, taken, false_alarms, allowed),
+        };
+        let chosen: Vec<Choice> = match taken.len() {
+            0 | 1 => return Vec::new(),
+            _ => taken.iter().map(beside_others).collect(),
+        };
+        let weakest = (chosen.iter()).max_by(|a, b| a.p_value.total_cmp(&b.p_value));
+        match weakest.filter(|c| c.p_value > false_alarms) {
+            None => chosen,
+            Some(weakest) => {
+                let stays = |h: &&usize| **h != weakest.hypothesis;
+                let rest: Vec<usize> = taken.iter().filter(stays).copied().collect();
+                self.pruned(&rest, false_alarms, allowed)
+            }
+        }
+    }
+
+    /// Returns the share of draws with an alarm beside the other hypotheses of `taken` that is as loud as this one's.
+    fn p_value_beside(
+        &self,
+        hypothesis: usize,
+        taken: &[usize],
+        false_alarms: f64,
+        allowed: &[usize],
+    ) -> f64 {
+        let others: Vec<usize> = taken
+            .iter()
+            .filter(|t| **t != hypothesis)
+            .copied()
+            .collect();
+        let beside = Candidates::new(self, &others, false_alarms, allowed);
+        // A shift and a shift with a turn are of one part.
+        let own = |h: usize| self.parts[h] == self.parts[hypothesis];
+        let found = beside.loudest(&self.seen, self.variance(), own);
+        self.p_value(&beside, found)
+    }
+
+    /// Returns the share of draws with an alarm as loud as `found`, counting at least one draw.
+    fn p_value(&self, candidates: &Candidates, found: f64) -> f64 {
+        let freedom = self.freedom.max(1) as f64;
+        let is_louder =
+            |(seen, rest): &&Draw| candidates.loudest(seen, rest / freedom, |_| true) >= found;
+        let louder = self.draws.iter().filter(is_louder).count();
+        (louder + 1) as f64 / (DRAWS + 1) as f64
     }
 
     /// Returns the best allowed hypothesis beside those that were taken, if it is significant.
-    fn next(
-        &self,
-        taken: &[usize],
-        false_alarms: f64,
-        is_allowed: &impl Fn(usize) -> bool,
-    ) -> Option<Choice> {
-        let known = self.columns(taken);
-        let candidates: Vec<(usize, Columns)> = (0..self.effects.len())
-            .filter(|h| is_allowed(*h))
-            .filter(|h| taken.iter().all(|t| self.parts[*t] != self.parts[*h]))
-            .map(|h| (h, self.beside(h, &known)))
-            .filter(|(_, q)| !q.is_empty())
-            .collect();
-        let own: Vec<f64> = candidates
-            .iter()
-            .map(|(_, q)| self.quantile(q, false_alarms))
-            .collect();
-        let loudest = |seen: &[f64], variance: f64| {
-            let of = |((_, q), own): (&(usize, Columns), &f64)| projected(q, seen) / variance / own;
-            candidates.iter().zip(&own).map(of).fold(0.0, f64::max)
-        };
-        let found = loudest(&self.seen, self.variance());
-        let freedom = self.freedom.max(1) as f64;
-        let louder = self
-            .draws
-            .iter()
-            .filter(|(seen, rest)| loudest(seen, rest / freedom) >= found)
-            .count();
-        let p_value = (louder + 1) as f64 / (DRAWS + 1) as f64;
+    fn next(&self, taken: &[usize], false_alarms: f64, allowed: &[usize]) -> Option<Choice> {
+        let candidates = Candidates::new(self, taken, false_alarms, allowed);
+        let found = candidates.loudest(&self.seen, self.variance(), |_| true);
+        let p_value = self.p_value(&candidates, found);
         if p_value > false_alarms {
             return None;
         }
-        let score = |q: &Columns| {
-            projected(q, &self.seen) / self.variance()
-                - q.len() as f64 * libm::log(self.rows as f64)
-        };
         // Among hypotheses that explain as much, the first is taken: it has the fewest components.
-        let best = candidates
-            .iter()
-            .rev()
-            .max_by(|a, b| score(&a.1).total_cmp(&score(&b.1)))?;
+        let best = (candidates.all.iter().rev())
+            .max_by(|a, b| self.score(&a.beside).total_cmp(&self.score(&b.beside)))?;
         Some(Choice {
-            hypothesis: best.0,
+            hypothesis: best.hypothesis,
             p_value,
         })
+    }
+
+    /// Returns the drop of χ² less its price (Schwarz) of an orthonormal basis.
+    fn score(&self, q: &Columns) -> f64 {
+        projected(q, &self.seen) / self.variance() - q.len() as f64 * libm::log(self.rows as f64)
+    }
+
+    /// Returns the allowed hypotheses of so many parts that explain most together, less the price of their components.
+    fn best_of(&self, parts: usize, allowed: &[usize]) -> Option<Vec<usize>> {
+        let mut best = None;
+        self.extend(parts, allowed, (&[], &Vec::new(), 0.0), &mut best);
+        best.map(|(_, taken)| taken)
+    }
+
+    /// Extends `taken`, whose effects have an orthonormal basis and a score, by hypotheses of so many further parts.
+    fn extend(
+        &self,
+        parts: usize,
+        allowed: &[usize],
+        (taken, basis, score): (&[usize], &Columns, f64),
+        best: &mut Option<(f64, Vec<usize>)>,
+    ) {
+        if parts == 0 {
+            if best.as_ref().is_none_or(|(most, _)| score > *most) {
+                *best = Some((score, taken.to_vec()));
+            }
+            return;
+        }
+        for (i, h) in allowed.iter().enumerate() {
+            let own = self.beside(*h, basis);
+            if own.is_empty() || taken.iter().any(|t| self.parts[*t] == self.parts[*h]) {
+                continue;
+            }
+            let score = score + self.score(&own);
+            let basis = [basis.clone(), own].concat();
+            let taken = [taken, &[*h]].concat();
+            self.extend(parts - 1, &allowed[i + 1..], (&taken, &basis, score), best);
+        }
     }
 
     /// Returns whether the hypotheses `taken` leave nothing that `other` would explain, at its own rate of false alarms.
@@ -190,7 +303,7 @@ impl DriftTest {
         let other = basis(&self.effects[hidden_by], &[]);
         let norms = self.effects[hypothesis].iter().map(|column| {
             let left = without(column, &other);
-            (inner(column, column), inner(&left, &left))
+            (dot(column, column), dot(&left, &left))
         });
         let (effect, own) = norms.fold((0.0, 0.0), |sum, n| (sum.0 + n.0, sum.1 + n.1));
         (effect.sqrt(), own.sqrt())
@@ -208,11 +321,11 @@ impl DriftTest {
         let freedom = self.freedom.max(1) as f64;
         let found = |shift: f64| {
             let alarms = self.draws.iter().take(DRAWS / 10).filter(|(seen, rest)| {
-                let mut along: Vec<f64> = q.iter().map(|q| inner(q, seen)).collect();
+                let mut along: Vec<f64> = q.iter().map(|q| dot(q, seen)).collect();
                 if let Some(first) = along.first_mut() {
                     *first += shift;
                 }
-                inner(&along, &along) / (rest / freedom) > critical
+                dot(&along, &along) / (rest / freedom) > critical
             });
             alarms.count() as f64 / (DRAWS / 10) as f64
         };
@@ -227,7 +340,7 @@ impl DriftTest {
         }
         let columns = &self.effects[hypothesis];
         let gram = Mat::from_fn(columns.len(), columns.len(), |i, j| {
-            inner(&columns[i], &columns[j])
+            dot(&columns[i], &columns[j])
         });
         let weakest = gram.symmetric_eigenvalues().min();
         Some(high / weakest.max(0.0).sqrt())
@@ -278,14 +391,49 @@ impl DriftTest {
     }
 }
 
-/// Returns the inner product.
-pub fn inner(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
+/// Hypotheses that may be chosen beside others.
+struct Candidates {
+    all: Vec<Candidate>,
+}
+
+struct Candidate {
+    hypothesis: usize,
+    /// Orthonormal basis of its effects beside those of the others.
+    beside: Columns,
+    /// 1 − α quantile of its T.
+    quantile: f64,
+}
+
+impl Candidates {
+    /// Collects the allowed hypotheses of parts that have not been taken and that explain something which these do not.
+    fn new(test: &DriftTest, taken: &[usize], false_alarms: f64, allowed: &[usize]) -> Self {
+        let known = test.columns(taken);
+        let is_free = |h: &&usize| taken.iter().all(|t| test.parts[*t] != test.parts[**h]);
+        let of = |h: &usize| {
+            let beside = test.beside(*h, &known);
+            (!beside.is_empty()).then(|| Candidate {
+                hypothesis: *h,
+                quantile: test.quantile(&beside, false_alarms),
+                beside,
+            })
+        };
+        Self {
+            all: allowed.iter().filter(is_free).filter_map(of).collect(),
+        }
+    }
+
+    /// Returns the largest ratio of T to its quantile among some of the hypotheses.
+    fn loudest(&self, seen: &[f64], variance: f64, is_counted: impl Fn(usize) -> bool) -> f64 {
+        let counted = self.all.iter().filter(|c| is_counted(c.hypothesis));
+        counted
+            .map(|c| projected(&c.beside, seen) / variance / c.quantile)
+            .fold(0.0, f64::max)
+    }
 }
 
 /// Returns |Qᵀ y|².
 fn projected(q: &Columns, seen: &[f64]) -> f64 {
-    q.iter().map(|column| inner(column, seen).powi(2)).sum()
+    q.iter().map(|column| dot(column, seen).powi(2)).sum()
 }
 
 /// Returns a column without its components along an orthonormal basis.
@@ -294,7 +442,7 @@ pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     // Two passes of orthogonalisation are enough (Kahan).
     for _ in 0..2 {
         for q in basis {
-            let along = inner(q, &out);
+            let along = dot(q, &out);
             for (value, part) in out.iter_mut().zip(q) {
                 *value -= along * part;
             }
@@ -308,18 +456,12 @@ pub fn basis(columns: &[Vec<f64>], known: &[Vec<f64>]) -> Columns {
     let mut all = known.to_vec();
     for column in columns {
         let mut left = without(column, &all);
-        let length = inner(&left, &left).sqrt();
-        let norm = inner(column, column).sqrt();
+        let length = dot(&left, &left).sqrt();
+        let norm = dot(column, column).sqrt();
         if norm > VISIBLE && length > INDEPENDENT * norm {
             left.iter_mut().for_each(|x| *x /= length);
             all.push(left);
         }
     }
     all.split_off(known.len())
-}
-
-fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
-    let at = ((values.len() as f64 * share) as usize).min(values.len() - 1);
-    let (_, value, _) = values.select_nth_unstable_by(at, f64::total_cmp);
-    *value
 }

@@ -7,7 +7,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::Summary;
-use crate::verification::drift_test::{DriftTest, columns};
+use crate::verification::drift_test::{Choice, DriftTest, columns};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
 
@@ -81,6 +81,11 @@ impl Fit {
         self.rows(0, self.starts[0])
     }
 
+    /// Returns the fitted effect of the last `count` columns of what is free, in rows of the check.
+    pub fn last_free(&self, count: usize) -> Mat<f64> {
+        self.rows(self.starts[0] - count, self.starts[0])
+    }
+
     fn rows(&self, from: usize, to: usize) -> Mat<f64> {
         Mat::from_fn(self.x.nrows(), 1, |i, _| {
             (from..to).map(|j| self.x[(i, j)] * self.values[j]).sum()
@@ -89,14 +94,14 @@ impl Fit {
 }
 
 /// Largest change for which the equations of a check are linear, m and rad.
-const LINEAR: f64 = 0.1;
+pub const LINEAR: f64 = 0.1;
 /// Largest relative difference of an arm's size from its model's that a check is asked to find.
 const LARGEST_SIZE: f64 = 5e-3;
 /// Heaviest payload, kg.
 const HEAVIEST_KG: f64 = 1000.0;
 
 /// Returns an estimated change in display units; `reach` is half the width of a 95 % interval in standard deviations.
-pub fn change(
+fn change(
     hypothesis: &Hypothesis,
     (values, covariance): ChangeEstimate<'_>,
     reach: f64,
@@ -123,19 +128,7 @@ pub fn change(
         )
         .filter(|_| is_determined)
     };
-    let mut out = Change {
-        part: hypothesis.part,
-        p_value,
-        shift_mm: None,
-        shift_xyz_mm: Vec::new(),
-        turn_mrad: None,
-        turn_xyz_mrad: Vec::new(),
-        offset_deg: None,
-        offset_mm: None,
-        mass_kg: None,
-        size_ppm: None,
-        or_else: Vec::new(),
-    };
+    let mut out = Change::of(hypothesis.part, p_value);
     match hypothesis.part {
         Part::Base | Part::Tool => {
             out.shift_mm = length(0);
@@ -156,7 +149,7 @@ pub fn change(
 }
 
 /// Returns the parts that would explain the measurements as well in place of the chosen hypothesis at `index`.
-pub fn alternatives(
+fn alternatives(
     test: &DriftTest,
     all: &[Hypothesis],
     taken: &[usize],
@@ -209,6 +202,7 @@ pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> V
             part: hypothesis.part,
             smallest: smallest.filter(|x| *x <= range).map(|x| factor * x),
             unit,
+            moves_mm: None,
             looks_like: whole.iter().find(hidden).map(|other| all[*other].part),
         });
     }
@@ -224,6 +218,23 @@ pub fn can_be_found(hypothesis: &Hypothesis, sensitivity: &[Sensitivity]) -> boo
         Part::Joint(_) | Part::Payload => sensitivity.iter().any(is_shown),
         Part::Base | Part::Tool | Part::Size => true,
     }
+}
+
+/// Describes the changes that a check has found: the hypotheses that `test` chose, as `fit` estimates them.
+pub fn changes(
+    test: &DriftTest,
+    all: &[Hypothesis],
+    choices: &[Choice],
+    fit: &Fit,
+    false_alarms: f64,
+) -> Vec<Change> {
+    let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
+    let reach = test.reach() * test.variance().sqrt();
+    let of = |(i, choice): (usize, &Choice)| Change {
+        or_else: alternatives(test, all, &taken, i, false_alarms),
+        ..change(&all[choice.hypothesis], fit.of(i), reach, choice.p_value)
+    };
+    choices.iter().enumerate().map(of).collect()
 }
 
 /// Summarises the lengths of the target's displacements, mm.

@@ -36,10 +36,24 @@ pub struct Hypothesis {
     pub effect: Mat<f64>,
 }
 
-impl Hypothesis {
-    /// Returns the number of components of the hypothesis.
-    pub fn components(&self) -> usize {
-        self.effect.ncols()
+/// A change of a part while the rows were measured: each row has its share of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Masked {
+    /// Index of the hypothesis.
+    pub hypothesis: usize,
+    /// First row of a step, in chronological order; `None` for a creep.
+    pub from: Option<usize>,
+    /// Share of each row.
+    pub shares: Vec<f64>,
+}
+
+impl Masked {
+    /// Returns the effect on the rows of the check per unit of each component.
+    pub fn effect(&self, all: &[Hypothesis]) -> Mat<f64> {
+        let whole = &all[self.hypothesis].effect;
+        Mat::from_fn(whole.nrows(), whole.ncols(), |i, j| {
+            self.shares[i / ROWS] * whole[(i, j)]
+        })
     }
 }
 

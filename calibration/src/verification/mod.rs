@@ -6,13 +6,15 @@
 //! - **Has something moved?** A change of the base, the tool, the zero of one joint or the mass of the payload is fitted to
 //!   the residuals. These are weighted by their covariance, which has three parts: the noise of the measurements, found from
 //!   the residuals whatever has moved ([`noise`]); what the calibration did not know, from the blob itself ([`arm`]); and
-//!   what a row states of itself. An alarm is raised at a stated rate of false alarms ([`drift_test`]).
+//!   what a row states of itself. An alarm is raised at a stated rate of false alarms ([`drift_test`]). What moved while the
+//!   rows were measured is found first. Rows with a payload that the model was never trained with say nothing.
 //!
 //! All equations are linear, because a drift is millimetres and milliradians. A base or a tool that was set up again is
 //! fitted first and then is free in the test.
 
 pub mod arm;
 pub mod drift_test;
+mod during;
 mod estimate;
 pub mod hypotheses;
 pub mod noise;
@@ -20,6 +22,7 @@ mod options;
 mod payload;
 pub mod result;
 pub mod touches;
+pub mod unknown_frames;
 mod whitened;
 
 use poegp_runtime::math::se3::Pose;
@@ -33,14 +36,13 @@ use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::measurement::samples::Samples;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::ErrorSummary;
+use crate::trust::drop_among;
 use crate::validation::held_out::HeldOutPose;
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{Columns, DriftTest, columns};
-use crate::verification::estimate::{
-    Fit, alternatives, can_be_found, change, lengths, sensitivity,
-};
+use crate::verification::estimate::{Fit, can_be_found, changes, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
-use crate::verification::result::{Change, Report, RowError};
+use crate::verification::result::{Moved, Report, RowError};
 use crate::verification::whitened::Whitened;
 
 pub use crate::verification::options::Options;
@@ -49,17 +51,82 @@ pub use crate::verification::result::CheckError;
 /// Largest median error of position and rotation, mm and mrad, for which measurements and predictions can be in the same
 /// frames.
 const SAME_FRAME: (f64, f64) = (10.0, 100.0);
+/// Largest share of rows that may stand out from the others.
+const MOST_ODD: f64 = 0.2;
 /// Fewest degrees of freedom to find the noise from.
 const FEWEST_FREEDOM: usize = 6;
 
 /// Checks `loaded` against `samples` (poses `instrument_from_target`).
 ///
+/// A change is found from the rows whose payload the model was trained with and that do not stand out: one wrong row can look
+/// like the change of another joint.
+///
 /// `tools` are the frames of the tools that the samples name, `first_target_from_target`; they are ignored where tools are
 /// fitted. `lines` are the lines of the samples in their file.
-///
-/// # Errors
-/// [`CheckError`].
 pub fn check(
+    loaded: &BlobModel,
+    samples: &[InstrumentSample],
+    tools: Vec<Pose<f64>>,
+    lines: &[usize],
+    options: &Options,
+) -> Result<Report, CheckError> {
+    let checked = |samples: &[InstrumentSample], lines: &[usize]| {
+        check_rows(loaded, samples, tools.clone(), lines, options)
+    };
+    let all = checked(samples, lines)?;
+    if lines.len() != samples.len() {
+        return Ok(all);
+    }
+    let without = |left_out: &[usize], samples: &[InstrumentSample], lines: &[usize]| {
+        let kept = samples.iter().zip(lines);
+        let kept = kept.filter(|(_, line)| !left_out.contains(line));
+        kept.map(|(sample, line)| (sample.clone(), *line)).unzip()
+    };
+    let untrained: Vec<usize> = (samples.iter().zip(lines))
+        .filter(|(sample, line)| {
+            is_untrained(loaded, sample) && all.rows.iter().any(|row| row.line == **line)
+        })
+        .map(|(_, line)| *line)
+        .collect();
+    let (samples, lines): (Vec<InstrumentSample>, Vec<usize>) = without(&untrained, samples, lines);
+    let trained = match untrained.is_empty() {
+        true => all.clone(),
+        false => match checked(&samples, &lines) {
+            Ok(found) => found,
+            Err(_) => all.clone().unsearched(),
+        },
+    };
+    let odd_lines = trained.odd_lines.clone();
+    let is_few = odd_lines.len() as f64 <= MOST_ODD * samples.len() as f64;
+    let mut found = trained;
+    if found.is_searched && !odd_lines.is_empty() && is_few {
+        let (kept, rest): (Vec<InstrumentSample>, Vec<usize>) =
+            without(&odd_lines, &samples, &lines);
+        found = checked(&kept, &rest).unwrap_or(found);
+    }
+    Ok(Report {
+        errors: all.errors,
+        rows: all.rows,
+        poses: all.poses,
+        odd_lines,
+        untrained_payload: untrained,
+        ..found
+    })
+}
+
+/// Returns whether the payload of a row is outside the range that the model was trained with.
+fn is_untrained(loaded: &BlobModel, sample: &InstrumentSample) -> bool {
+    let outside = |(kg, (light, heavy)): (f64, (f32, f32))| {
+        // As the device reads it.
+        let kg = kg as f32;
+        kg < light || kg > heavy
+    };
+    let range = loaded.blob().ranges.payload_kg;
+    sample.payload_kg.zip(range).is_some_and(outside)
+}
+
+/// Checks all of these rows; see [`check`].
+fn check_rows(
     loaded: &BlobModel,
     samples: &[InstrumentSample],
     tools: Vec<Pose<f64>>,
@@ -85,9 +152,9 @@ pub fn check(
         });
     }
     let arm = BlobArm::new(loaded, &placed.frames.tools);
-    let weighed = Whitened::new(&placed, &arm)?;
+    let (weighed, during) = during::examine(&placed, &arm, Whitened::new(&placed, &arm, None)?)?;
     let scales = weighed.scales;
-    let nuisance = weighed.nuisance(&frames);
+    let nuisance = weighed.nuisance(&frames, during.as_ref().map(|d| &d.change));
     let are_tools_fitted = samples.iter().all(|s| frames.is_tool_fitted[s.tool]);
     let all: Vec<Hypothesis> = weighed
         .all
@@ -105,7 +172,13 @@ pub fn check(
     let numbers: Vec<usize> = all.iter().map(|h| number(h.part)).collect();
     let y = &weighed.y;
     let (white, free) = (weighed.whiten(y), columns(&weighed.whiten(&nuisance)));
-    let test = DriftTest::new(&white, &free, &effects, numbers, weighed.absent);
+    let test = DriftTest::with_roots(
+        (&white, weighed.unchanged.as_deref()),
+        &free,
+        &effects,
+        numbers,
+        weighed.absent,
+    );
     let sensitivity = sensitivity(&test, &all, options.false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);
@@ -113,16 +186,17 @@ pub fn check(
     let choices = test.choose(options.false_alarms, |h| {
         can_be_found(&all[h], &sensitivity)
     });
-    let taken: Vec<usize> = choices.iter().map(|c| c.hypothesis).collect();
-    let chosen: Vec<&Hypothesis> = taken.iter().map(|h| &all[*h]).collect();
+    let chosen: Vec<&Hypothesis> = choices.iter().map(|c| &all[c.hypothesis]).collect();
     let fit = Fit::new((y, &weighed.factor), &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
-    let reach = test.reach() * test.variance().sqrt();
-    let changes = choices.iter().enumerate().map(|(i, choice)| Change {
-        or_else: alternatives(&test, &all, &taken, i, options.false_alarms),
-        ..change(&all[choice.hypothesis], fit.of(i), reach, choice.p_value)
-    });
-    let effect = fit.effect();
-    let left = y - fit.free() - &effect;
+    let moved = during
+        .as_ref()
+        .map(|d| fit.last_free(d.change.effect(&weighed.all).ncols()));
+    let left = y - fit.free() - fit.effect();
+    let effect = match &moved {
+        Some(moved) => fit.effect() + moved,
+        None => fit.effect(),
+    };
+    let noise_mm = 1e3 * scales.position * weighed.factors.noise[0].sqrt();
     Ok(Report {
         errors: summary,
         base_fitted: frames.is_base_fitted,
@@ -136,14 +210,28 @@ pub fn check(
             })
             .collect(),
         false_alarm_rate: options.false_alarms,
-        changes: changes.collect(),
+        changes: changes(&test, &all, &choices, &fit, options.false_alarms),
+        during: during.zip(moved).map(|(found, effect)| Moved {
+            part: found.part,
+            from_line: found.is_step().then(|| lines[found.rows[0]]),
+            moves_mm: found.moves_mm(&effect, |k| 1e3 * scales.of(&samples[k]).position),
+            lines: found.rows.iter().map(|k| lines[*k]).collect(),
+            drop: (
+                found.drop / samples.len() as f64,
+                drop_among(samples.len()) / samples.len() as f64,
+            ),
+            or_else: found.or_else,
+        }),
+        untrained_payload: Vec::new(),
+        is_searched: true,
         effect_mm: lengths(&effect, samples, scales),
         without_mm: lengths(&left, samples, scales),
-        noise_mm: 1e3 * scales.position * weighed.factors[0].sqrt(),
+        noise_mm: arm.knows_its_error.then_some(noise_mm),
+        scatter_mm: (noise_mm * noise_mm + weighed.model_mm * weighed.model_mm).sqrt(),
         noise_mrad: samples
             .iter()
-            .any(|s| s.observation.has_orientation())
-            .then_some(1e3 * scales.orientation * weighed.factors[1].sqrt()),
+            .any(|s| arm.knows_its_error && s.observation.has_orientation())
+            .then_some(1e3 * scales.orientation * weighed.factors.noise[1].sqrt()),
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.knows_its_error,
         sensitivity,
@@ -166,9 +254,6 @@ fn held_out(placed: &Registered) -> Vec<HeldOutPose> {
 }
 
 /// Runs [`check`] on a file of fresh measurements that was read after the tools of the blob.
-///
-/// # Errors
-/// [`CheckError`].
 pub fn verify(blob: &BlobModel, fresh: &Samples, options: &Options) -> Result<Report, CheckError> {
     let known = blob.tools().len();
     let is_only_one = known == 0 && fresh.tools.len() == 1;

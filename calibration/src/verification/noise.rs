@@ -8,7 +8,7 @@
 //! ```
 //!
 //! M is the covariance of what the calibration leaves unknown. The D_i are the rows of position, those of rotation and, for
-//! a blob that does not know its own error, a smooth deflection. The update never lowers the likelihood (a minorisation) and
+//! a blob that does not know its own error, smooth deflections. The update never lowers the likelihood (a minorisation) and
 //! needs no step length.
 
 use crate::numeric::cholesky::Factor;
@@ -28,33 +28,49 @@ pub struct Parts<'a> {
     pub stated: &'a [f64],
     /// Index of each row's noise: 0 for position, 1 for rotation; `None` for an absent row.
     pub kind: &'a [Option<usize>],
-    /// Covariance of the smooth deflection, if its size has to be estimated.
-    pub smooth: Option<&'a Mat<f64>>,
+    /// Covariances of the smooth deflections whose sizes have to be estimated.
+    pub smooth: &'a [Mat<f64>],
 }
 
-/// Factors of the variances: position, rotation, smooth deflection.
-pub type Factors = [f64; 3];
+/// Factors of the variances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Factors {
+    /// Factors of position and rotation.
+    pub noise: [f64; 2],
+    /// Factors of the smooth deflections.
+    pub smooth: Vec<f64>,
+}
+
+impl Factors {
+    /// Creates factors of 1.
+    pub fn ones(smooth: usize) -> Self {
+        Self {
+            noise: [1.0; 2],
+            smooth: vec![1.0; smooth],
+        }
+    }
+}
 
 impl Parts<'_> {
     /// Returns V, the covariance with these factors.
     pub fn covariance(&self, factors: &Factors) -> Mat<f64> {
         let mut v = self.fixed.clone();
-        if let Some(smooth) = self.smooth {
-            v += factors[2] * smooth;
+        for (smooth, factor) in self.smooth.iter().zip(&factors.smooth) {
+            v += *factor * smooth;
         }
         for (i, kind) in self.kind.iter().enumerate() {
             // An absent row is a zero in y and X, so any variance will do.
             v[(i, i)] += kind.map_or(1.0, |k| {
-                self.stated[i] + (1.0 - self.stated[i]) * factors[k]
+                self.stated[i] + (1.0 - self.stated[i]) * factors.noise[k]
             });
         }
         v
     }
 
-    /// Fits the factors to `y` when everything in `x` (independent columns) is free; `least` bounds them below. Returns
-    /// `None` if a matrix cannot be factored.
-    pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: &Factors) -> Option<Factors> {
-        let mut factors = [1.0; 3];
+    /// Fits the factors to `y` when everything in `x` (independent columns) is free; `least` bounds those of the noise below.
+    /// Returns `None` if a matrix cannot be factored.
+    pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: [f64; 2]) -> Option<Factors> {
+        let mut factors = Factors::ones(self.smooth.len());
         for _ in 0..ROUNDS {
             let factor = Factor::new(self.covariance(&factors), 1).ok()?;
             let inverse = factor.inverse();
@@ -62,7 +78,7 @@ impl Parts<'_> {
             let normal = Factor::new(product(Transposed(x), &vx), 1).ok()?;
             let p = &inverse - product(&vx, &normal.solve(&vx.transpose()));
             let py = product(&p, y);
-            for kind in 0..2 {
+            for (kind, least) in least.into_iter().enumerate() {
                 let rows = (0..self.kind.len()).filter(|i| self.kind[*i] == Some(kind));
                 let (mut found, mut expected) = (0.0, 0.0);
                 for i in rows {
@@ -71,16 +87,19 @@ impl Parts<'_> {
                     expected += share * p[(i, i)];
                 }
                 if expected > 0.0 {
-                    factors[kind] = (factors[kind] * (found / expected).sqrt()).max(least[kind]);
+                    let factor = &mut factors.noise[kind];
+                    *factor = (*factor * (found / expected).sqrt()).max(least);
                 }
             }
-            if let Some(smooth) = self.smooth {
-                let sp = product(smooth, &p);
-                let expected: f64 = (0..sp.nrows()).map(|i| sp[(i, i)]).sum();
+            for (smooth, factor) in self.smooth.iter().zip(&mut factors.smooth) {
+                let expected = smooth.dot(&p);
                 let found = py.dot(&product(smooth, &py));
-                factors[2] = (factors[2] * (found / expected).sqrt()).max(NOTHING);
+                if expected > 0.0 {
+                    *factor = (*factor * (found / expected).sqrt()).max(NOTHING);
+                }
             }
         }
-        factors.iter().all(|f| f.is_finite()).then_some(factors)
+        let all = factors.noise.iter().chain(&factors.smooth);
+        all.clone().all(|f| f.is_finite()).then(|| factors.clone())
     }
 }

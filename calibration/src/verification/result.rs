@@ -59,6 +59,45 @@ pub struct Change {
     pub or_else: Vec<Part>,
 }
 
+impl Change {
+    /// Creates the change of a part, without its size.
+    pub fn of(part: Part, p_value: f64) -> Self {
+        Self {
+            part,
+            p_value,
+            shift_mm: None,
+            shift_xyz_mm: Vec::new(),
+            turn_mrad: None,
+            turn_xyz_mrad: Vec::new(),
+            offset_deg: None,
+            offset_mm: None,
+            mass_kg: None,
+            size_ppm: None,
+            or_else: Vec::new(),
+        }
+    }
+}
+
+/// A change of a part while the rows of the check were measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Moved {
+    /// The part that moved.
+    pub part: Part,
+    /// First line after a step; absent if the part crept from the first row to the last.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub from_line: Option<usize>,
+    /// Root mean square displacement of the target by the whole change, mm.
+    pub moves_mm: f64,
+    /// Other parts that would explain these measurements as well.
+    pub or_else: Vec<Part>,
+    /// Lines concerned, in chronological order.
+    #[serde(skip)]
+    pub lines: Vec<usize>,
+    /// Drop of χ² per row that the change causes, and the drop that it must cause.
+    #[serde(skip)]
+    pub drop: (f64, f64),
+}
+
 /// The change that a part must have to be found nine times in ten, in the worst direction.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Sensitivity {
@@ -68,6 +107,10 @@ pub struct Sensitivity {
     pub smallest: Option<f64>,
     /// Unit of `smallest`: `mm` (shifts, prismatic joints), `deg` (revolute joints) or `kg`.
     pub unit: &'static str,
+    /// By how much `smallest`, or the largest change that a check is asked to find, moves the tip on average over the work
+    /// volume once base and tip are registered again, mm; stated of joints by touches.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moves_mm: Option<f64>,
     /// Another part whose change looks the same at these poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub looks_like: Option<Part>,
@@ -96,19 +139,32 @@ pub struct Report {
     pub rows: Vec<RowError>,
     /// Rate of false alarms of the whole test.
     pub false_alarm_rate: f64,
-    /// Parts that have moved; empty if none has.
+    /// Parts that have moved since the calibration; empty if none has.
     pub changes: Vec<Change>,
+    /// What moved while the rows were measured. `changes` are then those beside it: as the arm was before a step, or at the
+    /// first row of a creep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub during: Option<Moved>,
+    /// Lines of measurements with a payload outside the trained range. The model does not know how the arm sags under it, so
+    /// no change is searched for in them.
+    pub untrained_payload: Vec<usize>,
+    /// Whether changes were searched for: not if too many measurements have such a payload.
+    pub is_searched: bool,
     /// By how much these changes move the target at the poses of the check, mm.
     pub effect_mm: Summary,
     /// Position errors once these changes are removed, mm.
     pub without_mm: Summary,
-    /// Standard deviation of one position component of a measurement, mm, as the residuals have it.
-    pub noise_mm: f64,
-    /// Standard deviation of one rotation component, mrad; absent if no rotation was measured.
+    /// Standard deviation of one position component of a measurement, mm, as the residuals have it; absent if the model does
+    /// not know its own error, which cannot be separated from the noise then.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub noise_mm: Option<f64>,
+    /// Standard deviation of noise and the model's error together in one position component, mm.
+    pub scatter_mm: f64,
+    /// Standard deviation of one rotation component, mrad; absent if no rotation was measured, and where `noise_mm` is.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_mrad: Option<f64>,
-    /// Whether the model knows how wrong it is. Without processes of the joints it does not, and false alarms are more
-    /// frequent than stated.
+    /// Whether the model knows how wrong it is. Without processes of the joints it does not: the check estimates it, and with
+    /// fewer than 12 training poses false alarms are more frequent than stated.
     pub model_knows_its_error: bool,
     /// Root mean square of the calibration's expected error in one position component, mm.
     pub model_mm: f64,
@@ -119,6 +175,23 @@ pub struct Report {
     /// Measured and predicted poses, in the order of `rows`.
     #[serde(skip)]
     pub poses: Vec<HeldOutPose>,
+}
+
+impl Report {
+    /// Returns the errors alone, without what was found to have moved.
+    #[must_use]
+    pub(super) fn unsearched(self) -> Self {
+        Self {
+            changes: Vec::new(),
+            during: None,
+            sensitivity: Vec::new(),
+            odd_lines: Vec::new(),
+            effect_mm: Summary::new(&vec![0.0; self.rows.len()]),
+            without_mm: self.errors.position_mm,
+            is_searched: false,
+            ..self
+        }
+    }
 }
 
 /// Why a check gives no result.

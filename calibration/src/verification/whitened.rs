@@ -6,9 +6,10 @@ use crate::measurement::noise::{InstrumentNoise, NoiseScales, QUIETEST};
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::verification::arm::BlobArm;
 use crate::verification::drift_test::{self, Columns, columns};
-use crate::verification::hypotheses::{Hypothesis, base_effect, hypotheses, tool_effect};
+use crate::verification::hypotheses::{Hypothesis, Masked, base_effect, hypotheses, tool_effect};
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::payload::payload_effect;
 use crate::verification::result::CheckError;
@@ -36,10 +37,18 @@ pub(super) struct Whitened<'a> {
     /// Number of absent rows: orientations of samples that have only a position.
     pub(super) absent: usize,
     pub(super) factor: Factor,
+    /// Roots of the covariances that an arm which has not changed may have, in units of `factor`, of a model without
+    /// processes.
+    pub(super) unchanged: Option<Vec<Mat<f64>>>,
 }
 
 impl<'a> Whitened<'a> {
-    pub(super) fn new(placed: &'a Registered<'_>, arm: &BlobArm) -> Result<Self, CheckError> {
+    /// Weighs the residuals; the noise is found beside all hypotheses and beside what moved `during` the check.
+    pub(super) fn new(
+        placed: &'a Registered<'_>,
+        arm: &BlobArm,
+        during: Option<&Masked>,
+    ) -> Result<Self, CheckError> {
         let samples = placed.samples;
         let quietest = InstrumentNoise::min_over(samples);
         let mut scales = NoiseScales {
@@ -50,44 +59,81 @@ impl<'a> Whitened<'a> {
             )
         };
         let kind = kinds(samples);
+        let mut sizes = vec![1.0; arm.state.layout.joints];
         let mut round = 0;
         loop {
             let at = arm.linearise(samples, scales);
             let y = placed.residuals(scales);
-            let payload = payload_effect(placed, scales);
+            let payload = payload_effect(placed.blob, samples, &placed.frames.tools, scales);
             let all = hypotheses(arm, &at, samples, payload);
-            let fixed = arm
-                .error_covariance(samples, &at, scales)
-                .ok_or(CheckError::Unsolvable)?;
-            let smooth = (!arm.knows_its_error).then(|| arm.smooth_covariance(samples, &at));
+            let unknown = arm.unknown_frames(samples, scales);
+            let fixed = match &unknown {
+                Some(frames) => (frames.mean(&sizes)).map(|c| seen(&at.a, &c)),
+                None => arm.error_covariance(samples, &at, scales),
+            };
+            let fixed = fixed.ok_or(CheckError::Unsolvable)?;
+            let smooth = match unknown {
+                Some(_) => arm.smooth_of_joints(samples, &at),
+                None => Vec::new(),
+            };
             let stated: Vec<f64> = at.common_share.iter().map(|share| 1.0 - share).collect();
             let parts = Parts {
                 fixed: &fixed,
                 stated: &stated,
                 kind: &kind,
-                smooth: smooth.as_ref(),
+                smooth: &smooth,
             };
             let least = [
                 (quietest.position.unwrap_or(QUIETEST.0) / scales.position).powi(2),
                 (quietest.orientation.unwrap_or(QUIETEST.1) / scales.orientation).powi(2),
-                0.0,
             ];
-            let effects: Columns = all.iter().flat_map(|h| columns(&h.effect)).collect();
+            let mut effects: Columns = all.iter().flat_map(|h| columns(&h.effect)).collect();
+            effects.extend(during.iter().flat_map(|d| columns(&d.effect(&all))));
             let free = drift_test::basis(&effects, &[]);
             let x = Mat::from_fn(y.nrows(), free.len(), |i, j| free[j][i]);
-            let factors = parts.fitted(&y, &x, &least).ok_or(CheckError::Unsolvable)?;
+            let factors = parts.fitted(&y, &x, least).ok_or(CheckError::Unsolvable)?;
             round += 1;
             if round < ROUNDS {
-                scales.position *= factors[0].sqrt();
-                scales.orientation *= factors[1].sqrt();
+                scales.position *= factors.noise[0].sqrt();
+                scales.orientation *= factors.noise[1].sqrt();
+                sizes = factors.smooth;
                 continue;
             }
             let covariance = parts.covariance(&factors);
-            let known =
-                |i: usize| fixed[(i, i)] + smooth.as_ref().map_or(0.0, |s| factors[2] * s[(i, i)]);
+            let known = |i: usize| {
+                let smooth = smooth.iter().zip(&factors.smooth);
+                smooth.fold(fixed[(i, i)], |sum, (s, factor)| sum + factor * s[(i, i)])
+            };
             let positions: Vec<usize> = (0..kind.len()).filter(|i| kind[*i] == Some(0)).collect();
             let variance =
                 positions.iter().map(|i| known(*i)).sum::<f64>() / positions.len() as f64;
+            let factor = Factor::new(covariance, 1).map_err(|_| CheckError::Unsolvable)?;
+            let unchanged = unknown.map(|frames| {
+                let rows = |sizes: &[f64], c: &Mat<f64>| {
+                    let parts = Parts {
+                        fixed: &seen(&at.a, c),
+                        ..parts
+                    };
+                    parts.covariance(&Factors {
+                        smooth: sizes.to_vec(),
+                        ..factors.clone()
+                    })
+                };
+                let drawn = frames.drawn(&factors.smooth, samples.len(), rows)?;
+                let root = |v: Mat<f64>| {
+                    let root = factor.half_solve(&Factor::new(v, 1).ok()?.lower());
+                    // An absent row is a zero.
+                    Some(Mat::from_fn(root.nrows(), root.ncols(), |i, j| {
+                        kind[i].map_or(0.0, |_| root[(i, j)])
+                    }))
+                };
+                drawn.into_iter().map(root).collect::<Option<Vec<_>>>()
+            });
+            let unchanged = match unchanged {
+                Some(None) => return Err(CheckError::Unsolvable),
+                Some(roots) => roots,
+                None => None,
+            };
             return Ok(Self {
                 samples,
                 scales,
@@ -97,8 +143,9 @@ impl<'a> Whitened<'a> {
                 all,
                 factors,
                 model_mm: 1e3 * scales.position * variance.max(0.0).sqrt(),
+                unchanged,
                 absent: kind.iter().filter(|k| k.is_none()).count(),
-                factor: Factor::new(covariance, 1).map_err(|_| CheckError::Unsolvable)?,
+                factor,
             });
         }
     }
@@ -108,8 +155,9 @@ impl<'a> Whitened<'a> {
         self.factor.half_solve(x)
     }
 
-    /// Returns the effects of what is free in any case: base and tools that were set up again.
-    pub(super) fn nuisance(&self, frames: &FittedFrames) -> Mat<f64> {
+    /// Returns the effects of what is free in any case: base and tools that were set up again, and what moved `during` the
+    /// check, whose columns are the last.
+    pub(super) fn nuisance(&self, frames: &FittedFrames, during: Option<&Masked>) -> Mat<f64> {
         let mut free: Columns = Vec::new();
         if frames.is_base_fitted {
             free.extend(columns(&self.base));
@@ -127,8 +175,17 @@ impl<'a> Whitened<'a> {
                 }));
             }
         }
+        free.extend(during.iter().flat_map(|d| columns(&d.effect(&self.all))));
         Mat::from_fn(self.y.nrows(), free.len(), |i, j| free[j][i])
     }
+}
+
+/// Returns A C Aᵀ.
+fn seen(a: &Mat<f64>, c: &Mat<f64>) -> Mat<f64> {
+    let out = product(&product(a, c), Transposed(a));
+    Mat::from_fn(out.nrows(), out.ncols(), |i, j| {
+        0.5 * (out[(i, j)] + out[(j, i)])
+    })
 }
 
 /// Returns which noise every row has: 0 for position, 1 for rotation; `None` for a rotation that was not measured.

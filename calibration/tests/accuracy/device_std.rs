@@ -8,6 +8,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::progress::FitContext;
 use poegp_runtime::math::se3::Pose;
 
+use crate::elastic::fitted;
 use crate::{arm, origin, samples, say, simulated_path};
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -16,14 +17,13 @@ fn median(mut values: Vec<f64>) -> f64 {
 }
 
 /// Compares device, trainer and errors on the held-out poses of one simulated set.
-fn held_out(scenario: &str, poses: usize) {
+fn held_out(scenario: &'static str, poses: usize) {
     let (robot, _) = arm("abb-irb4400-serial");
     let read = |name: &str| samples(&simulated_path(&format!("{scenario}_s0_{name}")), &robot);
-    let train: Vec<InstrumentSample> = read("train").into_iter().take(poses).collect();
-    let options = Config::new(Method::Elastic);
+    let shared = fitted(scenario, poses);
     let CalibratedBlob {
         calibration, blob, ..
-    } = calibrate_to_blob(&robot, &train, &options, &origin(1), &FitContext::default()).unwrap();
+    } = &shared.get().unwrap().model;
     let base_from_instrument: Pose<f64> = calibration.base_and_tools.instrument_from_base.inverse();
     let noise = f64::from(blob.blob().variance.as_ref().unwrap().noise_m2);
     let (mut ratios, mut beside_noise, mut far) = (Vec::new(), Vec::new(), Vec::new());

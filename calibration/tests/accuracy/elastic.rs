@@ -1,6 +1,8 @@
 //! The elastic model with its defaults on the four simulated sets: errors against the measurements and against the truth.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::sync::{Arc, Mutex, OnceLock};
 use std::time::Instant;
 
 use poegp_calibration::blob::precision_loss::precision_loss;
@@ -12,9 +14,7 @@ use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, PoseError};
 use poegp_calibration::progress::FitContext;
-use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::held_out::{Coverage, coverage, held_out};
-use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::{arm, origin, say, simulated_path, true_deviations};
@@ -23,9 +23,8 @@ use crate::{arm, origin, say, simulated_path, true_deviations};
 const REDUCED: f64 = 1.03;
 const MANY: usize = 600;
 
-/// A simulated arm with all of its training and test sets.
+/// All training and test sets of a simulated arm.
 struct Cell {
-    arm: (Robot, Poe<f64>),
     train: Vec<InstrumentSample>,
     /// The three test sets, each pose with its truth.
     test: Vec<(InstrumentSample, Pose<f64>)>,
@@ -33,12 +32,12 @@ struct Cell {
 
 impl Cell {
     fn read(scenario: &str) -> Self {
-        let arm = arm("abb-irb4400-serial");
+        let (robot, _) = arm("abb-irb4400-serial");
         let read = |name: &str| -> Vec<(InstrumentSample, Option<Pose<f64>>)> {
             let path = simulated_path(&format!("{scenario}_s0_{name}"));
             let set = measurements::read(path).unwrap_or_else(|e| panic!("{e}"));
             let samples =
-                poegp_calibration::measurement::sample::samples(&set, &arm.0, &mut Vec::new())
+                poegp_calibration::measurement::sample::samples(&set, &robot, &mut Vec::new())
                     .unwrap();
             let truth = set.measurements.iter().map(|m| m.truth);
             samples.into_iter().zip(truth).collect()
@@ -48,42 +47,24 @@ impl Cell {
         Self {
             train: train.collect(),
             test: test.map(|(s, truth)| (s, truth.unwrap())).collect(),
-            arm,
         }
     }
 
-    /// Trains on `train` and measures on the poses of all test sets that `wanted` takes.
-    fn measure(
-        &self,
-        train: &[InstrumentSample],
-        points: usize,
-        wanted: impl Fn(&InstrumentSample) -> bool,
-    ) -> Measured {
-        let mut options = Config::new(Method::Elastic);
-        options.inducing_points = points;
-        let clock = Clock::start();
-        let (robot, _) = &self.arm;
+    /// Measures a model on the poses of all test sets that `wanted` takes.
+    fn measure(&self, found: &Fitted, wanted: impl Fn(&InstrumentSample) -> bool) -> Measured {
         let CalibratedBlob {
             calibration, blob, ..
-        } = calibrate_to_blob(
-            robot,
-            train,
-            &options,
-            &origin(1),
-            &FitContext::default().with_threads(1),
-        )
-        .unwrap_or_else(|e| panic!("{e}"));
-        let seconds = clock.seconds();
+        } = &found.model;
         let test: Vec<_> = self.test.iter().filter(|(s, _)| wanted(s)).collect();
         let samples: Vec<InstrumentSample> = test.iter().map(|(s, _)| s.clone()).collect();
         let against_truth = test.iter().map(|(s, truth)| {
             PoseError::between(truth, &blob.predict(&s.joints, s.payload_kg).pose)
         });
-        let rounding = precision_loss(&calibration, &blob, &samples);
+        let rounding = precision_loss(calibration, blob, &samples);
         let base = &calibration.base_and_tools.instrument_from_base;
-        let poses = held_out(&blob, base, &samples, Some(&calibration));
+        let poses = held_out(blob, base, &samples, Some(calibration));
         Measured {
-            poses: train.len(),
+            poses: found.poses,
             inducing_points: blob.model().inducing_points(),
             errors: ErrorSummary::new(&blob.errors(&samples)),
             truth: ErrorSummary::new(&against_truth.collect::<Vec<_>>())
@@ -91,9 +72,47 @@ impl Cell {
                 .mean,
             rounding_um: (1e6 * rounding.mean_m, 1e6 * rounding.max_m),
             coverage: coverage(&poses).unwrap(),
-            seconds,
+            seconds: found.seconds,
         }
     }
+}
+
+/// An elastic model with what its fit took.
+pub struct Fitted {
+    pub model: CalibratedBlob,
+    poses: usize,
+    seconds: f64,
+}
+
+/// Trains on one thread.
+fn fit(train: &[InstrumentSample], points: usize) -> Fitted {
+    let mut options = Config::new(Method::Elastic);
+    options.inducing_points = points;
+    let clock = Clock::start();
+    let (robot, _) = arm("abb-irb4400-serial");
+    let context = FitContext::default().with_threads(1);
+    let model = calibrate_to_blob(&robot, train, &options, &origin(1), &context);
+    Fitted {
+        model: model.unwrap_or_else(|e| panic!("{e}")),
+        poses: train.len(),
+        seconds: clock.seconds(),
+    }
+}
+
+/// A fit that is made once, by the first test that asks for it.
+pub type Once = Arc<OnceLock<Fitted>>;
+
+/// Returns the model of the first rows of a simulated set, which all tests share.
+pub fn fitted(scenario: &'static str, poses: usize) -> Once {
+    static ALL: Mutex<BTreeMap<(&str, usize), Once>> = Mutex::new(BTreeMap::new());
+    let slot = ALL
+        .lock()
+        .unwrap()
+        .entry((scenario, poses))
+        .or_default()
+        .clone();
+    slot.get_or_init(|| fit(&Cell::read(scenario).train[..poses], INDUCING_POINTS));
+    slot
 }
 
 /// The results of one training.
@@ -188,13 +207,14 @@ impl Table {
 }
 
 /// Checks one set. The bounds in mm: mean against the measurements, mean against the truth, and maximum.
-fn a_set(scenario: &str, mean: f64, truth: f64, max: f64) {
+fn a_set(scenario: &'static str, mean: f64, truth: f64, max: f64) {
     let mut table = Table::new(&format!(
         "elastic, {scenario}: position error in mm on 3 x 100 poses"
     ));
     let cell = Cell::read(scenario);
-    let reduced = cell.measure(&cell.train, INDUCING_POINTS, |_| true);
-    let many = cell.measure(&cell.train, MANY, |_| true);
+    let shared = fitted(scenario, cell.train.len());
+    let reduced = cell.measure(shared.get().unwrap(), |_| true);
+    let many = cell.measure(&fit(&cell.train, MANY), |_| true);
     let bounds = format!("{mean:.3} {truth:.3} max {max:.2}");
     table.text += &reduced.line(scenario, &bounds);
     table.text += &many.line(scenario, "");
@@ -240,7 +260,7 @@ fn few_poses_of_the_wildest_arm() {
     let mut table = Table::new("elastic, wild, trained on the first poses");
     let cell = Cell::read("wild");
     for (poses, bound) in [(100, 0.080), (50, 0.110)] {
-        let found = cell.measure(&cell.train[..poses], INDUCING_POINTS, |_| true);
+        let found = cell.measure(fitted("wild", poses).get().unwrap(), |_| true);
         table.text += &found.line("wild", &format!("{bound:.3}"));
         table.most(format!("{poses} poses"), found.mean(), bound);
         table.deviations(&format!("wild, {poses} poses"), &found);
@@ -256,7 +276,7 @@ fn a_payload_that_was_not_trained() {
         let five = |s: &InstrumentSample| s.payload_kg == Some(5.0);
         let train: Vec<InstrumentSample> =
             cell.train.iter().filter(|s| !five(s)).cloned().collect();
-        let found = cell.measure(&train, INDUCING_POINTS, five);
+        let found = cell.measure(&fit(&train, INDUCING_POINTS), five);
         table.text += &found.line(scenario, &format!("{bound:.3}"));
         table.most(scenario, found.mean(), bound);
         table.deviations(&format!("{scenario} at 5 kg"), &found);

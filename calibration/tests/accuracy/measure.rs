@@ -140,7 +140,7 @@ fn time_of_a_row() {
             if ![20, 60, 100, 200].contains(&count) {
                 continue;
             }
-            let found = outlook(&arm.0, &arm.1, (&so_far, &plan), GRAVITY, USUAL_CLASS);
+            let found = outlook(&arm.0, &arm.1, (&so_far, &plan), &[], GRAVITY, USUAL_CLASS);
             let seconds = begun.elapsed().as_secs_f64();
             let found = found.unwrap();
             say(format_args!(

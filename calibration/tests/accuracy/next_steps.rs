@@ -55,6 +55,7 @@ fn steps(robot: &Robot, found: &CalibratedBlob, train: &[InstrumentSample]) -> N
         knowledge: &knowledge,
         expected: knowledge.expected_error(),
         identifiability: None,
+        instrument_moved_mm: None,
         warnings: &[],
     })
 }
@@ -225,6 +226,7 @@ fn a_rigid_model_promises_no_more_than_it_keeps() {
                     p95_mm: 2.0 * before,
                 }),
                 identifiability: identified.as_ref(),
+                instrument_moved_mm: None,
                 warnings: &[],
             });
             let then = advice.steps.first().and_then(|step| step.after_mm);

@@ -45,13 +45,6 @@ impl Found {
     }
 }
 
-fn elastic(processes: bool) -> Config {
-    Config {
-        processes,
-        ..Config::new(Method::Elastic)
-    }
-}
-
 /// Without processes, from 25 and 50 poses, the stated standard deviations fit the errors of new poses. Gravity and ripple
 /// are parameters, as the chain is.
 #[test]
@@ -63,7 +56,10 @@ fn parameters_alone_state_the_errors_of_new_poses() {
         for draw in 0..4 {
             let mut train = sets::simulated(&robot, "train");
             train.rotate_left(60 * draw);
-            found.add(&calibrated(&robot, &train[..poses], &elastic(false)), &test);
+            found.add(
+                &calibrated(&robot, &train[..poses], &Config::new(Method::Parametric)),
+                &test,
+            );
         }
         println!("parameters alone, {poses}: {:?} {found:?}", found.ratios());
         for ratio in found.ratios() {
@@ -89,8 +85,13 @@ fn parameters_that_follow_all_positions_leave_their_noise() {
     };
     type As = fn(&InstrumentSample) -> InstrumentSample;
     let cases: [(&str, usize, &Config, As); 3] = [
-        ("elastic", 12, &elastic(false), whole),
-        ("elastic, positions", 14, &elastic(false), position),
+        ("elastic", 12, &Config::new(Method::Parametric), whole),
+        (
+            "elastic, positions",
+            14,
+            &Config::new(Method::Parametric),
+            position,
+        ),
         ("poe", 8, &by_noise, whole),
     ];
     for (name, poses, config, seen) in cases {
@@ -119,7 +120,10 @@ fn the_device_knows_that_poses_are_few() {
         for draw in 0..2 {
             let mut train = sets::simulated(&robot, "train");
             train.rotate_left(100 * draw);
-            found.add(&calibrated(&robot, &train[..poses], &elastic(true)), &test);
+            found.add(
+                &calibrated(&robot, &train[..poses], &Config::new(Method::Elastic)),
+                &test,
+            );
         }
         let [host, device] = found.ratios();
         println!("{poses} poses: host {host}, device {device}, {found:?}");
@@ -152,7 +156,10 @@ fn repeats_of_a_pose_are_no_other_poses() {
         });
     }
     let mut found = Found::default();
-    found.add(&calibrated(&robot, &rows, &elastic(true)), &test);
+    found.add(
+        &calibrated(&robot, &rows, &Config::new(Method::Elastic)),
+        &test,
+    );
     println!("16 poses, four times: {:?} {found:?}", found.ratios());
     for ratio in found.ratios() {
         assert!((0.5..2.0).contains(&ratio), "{ratio}");

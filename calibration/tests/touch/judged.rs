@@ -7,8 +7,11 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::identification::touch::fit::{TouchFit, TouchProblem};
+use poegp_calibration::identification::touch::volume::WorkVolume;
+use poegp_calibration::measurement::sample::BaseSample;
 use poegp_calibration::measurement::touch::TouchSet;
 use poegp_calibration::model::touches::USUAL_CLASS;
+use poegp_calibration::model::touches::summary::tips_mm;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
@@ -204,7 +207,7 @@ fn several_models_are_judged_by_the_same_rows() {
 
 fn checked(robot: &Robot, set: &TouchSet, blob: &BlobModel) -> TouchReport {
     let chain = robot.chain().unwrap();
-    check_touches(blob, set, &chain, robot.coupling.as_ref(), 0.01).unwrap()
+    check_touches(blob, set, robot, &chain, 0.01).unwrap()
 }
 
 /// Returns the same touches by an arm whose joint zero is off by `by` rad: the controller reports a smaller angle.
@@ -278,6 +281,68 @@ fn a_lost_zero_is_found() {
     let mut unknown = set.clone();
     unknown.distances.clear();
     assert_eq!(checked(&robot, &unknown, &blob).size_ppm, None);
+}
+
+/// What a check states that a joint's smallest visible change moves the tip by is the mean distance of the blob's own tips
+/// before and after it, once base and tip are fitted to them. A zero of the first joint turns the base, and one of the last
+/// joint the tip.
+#[test]
+fn a_hidden_zero_moves_the_tip_by_as_much_as_is_stated() {
+    let robot = robot();
+    let mut simulator = simulator(&robot, 7);
+    let trained = touched(&robot, &mut simulator, &[("socket", 4)], 80);
+    let blob = model(&robot, &trained);
+    let set = touched(&robot, &mut simulator, &[("socket", 2)], 20);
+    let found = checked(&robot, &set, &blob);
+    let chain = robot.chain().unwrap();
+    let down = Vector3::new(0.0, 0.0, -9.81);
+    let problem = TouchProblem::new(&set, &chain, None, down, USUAL_CLASS);
+    let fit = TouchFit::on_known(&problem, &flanges_of(&blob, &problem.states));
+    let tip = 1e-3 * Vector3::from(tips_mm(&problem, &fit)[0]);
+    let volume = WorkVolume::new(&robot, &problem).states;
+    for s in found.sensitivity.iter() {
+        let Part::Joint(joint) = s.part else { continue };
+        let by = s.smallest.map_or(0.1, f64::to_radians);
+        let mut moved = volume.clone();
+        for state in &mut moved {
+            state.joints[joint - 1] += by;
+        }
+        let [before, after] = [&volume, &moved].map(|states| flanges_of(&blob, states));
+        let mut a = DMatrix::zeros(3 * volume.len(), 9);
+        let mut b = DVector::zeros(3 * volume.len());
+        for (k, (before, after)) in before.iter().zip(&after).enumerate() {
+            let at = before.rotation * tip + before.translation;
+            let left = after.rotation * tip + after.translation - at;
+            for i in 0..3 {
+                b[3 * k + i] = left[i];
+                a[(3 * k + i, i)] = 1.0;
+                for c in 0..3 {
+                    a[(3 * k + i, 3 + c)] = Vector3::ith(c, 1.0).cross(&at)[i];
+                    a[(3 * k + i, 6 + c)] = before.rotation[(i, c)];
+                }
+            }
+        }
+        let x = a.clone().svd(true, true).solve(&b, 1e-12).unwrap();
+        let left = &b - &a * x;
+        let length = |k: usize| left.rows(3 * k, 3).norm();
+        let mean = 1e3 * (0..volume.len()).map(length).sum::<f64>() / volume.len() as f64;
+        let stated = s.moves_mm.unwrap();
+        if [1, 6].contains(&joint) {
+            assert!(stated < 1e-3, "joint {joint}: {stated} mm");
+        } else {
+            assert!(
+                (stated / mean - 1.0).abs() < 0.02,
+                "joint {joint}: {stated} mm, not {mean}"
+            );
+        }
+    }
+}
+
+fn flanges_of(blob: &BlobModel, states: &[BaseSample]) -> Vec<Pose<f64>> {
+    flanges(blob, states)
+        .into_iter()
+        .map(|(pose, _)| pose)
+        .collect()
 }
 
 /// A mistyped distance is reported as the size, not as a joint that has lost its zero.

@@ -237,3 +237,40 @@ fn what_is_left_out_misses_as_what_is_new() {
     assert!(kept < 0.5 * new);
     assert!((0.6..1.7).contains(&(left_out / new)));
 }
+
+/// A row that is pasted ten times is one touch: the model and what it states are those of the file without the copies.
+#[test]
+fn a_pasted_row_is_one_touch() {
+    use poegp_calibration::simulation::Simulator;
+    use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
+
+    let (_, kind) = TOUCH_KINDS
+        .iter()
+        .find(|(name, _)| *name == "wire")
+        .unwrap();
+    let task = TouchTask {
+        kind: *kind,
+        features: 1,
+    };
+    let mut simulator = Simulator::new(&robot(), Scenario::Paper, &[1.0], 24);
+    let (touches, _) = simulator
+        .touch(&robot(), &[task], 40, 0, "simulated")
+        .unwrap();
+    let parse = |csv: &str| {
+        let csv = ("touches.csv".as_ref(), csv.as_bytes());
+        let toml = ("touches.toml".as_ref(), touches.toml.as_bytes());
+        TouchSet::parse(csv, toml, &robot()).unwrap()
+    };
+    let once = parse(&touches.csv);
+    let row = touches.csv.lines().last().unwrap();
+    let ten = parse(&(touches.csv.clone() + &format!("{row}\n").repeat(10)));
+    assert_eq!(ten.rows, once.rows);
+    assert!(
+        ten.notes.iter().any(
+            |note| note.starts_with("left out, identical to an earlier row")
+                && note.contains("10 rows")
+        ),
+        "{:?}",
+        ten.notes
+    );
+}

@@ -10,6 +10,7 @@ mod measured;
 mod sets;
 mod sisters;
 mod stated;
+mod steps;
 mod time;
 mod trial;
 mod trust;

@@ -10,6 +10,7 @@
 
 mod good;
 mod hidden;
+mod honest;
 mod judge;
 mod mistakes;
 mod record;

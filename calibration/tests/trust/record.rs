@@ -145,7 +145,7 @@ Simulated sets are named by robot and kind of errors; `measured` ones come from 
 
 ";
 
-/// Writes the record with date and commit.
+/// Writes the record with date and commit; keeps what follows the first heading "Added".
 pub fn write(path: &std::path::Path, record: &Record, seed: u64) {
     let output = |program: &str, arguments: &[&str]| {
         let found = std::process::Command::new(program).args(arguments).output();
@@ -171,5 +171,9 @@ pub fn write(path: &std::path::Path, record: &Record, seed: u64) {
         let _ = writeln!(text, "{}", parts.join(": "));
     }
     text += "```\n";
+    // Sections that other runs have added stay.
+    let before = std::fs::read_to_string(path).unwrap_or_default();
+    let added = before.find("\n## Added").map_or("", |at| &before[at..]);
+    text += added;
     std::fs::write(path, text).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
 }

@@ -65,3 +65,31 @@ fn what_is_free_is_not_found_and_what_looks_the_same_is_said() {
     let (effect, own) = test.visible(0, 1);
     assert!((effect - 1.0).abs() < 1e-12 && own < 1e-12);
 }
+
+/// Two parts that have moved are named without the one that alone explains most of both.
+#[test]
+fn what_was_best_alone_is_dropped_beside_those_that_explain_it() {
+    let rows = 60;
+    let column = |of: [f64; 3]| -> Vec<f64> {
+        (0..rows)
+            .map(|i| of.get(i).copied().unwrap_or(0.0))
+            .collect()
+    };
+    let y = Mat::from_fn(rows, 1, |i, _| match i {
+        0 | 1 => 9.0,
+        2 => 0.0,
+        _ => 1.0 - 2.0 * (i % 2) as f64,
+    });
+    let effects = [
+        vec![column([1.0, 1.0, 1.0])],
+        vec![column([1.0, 0.0, 0.0])],
+        vec![column([0.0, 1.0, 0.0])],
+    ];
+    let test = DriftTest::new(&y, &Vec::new(), &effects, vec![0, 1, 2], 0);
+    let alone = DriftTest::new(&y, &Vec::new(), &effects[..1], vec![0], 0);
+    assert_eq!(alone.choose(0.01, |_| true).len(), 1);
+    let found = test.choose(0.01, |_| true);
+    let named: Vec<usize> = found.iter().map(|c| c.hypothesis).collect();
+    assert_eq!(named, [1, 2], "{found:?}");
+    assert!(found.iter().all(|c| c.p_value < 0.01), "{found:?}");
+}

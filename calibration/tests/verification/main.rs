@@ -9,4 +9,7 @@
 //! ```
 
 mod draws;
+mod during;
+mod few_poses;
+mod named;
 mod study;

@@ -10,7 +10,7 @@ use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::model::Method;
-use poegp_calibration::model::config::{Config, Weighting};
+use poegp_calibration::model::config::Config;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::{Disturbance, Scenario, Simulator, to_csv};
@@ -50,7 +50,13 @@ impl Cell {
         Self::trained(TRAINING, robot, scenario, seed, options)
     }
 
-    fn trained(poses: usize, robot: &str, scenario: Scenario, seed: u64, options: &Config) -> Self {
+    pub fn trained(
+        poses: usize,
+        robot: &str,
+        scenario: Scenario,
+        seed: u64,
+        options: &Config,
+    ) -> Self {
         let robot = Robot::load(robot, &LoadOptions::default()).unwrap();
         let payloads = [1.0, 2.5, 3.5, 5.0, 7.5];
         let mut simulator = Simulator::new(&robot, scenario, &payloads, seed);
@@ -71,6 +77,26 @@ impl Cell {
         }
     }
 
+    /// Disturbs the arm and measures fresh poses of it.
+    pub fn disturbed(
+        &mut self,
+        disturbance: Option<Disturbance>,
+        poses: usize,
+    ) -> Vec<InstrumentSample> {
+        // The random numbers continue, so that every trial has new poses and noise.
+        let mut disturbed = self.simulator.clone();
+        disturbance.into_iter().for_each(|d| disturbed.disturb(d));
+        let rows = measured(&self.robot, &mut disturbed, poses);
+        let _ = self.simulator.measure(poses);
+        rows
+    }
+
+    /// Checks these rows.
+    pub fn checked(&self, rows: &[InstrumentSample], options: &check::Options) -> Report {
+        let lines: Vec<usize> = (2..2 + rows.len()).collect();
+        check(&self.blob, rows, vec![Pose::identity()], &lines, options).unwrap()
+    }
+
     /// Runs one trial: disturbs the arm and checks it with fresh poses.
     pub fn trial(
         &mut self,
@@ -79,21 +105,13 @@ impl Cell {
         positions_alone: bool,
         options: &check::Options,
     ) -> Report {
-        // The random numbers continue, so that every trial has new poses and noise.
-        let mut rows = {
-            let mut disturbed = self.simulator.clone();
-            disturbance.into_iter().for_each(|d| disturbed.disturb(d));
-            let rows = measured(&self.robot, &mut disturbed, poses);
-            let _ = self.simulator.measure(poses);
-            rows
-        };
+        let mut rows = self.disturbed(disturbance, poses);
         for row in &mut rows {
             if positions_alone {
                 row.observation = Observation::Position(row.observation.position());
             }
         }
-        let lines: Vec<usize> = (2..2 + rows.len()).collect();
-        check(&self.blob, &rows, vec![Pose::identity()], &lines, options).unwrap()
+        self.checked(&rows, options)
     }
 }
 
@@ -172,7 +190,7 @@ impl Count {
 }
 
 /// The arms of the study.
-const ARMS: [(&str, Scenario); 5] = [
+pub const ARMS: [(&str, Scenario); 5] = [
     ("abb-irb4400-serial", Scenario::Paper),
     ("abb-irb4400-serial", Scenario::Nonlinear),
     ("abb-irb120", Scenario::WithBacklash),
@@ -274,8 +292,9 @@ fn false_alarms_come_at_their_rate() {
     for _ in 0..CHECKS {
         let report = arm.trial(None, CHECK, false, &options);
         assert_eq!(report.false_alarm_rate, 0.1);
+        assert_eq!(report.during, None);
         alarms += usize::from(!report.changes.is_empty());
-        noise_mm += report.noise_mm / CHECKS as f64;
+        noise_mm += report.noise_mm.unwrap() / CHECKS as f64;
         noise_mrad += report.noise_mrad.unwrap() / CHECKS as f64;
     }
     println!("{alarms} alarms in {CHECKS}; {noise_mm:.4} mm, {noise_mrad:.4} mrad");
@@ -284,23 +303,34 @@ fn false_alarms_come_at_their_rate() {
     assert!((noise_mrad / 0.05 - 1.0).abs() < 0.1, "{noise_mrad}");
 }
 
-/// What few poses leave unknown of the frames of a model without processes is no drift.
+/// A row that is 4 mm wrong is named, and the joint whose zero has changed is, too: it is not taken for another one that
+/// explains some of the wrong row.
 #[test]
-fn a_model_of_few_poses_raises_few_alarms() {
-    let poe = Config {
-        weighting: Weighting::Noise,
-        ..Config::new(Method::Poe)
-    };
-    let (name, scenario) = ARMS[0];
-    let (mut alarms, mut checks) = (0, 0);
-    for seed in 1..=8 {
-        let mut arm = Cell::trained(12, name, scenario, seed, &poe);
-        for _ in 0..10 {
-            let report = arm.trial(None, CHECK, false, &check::Options::default());
-            alarms += usize::from(!report.changes.is_empty());
-            checks += 1;
-        }
+fn a_wrong_row_does_not_hide_which_joint_has_changed() {
+    let (name, scenario) = ("ur10", Scenario::Nonlinear);
+    let mut arm = Cell::trained(120, name, scenario, 4, &Config::new(Method::Elastic));
+    let options = check::Options::default();
+    let (mut right, mut noise_mm) = (0, 0.0);
+    for k in 0..12 {
+        let (joint, row) = (1 + k % 3, k + 1);
+        let offset = if k < 6 { 0.03_f64 } else { -0.03 };
+        let disturbance = Disturbance::Joint {
+            joint,
+            offset: offset.to_radians(),
+        };
+        let mut rows = arm.disturbed(Some(disturbance), 15);
+        let mut wrong = rows[row].observation.pose().unwrap();
+        wrong.translation[k % 3] += 4e-3;
+        rows[row].observation = Observation::Pose(wrong);
+        let report = arm.checked(&rows, &options);
+        assert_eq!(report.during, None);
+        assert_eq!(report.odd_lines, [row + 2]);
+        assert_eq!((report.rows.len(), report.errors.poses), (15, 15));
+        let own = Part::Joint(joint + 1);
+        let named = report.changes.iter().map(|c| c.part);
+        right += usize::from(named.collect::<Vec<_>>() == [own]);
+        noise_mm += report.noise_mm.unwrap() / 12.0;
     }
-    println!("{alarms} alarms in {checks}");
-    assert!(5 * alarms <= checks, "{alarms} of {checks}");
+    println!("{right} of 12 joints are named alone beside a wrong row; noise {noise_mm:.4} mm");
+    assert!(right >= 10 && noise_mm < 0.1, "{right} {noise_mm}");
 }

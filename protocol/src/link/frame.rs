@@ -53,7 +53,7 @@ pub enum FrameError {
 impl core::fmt::Display for FrameError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::Damaged => write!(f, "the frame was damaged on the way"),
+            Self::Damaged => write!(f, "the frame was damaged in transit"),
             Self::Version { found, .. } => {
                 write!(
                     f,

@@ -45,7 +45,7 @@ pub enum Response {
     Commanded(Commanded),
     /// The nonce with which to sign the next request.
     Challenge {
-        /// The nonce, which never repeats.
+        /// The nonce, which does not repeat on a board with random numbers.
         nonce: [u8; NONCE_LENGTH],
     },
 }
@@ -246,7 +246,7 @@ pub struct Commanded {
 /// Intermediate results of one evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trace {
-    /// Sine and cosine of each revolute joint of the serial chain, one joint after the other; (0, 1) for a prismatic joint.
+    /// Sine and cosine of each revolute joint of the serial chain, one joint after the other; (q, 0) of a prismatic joint.
     pub sin_cos: Vec<f32, { 2 * MAX_JOINTS }>,
     /// Posterior mean of the correction before bounding.
     pub mean: [f32; OUTPUTS],

@@ -82,7 +82,8 @@
 #define POEGP_STATUS_NO_MODEL 8
 
 /*
- Status bit: the number of joints is wrong, or a number is not finite or far out of range. Nothing was corrected.
+ Status bit: the number of joints is wrong, a number is not finite, a joint is beyond 4096 rad or m, the payload is
+ below 0 or above 100 000 kg, or a transform is not rigid. Nothing was corrected.
  */
 #define POEGP_STATUS_BAD_INPUT 16
 
@@ -394,7 +395,7 @@ typedef struct poegp_corrected_t {
 typedef struct poegp_forward_t {
   /*
    Transform from the tool frame to the base frame: a 3x4 matrix [R | t] in row-major order, translation in metres.
-   R is orthonormal to 1e-6.
+   R is orthonormal to 1e-6, plus the deviation of the R of `target_from_tool`.
    */
   float base_from_tool[12];
   /*
@@ -659,7 +660,7 @@ typedef struct poegp_corrected_f64_t {
 typedef struct poegp_forward_f64_t {
   /*
    Transform from the tool frame to the base frame: a 3x4 matrix [R | t] in row-major order, translation in metres.
-   R is orthonormal to 1e-6.
+   R is orthonormal to 1e-6, plus the deviation of the R of `target_from_tool`.
    */
   double base_from_tool[12];
   /*
@@ -882,8 +883,8 @@ int32_t poegp_correct(const struct poegp_model_t *model,
 /*
  Computes the pose of a tool on the calibrated arm, for `count` joints in rad or m and a payload in kg (0 if the
  model knows no payload). `target_from_tool` is the pose of the tool relative to the target that was measured:
- twelve numbers, a 3x4 matrix [R | t] in row-major order, translation in metres. Null stands for the target
- itself. `joints` and `target_from_tool` may lie in `*out`.
+ twelve numbers, a 3x4 matrix [R | t] in row-major order, translation in metres; R must be orthonormal within
+ 1e-3. Null stands for the target itself. `joints` and `target_from_tool` may lie in `*out`.
 
  `poegp_evaluate` computes the pose of the target only, and also returns the correction.
 
@@ -1038,12 +1039,13 @@ int32_t poegp_filter_init(void *memory,
  request.
 
  Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
- trusted. Bad input is answered with the joints that were sent last. While `engage` is 0, what only the model
- refuses, such as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the
- argument that is wrong:
- - `joints`: the joints that were sent last, with POEGP_STATUS_BAD_INPUT;
+ trusted. Bad input is answered with the joints that were sent last; joints that were never sent are those of the
+ command, with zero in place of numbers that are not finite. While `engage` is 0, what only the model refuses, such
+ as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the argument
+ that is wrong:
+ - `joints`: the same as for bad input, with POEGP_STATUS_BAD_INPUT;
  - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;
- - `filter`: the uncorrected command, with POEGP_STATUS_BAD_INPUT;
+ - `filter`: the uncorrected command, which may be a step, with POEGP_STATUS_BAD_INPUT;
  - `out`: no answer, and the filter is unchanged, as if it had not been called.
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
@@ -1062,8 +1064,9 @@ int32_t poegp_command(const struct poegp_model_t *model,
                       struct poegp_commanded_t *out);
 
 /*
- Returns 1 if no correction is applied and none is in transition: only then exchange the model or create the
- filter again. Otherwise returns 0, also if `filter` is not a filter.
+ Returns 1 if the weight of the correction is 0 and does not change, and no offset of an earlier correction is left:
+ only then exchange the model or create the filter again. Otherwise returns 0, also if `filter` is not a filter.
+ While `engage` is not 0 the weight goes to 1, even without a model.
 
  # Safety
  `filter` comes from `poegp_filter_init` and nobody changes it during the call.

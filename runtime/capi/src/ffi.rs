@@ -165,8 +165,8 @@ pub unsafe extern "C" fn poegp_correct(
 
 /// Computes the pose of a tool on the calibrated arm, for `count` joints in rad or m and a payload in kg (0 if the
 /// model knows no payload). `target_from_tool` is the pose of the tool relative to the target that was measured:
-/// twelve numbers, a 3x4 matrix [R | t] in row-major order, translation in metres. Null stands for the target
-/// itself. `joints` and `target_from_tool` may lie in `*out`.
+/// twelve numbers, a 3x4 matrix [R | t] in row-major order, translation in metres; R must be orthonormal within
+/// 1e-3. Null stands for the target itself. `joints` and `target_from_tool` may lie in `*out`.
 ///
 /// `poegp_evaluate` computes the pose of the target only, and also returns the correction.
 ///

@@ -67,12 +67,13 @@ pub unsafe extern "C" fn poegp_filter_init(
 /// request.
 ///
 /// Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
-/// trusted. Bad input is answered with the joints that were sent last. While `engage` is 0, what only the model
-/// refuses, such as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the
-/// argument that is wrong:
-/// - `joints`: the joints that were sent last, with POEGP_STATUS_BAD_INPUT;
+/// trusted. Bad input is answered with the joints that were sent last; joints that were never sent are those of the
+/// command, with zero in place of numbers that are not finite. While `engage` is 0, what only the model refuses, such
+/// as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the argument
+/// that is wrong:
+/// - `joints`: the same as for bad input, with POEGP_STATUS_BAD_INPUT;
 /// - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;
-/// - `filter`: the uncorrected command, with POEGP_STATUS_BAD_INPUT;
+/// - `filter`: the uncorrected command, which may be a step, with POEGP_STATUS_BAD_INPUT;
 /// - `out`: no answer, and the filter is unchanged, as if it had not been called.
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
@@ -99,8 +100,9 @@ pub unsafe extern "C" fn poegp_command(
     }
 }
 
-/// Returns 1 if no correction is applied and none is in transition: only then exchange the model or create the
-/// filter again. Otherwise returns 0, also if `filter` is not a filter.
+/// Returns 1 if the weight of the correction is 0 and does not change, and no offset of an earlier correction is left:
+/// only then exchange the model or create the filter again. Otherwise returns 0, also if `filter` is not a filter.
+/// While `engage` is not 0 the weight goes to 1, even without a model.
 ///
 /// # Safety
 /// `filter` comes from `poegp_filter_init` and nobody changes it during the call.

@@ -88,7 +88,7 @@ const WARNINGS: [&CStr; 32] = [
     c"readout: the controller computed the poses",
     c"step: the set-up changed at one row",
     c"drift: the set-up moved while it was measured",
-    c"outlier: some rows do not belong",
+    c"outlier: some rows contradict the others",
     c"payload: the payloads do not explain how the arm sags",
     c"noise: the stated uncertainty is not the scatter",
     c"rounding: the values have too few digits",

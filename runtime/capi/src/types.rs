@@ -51,7 +51,8 @@ pub const POEGP_STATUS_OUTSIDE_PAYLOAD_RANGE: u32 = 2;
 pub const POEGP_STATUS_CORRECTION_LIMITED: u32 = 4;
 /// Status bit: there is no model. The pose is the identity and the joints are those of the command.
 pub const POEGP_STATUS_NO_MODEL: u32 = 8;
-/// Status bit: the number of joints is wrong, or a number is not finite or far out of range. Nothing was corrected.
+/// Status bit: the number of joints is wrong, a number is not finite, a joint is beyond 4096 rad or m, the payload is
+/// below 0 or above 100 000 kg, or a transform is not rigid. Nothing was corrected.
 pub const POEGP_STATUS_BAD_INPUT: u32 = 16;
 /// Status bit: by an estimate from the model, more than 5 um or 5 urad of the arm's error remain, because the arm is
 /// near a singularity or a bound acts.
@@ -171,7 +172,7 @@ pub struct Corrected<T = f32> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Forward<T = f32> {
     /// Transform from the tool frame to the base frame: a 3x4 matrix [R | t] in row-major order, translation in metres.
-    /// R is orthonormal to 1e-6.
+    /// R is orthonormal to 1e-6, plus the deviation of the R of `target_from_tool`.
     pub base_from_tool: [T; 12],
     /// Extrapolation score: 1 within the trained ranges, falling to 0 outside.
     pub trust: T,

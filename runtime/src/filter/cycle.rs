@@ -287,7 +287,7 @@ impl<T: CompiledFilter> CommandFilter<T> {
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
     /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.
-    /// If that had another number of joints, or there is none, the command is sent, with zeros in place of what is not
+    /// Joints that it did not have, or all if there is none, are sent as commanded, with zeros in place of what is not
     /// finite. A good command with another number of joints resets the filter. In a cycle that was already answered the
     /// correction does not change, and for the same command the answer does not change either.
     #[inline(always)]

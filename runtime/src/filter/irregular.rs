@@ -23,16 +23,16 @@ impl<T: Scalar> CommandFilter<T> {
         corrected
     }
 
-    /// Answers bad input with the last answer.
+    /// Answers bad input with the joints of the last answer; joints that it did not have are sent as they came.
     #[inline(never)]
     pub(super) fn hold(&mut self, command: &[T], status: Status, cycles: u32) -> Filtered<T> {
         self.missed = self.missed.saturating_add(cycles);
         count_if(true, &mut self.counts.bad);
-        let known = (self.count == command.len()) & (self.count != 0);
         let mut joints = [T::ZERO; MAX_JOINTS];
-        for ((slot, joint), q) in joints.iter_mut().zip(&self.joints).zip(command) {
+        let known = self.joints.iter().enumerate();
+        for ((slot, (index, joint)), q) in joints.iter_mut().zip(known).zip(command) {
             let came = select(q.is_finite(), *q, T::ZERO);
-            *slot = select(known, joint.sent, came);
+            *slot = select(index < self.count, joint.sent, came);
         }
         Filtered {
             joints,

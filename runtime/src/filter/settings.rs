@@ -4,6 +4,9 @@ use core::fmt;
 
 use crate::math::scalar::Scalar;
 
+/// Periods in the shortest blend time: ten, less the rounding of both numbers.
+const NEARLY_TEN: f64 = 9.999;
+
 /// Limits and times of the command filter. For sliding joints read m for rad.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FilterSettings<T> {
@@ -12,7 +15,8 @@ pub struct FilterSettings<T> {
     /// Largest rate of the correction beyond what the path explains, rad/s, 1e-4 to 1. In a period it is at least an eighth
     /// of the number type's resolution of 1 rad; smaller steps would be lost when they are added to a correction.
     pub rate: T,
-    /// Largest acceleration of the correction beyond what the path explains, rad/s², 1e-3 to 100.
+    /// Largest acceleration of the correction beyond what the path explains, rad/s², 1e-3 to 100. One that exceeds the rate per
+    /// period acts like the rate per period.
     pub acceleration: T,
     /// Shortest time in s in which a correction is switched on or off, or the payload changes, 0.01 to 10 and at least ten
     /// periods.
@@ -48,7 +52,8 @@ impl<T: Scalar> FilterSettings<T> {
         if !is(self.acceleration, 1e-3, 100.0) {
             return Err(FilterError::Acceleration);
         }
-        if !is(self.blend_s, 0.01, 10.0) | (self.blend_s < T::from_f64(10.0) * self.period_s) {
+        if !is(self.blend_s, 0.01, 10.0) | (self.blend_s < T::from_f64(NEARLY_TEN) * self.period_s)
+        {
             return Err(FilterError::Blend);
         }
         Ok(())

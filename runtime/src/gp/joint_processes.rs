@@ -25,13 +25,13 @@ pub struct JointProcesses<T> {
     pub sets: Vec<InducingSet, MAX_JOINTS>,
     /// Whether the unrolled loops may be used, see [`JointProcesses::choose_loops`]; `false` is always correct.
     unrolled: bool,
-    /// The prismatic joints, if the unrolled loops are used; their words in the rows are then those that
-    /// [`JointProcesses::arrange`] writes.
+    /// The prismatic joints whose trained ranges are known. If the unrolled loops are used, their words in the rows are those
+    /// that [`JointProcesses::arrange`] writes.
     sliding: Vec<SlidingJoint<T>, MAX_JOINTS>,
 }
 
-/// A prismatic joint as the unrolled loops compare it: by its distance x from the middle of its trained range, as
-/// s = 1 − (x − x′)²/2 = x·x′ + 1·(1 − x′²/2) − x²/2, whose last term is the same for all rows.
+/// A prismatic joint, whose value is clamped to its trained range. The unrolled loops compare it by its distance x from the
+/// middle of that range, as s = 1 − (x − x′)²/2 = x·x′ + 1·(1 − x′²/2) − x²/2, whose last term is the same for all rows.
 #[derive(Clone, Copy, Debug)]
 struct SlidingJoint<T> {
     joint: u8,
@@ -103,7 +103,7 @@ impl<T: Scalar> JointProcesses<T> {
 
     /// Returns the number of prismatic joints that [`JointProcesses::mean`] centres for the unrolled loops.
     pub fn centred_joints(&self) -> usize {
-        self.sliding.len()
+        if self.unrolled { self.sliding.len() } else { 0 }
     }
 
     /// Decides whether the unrolled loops can evaluate these joints with these lengthscales. Call it once, when everything
@@ -119,7 +119,7 @@ impl<T: Scalar> JointProcesses<T> {
             let half = T::from_f64(0.5);
             let Some((lower, upper)) = ranges.get(joint) else {
                 fast = false;
-                break;
+                continue;
             };
             let sliding = SlidingJoint {
                 joint: joint as u8,
@@ -139,7 +139,7 @@ impl<T: Scalar> JointProcesses<T> {
             fast &= largest <= limit && (self.sliding.is_empty() || set.count <= *UNROLLED.end());
         }
         self.unrolled = fast;
-        if !fast || self.sets.is_empty() {
+        if self.sets.is_empty() {
             self.sliding.clear();
         }
     }
@@ -154,7 +154,8 @@ impl<T: Scalar> JointProcesses<T> {
             rest = after;
             for row in here.chunks_mut(set.row_words()) {
                 for (joint, words) in set.joints().iter().zip(row.as_chunks_mut::<2>().0) {
-                    for sliding in self.sliding.iter().filter(|s| s.joint == *joint) {
+                    let sliding = self.sliding.iter().filter(|s| s.joint == *joint);
+                    for sliding in sliding.filter(|_| self.unrolled) {
                         let x = sliding.centred(words[0]);
                         *words = [x, T::ONE - half_square(x)];
                     }
@@ -174,14 +175,21 @@ impl<T: Scalar> JointProcesses<T> {
 }
 
 impl<T: KernelLoops> JointProcesses<T> {
-    /// Returns the words of the query with prismatic joints centred, and the kernels with W_d x²/2 of these joints
-    /// subtracted from the bias.
+    /// Returns the words of the query with prismatic joints clamped. For the unrolled loops they are centred, too, and
+    /// W_d x²/2 of these joints is subtracted from the bias of the kernels.
     #[inline(never)]
     fn centred(&self, motions: &JointTrig<T>) -> (JointTrig<T>, [JointKernel<T>; MAX_JOINTS]) {
         let (mut out, mut kernels) = (*motions, self.kernels);
         for sliding in &self.sliding {
             let d = usize::from(sliding.joint) % MAX_JOINTS;
             let x = sliding.centred(out[d][0]);
+            if !self.unrolled {
+                // Within the range the value keeps its bits.
+                if out[d][0] - sliding.middle != x {
+                    out[d][0] = sliding.middle + x;
+                }
+                continue;
+            }
             out[d] = [x, T::ONE];
             for kernel in &mut kernels {
                 kernel.bias -= kernel.rates[d] * half_square(x);

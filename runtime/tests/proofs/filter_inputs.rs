@@ -42,10 +42,20 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
             give(&mut one, &q, &c, 1);
             give(&mut twin, &q, &c, 4);
             assert_twins(&mut one, &mut twin, &q, &c);
-            // No command with that number of joints was answered before.
-            let other = one.step(&bad[..4], &good, Status::OK, true, 1);
-            assert_eq!(other.joints[..4], [q[0], q[1], 0.0, q[3]]);
-            assert_eq!(other.joints[4..], [0.0; 4]);
+            // Another number of joints: those of the last answer stay where they are, others are sent as they came.
+            let sent = one.step(&bad, &good, Status::OK, true, 0).joints;
+            let fewer = one.step(&q[..4], &q[..4], Status::BAD_INPUT, true, 1);
+            assert_eq!(fewer.joints[..4], sent[..4]);
+            assert_eq!(fewer.joints[4..], [0.0; 4]);
+            let mut more = [0.5; JOINTS + 2];
+            more[JOINTS + 1] = f64::NAN;
+            let more = one.step(&more, &more, Status::BAD_INPUT, true, 1);
+            assert_eq!(more.joints[..JOINTS], sent[..JOINTS]);
+            assert_eq!(more.joints[JOINTS..], [0.5, 0.0]);
+            // Before any answer there is nothing to repeat.
+            let mut none = CommandFilter::<f64>::default();
+            let first = none.step(&bad[..4], &good, Status::OK, true, 1);
+            assert_eq!(first.joints[..4], [q[0], q[1], 0.0, q[3]]);
         }
     }
 }
@@ -134,6 +144,19 @@ fn settings_out_of_range_are_refused() {
         ..FilterSettings::with_period(0.05_f32)
     };
     assert_eq!(filter.configure(&short), Err(FilterError::Blend));
+    // Exactly ten periods, whatever their rounding.
+    for (period, blend_s) in [
+        (0.001_f32, 0.01),
+        (0.003, 0.03),
+        (0.0011, 0.011),
+        (0.07, 0.7),
+    ] {
+        let shortest = FilterSettings {
+            blend_s,
+            ..FilterSettings::with_period(period)
+        };
+        assert_eq!(shortest.check(), Ok(()), "{period}");
+    }
     // Steps below what single precision can add to a correction.
     let slow = FilterSettings {
         rate: 2.9e-4,

@@ -211,11 +211,18 @@ pub fn preset(bytes: &[u8]) {
                     .collect();
                 assert_refusal(&error, &files);
             }
-            Ok(map) => {
+            Ok((map, doubt)) => {
                 if let Err(error) = Map::parse(Path::new(MAP), &map) {
                     panic!("{error}\n{map}");
                 }
                 run_import(&map, &raws);
+                if let Some(error) = doubt {
+                    let files: Vec<_> = RAWS
+                        .into_iter()
+                        .zip(raws.iter().map(Vec::as_slice))
+                        .collect();
+                    assert_refusal(&error, &files);
+                }
             }
         }
     }

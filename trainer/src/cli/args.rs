@@ -175,9 +175,8 @@ impl FitArgs {
         }
     }
 
-    /// Writes the options that were given into `config`, and returns the keys that they changed.
-    pub fn overlay(&self, config: &mut Config) -> Vec<&'static str> {
-        let old = *config;
+    /// Writes the options that were given into `config`.
+    pub fn overlay(&self, config: &mut Config) {
         if self.per_output {
             config.hyperparameters = HyperparameterSharing::PerOutput;
         }
@@ -198,7 +197,6 @@ impl FitArgs {
         config.warm_up = self.warm_up.unwrap_or(config.warm_up);
         config.outliers = self.outliers.unwrap_or(config.outliers);
         config.weighting = self.weighting.unwrap_or(config.weighting);
-        differences(&old, config)
     }
 
     /// Creates the configuration of a calibration by `method`.
@@ -295,7 +293,7 @@ pub struct MethodChoice(pub Option<Method>);
 /// Creates the parser of a calibration method or `auto`.
 pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
     let auto = PossibleValue::new("auto")
-        .help("The simplest of base-tool, poe and elastic, with noise as weights, that is within one standard error of the best in \
+        .help("The simplest of base-tool, poe, parametric and elastic, with noise as weights, that is within one standard error of the best in \
             cross-validation of the training data");
     PossibleValuesParser::new(methods().into_iter().chain([auto])).try_map(|name| {
         match name.as_str() {
@@ -318,7 +316,7 @@ where
 
 fn weighting() -> impl TypedValueParser<Value = Weighting> {
     described([
-        ("none", "Metres and radians count alike, as in the paper"),
+        ("none", "Metres and radians count equally, as in the paper"),
         (
             "noise",
             "Residuals are divided by the noise; rotations are taken at the tool point",
@@ -338,7 +336,7 @@ fn warm_up() -> impl TypedValueParser<Value = WarmUpPolicy> {
 
 fn outliers() -> impl TypedValueParser<Value = OutlierPolicy> {
     described([
-        ("keep", "Train on outliers like on all other measurements"),
+        ("keep", "Train on outliers as on all other measurements"),
         ("reject", "Leave outliers out of the training"),
     ])
 }

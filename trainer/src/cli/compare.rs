@@ -12,11 +12,10 @@ use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs;
 use crate::cli::inputs::{Arm, KnownRows, enough_poses, equations, file_name, origin};
 use crate::cli::instrument_drift;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
-use crate::cli::touches::{self, are_touches};
 use crate::report::certificate::{Certificate, Statement};
 use crate::report::sections;
 use crate::report::{HeldOutSummary, HoldOutMethod, Provenance, ReportData, never_held_out};
@@ -126,39 +125,11 @@ impl Compare {
     }
 }
 
-/// Compares models by touches.
-fn of_touches(a: &Compare) -> Result<(), Failure> {
-    let given = [
-        (!a.tests.is_empty(), "--test"),
-        (!a.methods.is_empty(), "--methods"),
-        (a.folds.is_some(), "--folds"),
-        (a.seed.is_some(), "--seed"),
-        (a.correct_drift, "--correct-drift"),
-        (!a.accepted.accept.is_empty(), "--accept"),
-        (
-            a.tolerance.is_given(),
-            "--tolerance-mm, --tolerance-mrad or --coverage",
-        ),
-    ];
-    touches::refuse_options(&a.train, &given)?;
-    touches::refuse_options(&a.train, &a.fit.given())?;
-    touches::compare::run(&touches::compare::Asked {
-        robot: &a.robot,
-        touches: &a.train,
-        features: a.features.as_deref(),
-        blobs: &a.blobs,
-        report: a.report.as_deref(),
-        json: a.json.as_deref(),
-    })
-}
-
 pub fn run(a: &Compare) -> Result<(), Failure> {
-    if are_touches(&a.train, a.features.as_deref()) {
-        return of_touches(a);
-    }
     if !a.blobs.is_empty() {
         return Err(Failure::Usage(format!(
-            "found --blob with {}, expected touches: models are compared by measured poses with `trainer evaluate`, one by one",
+            "found --blob with {}, expected touches: on measured poses, compare models with `trainer evaluate`, one by \
+             one",
             a.train.display()
         )));
     }
@@ -185,7 +156,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     let trained_tools = tools.len();
     if a.folds() > train.len() {
         return Err(Failure::Usage(format!(
-            "--folds {} for {} poses",
+            "--folds {}: expected at most the {} poses of the file",
             a.folds(),
             train.len()
         )));
@@ -238,10 +209,19 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         json: a.json.as_deref(),
         accept: &a.accepted.accept,
     };
-    let warnings = examined.for_training(&methods, &a.fit.config(Method::Elastic))?;
+    let mut warnings = examined.for_training(&methods, &a.fit.config(Method::Elastic))?;
+    let of_tests = (a.tests.iter().zip(&test_files).zip(&tests))
+        .map(|((path, set), test)| (path.as_path(), set, test.samples.as_slice()));
+    let accept = &a.accepted.accept;
+    warnings.extend(inputs::examine_tests(
+        &arm,
+        of_tests,
+        a.json.as_deref(),
+        accept,
+    )?);
     if a.folds() == 0 && a.tests.is_empty() {
         return Err(Failure::Usage(
-            "--folds 0 without --test holds nothing out: there would be no errors to compare"
+            "--folds 0 without --test leaves no held-out errors to compare: give --test, or at least --folds 2"
                 .into(),
         ));
     }
@@ -331,13 +311,10 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         };
         json = Some(json_text(&document)?);
     }
-    let html = html.filter(|_| a.report.is_some());
-    let texts = [(&a.json, &json), (&a.report, &html)];
-    let texts = texts
-        .iter()
-        .filter_map(|(path, text)| path.as_deref().zip(text.as_deref()));
-    let files: Vec<(&Path, &[u8])> = texts.map(|(path, text)| (path, text.as_bytes())).collect();
-    write_outputs(&files)?;
+    write_texts(&[
+        (a.json.as_deref(), json.as_deref()),
+        (a.report.as_deref(), html.as_deref()),
+    ])?;
     let report = Printer::for_outputs(&output);
     match (&drift, &uncorrected) {
         (Some(drift), Some(uncorrected)) => {
@@ -389,7 +366,7 @@ fn evidence(
     } else {
         HoldOutMethod::TestSets
     };
-    let kinds: Vec<_> = task.robot.joints.iter().map(|j| j.kind).collect();
+    let kinds = task.robot.kinds();
     let nothing = || Failure::Usage("the report has no held-out pose to show".into());
     let mut evidence = ReportData::new(how, sets, &all, &kinds, false).ok_or_else(nothing)?;
     let best = evidence.calibrated().name.clone();

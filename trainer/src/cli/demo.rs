@@ -14,7 +14,7 @@ use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::{file_name, origin};
 use crate::cli::output::make_folder;
-use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary};
+use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary, write_texts};
 use crate::cli::simulate::{SimulatedSet, simulated_sets};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
@@ -68,10 +68,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, a.seed);
     let comment = format!("simulated {ROBOT} (seed {})", a.seed);
     let sets = simulated_sets(&robot, &mut simulator, 300, (3, 100), &a.out, &comment);
-    let files = sets
-        .iter()
-        .map(|set| (set.path.as_path(), set.csv.as_bytes()));
-    write_outputs(&files.collect::<Vec<_>>())?;
+    write_texts(&sets.iter().map(SimulatedSet::output).collect::<Vec<_>>())?;
 
     // The files are read back, so that the demo takes the same path as real data.
     let train_path = &sets[0].path;
@@ -186,7 +183,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
             "the model for the controller (`trainer inspect` shows it)",
         ),
         ("predictions.csv", "its predictions for test1.csv"),
-        ("elastic.blob", "the elastic model"),
+        ("elastic.blob", "the model that the folds chose"),
         (
             "report.html",
             "held-out errors with plots: open it in a browser",
@@ -288,6 +285,7 @@ fn title(method: Method) -> &'static str {
         Method::Poe => "POE calibration",
         Method::PoeGp => "POE + GP",
         Method::PoeGpLoad => "POE + GP with loading",
+        Method::Parametric => "Elastic joints, parameters alone",
         Method::Elastic => "Elastic joints",
     }
 }

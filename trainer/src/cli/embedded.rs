@@ -31,9 +31,6 @@ pub struct Calibrated {
 
 /// Runs `trainer calibrate` with these options, without writing any output. `table` holds the measurements if the path in
 /// the options is not a file. The fit ends soon after another thread sets `cancel`.
-///
-/// # Errors
-/// [`Failure`], as the command.
 pub fn calibrate(
     options: &[OsString],
     table: Option<Vec<u8>>,
@@ -62,9 +59,6 @@ pub fn calibrate(
 
 /// Runs `trainer correct` with these options, for a robot program; returns the JSON document that `--json` writes. Parts
 /// that stay uncorrected are listed in that document and are not an error.
-///
-/// # Errors
-/// [`Failure`], as the command.
 pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
     let Command::Correct(arguments) = command("correct", options)? else {
         return Err(other_command("correct"));
@@ -73,9 +67,6 @@ pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
 }
 
 /// Runs `trainer export` with these options; returns the JSON document that `--json` writes.
-///
-/// # Errors
-/// [`Failure`], as the command.
 pub fn export(options: &[OsString]) -> Result<String, Failure> {
     let Command::Export(arguments) = command("export", options)? else {
         return Err(other_command("export"));
@@ -86,9 +77,6 @@ pub fn export(options: &[OsString]) -> Result<String, Failure> {
 /// Returns the residuals that `trainer evaluate` with these options compares, row by row, without writing any output.
 /// `table` holds the measurements if the path in the options is not a file. The blob in the options is not read: `model`
 /// takes its place.
-///
-/// # Errors
-/// [`Failure`], as the command.
 pub fn residuals(
     model: &BlobModel,
     options: &[OsString],

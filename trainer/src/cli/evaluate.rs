@@ -18,7 +18,6 @@ use crate::cli::instrument_drift;
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_long};
 use crate::cli::terminal::print::{Printer, warning};
-use crate::cli::touches::{self, are_touches};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::{BlobModel, Prediction};
 use poegp_calibration::measurement::Measurement;
@@ -79,7 +78,7 @@ struct StdSummary {
 #[derive(Debug, Args)]
 #[command(
     after_help = "With touches, the command keeps the arm of the blob and fits features and tips to it. It prints by how much the touches \
-    miss each feature, beside the same for the arm as drawn.\n\n\
+    miss each feature, with this arm and with the arm as drawn.\n\n\
     Examples:\n  trainer evaluate arm.blob test.csv --predictions predicted.csv --json -\n  \
     trainer evaluate arm.blob touches.csv --features touches.toml"
 )]
@@ -110,16 +109,13 @@ pub struct Evaluate {
 }
 
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
-    if are_touches(&a.test, a.features.as_deref()) {
-        return of_touches(a);
-    }
     let outputs = [a.predictions.as_deref(), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = BlobModel::read(&a.blob)?;
     let correction = instrument_drift::correction(a.frames.correct_drift);
     let data = inputs::read_long(&loaded, &a.test, correction)?;
     let (set, samples, which) = (&data.set, &data.samples, a.frames.frames());
-    let robot = inputs::robot_of(loaded.blob());
+    let robot = inputs::robot_of(&loaded);
     let warnings = data.examined(&a.test, a.json.as_deref(), &a.accepted.accept, &robot)?;
     let tools = data.frames(&loaded, &a.test, which)?;
     let frames = FittedFrames::new(&loaded, samples, tools, which)
@@ -196,23 +192,6 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     Ok(())
 }
 
-fn of_touches(a: &Evaluate) -> Result<(), Failure> {
-    let given = [
-        (a.predictions.is_some(), "--predictions"),
-        (a.frames.fit_base, "--fit-base"),
-        (a.frames.fit_tool.is_some(), "--fit-tool"),
-        (a.frames.correct_drift, "--correct-drift"),
-        (!a.accepted.accept.is_empty(), "--accept"),
-    ];
-    touches::refuse_options(&a.test, &given)?;
-    touches::evaluate::run(&touches::evaluate::Asked {
-        blob: &a.blob,
-        touches: &a.test,
-        features: a.features.as_deref(),
-        json: a.json.as_deref(),
-    })
-}
-
 /// Residual of a measured row: the difference between measurement and prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Residual {
@@ -226,9 +205,6 @@ pub struct Residual {
 }
 
 /// Computes the residuals of measurements, leaving out rows that served only to fit the frames of tools.
-///
-/// # Errors
-/// [`Failure`], as the command.
 pub fn residuals(
     a: &Evaluate,
     loaded: &BlobModel,
@@ -240,7 +216,7 @@ pub fn residuals(
     };
     let correction = instrument_drift::correction(a.frames.correct_drift);
     let data = inputs::read(loaded, &input, correction)?;
-    let robot = inputs::robot_of(loaded.blob());
+    let robot = inputs::robot_of(loaded);
     data.examined(&a.test, None, &a.accepted.accept, &robot)?;
     let which = a.frames.frames();
     let tools = data.frames(loaded, &a.test, which)?;
@@ -445,7 +421,7 @@ fn print(
     );
     if let Some(sigma) = &set.predictive_std {
         report.line(format_args!(
-            "Predictive standard deviation: {:.4} mm on average; {:.0} % of the error components lie within 1σ, {:.0} % within 1.96σ.",
+            "Predictive standard deviation: {:.4} mm on average; of the position errors along the axes {:.0} % lie within 1σ, {:.0} % within 1.96σ.",
             sigma.mean_mm,
             100.0 * sigma.shares.one_sigma,
             100.0 * sigma.shares.two_sigma

@@ -8,9 +8,10 @@ use serde::Serialize;
 
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
-use crate::cli::output::{json_text, write_outputs};
+use crate::cli::output::{json_text, write_texts};
 use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::long::MOST_KEPT;
 use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::measurement::{self, MeasurementSet};
 use poegp_calibration::model::Method;
@@ -64,13 +65,20 @@ impl Examined<'_> {
         ))
     }
 
-    /// Examines whether measurements that a model is judged by are of its robot, and returns the warnings.
+    /// Examines whether measurements that a model is judged by are of its robot, and returns the warnings. Of many rows some
+    /// are examined, evenly spread: the time grows with the square of their number.
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
     pub fn for_judging(&self) -> Result<Vec<Finding>, Failure> {
+        let step = self.samples.len().div_ceil(MOST_KEPT).max(1);
+        let samples: Vec<_> = self.samples.iter().step_by(step).cloned().collect();
+        let mut set = self.set.clone();
+        let mut rows = 0..;
+        set.measurements
+            .retain(|_| rows.next().is_some_and(|row| row % step == 0));
         let gravity = Vector3::from(GRAVITY);
-        self.settle(trust::identify(self.robot, self.set, self.samples, gravity))
+        self.settle(trust::identify(self.robot, &set, &samples, gravity))
     }
 
     /// Reports the findings, and returns the warnings.
@@ -109,14 +117,12 @@ pub fn settled(
         .iter()
         .map(|finding| format!("{file}: {} [{}]", finding.text, finding.cause))
         .collect();
-    if let Some(json) = json {
-        let document = RefusedJson {
-            version: env!("CARGO_PKG_VERSION"),
-            refused,
-            warnings,
-        };
-        write_outputs(&[(json, json_text(&document)?.as_bytes())])?;
-    }
+    let document = RefusedJson {
+        version: env!("CARGO_PKG_VERSION"),
+        refused,
+        warnings,
+    };
+    write_texts(&[(json, Some(&json_text(&document)?))])?;
     Err(Failure::Data(lines.join("\nerror: data refused: ")))
 }
 

@@ -44,7 +44,8 @@ pub enum Failure {
     },
     /// Measurements that are unfit to make or judge a model; nothing was written.
     #[error(
-        "data refused: {0}\nhelp: nothing was written; --accept CAUSE goes on with a warning, CAUSE being the word in brackets"
+        "data refused: {0}\nhelp: nothing was written; --accept CAUSE, with the word in brackets, lowers the refusal \
+         to a warning"
     )]
     Data(String),
     /// A calibration that Ctrl-C has cancelled.
@@ -118,7 +119,7 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
             format!("{found} poses, which take `{method}` about {needed_mb} MB of memory"),
             format!("at most the {available_mb} MB that are free"),
         )
-        .with_help("use fewer rows, or end other programs")
+        .with_help("use fewer rows, or close other programs")
         .into(),
         CalibrationError::NoPayload => InputError::new(
             path,
@@ -126,6 +127,13 @@ pub fn calibration_failure(path: &Path, error: &CalibrationError) -> Failure {
             "a payload_kg column: `poe-gp-load` learns the effect of the payload",
         )
         .with_help("use --method poe-gp for data without payloads")
+        .into(),
+        CalibrationError::NothingHeldOut => InputError::new(
+            path,
+            "too few different poses to hold one out",
+            "at least four poses of each session and target that agree with each other",
+        )
+        .with_help("measure more poses; a row that repeats an earlier one, or contradicts the others, does not count")
         .into(),
         _ => InputError::new(path, error.to_string(), "data that can be fitted").into(),
     }

@@ -7,7 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde_json::{Value, json};
 
 use crate::cli::failure::Failure;
-use crate::cli::output::{check_outputs, summary_text, write_outputs};
+use crate::cli::output::{check_not_filled_in, check_outputs, summary_text, write_texts};
 use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::import::column_map::Map;
 use crate::import::preset::{PRESETS, Preset};
@@ -104,7 +104,8 @@ fn run_sockets(a: &Import) -> Result<(), Failure> {
     let features = match is_stdout(&a.out) {
         true => {
             return Err(Failure::Usage(
-                "--out -: expected a file, beside which that of the features is written".to_owned(),
+                "--out -: expected a file name, because the features are written beside it"
+                    .to_owned(),
             ));
         }
         false => features_beside(&a.out),
@@ -123,12 +124,12 @@ fn run_sockets(a: &Import) -> Result<(), Failure> {
         .map(|(name, rows)| (name.clone(), (*rows).into()))
         .collect();
     let summary = summary_text(json!({ "touches": rows, "features": of_features }))?;
-    let mut files: Vec<(&Path, &[u8])> = vec![
-        (&a.out, sockets.csv.as_bytes()),
-        (&features, sockets.toml.as_bytes()),
-    ];
-    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
-    write_outputs(&files)?;
+    check_not_filled_in(&[(&features, sockets.toml.as_bytes())])?;
+    write_texts(&[
+        (Some(&a.out), Some(&sockets.csv)),
+        (Some(&features), Some(&sockets.toml)),
+        (a.json.as_deref(), Some(&summary)),
+    ])?;
     let report = Printer::for_outputs(&outputs);
     report.line(format_args!(
         "Imported {rows} touches of {} sockets into {} and {}",
@@ -138,11 +139,12 @@ fn run_sockets(a: &Import) -> Result<(), Failure> {
     ));
     if a.distance.is_none() {
         note(
-            "no distance between two sockets is stated, and touches alone do not show the size of an arm: --distance MM",
+            "no distance between two sockets is stated, and touches alone do not show the size of an arm: give \
+             --distance MM",
         );
     }
     note(format_args!(
-        "write into {} where the ball is as drawn, tip_mm in the flange frame",
+        "enter the nominal position of the ball in the flange frame in {}: tip_mm",
         features.display()
     ));
     Ok(())
@@ -176,8 +178,8 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     };
     let map = a.map.as_deref().map(Map::read).transpose()?;
     let bytes = a.files.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let (map, text) = match map {
-        Some(map) => (map, String::new()),
+    let (map, text, doubt) = match map {
+        Some(map) => (map, String::new(), None),
         None => {
             let preset = match chosen {
                 Some(preset) => preset,
@@ -189,25 +191,31 @@ pub fn run(a: &Import) -> Result<(), Failure> {
                 .zip(&bytes)
                 .map(|(path, bytes)| (path.as_path(), bytes.as_slice()))
                 .collect();
-            let text = preset.map(&files)?;
+            let (text, doubt) = preset.map(&files)?;
             let path = a
                 .write_map
                 .clone()
                 .unwrap_or_else(|| format!("<preset {}>", preset.name).into());
-            (Map::parse(&path, &text)?, text)
+            (Map::parse(&path, &text)?, text, doubt)
         }
     };
-    let imported = import_bytes(&a.files, &bytes, &map);
+    let written = a.write_map.as_deref().map(|path| (path, text.as_bytes()));
+    check_not_filled_in(written.as_slice())?;
+    let imported = match doubt {
+        Some(error) => Err(error),
+        None => import_bytes(&a.files, &bytes, &map),
+    };
     // The map of a preset that does not fit is the start of one that does.
-    if let (Err(_), Some(path)) = (&imported, &a.write_map) {
-        write_outputs(&[(path, text.as_bytes())])?;
+    if imported.is_err() {
+        write_texts(&[(a.write_map.as_deref(), Some(&text))])?;
     }
     let imported = imported?;
     let summary = summary_text(summary(&imported))?;
-    let mut files: Vec<(&Path, &[u8])> = vec![(&a.out, imported.csv.as_bytes())];
-    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
-    files.extend(a.write_map.as_deref().map(|path| (path, text.as_bytes())));
-    write_outputs(&files)?;
+    write_texts(&[
+        (Some(&a.out), Some(&imported.csv)),
+        (a.json.as_deref(), Some(&summary)),
+        (a.write_map.as_deref(), Some(&text)),
+    ])?;
     imported.notes.iter().for_each(note);
     let to = match is_stdout(&a.out) {
         true => String::new(),
@@ -249,20 +257,8 @@ fn matching(files: &[PathBuf], bytes: &[Vec<u8>]) -> Result<Preset, InputError> 
 
 /// Creates the JSON document: number of rows, first rows and notes.
 fn summary(imported: &Imported) -> Value {
-    let shown: Vec<Value> = imported
-        .rows
-        .iter()
-        .take(SHOWN)
-        .map(|row| {
-            let fields = row.fields();
-            Value::Object(
-                fields
-                    .into_iter()
-                    .map(|(name, text)| (name, Value::String(text)))
-                    .collect(),
-            )
-        })
-        .collect();
+    let fields = |row: &Row| Value::from_iter(row.fields());
+    let shown: Vec<Value> = imported.rows.iter().take(SHOWN).map(fields).collect();
     json!({ "measurements": imported.rows.len(), "first_rows": shown, "notes": imported.notes })
 }
 

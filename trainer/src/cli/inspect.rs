@@ -10,10 +10,11 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 
 use crate::cli::calibrate::gauge::{source_name, sources};
+use crate::cli::correct::record::sha256;
 use crate::cli::failure::Failure;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::Printer;
-use crate::signing::id_text;
+use crate::signing::{id_text, unsigned};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::measurement::sample::ToolName;
 
@@ -33,9 +34,8 @@ pub fn run(a: &Inspect) -> Result<(), Failure> {
     check_outputs(&output, &[&a.blob])?;
     let loaded = BlobModel::read(&a.blob)?;
     let document = document(&loaded);
-    if let Some(path) = &a.json {
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-    }
+    let json = json_text(&document)?;
+    write_texts(&[(a.json.as_deref(), Some(&json))])?;
     print(Printer::for_outputs(&output), &loaded, &document);
     Ok(())
 }
@@ -93,6 +93,7 @@ fn document(loaded: &BlobModel) -> Value {
         "version": env!("CARGO_PKG_VERSION"),
         "format_version": FORMAT_VERSION,
         "bytes": loaded.bytes().len(),
+        "unsigned_sha256": sha256(&unsigned(loaded.bytes())),
         "crc": format!("{:08x}", stored_crc(loaded.bytes()).unwrap_or(0)),
         "signed_by": trailer(loaded).map(|trailer| id_text(&trailer.key_id)),
         "revision": trailer(loaded).map(|trailer| trailer.revision),
@@ -169,7 +170,7 @@ fn predictive_std_line(blob: &Blob<'_>) -> String {
             )
         }
         (_, Some(v)) => format!(
-            "standard deviation from {} landmarks: {:.4} mm at least, of which the noise of a measurement is {:.4} mm",
+            "standard deviation from {} landmarks: at least {:.4} mm, of which the noise of a measurement is {:.4} mm",
             v.landmarks,
             mm(v.floor_m2),
             mm(v.noise_m2)
@@ -205,6 +206,12 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
         }
     ));
     report.line(format_args!("  data SHA-256 {}", text("data_sha256")));
+    if trailer(loaded).is_some() {
+        report.line(format_args!(
+            "  SHA-256 without the signature {}",
+            text("unsigned_sha256")
+        ));
+    }
     let instructions = |what: &str| document["instructions"][what].as_u64().unwrap_or(0);
     report.line(format_args!(
         "  on a Cortex-M4F at most {} instructions for a pose and {} for a command, frames included: {:.2} ms at 168 \
@@ -224,8 +231,14 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
         ),
         None => "  not signed".to_owned(),
     });
-    if let Some((light, heavy)) = blob.ranges.payload_kg {
-        report.line(format_args!("  payload trained from {light} to {heavy} kg"));
+    match blob.ranges.payload_kg {
+        Some((light, heavy)) if light == heavy => {
+            report.line(format_args!("  trained with a payload of {light} kg"));
+        }
+        Some((light, heavy)) => {
+            report.line(format_args!("  payload trained from {light} to {heavy} kg"));
+        }
+        None => {}
     }
     if let Correction::TaskSpace(task) = &blob.correction {
         report.line(format_args!(

@@ -12,12 +12,7 @@ use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::ToolName;
 
 /// Line of every report about the data that the drift correction uses.
-pub const NO_LEAK: &str =
-    "  (from the reference points alone, not from measured poses, so held-out errors stay honest)";
-
-/// Largest ratio of the errors on left-out reference points with correction to those without, for which the correction is
-/// worth a hint.
-const WORTH_IT: f64 = 0.9;
+pub const NO_LEAK: &str = "  (from the reference points alone, not from measured poses, so held-out errors stay unbiased)";
 
 /// Returns the drift correction that `--correct-drift` asks for.
 pub fn correction(asked: bool) -> DriftCorrection<'static> {
@@ -50,6 +45,12 @@ pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(Dri
     }
 }
 
+/// Returns by how much the reference points of `set` clearly show that the instrument moved, mm; `None` if they do not.
+pub fn clear_motion(set: &MeasurementSet) -> Option<f64> {
+    let report = seen(set).filter(DriftReport::is_clear)?;
+    Some(report.moved_mm)
+}
+
 /// Estimates the drift from the reference points; `None` if they are missing or unusable.
 fn seen(set: &MeasurementSet) -> Option<DriftReport> {
     let first = set.measurements.first()?;
@@ -61,17 +62,14 @@ fn seen(set: &MeasurementSet) -> Option<DriftReport> {
 
 /// Suggests `--correct-drift` if the reference points of a file show enough motion.
 fn hint(path: &Path, set: &MeasurementSet) {
-    let Some(report) = seen(set) else {
+    let Some(report) = seen(set).filter(DriftReport::is_clear) else {
         return;
     };
     let [before, after] = report.left_out_um;
-    if after > WORTH_IT * before {
-        return;
-    }
-    let largest = report.max_um.into_iter().fold(0.0, f64::max);
     note(format_args!(
-        "{}: its reference points show that the instrument moved by up to {largest:.0} µm; --correct-drift removes this \
+        "{}: its reference points show that the instrument moved by up to {:.2} mm; --correct-drift removes this \
          ({before:.0} to {after:.0} µm on left-out points)",
-        path.display()
+        path.display(),
+        report.moved_mm
     ));
 }

@@ -13,8 +13,8 @@ use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output;
 use crate::cli::output::transaction::Readers;
-use crate::cli::output::{check_outputs, summary_text, write_outputs, write_summary};
-use crate::cli::terminal::print::Printer;
+use crate::cli::output::{check_outputs, summary_text, write_summary, write_with_blob};
+use crate::cli::terminal::print::{Printer, warning};
 use crate::signing::{PublicKey, SecretKey, id_text};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -37,8 +37,10 @@ pub enum KeysCommand {
 
 /// `trainer keys new`.
 #[derive(Debug, Args)]
-#[command(after_help = "Keep NAME.key secret; the device gets NAME.pub.\n\n\
-    Example: trainer keys new --out cell7")]
+#[command(
+    after_help = "Keep NAME.key secret; provision the device with NAME.pub.\n\n\
+    Example: trainer keys new --out cell7"
+)]
 pub struct NewKeys {
     /// Write NAME.key, the secret key, readable by its owner only, and NAME.pub, the public key.
     #[arg(long, value_name = "NAME")]
@@ -117,11 +119,11 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
     let report = Printer::for_outputs(&[new.json.as_deref()]);
     report.line(format_args!("key {}", id_text(&key.public().id())));
     report.line(format_args!(
-        "  {}: secret, signs models; keep it where nobody else reads it",
+        "  {}: secret key, signs models; keep it where nobody else can read it",
         secret.display()
     ));
     report.line(format_args!(
-        "  {}: public, verifies them; the device gets this one",
+        "  {}: public key, verifies them; provision the device with it",
         public.display()
     ));
     Ok(())
@@ -152,10 +154,8 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         let expected = "a model blob written by `trainer calibrate`";
         InputError::new(&a.file, e.to_string(), expected)
     })?;
-    let replaced = envelope::open(loaded.bytes())
-        .ok()
-        .and_then(|e| e.trailer)
-        .map(|trailer| id_text(&trailer.key_id));
+    let trailer = envelope::open(loaded.bytes()).ok().and_then(|e| e.trailer);
+    let replaced = trailer.as_ref().map(|trailer| id_text(&trailer.key_id));
     let summary = summary_text(json!({
         "file": out,
         "bytes": signed.len(),
@@ -163,12 +163,29 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         "revision": revision,
         "replaced_key": replaced,
     }))?;
-    let mut files: Vec<(&Path, &[u8])> = vec![(out, &signed)];
-    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
-    write_outputs(&files)?;
-    let before = replaced.map_or_else(String::new, |key| format!(" instead of key {key}"));
+    // A device compares the revision with the last one that it has seen, whichever file it came from.
+    let there = std::fs::read(out).ok();
+    let there =
+        there.and_then(|bytes| envelope::open(&bytes).ok()?.trailer.map(|old| old.revision));
+    let highest = trailer.as_ref().map(|old| old.revision).max(there);
+    write_with_blob((out, &signed), &[(a.json.as_deref(), Some(&summary))])?;
+    let before = trailer.map_or_else(String::new, |old| {
+        let (key, old_key) = (id_text(&key.public().id()), id_text(&old.key_id));
+        let whose = match old_key == key {
+            true => "the signature of the same key".to_owned(),
+            false => format!("the signature of key {old_key}"),
+        };
+        format!(", in place of {whose} as revision {}", old.revision)
+    });
+    if let Some(old) = highest.filter(|old| revision < *old) {
+        warning(format_args!(
+            "{}: revision {revision} is lower than revision {old} of the signature that it replaces; a device that has \
+             had revision {old} or a later one refuses this model",
+            out.display(),
+        ));
+    }
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
-        "{}: signed by key {}{before} as revision {revision}",
+        "{}: signed by key {} as revision {revision}{before}",
         out.display(),
         id_text(&key.public().id())
     ));
@@ -180,7 +197,7 @@ fn revision_of_now() -> Result<u32, Failure> {
     let seconds = now().unix_timestamp();
     u32::try_from(seconds).map_err(|_| {
         Failure::Usage(format!(
-            "no revision can be made of the time, {seconds} s\nhelp: state one with --revision"
+            "the time, {seconds} s, cannot be a revision\nhelp: state one with --revision"
         ))
     })
 }
@@ -242,7 +259,7 @@ fn note_when_others_read(path: &Path) {
         if mode.is_ok_and(|mode| mode & 0o077 != 0) {
             let path = path.display();
             crate::cli::terminal::print::note(format_args!(
-                "{path}: others may read this secret key (chmod 600 {path})"
+                "{path}: others can read this secret key; `chmod 600 {path}` prevents it"
             ));
         }
     }

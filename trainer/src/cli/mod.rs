@@ -57,6 +57,7 @@ use crate::cli::keys::{Keys, Sign, Verify};
 use crate::cli::measure::Measure;
 use crate::cli::plan::Plan;
 use crate::cli::simulate::Simulate;
+use crate::cli::touches::are_touches;
 
 /// Calibrate a robot from tracker measurements, and write the model that the controller evaluates.
 #[derive(Debug, Parser)]
@@ -68,7 +69,7 @@ use crate::cli::simulate::Simulate;
     trainer COMMAND --help   (each command has its own examples)\n\n\
     NO_COLOR and TERM=dumb are respected. SOURCE_DATE_EPOCH sets the date in a blob and in manual pages.")]
 pub struct Arguments {
-    /// Print errors only. Output files and `--json -` are still written.
+    /// Print errors and warnings only. Output files and `--json -` are still written.
     #[arg(long, short, global = true, help_heading = heading::GENERAL)]
     pub quiet: bool,
     /// Compute on at most N threads (default: one for each core). No result depends on it.
@@ -97,7 +98,7 @@ pub enum Command {
     Compare(Compare),
     /// Check from a few new measurements whether a calibration still holds (exit code 0) or not (1).
     Check(Check),
-    /// Correct robot programs or a file of joint targets, as the device does.
+    /// Correct robot programs, or a file of joint targets as the device does.
     Correct(Correct),
     /// Correct a robot while it runs its program, over the network.
     Bridge(Bridge),
@@ -111,7 +112,7 @@ pub enum Command {
     Keys(Keys),
     /// Sign a blob, a report or its JSON.
     Sign(Sign),
-    /// Verify the signature of a blob, like the device does, or of a report: exit code 0 if this key signed it, 1 if not.
+    /// Verify the signature of a blob, as the device does, or of a report: exit code 0 if this key signed it, 1 if not.
     Verify(Verify),
     /// Reproduce the paper's simulation: simulate, calibrate, compare, write a blob, read it back.
     Demo(Demo),
@@ -148,10 +149,19 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
         Command::Measure(a) => measure::run(&a),
         Command::Simulate(a) => simulate::run(&a),
         Command::Calibrate(a) => calibrate::run(&a),
+        Command::Evaluate(a) if are_touches(&a.test, a.features.as_deref()) => {
+            touches::evaluate::run(&a)
+        }
         Command::Evaluate(a) => evaluate::run(&a),
+        Command::Compare(a) if are_touches(&a.train, a.features.as_deref()) => {
+            touches::compare::run(&a)
+        }
         Command::Compare(a) => compare::run(&a),
         Command::Correct(a) => correct::run(&a),
         Command::Bridge(a) => bridge::run(&a),
+        Command::Check(a) if are_touches(&a.measurements, a.features.as_deref()) => {
+            check::touches::run(&a)
+        }
         Command::Check(a) => check::run(&a),
         Command::Inspect(a) => inspect::run(&a),
         Command::Export(a) => export::run(&a),

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use crate::cli::failure::Failure;
 use crate::cli::keys::{Sign, Verify, read_secret_key, with_suffix};
-use crate::cli::output::{check_outputs, summary_text, write_outputs, write_summary};
+use crate::cli::output::{check_outputs, summary_text, write_summary, write_texts};
 use crate::cli::terminal::print::Printer;
 use crate::signing::document;
 use crate::signing::{PublicKey, id_text};
@@ -39,11 +39,12 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
     let text = document::sign(&key, &read(&a.file)?);
     let id = id_text(&key.public().id());
     let summary = summary_text(json!({ "file": a.file, "signature_file": out, "key": id }))?;
-    let mut files: Vec<(&Path, &[u8])> = vec![(out, text.as_bytes())];
-    files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
-    write_outputs(&files)?;
+    write_texts(&[
+        (Some(out), Some(&text)),
+        (a.json.as_deref(), Some(&summary)),
+    ])?;
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
-        "{}: signed by key {id}, see {}; give both files away together",
+        "{}: signed by key {id}, see {}; pass on both files together",
         a.file.display(),
         out.display()
     ));
@@ -55,7 +56,7 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
     check_outputs(&[a.json.as_deref()], &[&a.file, &a.public_key, &beside])?;
     let key = PublicKey::read(&a.public_key)?;
     let bytes = read(&a.file)?;
-    let expected = "the signature that `trainer sign` wrote beside the document";
+    let expected = "the signature that `trainer sign` writes beside the document";
     let text = std::fs::read_to_string(&beside)
         .map_err(|e| InputError::unreadable(&beside, &e, expected))?;
     let id = id_text(&key.id());

@@ -10,7 +10,9 @@ use serde_json::json;
 use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::output::{check_outputs, make_folder, summary_text, write_outputs};
+use crate::cli::output::{
+    check_not_filled_in, check_outputs, make_folder, summary_text, write_outputs,
+};
 use crate::cli::terminal::print::Printer;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{Feature, FeatureKind, TouchSet};
@@ -38,7 +40,7 @@ pub struct Simulate {
     /// Number of poses in each test set.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub test_poses: u32,
-    /// Payloads in kg; one is drawn at random for each pose.
+    /// Payloads in kg; one is drawn at random for each pose. All touches have the first.
     #[arg(long, value_delimiter = ',', default_value = "1,2.5,3.5,5,7.5")]
     pub payloads: Vec<f64>,
     /// Errors of the simulated robot.
@@ -51,7 +53,7 @@ pub struct Simulate {
     /// Touch the sockets of a plan of `plan --touch`, with NAME.toml beside NAME.csv.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["touch", "poses", "test_sets", "test_poses"])]
     pub touch_plan: Option<PathBuf>,
-    /// Number of touches of each kind, spread over its features; of a camera four times the number of images.
+    /// Number of touches of each kind, spread over its features; a camera takes a quarter as many images.
     #[arg(long, value_name = "N", default_value_t = 80, requires = "touch", value_parser = clap::value_parser!(u32).range(4..=2000))]
     pub touches: u32,
     /// Seed of the random numbers.
@@ -137,7 +139,7 @@ fn touched_sets(
             let other = |feature: &&Feature| !matches!(feature.kind, FeatureKind::Point { .. });
             if let Some(feature) = plan.features.iter().find(other) {
                 let found = format!("{:?} of kind \"{}\"", feature.name, feature.kind.name());
-                let expected = "kind \"point\": of a plan, sockets alone are simulated";
+                let expected = "kind \"point\": only the sockets of a plan are simulated";
                 let error = InputError::new(&plan.features_path, found, expected);
                 return Err(error.at_line(feature.line).into());
             }
@@ -209,13 +211,18 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
         .iter()
         .map(|set| json!({ "file": set.path, what(set): set.poses }))
         .collect();
+    let payloads = match a.touch.is_empty() && a.touch_plan.is_none() {
+        true => a.payloads.as_slice(),
+        false => &a.payloads[..a.payloads.len().min(1)],
+    };
     let summary = summary_text(
-        json!({ "robot": arm.robot.name, "seed": a.seed, "payloads_kg": a.payloads, "files": written }),
+        json!({ "robot": arm.robot.name, "seed": a.seed, "payloads_kg": payloads, "files": written }),
     )?;
     let files = sets
         .iter()
         .map(|set| (set.path.as_path(), set.csv.as_bytes()));
     let mut files: Vec<(&Path, &[u8])> = files.collect();
+    check_not_filled_in(&files)?;
     files.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&[a.json.as_deref()]);
@@ -238,6 +245,13 @@ pub struct SimulatedSet {
     pub poses: usize,
     /// The whole text of the file.
     pub csv: String,
+}
+
+impl SimulatedSet {
+    /// Returns path and text, to be written.
+    pub fn output(&self) -> (Option<&Path>, Option<&str>) {
+        (Some(&self.path), Some(&self.csv))
+    }
 }
 
 /// Simulates `train.csv` and the test sets, to be written into `folder`.

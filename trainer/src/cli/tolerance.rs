@@ -32,11 +32,8 @@ pub struct ToleranceArgs {
     expecting = "a table [tolerance] with position_mm, orientation_mrad and coverage"
 )]
 pub struct ToleranceTable {
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_mrad: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub coverage: Option<f64>,
 }
 
@@ -127,7 +124,7 @@ fn coverage(text: &str) -> Result<f64, String> {
 pub fn note_missing(certificate: &Certificate, statement: &Statement) {
     if statement.tolerances.is_stated() && !certificate.missing.is_empty() {
         note(format_args!(
-            "the certificate is missing {}; state it in a project file, under [instrument], [record] and [robot]",
+            "the certificate lacks {}; add this in a project file, under [instrument], [record] and [robot]",
             certificate.missing.join(", ")
         ));
     }
@@ -156,11 +153,11 @@ pub fn outcome(certificate: Option<&Certificate>, statement: &Statement) -> Resu
     match found.map(|c| (c.verdict, sections::verdict_line(c))) {
         Some((Some(Verdict::Conforms), _)) => Ok(()),
         Some((_, Some(line))) => Err(Failure::Quality(format!(
-            "the tolerance is not shown to be met: {line}\nhelp: everything was written{more}"
+            "the tolerance is not shown to be met: {line}\nhelp: all files were written{more}"
         ))),
         _ => Err(Failure::Quality(
-            "the tolerance is not shown to be met: too few poses were held out\nhelp: everything was written; give at least 10 \
-             poses that differ"
+            "the tolerance is not shown to be met: too few poses were held out\nhelp: all files were written; give at \
+             least 10 poses that differ"
                 .into(),
         )),
     }

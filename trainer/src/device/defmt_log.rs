@@ -35,9 +35,6 @@ pub enum LogError {
 }
 
 /// Returns the lines of `log`, written by the image `elf`: level, colon, message. An incomplete last frame is left out.
-///
-/// # Errors
-/// [`LogError`].
 pub fn lines(elf: &Path, log: &[u8]) -> Result<Vec<String>, LogError> {
     Decoder::new(elf)?.push(log).into_iter().collect()
 }

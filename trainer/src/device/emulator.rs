@@ -1,7 +1,6 @@
 //! Emulates a board: QEMU, with the firmware on it.
 //!
-//! The command link is a socket that QEMU inherits as its standard input, so it exists at every moment. [`Emulator`] is for
-//! one program that owns the machine: when QEMU ends, the link ends, and a hard time limit ends QEMU. [`serve`] turns this
+//! The command link is a socket that QEMU inherits as its standard input, so it exists at every moment. [`serve`] turns this
 //! program into a machine for others, which connect to a listening socket.
 //!
 //! With a flash image, the board's flash survives whatever happens to QEMU, so that a power cut can be repeated.
@@ -13,18 +12,12 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc::{self, RecvTimeoutError, Sender};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::process::Command;
 
 use crate::device::board::Board;
 use crate::device::port::Address;
 
 const PROGRAM: &str = "qemu-system-arm";
-const LOG: &str = "defmt.bin";
-const COMPLAINTS: &str = "stderr.txt";
 /// Name of the file with erased flash, which replaces the zeros that QEMU has there.
 const ERASED: &str = "poegp-erased-flash.bin";
 
@@ -35,14 +28,6 @@ pub enum Clock {
     Real,
     /// 64 ns for each instruction, whatever the load of the host: tick counts repeat exactly.
     Counting,
-}
-
-/// Nanoseconds of one instruction under [`Clock::Counting`]: `-icount shift=6`.
-const NANOSECONDS_PER_INSTRUCTION: f64 = 64.0;
-
-/// Returns the number of instructions in `ticks` of a counter with `tick_hz` under [`Clock::Counting`].
-pub fn instructions(ticks: u32, tick_hz: u32) -> f64 {
-    f64::from(ticks) * (1e9 / f64::from(tick_hz)) / NANOSECONDS_PER_INSTRUCTION
 }
 
 /// Reason why the machine did not start.
@@ -61,10 +46,13 @@ pub enum EmulatorError {
     System(#[from] io::Error),
 }
 
-fn not_started(error: io::Error) -> EmulatorError {
-    match error.kind() {
-        io::ErrorKind::NotFound => EmulatorError::Missing,
-        _ => EmulatorError::System(error),
+impl EmulatorError {
+    /// Why QEMU did not start.
+    pub fn of_start(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::NotFound => Self::Missing,
+            _ => Self::System(error),
+        }
     }
 }
 
@@ -84,7 +72,7 @@ pub struct Machine<'a> {
 impl Machine<'_> {
     /// Returns the command that starts QEMU, with standard input for the link and without the second serial line. Writes the
     /// files that QEMU reads at its start to `folder`.
-    fn command(&self, link: &str, folder: &Path) -> Result<Command, EmulatorError> {
+    pub fn command(&self, link: &str, folder: &Path) -> Result<Command, EmulatorError> {
         let mut machine = self.board.machine().to_owned();
         let mut command = Command::new(PROGRAM);
         if let Some(path) = self.flash_image {
@@ -120,95 +108,8 @@ impl Machine<'_> {
 }
 
 /// Escapes a path for an option of QEMU, where a comma ends a value and two commas stand for one.
-fn escaped(path: &Path) -> String {
+pub fn escaped(path: &Path) -> String {
     path.display().to_string().replace(',', ",,")
-}
-
-/// A running machine. Dropping it switches it off, like a power cut.
-#[derive(Debug)]
-pub struct Emulator {
-    child: Arc<Mutex<Child>>,
-    watchdog: Option<(Sender<()>, JoinHandle<()>)>,
-    directory: tempfile::TempDir,
-}
-
-impl Emulator {
-    /// Switches on a machine, and switches it off after `time_limit` at the latest. Returns it with the command link.
-    ///
-    /// # Errors
-    /// [`EmulatorError`].
-    pub fn start(
-        machine: &Machine<'_>,
-        time_limit: Duration,
-    ) -> Result<(Self, UnixStream), EmulatorError> {
-        Self::start_with(machine, time_limit, &[])
-    }
-
-    /// Starts a machine as [`Emulator::start`] does, with further arguments for QEMU that watch the machine but do not
-    /// change it.
-    ///
-    /// # Errors
-    /// [`EmulatorError`].
-    pub fn start_with(
-        machine: &Machine<'_>,
-        time_limit: Duration,
-        arguments: &[String],
-    ) -> Result<(Self, UnixStream), EmulatorError> {
-        let directory = tempfile::Builder::new().prefix("poegp-").tempdir()?;
-        let (link, inherited) = UnixStream::pair()?;
-        let child = machine
-            .command("socket,id=link,fd=0", directory.path())?
-            .arg("-serial")
-            .arg(format!("file:{}", escaped(&directory.path().join(LOG))))
-            .args(arguments)
-            .stdin(OwnedFd::from(inherited))
-            .stdout(Stdio::null())
-            .stderr(fs::File::create(directory.path().join(COMPLAINTS))?)
-            .spawn()
-            .map_err(not_started)?;
-        let child = Arc::new(Mutex::new(child));
-        let (alive, dropped) = mpsc::channel();
-        let watched = Arc::clone(&child);
-        let watchdog = thread::spawn(move || {
-            if dropped.recv_timeout(time_limit) == Err(RecvTimeoutError::Timeout) {
-                // The reader of the link then sees the end of the stream.
-                let _ = lock(&watched).kill();
-            }
-        });
-        let emulator = Self {
-            child,
-            watchdog: Some((alive, watchdog)),
-            directory,
-        };
-        Ok((emulator, link))
-    }
-
-    /// Returns what the firmware has logged so far, in defmt's encoding.
-    pub fn log(&self) -> Vec<u8> {
-        fs::read(self.directory.path().join(LOG)).unwrap_or_default()
-    }
-
-    /// Returns the messages that QEMU has printed.
-    pub fn complaints(&self) -> String {
-        fs::read_to_string(self.directory.path().join(COMPLAINTS)).unwrap_or_default()
-    }
-}
-
-fn lock(child: &Mutex<Child>) -> MutexGuard<'_, Child> {
-    child.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-impl Drop for Emulator {
-    fn drop(&mut self) {
-        let mut child = lock(&self.child);
-        let _ = child.kill();
-        let _ = child.wait();
-        drop(child);
-        if let Some((alive, watchdog)) = self.watchdog.take() {
-            drop(alive);
-            let _ = watchdog.join();
-        }
-    }
 }
 
 /// A socket to which other programs connect.
@@ -274,5 +175,5 @@ pub fn serve(machine: &Machine<'_>, link: Listener, log: Listener) -> EmulatorEr
         .stdin(link.socket)
         .stdout(log.socket)
         .exec();
-    not_started(error)
+    EmulatorError::of_start(error)
 }

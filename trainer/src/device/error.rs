@@ -39,8 +39,8 @@ pub enum ClientError {
     },
     /// Bytes were received, but no intact frame.
     #[error(
-        "{port} sent {bytes} bytes and no intact frame\n\
-         help: wrong baud rate (--baud), or the port of the log, or no device of this kind"
+        "{port} sent {bytes} bytes and no intact frame\nhelp: check the baud rate (--baud), and that this is the port \
+         of a poegp device and not of its log"
     )]
     Noise {
         /// Name of the port.
@@ -61,7 +61,7 @@ pub enum ClientError {
     },
     /// Requests arrive damaged at the device, every time.
     #[error(
-        "what is sent to the device at {port} arrives damaged, every time\nhelp: check the cable and its ground"
+        "every request to the device at {port} arrives damaged\nhelp: check the cable and its ground"
     )]
     Damaged {
         /// Name of the port.
@@ -69,8 +69,8 @@ pub enum ClientError {
     },
     /// The device has answered before, but does not any more.
     #[error(
-        "the device at {port} has answered before, and not to {request} ({attempts} attempts)\n\
-         help: was it switched off? A bad line loses answers, too: `trainer device statistics`"
+        "the device at {port} has answered before, but not to {request} ({attempts} attempts)\nhelp: was it switched \
+         off? A bad line loses answers, too: `trainer device statistics`"
     )]
     NoAnswer {
         /// Name of the port.
@@ -91,7 +91,7 @@ pub enum ClientError {
     Refused(Refusal),
     /// The device sent an answer that does not belong to the request.
     #[error(
-        "the device answered {request} with {response}\nhelp: firmware and trainer do not belong together"
+        "the device answered {request} with {response}\nhelp: firmware and trainer are of different versions"
     )]
     Unexpected {
         /// Name of the request.
@@ -103,8 +103,8 @@ pub enum ClientError {
 
 fn version_help(found: u8) -> &'static str {
     if found > PROTOCOL_VERSION {
-        "use the trainer that belongs to the firmware"
+        "use the trainer of the firmware's release"
     } else {
-        "put newer firmware on the board, or use the trainer that belongs to it"
+        "put newer firmware on the board, or use the trainer of its release"
     }
 }

@@ -9,12 +9,12 @@ use poegp_runtime::store::StoreError;
 /// Describes why the device refused a request.
 pub fn refusal(refusal: &Refusal) -> String {
     match refusal {
-        Refusal::BadFrame => "the frame was damaged on the way".to_owned(),
+        Refusal::BadFrame => "the frame was damaged in transit".to_owned(),
         Refusal::ProtocolVersion { found, expected } => {
             format!("it speaks link protocol version {expected}, this trainer version {found}")
         }
         Refusal::UnknownMessage => {
-            "it does not know this message: firmware and trainer do not belong together".to_owned()
+            "it does not know this message: firmware and trainer are of different versions".to_owned()
         }
         Refusal::Busy => "it is busy with another service; ask again".to_owned(),
         Refusal::BlobTooLong { length, capacity } => format!(
@@ -24,16 +24,16 @@ pub fn refusal(refusal: &Refusal) -> String {
             "it has no upload in progress: a restart or a roll-back has ended it".to_owned()
         }
         Refusal::UnexpectedOffset { found, expected } => format!(
-            "byte {found} of the model came, byte {expected} was due: is another workstation uploading?"
+            "it received byte {found} of the model where it expected byte {expected}: is another workstation uploading?"
         ),
         Refusal::ChunkTooLong { end, length } => {
-            format!("{end} bytes came of a model of {length}: is another workstation uploading?")
+            format!("it received {end} bytes of a model of {length}: is another workstation uploading?")
         }
         Refusal::Incomplete { received, length } => {
-            format!("only {received} of {length} bytes of the model are there")
+            format!("it has received only {received} of {length} bytes of the model")
         }
         Refusal::TransferCrc { stored, computed } => {
-            format!("the model was damaged on the way (CRC {computed:08x}, announced {stored:08x})")
+            format!("the model was damaged in transit (CRC {computed:08x}, announced {stored:08x})")
         }
         Refusal::Blob(error) => error.to_string(),
         Refusal::Model { code } => model(*code),
@@ -42,14 +42,14 @@ pub fn refusal(refusal: &Refusal) -> String {
         Refusal::UnknownModel { blob_crc } => {
             format!("it has no verified model {blob_crc:08x}: upload it first")
         }
-        Refusal::NoOtherModel => "there is no other stored model to go back to".to_owned(),
+        Refusal::NoOtherModel => "there is no other stored model to roll back to".to_owned(),
         Refusal::Store { code } => store(*code),
         Refusal::KeyIsFixed => {
             "another public key is provisioned, and that cannot be undone".to_owned()
         }
-        Refusal::NotAKey => "these bytes are no Ed25519 public key".to_owned(),
+        Refusal::NotAKey => "these bytes are not an Ed25519 public key".to_owned(),
         Refusal::CyclesRunning => {
-            "its cycles would have to wait; stop the controller, say so with `trainer device stop`, and try again"
+            "the request would delay its cycles; stop the controller, run `trainer device stop`, and try again"
                 .to_owned()
         }
         Refusal::TooSlow {
@@ -61,8 +61,8 @@ pub fn refusal(refusal: &Refusal) -> String {
              cycle --max-instructions`)"
         ),
         Refusal::OldRevision { revision, lowest } => format!(
-            "the model is signed as revision {revision}, and the device takes none below {lowest}; sign it again if it is to \
-             replace the newer one"
+            "the model is signed as revision {revision}, and the device accepts none below {lowest}; sign it again if \
+             it is to replace the newer one"
         ),
         Refusal::AnotherRobot => "the model is of another robot than the active one, by name or serial number; upload it with \
                                   --replace-robot if the device has moved to that robot"
@@ -167,7 +167,7 @@ fn signature(code: u8) -> String {
         (SignatureError::Malformed, "the model is damaged"),
         (
             SignatureError::Unsigned,
-            "the model is not signed, and this device takes only signed ones; `trainer sign` signs it",
+            "the model is not signed, and this device accepts only signed ones; `trainer sign` signs it",
         ),
         (
             SignatureError::WrongKey {
@@ -259,11 +259,11 @@ fn store(code: u8) -> String {
         ),
         (
             StoreError::KeyUnfinished,
-            "provisioning the public key was interrupted: repeat it; until then no model is taken",
+            "provisioning the public key was interrupted: repeat it; until then no model is accepted",
         ),
         (
             StoreError::KeyDamaged,
-            "the page of the public key is damaged: no model is taken",
+            "the page of the public key is damaged: no model is accepted",
         ),
         (
             StoreError::KeyPageFull,

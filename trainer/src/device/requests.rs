@@ -16,9 +16,6 @@ const RESTART_LIMIT: Duration = Duration::from_secs(10);
 
 impl Client {
     /// Returns the identity of the device.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn identify(&mut self) -> Result<Identity, ClientError> {
         self.identity(&Request::Identify)
     }
@@ -39,9 +36,6 @@ impl Client {
 
     /// Sends a blob and has it verified; calls `progress` with the number of bytes that have arrived. The active model
     /// stays. The upload starts again when the device has given it up (a restart, a roll-back, another workstation).
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn upload(
         &mut self,
         blob: &[u8],
@@ -52,9 +46,6 @@ impl Client {
 
     /// Sends a blob, has it verified and stored, and runs it. All of it is repeated when the device has given the upload up,
     /// for instance because it restarted before the model was stored.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn install(
         &mut self,
         blob: &[u8],
@@ -108,9 +99,6 @@ impl Client {
     }
 
     /// Announces the upload of a blob.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn begin_upload(&mut self, blob: &[u8]) -> Result<(), ClientError> {
         self.uploading(&Request::BeginUpload {
             length: wire_length(blob.len()),
@@ -127,9 +115,6 @@ impl Client {
     }
 
     /// Has the device verify the uploaded blob in every respect.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn verify_upload(&mut self) -> Result<ModelIdentity, ClientError> {
         match self.request(&Request::VerifyUpload)? {
             Response::Verified(model) => Ok(model),
@@ -138,9 +123,6 @@ impl Client {
     }
 
     /// Has the device write the verified blob to flash; the model runs after the next start.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn commit_upload(&mut self) -> Result<StoredModel, ClientError> {
         match self.request(&Request::CommitUpload)? {
             Response::Committed(stored) => Ok(stored),
@@ -149,33 +131,21 @@ impl Client {
     }
 
     /// Runs the verified model: at once, or, while commands are corrected, as soon as the change causes no step (`pending`).
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn activate(&mut self, blob_crc: u32) -> Result<Identity, ClientError> {
         self.identity(&Request::Activate { blob_crc })
     }
 
     /// Switches from the active model, if it is the one with `from_crc`, to the other stored model.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn roll_back(&mut self, from_crc: u32) -> Result<Identity, ClientError> {
         self.identity(&Request::RollBack { from_crc })
     }
 
     /// Turns the bypass on or off; while it is on, commands are answered as they come.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn set_bypass(&mut self, on: bool) -> Result<Identity, ClientError> {
         self.identity(&Request::SetBypass { on })
     }
 
     /// Gives the device, once and for all, the public key that verifies the signatures of its models.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn provision(&mut self, public_key: &[u8; 32]) -> Result<Identity, ClientError> {
         self.identity(&Request::Provision {
             public_key: *public_key,
@@ -183,17 +153,11 @@ impl Client {
     }
 
     /// Gives the device period and limits of the controller's cycle.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn provision_cycle(&mut self, settings: &CycleSettings) -> Result<Identity, ClientError> {
         self.identity(&Request::ProvisionCycle(*settings))
     }
 
     /// Evaluates the calibrated pose T_gp(q, m)·f(q).
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn evaluate(&mut self, query: &Query) -> Result<Evaluation, ClientError> {
         let request = Request::Evaluate(query.clone());
         match self.request(&request)? {
@@ -207,9 +171,6 @@ impl Client {
     }
 
     /// Returns the corrected joint command for inspection, not for the motion of an arm.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn correct(&mut self, query: &Query) -> Result<Corrected, ClientError> {
         let request = Request::Correct(query.clone());
         match self.request(&request)? {
@@ -224,9 +185,6 @@ impl Client {
     }
 
     /// Returns the command of a cycle, corrected without a step.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn command(&mut self, query: &Query) -> Result<Commanded, ClientError> {
         let request = Request::Command(query.clone());
         match self.request(&request)? {
@@ -236,9 +194,6 @@ impl Client {
     }
 
     /// Evaluates the model as [`Client::evaluate`] does, with intermediate results.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn trace(&mut self, query: &Query) -> Result<Trace, ClientError> {
         let request = Request::Trace(query.clone());
         match self.request(&request)? {
@@ -248,9 +203,6 @@ impl Client {
     }
 
     /// Announces that no more cyclic requests will come; otherwise the device's watchdog waits for them in vain.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn stand_down(&mut self) -> Result<(), ClientError> {
         match self.signed_request(&Request::StopCyclic)? {
             Response::CyclicStopped => Ok(()),
@@ -259,9 +211,6 @@ impl Client {
     }
 
     /// Returns the counters of the device.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn statistics(&mut self) -> Result<Statistics, ClientError> {
         match self.request(&Request::ReadStatistics)? {
             Response::Statistics(statistics) => Ok(statistics),
@@ -270,9 +219,6 @@ impl Client {
     }
 
     /// Restarts the device and waits until it answers again.
-    ///
-    /// # Errors
-    /// [`ClientError`].
     pub fn restart(&mut self) -> Result<Identity, ClientError> {
         match self.signed_request(&Request::Restart)? {
             Response::Restarting => {}

@@ -6,10 +6,9 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::blob::nearest_chain::NearestChain;
-use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::predict::{BlobModel, rigid_poses};
 use poegp_calibration::blob::predicted_poses::PredictedPoses;
 use poegp_calibration::blob::region::Region;
-use poegp_calibration::numeric::rotation::nearest_rotation;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{BUILT_IN, Joint, LoadOptions, Robot};
 
@@ -83,13 +82,6 @@ impl CalibratedChain {
     /// Returns the chain that is nearest to the predictions of a blob over a region.
     pub fn nearest(loaded: &BlobModel, predicted: &PredictedPoses) -> Self {
         let blob = loaded.blob();
-        let frame = |rows: &[f32; 12]| {
-            let stored = Pose::<f32>::from_rows(rows).cast::<f64>();
-            Pose {
-                rotation: nearest_rotation(&stored.rotation),
-                ..stored
-            }
-        };
         let unnamed = blob
             .robot
             .joints
@@ -104,9 +96,9 @@ impl CalibratedChain {
                 gear_lines: Vec::new(),
                 link_radius: None,
             });
-        let frames: Vec<Pose<f64>> = blob.geometry.calibrated.iter().map(frame).collect();
-        let nominal: Vec<Pose<f64>> = blob.geometry.nominal.iter().map(frame).collect();
-        let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
+        let frames = rigid_poses(&blob.geometry.calibrated);
+        let nominal = rigid_poses(&blob.geometry.nominal);
+        let kinds = loaded.kinds();
         let poe = |frames: &[Pose<f64>]| Poe::new(&kinds, frames).expect(HAS_JOINTS);
         let not_carried = not_carried(&blob.correction);
         let fit = (!not_carried.is_empty()).then(|| NearestChain::new(predicted, &poe(&frames)));

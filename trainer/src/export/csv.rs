@@ -82,12 +82,13 @@ fn frame(pose: &Pose<f64>) -> impl Iterator<Item = String> {
 }
 
 /// A file as it is being written.
-struct File {
-    text: String,
+pub(crate) struct File {
+    pub text: String,
 }
 
 impl File {
-    fn new<'a>(comments: &[String], header: impl Iterator<Item = &'a str>) -> Self {
+    /// Begins a file with comments and a header.
+    pub fn new<'a>(comments: &[String], header: impl Iterator<Item = &'a str>) -> Self {
         let mut text = String::new();
         for line in comments {
             text += &format!("# {line}\n");
@@ -97,7 +98,8 @@ impl File {
         file
     }
 
-    fn row(&mut self, fields: impl IntoIterator<Item = String>) {
+    /// Adds a row.
+    pub fn row(&mut self, fields: impl IntoIterator<Item = String>) {
         let mut writer: Writer<Vec<u8>> = WriterBuilder::new().from_writer(Vec::new());
         // Writing to memory cannot fail, and all fields are text.
         let written = writer.write_record(fields).ok();

@@ -59,7 +59,7 @@ pub fn target_of(chain: &CalibratedChain) -> Option<String> {
 pub fn distance(errors: &ErrorSummary) -> String {
     let mm = &errors.position_mm;
     format!(
-        "distance {:.3} mm in the mean, 95 % within {:.3} mm, largest {:.3} mm",
+        "distance {:.3} mm on average, 95 % within {:.3} mm, largest {:.3} mm",
         mm.mean, mm.p95, mm.max
     )
 }

@@ -3,7 +3,6 @@
 //! If G is a rotation about and a translation along the joint's own z, then Z(q) G = G Z(q). A joint's frame C may therefore
 //! be replaced by C G if G⁻¹ multiplies the frame behind it from the left: every pose of the end stays as it was.
 
-use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use poegp_calibration::robot::normal_form::{rotation_about, translation};
@@ -18,11 +17,4 @@ pub fn nearest_on_axis(base_from_joint: &Pose<f64>, wanted: &Pose<f64>) -> Pose<
     let r = &apart.rotation;
     let angle = (r[(1, 0)] - r[(0, 1)]).atan2(r[(0, 0)] + r[(1, 1)]);
     *base_from_joint * translation(0.0, 0.0, along) * rotation_about(2, angle)
-}
-
-/// Returns the distance in metres and the angle in radians between two poses.
-pub fn distance(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
-    let apart: Vector3<f64> = a.translation - b.translation;
-    let turned = (a.inverse() * *b).log().angular;
-    (apart.norm(), turned.norm())
 }

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use crate::export::CalibratedChain;
 use crate::export::describe::{against_drawing, distance, distance_json, region, target_of};
 use crate::export::format::{decimals, rounded};
-use crate::export::gauge;
 use crate::export::tables::{origin, pose, quoted};
+use poegp_calibration::blob::commander::pose_distance;
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 
 /// Meaning of the numbers, for the comments of a file.
@@ -43,7 +43,7 @@ pub fn moves(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
         })
         .collect();
     let moved = |what: &str, from: &Pose<f64>, to: &Pose<f64>| {
-        let (apart, turned) = gauge::distance(from, to);
+        let (apart, turned) = pose_distance(from, to);
         format!(
             "{what}: moved by {:.3} mm and {:.3} mrad",
             1e3 * apart,

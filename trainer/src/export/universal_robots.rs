@@ -23,6 +23,7 @@ use crate::export::calibrated_chain::at_zero;
 use crate::export::describe::{comments, describe};
 use crate::export::format::{decimals, rpy, xyz};
 use crate::export::{CalibratedChain, gauge};
+use poegp_calibration::blob::commander::pose_distance;
 use poegp_calibration::robot::normal_form::{origin, rotation_about};
 
 /// Names of the six frames, base first.
@@ -96,7 +97,7 @@ impl Lengths {
             if (axis(i) - wanted).norm() > LAYOUT {
                 let a = axis(i);
                 return Err(UrError::Layout(format!(
-                    "joint {} turns about {:.4} {:.4} {:.4} where all joints are 0, in place of {:.0} {:.0} {:.0}",
+                    "joint {} turns about {:.4} {:.4} {:.4} where all joints are 0, instead of {:.0} {:.0} {:.0}",
                     i + 1,
                     a[0],
                     a[1],
@@ -124,7 +125,7 @@ impl Lengths {
                     format!("joint {}", i + 1),
                 )
             };
-            let (apart, turned) = gauge::distance(&placed, link);
+            let (apart, turned) = pose_distance(&placed, link);
             if apart > LAYOUT || (i == 5 && turned > LAYOUT) {
                 return Err(UrError::Layout(format!(
                     "{what} is {:.3} mm and {:.3} mrad off",

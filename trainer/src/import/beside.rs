@@ -1,19 +1,30 @@
-//! The columns of a row other than its joints and its pose: payload, session, target, uncertainties and references.
+//! The columns of a row other than its joints and its pose: payload, time, session, target, uncertainties and references.
 
 use nalgebra::Vector3;
 
-use crate::import::column_map::{AngleUnit, Label, LengthUnit, Map, MassUnit};
-use crate::import::columns::{Triple, one};
+use crate::import::column_map::{AngleUnit, JoinBy, Label, LengthUnit, Map, MassUnit, TimeUnit};
+use crate::import::columns::{Triple, one, optional};
 use crate::import::text::Table;
 use crate::import::units::unit_of;
-use crate::import::value::RowValues;
+use crate::import::value::{Moment, RowValues};
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
+
+/// The column with the time of a row.
+struct TimeColumn {
+    index: usize,
+    unit: TimeUnit,
+    /// Whether the files were joined by it, so that the join has read it already.
+    is_joined: bool,
+    /// Time of the row before.
+    last: Option<Moment>,
+}
 
 /// Columns of a map other than joints and pose, located in a file.
 pub struct Beside<'a> {
     map: &'a Map,
     payload: Option<(usize, MassUnit)>,
+    time: Option<TimeColumn>,
     session: Option<usize>,
     target: Option<usize>,
     sigma_position: Option<(usize, LengthUnit)>,
@@ -26,9 +37,7 @@ impl<'a> Beside<'a> {
     pub fn find(map: &'a Map, table: &Table, joints: &Table) -> Result<Self, InputError> {
         let of = |label: &Option<Label>, key: &str| {
             let column = label.as_ref().and_then(|label| label.column.as_ref());
-            column
-                .map(|column| one(map, table, column, key))
-                .transpose()
+            optional(map, table, column, key)
         };
         let payload = map.payload.as_ref().and_then(|payload| {
             let column = payload.column.as_ref()?;
@@ -38,6 +47,30 @@ impl<'a> Beside<'a> {
                     Ok((column, unit))
                 }),
             )
+        });
+        let joined = map.join.as_ref().filter(|join| join.by == JoinBy::Time);
+        let time = match (joined, &map.time) {
+            (Some(join), _) => join
+                .poses
+                .as_ref()
+                .map(|poses| (poses, join.poses_unit, "join.poses")),
+            (None, time) => time
+                .as_ref()
+                .map(|time| (&time.column, time.unit, "time.column")),
+        };
+        let time = time.map(|(column, unit, key)| {
+            let index = one(map, table, column, key)?;
+            let unit_key = if joined.is_some() {
+                "join.poses_unit"
+            } else {
+                "time.unit"
+            };
+            Ok(TimeColumn {
+                index,
+                unit: unit_of(map, table, index, unit, unit_key)?,
+                is_joined: joined.is_some(),
+                last: None,
+            })
         });
         let sigma_position = map.sigma_position.as_ref().map(|sigma| {
             let column = one(map, table, &sigma.column, "sigma_position.column")?;
@@ -56,6 +89,7 @@ impl<'a> Beside<'a> {
         Ok(Self {
             map,
             payload: payload.transpose()?,
+            time: time.transpose()?,
             session: of(&map.session, "session.column")?,
             target: of(&map.target, "target.column")?,
             sigma_position: sigma_position.transpose()?,
@@ -69,18 +103,53 @@ impl<'a> Beside<'a> {
         self.payload.map(|p| p.0)
     }
 
-    /// Returns the indices of all columns except the payload's.
+    /// Returns the indices of all columns except the payload's and one by which files were joined.
     pub fn columns(&self) -> Vec<usize> {
         let mut out: Vec<usize> = [self.session, self.target].into_iter().flatten().collect();
+        out.extend(self.time.iter().filter(|t| !t.is_joined).map(|t| t.index));
         out.extend(self.sigma_position.map(|s| s.0));
         out.extend(self.sigma_orientation.map(|s| s.0));
         out.extend(self.references.iter().flat_map(|r| r.0));
         out
     }
 
-    /// Fills in session, target, payload, uncertainties and reference points of a row.
+    /// Returns whether a row lacks a value that it needs. A reference point without any coordinate was missed, and is no
+    /// gap.
+    pub fn is_incomplete(&self, fields: &RowValues<'_>) -> bool {
+        let is_point = |column: &usize| self.references.iter().any(|r| r.0.contains(column));
+        let is_partial = |reference: &Triple| {
+            let missing = reference.0.iter().filter(|c| fields.is_missing(**c));
+            (1..3).contains(&missing.count())
+        };
+        let mut needed = self.columns().into_iter().filter(|c| !is_point(c));
+        needed.any(|column| fields.is_missing(column)) || self.references.iter().any(is_partial)
+    }
+
+    /// Reads the time of the next row, in seconds.
+    fn read_time(&mut self, fields: &RowValues<'_>) -> Result<Option<f64>, InputError> {
+        let Some(time) = &mut self.time else {
+            return Ok(None);
+        };
+        let moment = fields.moment(time.index, time.unit)?;
+        let last = time.last.replace(moment).unwrap_or(moment);
+        let found = format!("{:?}", fields.text(time.index));
+        if moment.is_local != last.is_local {
+            let expected = "a time zone with every time, or with none";
+            return Err(fields.error(time.index, found, expected));
+        }
+        if time.unit == TimeUnit::Clock && moment.seconds < last.seconds {
+            let found = format!("{found}, which is before the time of the row above");
+            let expected = "times of one day, in their order";
+            return Err(fields
+                .error(time.index, found, expected)
+                .with_help("a column with date and time has unit = \"iso8601\""));
+        }
+        Ok(Some(moment.seconds))
+    }
+
+    /// Fills in time, session, target, payload, uncertainties and reference points of a row.
     pub fn read(
-        &self,
+        &mut self,
         fields: &RowValues<'_>,
         joints: &RowValues<'_>,
         row: &mut Row,
@@ -103,6 +172,7 @@ impl<'a> Beside<'a> {
             };
             row.payload_kg = Some(value);
         }
+        row.time_s = self.read_time(fields)?;
         let label = |column: Option<usize>, label: &Option<Label>| match column {
             Some(column) => fields.label(column).map(Some),
             None => Ok(label

@@ -136,6 +136,18 @@ pub fn one(
         .map_err(|(found, expected)| map.error(column.span(), key, found, expected))
 }
 
+/// Returns the index of a column that the map may lack.
+pub fn optional(
+    map: &Map,
+    table: &Table,
+    column: Option<&Spanned<ColumnName>>,
+    key: &str,
+) -> Result<Option<usize>, InputError> {
+    column
+        .map(|column| one(map, table, column, key))
+        .transpose()
+}
+
 pub fn all(
     map: &Map,
     table: &Table,

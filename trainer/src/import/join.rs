@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use crate::import::column_map::{FileJoin, Incomplete, JoinBy, Map, TimeUnit};
-use crate::import::columns::one;
+use crate::import::columns::optional;
 use crate::import::text::{Line, Table};
 use crate::import::units::unit_of;
 use crate::import::value::RowValues;
@@ -34,12 +34,8 @@ pub fn joined<'a>(
     joints: &'a Table,
     left_out: &mut Vec<String>,
 ) -> Result<Joined<'a>, InputError> {
-    let find = |table: &Table, column: &Option<_>, key: &str| {
-        let column = column.as_ref();
-        column.map(|c| one(map, table, c, key)).transpose()
-    };
-    let pose_column = find(poses, &how.poses, "join.poses")?;
-    let joint_column = find(joints, &how.joints, "join.joints")?;
+    let pose_column = optional(map, poses, how.poses.as_ref(), "join.poses")?;
+    let joint_column = optional(map, joints, how.joints.as_ref(), "join.joints")?;
     let lines = match (how.by, pose_column, joint_column) {
         (JoinBy::Index, Some(p), Some(j)) => by_index(map, (poses, p), (joints, j), left_out)?,
         (JoinBy::Time, Some(p), Some(j)) => by_time(map, how, (poses, p), (joints, j), left_out)?,
@@ -79,11 +75,12 @@ fn by_index<'a>(
     (joints, joint_column): (&'a Table, usize),
     left_out: &mut Vec<String>,
 ) -> Result<Vec<Option<&'a Line>>, InputError> {
-    let mut unused = indexed(joints, joint_column)?;
-    indexed(poses, pose_column)?;
+    let (mut unused, unnamed) = indexed(map, joints, joint_column)?;
+    indexed(map, poses, pose_column)?;
+    left_out.extend(unnamed);
     let mut out = Vec::new();
     for line in &poses.rows {
-        let fields = RowValues { table: poses, line };
+        let fields = RowValues::new(poses, line);
         let found = unused.remove(fields.text(pose_column));
         if found.is_none() {
             if map.incomplete == Incomplete::Refuse {
@@ -103,10 +100,7 @@ fn by_index<'a>(
     if let Some(line) = unused.values().min_by_key(|line| line.number)
         && map.incomplete == Incomplete::Refuse
     {
-        let fields = RowValues {
-            table: joints,
-            line,
-        };
+        let fields = RowValues::new(joints, line);
         let poses = poses.path.display();
         let found = format!(
             "{:?}, which has no pose in {poses}",
@@ -119,11 +113,19 @@ fn by_index<'a>(
     Ok(out)
 }
 
+/// The rows of a file by their index, and which rows the map leaves out because they have none.
+type Indexed<'a> = (BTreeMap<&'a str, &'a Line>, Vec<String>);
+
 /// Returns the rows of a file by their index, and refuses an index that occurs twice.
-fn indexed(table: &Table, column: usize) -> Result<BTreeMap<&str, &Line>, InputError> {
+fn indexed<'a>(map: &Map, table: &'a Table, column: usize) -> Result<Indexed<'a>, InputError> {
     let mut out: BTreeMap<&str, &Line> = BTreeMap::new();
+    let mut unnamed = Vec::new();
     for line in &table.rows {
-        let fields = RowValues { table, line };
+        let fields = RowValues::new(table, line);
+        if map.incomplete == Incomplete::LeaveOut && fields.is_missing(column) {
+            unnamed.push(fields.location());
+            continue;
+        }
         fields.label(column)?;
         if let Some(other) = out.insert(fields.text(column), line) {
             let found = format!(
@@ -134,19 +136,24 @@ fn indexed(table: &Table, column: usize) -> Result<BTreeMap<&str, &Line>, InputE
             return Err(fields.error(column, found, "every index once"));
         }
     }
-    Ok(out)
+    Ok((out, unnamed))
 }
 
 /// Returns the times of all rows in seconds, and whether they lack a time zone. `expected` says whether the rows of the
-/// other file lack one.
+/// other file lack one. A row without a time has none if the map leaves such rows out.
 fn times(
+    map: &Map,
     (table, column): (&Table, usize),
     unit: TimeUnit,
     mut expected: Option<bool>,
-) -> Result<(Vec<f64>, Option<bool>), InputError> {
+) -> Result<(Vec<Option<f64>>, Option<bool>), InputError> {
     let mut out = Vec::new();
     for line in &table.rows {
-        let fields = RowValues { table, line };
+        let fields = RowValues::new(table, line);
+        if map.incomplete == Incomplete::LeaveOut && fields.is_missing(column) {
+            out.push(None);
+            continue;
+        }
         let moment = fields.moment(column, unit)?;
         if *expected.get_or_insert(moment.is_local) != moment.is_local {
             let (found, wanted) = match moment.is_local {
@@ -160,7 +167,7 @@ fn times(
             let wanted = format!("{wanted}, as the rows before, or those of the other file, have");
             return Err(fields.error(column, found, wanted));
         }
-        out.push(moment.seconds);
+        out.push(Some(moment.seconds));
     }
     Ok((out, expected))
 }
@@ -174,7 +181,7 @@ fn by_time<'a>(
 ) -> Result<Vec<Option<&'a Line>>, InputError> {
     let tolerance = how.tolerance_s.as_ref().map_or(0.0, |t| *t.get_ref());
     let poses_unit = unit_of(map, poses, pose_column, how.poses_unit, "join.poses_unit")?;
-    let (at, is_local) = times((poses, pose_column), poses_unit, None)?;
+    let (at, is_local) = times(map, (poses, pose_column), poses_unit, None)?;
     let unit = unit_of(
         map,
         joints,
@@ -182,13 +189,24 @@ fn by_time<'a>(
         how.joints_unit,
         "join.joints_unit",
     )?;
-    let (times, _) = times((joints, joint_column), unit, is_local)?;
-    let mut ordered: Vec<(f64, &Line)> = times.into_iter().zip(&joints.rows).collect();
+    let (times, _) = times(map, (joints, joint_column), unit, is_local)?;
+    let mut ordered: Vec<(f64, &Line)> = Vec::new();
+    for (time, line) in times.into_iter().zip(&joints.rows) {
+        match time {
+            Some(time) => ordered.push((time, line)),
+            None => left_out.push(RowValues::new(joints, line).location()),
+        }
+    }
     ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut taken: BTreeMap<usize, usize> = BTreeMap::new();
     let mut out = Vec::new();
     for (line, time) in poses.rows.iter().zip(at) {
-        let fields = RowValues { table: poses, line };
+        let fields = RowValues::new(poses, line);
+        let Some(time) = time else {
+            left_out.push(line.number.to_string());
+            out.push(None);
+            continue;
+        };
         let path = joints.path.display();
         let first = ordered.partition_point(|(t, _)| *t < time - tolerance);
         let end = ordered.partition_point(|(t, _)| *t <= time + tolerance);
@@ -235,9 +253,9 @@ fn by_time<'a>(
                     one.number.min(last.number),
                     one.number.max(last.number)
                 );
-                return Err(fields
-                    .error(pose_column, found, "exactly one")
-                    .with_help("a join.tolerance_s below half of the time between two rows of joints finds one"));
+                return Err(fields.error(pose_column, found, "exactly one").with_help(
+                    "set join.tolerance_s below half of the time between two rows of joints",
+                ));
             }
         }
     }

@@ -17,6 +17,7 @@ mod beside;
 pub mod column_map;
 mod columns;
 mod join;
+mod marks;
 mod orientation;
 mod points;
 mod pose;
@@ -34,7 +35,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest, Sha256};
 
-use crate::import::column_map::Map;
+use crate::import::column_map::{Join, JoinBy, Layout, Map};
 use crate::import::text::Table;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement as measurements;
@@ -77,13 +78,27 @@ pub fn import_bytes(
     bytes: &[Vec<u8>],
     map: &Map,
 ) -> Result<Imported, InputError> {
+    // A blank row has its place in an order, and is refused there; otherwise it is no row.
+    let is_ordered = map
+        .join
+        .as_ref()
+        .is_some_and(|join| join.by == JoinBy::Order)
+        || map
+            .points
+            .as_ref()
+            .is_some_and(|points| points.join == Join::Order);
+    let parse = |path: &Path, bytes: &[u8], layout: &Layout| {
+        let mut table = Table::parse(path, bytes, layout)?;
+        table.rows.retain(|line| is_ordered || !line.is_blank());
+        Ok::<_, InputError>(table)
+    };
     let two = map.points.is_some() || map.join.is_some();
     let (rows, mut notes) = match (two, raws, bytes) {
-        (false, [path], [bytes]) => poses::rows(&Table::parse(path, bytes, &map.file)?, None, map)?,
+        (false, [path], [bytes]) => poses::rows(&parse(path, bytes, &map.file)?, None, map)?,
         (true, [poses, joints], [pose_bytes, joint_bytes]) => {
             let layout = map.joints_file.as_ref().unwrap_or(&map.file);
-            let poses = Table::parse(poses, pose_bytes, &map.file)?;
-            let joints = Table::parse(joints, joint_bytes, layout)?;
+            let poses = parse(poses, pose_bytes, &map.file)?;
+            let joints = parse(joints, joint_bytes, layout)?;
             match &map.join {
                 Some(join) => poses::rows(&poses, Some((&joints, join)), map)?,
                 None => points::rows(&poses, &joints, map)?,

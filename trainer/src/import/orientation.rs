@@ -129,8 +129,8 @@ pub fn matrix(
     let off = (m * m.transpose() - Matrix3::identity()).amax();
     if off.is_nan() || off > TOLERANCE || m.determinant() < 0.0 {
         let found = match m.determinant() < 0.0 && off <= TOLERANCE {
-            true => "a matrix that mirrors (determinant −1)".to_owned(),
-            false => format!("a matrix whose rows are off orthonormal by {off:.1e}"),
+            true => "a reflection (determinant −1)".to_owned(),
+            false => format!("a matrix whose rows deviate from orthonormal by {off:.1e}"),
         };
         return Err(fields
             .error(

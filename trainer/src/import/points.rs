@@ -11,7 +11,9 @@ use nalgebra::Vector3;
 
 use crate::import::beside::Beside;
 use crate::import::column_map::{Incomplete, Join, LengthUnit, Map, Points};
-use crate::import::columns::{columns, joint_columns, joint_values, one, twice_or_unused};
+use crate::import::columns::{
+    columns, joint_columns, joint_values, one, optional, twice_or_unused,
+};
 use crate::import::poses::left_out_note;
 use crate::import::rigid::{Fit, MAX_RESIDUAL_MM, fitted};
 use crate::import::text::{Line, Table};
@@ -19,6 +21,9 @@ use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
+
+const LEAVE_OUT: &str =
+    "incomplete = \"leave-out\" in the map leaves such poses out and lists them";
 
 /// One measured point, in millimetres.
 struct Point<'a> {
@@ -47,13 +52,8 @@ pub fn rows(
     let groups = groups(points, map, how, &mut notes, &mut left_out)?;
 
     let joint_indices = joint_columns(map, joints)?;
-    let beside = Beside::find(map, joints, joints)?;
-    let name = map
-        .joints
-        .name
-        .as_ref()
-        .map(|name| one(map, joints, name, "joints.name"))
-        .transpose()?;
+    let mut beside = Beside::find(map, joints, joints)?;
+    let name = optional(map, joints, map.joints.name.as_ref(), "joints.name")?;
     let mut used: Vec<usize> = joint_indices.iter().map(|joint| joint.0).collect();
     used.extend(beside.columns());
     used.extend(beside.payload_column());
@@ -65,10 +65,19 @@ pub fn rows(
     let mut worst = (0.0_f64, 0, String::new());
     for (group, line) in groups.iter().zip(found) {
         let Some(line) = line else { continue };
-        let fields = RowValues {
-            table: joints,
-            line,
-        };
+        let fields = RowValues::new(joints, line);
+        let mut needed = joint_indices.iter().map(|joint| joint.0);
+        if map.incomplete == Incomplete::LeaveOut
+            && (needed.any(|column| fields.is_missing(column))
+                || beside
+                    .payload_column()
+                    .is_some_and(|c| fields.is_missing(c))
+                || beside.is_incomplete(&fields))
+        {
+            left_out.extend(group.points.iter().map(|p| p.line.number.to_string()));
+            left_out.push(fields.location());
+            continue;
+        }
         let mut row = Row {
             joints: joint_values(&fields, &joint_indices)?,
             ..Row::default()
@@ -110,9 +119,7 @@ pub fn rows(
                     "three targets or more that are not on one line",
                 )
                 .at_line(group.points[0].line.number)
-                .with_help(
-                    "incomplete = \"leave-out\" in the map leaves such poses out and lists them",
-                ));
+                .with_help(LEAVE_OUT));
             }
         }
     }
@@ -127,7 +134,7 @@ pub fn rows(
         return Err(InputError::new(
             &points.path,
             "no pose with joints and points",
-            "one at least",
+            "at least one",
         ));
     }
     Ok((out, notes))
@@ -141,11 +148,7 @@ fn groups<'a>(
     left_out: &mut Vec<String>,
 ) -> Result<Vec<Group<'a>>, InputError> {
     let name = one(map, table, &how.name, "points.name")?;
-    let target = how
-        .target
-        .as_ref()
-        .map(|t| one(map, table, t, "points.target"))
-        .transpose()?;
+    let target = optional(map, table, how.target.as_ref(), "points.target")?;
     let xyz: [usize; 3] = columns(map, table, &how.columns, "points.columns")?;
     let unit = shared_unit(map, table, &xyz, how.unit, "points.unit")?;
     let mut used = vec![name];
@@ -155,7 +158,12 @@ fn groups<'a>(
     let mut out: Vec<Group<'a>> = Vec::new();
     let mut index: BTreeMap<String, usize> = BTreeMap::new();
     for line in &table.rows {
-        let fields = RowValues { table, line };
+        let fields = RowValues::new(table, line);
+        let mut names = std::iter::once(name).chain(target);
+        if map.incomplete == Incomplete::LeaveOut && names.any(|column| fields.is_missing(column)) {
+            left_out.push(line.number.to_string());
+            continue;
+        }
         let text = fields.label(name)?;
         let (pose, target) = match (target, &how.split) {
             (Some(column), _) => (text, fields.label(column)?),
@@ -245,10 +253,11 @@ fn joined<'a>(
     let mut by_name: BTreeMap<&str, &Line> = BTreeMap::new();
     let column = name.unwrap_or(0);
     for line in &joints.rows {
-        let fields = RowValues {
-            table: joints,
-            line,
-        };
+        let fields = RowValues::new(joints, line);
+        if map.incomplete == Incomplete::LeaveOut && fields.is_missing(column) {
+            left_out.push(fields.location());
+            continue;
+        }
         fields.label(column)?;
         if let Some(other) = by_name.insert(fields.text(column), line) {
             let found = format!(
@@ -271,8 +280,8 @@ fn joined<'a>(
                     joints.path.display()
                 );
                 return Err(InputError::new(points, found, "a pose of both files")
-                .at_line(first.line.number)
-                .with_help("incomplete = \"leave-out\" in the map leaves such poses out and lists them"));
+                    .at_line(first.line.number)
+                    .with_help(LEAVE_OUT));
             }
             left_out.extend(group.points.iter().map(|p| p.line.number.to_string()));
         }
@@ -283,15 +292,10 @@ fn joined<'a>(
             let found = format!("pose {pose:?}, which has no points");
             return Err(InputError::new(&joints.path, found, "a pose of both files")
                 .at_line(line.number)
-                .with_help(
-                    "incomplete = \"leave-out\" in the map leaves such poses out and lists them",
-                ));
+                .with_help(LEAVE_OUT));
         }
-        left_out.extend(
-            by_name
-                .values()
-                .map(|line| format!("{} of {}", line.number, joints.path.display())),
-        );
+        let rows = by_name.values().map(|line| RowValues::new(joints, line));
+        left_out.extend(rows.map(|row| row.location()));
     }
     Ok(out)
 }
@@ -319,12 +323,19 @@ fn fit_of(
         .map_or(MAX_RESIDUAL_MM, |limit| *limit.get_ref());
     if fit.residual > limit {
         let found = format!(
-            "points of pose {:?} that fit the targets to {:.3} mm only, this one worst",
+            "points of pose {:?} that fit the targets only to {:.3} mm, this one worst",
             group.pose, fit.residual
         );
-        return Err(InputError::new(&table.path, found, format!("points within {limit} mm of the targets' places"))
-            .at_line(line)
-            .with_help("are names of points exchanged, or the targets' places another tool's? points.max_residual_mm is the limit"));
+        return Err(InputError::new(
+            &table.path,
+            found,
+            format!("points within {limit} mm of the targets"),
+        )
+        .at_line(line)
+        .with_help(
+            "are names of points exchanged, or is points.targets that of another tool? \
+                        points.max_residual_mm is the limit",
+        ));
     }
     Ok(Some((fit, line)))
 }

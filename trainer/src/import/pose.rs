@@ -67,12 +67,19 @@ impl Reflected {
         if fit.residual > self.max_residual_mm {
             let column = self.reflectors[which[fit.worst]].0.0[0];
             let found = format!(
-                "reflectors that fit their places on the tool to {:.3} mm only, this one worst",
+                "reflectors that fit their positions on the tool only to {:.3} mm, this one worst",
                 fit.residual
             );
             return Err(fields
-                .error(column, found, format!("reflectors within {} mm", self.max_residual_mm))
-                .with_help("are reflectors exchanged, or their places another tool's? reflectors.max_residual_mm is the limit"));
+                .error(
+                    column,
+                    found,
+                    format!("reflectors within {} mm", self.max_residual_mm),
+                )
+                .with_help(
+                    "are reflectors exchanged, or are their positions those of another tool? \
+                            reflectors.max_residual_mm is the limit",
+                ));
         }
         let orientation = orientation::ReadOrientation {
             rotation: fit.rotation,
@@ -184,7 +191,7 @@ pub fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
         return Err(InputError::new(
             &map.path,
             "no [position]",
-            "it, in a map without [points] or [pose]",
+            "[position], as the map has neither [points] nor [pose]",
         ));
     };
     let position = Triple::find(map, table, position, "position")?;

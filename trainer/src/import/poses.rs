@@ -24,9 +24,8 @@ pub fn rows(
 ) -> Result<(Vec<Row>, Vec<String>), InputError> {
     let joint_table = join.map_or(table, |(joints, _)| joints);
     let joints = joint_columns(map, joint_table)?;
-    let beside = Beside::find(map, table, joint_table)?;
+    let mut beside = Beside::find(map, table, joint_table)?;
     let pose = pose_reader(map, table)?;
-    let mut beside_pose = beside.columns();
     let mut beside_joints: Vec<usize> = joints.iter().map(|joint| joint.0).collect();
     beside_joints.extend(beside.payload_column());
     let (mut out, mut left_out, mut notes) = (Vec::new(), Vec::new(), Vec::new());
@@ -34,7 +33,7 @@ pub fn rows(
         .map(|(joints, how)| joined(map, how, table, joints, &mut left_out))
         .transpose()?;
     let mut used = pose.columns();
-    used.extend(&beside_pose);
+    used.extend(beside.columns());
     match &joined {
         Some(joined) => {
             used.extend(joined.pose_column);
@@ -50,17 +49,14 @@ pub fn rows(
                 notes.push(format!("{path}: {rows} to no pose"));
             }
         }
-        None => {
-            used.extend(&beside_joints);
-            beside_pose.extend(&beside_joints);
-        }
+        None => used.extend(&beside_joints),
     }
     notes.extend(twice_or_unused(map, table, &used)?);
 
     let mut worst = (0.0_f64, 0);
     let mut missed = Vec::new();
     for (i, line) in table.rows.iter().enumerate() {
-        let fields = RowValues { table, line };
+        let fields = RowValues::new(table, line);
         let joint_line = match &joined {
             Some(joined) => match joined.lines[i] {
                 Some(line) => line,
@@ -68,17 +64,12 @@ pub fn rows(
             },
             None => line,
         };
-        let joint_fields = RowValues {
-            table: joint_table,
-            line: joint_line,
-        };
-        let is_empty = |fields: &RowValues<'_>, columns: &[usize]| {
-            columns.iter().any(|column| fields.is_missing(*column))
-        };
+        let joint_fields = RowValues::new(joint_table, joint_line);
+        let mut needed = beside_joints.iter();
         if map.incomplete == Incomplete::LeaveOut
             && (is_miss(&fields, &pose)
-                || is_empty(&fields, &beside_pose)
-                || is_empty(&joint_fields, &beside_joints))
+                || beside.is_incomplete(&fields)
+                || needed.any(|column| joint_fields.is_missing(*column)))
         {
             left_out.push(line.number.to_string());
             continue;
@@ -111,14 +102,14 @@ pub fn rows(
     }
     if worst.0 > NOTED {
         notes.push(format!(
-            "the orientations were made rotations: they are off by up to {:.1e} (line {})",
+            "the orientations were normalised to rotations: they were off by up to {:.1e} (line {})",
             worst.0, worst.1
         ));
     }
     if !missed.is_empty() {
         let lines = missed.join(", ");
         notes.push(format!(
-            "the pose is that of the reflectors that were seen, as one was missed: lines {lines}"
+            "one reflector was missed, so the pose is that of the others: lines {lines}"
         ));
     }
     notes.extend(left_out_note(&left_out));
@@ -126,7 +117,7 @@ pub fn rows(
         return Err(InputError::new(
             &table.path,
             "no row with a measurement",
-            "one at least",
+            "at least one",
         ));
     }
     Ok((out, notes))
@@ -137,7 +128,7 @@ pub fn left_out_note(what: &[String]) -> Option<String> {
     (!what.is_empty()).then(|| {
         let rows = counted(what.len(), "row");
         format!(
-            "left out, as the map asks: {rows} without a whole measurement (lines {})",
+            "left out, as the map asks: {rows} without a complete measurement (lines {})",
             what.join(", ")
         )
     })

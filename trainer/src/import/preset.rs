@@ -2,16 +2,17 @@
 //!
 //! A preset states the meaning and the unit of every column. Only the separator, the decimal mark and the encoding are
 //! detected in the file itself. A preset lists the drivers whose joint columns it accepts; the tables listed under
-//! `optional` are left out where the header lacks their columns.
+//! `optional` are left out where the header lacks their columns. `#` in the columns of a `reference` is every number from 1 on.
 
 use std::path::Path;
 
 use toml::{Table as Toml, Value};
 
 use crate::import::column_map::drivers::Driver;
-use crate::import::column_map::{Decimal, Encoding, Layout, Separator};
+use crate::import::column_map::{ColumnName, Encoding, Layout, Separator};
+use crate::import::marks::{Marks, shown};
 use crate::import::spreadsheet::is_zip;
-use crate::import::text::{Table, decoded, fields, heading, is_number};
+use crate::import::text::{Table, decoded, fields, heading, stated_separator};
 use crate::import::units::Unit;
 use poegp_calibration::input_error::InputError;
 
@@ -64,7 +65,7 @@ impl Preset {
         let fits = |preset: &Self| {
             preset
                 .resolved(&[(path, bytes)])
-                .is_ok_and(|(map, header)| {
+                .is_ok_and(|Resolved { map, header, .. }| {
                     let mut names = map.values().flat_map(names);
                     header.len() > 2 && names.all(|name| header.iter().any(|h| h == name))
                 })
@@ -73,13 +74,13 @@ impl Preset {
         fitting.next().filter(|_| fitting.next().is_none())
     }
 
-    /// Returns the map for these files as TOML.
+    /// Returns the map for these files as TOML, and an error if its decimal mark is a guess.
     ///
     /// # Errors
     /// [`InputError`] when a file is not a table of text.
-    pub fn map(self, files: &[(&Path, &[u8])]) -> Result<String, InputError> {
-        let (map, _) = self.resolved(files)?;
-        Ok(format!("# {}: {}\n{map}", self.name, self.about()))
+    pub fn map(self, files: &[(&Path, &[u8])]) -> Result<(String, Option<InputError>), InputError> {
+        let Resolved { map, doubt, .. } = self.resolved(files)?;
+        Ok((format!("# {}: {}\n{map}", self.name, self.about()), doubt))
     }
 
     fn table(self) -> Toml {
@@ -87,8 +88,8 @@ impl Preset {
         self.text.parse().unwrap_or_default()
     }
 
-    /// Returns the map with the detected layout, and the header of the last file.
-    fn resolved(self, files: &[(&Path, &[u8])]) -> Result<(Toml, Vec<String>), InputError> {
+    /// Returns the map with the detected layout.
+    fn resolved(self, files: &[(&Path, &[u8])]) -> Result<Resolved, InputError> {
         let mut map = self.table();
         map.remove("about");
         let optional = map.remove("optional");
@@ -105,22 +106,22 @@ impl Preset {
             return Err(InputError::new(files[0].0, found, expected));
         }
         let mut header = Vec::new();
+        let mut tables = Vec::new();
         for (key, (path, bytes)) in ["file", "joints_file"].into_iter().zip(files) {
             let stated = map.remove(key).unwrap_or(Value::Table(Toml::new()));
             let mut layout: Layout = stated.try_into().unwrap_or_default();
             detect(&mut layout, path, bytes)?;
             let table = Table::parse(path, bytes, &layout)?;
-            header = table.header.map_or_else(Vec::new, |line| line.fields);
+            header = table
+                .header
+                .as_ref()
+                .map_or_else(Vec::new, |line| line.fields.clone());
             let bare: Vec<String> = header
                 .iter()
                 .map(|name| heading(name).0.to_owned())
                 .collect();
             header.extend(bare);
-            map.extend(
-                Toml::try_from(&layout)
-                    .ok()
-                    .map(|l| (key.to_owned(), l.into())),
-            );
+            tables.push((key, table, layout));
         }
         let has = |name: &str| header.iter().any(|there| there == name);
         if let Some(Value::Table(joints)) = map.get_mut("joints")
@@ -152,8 +153,80 @@ impl Preset {
                 map.remove(&key);
             }
         }
-        Ok((map, header))
+        if let Some(Value::Array(references)) = map.remove("reference") {
+            let every = references.iter().flat_map(|one| numbered(one, has));
+            let every: Vec<Value> = every.collect();
+            map.extend((!every.is_empty()).then(|| ("reference".to_owned(), every.into())));
+        }
+        let (mut doubt, mut layouts) = (None, Toml::new());
+        let last = tables.len() - 1;
+        for (index, (key, table, mut layout)) in tables.into_iter().enumerate() {
+            let mut marks = Marks::default();
+            // The points are in the first file, everything else is in the last.
+            let here = |name: &str| index == if name == "points" { 0 } else { last };
+            for (name, value) in map.iter().filter(|(name, _)| here(name.as_str())) {
+                for column in numbers(name, value)
+                    .iter()
+                    .filter_map(|c| table.find(c).ok())
+                {
+                    marks.add(&table, column, is_angle(name, value));
+                }
+            }
+            doubt = doubt.or(marks.decide(&table, &mut layout, key));
+            layouts.extend(
+                Toml::try_from(&layout)
+                    .ok()
+                    .map(|l| (key.to_owned(), l.into())),
+            );
+        }
+        map.extend(layouts);
+        Ok(Resolved { map, header, doubt })
     }
+}
+
+/// A preset's map for given files.
+struct Resolved {
+    map: Toml,
+    /// Header of the last file.
+    header: Vec<String>,
+    /// Why the decimal mark is not certain.
+    doubt: Option<InputError>,
+}
+
+/// Returns a reference point for each number in place of `#` whose columns the header has.
+fn numbered(point: &Value, has: impl Fn(&str) -> bool) -> Vec<Value> {
+    let of = |k: usize| {
+        let mut point = point.clone();
+        let columns = point.get_mut("columns").and_then(Value::as_array_mut)?;
+        for column in columns {
+            *column = column.as_str()?.replace('#', &k.to_string()).into();
+        }
+        names(&point).iter().all(|name| has(name)).then_some(point)
+    };
+    (1..).map_while(of).collect()
+}
+
+/// Returns the columns with numbers that a table of a map, or a list of such tables, names.
+fn numbers(key: &str, table: &Value) -> Vec<ColumnName> {
+    if let Some(tables) = table.as_array() {
+        return tables
+            .iter()
+            .flat_map(|table| numbers(key, table))
+            .collect();
+    }
+    let several = table.get("columns").and_then(Value::as_array);
+    let one = table
+        .get("column")
+        .filter(|_| !matches!(key, "session" | "target"));
+    let all = one.into_iter().chain(several.into_iter().flatten());
+    all.filter_map(|column| column.clone().try_into().ok())
+        .collect()
+}
+
+/// Returns whether the numbers of a table of a map are angles, or parts of an orientation.
+fn is_angle(key: &str, table: &Value) -> bool {
+    let unit = table.get("unit").and_then(Value::as_str).unwrap_or("");
+    key == "orientation" || (key == "joints" && matches!(unit, "deg" | "rad"))
 }
 
 /// Returns the columns that a table of a map names.
@@ -167,8 +240,7 @@ fn names(table: &Value) -> Vec<&str> {
         .collect()
 }
 
-/// Detects encoding, separator and decimal mark: the combination with the most rows of equal width, and among those the
-/// one with the most numbers.
+/// Detects encoding and separator: the one that the file states, or the one with the most numbers in rows of equal width.
 fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     if is_zip(bytes) {
         return Ok(());
@@ -181,6 +253,10 @@ fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputErr
         Encoding::Latin1
     };
     let text = decoded(path, bytes, layout.encoding)?;
+    if let Some(separator) = stated_separator(path, &text)? {
+        layout.separator = separator;
+        return Ok(());
+    }
     let is_comment = |line: &str| {
         layout
             .comments
@@ -199,31 +275,26 @@ fn detect(layout: &mut Layout, path: &Path, bytes: &[u8]) -> Result<(), InputErr
         Separator::Comma,
         Separator::Space,
     ] {
-        for decimal in [Decimal::Point, Decimal::Comma] {
-            if (separator, decimal) == (Separator::Comma, Decimal::Comma) {
-                continue;
-            }
-            let tried = Layout {
-                separator,
-                decimal,
-                ..layout.clone()
-            };
-            let rows: Vec<_> = lines
-                .iter()
-                .filter_map(|line| fields(path, 0, line, &tried).ok())
-                .collect();
-            let Some(width) = rows.last().map(Vec::len).filter(|width| *width > 1) else {
-                continue;
-            };
-            let rows = rows.iter().filter(|row| row.len() == width);
-            let numbers = rows
-                .flatten()
-                .filter(|field| is_number(field, decimal))
-                .count();
-            if numbers > best {
-                best = numbers;
-                (layout.separator, layout.decimal) = (separator, decimal);
-            }
+        let tried = Layout {
+            separator,
+            ..layout.clone()
+        };
+        let rows = lines
+            .iter()
+            .filter_map(|line| fields(path, 0, line, &tried).ok());
+        let rows: Vec<_> = rows
+            .filter(|row| row.iter().any(|field| !field.is_empty()))
+            .collect();
+        let Some(width) = rows.last().map(Vec::len).filter(|width| *width > 1) else {
+            continue;
+        };
+        let rows = rows.iter().filter(|row| row.len() == width);
+        let numbers = rows
+            .flatten()
+            .filter(|field| shown(field).is_some())
+            .count();
+        if numbers > best {
+            (best, layout.separator) = (numbers, separator);
         }
     }
     Ok(())

@@ -7,6 +7,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use crate::import::write::quoted;
 use poegp_calibration::input_error::InputError;
 
 /// What messages call the expected folder.
@@ -63,10 +64,7 @@ pub fn read(folder: &Path, distance_mm: Option<f64>) -> Result<Sockets, InputErr
     let mut csv = format!("# imported socket touches\nfeature,{}\n", names.join(","));
     for hole in &holes {
         for row in &hole.rows {
-            let name = match hole.feature.contains([',', '"']) {
-                true => format!("\"{}\"", hole.feature.replace('"', "\"\"")),
-                false => hole.feature.clone(),
-            };
+            let name = quoted(&hole.feature);
             let _: std::fmt::Result = writeln!(csv, "{name},{}", row.join(","));
         }
     }
@@ -106,7 +104,7 @@ fn sites(folder: &Path) -> Result<Vec<PathBuf>, InputError> {
 /// Returns the touches of a file, with their digits unchanged. Refuses another number of joints than in `before`.
 fn rows(file: &Path, before: Option<&Hole>) -> Result<Vec<Vec<String>>, InputError> {
     let text = std::fs::read_to_string(file)
-        .map_err(|error| InputError::unreadable(file, &error, "the joints of a touch a row"))?;
+        .map_err(|error| InputError::unreadable(file, &error, "the joints of one touch per row"))?;
     let mut out: Vec<Vec<String>> = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
         if line.trim().is_empty() {
@@ -148,7 +146,7 @@ fn rows(file: &Path, before: Option<&Hole>) -> Result<Vec<Vec<String>>, InputErr
         true => Err(InputError::new(
             file,
             "an empty file",
-            "the joints of a touch a row",
+            "the joints of one touch per row",
         )),
         false => Ok(out),
     }
@@ -160,9 +158,9 @@ fn description(holes: &[Hole], distance_mm: Option<f64>) -> String {
                    # Where the ball is in the flange frame, as drawn: the better it is known, the fewer touches are needed.\n\
                    [[target]]\nname = \"tip\"\ntip_mm = [0, 0, 0]\nsigma_mm = 200\n"
         .to_owned();
-    let quoted = |text: &str| format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""));
+    let text = |text: &str| format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""));
     for hole in holes {
-        let name = quoted(&hole.feature);
+        let name = text(&hole.feature);
         out += &format!("\n[[feature]]\nname = {name}\nkind = \"point\"\n");
     }
     if let Some(mm) = distance_mm {
@@ -174,8 +172,8 @@ fn description(holes: &[Hole], distance_mm: Option<f64>) -> String {
             if holes.iter().any(|hole| hole.feature == other) {
                 out += &format!(
                     "\n[[distance]]\nbetween = [{}, {}]\nmm = {mm}\nsigma_mm = 0.05\n",
-                    quoted(&hole.feature),
-                    quoted(&other)
+                    text(&hole.feature),
+                    text(&other)
                 );
             }
         }

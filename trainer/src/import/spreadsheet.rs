@@ -1,7 +1,7 @@
 //! Sheets of an xlsx file as rows of fields.
 //!
 //! The sheet is read as a stream, so that a single field far out does not allocate a table of that size. A number becomes
-//! text with the decimal mark of the map; a date stays a date, which no reader accepts as a number.
+//! text with the decimal mark of the map; a date becomes a date and time of ISO 8601, which no reader accepts as a number.
 //!
 //! A small file can expand to gigabytes: compressed zeros, one long text that all fields share, or one far-out field in each
 //! of a million rows. All three are counted, and refused before they take the memory.
@@ -9,7 +9,7 @@
 use std::io::{Cursor, Read as _};
 use std::path::Path;
 
-use calamine::{DataRef, Reader as _, Xlsx};
+use calamine::{DataRef, ExcelDateTime, Reader as _, Xlsx};
 use zip::ZipArchive;
 
 use crate::import::column_map::{Decimal, Layout};
@@ -21,6 +21,16 @@ const MOST_COLUMNS: usize = 1000;
 const LARGEST_TABLE: usize = 10_000_000;
 /// Largest size in bytes of a decompressed file, and of the texts of all its fields.
 const MOST_BYTES: u64 = 1 << 28;
+
+/// A row of a sheet.
+pub struct SheetRow {
+    /// Number in the sheet, from 1.
+    pub number: usize,
+    /// Texts of its fields.
+    pub fields: Vec<String>,
+    /// Which of them are numbers.
+    pub are_numbers: Vec<bool>,
+}
 
 /// Returns whether a file is a zip file, as every xlsx file is.
 pub fn is_zip(bytes: &[u8]) -> bool {
@@ -57,12 +67,18 @@ fn bounded(path: &Path, bytes: &[u8]) -> Result<(), InputError> {
     Ok(())
 }
 
-/// Returns the rows of the sheet that the map names, or of the only sheet, with their numbers.
-pub fn rows(
-    path: &Path,
-    bytes: &[u8],
-    layout: &Layout,
-) -> Result<Vec<(usize, Vec<String>)>, InputError> {
+/// Returns a date and time as ISO 8601 has it, and a time of day or a duration below a day as a clock shows it.
+fn date_text(date: &ExcelDateTime) -> String {
+    let (year, month, day, hours, minutes, seconds, millis) = date.to_ymd_hms_milli();
+    let time = format!("{hours:02}:{minutes:02}:{seconds:02}.{millis:03}");
+    match (0.0..1.0).contains(&date.as_f64()) {
+        true => time,
+        false => format!("{year:04}-{month:02}-{day:02}T{time}"),
+    }
+}
+
+/// Returns the rows of the sheet that the map names, or of the only sheet.
+pub fn rows(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<SheetRow>, InputError> {
     let unreadable = |error: calamine::XlsxError| {
         let found = format!("a zip file that cannot be read as xlsx ({error})");
         InputError::new(path, found, "text or an xlsx file").with_help("export the table as CSV")
@@ -89,9 +105,10 @@ pub fn rows(
         }
     };
     let mut stream = book.worksheet_cells_reader(name).map_err(unreadable)?;
-    let mut out: Vec<(usize, Vec<String>)> = Vec::new();
+    let mut out: Vec<SheetRow> = Vec::new();
     let (mut letters, mut widest) = (0, 0);
     while let Some(read) = stream.next_cell().map_err(unreadable)? {
+        let is_number = matches!(read.get_value(), DataRef::Int(_) | DataRef::Float(_));
         let text = match read.get_value() {
             DataRef::Empty => continue,
             DataRef::Int(number) => number.to_string(),
@@ -104,7 +121,7 @@ pub fn rows(
             }
             DataRef::SharedString(text) => text.trim().to_owned(),
             DataRef::Bool(is) => is.to_string(),
-            DataRef::DateTime(date) => format!("date {}", date.as_f64()),
+            DataRef::DateTime(date) => date_text(date),
             DataRef::Error(error) => error.to_string(),
         };
         let (row, column) = read.get_position();
@@ -116,8 +133,12 @@ pub fn rows(
                     .at_line(number),
             );
         }
-        if out.last().is_none_or(|(last, _)| *last != number) {
-            out.push((number, Vec::new()));
+        if out.last().is_none_or(|last| last.number != number) {
+            out.push(SheetRow {
+                number,
+                fields: Vec::new(),
+                are_numbers: Vec::new(),
+            });
         }
         widest = widest.max(column + 1);
         if out.len() * widest > LARGEST_TABLE {
@@ -131,15 +152,18 @@ pub fn rows(
             let error = InputError::new(path, "cells with longer texts", expected);
             return Err(error.at_line(number));
         }
-        if let Some((_, fields)) = out.last_mut() {
-            fields.resize(fields.len().max(column + 1), String::new());
-            fields[column] = text;
+        if let Some(row) = out.last_mut() {
+            let width = row.fields.len().max(column + 1);
+            row.fields.resize(width, String::new());
+            row.are_numbers.resize(width, false);
+            row.fields[column] = text;
+            row.are_numbers[column] = is_number;
         }
     }
     // A file does not store empty fields at the end of a row.
-    let width = out.iter().map(|(_, fields)| fields.len()).max();
-    for (_, fields) in &mut out {
-        fields.resize(width.unwrap_or(0), String::new());
+    let width = out.iter().map(|row| row.fields.len()).max();
+    for row in &mut out {
+        row.fields.resize(width.unwrap_or(0), String::new());
     }
     Ok(out)
 }

@@ -14,6 +14,15 @@ pub struct Line {
     pub number: usize,
     /// Fields of the row.
     pub fields: Vec<String>,
+    /// Which of them are numbers of a sheet, which have no decimal mark; empty for a text.
+    pub are_numbers: Vec<bool>,
+}
+
+impl Line {
+    /// Returns whether all fields are empty, as in the rows that a spreadsheet appends to a table.
+    pub fn is_blank(&self) -> bool {
+        self.fields.iter().all(String::is_empty)
+    }
 }
 
 /// The fields of a file.
@@ -43,7 +52,7 @@ impl Table {
                 return Err(InputError::new(
                     path,
                     "no header",
-                    "a header row and one measurement a row",
+                    "a header row and one measurement per row",
                 )
                 .with_help("is skip_lines too large? A file without header has header_lines = 0"));
             };
@@ -57,11 +66,14 @@ impl Table {
             }
         }
         let mut rows: Vec<Line> = kept.collect();
+        while rows.last().is_some_and(Line::is_blank) {
+            rows.pop();
+        }
         let Some(first) = rows.first() else {
             return Err(
-                InputError::new(path, "no rows", "one measurement a row after the header")
+                InputError::new(path, "no rows", "one measurement per row after the header")
                     .with_help(format!(
-                        "lines that begin with {} are comments: comments in [file] of the map",
+                        "lines that begin with {} are comments; comments in [file] of the map sets their mark",
                         layout.comments.join(" or ")
                     )),
             );
@@ -77,6 +89,9 @@ impl Table {
             .as_ref()
             .map_or(first.fields.len(), |header| header.fields.len());
         for row in &mut rows {
+            if row.is_blank() {
+                row.fields.resize(width, String::new());
+            }
             while row.fields.len() > width && row.fields.last().is_some_and(String::is_empty) {
                 row.fields.pop();
             }
@@ -89,15 +104,15 @@ impl Table {
                 let help = match (layout.separator, width, layout.decimal) {
                     (_, 1, _) => "is the separator another one?",
                     _ if row.fields.len() == named => {
-                        "the header does not name the last column: header_lines = 0 and skip_lines give every column by \
-                         its number"
+                        "the header does not name the last column: with header_lines = 0 and skip_lines, the map gives \
+                         every column by its number"
                     }
                     (Separator::Comma, _, Decimal::Point) if row.fields.len() > width => {
                         "is the comma the decimal point?"
                     }
                     _ if row.fields.len() < width => {
-                        "was the file cut off here? Lines that are no rows are skipped by skip_lines, skip_last_lines \
-                         or comments"
+                        "was the file cut off here? skip_lines, skip_last_lines or comments in [file] of the map skip \
+                         lines that are not rows"
                     }
                     _ => "does a text hold the separator? Then it has to be in double quotes",
                 };
@@ -220,12 +235,12 @@ fn check_header(path: &Path, line: &Line, layout: &Layout) -> Result<(), InputEr
     Err(InputError::new(path, found, "the names of the columns")
         .at_line(line.number)
         .with_help(
-            "a file without header has header_lines = 0; a header after # is a comment, unless comments = []",
+            "for a file without a header set header_lines = 0; for a header after # set comments = []",
         ))
 }
 
 /// Returns whether a field is a number with this decimal mark.
-pub fn is_number(field: &str, decimal: Decimal) -> bool {
+fn is_number(field: &str, decimal: Decimal) -> bool {
     let plain = match decimal {
         Decimal::Point => field.to_owned(),
         Decimal::Comma if field.contains('.') => return false,
@@ -242,7 +257,11 @@ fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputE
     };
     if is_zip(bytes) {
         let rows = spreadsheet::rows(path, bytes, layout)?.into_iter();
-        let rows = rows.map(|(number, fields)| Line { number, fields });
+        let rows = rows.map(|row| Line {
+            number: row.number,
+            fields: row.fields,
+            are_numbers: row.are_numbers,
+        });
         let mut lines: Vec<Line> = rows
             .filter(|line| line.number > layout.skip_lines)
             .collect();
@@ -262,20 +281,73 @@ fn lines(path: &Path, bytes: &[u8], layout: &Layout) -> Result<Vec<Line>, InputE
         false => text.split_terminator('\r').collect(),
     };
     let end = all.len().saturating_sub(layout.skip_last_lines);
-    let kept = all[..end].iter().enumerate().skip(layout.skip_lines);
+    let mut first = layout.skip_lines;
+    if let Some(separator) = stated_separator(path, &text)?.filter(|_| first == 0) {
+        first = 1;
+        if separator != layout.separator {
+            let found = format!("{:?}, which states another separator than the map", all[0]);
+            let expected = format!("separator = {:?}", separator.mark());
+            return Err(
+                InputError::new(path, found, expected + " in [file] of the map").at_line(1),
+            );
+        }
+    }
+    let kept = all[..end].iter().enumerate().skip(first);
     let is_error = |line: &str| {
-        line.split_once([',', ';', '\t'])
-            .is_some_and(|(first, _)| is_spreadsheet_error(first.trim()))
+        let parts = match layout.separator {
+            Separator::Space => line.split_once(char::is_whitespace),
+            separator => line.split_once(separator.mark()),
+        };
+        parts.is_some_and(|(first, _)| is_spreadsheet_error(first.trim()))
     };
     let is_row = |line: &str| !line.is_empty() && (!is_comment(line) || is_error(line));
-    kept.filter(|(_, line)| is_row(line.trim()))
+    let lines = kept
+        .filter(|(_, line)| is_row(line.trim()))
         .map(|(index, line)| {
             Ok(Line {
                 number: index + 1,
                 fields: fields(path, index + 1, line, layout)?,
+                are_numbers: Vec::new(),
             })
-        })
-        .collect()
+        });
+    let mut lines = lines.collect::<Result<Vec<Line>, InputError>>()?;
+    if layout.header_lines > 0 {
+        let blank = lines.iter().take_while(|line| line.is_blank()).count();
+        lines.drain(..blank);
+    }
+    Ok(lines)
+}
+
+/// Returns the separator that the first line of a text states for a spreadsheet: `sep=;`.
+pub fn stated_separator(path: &Path, text: &str) -> Result<Option<Separator>, InputError> {
+    let line = text.split(['\n', '\r']).next().unwrap_or("");
+    let bare = line.trim_matches([' ', '"']);
+    let Some((key, mark)) = bare.split_at_checked(4) else {
+        return Ok(None);
+    };
+    if !key.eq_ignore_ascii_case("sep=") {
+        return Ok(None);
+    }
+    let all = [Separator::Comma, Separator::Semicolon, Separator::Tab];
+    match all.into_iter().find(|separator| separator.mark() == mark) {
+        Some(separator) => Ok(Some(separator)),
+        None => {
+            let expected = "a comma, a semicolon or a tab as the separator of the cells";
+            Err(InputError::new(path, format!("{line:?}"), expected).at_line(1))
+        }
+    }
+}
+
+impl Separator {
+    /// Returns the characters between two fields.
+    fn mark(self) -> &'static str {
+        match self {
+            Self::Comma => ",",
+            Self::Semicolon => ";",
+            Self::Tab => "\t",
+            Self::Space => " ",
+        }
+    }
 }
 
 /// Splits a name of a header from the unit in brackets behind it: `X [mm]`, `X (mm)`.

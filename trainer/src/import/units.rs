@@ -62,7 +62,11 @@ impl Unit for AngleUnit {
     const UNITS: &'static [(Self, &'static [&'static str])] = &[
         (Self::Deg, DEGREE),
         (Self::Rad, RADIAN),
-        (Self::Mrad, &["mrad"]),
+        (Self::Mrad, &["mrad", "milliradian", "milliradians"]),
+        (
+            Self::Urad,
+            &["urad", "µrad", "μrad", "microradian", "microradians"],
+        ),
     ];
 }
 
@@ -82,6 +86,7 @@ impl Unit for TimeUnit {
         (Self::Us, &["us", "µs", "μs", "microsecond", "microseconds"]),
         (Self::Ns, &["ns", "nsec", "nanosecond", "nanoseconds"]),
         (Self::Iso8601, &["iso8601", "ISO 8601"]),
+        (Self::Clock, &["clock", "hh:mm:ss", "h:mm:ss"]),
     ];
 }
 
@@ -92,8 +97,8 @@ impl Unit for MassUnit {
 
 /// Units that headers state and no import converts.
 const OTHERS: &[&str] = &[
-    "cm", "dm", "mil", "mils", "thou", "ft", "foot", "feet", "gon", "arcmin", "arcsec", "lb",
-    "lbs", "oz",
+    "nm", "cm", "dm", "mil", "mils", "thou", "ft", "foot", "feet", "gon", "arcmin", "arcsec",
+    "rev", "turn", "turns", "mg", "t", "lb", "lbs", "oz", "min", "h",
 ];
 
 /// Returns whether a text is one of these names. The letters of a single one must agree in case: "S" is an axis of a robot.
@@ -183,5 +188,5 @@ pub fn shared_unit<U: Unit>(
         }
         shared = Some(unit);
     }
-    shared.ok_or_else(|| InputError::new(&map.path, format!("no column for {key}"), "one at least"))
+    shared.ok_or_else(|| InputError::new(&map.path, format!("no column for {key}"), "at least one"))
 }

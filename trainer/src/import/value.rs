@@ -4,15 +4,16 @@ use time::format_description::well_known::Iso8601;
 use time::{OffsetDateTime, PrimitiveDateTime};
 
 use crate::import::column_map::{AngleUnit, Decimal, JointUnit, LengthUnit, TimeUnit};
+use crate::import::marks::{Shown, is_grouped, shown};
 use crate::import::text::{Line, Table};
 use poegp_calibration::input_error::InputError;
 
 /// Time of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// Seconds of the file's own clock; of a date and time, seconds since 1970.
+    /// Seconds of the file's own clock; of a date and time, seconds since 1970; of a time of day, since midnight.
     pub seconds: f64,
-    /// Whether it is a date and time without a time zone, which cannot be compared with any other clock.
+    /// Whether it is a time of day, or a date and time, without a time zone: it cannot be compared with any other clock.
     pub is_local: bool,
 }
 
@@ -24,6 +25,11 @@ pub struct RowValues<'a> {
 }
 
 impl<'a> RowValues<'a> {
+    /// Returns the values of a line of `table`.
+    pub fn new(table: &'a Table, line: &'a Line) -> Self {
+        Self { table, line }
+    }
+
     /// Returns the text of a column, counted from 0.
     pub fn text(&self, index: usize) -> &'a str {
         self.line.fields.get(index).map_or("", String::as_str)
@@ -33,6 +39,11 @@ impl<'a> RowValues<'a> {
     pub fn is_missing(&self, index: usize) -> bool {
         let text = self.text(index);
         text.is_empty() || text.eq_ignore_ascii_case("nan")
+    }
+
+    /// Returns the line of this row and the file, for a list of rows of several files.
+    pub fn location(&self) -> String {
+        format!("{} of {}", self.line.number, self.table.path.display())
     }
 
     /// Returns an error at a column of this row.
@@ -47,6 +58,14 @@ impl<'a> RowValues<'a> {
             .at_column(index + 1, self.table.name(index))
     }
 
+    /// Describes the contents of a column for an error.
+    fn found(&self, index: usize) -> String {
+        match self.text(index) {
+            "" => "an empty cell".to_owned(),
+            text => format!("{text:?}"),
+        }
+    }
+
     /// Returns the text of a column, and refuses an empty one.
     pub fn label(&self, index: usize) -> Result<String, InputError> {
         match self.text(index) {
@@ -59,12 +78,7 @@ impl<'a> RowValues<'a> {
     fn digits(&self, index: usize, expected: &str) -> Result<String, InputError> {
         let text = self.text(index);
         let error = |help: &str| {
-            let found = if text.is_empty() {
-                "an empty cell".to_owned()
-            } else {
-                format!("{text:?}")
-            };
-            let error = self.error(index, found, expected);
+            let error = self.error(index, self.found(index), expected);
             if help.is_empty() {
                 error
             } else {
@@ -76,15 +90,17 @@ impl<'a> RowValues<'a> {
                 "rows without a measurement: incomplete = \"leave-out\" in the map leaves them out and lists them",
             ));
         }
-        let mark = match self.table.decimal {
-            Decimal::Point => '.',
-            Decimal::Comma => ',',
-        };
+        let mark = self.table.decimal.mark();
         let mut digits = match self.table.thousands {
             Some(thousands) => without_groups(text, thousands, mark),
             None => text.to_owned(),
         };
         let (other, other_help) = match self.table.decimal {
+            Decimal::Point if shown(text) == Some(Shown::Either(Decimal::Comma)) => (
+                ',',
+                "does the comma group thousands, or is it the decimal point? State thousands = \",\" or decimal = \",\" in [file] of the \
+                 map",
+            ),
             Decimal::Point => (
                 ',',
                 "is the comma the decimal point? Then decimal = \",\" in [file] of the map",
@@ -138,6 +154,7 @@ impl<'a> RowValues<'a> {
             TimeUnit::Us => ("a time in microseconds", -6),
             TimeUnit::Ns => ("a time in nanoseconds", -9),
             TimeUnit::Iso8601 => return self.date_and_time(index),
+            TimeUnit::Clock => return self.time_of_day(index),
         };
         Ok(Moment {
             seconds: shifted(&self.digits(index, name)?, locations),
@@ -165,14 +182,22 @@ impl<'a> RowValues<'a> {
                 is_local: true,
             }),
             Err(_) => {
-                let found = match self.text(index) {
-                    "" => "an empty cell".to_owned(),
-                    text => format!("{text:?}"),
-                };
                 let expected = "a date and a time of ISO 8601, as 2026-11-23T14:05:09.125Z";
-                Err(self.error(index, found, expected))
+                Err(self.error(index, self.found(index), expected))
             }
         }
+    }
+
+    /// Returns a time of day: hours, minutes and seconds, with AM or PM behind them or without.
+    fn time_of_day(&self, index: usize) -> Result<Moment, InputError> {
+        let seconds = seconds_of_day(self.text(index)).ok_or_else(|| {
+            let expected = "a time of day in hours, minutes and seconds, as 14:05:09.125";
+            self.error(index, self.found(index), expected)
+        })?;
+        Ok(Moment {
+            seconds,
+            is_local: true,
+        })
     }
 
     /// Returns an angle in radians.
@@ -181,6 +206,7 @@ impl<'a> RowValues<'a> {
             AngleUnit::Deg => self.number(index, "a number in degrees")?.to_radians(),
             AngleUnit::Rad => self.number(index, "a number in radians")?,
             AngleUnit::Mrad => shifted(&self.digits(index, "a number in milliradians")?, -3),
+            AngleUnit::Urad => shifted(&self.digits(index, "a number in microradians")?, -6),
         })
     }
 
@@ -200,14 +226,44 @@ impl<'a> RowValues<'a> {
 fn without_groups(text: &str, thousands: char, mark: char) -> String {
     let end = text.find([mark, 'e', 'E']).unwrap_or(text.len());
     let (whole, rest) = text.split_at(end);
-    let mut groups = whole.split(thousands);
-    let first = groups.next().unwrap_or("").trim_start_matches(['-', '+']);
-    let is_group = |group: &str| group.len() == 3 && group.bytes().all(|b| b.is_ascii_digit());
-    let is_first = (1..=3).contains(&first.len()) && first.bytes().all(|b| b.is_ascii_digit());
-    match is_first && groups.all(is_group) {
+    match is_grouped(whole.trim_start_matches(['-', '+']), thousands) {
         true => whole.replace(thousands, "") + rest,
         false => text.to_owned(),
     }
+}
+
+/// Returns the seconds since midnight of `14:05:09.125`, or of `2:05:09 PM`.
+fn seconds_of_day(text: &str) -> Option<f64> {
+    let upper = text.to_ascii_uppercase();
+    let half = [(" AM", 0), (" PM", 12)]
+        .into_iter()
+        .find_map(|(mark, hours)| Some((upper.strip_suffix(mark)?.trim_end(), hours)));
+    let parts: Vec<&str> = half
+        .map_or(upper.as_str(), |(time, _)| time)
+        .split(':')
+        .collect();
+    let [hours, minutes, seconds] = *parts.as_slice() else {
+        return None;
+    };
+    let whole = |text: &str, digits: usize, most: u32| {
+        let is_whole =
+            (1..=digits).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
+        let number = text.parse::<u32>().ok()?;
+        (is_whole && number <= most).then_some(number)
+    };
+    let hours = match (whole(hours, 2, 23)?, half) {
+        (hours, None) => hours,
+        (hours @ 1..=12, Some((_, more))) => hours % 12 + more,
+        _ => return None,
+    };
+    let (of_minute, fraction) = seconds.split_once(['.', ',']).unwrap_or((seconds, "0"));
+    let is_fraction = fraction.bytes().all(|b| b.is_ascii_digit());
+    let fraction: f64 = format!("0.{fraction}")
+        .parse()
+        .ok()
+        .filter(|_| is_fraction)?;
+    let minutes = 60 * hours + whole(minutes, 2, 59)?;
+    Some(f64::from(60 * minutes + whole(of_minute, 2, 59)?) + fraction)
 }
 
 /// Moves the point of a decimal number by `locations` digits in its text. Returns the nearest `f64`, without the second

@@ -12,6 +12,8 @@ use crate::import::column_map::JointUnit;
 pub struct Row {
     /// Joint values in degrees, or in millimetres for a prismatic joint, each with the unit of the raw file.
     pub joints: Vec<(f64, JointUnit)>,
+    /// When it was measured, in seconds.
+    pub time_s: Option<f64>,
     /// Mass at the flange, in kg.
     pub payload_kg: Option<f64>,
     /// Name of the mounting of the tool.
@@ -32,6 +34,8 @@ pub struct Row {
 
 /// Number of decimals of millimetres and milliradians.
 const LENGTH: usize = 6;
+/// Number of decimals of seconds.
+const TIME: usize = 6;
 /// Number of decimals of degrees and of quaternion components.
 const ANGLE: usize = 10;
 
@@ -45,6 +49,9 @@ impl Row {
         }
         if let Some(target) = &self.target {
             push("target".to_owned(), quoted(target));
+        }
+        if let Some(time) = self.time_s {
+            push("time_s".to_owned(), decimal(time, TIME));
         }
         if let Some(payload) = self.payload_kg {
             push("payload_kg".to_owned(), decimal(payload, LENGTH));
@@ -132,7 +139,7 @@ fn quaternion(pose: &Pose<f64>) -> [String; 4] {
 }
 
 /// Returns a text quoted for a CSV file where it needs quotes.
-fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     if text.contains([',', '"', '\n', '#']) {
         return format!("\"{}\"", text.replace('"', "\"\""));
     }

@@ -25,16 +25,16 @@ const CERTIFICATE_FACTOR: f64 = 2.0;
 )]
 pub struct Instrument {
     /// Type and serial number of the instrument.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Number and day of the instrument's certificate.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub certificate: Option<String>,
     /// Expanded uncertainty (k = 2) of a position by the instrument's certificate, common to all poses.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub expanded_uncertainty_mm: Option<f64>,
     /// Expanded uncertainty (k = 2) of a rotation by the instrument's certificate.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub expanded_uncertainty_mrad: Option<f64>,
 }
 
@@ -46,13 +46,13 @@ pub struct Instrument {
 )]
 pub struct Record {
     /// Name of the operator.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub operator: Option<String>,
     /// Site of the measurement.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub site: Option<String>,
     /// Temperature of the air in °C.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
 }
 
@@ -189,7 +189,6 @@ impl Certificate {
     }
 }
 
-/// Returns the statements that are missing.
 fn missing(statement: &Statement, serial_number: &str) -> Vec<&'static str> {
     let Statement {
         instrument, record, ..

@@ -1,14 +1,14 @@
 //! Results for the engineer of a controller: the arm's parameters beside those of the drawing, and errors with their signs.
 
-use csv::WriterBuilder;
 use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use crate::export::dh::{deviations, numbers, rows_beside_drawing, wrapped};
-use crate::export::{CalibratedChain, tables::DhRow};
+use crate::export::{CalibratedChain, csv, tables::DhRow};
 use crate::report::ReportData;
 use poegp_calibration::blob::chain_deviation::ChainDeviation;
 use poegp_calibration::blob::joint_offsets::JointOffsets;
+use poegp_calibration::blob::live_correction::{COMPLETE_MM, LiveCorrection};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::predicted_poses::PredictedPoses;
 use poegp_calibration::blob::region::Region;
@@ -99,6 +99,8 @@ pub struct ControllerSummary {
     pub joint_zeros: Vec<JointZero>,
     /// Distances from the whole model.
     pub distance: Distances,
+    /// What live corrections leave.
+    pub live: LiveCorrection,
     /// Signed errors; absent where no pose was held out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub residuals: Option<BeforeAndAfter>,
@@ -122,7 +124,7 @@ impl ControllerSummary {
             &chain.flange_from_target,
             coupling,
         );
-        let kinds: Vec<JointKind> = robot.joints.iter().map(|joint| joint.kind).collect();
+        let kinds = robot.kinds();
         let deviation = known
             .and_then(|(known, poses)| ChainDeviation::new(known, poses, &chain.poe(), coupling));
         let std = deviation.as_ref().map(|d| deviations(&chain, &d.frames));
@@ -158,6 +160,7 @@ impl ControllerSummary {
                 joint_zeros_mm: zeros.error.position_mm.mean,
                 dh_mm: chain.distance.chain.position_mm.mean,
             },
+            live: LiveCorrection::new(blob),
             residuals: held_out.map(|data| {
                 let rows = |poses: &'_ [HeldOutPose]| -> Vec<(Vec<f64>, HeldOutPose)> {
                     let rows = data.rows.iter().map(|row| row.joints.clone());
@@ -177,9 +180,30 @@ impl ControllerSummary {
         }
     }
 
+    /// Returns the line about live corrections, if they are not complete.
+    pub fn live_line(&self) -> Option<String> {
+        let live = &self.live;
+        (!live.is_complete()).then(|| {
+            format!(
+                "live corrections: over the trained ranges, the remaining error is at most {COMPLETE_MM} mm at {:.0} % \
+                 of poses, {:.3} mm at 95 % and {:.3} mm at all; near singularities, a complete correction would move \
+                 joints too fast",
+                100.0 * live.complete,
+                live.remaining_mm.p95,
+                live.remaining_mm.max
+            )
+        })
+    }
+
     /// Returns the summary as CSV, with a row for each number.
     pub fn to_csv(&self) -> String {
-        let mut out = CsvText::new();
+        let header = ["table", "name", "quantity", "unit", "before", "after"].into_iter();
+        let header = header.chain(["difference", "std_before", "std_after"]);
+        let mut file = csv::File::new(&[], header);
+        let mut write = |names: [&str; 4], numbers: [Option<f64>; 5]| {
+            let numbers = numbers.map(|x| x.map_or_else(String::new, |x| x.to_string()));
+            file.row(names.map(str::to_owned).into_iter().chain(numbers));
+        };
         for row in &self.dh {
             let beta = row.beta_deg.as_ref().map(|beta| ("beta", "deg", beta));
             let all = [
@@ -196,7 +220,7 @@ impl ControllerSummary {
                     None,
                     n.std,
                 ];
-                out.row(["dh", &row.joint, name, unit], numbers);
+                write(["dh", &row.joint, name, unit], numbers);
             }
         }
         for zero in &self.joint_zeros {
@@ -207,10 +231,10 @@ impl ControllerSummary {
             };
             let offset = zero.offset_deg.or(zero.offset_mm);
             let numbers = [Some(0.0), offset, offset, None, zero.std];
-            out.row(["joint_zero", &zero.joint, "offset", unit], numbers);
+            write(["joint_zero", &zero.joint, "offset", unit], numbers);
         }
         let Some(BeforeAndAfter { before, after }) = &self.residuals else {
-            return out.0;
+            return file.text;
         };
         let mut pair = |table: &str, name: &str, unit: &str, before: &Signed, after: &Signed| {
             let numbers = [
@@ -220,7 +244,7 @@ impl ControllerSummary {
                 before.std,
                 after.std,
             ];
-            out.row([table, name, "residual", unit], numbers.map(Some));
+            write([table, name, "residual", unit], numbers.map(Some));
         };
         for (axis, name) in ["x", "y", "z"].iter().enumerate() {
             pair(
@@ -240,7 +264,7 @@ impl ControllerSummary {
         for (row, (before, after)) in joints {
             pair("joint", &row.joint, row.residual_unit, before, after);
         }
-        out.0
+        file.text
     }
 }
 
@@ -281,42 +305,5 @@ fn dh_change(
         alpha_deg: number(2),
         theta_deg: number(3),
         beta_deg: calibrated.beta.map(|_| number(4)),
-    }
-}
-
-/// A file as it is being written.
-struct CsvText(String);
-
-impl CsvText {
-    fn new() -> Self {
-        let mut out = Self(String::new());
-        out.fields(
-            [
-                "table",
-                "name",
-                "quantity",
-                "unit",
-                "before",
-                "after",
-                "difference",
-                "std_before",
-                "std_after",
-            ]
-            .map(str::to_owned),
-        );
-        out
-    }
-
-    fn row(&mut self, names: [&str; 4], numbers: [Option<f64>; 5]) {
-        let numbers = numbers.map(|x| x.map_or_else(String::new, |x| format!("{x}")));
-        self.fields(names.map(str::to_owned).into_iter().chain(numbers));
-    }
-
-    fn fields(&mut self, fields: impl IntoIterator<Item = String>) {
-        let mut writer = WriterBuilder::new().from_writer(Vec::new());
-        // Writing to memory cannot fail, and all fields are text.
-        let written = writer.write_record(fields).ok();
-        let bytes = written.and_then(|()| writer.into_inner().ok());
-        self.0 += &String::from_utf8_lossy(&bytes.unwrap_or_default());
     }
 }

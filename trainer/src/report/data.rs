@@ -4,7 +4,7 @@ use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::numeric::statistics::{ErrorSummary, distinct};
 use poegp_calibration::validation::cross_validation::ModelComparison;
 use poegp_calibration::validation::held_out::{Coverage, HeldOutPose, coverage, summary};
 use poegp_calibration::validation::learning_curve::Point;
@@ -244,9 +244,7 @@ impl ReportData {
             return Vec::new();
         }
         let payload = |row: &Row| row.payload_kg.unwrap_or(0.0);
-        let mut values: Vec<f64> = self.rows.iter().map(payload).collect();
-        values.sort_by(f64::total_cmp);
-        values.dedup();
+        let values = distinct(self.rows.iter().map(payload));
         let gathered = |x: f64| {
             if values.len() > PAYLOADS {
                 x.round()

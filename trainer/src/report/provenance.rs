@@ -82,9 +82,32 @@ pub struct Provenance {
     pub files: Vec<FileSummary>,
 }
 
+impl Provenance {
+    /// Describes a result that this process makes, without random draws.
+    pub fn new(robot: &str, serial_number: &str, date: String, files: Vec<FileSummary>) -> Self {
+        Self {
+            command: command_line(),
+            version: env!("CARGO_PKG_VERSION"),
+            date,
+            seed: None,
+            robot: robot.to_owned(),
+            serial_number: serial_number.to_owned(),
+            files,
+        }
+    }
+
+    /// Names the robot, with its serial number if it has one.
+    pub fn arm(&self) -> String {
+        match self.serial_number.as_str() {
+            "" => self.robot.clone(),
+            number => format!("{}, serial number {number}", self.robot),
+        }
+    }
+}
+
 /// Returns the command line of this process as for a shell, with the program called `trainer`. It leaves out `--json`, which
 /// only says where the results go and changes none.
-pub fn command_line() -> String {
+fn command_line() -> String {
     let arguments = std::env::args_os().skip(1);
     command(arguments.map(|word| word.to_string_lossy().into_owned()))
 }

@@ -25,14 +25,6 @@ pub enum Orientation {
 }
 
 impl Orientation {
-    /// Returns the number of components of an orientation.
-    pub fn count(self) -> usize {
-        match self {
-            Self::Quaternion => 4,
-            _ => 3,
-        }
-    }
-
     /// Returns the rotation of these numbers; `None` for too few numbers, or for a quaternion that is not of unit length.
     pub fn rotation(self, numbers: &[f64]) -> Option<Matrix3<f64>> {
         Some(match (self, numbers) {

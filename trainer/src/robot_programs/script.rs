@@ -3,8 +3,8 @@
 use poegp_protocol::JointKind;
 
 use poegp_calibration::planning::Plan;
-use poegp_calibration::planning::candidates::in_file_units;
 use poegp_calibration::robot::Robot;
+use poegp_calibration::robot::in_file_units;
 
 /// Number of axes that a controller moves as one group.
 pub const ARM_AXES: usize = 6;
@@ -70,8 +70,8 @@ impl Script<'_> {
                 ascii(&self.robot.name)
             ),
             "Joints as the controller counts them, at rest before every measurement.".to_owned(),
-            "Planned without cables and the ways between poses:".to_owned(),
-            "run it first at reduced speed with a hand on the stop.".to_owned(),
+            "The plan ignores cables and the motion between poses:".to_owned(),
+            "run it first at reduced speed with a hand on the emergency stop.".to_owned(),
         ]
     }
 }

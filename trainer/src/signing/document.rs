@@ -14,7 +14,7 @@ use std::path::Path;
 use ed25519_dalek::{Signature, Signer, VerifyingKey};
 use poegp_calibration::input_error::InputError;
 
-use crate::signing::{PublicKey, SecretKey, id_text};
+use crate::signing::{PublicKey, SecretKey, from_hex, id_text};
 
 const TITLE: &str = "poegp signature of a document, Ed25519";
 const DOCUMENT: [u8; 8] = *b"POEGPDOC";
@@ -52,10 +52,10 @@ pub fn verify(
     let [title, id, digits] = lines[..] else {
         return Err(InputError::new(path, "another kind of file", expected));
     };
-    let signature = bytes(digits).filter(|_| title == TITLE);
-    let Some(signature) = signature else {
+    let mut signature = [0; 64];
+    if title != TITLE || from_hex(digits, &mut signature).is_none() {
         return Err(InputError::new(path, "another kind of file", expected));
-    };
+    }
     if id != id_text(&key.id()) {
         return Ok(Err(DocumentError::OtherKey(id.to_owned())));
     }
@@ -66,19 +66,6 @@ pub fn verify(
 
 fn message(document: &[u8]) -> Vec<u8> {
     [&DOCUMENT[..], document].concat()
-}
-
-fn bytes(digits: &str) -> Option<[u8; 64]> {
-    let mut out = [0; 64];
-    let (pairs, rest) = digits.as_bytes().as_chunks::<2>();
-    if pairs.len() != out.len() || !rest.is_empty() {
-        return None;
-    }
-    for (byte, pair) in out.iter_mut().zip(pairs) {
-        let digit = |letter: u8| char::from(letter).to_digit(16);
-        *byte = (digit(pair[0])? << 4 | digit(pair[1])?) as u8;
-    }
-    Some(out)
 }
 
 #[cfg(test)]

@@ -111,7 +111,7 @@ impl PublicKey {
         let expected = "a public key written by `trainer keys new`";
         let key = read_key(path, PUBLIC_TITLE, SECRET_TITLE, "a secret key", expected)?;
         if !signature::is_public_key(&key) {
-            let found = "32 bytes that are no point of the curve";
+            let found = "32 bytes that are not a point of the curve";
             return Err(InputError::new(path, found, expected));
         }
         Ok(Self(*key))
@@ -161,7 +161,7 @@ fn read_key(
 ) -> Result<Zeroizing<[u8; 32]>, InputError> {
     let unreadable = |e: std::io::Error| match e.kind() {
         std::io::ErrorKind::InvalidData => {
-            InputError::new(path, "a file that is no text", expected)
+            InputError::new(path, "a file that is not text", expected)
         }
         _ => InputError::unreadable(path, &e, expected),
     };
@@ -172,24 +172,34 @@ fn read_key(
         Some(line) if line == other_title => return Err(InputError::new(path, other, expected)),
         _ => return Err(InputError::new(path, "another kind of file", expected)),
     }
-    key_bytes(lines.next().unwrap_or(""))
-        .filter(|_| lines.next().is_none())
+    let mut key = Zeroizing::new([0; 32]);
+    from_hex(lines.next().unwrap_or(""), &mut key)
+        .filter(|()| lines.next().is_none())
+        .map(|()| key)
         .ok_or_else(|| {
             InputError::new(path, "something else", "64 hexadecimal digits and no more").at_line(2)
         })
 }
 
-fn key_bytes(digits: &str) -> Option<Zeroizing<[u8; 32]>> {
-    let mut key = Zeroizing::new([0; 32]);
+/// Returns a blob without its signature.
+pub fn unsigned(blob: &[u8]) -> Vec<u8> {
+    let opened = envelope::open(blob);
+    let mut out = opened.map_or(Vec::new(), |opened| opened.before_trailer.to_vec());
+    envelope::set_signed(&mut out, false);
+    out
+}
+
+/// Reads as many bytes as `out` has from hexadecimal digits; `None` for other digits or another number of them.
+fn from_hex<const N: usize>(digits: &str, out: &mut [u8; N]) -> Option<()> {
     let (pairs, rest) = digits.as_bytes().as_chunks::<2>();
-    if pairs.len() != key.len() || !rest.is_empty() {
+    if pairs.len() != N || !rest.is_empty() {
         return None;
     }
-    for (byte, [high, low]) in key.iter_mut().zip(pairs) {
+    for (byte, [high, low]) in out.iter_mut().zip(pairs) {
         let digit = |letter: &u8| char::from(*letter).to_digit(16);
         *byte = (digit(high)? << 4 | digit(low)?) as u8;
     }
-    Some(key)
+    Some(())
 }
 
 #[cfg(test)]
@@ -237,9 +247,9 @@ mod tests {
         }
         std::fs::write(&path, [0xff, 0xfe]).unwrap();
         let error = SecretKey::read(&path).err().unwrap().to_string();
-        assert!(error.contains("no text"), "{error}");
+        assert!(error.contains("not text"), "{error}");
         std::fs::write(&path, format!("{PUBLIC_TITLE}\n{}\n", "02".repeat(32))).unwrap();
         let error = PublicKey::read(&path).unwrap_err().to_string();
-        assert!(error.contains("no point"), "{error}");
+        assert!(error.contains("not a point"), "{error}");
     }
 }

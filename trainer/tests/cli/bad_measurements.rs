@@ -111,6 +111,32 @@ fn radians_under_a_name_in_degrees_are_pointed_out() {
     folder.refuses_data(line);
 }
 
+/// Test files are examined as those of `evaluate` are; what differs from the training rows in another way is warned of.
+#[test]
+fn test_files_are_examined() {
+    let _texts = texts();
+    let folder = folder();
+    let test = |change: fn(&str, f64) -> f64| {
+        changed(&simulated("test1", POSES), |names, fields| {
+            for (name, field) in names.iter().zip(fields) {
+                if name.ends_with("_mm") {
+                    *field = change(name, field.parse().unwrap()).to_string();
+                }
+            }
+        })
+    };
+    folder.write("inches.csv", test(|_, mm| mm / 25.4));
+    let line = format!("--robot {SERIAL} good.csv --test inches.csv");
+    folder.refuses_data(format!("calibrate {line} --method poe --out new.blob"));
+    folder.refuses_data(format!("compare {line} --folds 0 --methods base-tool"));
+    folder.write(
+        "moved.csv",
+        test(|name, mm| mm + 30.0 * f64::from(u8::from(name == "x_mm"))),
+    );
+    let line = format!("calibrate --robot {SERIAL} good.csv --method poe --out new.blob");
+    folder.run(&format!("{line} --test moved.csv")).ok();
+}
+
 #[test]
 fn too_many_poses() {
     let _texts = texts();

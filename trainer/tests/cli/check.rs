@@ -66,9 +66,107 @@ fn it_holds_until_something_moves() {
 
     // A drift that is found but is within the limits.
     let line = "base.csv --max-mm 0.5 --max-drift-mm 0.4";
-    run(line).ok().said();
+    let small = run(line).ok().said().stdout;
+    assert!(
+        small.contains("the drift of the base is within what is allowed: change nothing"),
+        "{small}"
+    );
+    assert!(!small.contains("measure the base frame again"), "{small}");
     does_not_hold(run("base.csv --max-mm 0.5 --max-drift-mm 0.1"));
     does_not_hold(run("fresh.csv --max-mm 0.05 --statistic max"));
+}
+
+/// What moves while the rows are measured is named as such, not as a base that has moved since the calibration; no joint is
+/// blamed for a payload that the model was never trained with.
+#[test]
+fn what_the_rows_themselves_explain_is_no_drift() {
+    let _texts = texts();
+    let folder = folder();
+    let run = |line: &str| {
+        folder.run(&format!(
+            "check arm.blob {line} --max-mm 0.15 --json out.json"
+        ))
+    };
+    let shifted = |share: fn(usize) -> f64| {
+        let mut row = 0;
+        changed(&simulated("test2", 20), |names, fields| {
+            let at = names.iter().position(|n| *n == "x_mm").unwrap();
+            let x = fields[at].parse::<f64>().unwrap();
+            fields[at] = format!("{:.6}", x + share(row));
+            row += 1;
+        })
+    };
+    folder.write("step.csv", shifted(|row| if row < 10 { 0.0 } else { 1.0 }));
+    folder.write("creep.csv", shifted(|row| 0.05 * row as f64));
+    for (file, cause) in [("step.csv", "step"), ("creep.csv", "drift")] {
+        let outcome = does_not_hold(run(file));
+        assert!(
+            outcome.stderr.contains(&format!("[{cause}]")),
+            "{outcome:#?}"
+        );
+        assert!(
+            !outcome.stdout.contains("the base has moved"),
+            "{outcome:#?}"
+        );
+        let document = folder.json("out.json");
+        assert_eq!(document["warnings"][0]["cause"], cause);
+        assert_eq!(document["during"]["part"], "base");
+        assert_eq!(document["during"]["from_line"].is_null(), cause == "drift");
+        assert_eq!(document["changes"].as_array().unwrap().len(), 0);
+    }
+    folder.write(
+        "heavy.csv",
+        changed(&moved("q3_deg", 0.1), |names, fields| {
+            let at = names.iter().position(|n| *n == "payload_kg").unwrap();
+            fields[at] = "30".to_owned();
+        }),
+    );
+    let outcome = does_not_hold(run("heavy.csv"));
+    assert!(
+        outcome.stderr.starts_with("warning: heavy.csv: 20 of 20"),
+        "{outcome:#?}"
+    );
+    assert!(
+        outcome.stderr.contains("help: check with a payload of"),
+        "{outcome:#?}"
+    );
+    assert!(!outcome.stderr.contains("joint 3"), "{outcome:#?}");
+    let document = folder.json("out.json");
+    assert_eq!(document["is_searched"], false);
+    assert_eq!(document["untrained_payload"].as_array().unwrap().len(), 20);
+}
+
+/// A model that does not know its own error does not separate it from the noise, and if it is the cause of the error, more poses
+/// do not help.
+#[test]
+fn a_model_that_is_too_simple_is_named() {
+    let _texts = texts();
+    let folder = folder();
+    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out poe.blob");
+    folder.run(&line).ok();
+    let line = "check poe.blob fresh.csv --max-mm 0.05 --json out.json";
+    let outcome = folder.run(line);
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let document = folder.json("out.json");
+    assert!(document["noise_mm"].is_null() && document["noise_mrad"].is_null());
+    let scatter = document["scatter_mm"].as_f64().unwrap();
+    assert!(
+        outcome
+            .stdout
+            .contains(&format!("together: {scatter:.4} mm")),
+        "{outcome:#?}"
+    );
+    assert!(outcome.stderr.contains("--method elastic"), "{outcome:#?}");
+    assert!(!outcome.stderr.contains("100 poses"), "{outcome:#?}");
+    // Nor does it know the payloads of its training, under which a joint may seem to have changed.
+    folder.write("joint.csv", moved("q5_deg", 0.3));
+    let outcome = does_not_hold(folder.run("check poe.blob joint.csv --max-mm 0.05"));
+    let payload = "warning: joint.csv: these measurements have a payload of";
+    assert!(outcome.stderr.starts_with(payload), "{outcome:#?}");
+    assert!(
+        outcome.stderr.contains("help: first make sure"),
+        "{outcome:#?}"
+    );
 }
 
 /// Returns joints whose changes the check cannot see.
@@ -231,10 +329,24 @@ fn training_data_are_no_evidence() {
     folder.write("crlf.csv", train.replace('\n', "\r\n"));
     folder.write("reversed.csv", [&rows[..1], &reversed].concat().join("\n"));
     folder.write("last.csv", [rows[0], rows[rows.len() - 1]].join("\n"));
+    // Exported again with fewer digits.
+    let rounded = |row: &&str| {
+        let fields = row
+            .split(',')
+            .enumerate()
+            .map(|(i, field)| match field.parse::<f64>() {
+                Ok(value) if (1..=9).contains(&i) => format!("{value:.3}"),
+                _ => field.to_owned(),
+            });
+        fields.collect::<Vec<_>>().join(",")
+    };
+    let rounded: Vec<String> = rows.iter().map(rounded).collect();
+    folder.write("rounded.csv", rounded.join("\n"));
     for tests in [
         "crlf.csv",
         "reversed.csv",
         "last.csv",
+        "rounded.csv",
         "fresh.csv --test fresh.csv",
     ] {
         folder.refuses(format!(
@@ -265,6 +377,9 @@ fn a_wrong_stated_noise_is_warned_of() {
         (outcome.stdout.contains("may be hidden"), warnings)
     };
     assert!(!check("").0);
+    // Whoever prints nothing else must see it, too.
+    let line = "--quiet check arm.blob fresh.csv --max-mm 0.15 --position-sigma-mm 0.3";
+    assert!(folder.run(line).ok().stderr.contains("may be hidden"));
     let (is_hidden, warnings) = check("--position-sigma-mm 0.3");
     assert!(is_hidden && warnings.contains("noise"), "{warnings}");
     for sigma in ["5", "0.00001"] {

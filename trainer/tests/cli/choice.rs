@@ -24,7 +24,13 @@ fn the_default_ships_the_simplest_that_is_not_behind_and_shows_its_table() {
     }
     // The simulated arm bends under gravity, so neither base and tool nor the chain alone is enough.
     let name = chosen["candidate"].as_str().unwrap();
-    assert!(name.starts_with("elastic"), "{name}");
+    assert!(["parametric", "elastic"].contains(&name), "{name}");
+    // The model has the name of its row, in every document.
+    assert_eq!(document["method"], name);
+    assert_eq!(
+        folder.run("inspect arm.blob --json -").ok().json()["method"],
+        name
+    );
 }
 
 /// Too few poses to hold any out show no gain, so nothing is written unless the user accepts that.
@@ -97,7 +103,7 @@ fn a_budget_is_kept_and_its_price_is_told() {
         assert_eq!(
             table.len(),
             trials,
-            "rows: without a budget, within it, without processes"
+            "rows: without a budget, within it, parametric"
         );
         let taken = table.iter().find(|r| r["chosen"] == true).unwrap();
         assert!(taken["instructions"].as_u64().unwrap() <= limit);
@@ -149,6 +155,6 @@ fn a_limit_names_no_method() {
     let limited = limited.json();
     assert_eq!(limited["choice"].as_array().unwrap().len(), 4);
     let reason = limited["chosen"].as_str().unwrap();
-    assert!(!reason.contains("named"), "{reason}");
+    assert!(!reason.contains("requested"), "{reason}");
     assert!(limited["blob"]["instructions"].as_u64().unwrap() <= 30_000);
 }

@@ -153,7 +153,7 @@ fn a_project_states_tolerance_instrument_and_record() {
         .run("calibrate project.toml --report r.html --json r.json --write-project again.toml")
         .ok();
     assert!(made.stdout.contains("verdict: conforms"), "{made:#?}");
-    assert!(!made.stderr.contains("missing"), "{made:#?}");
+    assert!(!made.stderr.contains("lacks"), "{made:#?}");
     let document = folder.json("r.json");
     let certificate = &document["certificate"];
     assert_eq!(certificate["missing"].as_array().unwrap().len(), 0);
@@ -183,7 +183,7 @@ fn a_project_states_tolerance_instrument_and_record() {
         calibrate(&folder, flags)
             .ok()
             .stderr
-            .contains("missing the instrument")
+            .contains("lacks the instrument")
     );
     assert!(folder.text("r.html").contains("Missing: the instrument"));
 }

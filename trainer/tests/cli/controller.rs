@@ -375,22 +375,18 @@ fn touches_have_rows() {
 
 /// A model without processes has standard deviations of its frames, and does not report noise as geometry.
 #[test]
-fn an_elastic_model_without_processes_has_deviations() {
+fn a_parametric_model_has_deviations() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 100));
-    let line = "calibrate --robot abb-irb4400-serial train.csv --method elastic --out arm.blob";
-    folder.run(&format!("{line} --write-project p.toml")).ok();
-    let project = folder.text("p.toml");
-    let bare = project.replace("processes = true", "processes = false");
-    folder.write("p.toml", bare);
-    folder.run("calibrate p.toml --json arm.json").ok();
+    let line = "calibrate --robot abb-irb4400-serial train.csv --method parametric --out arm.blob";
+    folder.run(&format!("{line} --json arm.json")).ok();
     let document = folder.json("arm.json");
     let dh = document["controller"]["dh"].as_array().unwrap();
     let std = |row: &Value| row["theta_deg"]["std"].as_f64();
     assert!(dh[1..5].iter().all(|row| std(row) > Some(0.0)), "{dh:?}");
     let why = document["next_steps"]["why"].as_str().unwrap();
     assert!(
-        why.contains("rows scatter about this `elastic` model"),
+        why.contains("the scatter of the rows about this `parametric` model"),
         "{why}"
     );
 }

@@ -78,6 +78,42 @@ fn compared_without_and_with() {
     assert!((900.0..1100.0).contains(&creep), "{creep}");
 }
 
+/// Where reference points show that the instrument moved, the advice is to remove that, not to warm the arm up; the note and
+/// the advice state the same motion.
+#[test]
+fn the_instruments_drift_is_no_warm_up_of_the_arm() {
+    let folder = Folder::new();
+    folder.write("train.csv", drifted("train", 60, 0.5));
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --method elastic --out arm.blob --report arm.html --json out.json"
+    );
+    let outcome = folder.run(&line).ok();
+    let moved = |text: &str| -> f64 {
+        let after = text.split("the instrument moved by up to ").nth(1).unwrap();
+        after.split(' ').next().unwrap().parse().unwrap()
+    };
+    let document = folder.json("out.json");
+    assert!(!document["elastic"]["warm_up"].is_null(), "{document}");
+    let advice = document["next_steps"].to_string();
+    let found = moved(&advice);
+    assert!((found / 0.5 - 1.0).abs() < 0.06, "{found}");
+    assert!(
+        found.to_bits() == moved(&outcome.stderr).to_bits(),
+        "{outcome:#?}"
+    );
+    assert!(advice.contains("--correct-drift"), "{advice}");
+    assert!(!advice.contains("warm the arm up"), "{advice}");
+    // Once it is removed, neither is left.
+    let line = format!("{line} --correct-drift");
+    let outcome = folder.run(&line).ok();
+    assert!(
+        !outcome.stderr.contains("the instrument moved"),
+        "{outcome:#?}"
+    );
+    let advice = folder.json("out.json")["next_steps"].to_string();
+    assert!(!advice.contains("--correct-drift"), "{advice}");
+}
+
 #[test]
 fn refused_without_reference_points() {
     let _texts = texts();

@@ -176,7 +176,7 @@ fn the_chain_of_a_model_with_a_correction_is_the_nearest_one() {
     for table in ["dh.toml", "poe.toml"] {
         same(&folder, table, None, &flange_from_target);
         let robot = described(&folder, table, None);
-        let text = format!("distance {:.3} mm in the mean", said("after"));
+        let text = format!("distance {:.3} mm on average", said("after"));
         assert!(folder.text(table).contains(&text), "{text}");
         let mut sum = 0.0;
         for k in 0..500 {

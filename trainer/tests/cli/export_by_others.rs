@@ -327,7 +327,7 @@ fn tables_as_csv_have_the_poses_of_the_chain_and_say_how_far_it_is() {
             .run("export arm.blob --dh dh.csv --mdh mdh.csv --poe poe.csv --json all.json")
             .ok();
         let mean = &folder.json("all.json")["distance"]["chain"]["position_mm"]["mean"];
-        let distance = format!("distance {:.3} mm in the mean", mean.as_f64().unwrap());
+        let distance = format!("distance {:.3} mm on average", mean.as_f64().unwrap());
         let framed = |row: &Value, q: f64| {
             let moved = craig(&json!({"kind": row["kind"]}), q);
             origin(row.as_object().unwrap()) * moved

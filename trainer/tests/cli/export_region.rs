@@ -105,7 +105,7 @@ fn what_is_stated_of_a_chain_is_what_its_urdf_does() {
         assert!((said / seen - 1.0).abs() < 0.01, "{region}: {said}, {seen}");
         assert!(said < largest, "{region}: {said}");
         assert!(said < 0.5 * mean_mm(&document, "drawing"), "{document:#}");
-        let text = format!("distance {said:.3} mm in the mean");
+        let text = format!("distance {said:.3} mm on average");
         assert!(folder.text("new.urdf").contains(&text), "{text}");
         assert_eq!(document["distance"]["chain"]["poses"], 50_000);
         assert_eq!(
@@ -198,7 +198,7 @@ fn what_is_stated_of_joint_offsets_is_what_they_do() {
         .ok();
     let text = folder.text("zeros.toml");
     for part in [
-        format!("# distance {said:.3} mm in the mean"),
+        format!("# distance {said:.3} mm on average"),
         "q + offset".to_owned(),
         "offset_rad = ".to_owned(),
         "base_from_drawing = ".to_owned(),

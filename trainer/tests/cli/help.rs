@@ -3,7 +3,7 @@
 use crate::program::Folder;
 use crate::texts::{record, texts};
 
-/// The reference of the JSON documents, with a row for each command.
+/// The reference of the JSON documents, with a heading for each command.
 const JSON: &str = include_str!("../../../docs/reference/json.md");
 
 /// Collects the commands that the help of `command` lists, and their subcommands.
@@ -49,13 +49,9 @@ fn every_help() {
         let is_group = help.contains("\nCommands:\n");
         let reports = !is_group && command != "completions";
         assert_eq!(help.contains("--json <FILE>"), reports, "{command}");
-        let in_row = |line: &str| {
-            let row = line
-                .strip_prefix("| `")
-                .and_then(|row| row.split_once(" | "));
-            row.is_some_and(|(name, _)| format!("`{name}").contains(&format!("`{command}`")))
-        };
-        assert!(!reports || JSON.lines().any(in_row), "{command}");
+        let code = format!("`{command}`");
+        let in_heading = |line: &str| line.starts_with("### ") && line.contains(&code);
+        assert!(!reports || JSON.lines().any(in_heading), "{command}");
     }
 }
 

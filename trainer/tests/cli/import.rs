@@ -183,15 +183,12 @@ fn a_preset_is_chosen_by_the_header_or_asked_for() {
     folder.refuses("import comma.csv points.txt --preset kuka --out data.csv");
     folder.refuses("import points.txt --preset leica --out data.csv");
     // The map of a preset that does not fit is written as the start of another.
-    folder.write("kuka.csv", KUKA.replace("1500,5", "1.500,5"));
+    folder.write("kuka.csv", KUKA.replace("X;Y;Z", "X [in];Y [in];Z [in]"));
     folder
         .run("import kuka.csv --preset kuka --write-map own.toml --out data.csv")
         .refused();
     let map = folder.text("own.toml");
-    folder.write(
-        "own.toml",
-        map.replace("decimal = \",\"", "decimal = \",\"\nthousands = \".\""),
-    );
+    folder.write("own.toml", map.replace("unit = \"mm\"", "unit = \"in\""));
     folder
         .run("import kuka.csv --map own.toml --out data.csv")
         .ok();

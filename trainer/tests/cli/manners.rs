@@ -184,7 +184,7 @@ fn ctrl_c_while_writing_leaves_nothing() {
     });
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(
-        said.contains("stopped: an output that nobody reads"),
+        said.contains("stopped: nobody read one of the outputs"),
         "{said}"
     );
     assert_eq!(folder.names(), ["pipe", "train.csv"]);

@@ -68,14 +68,14 @@ impl Answers {
     }
 }
 
-struct Session {
-    child: Child,
+pub struct Session {
+    pub child: Child,
     to: Option<ChildStdin>,
     from: BufReader<ChildStdout>,
 }
 
 impl Session {
-    fn begin(folder: &Folder, line: &str) -> Self {
+    pub fn begin(folder: &Folder, line: &str) -> Self {
         let mut command: Command = folder.command(line);
         let command = command.stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut child = command.stderr(Stdio::null()).spawn().unwrap();
@@ -87,7 +87,7 @@ impl Session {
     }
 
     /// Returns the next JSON document; `None` at the end.
-    fn next(&mut self) -> Option<Value> {
+    pub fn next(&mut self) -> Option<Value> {
         let mut line = String::new();
         match self.from.read_line(&mut line) {
             Ok(count) if count > 0 && line.ends_with('\n') => {
@@ -97,14 +97,14 @@ impl Session {
         }
     }
 
-    fn say(&mut self, line: &str) -> bool {
+    pub fn say(&mut self, line: &str) -> bool {
         let to = self.to.as_mut().unwrap();
         to.write_all(format!("{line}\n").as_bytes())
             .and_then(|()| to.flush())
             .is_ok()
     }
 
-    fn code(mut self) -> Option<i32> {
+    pub fn code(mut self) -> Option<i32> {
         self.to = None;
         self.child.wait().unwrap().code()
     }
@@ -168,7 +168,7 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
     far[at] = format!("{:.4}", row.joints[1].to_degrees() + 4.0);
     let missing = arm.lines[0].rsplit_once(',').unwrap().0;
     let input = format!(
-        "{header}\n\n# a remark\n{}\nhole,1,2,3\n{missing}\n{}\n{}\nskip\n",
+        "{header}\n\n# a remark\n{}\nhole,1,2,3\n#N/A,12,3\n{missing}\n{}\n{}\nskip\n",
         good.join("\n"),
         arm.lines[0].replace("socket/0", "hole"),
         far.join(",")
@@ -187,7 +187,7 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
         .map(|line| serde_json::from_str(line).unwrap())
         .collect();
     let events = |name: &str| documents.iter().filter(|d| d["event"] == name).count();
-    assert_eq!(events("refused"), 3);
+    assert_eq!(events("refused"), 4);
     assert_eq!(events("taken"), good.len() + 1);
     let text = folder.text("measured.csv");
     let rows = text.lines().filter(|line| !line.starts_with('#')).count() - 1;
@@ -200,6 +200,9 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
         "measure --robot abb-irb120 plan.csv --features touched/touches.toml --out plan.csv",
     );
     folder.refuses("measure --robot abb-irb120 plan.csv --out m.csv");
+    folder.refuses(
+        "measure --robot abb-irb120 plan.csv --features touched/touches.toml --positions --out m.csv",
+    );
     folder.refuses("measure --robot abb-irb120 plan.csv --features touched/touches.toml --out m.csv --from unix:nowhere");
 }
 
@@ -212,14 +215,15 @@ fn answers_are_taken_back_and_never_repeated() {
     let header = folder.text("touched/touches.csv");
     let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
     let mut log = format!("feature,q1_deg\n{header}\n").into_bytes();
-    log.extend(b"# gr\xfcn\nskip\n");
+    // The first `undo` comes before any row: it stays refused when there is one.
+    log.extend(b"# gr\xfcn\nskip\nundo 1\n");
     log.extend(format!("{}\n{}\nundo 1\n", arm.lines[0], arm.lines[1]).bytes());
     log.extend(b"\xff\n");
     folder.write("log.csv", &log);
     let line = format!("{MEASURE} --from log.csv");
     let mut skipped = None;
     // The second session knows the columns, so it refuses the first two header lines differently: the wrong one as well.
-    for (refused, taken, taken_back) in [(1, 2, 1), (2, 0, 0)] {
+    for (refused, taken, taken_back) in [(2, 2, 1), (2, 0, 0)] {
         let mut running = Session::begin(&folder, &line);
         let mut documents: Vec<Value> = Vec::new();
         let count = |of: &[Value], name: &str| of.iter().filter(|d| d["event"] == name).count();
@@ -239,6 +243,25 @@ fn answers_are_taken_back_and_never_repeated() {
         let rows: Vec<&str> = text.lines().filter(|l| !l.starts_with('#')).collect();
         assert_eq!(rows, [header, &arm.lines[1]], "{text}");
     }
+}
+
+/// A small expected error is not enough while a feature has too few rows, and the end says so.
+#[test]
+fn a_feature_without_rows_is_named_at_the_end() {
+    let folder = Folder::new();
+    let arm = Answers::new(&folder);
+    let header = folder.text("touched/touches.csv");
+    let header = header.lines().find(|line| line.contains("q1_deg")).unwrap();
+    let sockets = arm.lines.iter().filter(|line| line.starts_with("socket"));
+    let sockets: Vec<&str> = sockets.map(String::as_str).collect();
+    let line = format!("{MEASURE} --until-mm 50").replace("--json -", "--json log.json");
+    let outcome = folder.run_with_input(&line, &format!("{header}\n{}\n", sockets.join("\n")));
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let has = |text: &str| outcome.stderr.contains(text);
+    assert!(
+        has("50 mm, but") && has("which `calibrate` needs"),
+        "{outcome:#?}"
+    );
 }
 
 /// Kills the program at a random moment, `kills` times; the last run may end. Returns the number of confirmed rows.

@@ -52,6 +52,7 @@ fn places_that_cannot_be_written() {
     }
     for line in [
         &format!("calibrate --robot {SERIAL} train.csv --method poe --out a --json a"),
+        &format!("calibrate --robot {SERIAL} train.csv --method poe --out a --json folder/../a"),
         "evaluate arm.blob train.csv --predictions a --json a",
         "evaluate arm.blob train.csv --json - --predictions -",
         "inspect arm.blob --json arm.blob",
@@ -92,6 +93,52 @@ fn simulate_and_demo_need_a_parent() {
     }
 }
 
+/// Files that people fill in are not overwritten once they differ, and then no other file is written, either.
+#[test]
+fn what_was_filled_in_is_not_overwritten() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder.write(
+        "raw.csv",
+        "A1,A2,A3,A4,A5,A6,X,Y,Z,A,B,C\n0,0,0,0,0,0,1,2,3,0,0,0\n",
+    );
+    let goals = "--touch socket=600,100,500 --touch socket=600,-180,395 --count 12";
+    for (line, files) in [
+        (
+            format!("plan --robot ur10 {goals} --out t.csv --features-out t.toml"),
+            &["t.csv", "t.toml"][..],
+        ),
+        (
+            "plan --robot ur10 --count 16 --out p.csv --test-poses 3 --test-out c.csv --urscript p.script --no-forecast"
+                .to_owned(),
+            &["p.csv", "c.csv", "p.script"],
+        ),
+        (
+            "simulate --robot ur10 --touch socket2 --touches 12 --out s".to_owned(),
+            &["s/touches.csv", "s/touches.toml", "s/truth.csv"],
+        ),
+        (
+            format!("simulate --robot {SERIAL} --poses 3 --test-sets 1 --test-poses 2 --out s"),
+            &["s/train.csv", "s/test1.csv"],
+        ),
+        (
+            "import raw.csv --preset kuka --write-map map.toml --out m.csv".to_owned(),
+            &["map.toml"],
+        ),
+    ] {
+        folder.run(&line).ok();
+        folder.run(&line).ok();
+        for file in files {
+            let written = folder.text(file);
+            let filled = format!("{written}# by hand\n");
+            folder.write(file, &filled);
+            folder.refuses(&line);
+            assert_eq!(folder.text(file), filled);
+            folder.write(file, written);
+        }
+    }
+}
+
 /// Measurements without noise of an arm with smooth deflections of decimetres, which need more digits than single precision.
 #[test]
 fn a_blob_that_loses_precision_is_not_written() {
@@ -108,7 +155,7 @@ fn a_blob_that_loses_precision_is_not_written() {
     folder.write("smooth.csv", to_csv(&robot, &poses, false, "no noise"));
     folder.write("old.blob", "old");
     let line = format!(
-        "calibrate --robot {SERIAL} smooth.csv --method poe-gp --accept no-fit --out old.blob --json new.json"
+        "calibrate --robot {SERIAL} smooth.csv --method poe-gp --accept coupling --out old.blob --json new.json"
     );
     let outcome = folder.run(&line);
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");

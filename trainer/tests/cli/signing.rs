@@ -107,10 +107,77 @@ fn signing_again_replaces_the_signature() {
     folder.run("sign arm.blob --key ours.key").ok();
     assert_eq!(folder.read("arm.blob"), once);
     let replaced = folder.run("sign arm.blob --key theirs.key").ok().stdout;
-    assert!(replaced.contains(&format!("instead of key {}", key_id(&folder, "ours"))));
+    let ours = key_id(&folder, "ours");
+    assert!(replaced.contains(&format!("in place of the signature of key {ours}")));
     assert_eq!(folder.read("arm.blob").len(), once.len());
     folder.run("verify arm.blob --public-key theirs.pub").ok();
     not_verified(folder.run("verify arm.blob --public-key ours.pub"));
+}
+
+/// A device refuses a revision below its own, so signing with one is warned of; and a key does not replace itself.
+#[test]
+fn a_lower_revision_is_warned_of() {
+    let folder = folder();
+    let sign = |revision: u32| {
+        let line = format!("sign arm.blob --key ours.key --revision {revision}");
+        folder.run(&line).ok()
+    };
+    assert!(!sign(7).stdout.contains("in place of"));
+    for (revision, before, is_lower) in [(7, 7, false), (8, 7, false), (1, 8, true)] {
+        let outcome = sign(revision);
+        let said = format!("in place of the signature of the same key as revision {before}");
+        assert!(outcome.stdout.contains(&said), "{outcome:#?}");
+        let warned = outcome.stderr.contains("is lower than revision 8");
+        assert_eq!(warned, is_lower, "{outcome:#?}");
+    }
+    // Also where the file that is replaced is not the one that is signed.
+    let sign = |revision: u32| {
+        let line = format!("sign b.blob --key ours.key --revision {revision} --out signed.blob");
+        folder.run(&line).ok().stderr
+    };
+    folder.write("b.blob", folder.read("arm.blob"));
+    assert!(!sign(9).contains("is lower"));
+    assert!(sign(5).contains("is lower than revision 9"));
+}
+
+/// A calibration is repeated without the signature, so it does not replace a signed model; the checksum that report and
+/// project file state is that of the model without its signature.
+#[test]
+fn a_signed_model_is_not_replaced_by_an_unsigned_one() {
+    let folder = folder();
+    let line = format!("calibrate --robot {SERIAL} train.csv --method base-tool --out own.blob");
+    let made = folder
+        .run(&format!("{line} --write-project own.toml --json -"))
+        .ok()
+        .json();
+    folder.run("sign own.blob --key ours.key").ok();
+    let signed = folder.read("own.blob");
+    for line in [line.as_str(), "calibrate own.toml"] {
+        let outcome = folder.run(line);
+        assert_eq!(outcome.code, Some(2), "{outcome:#?}");
+        assert!(
+            outcome
+                .stderr
+                .contains("own.blob: found a model signed by key"),
+            "{outcome:#?}"
+        );
+        assert_eq!(folder.read("own.blob"), signed);
+    }
+    let files = made["provenance"]["files"].as_array().unwrap().iter();
+    let stated: Vec<&str> = files
+        .filter(|file| file["role"] == "result")
+        .map(|file| file["sha256"].as_str().unwrap())
+        .collect();
+    let inspected = folder.run("inspect own.blob --json -").ok().json();
+    assert_eq!(stated, [inspected["unsigned_sha256"].as_str().unwrap()]);
+    assert!(folder.text("own.toml").contains(stated[0]));
+    let again = folder
+        .run("calibrate own.toml --out again.blob --json -")
+        .ok();
+    assert_eq!(again.json()["repeats"], true);
+    // The signature, too, is repeated.
+    folder.run("sign again.blob --key ours.key").ok();
+    assert_eq!(folder.read("again.blob"), signed);
 }
 
 #[test]

@@ -82,6 +82,7 @@ fn planned_touches_are_a_touch_file() {
     plan("--touch socket=6000,100,500").refused();
     plan("--touch socket=600,100,500 --count 2").refused();
     plan("--touch socket=600,100,500 --payloads 1").refused();
+    plan("--touch socket=600,100,500 --gravity 0,0,9.81").refused();
 }
 
 /// Imports folders as MUKCa writes them: a placement with two holes, and a folder of placements.
@@ -133,6 +134,14 @@ fn folders_of_sockets_are_imported() {
             );
         }
     }
+    // A folder's name may begin as a comment does.
+    let from = folder.path("arm/front");
+    std::fs::rename(&from, folder.path("arm/#1")).unwrap();
+    folder.run("import arm/#1 --out hash.csv").ok();
+    let hash = touches(&folder, "hash.csv", "ur10");
+    assert_eq!(hash.rows.len(), one.rows.len());
+    assert_eq!(hash.features[0].name, "#1/0");
+    std::fs::rename(folder.path("arm/#1"), from).unwrap();
     let import = |what: &str| folder.run(&format!("import {what} --out x.csv"));
     import("t --preset mukca").refused();
     import("arm --preset mukca --distance 0.05").refused();

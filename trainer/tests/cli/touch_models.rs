@@ -123,7 +123,7 @@ fn evaluate_has_a_table_of_features() {
         .run("evaluate many.blob bad.csv --features fresh/touches.toml")
         .ok();
     assert!(
-        outcome.stderr.contains("1 of 72 rows do not belong"),
+        outcome.stderr.contains("1 of 72 rows are outliers"),
         "{outcome:#?}"
     );
     assert!(outcome.stderr.contains("line 6 by"), "{outcome:#?}");
@@ -230,6 +230,19 @@ fn touches_show_whether_a_calibration_holds() {
     let document = folder.run(&format!("{line} --json -")).ok().json();
     assert_eq!(document["holds"], true);
     assert!(document["touches"]["size_ppm"].is_number(), "{document}");
+    // A change that moves the tip by more than matters, and that these touches may not show, is warned of.
+    let sensitivity = document["touches"]["sensitivity"].as_array().unwrap();
+    let moves = sensitivity.iter().filter_map(|s| s["moves_mm"].as_f64());
+    let most = moves.fold(0.0, f64::max);
+    assert!(most > 0.05, "{document}");
+    for (limit, is_hidden) in [(0.99 * most, true), (1.01 * most, false)] {
+        let outcome = folder.run(&format!("{line} --max-drift-mm {limit}")).ok();
+        assert_eq!(
+            outcome.stdout.contains("may be hidden"),
+            is_hidden,
+            "{outcome:#?}"
+        );
+    }
     // The controller reports 0.3 degrees less for joint 3.
     let csv = rows(&folder.text("fresh/touches.csv"));
     let csv = changed(&csv, |names, fields| {
@@ -241,7 +254,7 @@ fn touches_show_whether_a_calibration_holds() {
     let lost = "check many.blob lost.csv --features fresh/touches.toml --max-mm 0.3";
     let outcome = folder.run(lost).said();
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
-    assert!(outcome.stdout.contains("joint 3 stands"), "{outcome:#?}");
+    assert!(outcome.stdout.contains("joint 3 is off by"), "{outcome:#?}");
     assert!(
         outcome.stderr.contains("reset the zero of joint 3"),
         "{outcome:#?}"
@@ -255,7 +268,7 @@ fn touches_show_whether_a_calibration_holds() {
         let document = serde_json::from_str(&folder.text("check.json")).unwrap();
         assert!(check_numbers(&page, &document) > 12);
         assert!(page.contains(&format!("The calibration {verdict}")));
-        let named = page.contains("<td>joint 3 stands off by</td>");
+        let named = page.contains("<td>joint 3 is off by</td>");
         assert_eq!(named, code == 1, "{page}");
     }
     folder.refuses(format!("{line} --fit-tool"));

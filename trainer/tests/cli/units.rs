@@ -51,7 +51,7 @@ fn the_limit_of_the_correction_is_the_blobs() {
 fn noise_on_the_command_line_is_noise_in_columns() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 60));
-    let line = format!("calibrate --robot {SERIAL} train.csv --out arm.blob");
+    let line = format!("calibrate --robot {SERIAL} train.csv --method elastic --out arm.blob");
     folder.run(&line).ok();
     let fresh = simulated("test2", 20);
     folder.write("fresh.csv", &fresh);

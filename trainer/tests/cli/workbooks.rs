@@ -80,6 +80,52 @@ fn workbook(sheet: &str, shared: &str) -> Vec<u8> {
     ])
 }
 
+/// The numbers of a sheet have no decimal mark, so that none of them is in doubt; a text has one.
+#[test]
+fn only_the_texts_of_a_sheet_have_a_decimal_mark() {
+    let folder = Folder::new();
+    let names = [
+        "A1", "A2", "A3", "A4", "A5", "A6", "X", "Y", "Z", "A", "B", "C",
+    ];
+    let field = |column: usize, row: usize, text: &str, is_number: bool| {
+        let letter = char::from(b'A' + column as u8);
+        match is_number {
+            true => format!("<c r=\"{letter}{row}\"><v>{text}</v></c>"),
+            false => {
+                format!("<c r=\"{letter}{row}\" t=\"inlineStr\"><is><t>{text}</t></is></c>")
+            }
+        }
+    };
+    for (x, is_number, code) in [
+        ("250.125", true, 0),
+        ("250.125", false, 2),
+        ("250.1", false, 0),
+    ] {
+        let head = names
+            .iter()
+            .enumerate()
+            .map(|(i, name)| field(i, 1, name, false));
+        let values = [
+            "10", "20", "30", "40", "50", "60", x, "200", "300", "1", "2", "3",
+        ];
+        let values = values.iter().enumerate();
+        let values = values.map(|(i, text)| field(i, 2, text, i != 6 || is_number));
+        let sheet = format!(
+            "<row r=\"1\">{}</row><row r=\"2\">{}</row>",
+            head.collect::<String>(),
+            values.collect::<String>()
+        );
+        folder.write("sheet.xlsx", workbook(&sheet, ""));
+        let outcome = folder.run("import sheet.xlsx --preset kuka --out data.csv");
+        assert_eq!(outcome.code, Some(code), "{x} {is_number}: {outcome:#?}");
+        if code == 0 {
+            let text = folder.text("data.csv");
+            let wanted = format!("60,{x},200,300,");
+            assert!(text.contains(&wanted), "{text}");
+        }
+    }
+}
+
 /// Small files that expand to too much: compressed zeros, one text for many cells, one cell far out in each of many rows.
 #[test]
 fn a_small_workbook_that_holds_too_much_is_refused() {

@@ -72,6 +72,10 @@ pub fn run_in(folder: &Path, name: &str) {
         let place = format!("{name}:{}", block.line);
         match block.instruction.split_once(' ') {
             Some(("file", file)) => fs::write(folder.join(file), &block.text).unwrap(),
+            Some(("add", file)) => {
+                let before = fs::read_to_string(folder.join(file)).unwrap();
+                fs::write(folder.join(file), before + "\n" + &block.text).unwrap();
+            }
             None if block.instruction == "run" => {
                 run_block(&block, folder, 0, &place, &mut background)
             }

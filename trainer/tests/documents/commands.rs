@@ -168,6 +168,8 @@ fn the_commands_of_the_page_without_a_tracker_work() {
         "touches.toml",
         "practice/truth.csv",
         "practice.html",
+        "measured.csv",
+        "arm.blob",
         "corrected.script",
     ] {
         assert!(folder.join(file).is_file(), "{file}");

@@ -9,6 +9,7 @@ use crate::identification::identifiability::frames::{Frame, Part, Task};
 use crate::identification::identifiability::wording::{list, numbers};
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::extremes;
+use crate::robot::own_motion;
 
 /// Span below which a revolute joint stands still: half a degree, in rad (as in the notes of the reader).
 pub const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
@@ -105,7 +106,7 @@ fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {
     });
     let directions: Vec<_> = turns.collect();
     (!directions.is_empty()).then(|| Cause {
-        text: "only positions were measured: the tool's orientation cannot be known".into(),
+        text: "only positions were measured: the tool's orientation cannot be determined".into(),
         // A point target needs no orientation, and a target further out is proposed by what it gains.
         remedy: None,
         directions: columns(frames, &directions),
@@ -123,10 +124,7 @@ fn still(task: &Task, frames: &[Frame]) -> Option<Cause> {
             .map(|s| s.serial_joints[joint - 1])
             .sum::<f64>()
             / task.samples.len() as f64;
-        let axis = match task.chain.kinds()[joint - 1] {
-            JointKind::Revolute => 5,
-            JointKind::Prismatic => 2,
-        };
+        let axis = own_motion(task.chain.kinds()[joint - 1]);
         let motion = Pose::exp(&Twist::from_array(&unit(axis).to_array().map(|x| x * mean)));
         // Move the frame before the joint by ξ and the frame behind it back: Z(q)⁻¹ Exp(ξ) Z(q) is the same at every
         // pose.

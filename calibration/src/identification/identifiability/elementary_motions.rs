@@ -9,6 +9,7 @@ use poegp_protocol::JointKind;
 use crate::identification::identifiability::frames::{Frame, Part, ROUNDING};
 use crate::identification::identifiability::subspaces::Space;
 use crate::numeric::matrix::Mat;
+use crate::robot::own_motion;
 
 /// Least share of a new motion that must be independent of the motions taken before, in three passes. The axes of a
 /// fitted arm are slightly off parallel, and motions that differ by no more than that would all be correlated; they are
@@ -156,10 +157,7 @@ impl Coordinates {
 fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<ElementaryMotion> {
     let atom = |index: usize, axis: usize| {
         let part = frames[index].part;
-        let own_axis = |joint: usize| match kinds[joint - 1] {
-            JointKind::Revolute => 5,
-            JointKind::Prismatic => 2,
-        };
+        let own_axis = |joint: usize| own_motion(kinds[joint - 1]);
         ElementaryMotion {
             part,
             axis,

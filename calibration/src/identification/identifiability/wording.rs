@@ -65,7 +65,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
         .into_iter()
         .map(|circuit| Finding {
             text: match names(circuit).as_slice() {
-                [one] => format!("{one} does not show in these poses"),
+                [one] => format!("{one} cannot be determined from these poses"),
                 names => format!("{} cannot be distinguished by these poses", list(names)),
             },
             directions: 1,
@@ -74,7 +74,7 @@ pub fn directions(combinations: &[Combination], most: usize) -> Vec<Finding> {
         .collect();
     if let Some(first) = long.first() {
         let text = format!(
-            "combinations of many motions, one of them mostly {}, do not show in these poses",
+            "combinations of many motions, one of them mostly {}, cannot be determined from these poses",
             list(&names(first))
         );
         out.push(Finding {

@@ -1,9 +1,8 @@
 //! Fits of the parameters alone: their most probable values under the prior, and base and tools on a given arm.
 
-use crate::identification::frame_fit::FrameFit;
 use crate::identification::parametric::state::prior_variance;
 use crate::identification::parametric::state::{ParametricModel, PriorGroup, ROWS};
-use crate::measurement::noise::{FOLLOWED, NoiseScales, is_followed};
+use crate::measurement::noise::{FOLLOWED, NoiseOfFits, NoiseScales};
 use crate::measurement::sample::{BaseSample, InstrumentSample};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
@@ -21,7 +20,7 @@ pub fn parametric_fit(
     hyper: &[f64],
 ) -> NoiseScales {
     let mut scales = residual_scales(state, samples);
-    let mut are_followed = false;
+    let mut noise = NoiseOfFits::default();
     for _ in 0..PARAMETRIC_ROUNDS {
         let groups = state.layout.groups();
         let linear = state.linearise(samples, scales);
@@ -47,13 +46,8 @@ pub fn parametric_fit(
             }
             share *= 0.5;
         }
-        let mut new = residual_scales(state, samples);
-        if let Some(share) = followed_share(state, samples, scales, hyper) {
-            are_followed |= is_followed(&share);
-            if are_followed {
-                new = new.beside(&share);
-            }
-        }
+        let share = followed_share(state, samples, scales, hyper);
+        let new = noise.of(residual_scales(state, samples), share);
         let settled = (new.position / scales.position - 1.0).abs() < 1e-6
             && (new.orientation / scales.orientation - 1.0).abs() < 1e-6;
         scales = new;
@@ -162,10 +156,7 @@ fn map_estimate(
 }
 
 /// Refines base and tools alone on the arm as it is, unweighted in metres and radians, by damped Gauss–Newton.
-pub fn refine_base_and_tools(
-    state: &mut ParametricModel,
-    samples: &[InstrumentSample],
-) -> FrameFit {
+pub fn refine_base_and_tools(state: &mut ParametricModel, samples: &[InstrumentSample]) {
     let groups = state.layout.groups();
     let free: Vec<usize> = (0..groups.len())
         .filter(|i| groups[*i] == PriorGroup::BaseAndTools)
@@ -181,8 +172,7 @@ pub fn refine_base_and_tools(
     };
     let mut current = cost(state);
     let mut damping = 1e-9;
-    let mut iterations = 0;
-    while iterations < MAX_REFINEMENTS {
+    for _ in 0..MAX_REFINEMENTS {
         let linear = state.linearise(samples, scales);
         let residuals = state.residuals(samples, scales);
         let y = Mat::from_fn(linear.y.nrows(), 1, |r, _| residuals[r / ROWS][r % ROWS]);
@@ -214,17 +204,9 @@ pub fn refine_base_and_tools(
             }
             damping *= 10.0;
         }
-        iterations += 1;
         if !accepted {
             break;
         }
-    }
-    let rows: usize = samples.iter().map(|s| s.observation.equations()).sum();
-    FrameFit {
-        iterations,
-        rms: (current / rows.max(1) as f64).sqrt(),
-        rank: free.len(),
-        parameters: free.len(),
     }
 }
 

@@ -68,16 +68,6 @@ pub enum PriorGroup {
 }
 
 impl PriorGroup {
-    /// All groups.
-    pub const ALL: [Self; 6] = [
-        Self::BaseAndTools,
-        Self::Frames,
-        Self::Links,
-        Self::Payload,
-        Self::Ripple,
-        Self::StatedRipple,
-    ];
-
     /// Returns the prior standard deviation before the evidence changes it: m and rad; rad/(m/s²) for gravity.
     pub fn prior_sd(self) -> f64 {
         match self {
@@ -89,11 +79,6 @@ impl PriorGroup {
             // are absent.
             Self::StatedRipple => 4e-5,
         }
-    }
-
-    /// Returns whether the evidence may change the prior.
-    pub fn has_learned_variance(self) -> bool {
-        matches!(self, Self::Frames | Self::Links | Self::Payload)
     }
 }
 

@@ -20,6 +20,7 @@ use crate::identification::parametric::state::{Layout, ParametricModel, ROWS};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::matrix::Mat;
+use crate::robot::own_motion;
 
 /// A group of parameters that share a prior.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -154,10 +155,7 @@ impl TouchArm {
         };
         for frame in 1..n {
             // Component along or about which the joint behind the frame moves.
-            let zero = match nominal.kinds()[frame] {
-                JointKind::Revolute => 5,
-                JointKind::Prismatic => 2,
-            };
+            let zero = own_motion(nominal.kinds()[frame]);
             for i in 0..6 {
                 let group = match i {
                     _ if i == zero => Group::Zero,

@@ -39,8 +39,6 @@ pub struct Stated {
     pub covariance: Mat<f64>,
     /// The [`Beyond::factor`]; `None` when the touches determine hardly any parameter.
     pub beyond_class: Option<f64>,
-    /// Standard deviation of the logarithm of the common scale of all priors of the class.
-    pub scale_deviation: f64,
 }
 
 impl TouchFit {
@@ -96,8 +94,8 @@ impl TouchFit {
         wide
     }
 
-    /// Returns the stated distribution when all priors of the class are exp(`deviations` · [`Stated::scale_deviation`])
-    /// times as wide as is most probable; `None` when the equations cannot be solved.
+    /// Returns the stated distribution when all priors of the class are wider than is most probable, by so many standard
+    /// deviations of the logarithm of their common scale; `None` when the equations cannot be solved.
     pub fn as_stated(&self, problem: &TouchProblem, deviations: f64) -> Option<Stated> {
         let covariance = self.solved(problem)?.covariance();
         let beyond = self.beyond_class(problem, &covariance);
@@ -109,7 +107,6 @@ impl TouchFit {
             mean: solved.step().0,
             covariance: solved.covariance(),
             beyond_class: beyond.says().then_some(beyond.factor),
-            scale_deviation,
         })
     }
 }

@@ -47,7 +47,6 @@ impl TouchFit {
         Gradient { group, columns }
     }
 
-    /// Adds the equation of a known distance.
     pub(super) fn add_distance(&self, known: &KnownDistance, out: &mut Equations) {
         let Some((missed, direction)) = self.distance(known.between, known.distance) else {
             return;

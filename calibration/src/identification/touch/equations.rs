@@ -139,7 +139,6 @@ impl Equations {
         };
         let mut arm = with_prior(&self.arm);
         let mut right = self.arm_right.clone();
-        let mut half_log_determinant = 0.0;
         let mut groups = Vec::with_capacity(self.groups.len());
         for sums in &self.groups {
             let factor = Factor::new(with_prior(&sums.own), 1).ok()?;
@@ -147,26 +146,18 @@ impl Equations {
             let own = factor.solve(&sums.right);
             arm -= product(Transposed(&sums.cross), &gain);
             right -= product(Transposed(&gain), &sums.right);
-            half_log_determinant += half_log(&factor);
             groups.push(SolvedGroup { factor, gain, own });
         }
         let factor = match p {
             0 => None,
             _ => Some(Factor::new(arm, 1).ok()?),
         };
-        half_log_determinant += factor.as_ref().map_or(0.0, half_log);
         Some(Solved {
             factor,
             right,
             groups,
-            half_log_determinant,
         })
     }
-}
-
-fn half_log(factor: &Factor) -> f64 {
-    let lower = factor.lower();
-    (0..lower.nrows()).map(|i| libm::log(lower[(i, i)])).sum()
 }
 
 /// Factored normal equations.
@@ -175,8 +166,6 @@ pub struct Solved {
     factor: Option<Factor>,
     right: Mat<f64>,
     groups: Vec<SolvedGroup>,
-    /// Half the log determinant of the whole system.
-    pub half_log_determinant: f64,
 }
 
 #[derive(Clone, Debug)]

@@ -62,6 +62,25 @@ const HUBER: f64 = 3.0;
 /// Most passes of leaving rows out.
 const PASSES: usize = 4;
 
+/// Returns the rows of `problem` by group and state.
+fn visits(problem: &TouchProblem, scene: &Scene) -> Vec<Visit> {
+    let mut visits: Vec<Visit> = Vec::new();
+    let mut index = std::collections::HashMap::new();
+    for (row, state) in problem.state_of.iter().enumerate() {
+        let group = scene.group_of(&problem.set.rows[row].reading);
+        let visit = *index.entry((*state, group)).or_insert_with(|| {
+            visits.push(Visit {
+                state: *state,
+                group,
+                rows: Vec::new(),
+            });
+            visits.len() - 1
+        });
+        visits[visit].rows.push(row);
+    }
+    visits
+}
+
 impl TouchFit {
     /// Fits features and tips on the arm as drawn.
     pub fn on_drawing(problem: &TouchProblem, orders: usize) -> Self {
@@ -93,6 +112,15 @@ impl TouchFit {
         self
     }
 
+    /// Returns this fit beside further rows, which have no part in it: the first rows of `problem` are those of this fit.
+    #[must_use]
+    pub fn beside(&self, problem: &TouchProblem) -> Self {
+        let mut out = self.clone();
+        out.weights.resize(problem.set.rows.len(), 0.0);
+        out.visits = visits(problem, &out.scene);
+        out
+    }
+
     /// Creates the initial state on `arm`: features at rough estimates, tips as drawn.
     fn on_arm(problem: &TouchProblem, arm: TouchArm) -> Self {
         let set = problem.set;
@@ -106,20 +134,7 @@ impl TouchFit {
             })
             .collect();
         let scene = Scene::new(set, figures, set.camera, problem.instrument);
-        let mut visits: Vec<Visit> = Vec::new();
-        let mut index = std::collections::HashMap::new();
-        for (row, state) in problem.state_of.iter().enumerate() {
-            let group = scene.group_of(&set.rows[row].reading);
-            let visit = *index.entry((*state, group)).or_insert_with(|| {
-                visits.push(Visit {
-                    state: *state,
-                    group,
-                    rows: Vec::new(),
-                });
-                visits.len() - 1
-            });
-            visits[visit].rows.push(row);
-        }
+        let visits = visits(problem, &scene);
         Self {
             arm,
             scene,

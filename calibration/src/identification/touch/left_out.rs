@@ -140,3 +140,10 @@ impl TouchFit {
         changed
     }
 }
+
+/// Returns the normal number that is as improbable as χ² of so many components, given χ² of one of them in the mean
+/// (Wilson and Hilferty).
+pub fn as_normal(mean: f64, components: f64) -> f64 {
+    let variance = 2.0 / (9.0 * components);
+    (libm::cbrt(mean) - (1.0 - variance)) / variance.sqrt()
+}

@@ -1,5 +1,6 @@
 //! Calibration by touches: fits the arm together with everything that was touched, for the most probable values of both.
 
+pub mod added;
 pub mod arm;
 pub mod beyond;
 pub mod distances;
@@ -10,11 +11,14 @@ pub mod jet;
 pub mod judge;
 pub mod left_out;
 pub mod lengths;
+pub mod mistakes;
 pub mod noise;
 pub mod problem;
 mod rows;
 pub mod scene;
 pub mod sisters;
 pub mod start;
+pub mod steps;
 pub mod unseen;
 pub mod volume;
+pub mod whitened;

@@ -70,7 +70,8 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             share: 1.0,
             mm: stays,
             text: format!(
-                "A level shows directions only, no length: {stays:.2} mm stays on average. Touch a point in many orientations, too."
+                "A level shows directions only, no length: an error of {stays:.2} mm remains on average. Also touch a \
+                 point in many orientations."
             ),
         });
         return out;
@@ -101,7 +102,8 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             share: 1.0,
             mm: stays,
             text: format!(
-                "One plane shows heights only: {stays:.2} mm stays on average. Touch two more planes that are square to it."
+                "One plane shows heights only: an error of {stays:.2} mm remains on average. Touch two more planes \
+                 that are perpendicular to it."
             ),
         });
     }
@@ -111,19 +113,22 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
     {
         sees_size = false;
         let percent = 100.0 * share * spread(&size);
-        let stays = format!("±{percent:.2} % stays, {mm:.2} mm on average");
+        let stays = format!("±{percent:.2} % remains, {mm:.2} mm on average");
         let has_board = readings().any(|r| matches!(r, Reading::Board { .. }));
         let text = if has_board {
             format!(
-                "The arm's size comes from the board alone, and these images hardly show it: {stays}. Take images from farther apart."
+                "Only the board shows the arm's size, and these images hardly do: {stays}. Take images from farther \
+                 apart."
             )
         } else if readings().all(|r| matches!(r, Reading::Plane { .. })) {
             format!(
-                "Planes cannot show the arm's size: {stays}. Give one known distance of 200 mm or more between points that are touched."
+                "Planes cannot show the arm's size: {stays}. State one known distance of 200 mm or more between \
+                 touched points."
             )
         } else {
             format!(
-                "Touches at unknown points cannot show the arm's size: {stays}. Give one known distance of 200 mm or more."
+                "Touches at unknown points cannot show the arm's size: {stays}. State one known distance of 200 mm or \
+                 more."
             )
         };
         let direction = match has_board {
@@ -149,8 +154,8 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
                 share,
                 mm,
                 text: format!(
-                    "The length of the link behind joint {frame} is known no better than from the drawing: {mm:.2} mm on average. \
-                     Touch with joint {frame} turned further."
+                    "The length of the link after joint {frame} is known no better than from the drawing: {mm:.2} mm \
+                     on average. Touch with joint {frame} turned further."
                 ),
             });
         }

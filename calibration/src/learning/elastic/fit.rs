@@ -63,9 +63,6 @@ pub struct RobustFit {
 }
 
 /// Runs [`fit`], reports the outliers, and excludes them from training when `options` says so.
-///
-/// # Errors
-/// [`FitError`].
 pub fn fit_robust(
     arm: &NominalArm,
     samples: &[BaseSample],
@@ -112,9 +109,6 @@ pub fn fit_robust(
 }
 
 /// Fits the elastic model to samples whose poses are given in the base frame.
-///
-/// # Errors
-/// [`FitError`].
 pub fn fit(
     arm: &NominalArm,
     samples: &[BaseSample],

@@ -27,7 +27,7 @@ use crate::measurement::sample::{BaseSample, Sample};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-use crate::numeric::statistics::{Standardised, calibration_factor};
+use crate::numeric::statistics::{Standardised, calibration_factor, distinct};
 
 /// Share of the largest payload up to which two payloads count as equal.
 const SAME_PAYLOAD: f64 = 0.01;
@@ -221,9 +221,7 @@ type Point = (JointTrig<f64>, f64);
 /// `None` when there is only one payload, or when there are so many that a pose left out alone has no neighbours of its
 /// own payload.
 fn payloads_left_out(solved: &Posterior, samples: &[BaseSample]) -> Option<[f64; 2]> {
-    let mut payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
-    payloads.sort_by(f64::total_cmp);
-    payloads.dedup();
+    let payloads = distinct(samples.iter().filter_map(|s| s.payload_kg));
     if !(2..=MAX_GROUPS).contains(&payloads.len()) {
         return None;
     }

@@ -28,6 +28,7 @@ use crate::learning::elastic::own_joint_curve::orders;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::measurement::sample::BaseSample;
 use crate::numeric::lbfgs::SearchEnd;
+use crate::numeric::statistics::distinct;
 
 /// A reduced elastic model in f64.
 #[derive(Clone, Debug)]
@@ -275,9 +276,7 @@ fn matrix(rows: &[Vec<f64>]) -> Coupling<f64> {
 /// Returns the processes with these inducing points, and their rows.
 fn of_sets(sets: &InducingSets) -> Option<(JointProcesses<f64>, Vec<f64>)> {
     let all = sets.points.iter().flatten();
-    let mut payloads: Vec<f64> = all.map(|point| point.payload_kg).collect();
-    payloads.sort_by(f64::total_cmp);
-    payloads.dedup();
+    let payloads = distinct(all.map(|point| point.payload_kg));
     let mut out = JointProcesses::none();
     out.group_payloads_kg.extend_from_slice(&payloads).ok()?;
     let mut rows = Vec::new();

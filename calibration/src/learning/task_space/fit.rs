@@ -107,9 +107,6 @@ impl Objective for NegativeLogLikelihood<'_> {
 
 /// Returns the hyperparameters that maximise the likelihood of the columns of `outputs` (unit RMS) with θ₀ at most
 /// `max_signal_variance`, and the log likelihood.
-///
-/// # Errors
-/// [`Cancelled`].
 pub fn maximise_likelihood(
     pairs: &Pairs,
     outputs: &Mat<f64>,
@@ -154,9 +151,6 @@ fn maximise_from(
 }
 
 /// Fits the process to `residuals` (twists (v, ω), m and rad) at `inputs`, with θ₀ within `limit`.
-///
-/// # Errors
-/// [`TaskSpaceError`].
 pub fn fit(
     inputs: Vec<Vec<f64>>,
     residuals: &[[f64; OUTPUTS]],

@@ -39,9 +39,6 @@ impl LikelihoodWorkspace {
 }
 
 /// Computes the log marginal likelihood of the columns of `outputs` (n×C), which share the hyperparameters.
-///
-/// # Errors
-/// [`NotPositiveDefinite`].
 pub fn log_marginal_likelihood(
     pairs: &Pairs,
     outputs: &Mat<f64>,
@@ -52,9 +49,6 @@ pub fn log_marginal_likelihood(
 }
 
 /// Computes [`log_marginal_likelihood`], identical to the last bit, in memory that exists already.
-///
-/// # Errors
-/// [`NotPositiveDefinite`].
 pub fn log_marginal_likelihood_in(
     workspace: &mut LikelihoodWorkspace,
     pairs: &Pairs,

@@ -128,9 +128,6 @@ pub struct TaskSpaceGp {
 
 impl TaskSpaceGp {
     /// Conditions the prior on `residuals` (twists (v, ω), m and rad) at `inputs`.
-    ///
-    /// # Errors
-    /// [`NotPositiveDefinite`].
     pub fn condition(
         hyperparameters: Vec<Hyperparameters>,
         inputs: Vec<Vec<f64>>,

@@ -34,6 +34,9 @@ const SAME_POSITION: f64 = 5e-3;
 /// show it.
 const REPEATS: f64 = 1e-6;
 const SEEN: usize = 10;
+/// Largest ratio of the errors on left-out reference points with correction to those without, for which the correction is
+/// worth it.
+const WORTH_IT: f64 = 0.9;
 /// Largest number of lines that a report lists.
 const LISTED: usize = 5;
 
@@ -70,7 +73,9 @@ pub struct DriftReport {
     pub window_poses: [Option<f64>; 3],
     /// Standard deviation of the motion along each axis of the instrument, in µm.
     pub std_um: [f64; 3],
-    /// Largest motion along each axis, in µm.
+    /// Largest distance from where the instrument stood at the first row, in mm.
+    pub moved_mm: f64,
+    /// Largest distance from the mean place along each axis, in µm.
     pub max_um: [f64; 3],
     /// Largest rotation, in µrad.
     pub max_urad: f64,
@@ -107,7 +112,7 @@ impl Drift {
                 "no reference points",
                 "columns ref1_x_mm, ref1_y_mm, ref1_z_mm: fixed points measured again at every pose",
             )
-            .with_help("without them leave --correct-drift out"));
+            .with_help("omit --correct-drift if there are none"));
         }
         let mut seen: Vec<Vec<Option<Vector3<f64>>>> = (0..count)
             .map(|i| set.measurements.iter().map(|m| m.references[i]).collect())
@@ -131,10 +136,10 @@ impl Drift {
         if let Some(never) = seen.iter().position(|p| p.iter().all(Option::is_none)) {
             return Err(InputError::new(
                 &set.path,
-                format!("reference point {} that was never seen", never + 1),
-                "a fixed point that the instrument finds again",
+                format!("reference point {} that was never measured", never + 1),
+                "a fixed point that the instrument measures repeatedly",
             )
-            .with_help("take its columns out of the file"));
+            .with_help("remove its columns from the file"));
         }
         plausible(set, &seen)?;
         let points = match points {
@@ -154,6 +159,8 @@ impl Drift {
             (variance.sqrt(), values.fold(0.0, |m, x| m.max(x.abs())))
         };
         let axes = [0, 1, 2].map(std_and_max);
+        let start = found.translations[0];
+        let moved = found.translations.iter().map(|t| (t - start).norm());
         let first = |lines: &[usize]| lines.iter().copied().take(LISTED).collect();
         let without = |k: &usize| seen.iter().all(|point| point[*k].is_none());
         let report = DriftReport {
@@ -166,6 +173,7 @@ impl Drift {
             motion: if found.rigid { "rigid" } else { "translation" },
             window_poses: found.windows.map(|w| w.is_finite().then_some(w)),
             std_um: axes.map(|a| a.0),
+            moved_mm: 1e3 * moved.fold(0.0, f64::max),
             max_um: axes.map(|a| a.1),
             max_urad: found
                 .rotations
@@ -192,6 +200,12 @@ impl Drift {
 }
 
 impl DriftReport {
+    /// Returns whether the reference points show enough motion for the correction to be worth it.
+    pub fn is_clear(&self) -> bool {
+        let [before, after] = self.left_out_um;
+        after <= WORTH_IT * before
+    }
+
     /// Returns a few lines for a terminal.
     pub fn lines(&self) -> Vec<String> {
         let listed = |count: usize, lines: &[usize]| match count {
@@ -218,8 +232,10 @@ impl DriftReport {
                 listed(self.outliers, &self.outlier_lines)
             ),
             format!(
-                "  {} of {} µm (x, y, z; one sigma), {} µm at most; smoothed over ±{} poses",
+                "  {} by up to {:.3} mm from where the instrument stood at the first row; {} µm (x, y, z; one sigma), {} µm at most \
+                 from the mean; smoothed over ±{} poses",
                 self.motion,
+                self.moved_mm,
                 axes(self.std_um),
                 axes(self.max_um),
                 windows.join(", ")
@@ -234,7 +250,7 @@ impl DriftReport {
         }
         if self.poses_without > 0 {
             out.push(format!(
-                "  {} poses have no good reference point: their neighbours' motion is used",
+                "  {} poses have no usable reference point: the motion of their neighbours is used",
                 self.poses_without
             ));
         }
@@ -259,7 +275,7 @@ fn plausible(set: &MeasurementSet, seen: &[Vec<Option<Vector3<f64>>>]) -> Result
                     i + 1,
                     1e6 * most
                 ),
-                "what an instrument measures, in the unit that the column states",
+                "values that an instrument measured, in the unit of the column",
             )
             .with_help("columns in metres are named ref1_x_m, in millimetres ref1_x_mm"));
         }

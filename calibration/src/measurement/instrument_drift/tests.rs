@@ -109,6 +109,34 @@ fn translation_with_misses_and_outliers() {
     }
 }
 
+/// An instrument that creeps straight on has moved by the whole way at the end, not by the distance from its mean place.
+#[test]
+fn a_creep_is_as_long_as_the_way_from_the_first_row() {
+    let mut random = ChaCha8Rng::seed_from_u64(5);
+    let mut text = String::from("q1_deg,x_mm,y_mm,z_mm,ref1_x_mm,ref1_y_mm,ref1_z_mm\n");
+    for k in 0..100 {
+        let mut noise =
+            || -> f64 { 0.002_f64 * Distribution::<f64>::sample(&StandardNormal, &mut random) };
+        let way = f64::from(k) / 99.0;
+        let [x, y, z] = [0.4, -0.2, 0.1].map(|end| end * way + noise());
+        writeln!(
+            text,
+            "{k},{x},{y},{z},{},{},{}",
+            500.0 + x,
+            800.0 + y,
+            z - 300.0
+        )
+        .unwrap();
+    }
+    let set = measurements::parse("creep.csv", text.as_bytes()).unwrap();
+    let moved = Drift::estimate(&set).unwrap().report.moved_mm;
+    let truth = (0.4_f64 * 0.4 + 0.2 * 0.2 + 0.1 * 0.1).sqrt();
+    assert!(
+        (moved / truth - 1.0).abs() < 0.05,
+        "{moved} mm, not {truth}"
+    );
+}
+
 #[test]
 fn rotation_only_where_it_clearly_helps() {
     let (_, after, report) = rms_um(&simulate(3, 200e-6, true));
@@ -173,7 +201,7 @@ fn refused() {
     let missed = format!("{header}1,2,3,4,0,0,0\n2,3,4,5,0,0,0\n");
     let set = measurements::parse("missed.csv", missed.as_bytes()).unwrap();
     let error = Drift::estimate(&set).unwrap_err().to_string();
-    assert!(error.contains("never seen"), "{error}");
+    assert!(error.contains("never measured"), "{error}");
     let at = |x: f64| {
         let text = format!("{header}1,2,3,4,{x},0,0\n2,3,4,5,{x},0,0\n");
         measurements::parse("at.csv", text.as_bytes()).unwrap()

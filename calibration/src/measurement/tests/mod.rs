@@ -42,8 +42,8 @@ fn everything_is_read() {
                   0,0,0,,,,1,2,3,1,0,0,0\n",
     );
     assert_eq!(set.joint_count(), 2);
-    assert!(set.has_payload() && set.has_orientation() && set.has_sessions());
-    assert!(set.has_targets() && set.has_truth());
+    assert!(set.has_payload() && set.has_orientation() && set.measurements[0].session.is_some());
+    assert!(set.measurements[0].target.is_some() && set.has_truth());
     let column = |column, name: &str, unit| JointColumn {
         column,
         name: name.into(),
@@ -89,8 +89,8 @@ fn everything_is_read() {
 #[test]
 fn optional_columns_are_optional() {
     let set = ok("q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n");
-    assert!(!set.has_payload() && !set.has_orientation() && !set.has_sessions());
-    assert!(!set.has_targets() && !set.has_truth());
+    assert!(!set.has_payload() && !set.has_orientation() && set.measurements[0].session.is_none());
+    assert!(set.measurements[0].target.is_none() && !set.has_truth());
     let first = &set.measurements[0];
     assert_eq!(first.instrument_from_target(), None);
     assert!(first.references.is_empty() && first.sigma_position.is_none());
@@ -195,7 +195,7 @@ fn quaternions_are_normalised_with_a_note() {
         set.measurements[1].orientation,
         Some((0.0, Vector3::new(-1.0, 0.0, 0.0)))
     );
-    notes_say(&set.notes, &["off 1 by up to 9.0e-4 (line 3)"]);
+    notes_say(&set.notes, &["differs from 1 by up to 9.0e-4 (line 3)"]);
     let set = ok("q1_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz\n1,1,1,1,0.6000000001,0.8,0,0\n");
     let (w, v) = set.measurements[0].orientation.unwrap();
     assert!((w * w + v.dot(&v) - 1.0).abs() < 1e-15);
@@ -207,17 +207,20 @@ fn repeated_rows_are_kept_with_a_note() {
     let mut text = "q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n2,2,3,4\n1,2,3,4\n".to_owned();
     notes_say(
         &ok(&text).notes,
-        &["equal to an earlier row in every digit: 1 row (line 4 as 2)"],
+        &["identical to an earlier row: 1 row (line 4 as 2)"],
     );
     assert_eq!(ok(&text).measurements.len(), 3);
-    // 1.0 is another text: not equal in every digit.
+    // 1.0 is another text: not identical.
     assert!(
         ok("q1_deg,x_mm,y_mm,z_mm\n1,2,3,4\n1.0,2,3,4\n")
             .notes
             .is_empty()
     );
     text += &"2,2,3,4\n".repeat(6);
-    notes_say(&ok(&text).notes, &["every digit: 7 rows (lines 4 as 2, "]);
+    notes_say(
+        &ok(&text).notes,
+        &["identical to an earlier row: 7 rows (lines 4 as 2, "],
+    );
     assert!(
         ok(&text).notes[0].ends_with("7 as 3, 8 as 3, …)"),
         "{:?}",

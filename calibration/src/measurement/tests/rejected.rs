@@ -36,7 +36,7 @@ fn files_that_are_no_table() {
             "set.csv:2:",
             "\"1\" in the first row",
             "header row",
-            "take the # away",
+            "remove the #",
         ],
     );
 }
@@ -79,12 +79,17 @@ fn columns_that_resemble_known_ones_are_not_ignored() {
         ("payload", "payload_kg"),
         ("Payload_kg", "payload_kg"),
         ("sigma_um", "sigma_mm"),
+        ("sigma_urad", "sigma_mrad"),
+        ("sigma_arcsec", "sigma_mrad"),
+        ("time_ms", "time_s"),
+        ("time_us", "time_s"),
+        ("q2_turns", "q2_deg"),
         ("q_w", "qw"),
         ("QW", "qw"),
         ("Target", "target"),
     ] {
         let head = format!("q1_deg,x_mm,y_mm,z_mm,{name}");
-        let expected = format!("expected {meant}, or a name that resembles no column's");
+        let expected = format!("expected the column {meant}");
         let column = format!("set.csv:1: column 5 ({name})");
         refused(format!("{head}\n1,2,3,4,1\n"), &[&column, &expected]);
     }
@@ -185,7 +190,7 @@ fn fields_that_are_no_value() {
         &[
             "column 3 (x_mm): found an empty field",
             "number in millimetres",
-            "take the row out",
+            "remove the row",
         ],
     );
     row(
@@ -196,7 +201,7 @@ fn fields_that_are_no_value() {
     row("1,1,1,1,1e999,1,a", &["column 5 (z_mm): found \"1e999\""]);
     row(
         "1,1,1,1,\"1,5\",1,a",
-        &["column 5 (z_mm): found \"1,5\"", "decimal point"],
+        &["column 5 (z_mm): found \"1,5\"", "decimal mark"],
     );
     row(
         "-0.5,1,1,1,1,1,a",
@@ -272,7 +277,7 @@ fn quaternions_that_are_none() {
         &[
             "column 7 (qy): found an empty field",
             "all four numbers",
-            "position only",
+            "rows without an orientation",
         ],
     );
     row(",,,", &["column 5 (qw): found an empty field"]);

@@ -67,7 +67,7 @@ fn values_far_beyond_the_limits_are_refused() {
         "set.csv:3: column 3 (q3_deg): found 89.1 deg",
         "joint \"joint_3\"",
         "-110 to 70 deg",
-        "controller's",
+        "its controller",
     ];
     refused(
         format!("{SIX}1,2,3,4,5,6,7,8,9\n1,2,89.1,4,5,6,7,8,9\n"),

@@ -12,7 +12,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
-use crate::measurement::columns::FEATURE;
+use crate::measurement::column_names::FEATURE;
 use crate::measurement::table::quoted;
 use crate::measurement::touch::features::on_a_line;
 use crate::measurement::touch::set::{FeatureKind, KnownDistance, Reading, TouchRow, TouchSet};
@@ -51,9 +51,7 @@ impl TouchSet {
             .map(|row| chain.forward(&row.serial_joints))
             .collect();
         for (index, feature) in self.features.iter().enumerate() {
-            let rows: Vec<usize> = (0..self.rows.len())
-                .filter(|i| self.rows[*i].reading.feature() == Some(index))
-                .collect();
+            let rows = self.rows_of(index);
             self.check_count(index, &rows)?;
             match &feature.kind {
                 FeatureKind::Point { .. } => self.check_turns(index, &rows, &flanges)?,
@@ -105,21 +103,34 @@ impl TouchSet {
         }
     }
 
-    /// Checks that there are as many different joint states as the kind needs; a row that repeats another counts once.
-    fn check_count(&self, feature: usize, rows: &[usize]) -> Result<(), InputError> {
-        let needed = match self.features[feature].kind {
-            FeatureKind::Point { .. } => LEAST_OF_POINT,
-            FeatureKind::Plane { .. } | FeatureKind::Sphere { .. } => LEAST_OF_SURFACE,
-            FeatureKind::Anchor { position: None, .. } => LEAST_OF_SURFACE,
-            FeatureKind::Anchor { .. } | FeatureKind::Level { .. } | FeatureKind::Board(_) => 2,
-        };
+    /// Returns the indices of the rows of a feature.
+    fn rows_of(&self, feature: usize) -> Vec<usize> {
+        let is_own = |i: &usize| self.rows[*i].reading.feature() == Some(feature);
+        (0..self.rows.len()).filter(is_own).collect()
+    }
+
+    /// Returns the number of different joint states among `rows`; a row that repeats another counts once.
+    fn states_of(&self, rows: &[usize]) -> usize {
         let states: HashSet<Vec<u64>> = rows.iter().map(|i| key(&self.rows[*i])).collect();
-        if states.len() >= needed {
+        states.len()
+    }
+
+    /// Returns the number of rows at other joints that a feature lacks to be fitted.
+    pub fn lacking(&self, feature: usize) -> usize {
+        let states = self.states_of(&self.rows_of(feature));
+        least_states(&self.features[feature].kind).saturating_sub(states)
+    }
+
+    /// Checks that there are as many different joint states as the kind needs.
+    fn check_count(&self, feature: usize, rows: &[usize]) -> Result<(), InputError> {
+        let needed = least_states(&self.features[feature].kind);
+        let states = self.states_of(rows);
+        if states >= needed {
             return Ok(());
         }
         let kind = self.features[feature].kind.name();
         let expected = format!("at least {needed} of a {kind}, each at other joints");
-        let found = match (rows.len(), states.len()) {
+        let found = match (rows.len(), states) {
             (0, _) => "no rows".to_owned(),
             (1, _) => "1 row".to_owned(),
             (count, 1) => format!("{count} rows at one joint state"),
@@ -131,7 +142,7 @@ impl TouchSet {
         let error = self.about(feature, rows, found, &expected);
         Err(match rows.len() {
             0 => error.with_help(format!(
-                "{} has no row with this feature: measure it, or take the table out",
+                "{} has no row with this feature: measure it, or remove the table",
                 self.path.display()
             )),
             _ => error,
@@ -161,7 +172,7 @@ impl TouchSet {
         let expected = "orientations of a point that differ by 10 deg or more";
         let error = self.about(feature, rows, found, expected);
         Err(error.with_help(
-            "from one orientation tip and arm cannot be distinguished: touch it from other sides, too",
+            "one orientation cannot distinguish errors of tip and arm: touch it in other orientations, too",
         ))
     }
 
@@ -177,7 +188,7 @@ impl TouchSet {
             _ => 0.0,
         };
         let longest = rows.iter().map(reading).fold(0.0, f64::max);
-        let unit = "is the unit the column's? Its name carries it: value_mm or value_m";
+        let unit = "does the unit match the column's name, value_mm or value_m?";
         if longest < SHORTEST_READING {
             let found = format!("no reading above {} mm", round(longest * 1e3));
             let expected = "distances from the anchor to the tip";
@@ -203,7 +214,7 @@ impl TouchSet {
             return Ok(());
         }
         let found = format!(
-            "readings that are {} times what the drawn arm says",
+            "readings that are {} times the distances of the nominal arm",
             round(1.0 / middle)
         );
         let expected = "distances from position_mm to the tip";
@@ -324,7 +335,7 @@ impl TouchSet {
                 .map(|feature| quoted(&self.features[feature].name));
             let found = format!("{} mm between {a} and {b}", round(known.distance * 1e3));
             let expected = format!(
-                "a length that the touches do not contradict: they say {:.1} mm",
+                "a length that the touches do not contradict: they give {:.1} mm",
                 distance * 1e3
             );
             InputError::new(&self.features_path, found, expected)
@@ -352,18 +363,28 @@ fn remedy(known: &KnownDistance, distance: f64, sigma: f64) -> String {
     let (found, said) = (distance * 1e3, known.distance * 1e3);
     match UNITS.iter().find(agrees) {
         Some((unit, _)) => format!(
-            "touches say {found:.1} mm, and {} {unit} agree with that: give the distance in millimetres",
+            "the touches give {found:.1} mm, which agrees with {} {unit}: state the distance in millimetres",
             round(said)
         ),
         None => format!(
-            "touches say {found:.1} mm, the file {said:.1}, and no other unit makes them agree: is it the distance of these two, \
-             and is the robot the one that was touched?"
+            "the touches give {found:.1} mm, the file {said:.1}, and no other unit makes them agree: check that the \
+             distance is between these two features, and that this is the robot that was touched"
         ),
     }
 }
 
 /// Position of a point according to its touches and the arm as drawn, in m, and the spread of the touches per component.
 type Centre = (Vector3<f64>, f64);
+
+/// Returns the smallest number of different joint states with which a feature of a kind says something about the arm.
+fn least_states(kind: &FeatureKind) -> usize {
+    match kind {
+        FeatureKind::Point { .. } => LEAST_OF_POINT,
+        FeatureKind::Plane { .. } | FeatureKind::Sphere { .. } => LEAST_OF_SURFACE,
+        FeatureKind::Anchor { position: None, .. } => LEAST_OF_SURFACE,
+        FeatureKind::Anchor { .. } | FeatureKind::Level { .. } | FeatureKind::Board(_) => 2,
+    }
+}
 
 /// Returns a key that is equal for equal joint states: joints and payload. 0.0 and −0.0 are the same.
 fn key(row: &TouchRow) -> Vec<u64> {

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use crate::input_error::InputError;
-use crate::measurement::columns::{AXES, Column, FEATURE, Header, QUATERNION, Quantity};
+use crate::measurement::column_names::{AXES, FEATURE, QUATERNION, Quantity};
+use crate::measurement::columns::{Column, Header};
 use crate::measurement::table::Table;
 
 /// The columns of a touch file. A field may be empty if the kind of its row has no such reading.

@@ -40,8 +40,9 @@ use poegp_runtime::kinematics::poe::Poe;
 use sha2::{Digest, Sha256};
 
 use crate::input_error::InputError;
-use crate::measurement::columns::{FEATURE, ignored, joint_columns};
-use crate::measurement::rows::repeated_rows;
+use crate::measurement::column_names::FEATURE;
+use crate::measurement::columns::{ignored, joint_columns};
+use crate::measurement::rows::{repeats, repeats_note};
 use crate::measurement::table::{TOUCH, Table, header};
 use crate::measurement::touch::columns::TouchColumns;
 use crate::measurement::touch::rows::Rows;
@@ -103,21 +104,26 @@ impl TouchSet {
         features: (&Path, &[u8]),
         robot: &Robot,
     ) -> Result<Self, InputError> {
-        let mut out = Self::parse_rows(files, features, robot, false)?;
+        let (mut out, repeats) = Self::parse_rows(files, features, robot, false)?;
         out.check_touches(&chain(files.0, robot)?)?;
+        // A row that is equal in every digit, reading and all, is the same touch again.
+        out.rows
+            .retain(|row| repeats.iter().all(|(line, _)| *line != row.line));
+        out.notes.extend(repeats_note(&repeats, "left out,"));
         let joints = || out.rows.iter().map(|row| row.joints.as_slice());
         let still = still_joints(robot, &out.joint_columns, joints);
         out.notes.extend(still);
         Ok(out)
     }
 
-    /// Reads every row by itself, without the checks that need a complete file. In a plan, readings may be empty.
+    /// Reads every row by itself, without the checks that need a complete file, and returns the lines that repeat another with
+    /// the line of that. In a plan, readings may be empty.
     fn parse_rows(
         (path, bytes): (&Path, &[u8]),
         (features_path, features): (&Path, &[u8]),
         robot: &Robot,
         is_plan: bool,
-    ) -> Result<Self, InputError> {
+    ) -> Result<(Self, Vec<(usize, usize)>), InputError> {
         let text = std::str::from_utf8(features).map_err(|_| {
             InputError::new(
                 features_path,
@@ -146,9 +152,8 @@ impl TouchSet {
             limits.check(row.line, &row.joints, &mut checks)?;
         }
         let mut notes = ignored(&columns.unknown);
-        notes.extend(repeated_rows(&table));
         notes.extend(limits.notes(&checks));
-        Ok(Self {
+        let out = Self {
             path: path.to_path_buf(),
             features_path: features_path.to_path_buf(),
             feature_column: columns.feature.index + 1,
@@ -164,7 +169,8 @@ impl TouchSet {
                 Sha256::digest(bytes).into(),
                 Sha256::digest(features).into(),
             ],
-        })
+        };
+        Ok((out, repeats(&table)))
     }
 }
 

@@ -34,7 +34,6 @@ pub(super) struct Rows<'a> {
 }
 
 impl Rows<'_> {
-    /// Reads all rows.
     pub(super) fn read(&mut self, table: &Table) -> Result<Vec<TouchRow>, InputError> {
         let mut rows = Vec::with_capacity(table.rows.len());
         for (line, fields) in &table.rows {
@@ -87,7 +86,7 @@ impl Rows<'_> {
         refuse_filled(
             row,
             touch_columns,
-            "an empty field: a row without a feature is a tracker's",
+            "an empty field: a row without a feature is a tracker measurement",
         )?;
         let Some(position) = &columns.position else {
             return Err(row
@@ -96,13 +95,15 @@ impl Rows<'_> {
                     "an empty field",
                     "the feature that was touched",
                 )
-                .with_help("a row without a feature is a tracker's, with x_mm, y_mm and z_mm"));
+                .with_help(
+                    "a row without a feature is a tracker measurement, with x_mm, y_mm and z_mm",
+                ));
         };
         let at = row.position(position)?;
         if at == Vector3::zeros() {
             return Err(row
                 .error(&position[0], "the position 0 0 0", "a measured position")
-                .with_help("a tracker writes 0 0 0 where it missed the target: take the row out"));
+                .with_help("a tracker writes 0 0 0 where it missed the target: remove the row"));
         }
         let orientation = columns.orientation.as_ref();
         let orientation =
@@ -140,7 +141,7 @@ impl Rows<'_> {
         refuse_filled(
             row,
             position,
-            "an empty field: a row with a feature has no tracker's reading",
+            "an empty field: a row with a feature has no tracker measurement",
         )?;
         let has_value = matches!(
             kind,
@@ -220,7 +221,7 @@ impl Rows<'_> {
             return Ok(0.0);
         }
         let column = self.needed(row, &self.columns.value, "value_mm", feature)?;
-        let expected = "what the wire or the ballbar reads, as its kind is \"anchor\"";
+        let expected = "the reading of the draw-wire or ballbar, as its kind is \"anchor\"";
         if row.field(column).is_empty() {
             return Err(row.error(column, "an empty field", expected));
         }

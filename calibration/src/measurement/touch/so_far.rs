@@ -27,7 +27,7 @@ impl TouchSet {
         features: (&Path, &[u8]),
         robot: &Robot,
     ) -> Result<Self, InputError> {
-        Self::parse_rows(touches, features, robot, false)
+        Ok(Self::parse_rows(touches, features, robot, false)?.0)
     }
 
     /// Reads a plan of touches. A reading that only the touch itself can supply may be empty; it is replaced by that of the
@@ -40,7 +40,7 @@ impl TouchSet {
         features: (&Path, &[u8]),
         robot: &Robot,
     ) -> Result<Self, InputError> {
-        let mut out = Self::parse_rows((path, bytes), features, robot, true)?;
+        let (mut out, _) = Self::parse_rows((path, bytes), features, robot, true)?;
         let chain = chain(path, robot)?;
         let mut rows = std::mem::take(&mut out.rows);
         for row in &mut rows {
@@ -75,7 +75,7 @@ impl TouchSet {
                 },
                 _ => {
                     let expected = "position_mm of an anchor that is planned";
-                    return refused(feature, "which stands nobody knows where", expected);
+                    return refused(feature, "whose position is not stated", expected);
                 }
             },
             Reading::Level { feature, gravity } if gravity == Vector3::zeros() => {

@@ -18,7 +18,7 @@ use crate::model::methods::problem::{
 };
 use crate::progress::FitContext;
 
-/// Method that fits the elastic model.
+/// Method that fits the elastic model, or its parameters alone, as the options say.
 pub struct Elastic;
 
 /// Number of matrices of the dense solution that a fit holds at the same time: 663 MB were measured at 800 poses.

@@ -23,17 +23,20 @@ pub enum Method {
     PoeGp,
     /// The chain and a Gaussian process of joints and payload.
     PoeGpLoad,
+    /// The elastic model without processes and own-joint curves: its parameters alone.
+    Parametric,
     /// The elastic model.
     Elastic,
 }
 
 /// For each method its name, one line on what it calibrates, and its implementation, in the order of [`Method`].
 #[rustfmt::skip]
-const REGISTRY: [(Method, &str, &str, &dyn CalibrationMethod); 5] = [
+const REGISTRY: [(Method, &str, &str, &dyn CalibrationMethod); 6] = [
     (Method::BaseTool, "base-tool", "Base and tool frames only.", &base_tool::BaseTool),
     (Method::Poe, "poe", "All frames of the chain (step 1 of the paper).", &poe::PoeMethod),
     (Method::PoeGp, "poe-gp", "The chain and a Gaussian process of the joints.", &task_space::TaskSpace { with_payload: false }),
     (Method::PoeGpLoad, "poe-gp-load", "The chain and a Gaussian process of joints and payload: the paper's method.", &task_space::TaskSpace { with_payload: true }),
+    (Method::Parametric, "parametric", "The parameters of the elastic method alone: the chain, gravity terms and gear ripple.", &elastic::Elastic),
     (Method::Elastic, "elastic", "The chain, gravity terms, own-joint curves, gear ripple and joint-space processes, solved together.", &elastic::Elastic),
 ];
 
@@ -61,7 +64,6 @@ impl Method {
         REGISTRY[self as usize].2
     }
 
-    /// Returns the implementation of the method.
     pub(super) fn implementation(self) -> &'static dyn CalibrationMethod {
         REGISTRY[self as usize].3
     }
@@ -138,7 +140,7 @@ mod tests {
         let error = "poegp".parse::<Method>().unwrap_err().to_string();
         assert_eq!(
             error,
-            "unknown method `poegp`, expected one of base-tool, poe, poe-gp, poe-gp-load, elastic"
+            "unknown method `poegp`, expected one of base-tool, poe, poe-gp, poe-gp-load, parametric, elastic"
         );
     }
 
@@ -146,6 +148,6 @@ mod tests {
     #[test]
     fn least_numbers_of_poses() {
         let poses: Vec<usize> = Method::ALL.iter().map(|m| m.min_poses(6)).collect();
-        assert_eq!(poses, [3, 6, 10, 10, 6]);
+        assert_eq!(poses, [3, 6, 10, 10, 6, 6]);
     }
 }

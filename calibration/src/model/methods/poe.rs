@@ -6,7 +6,7 @@ use crate::identification::frame_fit::{
     FrameFit, ResidualFrame, fit_frames, followed_share, residual_components,
 };
 use crate::learning::elastic::options::ElasticOptions;
-use crate::measurement::noise::{NoiseScales, is_followed};
+use crate::measurement::noise::{NoiseOfFits, NoiseScales};
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
@@ -68,16 +68,10 @@ fn fit_chain(problem: &Problem) -> (Poe<f64>, FrameFit) {
         ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
     );
     let mut kind = ResidualFrame::TOOL_POINT_UNIT_WEIGHTS;
-    let mut are_followed = false;
+    let mut noise = NoiseOfFits::default();
     for _ in 0..NOISE_ROUNDS {
-        let mut scales = estimated_noise(&chain, samples);
-        if let Some(share) = followed_share(&chain, samples, &free, kind) {
-            are_followed |= is_followed(&share);
-            if are_followed {
-                scales = scales.beside(&share);
-            }
-        }
-        kind = ResidualFrame::ToolPoint(scales);
+        let share = followed_share(&chain, samples, &free, kind);
+        kind = ResidualFrame::ToolPoint(noise.of(estimated_noise(&chain, samples), share));
         fit = fit_frames(&mut chain, samples, &free, kind);
     }
     (chain, fit)

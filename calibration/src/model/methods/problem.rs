@@ -50,9 +50,6 @@ pub trait CalibrationMethod: Sync {
     }
 
     /// Fits the model.
-    ///
-    /// # Errors
-    /// [`CalibrationError`].
     fn fit(&self, problem: &Problem, context: &FitContext) -> Result<Fit, CalibrationError>;
 }
 
@@ -78,12 +75,10 @@ impl DataRequirements {
     }
 }
 
-/// Returns whether every sample is a whole pose.
 pub(crate) fn has_whole_poses<F>(samples: &[Sample<F>]) -> bool {
     samples.iter().all(|s| s.observation.has_orientation())
 }
 
-/// Returns whether the samples are whole poses of one tool.
 pub(super) fn has_whole_poses_of_one_tool<F>(samples: &[Sample<F>]) -> bool {
     tool_count(samples) == 1 && has_whole_poses(samples)
 }

@@ -23,17 +23,17 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
                 false => ("smaller", "short"),
             };
             format!(
-                "by {} this arm is {:.2} % {size} than drawn, {sigmas:.1} standard deviations of its class, which must be below {SIZE}: \
-                 they are too {length} by about {:.2} % all alike (a unit, a scale, a nominal length), or the drawing is of another \
-                 variant; measure one of them again by other means",
+                "by {} this arm is {:.2} % {size} than drawn, {sigmas:.1} standard deviations of its class (limit \
+                 {SIZE}): either all of them are too {length} by about {:.2} % (a unit, a scale, a nominal length), or \
+                 the drawing is of another variant; measure one of them again by another method",
                 lengths(set),
                 percent.abs(),
                 percent.abs()
             )
         }
         StatedLength::Zero(feature) => format!(
-            "{} reads {:.1} ± {plus_minus:.1} mm too {}, {sigmas:.1} standard deviations, which must be below {OWN}: measure its zero \
-             again, or state a larger zero_sigma_mm",
+            "{} reads {:.1} ± {plus_minus:.1} mm too {}, {sigmas:.1} standard deviations (limit {OWN}): measure its \
+             zero again, or state a larger zero_sigma_mm",
             name(feature),
             mm.abs(),
             if mm < 0.0 { "much" } else { "little" }
@@ -44,29 +44,26 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
                 _ => 0.0,
             };
             format!(
-                "the radius of {} is {:.2} ± {plus_minus:.2} mm by the touches and {stated} mm in the file, {sigmas:.1} standard \
-                 deviations, which must be below {OWN}: is it from the centre of the ball to that of the tip? Measure it again, or \
-                 state a larger radius_sigma_mm",
+                "the radius of {} is {:.2} ± {plus_minus:.2} mm by the touches and {stated} mm in the file, \
+                 {sigmas:.1} standard deviations (limit {OWN}): is it from the centre of the ball to that of the tip? \
+                 Measure it again, or state a larger radius_sigma_mm",
                 name(feature),
                 stated + mm
             )
         }
         StatedLength::Tip(tip, axis) => format!(
-            "the tip \"{}\" is {mm:+.1} ± {plus_minus:.1} mm along {} of the flange from its tip_mm, {sigmas:.1} standard deviations, which \
-             must be below {OWN}: measure it again, or state a larger sigma_mm",
+            "the tip \"{}\" is {mm:+.1} ± {plus_minus:.1} mm along {} of the flange from its tip_mm, {sigmas:.1} \
+             standard deviations (limit {OWN}): measure it again, or state a larger sigma_mm",
             set.tips[tip].name,
             ["x", "y", "z"][axis]
         ),
     };
     let is_size = doubt.length == StatedLength::All;
-    Finding {
-        cause: if is_size { Cause::Frames } else { Cause::Noise },
-        tier: Tier::Refused,
-        text,
-        rows: Vec::new(),
-        value: sigmas,
-        threshold: if is_size { SIZE } else { OWN },
-    }
+    let (cause, threshold) = match is_size {
+        true => (Cause::Frames, SIZE),
+        false => (Cause::Noise, OWN),
+    };
+    Finding::new(cause, Tier::Refused, text, sigmas, threshold)
 }
 
 /// Names the stated lengths of a set.

@@ -1,12 +1,14 @@
 //! Calibration by touches: estimates the most probable arm for all rows of a touch file, as an ordinary [`Calibration`].
 //!
-//! The model is the elastic one without processes: the calibrated chain and the gravity terms of its links. The base frame
+//! The model is a parametric one: the calibrated chain and the gravity terms of its links. The base frame
 //! is that of the drawing, because touches show no other; if the file has rows of a tracker, it is related to the
 //! instrument as in any calibration. The tool is the first tip.
 
 pub mod doubted;
 pub mod findings;
+pub mod mistaken;
 pub mod record;
+pub mod stepped;
 pub mod summary;
 
 use nalgebra::Vector3;
@@ -15,10 +17,11 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::with_base_and_tool;
 use crate::identification::base_tools::BaseAndTools;
-use crate::identification::frame_fit::FrameFit;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::judge::Verdict;
-use crate::identification::touch::lengths::doubt;
+use crate::identification::touch::lengths::{StatedLength, doubt};
+use crate::identification::touch::mistakes::{Mistake, explained};
+use crate::identification::touch::steps::{contradicting, step};
 use crate::identification::touch::unseen::unseen;
 use crate::identification::touch::volume::{Knowledge, WorkVolume};
 use crate::learning::elastic::reduced_model::ElasticModel;
@@ -35,7 +38,9 @@ use crate::model::methods::Method;
 use crate::model::methods::problem::{FrameEstimate, seen_from_first};
 use crate::model::touches::doubted::doubted;
 use crate::model::touches::findings::findings;
+use crate::model::touches::mistaken::mistaken;
 use crate::model::touches::record::{ArmRecord, NotASisterArm, by_sisters};
+use crate::model::touches::stepped::stepped;
 use crate::model::touches::summary::TouchSummary;
 use crate::robot::Robot;
 use crate::trust::Findings;
@@ -72,9 +77,6 @@ pub fn class_of(robot: &Robot, set: &TouchSet) -> ClassPrior {
 }
 
 /// Calibrates `robot` from the touches of `set`, with base and tool as `gauge` says.
-///
-/// # Errors
-/// [`CalibrationError`].
 pub fn calibrate_touches(
     robot: &Robot,
     set: &TouchSet,
@@ -105,7 +107,16 @@ pub fn calibrate_beside_sisters(
         Err(refused) => return Ok(Err(refused)),
     }
     let drawing = TouchFit::on_drawing(&problem, 0);
-    let fit = TouchFit::new(&problem, &drawing);
+    let mut fit = TouchFit::new(&problem, &drawing);
+    // A false length looks like a step, or like rows that contradict the others.
+    let doubt = doubt(&problem, &drawing, &fit);
+    let step = match doubt {
+        Some(_) => None,
+        None => step(&problem, &fit),
+    };
+    if doubt.is_none() && step.is_none() {
+        fit = without_single(&problem, fit);
+    }
     let unsolvable = || CalibrationError::from(FitError::Unsolvable);
     let volume = WorkVolume::new(robot, &problem);
     let known = Knowledge::new(&problem, &fit, &volume).ok_or_else(unsolvable)?;
@@ -113,10 +124,23 @@ pub fn calibrate_beside_sisters(
     let record = ArmRecord::new(&problem, &fit).ok_or_else(unsolvable)?;
     let unseen = unseen(&problem, &fit, &known);
     let summary = TouchSummary::new(&problem, (&drawing, &fit), &known, &verdict, unseen);
-    let mut findings = findings(&summary);
-    let doubt = doubt(&problem, &drawing, &fit);
-    findings.0.extend(doubt.map(|doubt| doubted(set, &doubt)));
-    findings.accept(&[]);
+    // One false length by itself explains a scatter better than a mistake of all rows, except another robot.
+    let is_length = (doubt.as_ref()).is_some_and(|doubt| doubt.length != StatedLength::All);
+    let mistake = explained(robot, &problem, (&drawing, &fit))
+        .filter(|found| !is_length || matches!(found.mistake, Mistake::Robot(_)));
+    let findings = match mistake {
+        // What else is remarkable follows from the mistake.
+        Some(mistake) => Findings(vec![mistaken(robot, &mistake)]),
+        None => {
+            let mut findings = findings(&summary);
+            findings.0.extend(doubt.map(|doubt| doubted(set, &doubt)));
+            let drawn = summary.before.mean_mm;
+            let step = step.map(|step| stepped(set, &step, drawn));
+            findings.0.extend(step);
+            findings.accept(&[]);
+            findings
+        }
+    };
     let (calibration, samples) = stated(robot, &problem, &fit, (&known, &volume), config, gauge)?;
     Ok(Ok(TouchCalibration {
         calibration,
@@ -126,6 +150,19 @@ pub fn calibrate_beside_sisters(
         summary,
         findings,
     }))
+}
+
+/// Refits without single rows that contradict all others.
+fn without_single(problem: &TouchProblem, fit: TouchFit) -> TouchFit {
+    let alone = contradicting(problem, &fit);
+    if alone.iter().all(|row| fit.weights[*row] == 0.0) {
+        return fit;
+    }
+    let mut weights = fit.weights.clone();
+    for row in alone {
+        weights[row] = 0.0;
+    }
+    fit.weighted(problem, &weights)
 }
 
 /// Converts a fit into a [`Calibration`] and its samples.
@@ -177,8 +214,7 @@ fn stated(
     };
     let mut out = Calibration {
         config: Config {
-            method: Method::Elastic,
-            processes: false,
+            method: Method::Parametric,
             ripple: false,
             curve: false,
             ..*config
@@ -193,12 +229,6 @@ fn stated(
         base_and_tools: BaseAndTools {
             instrument_from_base: instrument,
             flange_from_targets,
-            fit: FrameFit {
-                iterations: 0,
-                rms: 0.0,
-                rank: 0,
-                parameters: 0,
-            },
         },
         calibrated,
         correction: Correction::Elastic(Box::new(model)),

@@ -103,6 +103,28 @@ pub struct DistanceSummary {
     pub measured_mm: Option<[f64; 2]>,
 }
 
+impl DistanceSummary {
+    /// Summarises a known distance with its errors for two fits.
+    pub fn new(
+        set: &TouchSet,
+        known: &KnownDistance,
+        fits: [&TouchFit; 2],
+        measured: Option<Measured>,
+    ) -> Self {
+        let error = |fit: &TouchFit| {
+            let missed = fit.distance(known.between, known.distance);
+            1e3 * missed.map_or(0.0, |(missed, _)| missed)
+        };
+        Self {
+            between: known.between.map(|f| set.features[f].name.clone()),
+            said_mm: 1e3 * known.distance,
+            sigma_mm: 1e3 * known.sigma,
+            error_mm: fits.map(error),
+            measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
+        }
+    }
+}
+
 /// The noise of one kind of reading.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct NoiseSummary {
@@ -362,21 +384,10 @@ fn distances(problem: &TouchProblem, fit: &TouchFit) -> Vec<DistanceSummary> {
         ..problem.clone()
     };
     let drawing = TouchFit::on_drawing_without(&without, &fit.weights);
-    let of = |(known, measured): (&KnownDistance, Option<Measured>)| {
-        let error = |fit: &TouchFit| {
-            let missed = fit.distance(known.between, known.distance);
-            1e3 * missed.map_or(0.0, |(missed, _)| missed)
-        };
-        DistanceSummary {
-            between: known.between.map(|f| set.features[f].name.clone()),
-            said_mm: 1e3 * known.distance,
-            sigma_mm: 1e3 * known.sigma,
-            error_mm: [error(&drawing), error(fit)],
-            measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),
-        }
-    };
     let measured = fit.measured_distances(problem);
-    set.distances.iter().zip(measured).map(of).collect()
+    let all = set.distances.iter().zip(measured);
+    all.map(|(known, measured)| DistanceSummary::new(set, known, [&drawing, fit], measured))
+        .collect()
 }
 
 /// Summarises the noise of every kind of reading that occurs.

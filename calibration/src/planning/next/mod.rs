@@ -13,9 +13,14 @@
 //! whatever value was read. The next row is the one that lowers the mean variance of the wanted positions most. Each further
 //! equation costs the product of a triangular factor and a vector; nothing is computed again.
 
+pub mod doubt;
+#[cfg(test)]
+mod doubt_tests;
+pub mod moved;
 pub mod outlook;
 #[cfg(test)]
 mod tests;
+pub mod waiting;
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;

@@ -10,14 +10,10 @@ use serde::Serialize;
 
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::volume::{Expected, Knowledge, WorkVolume};
-use crate::measurement::touch::{ClassPrior, FeatureKind, Reading, TouchSet};
+use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
+use crate::planning::next::doubt::{copy_of, error_of};
+use crate::planning::next::waiting::{LEAST_EQUATIONS, waiting};
 use crate::robot::Robot;
-
-/// Fewest rows with which a feature says something about the arm: for a point, for a feature whose rows give one equation,
-/// and for the others.
-const LEAST: (usize, usize, usize) = (3, 4, 2);
-/// Fewest equations that can be fitted.
-const LEAST_EQUATIONS: usize = 12;
 
 /// What the rows measured so far are worth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -34,46 +30,26 @@ pub struct Outlook {
     pub strange: Vec<(usize, Option<f64>)>,
 }
 
-/// The index of a feature that has too few rows, and how many rows it lacks.
-pub type Waiting = (usize, usize);
-
-/// Returns the features that have too few rows to be fitted.
-pub fn waiting(set: &TouchSet) -> Vec<Waiting> {
-    let enough = |(feature, needed): (usize, usize)| {
-        let rows = set.rows.iter();
-        let own = rows.filter(|row| row.reading.feature() == Some(feature));
-        needed.saturating_sub(own.count())
-    };
-    let needed = set.features.iter().map(|feature| match feature.kind {
-        FeatureKind::Point { .. } => LEAST.0,
-        FeatureKind::Plane { .. } | FeatureKind::Sphere { .. } => LEAST.1,
-        FeatureKind::Anchor { position: None, .. } => LEAST.1,
-        _ => LEAST.2,
-    });
-    needed
-        .enumerate()
-        .map(|(feature, needed)| (feature, enough((feature, needed))))
-        .filter(|(_, missing)| *missing > 0)
-        .collect()
-}
-
-/// Fits the rows of `set` and computes what they are worth over the work volume of `plan`; returns `None` if they are too
-/// few.
+/// Fits the rows of `set`, except those of `doubted` and copies of others, and computes what they are worth over the work
+/// volume of `plan`; returns `None` if they are too few.
 pub fn outlook(
     robot: &Robot,
     nominal: &Poe<f64>,
     (set, plan): (&TouchSet, &TouchSet),
+    doubted: &[usize],
     gravity: Vector3<f64>,
     class: ClassPrior,
 ) -> Option<Outlook> {
+    let counts = |i: &usize| !doubted.contains(i) && copy_of(set, *i).is_none();
+    let mut index: Vec<usize> = (0..set.rows.len()).filter(counts).collect();
+    let mut counted = set.clone();
+    counted.rows = index.iter().map(|i| set.rows[*i].clone()).collect();
     let mut keep = vec![true; set.features.len()];
-    for (feature, _) in waiting(set) {
+    for (feature, _) in waiting(&counted) {
         keep[feature] = false;
     }
-    let fitted = set.with_features(&keep);
-    let index: Vec<usize> = (0..set.rows.len())
-        .filter(|i| set.rows[*i].reading.feature().is_none_or(|f| keep[f]))
-        .collect();
+    let fitted = counted.with_features(&keep);
+    index.retain(|i| set.rows[*i].reading.feature().is_none_or(|f| keep[f]));
     let problem = TouchProblem::new(&fitted, nominal, robot.coupling.clone(), gravity, class);
     if problem.equations() < LEAST_EQUATIONS {
         return None;
@@ -84,15 +60,7 @@ pub fn outlook(
     let volume = WorkVolume::new(robot, &planned);
     let known = Knowledge::new(&problem, &fit, &volume)?;
     let errors = fit.left_out(&problem)?;
-    let length_of = |row: usize| {
-        let reading = &fitted.rows[row].reading;
-        let left = errors.iter().find(|left| left.rows.contains(&row))?;
-        let at = left.rows.iter().position(|r| *r == row)?;
-        let squared = left.errors[at].iter().take(3).map(|e| e * e).sum::<f64>();
-        Noise::of(reading, 0)
-            .is_length()
-            .then_some(1e3 * squared.sqrt())
-    };
+    let length_of = |row: usize| error_of(&errors, &fitted, row).and_then(|(_, mm)| mm);
     let strange = (0..index.len()).filter(|row| fit.weights[*row] == 0.0);
     let is_finite = known.after.mean_mm.is_finite() && known.before.mean_mm.is_finite();
     is_finite.then(|| Outlook {

@@ -7,6 +7,7 @@ use crate::model::touches::USUAL_CLASS;
 use crate::numeric::cholesky::Factor;
 use crate::planning::candidates::draw;
 use crate::planning::constraints::Constraints;
+use crate::planning::next::waiting::waiting;
 use crate::planning::touches::{Goal, TouchPlanner, TouchTask, to_csv, to_toml};
 use crate::robot::LoadOptions;
 
@@ -158,4 +159,23 @@ fn what_was_measured_counts_not_what_was_planned() {
     assert!(once - chooser.variance < 0.5 * (before - once));
     chooser.skip(3);
     assert_eq!(chooser.left(), plan.rows.len() - 3);
+}
+
+/// A feature waits for as many joint states as `calibrate` asks for: touches at joints that were there before are not more.
+#[test]
+fn repeated_joints_are_one_state() {
+    let robot = Robot::load("ur10", &LoadOptions::default()).unwrap();
+    let mut set = touches(&robot);
+    let (socket, rows) = (Some(0), set.rows.clone());
+    set.rows.retain(|row| row.reading.feature() == socket);
+    set.rows.truncate(3);
+    let lacking = |set: &TouchSet| waiting(set).first().copied();
+    assert_ne!(lacking(&set).map(|(feature, _)| feature), socket);
+    let first = set.rows[0].clone();
+    for row in &mut set.rows {
+        row.joints.clone_from(&first.joints);
+    }
+    assert_eq!(lacking(&set), Some((0, 2)));
+    set.rows = rows;
+    assert_eq!(lacking(&set), None);
 }

@@ -1,13 +1,10 @@
 //! A plan of touches as the files that the operator fills in.
 
-use std::fmt::Write as _;
-
 use nalgebra::Vector3;
-use poegp_protocol::JointKind;
 
-use crate::planning::candidates::{decimals, in_file_units};
+use crate::planning::candidates::decimals;
 use crate::planning::touches::{Goal, TouchPlan};
-use crate::robot::Robot;
+use crate::robot::{Robot, in_file_units};
 
 /// Returns the names of the features: socket/0, socket/1, plane/0 ….
 pub fn feature_names(goals: &[Goal]) -> Vec<String> {
@@ -27,17 +24,11 @@ pub fn to_csv(robot: &Robot, goals: &[Goal], plan: &TouchPlan) -> String {
     let has_wire = goals.iter().any(|goal| matches!(goal, Goal::Wire(_)));
     let value = if has_wire { ",value_mm" } else { "" };
     let mut out = format!(
-        "# {}: planned touches, in this order; lead the tip there and write the joints that the controller then shows\nfeature{value}",
+        "# {}: planned touches, in this order; move the tip there and record the joints that the controller then \
+         shows\nfeature{value}",
         robot.name
     );
-    for (i, joint) in (1..).zip(&robot.joints) {
-        let unit = match joint.kind {
-            JointKind::Revolute => "deg",
-            JointKind::Prismatic => "mm",
-        };
-        let _: std::fmt::Result = write!(out, ",q{i}_{unit}");
-    }
-    out.push('\n');
+    out += &format!(",{}\n", robot.file_columns().join(","));
     for touch in &plan.touches {
         out += &names[touch.goal];
         out += if has_wire { "," } else { "" };

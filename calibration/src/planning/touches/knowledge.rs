@@ -2,6 +2,8 @@
 
 use nalgebra::Matrix3;
 
+use crate::numeric::vectors::dot;
+
 /// Up to three equations in the unknowns, all in units of their standard deviations.
 pub(super) type Row = [Vec<f64>; 3];
 
@@ -22,9 +24,8 @@ impl State {
     /// Returns P Jᵀ, a column for each equation, and (1 + J P Jᵀ)⁻¹.
     fn seen(&self, row: &Row) -> ([Vec<f64>; 3], Matrix3<f64>) {
         let columns: [Vec<f64>; 3] =
-            std::array::from_fn(|k| self.covariance.iter().map(|p| inner(p, &row[k])).collect());
-        let sum =
-            Matrix3::from_fn(|i, j| f64::from(u8::from(i == j)) + inner(&row[i], &columns[j]));
+            std::array::from_fn(|k| self.covariance.iter().map(|p| dot(p, &row[k])).collect());
+        let sum = Matrix3::from_fn(|i, j| f64::from(u8::from(i == j)) + dot(&row[i], &columns[j]));
         (columns, sum.try_inverse().unwrap_or_else(Matrix3::zeros))
     }
 
@@ -32,8 +33,8 @@ impl State {
     pub(super) fn gain(&self, row: &Row, wanted: &[Vec<f64>]) -> f64 {
         let (columns, inverse) = self.seen(row);
         let weighted: [Vec<f64>; 3] =
-            std::array::from_fn(|k| wanted.iter().map(|w| inner(w, &columns[k])).collect());
-        let gram = Matrix3::from_fn(|i, j| inner(&columns[i], &weighted[j]));
+            std::array::from_fn(|k| wanted.iter().map(|w| dot(w, &columns[k])).collect());
+        let gram = Matrix3::from_fn(|i, j| dot(&columns[i], &weighted[j]));
         (inverse * gram).trace()
     }
 
@@ -50,8 +51,4 @@ impl State {
             }
         }
     }
-}
-
-pub(super) fn inner(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

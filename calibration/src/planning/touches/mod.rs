@@ -20,11 +20,12 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::touch::ClassPrior;
+use crate::numeric::vectors::dot;
 use crate::planning::candidates::{draw, on_grid};
 use crate::planning::constraints::Constraints;
 use crate::planning::ordering::shortest_path_order;
 use crate::planning::space_filling::quotas;
-use crate::planning::touches::knowledge::{Row, State, inner};
+use crate::planning::touches::knowledge::{Row, State};
 use crate::robot::Robot;
 use crate::robot::settle::{Settler, Surface};
 
@@ -164,9 +165,6 @@ pub struct TouchPlanner<'a> {
 
 impl<'a> TouchPlanner<'a> {
     /// Finds candidates for `count` rows of all goals together.
-    ///
-    /// # Errors
-    /// [`HardlyReached`].
     pub fn new(
         task: TouchTask<'a>,
         goals: &'a [Goal],
@@ -467,7 +465,7 @@ impl<'a> TouchPlanner<'a> {
             .covariance
             .iter()
             .zip(&self.wanted)
-            .map(|(a, b)| inner(a, b))
+            .map(|(a, b)| dot(a, b))
             .sum();
         trace.max(0.0).sqrt()
     }

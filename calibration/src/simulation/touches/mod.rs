@@ -9,15 +9,14 @@ mod table;
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
-use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::measurement::touch::{Reading, TouchSet};
-use crate::robot::Robot;
 use crate::robot::settle::{Settler, Surface};
+use crate::robot::{Robot, in_file_units};
 use crate::simulation::Simulator;
 use crate::simulation::touches::table::Row;
 use crate::simulation::true_arm::normal_vector;
@@ -82,14 +81,6 @@ pub struct SimulatedTouches {
     pub toml: String,
     /// Number of rows in the touch file.
     pub rows: usize,
-}
-
-/// Converts a joint value to the unit of files: degrees or millimetres.
-fn in_file_units(kind: JointKind, joint: f64) -> f64 {
-    match kind {
-        JointKind::Revolute => joint.to_degrees(),
-        JointKind::Prismatic => 1e3 * joint,
-    }
 }
 
 /// Converts to thousandths of the unit, without the digits that the multiplication leaves behind.
@@ -437,13 +428,7 @@ impl Touching<'_> {
     }
 
     fn joint_names(&self) -> String {
-        let name = |(i, kind): (usize, JointKind)| match kind {
-            JointKind::Revolute => format!("q{i}_deg"),
-            JointKind::Prismatic => format!("q{i}_mm"),
-        };
-        let kinds = self.robot.joints.iter().map(|joint| joint.kind);
-        let names: Vec<String> = (1..).zip(kinds).map(name).collect();
-        names.join(",")
+        self.robot.file_columns().join(",")
     }
 
     fn truth(&mut self, count: usize, comment: &str) -> String {

@@ -109,13 +109,13 @@ pub fn sources(
     let model = Contribution::normal(
         Source::Model,
         Evaluation::A,
-        "how far the errors of the held-out poses differ",
+        "scatter of the errors of the held-out poses",
     );
     // The errors are those of poses in the instrument's frame, so nothing is added for the frames of base and tool.
     let base_and_tool = Contribution::normal(
         Source::BaseAndTool,
         Evaluation::A,
-        "their error is part of the errors of the poses",
+        "included in the errors of the poses",
     );
     let mut out = vec![
         instrument(found, noise, knowledge.instrument[component]),
@@ -138,7 +138,7 @@ pub fn of_touches(standard_uncertainty: f64) -> Vec<Contribution> {
         row(
             Source::Instrument,
             Evaluation::B,
-            "what the touches miss by is part of the model's row",
+            "included in the model's row, in what the touches miss by",
         )
         .of(0.0),
         row(
@@ -149,13 +149,13 @@ pub fn of_touches(standard_uncertainty: f64) -> Vec<Contribution> {
         row(
             Source::Model,
             Evaluation::B,
-            "what the touches leave open of the arm, by its class",
+            "errors of the arm that the touches do not determine, by its class",
         )
         .of(standard_uncertainty),
         row(
             Source::BaseAndTool,
             Evaluation::B,
-            "no touch sees them: the errors are those after their best registration",
+            "touches cannot show them: the errors are those after their best registration",
         ),
     ];
     share(&mut out);
@@ -213,7 +213,7 @@ fn instrument(found: &Quantile, noise: &Noise, certificate: Option<f64>) -> Cont
 fn repeatability(found: &Quantile, noise: &Noise, poses_repeat: bool) -> Contribution {
     let basis = match (poses_repeat, noise.repeated) {
         (false, _) => "not measured: measure some poses again",
-        (true, None) => "fewer than four poses repeat: the declared noise stands for it",
+        (true, None) => "fewer than four poses repeat: the declared noise is used instead",
         (true, Some(_)) => "poses that were measured again",
     };
     let row = Contribution::normal(Source::Repeatability, Evaluation::A, basis);
@@ -238,7 +238,7 @@ fn drift(known: Option<(&DriftReport, bool)>, component: usize) -> Contribution 
             Some([1e-3 * norm(drift.max_um), 1e-3 * drift.max_urad][component]),
         ),
         Some((drift, true)) => (
-            "what the reference points leave after the motion was removed",
+            "residual motion of the reference points after the correction",
             // Beyond that, nothing is known for rotation.
             Some([1e-3 * drift.left_out_um[1] * 3.0_f64.sqrt(), 0.0][component]),
         ),

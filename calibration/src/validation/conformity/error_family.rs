@@ -215,7 +215,6 @@ fn mixture(spreads: &[(Shape, Vec<(f64, f64)>)]) -> Vec<(f64, f64)> {
 
 /// Table of quantiles with noise and without, for one τ.
 pub(super) struct Denoised {
-    /// Probability of τ.
     pub(super) probability: f64,
     /// Pairs of a quantile with noise and the one without, rising; empty if there is no noise.
     quantiles: Vec<(f64, f64)>,

@@ -151,6 +151,7 @@ fn the_drift_of_the_instrument_has_its_row() {
         motion: "rigid",
         window_poses: [None; 3],
         std_um: [1.0; 3],
+        moved_mm: 5e-3,
         max_um: [3.0, 0.0, 4.0],
         max_urad: 60.0,
         left_out_um: [3.0, 1.0],

@@ -20,9 +20,12 @@ pub use crate::validation::next_steps::step::{Kind, LEAST_MM, LEAST_SHARE, Range
 pub use crate::validation::next_steps::task::{Knowledge, Task};
 
 use crate::identification::prediction_covariance::PredictionCovariance;
+use crate::model::Method;
 use crate::validation::model_selection::UNCERTAIN;
 use crate::validation::work_volume::POSES;
 
+/// Number of poses from which on more of them hardly change which method is chosen (`docs/evidence/model-choice.md`).
+const SETTLED: usize = 100;
 /// Factor by which a region must gain more than evenly spread poses to be proposed; less is chance of the draw.
 const BETTER: f64 = 1.2;
 /// Most regions that are proposed.
@@ -218,7 +221,7 @@ fn verdict(
     scatter: Option<f64>,
 ) -> (String, Option<String>) {
     let method = task.calibration.config.method.name();
-    let unknown = "What further measurements would gain is not known".to_owned();
+    let unknown = "The gain of further measurements is not known".to_owned();
     let count = task.samples.len();
     if !is_paid && (count < UNCERTAIN || task.warnings.iter().any(|w| w.cause == Cause::Few)) {
         let why = format!("{count} poses are too few to know what is missing: measure more");
@@ -226,7 +229,7 @@ fn verdict(
     }
     let Some(expected) = expected else {
         let why = format!(
-            "This `{method}` model does not say how sure it is of the arm; `poe` and `elastic` do"
+            "A `{method}` model does not estimate its own uncertainty; `poe` and `elastic` do"
         );
         return (unknown, Some(why));
     };
@@ -240,16 +243,23 @@ fn verdict(
         return (gain, None);
     }
     let count = task.knowledge.pool.count;
+    let is_settled = method == Method::Elastic.name() || task.samples.len() >= SETTLED;
+    let richer = match is_settled {
+        true => "",
+        false => "; with more poses, a richer method may be chosen",
+    };
     let nothing = format!(
-        "More poses would not help: {count} of them would lower the expected error by less than {percent:.0} %"
+        "More poses would not help this model: {count} of them would lower its expected error by less than {percent:.0} \
+         %{richer}"
     );
     let why = scatter.map(|scatter| match task.calibration.has_local_deviation() {
         true => format!(
-            "Of the {expected:.3} mm expected, {scatter:.3} mm would be seen of a perfect model, too: the noise of the measurement"
+            "Of the {expected:.3} mm expected, even a perfect model would show {scatter:.3} mm: the noise of the \
+             measurement"
         ),
         false => format!(
-            "Of the {expected:.3} mm expected, {scatter:.3} mm is how the rows scatter about this `{method}` model: the noise of the \
-             measurement, and what the model cannot describe"
+            "Of the {expected:.3} mm expected, {scatter:.3} mm is the scatter of the rows about this `{method}` model: \
+             the noise of the measurement, and what the model cannot describe"
         ),
     });
     (nothing, why)

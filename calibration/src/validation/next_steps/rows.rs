@@ -20,10 +20,19 @@ pub fn steps(task: &Task) -> Vec<Step> {
         before_mm: None,
         after_mm: None,
     };
+    let instrument = task.instrument_moved_mm;
     let warned = task.warnings.iter().filter(|w| w.tier == Tier::Warning);
+    // A drift is the instrument's, where its reference points show one.
+    let warned = warned.filter(|w| instrument.is_none() || w.cause != Cause::Drift);
     let remedies = warned.filter_map(|w| Some(step(format!("{}: {}", remedy(w.cause)?, w.text))));
     let mut out: Vec<Step> = remedies.collect();
-    out.extend(warm_up(task).map(step));
+    let drift = match instrument {
+        Some(mm) => Some(format!(
+            "Calibrate again with --correct-drift: the reference points show that the instrument moved by up to {mm:.2} mm"
+        )),
+        None => warm_up(task),
+    };
+    out.extend(drift.map(step));
     out
 }
 
@@ -34,8 +43,8 @@ fn remedy(cause: Cause) -> Option<&'static str> {
             "Measure again what was measured before something moved, or give each mounting a session of its own"
         }
         Cause::Outlier => "Measure these rows again",
-        Cause::Rows | Cause::Lag => "Measure these rows again, or leave them out",
-        Cause::Stuck | Cause::Placeholder | Cause::Clip | Cause::Copies => "Leave these rows out",
+        Cause::Rows | Cause::Lag => "Measure these rows again, or remove them",
+        Cause::Stuck | Cause::Placeholder | Cause::Clip | Cause::Copies => "Remove these rows",
         Cause::Time => "Give the file a column with the time of each row",
         Cause::Payload => "Measure the same poses with and without the payload",
         _ => return None,
@@ -79,11 +88,11 @@ fn warm_up(task: &Task) -> Option<String> {
     );
     match report.removed {
         false => Some(format!(
-            "{which}, {moved}: warm the arm up before you measure, or leave `--warm-up keep` out"
+            "{which}, {moved}: warm the arm up before you measure, or omit `--warm-up keep`"
         )),
         // A warm-up that was removed does no harm to a warm arm. A cold arm is off by as much.
         true if report.largest_mm > expected => Some(format!(
-            "{which}, {moved}; this was taken out of the model, which is that of the warm arm: warm the arm up before it works, \
+            "{which}, {moved}; the model excludes this and describes the warm arm: warm the arm up before it works, \
              and before you measure again"
         )),
         true => None,

@@ -90,6 +90,8 @@ pub struct Task<'a> {
     pub expected: Option<ExpectedError>,
     /// Which parameters these poses identify.
     pub identifiability: Option<&'a IdentifyReport>,
+    /// How far reference points show that the instrument moved, where that was not removed from `samples`, mm.
+    pub instrument_moved_mm: Option<f64>,
     /// Findings that somebody must look at.
     pub warnings: &'a [Finding],
 }

@@ -13,6 +13,7 @@
 //! and never below it. Touches cannot distinguish a moved base from moved features, nor the tool from the tip that is
 //! fitted, so neither base nor tool is a hypothesis here. The size of the arm is one: a wrong known length looks like it.
 
+mod hidden;
 mod rows;
 mod weighed;
 
@@ -24,16 +25,16 @@ use crate::blob::predict::BlobModel;
 use crate::identification::parametric::state::ROWS;
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::problem::LeftOut;
+use crate::identification::touch::volume::WorkVolume;
 use crate::measurement::sample::BaseSample;
 use crate::measurement::touch::TouchSet;
 use crate::model::touches::USUAL_CLASS;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::Summary;
+use crate::robot::Robot;
 use crate::validation::touches::{flanges, gravity};
 use crate::verification::drift_test::{Columns, DriftTest, columns};
-use crate::verification::estimate::{
-    Fit, alternatives, can_be_found, change, lengths, sensitivity,
-};
+use crate::verification::estimate::{Fit, can_be_found, changes, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, CheckError, Sensitivity};
 use crate::verification::touches::rows::{ArmAtTouches, Rows};
@@ -86,18 +87,18 @@ pub struct TouchMiss {
     pub mm: Option<f64>,
 }
 
-/// Checks `loaded` by the touches of `set`. `nominal` is the chain from base to flange.
+/// Checks `loaded` by the touches of `set`. `nominal` is the chain of `robot` from base to flange.
 ///
 /// # Errors
 /// [`CheckError`].
 pub fn check_touches(
     loaded: &BlobModel,
     set: &TouchSet,
+    robot: &Robot,
     nominal: &Poe<f64>,
-    coupling: Option<&Vec<Vec<f64>>>,
     false_alarms: f64,
 ) -> Result<TouchReport, CheckError> {
-    let coupling = coupling.cloned();
+    let coupling = robot.coupling.clone();
     let problem = TouchProblem::new(set, nominal, coupling, gravity(loaded), USUAL_CLASS);
     let poses: Vec<Pose<f64>> = flanges(loaded, &problem.states)
         .into_iter()
@@ -138,16 +139,7 @@ pub fn check_touches(
     let found =
         Fit::new((&rows.y, &weighed.factor), &rows.free, &chosen).ok_or(CheckError::Unsolvable)?;
     let size = sensitivity.pop_if(|s| s.part == Part::Size);
-    let reach = test.reach() * test.variance().sqrt();
-    let changes = choices.iter().enumerate().map(|(i, choice)| Change {
-        or_else: alternatives(&test, &weighed.all, &taken, i, false_alarms),
-        ..change(
-            &weighed.all[choice.hypothesis],
-            found.of(i),
-            reach,
-            choice.p_value,
-        )
-    });
+    hidden::set_moves(&mut sensitivity, &arm, &WorkVolume::new(robot, &problem));
     let mut moved = Mat::zeros(ROWS * arm.samples.len(), 1);
     for (i, hypothesis) in taken.iter().enumerate() {
         for (j, value) in found.of(i).0.iter().enumerate() {
@@ -186,10 +178,10 @@ pub fn check_touches(
             })
             .collect(),
         false_alarm_rate: false_alarms,
-        changes: changes.collect(),
+        changes: changes(&test, &weighed.all, &choices, &found, false_alarms),
         effect_mm: lengths(&moved, &arm.samples, arm.scales),
         without_mm,
-        noise_factor: weighed.factors[0].sqrt(),
+        noise_factor: weighed.factors.noise[0].sqrt(),
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.arm.knows_its_error,
         sensitivity,
@@ -240,7 +232,10 @@ fn moved_flanges(
         for (part, value) in parts {
             match part {
                 Part::Joint(joint) => state.joints[joint - 1] += value,
-                Part::Payload => state.payload_kg = state.payload_kg.map(|kg| kg + value),
+                // The estimate may be below an empty flange, for which a model has no answer.
+                Part::Payload => {
+                    state.payload_kg = state.payload_kg.map(|kg| (kg + value).max(0.0))
+                }
                 Part::Base | Part::Tool | Part::Size => {}
             }
         }

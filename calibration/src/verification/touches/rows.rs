@@ -3,7 +3,6 @@
 use poegp_runtime::math::se3::Pose;
 
 use crate::blob::predict::BlobModel;
-use crate::identification::frame_fit::{ResidualFrame, residual_components};
 use crate::identification::parametric::state::{Linearised, ROWS};
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::measurement::noise::NoiseScales;
@@ -13,7 +12,7 @@ use crate::numeric::matrix::Mat;
 use crate::validation::touches::flange_from_target;
 use crate::verification::arm::BlobArm;
 use crate::verification::hypotheses::{Hypothesis, Part, hypotheses};
-use crate::verification::payload::payload_step;
+use crate::verification::payload::payload_effect;
 
 /// Prior standard deviation from which an unknown counts as free, m or rad.
 const UNKNOWN: f64 = 1.0;
@@ -202,27 +201,3 @@ impl ArmAtTouches {
 
 /// Unit of angles in the rows of poses, rad.
 const LEVEL: f64 = 50e-6;
-
-/// Returns the effect of one additional kilogram of payload, in units of `scales`.
-fn payload_effect(
-    loaded: &BlobModel,
-    samples: &[InstrumentSample],
-    tools: &[Pose<f64>],
-    scales: NoiseScales,
-) -> Option<Mat<f64>> {
-    let base_from_instrument = loaded.instrument_from_base().inverse();
-    let mut out = Mat::zeros(ROWS * samples.len(), 1);
-    for (k, sample) in samples.iter().enumerate() {
-        let (less, more) = payload_step(loaded, sample.payload_kg)?;
-        let pose = |kg: f64| {
-            let found = loaded.predict(&sample.joints, Some(kg)).pose;
-            base_from_instrument * found * tools[sample.tool]
-        };
-        let kind = ResidualFrame::ToolPoint(scales);
-        let all = residual_components(kind, &Observation::Pose(pose(more)), &pose(less));
-        for (row, value) in all.into_iter().enumerate() {
-            out[(ROWS * k + row, 0)] = value / (more - less);
-        }
-    }
-    Some(out)
-}

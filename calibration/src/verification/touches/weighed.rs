@@ -34,8 +34,10 @@ impl Weighed {
             .error_covariance(&arm.samples, &arm.at, arm.scales)
             .ok_or(CheckError::Unsolvable)?;
         let model = of_poses(&unknown);
-        let smooth = (!arm.arm.knows_its_error)
-            .then(|| of_poses(&arm.arm.smooth_covariance(&arm.samples, &arm.at)));
+        let smooth: Vec<Mat<f64>> = (!arm.arm.knows_its_error)
+            .then(|| of_poses(&arm.arm.smooth_covariance(&arm.samples, &arm.at)))
+            .into_iter()
+            .collect();
         let all: Vec<Hypothesis> = arm
             .all
             .iter()
@@ -48,7 +50,7 @@ impl Weighed {
             fixed: &(&model + product(&rows.stated, Transposed(&rows.stated))),
             stated: &rows.fixed,
             kind: &rows.kind,
-            smooth: smooth.as_ref(),
+            smooth: &smooth,
         };
         let looked_for = all.iter().flat_map(|h| columns(&h.effect));
         let effects: Columns = columns(&rows.free).into_iter().chain(looked_for).collect();
@@ -59,10 +61,11 @@ impl Weighed {
         }
         // The noise is never below the stated one.
         let factors = parts
-            .fitted(&rows.y, &x, &[1.0, 1.0, 0.0])
+            .fitted(&rows.y, &x, [1.0, 1.0])
             .ok_or(CheckError::Unsolvable)?;
         let variance = |(i, sigma): (usize, &Option<f64>)| {
-            let smooth = smooth.as_ref().map_or(0.0, |s| factors[2] * s[(i, i)]);
+            let smooth = smooth.iter().zip(&factors.smooth);
+            let smooth: f64 = smooth.map(|(s, factor)| factor * s[(i, i)]).sum();
             sigma.map(|sigma| sigma * sigma * (model[(i, i)] + smooth))
         };
         let known: Vec<f64> = rows.sigma.iter().enumerate().filter_map(variance).collect();

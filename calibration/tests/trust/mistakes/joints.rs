@@ -16,6 +16,7 @@ use crate::table::Table;
 pub fn add(list: &mut List) {
     signs(list);
     orders(list);
+    ratios(list);
     offsets(list);
     robots(list);
     mixtures(list);
@@ -100,6 +101,34 @@ fn orders(list: &mut List) {
             t.swap(joints[a], joints[b]);
         },
     )
+    .unless_absorbed();
+}
+
+/// Adds joints that move in proportion to a joint otherwise than stated.
+fn ratios(list: &mut List) {
+    let moving = list.good.moving();
+    let [.., before, last] = *moving.as_slice() else {
+        return;
+    };
+    list.add(
+        "coupling: the last joint by 1 % of the one before",
+        &[Coupling],
+        move |t, _| {
+            let joints = t.joints();
+            let other = t.numbers(joints[before]);
+            t.map(joints[last], |row, q| q + 0.01 * other[row]);
+        },
+    )
+    .at(&[last])
+    .unless_absorbed();
+    list.add(
+        "unit: a joint turns by 2 % further",
+        &[Unit],
+        move |t, _| {
+            t.map(t.joints()[before], |_, q| q / 1.02);
+        },
+    )
+    .at(&[before])
     .unless_absorbed();
 }
 

@@ -144,6 +144,19 @@ fn steps(list: &mut List) {
             .warns_if(mm < 3.0);
         }
     }
+    let moving = list.good.moving();
+    list.add(
+        "mixed: zeros of all joints in two versions, row by row",
+        &[Mixed],
+        move |t, r| {
+            let rows: Vec<usize> = (0..t.len()).filter(|_| r.random()).collect();
+            for joint in &moving {
+                let by = if r.random() { 0.3 } else { -0.3 };
+                t.map_rows(t.joints()[*joint], rows.iter().copied(), |_, q| q + by);
+            }
+        },
+    )
+    .unless_absorbed();
     let mut moving = list.good.moving();
     if list.good.is_narrow() {
         // A knock of a wrist joint is absorbed by another tool.
@@ -227,12 +240,12 @@ fn warm_up(list: &mut List) {
 }
 
 fn lags(list: &mut List) {
-    for percent in [10, 20, 30] {
+    for percent in [1.0, 3.0, 10.0, 20.0, 30.0] {
         list.add(
             format!("lag: joints {percent} % of the move late"),
             &[Lag],
             move |t, _| {
-                let share = f64::from(percent) / 100.0;
+                let share = percent / 100.0;
                 for column in t.joints() {
                     let old = t.numbers(column);
                     t.map_rows(column, 1..old.len(), |row, q| {
@@ -240,6 +253,16 @@ fn lags(list: &mut List) {
                     });
                 }
             },
-        );
+        )
+        .unless_absorbed();
     }
+    list.add("rows: positions filtered", &[Rows], |t, _| {
+        for column in t.position() {
+            let old = t.numbers(column);
+            t.map_rows(column, 1..old.len() - 1, |row, x| {
+                x + 0.005 * (old[row - 1] + old[row + 1] - 2.0 * x)
+            });
+        }
+    })
+    .unless_absorbed();
 }

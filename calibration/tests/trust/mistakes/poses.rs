@@ -8,7 +8,7 @@ use poegp_runtime::math::se3::Pose;
 
 use rand::seq::SliceRandom;
 
-use crate::mistakes::{List, any_pose};
+use crate::mistakes::{List, any_pose, direction, turn};
 use crate::table::Table;
 
 pub fn add(list: &mut List) {
@@ -53,6 +53,18 @@ fn axes(list: &mut List) {
     if positions_only {
         return;
     }
+    list.add(
+        "orientation: 1 deg in another frame than the positions",
+        &[Orientation],
+        |t, r| {
+            let by = turn(direction(1.0_f64.to_radians(), r));
+            t.map_all_poses(|_, p| Pose {
+                rotation: by.rotation * p.rotation,
+                ..p
+            });
+        },
+    )
+    .unless_absorbed();
     list.add(
         "mirror: a left-handed instrument",
         &[Mirror, Sign, Axes],

@@ -49,6 +49,15 @@ pub fn add(list: &mut List) {
             t.scale(column, 1e-3);
         },
     );
+    list.add(
+        "unit: one axis of the instrument 1 % long",
+        &[Unit],
+        |t, r| {
+            let column = t.position()[r.random_range(0..3)];
+            t.scale(column, 1.01);
+        },
+    )
+    .unless_absorbed();
     list.add("unit: joints in rad under _deg", &[Unit], |t, _| {
         for column in t.joints() {
             t.scale(column, 1f64.to_radians());

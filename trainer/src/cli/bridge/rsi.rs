@@ -36,10 +36,10 @@ use crate::cli::terminal::print::{Printer, note};
 pub struct RsiArgs {
     /// Model (`.blob`) of an arm with six revolute joints, which are the controller's A1 to A6.
     pub blob: PathBuf,
-    /// Address of this computer in the controller's network, and UDP port; port 0 takes a free one.
+    /// Address of this computer in the controller's network, and UDP port; port 0 selects a free one.
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub listen: SocketAddr,
-    /// Payload in kg; needed where the model depends on it.
+    /// Payload in kg; needed if the model depends on it.
     #[arg(long, value_name = "KG", allow_negative_numbers = true)]
     pub payload_kg: Option<f64>,
     /// Element of the controller's packets with the axis values to correct.
@@ -107,7 +107,7 @@ pub fn run(a: &RsiArgs) -> Result<(), Failure> {
     let mut rsi = Rsi::new(Corrector::new(commander, settings), setpoint);
     let cannot = |error: std::io::Error| {
         Failure::Usage(format!(
-            "cannot listen at {}: {error}\nhelp: expected an address of this computer and a UDP port that is free",
+            "cannot listen on {}: {error}\nhelp: give an address of this computer and a free UDP port",
             a.listen
         ))
     };
@@ -145,7 +145,7 @@ fn check_axes(path: &Path, loaded: &BlobModel) -> Result<(), Failure> {
     let found = match sliding {
         0 => format!("an arm with {} joints", joints.len()),
         _ => format!(
-            "an arm with {} joints, of which {sliding} slide",
+            "an arm with {} joints, of which {sliding} are prismatic",
             joints.len()
         ),
     };
@@ -227,7 +227,11 @@ fn summarize(printer: Printer, report: &Report) {
         ("datagrams", counts.received, ""),
         ("cycles answered", counts.cycles, ""),
         ("sessions", counts.sessions, ""),
-        ("duplicates", counts.duplicates, "the same answer again"),
+        (
+            "duplicates",
+            counts.duplicates,
+            "repeats; the newest packet is answered again",
+        ),
         (
             "late",
             counts.late,
@@ -247,7 +251,7 @@ fn summarize(printer: Printer, report: &Report) {
         ),
         ("limited", counts.limited, "an axis at --limit-deg"),
         ("slowed", counts.slowed, "an axis at --ramp-deg-per-cycle"),
-        ("outside", counts.outside, "outside of the trained ranges"),
+        ("outside", counts.outside, "outside the trained ranges"),
         (
             "in part",
             counts.partly,
@@ -274,7 +278,7 @@ fn summarize(printer: Printer, report: &Report) {
     ));
     if let Some(cpu) = report.cpu_us {
         printer.line(format_args!(
-            "A cycle took {:.1} us of CPU time in the mean, {:.1} us in the median, {:.1} us at the 99th percentile.",
+            "A cycle took {:.1} us of CPU time on average, {:.1} us in the median, {:.1} us at the 99th percentile.",
             cpu.mean, cpu.p50, cpu.p99
         ));
     }

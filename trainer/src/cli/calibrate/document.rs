@@ -9,7 +9,7 @@ use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::job::Job;
 use crate::report::certificate::Certificate;
 use crate::report::controller::ControllerSummary;
-use crate::report::sections::ListedOutlier;
+use crate::report::sections::{BlobSummary, ListedOutlier, LossJson};
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
@@ -45,7 +45,8 @@ pub struct CalibrateJson {
     /// Whether the arm conforms to its tolerance, and who measured it with which instrument; present with `held_out`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub certificate: Option<Certificate>,
-    /// Expected position error over the whole measured ranges of the joints.
+    /// Expected position error with joints anywhere in their measured ranges, or of the held-out rows if the model's standard
+    /// deviation is the same everywhere.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected_error: Option<ExpectedError>,
     /// Steps that would lower the expected error.
@@ -103,39 +104,21 @@ pub struct Hyperparameters {
     pub noise_variance: f64,
 }
 
-#[derive(Serialize)]
-pub struct LossJson {
-    pub mean: f64,
-    pub max: f64,
-}
-
-#[derive(Serialize)]
-pub struct BlobSummary {
-    pub file: String,
-    pub bytes: usize,
-    pub inducing_points: usize,
-    /// Upper bound on the instructions of one command on a Cortex-M4F.
-    pub instructions: u32,
-}
-
-impl LossJson {
-    pub fn new(loss: &SinglePrecisionLoss) -> Self {
-        Self {
-            mean: 1e6 * loss.mean_m,
-            max: 1e6 * loss.max_m,
-        }
+/// States the loss of single precision in µm.
+pub fn loss(loss: &SinglePrecisionLoss) -> LossJson {
+    LossJson {
+        mean: 1e6 * loss.mean_m,
+        max: 1e6 * loss.max_m,
     }
 }
 
-impl BlobSummary {
-    /// Summarises a blob that will be written to `path`.
-    pub fn new(path: &Path, blob: &BlobModel) -> Self {
-        Self {
-            file: path.display().to_string(),
-            bytes: blob.bytes().len(),
-            inducing_points: blob.model().inducing_points(),
-            instructions: blob.model().size().map_or(0, |size| size.command_bound()),
-        }
+/// Summarises a blob that will be written to `path`.
+pub fn summarised(path: &Path, blob: &BlobModel) -> BlobSummary {
+    BlobSummary {
+        file: path.display().to_string(),
+        bytes: blob.bytes().len(),
+        inducing_points: blob.model().inducing_points(),
+        instructions: blob.model().size().map_or(0, |size| size.command_bound()),
     }
 }
 
@@ -211,12 +194,12 @@ pub fn document(
         budget: None,
         correction_limit_mm: 1e3 * calibration.correction_limit.0,
         correction_limit_mrad: 1e3 * calibration.correction_limit.1,
-        single_precision_loss_um: LossJson::new(precision_loss),
+        single_precision_loss_um: loss(precision_loss),
         drift: None,
         identifiability: None,
         controller: None,
         frames: changes(calibration),
-        blob: BlobSummary::new(&a.out, blob),
+        blob: summarised(&a.out, blob),
         repeats: None,
         provenance,
     }

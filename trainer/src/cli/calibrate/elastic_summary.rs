@@ -6,7 +6,7 @@ use crate::cli::terminal::print::Printer;
 use crate::report::sections::Ripple;
 use poegp_calibration::learning::elastic::warm_up::WarmUpReport;
 use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::model::Calibration;
+use poegp_calibration::model::{Calibration, Method};
 use poegp_calibration::numeric::lbfgs::SearchEnd;
 
 /// The elastic model in the `--json` document.
@@ -17,14 +17,14 @@ pub struct ElasticSummary {
     noise_mrad: Option<f64>,
     inducing_points: usize,
     search: SearchSummary,
-    ripple: Vec<RippleSummary>,
+    pub ripple: Vec<Ripple>,
     /// Gear ripple that the model leaves out because the measured joint values do not determine its frequency.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     ambiguous_ripple: Vec<AmbiguousSummary>,
     /// Own-joint curve; `None` if the evidence does not support one.
     own_joint_curve: Option<CurveSummary>,
     /// Warm-up; `None` if the evidence shows none, or if the times of the rows are unknown.
-    warm_up: Option<WarmUpReport>,
+    pub warm_up: Option<WarmUpReport>,
     /// RMS displacement of the target, in µm, by the smaller weights that single precision requires; left out if single
     /// precision holds the weights as they are.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -67,13 +67,6 @@ struct AmbiguousSummary {
     cycles_per_turn: [f64; 2],
 }
 
-#[derive(Serialize)]
-struct RippleSummary {
-    joint: usize,
-    cycles_per_turn: f64,
-    amplitude_urad: f64,
-}
-
 impl ElasticSummary {
     /// Summarises a calibration with its samples; `None` unless the correction is elastic.
     pub fn new(calibration: &Calibration, samples: &[InstrumentSample]) -> Option<Self> {
@@ -88,7 +81,7 @@ impl ElasticSummary {
         let ripple = report
             .ripple
             .iter()
-            .map(|(joint, cycles, amplitude)| RippleSummary {
+            .map(|(joint, cycles, amplitude)| Ripple {
                 joint: *joint,
                 cycles_per_turn: *cycles,
                 amplitude_urad: 1e6 * amplitude,
@@ -124,29 +117,14 @@ impl ElasticSummary {
             warm_up: calibration.warm_up.as_ref().map(|w| w.report.clone()),
             single_precision_cost_um: report.single_precision_cost.map(|m| 1e6 * m),
             predictive_std: sigma,
-            predictive_std_wanted: config.device_variance && config.processes,
+            predictive_std_wanted: config.device_variance && config.method == Method::Elastic,
         })
-    }
-
-    /// Returns the gear ripple for the HTML report.
-    pub fn listed_ripple(&self) -> Vec<Ripple> {
-        let listed = |r: &RippleSummary| Ripple {
-            joint: r.joint,
-            cycles_per_turn: r.cycles_per_turn,
-            amplitude_urad: r.amplitude_urad,
-        };
-        self.ripple.iter().map(listed).collect()
     }
 
     /// Returns the own-joint curve for the HTML report: amplitude in µrad, lengthscale in degrees, number of orders.
     pub fn listed_curve(&self) -> Option<(f64, f64, usize)> {
         let curve = self.own_joint_curve.as_ref()?;
         Some((curve.amplitude_urad, curve.length_scale_deg, curve.orders))
-    }
-
-    /// Returns the warm-up, if there is one.
-    pub fn warm_up(&self) -> Option<&WarmUpReport> {
-        self.warm_up.as_ref()
     }
 
     /// Prints the summary.
@@ -172,7 +150,7 @@ impl ElasticSummary {
         ));
         if let Some(sigma) = &self.predictive_std {
             report.line(format_args!(
-                "  the device's standard deviation is {:.4} mm at least, of which the noise is {:.4} mm",
+                "  the device's standard deviation is at least {:.4} mm, of which the noise is {:.4} mm",
                 sigma.floor_mm, sigma.noise_mm
             ));
         } else if self.predictive_std_wanted {
@@ -203,8 +181,8 @@ impl ElasticSummary {
         for line in &self.ambiguous_ripple {
             let [one, other] = line.cycles_per_turn;
             report.line(format_args!(
-                "  no gear ripple of joint {} was taken: {one:.1} and {other:.1} cycles per turn fit the measured angles equally; \
-                 poses with joint {} between these angles would decide",
+                "  no gear ripple of joint {} is in the model: {one:.1} and {other:.1} cycles per turn fit the \
+                 measured angles equally; poses with joint {} between these angles would decide",
                 line.joint, line.joint
             ));
         }

@@ -63,17 +63,11 @@ pub enum GaugeFit {
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, expecting = "a table [gauge] with its keys")]
 pub struct GaugeTable {
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<GaugeFit>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub keep_gauge: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub references: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub base_from: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub tool_from: Option<String>,
-    #[serde(skip_serializing_if = "Option::is_none")]
     pub previous: Option<String>,
 }
 
@@ -240,8 +234,7 @@ impl Known {
     ) -> Result<GaugeSummary, Failure> {
         let changed = self.previous.as_ref().map(|(path, before)| {
             let wanted = samples.iter().map(|s| (s.joints.clone(), s.payload_kg));
-            CommandChange::new(before, blob, wanted)
-                .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))
+            moved_against(path, before, blob, wanted)
         });
         let gauge = &calibration.gauge;
         Ok(GaugeSummary {
@@ -300,10 +293,34 @@ impl GaugeSummary {
     }
 }
 
+/// Computes how far the commands of a model at `wanted`, joints and payloads, move against those of the blob `before`.
+fn moved_against(
+    path: &Path,
+    before: &BlobModel,
+    model: &BlobModel,
+    wanted: impl Iterator<Item = (Vec<f64>, Option<f64>)>,
+) -> Result<CommandChange, Failure> {
+    CommandChange::new(before, model, wanted)
+        .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))
+}
+
+/// Computes the same against an earlier blob of the model's robot, if there is one.
+pub fn commands_moved(
+    previous: Option<&Path>,
+    model: &BlobModel,
+    wanted: impl Iterator<Item = (Vec<f64>, Option<f64>)>,
+) -> Result<Option<CommandChange>, Failure> {
+    let Some(path) = previous else {
+        return Ok(None);
+    };
+    let before = of_robot(path, model.blob().robot.name)?;
+    moved_against(path, &before, model, wanted).map(Some)
+}
+
 /// Formats how far commands move against those of an earlier blob.
 pub fn commands_move(change: &CommandChange, previous: &Path) -> String {
     format!(
-        "  commands move by {:.3} mm mean, {:.3} mm maximum against {} ({} poses)",
+        "  commands differ by {:.3} mm mean, {:.3} mm maximum from those of {} ({} poses)",
         change.position_mm.mean,
         change.position_mm.max,
         previous.display(),

@@ -1,6 +1,6 @@
 //! One calibration job: the settings of the project file, if there is one, overridden by the command line.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::cli::args::{ChainArgs, MethodChoice, differences};
 use crate::cli::calibrate::args::Calibrate;
@@ -128,6 +128,22 @@ impl Job {
         Ok(job)
     }
 
+    pub fn outputs(&self) -> [Option<&Path>; 5] {
+        [
+            Some(&self.out),
+            self.json.as_deref(),
+            self.report.as_deref(),
+            self.write_project.as_deref(),
+            self.controller_csv.as_deref(),
+        ]
+    }
+
+    /// Whether the blob with this SHA-256 is the one that the project file states.
+    pub fn repeats(&self, sha256: &str) -> Option<bool> {
+        let stated = self.blob_sha256.as_ref();
+        stated.map(|stated| stated.eq_ignore_ascii_case(sha256))
+    }
+
     /// Fills in from the project file what the command line leaves open.
     fn complete(
         &mut self,
@@ -201,8 +217,8 @@ impl Job {
         }
         if let Some(then) = file.trainer.as_ref().filter(|then| *then != VERSION) {
             note(format_args!(
-                "{} was written by trainer {then}, this is {VERSION}: results may differ, and the bytes of the blob do, which \
-                 names its trainer; install that version to repeat them",
+                "{} was written by trainer {then}, this is {VERSION}: results may differ, and the blob's bytes do, \
+                 because a blob names its trainer; install {then} to repeat them",
                 project.path.display()
             ));
         }

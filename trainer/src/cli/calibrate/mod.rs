@@ -10,6 +10,7 @@ mod print;
 mod project;
 pub mod report_page;
 pub mod touches;
+mod written_project;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -20,15 +21,16 @@ use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::made::Made;
-use crate::cli::calibrate::project::{Data, RobotTable, Source, payloads_and_tools};
+use crate::cli::calibrate::project::{Data, payloads_and_tools};
+use crate::cli::calibrate::written_project::Read;
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::input::Input;
-use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
+use crate::cli::inputs::{Arm, Tests, enough_poses, equations, examine_tests, origin};
 use crate::cli::instrument_drift;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_not_signed, check_outputs, json_text, write_with_blob};
 use crate::cli::terminal::interrupt::cancellable;
-use crate::cli::terminal::print::{Printer, is_stdout, note};
+use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use crate::cli::tolerance;
 use crate::report::certificate::Certificate;
@@ -58,33 +60,25 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     if touches::are_touches(a) {
         return touches::run(a);
     }
-    let outputs = [
-        Some(a.out.as_path()),
-        a.json.as_deref(),
-        a.report.as_deref(),
-        a.write_project.as_deref(),
-        a.controller_csv.as_deref(),
-    ];
+    let outputs = a.outputs();
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot)];
     inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
     inputs.extend(a.gauge.inputs());
     check_outputs(&outputs, &inputs)?;
+    check_not_signed(&a.out)?;
     let made = make(a)?;
     let json = json_text(&made.document)?;
-    let mut files = vec![(a.out.as_path(), made.found.blob.bytes())];
-    let html = a.report.as_deref().zip(made.report.as_deref());
-    files.extend(html.map(|(path, html)| (path, html.as_bytes())));
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    let project = a.write_project.as_deref().zip(made.project.as_deref());
-    files.extend(project.map(|(path, text)| (path, text.as_bytes())));
-    let csv = made
-        .document
-        .controller
-        .as_ref()
-        .map(ControllerSummary::to_csv);
-    let csv = a.controller_csv.as_deref().zip(csv.as_deref());
-    files.extend(csv.map(|(path, text)| (path, text.as_bytes())));
-    write_outputs(&files)?;
+    let controller = made.document.controller.as_ref();
+    let csv = controller.map(ControllerSummary::to_csv);
+    write_with_blob(
+        (&a.out, made.found.blob.bytes()),
+        &[
+            (a.report.as_deref(), made.report.as_deref()),
+            (a.json.as_deref(), Some(&json)),
+            (a.write_project.as_deref(), made.project.as_deref()),
+            (a.controller_csv.as_deref(), csv.as_deref()),
+        ],
+    )?;
     print::all(Printer::for_outputs(&outputs), a, &made);
     tolerance::outcome(made.document.certificate.as_ref(), &a.statement)
 }
@@ -145,6 +139,9 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     };
     let mut warnings = examined.for_training(methods, &config)?;
     let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
+    let of_tests = (a.tests.iter().zip(&tests.files).zip(&tests.sets))
+        .map(|((path, set), test)| (path.as_path(), set, test.samples.as_slice()));
+    let of_tests = examine_tests(&arm, of_tests, a.json.as_deref(), &a.accept)?;
     report_page::check(a, &samples, config.method, arm.robot.joints.len())?;
     let mut origin = origin(set.sha256, &a.serial_number, tools);
     if let Some(date) = &a.date {
@@ -210,6 +207,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let mut provenance = report_page::provenance(&a.robot, &arm, &origin, seed, &set, &tests.files);
     let file = a.out.display().to_string();
     let written = FileSummary::of_bytes("result", file, blob.bytes());
+    let sum = written.sha256.clone();
     provenance.files.push(written);
     let mut document = document(a, calibration, blob, precision_loss, training, provenance);
     document.gauge = Some(known.summary(calibration, blob, &samples)?);
@@ -222,7 +220,8 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     document.outliers = outliers(calibration, &set, &samples);
     document.choice = choice.as_ref().map(|choice| choice.table.clone());
     document.chosen = choice.as_ref().map(Choice::reason);
-    document.warnings = warnings;
+    // The blob records only those about what it was trained on.
+    document.warnings = [warnings, of_tests].concat();
     document.budget = fitted;
     document.drift = drift.map(|d| d.report);
     document.identifiability = of_calibration(calibration, &arm.robot, &samples);
@@ -239,6 +238,10 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         knowledge: &knowledge,
         expected: document.expected_error,
         identifiability: document.identifiability.as_ref(),
+        instrument_moved_mm: match a.correct_drift {
+            true => None,
+            false => instrument_drift::clear_motion(&set),
+        },
         warnings: &document.warnings,
     }));
     document.controller = Some(ControllerSummary::new(
@@ -247,41 +250,16 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         knowledge.predictions(),
         evidence.as_ref(),
     ));
-    let sum = FileSummary::of_bytes("", "", blob.bytes()).sha256;
-    document.repeats = a
-        .blob_sha256
-        .as_ref()
-        .map(|stated| stated.eq_ignore_ascii_case(&sum));
+    document.repeats = a.repeats(&sum);
     let project = a.write_project.as_deref().map(|path| {
-        let source = Source {
-            path,
-            robot: RobotTable {
-                description: a.robot.clone(),
-                base: a.chain.base.clone(),
-                tip: a.chain.tip.clone(),
-                serial_number: a.serial_number.clone(),
-            },
+        let tests = a.tests.iter().zip(&tests.files);
+        let read = Read {
             train: Data::of_set(&a.train, &set),
             features: None,
-            tests: a
-                .tests
-                .iter()
-                .zip(&tests.files)
-                .map(|(path, set)| Data::of_set(path, set))
-                .collect(),
+            tests: tests.map(|(path, set)| Data::of_set(path, set)).collect(),
             payloads_and_tools: payloads_and_tools(&set),
-            correct_drift: a.correct_drift,
-            gauge: &a.gauge,
-            accept: &a.accept,
-            calibration: config,
-            statement: &a.statement,
-            date: &origin.date,
-            out: &a.out,
-            blob: blob.bytes(),
-            report: a.report.as_deref(),
-            json: a.json.as_deref().filter(|path| !is_stdout(path)),
         };
-        source.text()
+        written_project::text(a, path, read, config, &origin.date, blob.bytes())
     });
     let shown = evidence.as_ref().zip(document.held_out.as_ref());
     let shown =
@@ -344,7 +322,7 @@ fn choose_model(
     bar.finish_and_clear();
     choice?.map(Some).map_err(|e| match e.error {
         DeviceError::Export(error) if a.auto => Failure::Data(format!(
-            "{}: {}: no candidate can be calibrated by a part of these poses ({error}); measure more poses",
+            "{}: {}: no candidate can be calibrated on a part of these poses ({error}); measure more poses",
             a.train.display(),
             Cause::Gain
         )),

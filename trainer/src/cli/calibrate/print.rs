@@ -4,7 +4,7 @@ use crate::cli::calibrate::document::CalibrateJson;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::made::Made;
 use crate::cli::instrument_drift;
-use crate::cli::terminal::print::{Printer, note};
+use crate::cli::terminal::print::{Printer, note, warning};
 use crate::cli::tolerance;
 use crate::report::never_held_out;
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
@@ -13,6 +13,7 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::correction::Correction;
+use poegp_calibration::numeric::statistics::{ErrorSummary, Summary};
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_protocol::blob::Correction as BlobCorrection;
 
@@ -41,6 +42,58 @@ pub fn all(report: Printer, a: &Job, made: &Made) {
         gauge.print(report, made.previous.as_deref());
     }
     print_files(report, a, blob, document);
+}
+
+/// Returns the held-out errors of the chosen model, in mm, if folds were run.
+fn chosen(document: &CalibrateJson) -> Option<&Summary> {
+    let mut rows = document.choice.iter().flatten();
+    rows.find(|row| row.chosen).map(|row| &row.position_mm)
+}
+
+/// Fewest poses, and ratio of their error to the one that the folds expect, from which on a warning asks what differs.
+const UNLIKE: (usize, f64) = (5, 3.0);
+
+/// Returns a warning if the test files are off by far more than the folds expect: something differs between the files.
+fn unlike_training(a: &Job, document: &CalibrateJson, tested: &ErrorSummary) -> Option<String> {
+    let expected = chosen(document)?.mean;
+    let ratio = tested.position_mm.mean / expected;
+    let is_unlike = !a.tests.is_empty() && tested.poses >= UNLIKE.0 && ratio > UNLIKE.1;
+    is_unlike.then(|| {
+        format!(
+            "the error of the test files is {ratio:.1} times the {:.3} mm that the folds expect: between training and test, \
+             the robot, its payload, the target or the instrument changed, or the test poses are unlike the measured ones; \
+             `trainer check` names a change",
+            expected
+        )
+    })
+}
+
+/// Ratio of two expected errors from which on the larger one is explained.
+const MUCH_LARGER: f64 = 1.5;
+
+/// Prints the error of new poses: of poses like the measured ones, as the folds found it, and, of a model that knows how sure
+/// it is where, of joints in any combination.
+fn print_expected(report: Printer, calibration: &Calibration, document: &CalibrateJson) {
+    let alike = chosen(document);
+    if let Some(alike) = alike {
+        report.line(format_args!(
+            "  expected error of new poses like the measured ones: {:.3} mm mean, 95 % within {:.3} mm (held out by folds)",
+            alike.mean, alike.p95
+        ));
+    }
+    let anywhere = document.expected_error.as_ref();
+    let Some(anywhere) = anywhere.filter(|_| calibration.has_local_deviation()) else {
+        return;
+    };
+    report.line(format_args!(
+        "  expected error with joints anywhere in their measured ranges: {:.3} mm mean, 95 % within {:.3} mm",
+        anywhere.mean_mm, anywhere.p95_mm
+    ));
+    if alike.is_some_and(|alike| anywhere.mean_mm > MUCH_LARGER * alike.mean) {
+        report.line(
+            "    it is larger because the measured poses combine the joints in few ways: they may all turn the tool one way",
+        );
+    }
 }
 
 fn print_budget(report: Printer, rows: &[BudgetTrial]) {
@@ -114,6 +167,9 @@ fn print(
                 before.position_mm.mean,
                 before.position_mm.p95
             ));
+            if let Some(text) = unlike_training(a, document, after) {
+                warning(text);
+            }
             if let Some(text) = never_held_out(held_out.never_held_out) {
                 report.line(format_args!("  {text}"));
             }
@@ -122,11 +178,10 @@ fn print(
     if let Some(certificate) = &document.certificate {
         tolerance::print(report, certificate, &a.statement);
     }
-    if let Some(expected) = &document.expected_error {
-        report.line(format_args!(
-            "  expected error of new poses within the measured joint ranges: {:.3} mm mean, 95 % within {:.3} mm",
-            expected.mean_mm, expected.p95_mm
-        ));
+    print_expected(report, calibration, document);
+    let live = document.controller.as_ref().and_then(|c| c.live_line());
+    if let Some(line) = live {
+        report.line(format_args!("  {line}"));
     }
     if let Some(found) = &document.next_steps {
         for line in found.summary() {
@@ -144,7 +199,7 @@ fn print(
             o.reason,
             match o.rejected {
                 true => "left out",
-                false => "kept; without --outliers keep it is left out",
+                false => "kept by --outliers keep",
             }
         ));
     }
@@ -188,7 +243,8 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
         && a.config.device_variance
     {
         report.line(format_args!(
-            "  note: the blob has no standard deviation: a device has no room for it, or no form that is short enough is near eq. 7"
+            "  note: the blob has no standard deviation: a device has no room for it, or no short enough form is close \
+             to eq. 7 of the paper"
         ));
     }
     print_outputs(report, a, document.repeats);

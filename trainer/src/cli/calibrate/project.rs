@@ -1,37 +1,37 @@
 //! The project file: all settings that repeat a calibration, in TOML.
 //!
 //! Paths are relative to the project file. The checksums, payloads and tools that it states must match the data. Options
-//! on the command line override it. `--write-project` writes the complete configuration that was used, including
-//! defaults, because another version may have other defaults.
+//! on the command line override it.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Value};
 
 use crate::cli::calibrate::args::date;
-use crate::cli::calibrate::gauge::{GaugeArgs, GaugeTable};
+use crate::cli::calibrate::gauge::GaugeTable;
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::FileSummary;
-use crate::report::certificate::{Instrument, Record, Statement};
+use crate::report::certificate::{Instrument, Record};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::statistics::distinct;
 use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::robot::toml_source::TomlSource;
 use poegp_calibration::trust::Cause;
 
 /// Version of the file format.
-const VERSION: u32 = 1;
+pub const VERSION: u32 = 1;
 
 /// The contents of a project file.
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct File {
-    version: Spanned<u32>,
+    pub version: Spanned<u32>,
     /// Version of the trainer that wrote the file.
     pub trainer: Option<String>,
     /// Day of the calibration, kept in the blob.
@@ -71,7 +71,6 @@ pub struct RobotTable {
 pub struct DataTable {
     pub train: String,
     /// Description of the features, if `train` is a touch file.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub features: Option<String>,
     #[serde(default)]
     pub tests: Vec<String>,
@@ -81,12 +80,12 @@ pub struct DataTable {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub accept: Vec<Cause>,
     /// Payloads of the training data in kg, ascending.
-    payloads_kg: Option<Spanned<Vec<f64>>>,
+    pub payloads_kg: Option<Spanned<Vec<f64>>>,
     /// Tools of the training data, in the order of their first rows.
-    tools: Option<Spanned<Vec<String>>>,
+    pub tools: Option<Spanned<Vec<String>>>,
     /// Checksums, keyed by file names as they are written in the project file.
     #[serde(default)]
-    sha256: BTreeMap<Spanned<String>, Spanned<String>>,
+    pub sha256: BTreeMap<Spanned<String>, Spanned<String>>,
 }
 
 #[derive(Default, Deserialize, Serialize)]
@@ -140,7 +139,7 @@ impl Project {
                     found,
                     format!("version {VERSION}"),
                 )
-                .with_help("a newer trainer wrote this file: use that one"));
+                .with_help("a newer trainer wrote this file: use that version"));
         }
         if let Some(day) = &project.file.date
             && let Err(expected) = date(day.get_ref())
@@ -312,13 +311,7 @@ impl Project {
 
 /// Returns the payloads of a measurement file in kg, ascending, and its tools in their order.
 pub fn payloads_and_tools(set: &MeasurementSet) -> (Vec<f64>, Vec<String>) {
-    let mut payloads: Vec<f64> = set
-        .measurements
-        .iter()
-        .filter_map(|m| m.payload_kg)
-        .collect();
-    payloads.sort_by(f64::total_cmp);
-    payloads.dedup();
+    let payloads = distinct(set.measurements.iter().filter_map(|m| m.payload_kg));
     let mut tools: Vec<String> = Vec::new();
     for m in &set.measurements {
         let name = ToolName {
@@ -345,125 +338,4 @@ impl<'a> Data<'a> {
         let sha256 = FileSummary::of_set("", set).sha256;
         Self { path, sha256 }
     }
-}
-
-/// The contents from which a project file at `path` is written. Paths are relative to the working folder.
-pub struct Source<'a> {
-    pub path: &'a Path,
-    pub robot: RobotTable,
-    pub train: Data<'a>,
-    /// Description of the features, if `train` is a touch file.
-    pub features: Option<Data<'a>>,
-    pub tests: Vec<Data<'a>>,
-    /// Payloads and tools of the training data; empty for touches, which may have several of each.
-    pub payloads_and_tools: (Vec<f64>, Vec<String>),
-    pub correct_drift: bool,
-    pub gauge: &'a GaugeArgs,
-    pub accept: &'a [Cause],
-    pub calibration: Config,
-    pub statement: &'a Statement,
-    pub date: &'a str,
-    pub out: &'a Path,
-    pub blob: &'a [u8],
-    pub report: Option<&'a Path>,
-    pub json: Option<&'a Path>,
-}
-
-impl Source<'_> {
-    /// Returns the text of the project file.
-    pub fn text(self) -> String {
-        let folder = match self.path.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        let name = |path: &Path| relative(folder, path);
-        let mut sums: BTreeMap<String, String> = BTreeMap::new();
-        let mut robot = self.robot;
-        if !BUILT_IN.contains(&robot.description.as_str()) {
-            let path = PathBuf::from(&robot.description);
-            robot.description = name(&path);
-            if let Ok(bytes) = std::fs::read(&path) {
-                sums.insert(
-                    robot.description.clone(),
-                    FileSummary::of_bytes("", "", &bytes).sha256,
-                );
-            }
-        }
-        let data = std::iter::once(&self.train).chain(&self.features);
-        for data in data.chain(&self.tests) {
-            sums.insert(name(data.path), data.sha256.clone());
-        }
-        let (payloads, tools) = self.payloads_and_tools;
-        // A single unnamed tool needs no entry.
-        let named = tools.len() > 1
-            || tools
-                .iter()
-                .any(|tool| *tool != ToolName::default().to_string());
-        let file = File {
-            version: spanned(VERSION),
-            trainer: Some(env!("CARGO_PKG_VERSION").to_owned()),
-            date: Some(spanned(self.date.to_owned())),
-            robot,
-            data: DataTable {
-                train: name(self.train.path),
-                features: self.features.as_ref().map(|data| name(data.path)),
-                tests: self.tests.iter().map(|data| name(data.path)).collect(),
-                correct_drift: self.correct_drift,
-                accept: self.accept.to_vec(),
-                payloads_kg: (!payloads.is_empty()).then(|| spanned(payloads)),
-                tools: named.then(|| spanned(tools)),
-                sha256: sums
-                    .into_iter()
-                    .map(|(file, sum)| (spanned(file), spanned(sum)))
-                    .collect(),
-            },
-            calibration: self.calibration,
-            gauge: self.gauge.table(name),
-            tolerance: ToleranceTable::new(&self.statement.tolerances),
-            instrument: self.statement.instrument.clone(),
-            record: self.statement.record.clone(),
-            output: OutputTable {
-                blob: Some(name(self.out)),
-                blob_sha256: Some(FileSummary::of_bytes("", "", self.blob).sha256),
-                report: self.report.map(name),
-                json: self.json.map(name),
-            },
-        };
-        format!(
-            "# `trainer calibrate` with this file repeats the calibration. Paths are relative to the file.\n{}",
-            // Cannot fail: every value can be written as TOML.
-            toml::to_string(&file).unwrap_or_default()
-        )
-    }
-}
-
-fn spanned<T>(value: T) -> Spanned<T> {
-    Spanned::new(0..0, value)
-}
-
-/// Returns `path` relative to `folder`, with slashes; `path` itself if no relative path exists.
-fn relative(folder: &Path, path: &Path) -> String {
-    let absolute = |path: &Path| -> Option<PathBuf> {
-        let parent = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        Some(std::fs::canonicalize(parent).ok()?.join(path.file_name()?))
-    };
-    let both = std::fs::canonicalize(folder).ok().zip(absolute(path));
-    let Some((from, to)) = both else {
-        return path.to_string_lossy().into_owned();
-    };
-    let (from, to): (Vec<Component>, Vec<Component>) =
-        (from.components().collect(), to.components().collect());
-    let common = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
-    // The paths are on different drives.
-    if common == 0 {
-        return path.to_string_lossy().into_owned();
-    }
-    let up = std::iter::repeat_n("..".to_owned(), from.len() - common);
-    let down = to[common..]
-        .iter()
-        .map(|part| part.as_os_str().to_string_lossy().into_owned());
-    up.chain(down).collect::<Vec<_>>().join("/")
 }

@@ -1,6 +1,6 @@
 //! `--report`: the held-out errors that the reports show, and the reports of `calibrate` and `compare`.
 
-use crate::cli::calibrate::document::{BlobSummary, CalibrateJson, LossJson, TouchJson};
+use crate::cli::calibrate::document::{CalibrateJson, TouchJson};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
@@ -9,7 +9,6 @@ use crate::cli::terminal::interrupt::own_flag;
 use crate::cli::terminal::progress;
 use crate::report::certificate::Certificate;
 use crate::report::sections;
-use crate::report::sections::DeviceSummary;
 use crate::report::{
     FileSummary, HeldOutSummary, HoldOutMethod, Page, Provenance, ReportData, Section,
 };
@@ -193,14 +192,10 @@ fn provenance_of_files(
     if let Ok(bytes) = std::fs::read(robot) {
         files.push(FileSummary::of_bytes("robot", robot, &bytes));
     }
+    let date = origin.date.clone();
     Provenance {
-        command: crate::report::provenance::command_line(),
-        version: env!("CARGO_PKG_VERSION"),
-        date: origin.date.clone(),
         seed,
-        robot: arm.robot.name.clone(),
-        serial_number: origin.serial_number.clone(),
-        files,
+        ..Provenance::new(&arm.robot.name, &origin.serial_number, date, files)
     }
 }
 
@@ -217,12 +212,8 @@ pub fn provenance_of_touches(
 
 /// Creates a page with its title and the line below it.
 fn page(what: &str, provenance: &Provenance) -> Page {
-    let serial = match provenance.serial_number.as_str() {
-        "" => String::new(),
-        number => format!(", serial number {number}"),
-    };
     Page::new(
-        format!("{what} {}{serial}", provenance.robot),
+        format!("{what} {}", provenance.arm()),
         format!("{}, poegp trainer {}", provenance.date, provenance.version),
     )
 }
@@ -234,17 +225,18 @@ pub fn of_calibration(
     summary: &HeldOutSummary,
 ) -> String {
     let elastic = document.elastic.as_ref();
-    let ripple = elastic.map(ElasticSummary::listed_ripple);
-    let device = device(
-        &document.blob,
-        (document.correction_limit_mm, document.correction_limit_mrad),
-        &document.single_precision_loss_um,
-    );
+    let limit = (document.correction_limit_mm, document.correction_limit_mrad);
     let serial_number = &document.provenance.serial_number;
     let next = document.next_steps.as_ref();
     let mut page = page("Calibration of", &document.provenance);
     if let Some(certificate) = &document.certificate {
-        page = page.with(sections::verdict(certificate, &document.warnings, next));
+        let live = document.controller.as_ref().map(|found| &found.live);
+        page = page.with(sections::verdict(
+            certificate,
+            &document.warnings,
+            live,
+            next,
+        ));
     }
     page = page
         .with(sections::headline(evidence, summary))
@@ -258,9 +250,9 @@ pub fn of_calibration(
         .with(sections::parameters(
             document.identifiability.as_ref(),
             &document.frames,
-            &ripple.unwrap_or_default(),
+            elastic.map_or(&[], |elastic| &elastic.ripple),
             elastic.and_then(ElasticSummary::listed_curve),
-            elastic.and_then(ElasticSummary::warm_up),
+            elastic.and_then(|elastic| elastic.warm_up.as_ref()),
         ))
         .with(sections::controller(document.controller.as_ref()))
         .with(sections::outliers(
@@ -273,33 +265,28 @@ pub fn of_calibration(
             &document.warnings,
             document.budget.as_deref(),
         ))
-        .with(sections::device(&device))
+        .with(sections::device(
+            &document.blob,
+            limit,
+            document.single_precision_loss_um,
+        ))
         .with(sections::provenance(&document.provenance))
         .render()
-}
-
-fn device(blob: &BlobSummary, limit: (f64, f64), loss: &LossJson) -> DeviceSummary {
-    DeviceSummary {
-        file: blob.file.clone(),
-        bytes: blob.bytes,
-        inducing_points: blob.inducing_points,
-        instructions: blob.instructions,
-        limit,
-        single_precision_loss_um: (loss.mean, loss.max),
-    }
 }
 
 /// Renders the report of `calibrate` by touches; `residuals` are those of the blob.
 pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
     let found = &document.touches;
-    let device = device(
-        &document.blob,
-        (document.correction_limit_mm, document.correction_limit_mrad),
-        &document.single_precision_loss_um,
-    );
+    let limit = (document.correction_limit_mm, document.correction_limit_mrad);
     let mut page = page("Calibration of", &document.provenance);
     if let Some(certificate) = &document.certificate {
-        page = page.with(sections::verdict(certificate, &document.warnings, None));
+        let live = Some(&document.controller.live);
+        page = page.with(sections::verdict(
+            certificate,
+            &document.warnings,
+            live,
+            None,
+        ));
     }
     page = page.with(sections::touch_headline(found));
     if let Some(certificate) = &document.certificate {
@@ -316,7 +303,11 @@ pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
         .with(sections::touch_outliers(found))
         .with(sections::class(found))
         .with(sections::controller(Some(&document.controller)))
-        .with(sections::device(&device))
+        .with(sections::device(
+            &document.blob,
+            limit,
+            document.single_precision_loss_um,
+        ))
         .with(sections::provenance(&document.provenance))
         .render()
 }
@@ -330,7 +321,7 @@ pub fn of_comparison(
     warnings: &[Finding],
 ) -> String {
     let page = page("Comparison of models for", provenance)
-        .with(sections::verdict(certificate, warnings, None))
+        .with(sections::verdict(certificate, warnings, None, None))
         .with(sections::headline(evidence, summary))
         .with(sections::uncertainty_budget(certificate));
     sections::held_out(page, evidence, summary)

@@ -4,17 +4,18 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::cli::calibrate::document::{BlobSummary, LossJson, TouchJson};
+use crate::cli::calibrate::document::{TouchJson, loss, summarised};
 use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::print::print_outputs;
-use crate::cli::calibrate::project::{Data, RobotTable, Source};
+use crate::cli::calibrate::project::Data;
 use crate::cli::calibrate::report_page;
+use crate::cli::calibrate::written_project::{self, Read};
 use crate::cli::examination::settled;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs::{Arm, origin};
-use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::cli::output::{check_not_signed, check_outputs, json_text, write_with_blob};
+use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
 use crate::cli::tolerance;
 use crate::cli::touches::{self, print_distances, print_noise, read, table};
@@ -53,13 +54,7 @@ pub struct Made {
 /// # Errors
 /// [`Failure`] about the inputs or about the result.
 pub fn run(a: &Job) -> Result<(), Failure> {
-    let outputs = [
-        Some(a.out.as_path()),
-        a.json.as_deref(),
-        a.report.as_deref(),
-        a.write_project.as_deref(),
-        a.controller_csv.as_deref(),
-    ];
+    let outputs = a.outputs();
     let features = features(a);
     let mut inputs = vec![a.train.as_path(), &features, Path::new(&a.robot)];
     inputs.extend(a.project.as_deref());
@@ -67,19 +62,19 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     inputs.extend(a.prior.iter().map(PathBuf::as_path));
     no_other_options(a)?;
     check_outputs(&outputs, &inputs)?;
+    check_not_signed(&a.out)?;
     let made = make(a)?;
     let json = json_text(&made.document)?;
     let csv = made.document.controller.to_csv();
-    let mut files = vec![(a.out.as_path(), made.blob.bytes())];
-    let texts = [
-        (a.report.as_deref(), made.report.as_ref()),
-        (a.write_project.as_deref(), made.project.as_ref()),
-        (a.json.as_deref(), Some(&json)),
-        (a.controller_csv.as_deref(), Some(&csv)),
-    ];
-    let wanted = texts.iter().filter_map(|(path, text)| path.zip(*text));
-    files.extend(wanted.map(|(path, text)| (path, text.as_bytes())));
-    write_outputs(&files)?;
+    write_with_blob(
+        (&a.out, made.blob.bytes()),
+        &[
+            (a.report.as_deref(), made.report.as_deref()),
+            (a.json.as_deref(), Some(&json)),
+            (a.write_project.as_deref(), made.project.as_deref()),
+            (a.controller_csv.as_deref(), Some(&csv)),
+        ],
+    )?;
     let report = Printer::for_outputs(&outputs);
     let certificate = made.document.certificate.as_ref();
     print(report, a, &made.document);
@@ -143,12 +138,9 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         controller: ControllerSummary::new(&blob, &arm.robot, None, None),
         correction_limit_mm: 1e3 * calibration.correction_limit.0,
         correction_limit_mrad: 1e3 * calibration.correction_limit.1,
-        single_precision_loss_um: LossJson::new(&precision_loss),
-        blob: BlobSummary::new(&a.out, &blob),
-        repeats: a
-            .blob_sha256
-            .as_ref()
-            .map(|stated| stated.eq_ignore_ascii_case(&sum)),
+        single_precision_loss_um: loss(&precision_loss),
+        blob: summarised(&a.out, &blob),
+        repeats: a.repeats(&sum),
         provenance,
     };
     let report = a.report.is_some().then(|| {
@@ -156,10 +148,10 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         let residuals = found.first().map_or(&[][..], |found| &found.residuals);
         report_page::of_touches(&document, residuals)
     });
-    let project = a
-        .write_project
-        .as_deref()
-        .map(|path| project(a, path, &features(a), &set, &origin.date, blob.bytes()));
+    let project = a.write_project.as_deref().map(|path| {
+        let date = &origin.date;
+        project(a, path, &set, date, blob.bytes())
+    });
     Ok(Made {
         blob,
         document,
@@ -188,7 +180,7 @@ fn sisters(a: &Job) -> Result<Vec<ArmRecord>, Failure> {
 }
 
 /// Description of a `--prior` file in error messages.
-const SISTER: &str = "what `trainer calibrate --json` writes of touches";
+const SISTER: &str = "the JSON of a calibration by touches, from `trainer calibrate --json`";
 
 fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
     let expected =
@@ -197,48 +189,21 @@ fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
 }
 
 /// Returns the text of the project file that repeats this calibration.
-fn project(
-    a: &Job,
-    path: &Path,
-    features: &Path,
-    set: &TouchSet,
-    date: &str,
-    blob: &[u8],
-) -> String {
-    let [rows, described] = FileSummary::of_touches(set);
-    Source {
-        path,
-        robot: RobotTable {
-            description: a.robot.clone(),
-            base: a.chain.base.clone(),
-            tip: a.chain.tip.clone(),
-            serial_number: a.serial_number.clone(),
-        },
-        train: Data {
-            path: &a.train,
-            sha256: rows.sha256,
-        },
-        features: Some(Data {
-            path: features,
-            sha256: described.sha256,
-        }),
+fn project(a: &Job, path: &Path, set: &TouchSet, date: &str, blob: &[u8]) -> String {
+    let features = features(a);
+    let [rows, described] = FileSummary::of_touches(set).map(|file| file.sha256);
+    let data = |path, sha256| Data { path, sha256 };
+    let read = Read {
+        train: data(&a.train, rows),
+        features: Some(data(&features, described)),
         tests: Vec::new(),
         payloads_and_tools: (Vec::new(), Vec::new()),
-        correct_drift: false,
-        gauge: &a.gauge,
-        statement: &a.statement,
-        accept: &a.accept,
-        calibration: Config {
-            method: Method::Elastic,
-            ..a.config
-        },
-        date,
-        out: &a.out,
-        blob,
-        report: a.report.as_deref(),
-        json: a.json.as_deref().filter(|path| !is_stdout(path)),
-    }
-    .text()
+    };
+    let calibration = Config {
+        method: Method::Parametric,
+        ..a.config
+    };
+    written_project::text(a, path, read, calibration, date, blob)
 }
 
 /// Refuses options that make no sense with touches.
@@ -256,8 +221,8 @@ fn no_other_options(a: &Job) -> Result<(), Failure> {
             "--max-instructions and --max-blob-bytes",
         ),
         (
-            !a.auto && a.config.method != Method::Elastic,
-            "--method other than elastic",
+            !a.auto && a.config.method != Method::Parametric,
+            "--method other than parametric",
         ),
         (
             a.statement.tolerances.orientation_mrad.is_some(),
@@ -297,11 +262,15 @@ fn print(report: Printer, a: &Job, document: &TouchJson) {
         document.robot, found.rows, found.equations, found.states
     ));
     report.line(format_args!(
-        "  expected error over the work volume: {:.3} mm mean before, {:.3} mm after (95 % within {:.3} and {:.3} mm)",
+        "  expected error over the work volume: {:.3} mm mean before, {:.3} mm after (95 % within {:.3} and {:.3} mm), \
+         including what the touches do not determine",
         found.before.mean_mm, found.after.mean_mm, found.before.p95_mm, found.after.p95_mm
     ));
     if let Some(certificate) = &document.certificate {
         tolerance::print(report, certificate, &a.statement);
+    }
+    if let Some(line) = document.controller.live_line() {
+        report.line(format_args!("  {line}"));
     }
     let [drawn, calibrated] = found.left_out;
     let unit = found.left_out_unit;

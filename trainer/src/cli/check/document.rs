@@ -8,7 +8,6 @@ use serde::Serialize;
 use crate::cli::check::programs::CorrectedProgram;
 use crate::cli::inputs::origin;
 use crate::report::certificate::Certificate;
-use crate::report::provenance::command_line;
 use crate::report::{FileSummary, Provenance};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::numeric::statistics::Summary;
@@ -70,6 +69,9 @@ pub struct CheckJson<'a> {
     pub max_mm: f64,
     pub tolerance_met: bool,
     pub max_drift_mm: f64,
+    /// Whether `max_drift_mm` is the default.
+    #[serde(skip)]
+    pub is_default_drift: bool,
     /// Whether a drift was found that moves the target by more than `max_drift_mm`.
     pub drift_matters: bool,
     /// Change of the commands against those of an earlier blob.
@@ -122,13 +124,6 @@ pub fn provenance(
     let path = blob.display().to_string();
     files.push(FileSummary::of_bytes("model", path, loaded.bytes()));
     let robot = &loaded.blob().robot;
-    Provenance {
-        command: command_line(),
-        version: env!("CARGO_PKG_VERSION"),
-        date: origin(sha256, robot.serial_number, Vec::new()).date,
-        seed: None,
-        robot: robot.name.to_owned(),
-        serial_number: robot.serial_number.to_owned(),
-        files,
-    }
+    let date = origin(sha256, robot.serial_number, Vec::new()).date;
+    Provenance::new(robot.name, robot.serial_number, date, files)
 }

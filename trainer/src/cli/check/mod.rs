@@ -1,10 +1,11 @@
 //! `trainer check`: tests with a few fresh measurements whether the calibration still holds.
 
+mod advice;
 mod document;
 mod page;
 mod programs;
 mod touch_page;
-mod touches;
+pub mod touches;
 mod wording;
 
 use std::path::{Path, PathBuf};
@@ -17,10 +18,9 @@ use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::Printer;
+use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::terminal::print::{Printer, error_row};
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
-use crate::cli::touches::{are_touches, refuse_options};
 use crate::report::certificate::{Certificate, Judged, Statement};
 use crate::report::{FileSummary, data, sections};
 use clap::Args;
@@ -29,11 +29,11 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::numeric::statistics::Summary;
-use poegp_calibration::trust::{self, Finding, Findings};
-use poegp_calibration::validation::command_change::CommandChange;
+use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 use poegp_calibration::verification as check;
 use poegp_calibration::verification::CheckError;
-use poegp_protocol::JointKind;
+use poegp_calibration::verification::hypotheses::Part;
+use poegp_calibration::verification::result::{Change, Moved};
 use poegp_runtime::math::se3::Pose;
 
 /// Default limit of the displacement by a drift, as a share of `--max-mm`.
@@ -96,10 +96,13 @@ pub struct Check {
     pub tolerance: ToleranceArgs,
 }
 
-pub fn run(a: &Check) -> Result<(), Failure> {
-    if are_touches(&a.measurements, a.features.as_deref()) {
-        return of_touches(a);
+impl Check {
+    fn max_drift_mm(&self) -> f64 {
+        self.max_drift_mm.unwrap_or(DRIFT_SHARE * self.max_mm)
     }
+}
+
+pub fn run(a: &Check) -> Result<(), Failure> {
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     let mut files: Vec<&Path> = vec![&a.blob, &a.measurements];
     files.extend(a.previous.as_deref());
@@ -114,37 +117,36 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         &a.measurements,
         a.json.as_deref(),
         &a.accepted.accept,
-        &inputs::robot_of(loaded.blob()),
+        &inputs::robot_of(&loaded),
     )?;
     let tools = data.frames(&loaded, &a.measurements, options.frames)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
     let noise = overstated_noise(&loaded, &data.samples, &tools, &lines, &options);
-    let (accept, json) = (&a.accepted.accept, a.json.as_deref());
-    let noise = Findings(noise.into_iter().collect());
-    warnings.extend(settled(&a.measurements, noise, accept, json)?);
     let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
         .map_err(|error| refused(a, &data.names, error))?;
-    let commands_move = a
-        .previous
-        .as_deref()
-        .map(|path| -> Result<CommandChange, Failure> {
-            let before = gauge::of_robot(path, loaded.blob().robot.name)?;
-            let wanted = data.samples.iter();
-            let wanted = wanted.map(|s| (s.joints.clone(), s.payload_kg));
-            CommandChange::new(&before, &loaded, wanted)
-                .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))
-        })
-        .transpose()?;
     let error = a.statistic.of(&findings.errors.position_mm);
-    let max_drift_mm = a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm);
     let tolerance_met = error <= a.max_mm;
-    let drift_matters = !findings.changes.is_empty() && findings.effect_mm.mean > max_drift_mm;
+    let payloads = untrained_payload(&loaded, &data.samples, &lines, &findings, tolerance_met);
+    let (accept, json) = (&a.accepted.accept, a.json.as_deref());
+    let found = [
+        payloads.as_ref().map(|p| p.finding.clone()),
+        noise,
+        findings.during.as_ref().map(moved_during),
+    ];
+    let found = Findings(found.into_iter().flatten().collect());
+    warnings.extend(settled(&a.measurements, found, accept, json)?);
+    let wanted = data.samples.iter();
+    let wanted = wanted.map(|s| (s.joints.clone(), s.payload_kg));
+    let commands_move = gauge::commands_moved(a.previous.as_deref(), &loaded, wanted)?;
+    let max_drift_mm = a.max_drift_mm();
+    let has_moved = !findings.changes.is_empty() || findings.during.is_some();
+    let drift_matters = has_moved && findings.effect_mm.mean > max_drift_mm;
     let blob = loaded.blob();
     let statement = Statement {
         tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
         ..Statement::default()
     };
-    let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
+    let kinds = loaded.kinds();
     let is_compared = |line: usize| findings.rows.iter().any(|row| row.line == line);
     let mut rows = data::rows(&data.set);
     rows.retain(|row| is_compared(row.line));
@@ -165,6 +167,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         max_mm: a.max_mm,
         tolerance_met,
         max_drift_mm,
+        is_default_drift: a.max_drift_mm.is_none(),
         drift_matters,
         commands_move,
         programs: programs::compared(&a.programs, &loaded, &a.blob)?,
@@ -175,12 +178,15 @@ pub fn run(a: &Check) -> Result<(), Failure> {
             data.samples.len() - findings.errors.poses,
         ),
         findings: &findings,
-        advice: wording::advice(
-            &wording::Outcome {
+        advice: advice::advice(
+            &advice::Outcome {
                 changes: &findings.changes,
-                without_mm: findings.without_mm.mean,
+                without_mm: a.statistic.of(&findings.without_mm),
                 odd_lines: &findings.odd_lines,
-                more: "measure 100 poses or more",
+                during: findings.during.as_ref(),
+                payloads: payloads.as_ref().map(|p| p.advice.as_str()),
+                is_searched: findings.is_searched,
+                more: &advice::new_calibration(&findings),
             },
             tolerance_met,
             drift_matters,
@@ -194,44 +200,31 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         ),
     };
     let json = json_text(&document)?;
-    let kinds: Vec<JointKind> = blob.robot.joints.iter().map(|j| j.kind).collect();
     let day = loaded.host().provenance.date;
-    let page = a
-        .report
-        .as_deref()
-        .map(|path| (path, page::page(&document, &data.set, &kinds, day)));
-    let mut files: Vec<(&Path, &[u8])> = Vec::new();
-    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    write_outputs(&files)?;
-    print(
-        Printer::for_outputs(&outputs),
-        a,
-        &document,
-        loaded.host().provenance.date,
-    );
+    let page = (a.report.as_ref()).map(|_| page::page(&document, &data.set, &kinds, day));
+    write_texts(&[
+        (a.report.as_deref(), page.as_deref()),
+        (a.json.as_deref(), Some(&json)),
+    ])?;
+    print(Printer::for_outputs(&outputs), a, &document, day);
     if document.holds {
         return tolerance::outcome(Some(&document.certificate), &statement);
     }
     let mut reasons = Vec::new();
     if !tolerance_met {
         reasons.push(format!(
-            "its {} position error is {error:.4} mm, above {} mm",
+            "its {} position error is {error:.4} mm, above the {} mm allowed",
             a.statistic.name(),
             a.max_mm
         ));
     }
     if drift_matters {
         reasons.push(format!(
-            "a drift moves the target by {:.4} mm on average, above {max_drift_mm} mm",
+            "a drift moves the target by {:.4} mm on average, above the {max_drift_mm} mm allowed",
             findings.effect_mm.mean
         ));
     }
-    Err(Failure::Quality(format!(
-        "the calibration does not hold: {}\nhelp: {}",
-        reasons.join(", and "),
-        document.advice.join("; ")
-    )))
+    Err(advice::does_not_hold(&reasons, &document.advice))
 }
 
 /// Returns the finding that the stated noise is larger than the one that the residuals show, under which drift hides.
@@ -255,37 +248,70 @@ fn overstated_noise(
         ..*options
     };
     let found = check::check(loaded, &samples, tools.to_vec(), lines, &options).ok()?;
-    trust::overstated_noise(stated, 1e-3 * found.noise_mm)
+    // Where a model that does not know its own error takes most of the scatter, the noise cannot be separated from it.
+    let (scatter, model) = (found.scatter_mm, found.model_mm);
+    let noise = (scatter * scatter - model * model).max(0.0).sqrt();
+    let is_separate = found.noise_mm.is_some() || 2.0 * noise >= model;
+    let shown = if is_separate { noise } else { scatter };
+    trust::overstated_noise(stated, 1e-3 * shown)
 }
 
-fn of_touches(a: &Check) -> Result<(), Failure> {
-    let noise = a.noise.instrument_noise();
-    let given = [
-        (a.frames.fit_base, "--fit-base"),
-        (a.frames.fit_tool.is_some(), "--fit-tool"),
-        (a.frames.correct_drift, "--correct-drift"),
-        (noise.position.is_some(), "--position-sigma-mm"),
-        (noise.orientation.is_some(), "--orientation-sigma-mrad"),
-        (!a.accepted.accept.is_empty(), "--accept"),
-        (
-            a.tolerance.is_given(),
-            "--tolerance-mm, --tolerance-mrad or --coverage",
+/// Payloads that the model was not trained with, or that it does not know.
+struct Payloads {
+    finding: Finding,
+    advice: String,
+}
+
+/// Returns what is to be said of rows with payloads that the model was not trained with. A model that does not depend on the
+/// payload does not know which these are: then it is said where another payload may look like what was found.
+fn untrained_payload(
+    loaded: &BlobModel,
+    samples: &[InstrumentSample],
+    lines: &[usize],
+    found: &check::result::Report,
+    tolerance_met: bool,
+) -> Option<Payloads> {
+    let trained = loaded.blob().ranges.payload_kg;
+    let is_joint = |c: &Change| matches!(c.part, Part::Joint(_));
+    let may_be = found.changes.iter().any(is_joint) || found.changes.is_empty() && !tolerance_met;
+    let outside = match trained {
+        Some(_) => found.untrained_payload.clone(),
+        None if may_be && found.during.is_none() => lines.to_vec(),
+        None => Vec::new(),
+    };
+    let rows = samples.iter().zip(lines);
+    let of_rows = rows.filter(|(_, line)| outside.contains(line));
+    let carried: Vec<f64> = of_rows.filter_map(|(s, _)| s.payload_kg).collect();
+    let least = carried.iter().copied().reduce(f64::min)?;
+    let most = carried.iter().copied().fold(least, f64::max);
+    let carried = wording::payloads((least, most));
+    let (count, all) = (outside.len(), found.rows.len());
+    let (text, advice) = match trained {
+        Some((light, heavy)) => {
+            let trained = wording::payloads((light.into(), heavy.into()));
+            let text = wording::untrained_payload(count, all, &carried, &trained);
+            (text, advice::trained_payload(&trained, &carried))
+        }
+        None if most > 0.0 => (
+            wording::unknown_payload(&carried),
+            advice::unknown_payload(&carried),
         ),
-    ];
-    refuse_options(&a.measurements, &given)?;
-    touches::run(&touches::Asked {
-        blob: &a.blob,
-        measurements: &a.measurements,
-        features: a.features.as_deref(),
-        statistic: a.statistic,
-        max_mm: a.max_mm,
-        max_drift_mm: a.max_drift_mm.unwrap_or(DRIFT_SHARE * a.max_mm),
-        false_alarms: options(a)?.false_alarms,
-        previous: a.previous.as_deref(),
-        programs: &a.programs,
-        report: a.report.as_deref(),
-        json: a.json.as_deref(),
-    })
+        None => return None,
+    };
+    let share = count as f64 / all as f64;
+    let finding = Finding::new(Cause::Payload, Tier::Warning, text, share, 0.0).of_rows(outside);
+    Some(Payloads { finding, advice })
+}
+
+/// Returns the finding that something moved while the rows were measured.
+fn moved_during(moved: &Moved) -> Finding {
+    let cause = match moved.from_line {
+        Some(_) => Cause::Step,
+        None => Cause::Drift,
+    };
+    let (drop, needed) = moved.drop;
+    let text = wording::during(moved);
+    Finding::new(cause, Tier::Warning, text, drop, needed).of_rows(moved.lines.clone())
 }
 
 fn options(a: &Check) -> Result<check::Options, Failure> {
@@ -358,8 +384,7 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
         d.method, f.errors.poses
     ));
     let row = |name: &str, s: &Summary, orientation: String| {
-        let mut row = vec![name.to_owned()];
-        row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
+        let mut row = error_row(name, s);
         row.push(orientation);
         row
     };
@@ -368,7 +393,7 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
         &f.errors.position_mm,
         f.errors.orientation_text(),
     )];
-    if !f.changes.is_empty() {
+    if !f.changes.is_empty() || f.during.is_some() {
         rows.push(row("of it drift", &f.effect_mm, String::new()));
         rows.push(row("without drift", &f.without_mm, String::new()));
     }
@@ -393,12 +418,12 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     for line in wording::sensitivity(&f.sensitivity) {
         report.line(line);
     }
-    if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm) {
+    if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) {
         report.line(format_args!("warning: {text}"));
     }
     if d.holds {
         report.line(format_args!(
-            "The calibration holds: its {} position error is {:.4} mm, {} mm are allowed.",
+            "The calibration holds: its {} position error is {:.4} mm, within the {} mm allowed.",
             a.statistic.name(),
             a.statistic.of(&f.errors.position_mm),
             a.max_mm

@@ -29,24 +29,33 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
         unknown_error: (!f.model_knows_its_error).then_some(
-            "This model has no processes of the joints and does not know its own error, so false alarms are more frequent than stated; one \
-             calibrated with `--method elastic` does.",
+            "This model has no processes of the joints and does not know its own error, so the check estimates it from \
+             these measurements. False alarms are more frequent than stated if fewer than 12 poses trained the model. \
+             A model calibrated with `--method elastic` knows its error.",
         ),
         sensitivity: &f.sensitivity,
     };
     let noise = html! {
-        "Noise of these measurements: " (Number::new(f.noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
-        (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
-        @if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm) { " " b { "Warning: " } (text) "." }
+        @match f.noise_mm {
+            Some(noise_mm) => {
+                "Noise of these measurements: " (Number::new(noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
+                (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
+            }
+            None => {
+                "Noise of these measurements and error of the model together: " (Number::new(f.scatter_mm, 4, "/scatter_mm"))
+                " mm per axis; this model does not determine which is which."
+            }
+        }
+        @if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) { " " b { "Warning: " } (text) "." }
     };
     titled(&d.provenance, d.method, date)
         .with(headline(d))
-        .with(sections::verdict(&d.certificate, &d.warnings, None))
+        .with(sections::verdict(&d.certificate, &d.warnings, None, None))
         .with(errors(d))
         .with(sections::uncertainty_budget(&d.certificate))
-        .with(moved(&found))
+        .with_all(f.is_searched.then(|| moved(&found)))
         .with_all(programs(&d.programs))
-        .with(sensitivity(&found, noise))
+        .with_all(f.is_searched.then(|| sensitivity(&found, noise)))
         .with(poses(d, set, kinds))
         .with(sections::provenance(&d.provenance))
         .render()
@@ -66,12 +75,8 @@ pub(super) struct Changes<'a> {
 }
 
 pub(super) fn titled(p: &Provenance, method: &str, date: &str) -> Page {
-    let serial = match p.serial_number.as_str() {
-        "" => String::new(),
-        number => format!(", serial number {number}"),
-    };
     Page::new(
-        format!("Check of {}{serial}", p.robot),
+        format!("Check of {}", p.arm()),
         format!(
             "{}, against the calibration of {date} (`{method}`), poegp trainer {}",
             p.date, p.version
@@ -91,7 +96,9 @@ fn headline(d: &CheckJson<'_>) -> Section {
             (holds(d.holds))
             "On " (Number::count(f.errors.poses, "/poses")) " fresh poses the " (d.statistic.name())
             " position error is " b { (error) " mm" } "; " (Number::mm(d.max_mm, "/max_mm")) " mm are allowed. "
-            (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the target", ""))
+            @if let Some(moved) = &f.during { "Moved during the check: " (wording::during(moved)) ". " }
+            @if f.is_searched { (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the target", "")) }
+            @else { (wording::NOT_SEARCHED) }
         }
     };
     let tiles = html! {
@@ -129,10 +136,10 @@ pub(super) fn changed(
     let parts: Vec<String> = changes.iter().map(|c| wording::part(c.part)).collect();
     html! {
         @if parts.is_empty() {
-            "Nothing was found to have moved."
+            "No change was detected."
         } @else {
-            "A change of " (list(&parts)) " was found, which moves " (what) " by "
-            (Number::mm(effect_mm.mean, format!("{at}/effect_mm/mean"))) " mm in the mean; "
+            "A change of " (list(&parts)) " was detected, which moves " (what) " by "
+            (Number::mm(effect_mm.mean, format!("{at}/effect_mm/mean"))) " mm on average; "
             (Number::mm(most_mm, "/max_drift_mm")) " mm are allowed."
         }
     }
@@ -158,11 +165,11 @@ fn errors(d: &CheckJson<'_>) -> Section {
     ];
     let (plot, above) = drawn_rows(&rows, axes, &f.odd_lines, d.max_mm);
     let finding = html! {
-        @if above == 0 { "All poses are within what is allowed of the " (d.statistic.name()) }
-        @else { (above) " of " (rows.len()) " poses are above what is allowed of the " (d.statistic.name()) }
+        @if above == 0 { "All poses are within the tolerance of the " (d.statistic.name()) }
+        @else { (above) " of " (rows.len()) " poses exceed the tolerance of the " (d.statistic.name()) }
     };
     let mut table = vec![summed("error now", &f.errors.position_mm, "/position_mm")];
-    if !f.changes.is_empty() {
+    if !f.changes.is_empty() || f.during.is_some() {
         table.push(summed("of it drift", &f.effect_mm, "/effect_mm"));
         table.push(summed("without drift", &f.without_mm, "/without_mm"));
     }
@@ -171,7 +178,7 @@ fn errors(d: &CheckJson<'_>) -> Section {
             finding,
             plot.render("position error of every pose of the check"),
             &format!(
-                "Each dot is a pose; one of the other colour stands out from all others. The line is what is allowed.{}",
+                "Each dot is a pose; the other colour marks outliers. The line is the tolerance.{}",
                 left_out(rows.len())
             ),
         )
@@ -233,7 +240,7 @@ pub(super) fn with_odd_lines(
     }
     let listed: Vec<String> = lines.iter().map(ToString::to_string).collect();
     section.text(html! {
-        (what) " that stand out from the others: line" @if lines.len() > 1 { "s" } " " (listed.join(", ")) ". " (remedy)
+        (what) " that are outliers: line" @if lines.len() > 1 { "s" } " " (listed.join(", ")) ". " (remedy)
     })
 }
 
@@ -264,13 +271,13 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
 }
 
 pub(super) fn moved(f: &Changes<'_>) -> Section {
-    let mut section = Section::new("moved", "What has moved");
+    let mut section = Section::new("moved", "Detected changes");
     if let Some(text) = f.unknown_error {
         section = section.text(sentence(text));
     }
     let rate = html! {
-        "Of a hundred checks of an arm to which nothing happened, "
-        (Number::percent(f.false_alarm_rate, format!("{}/false_alarm_rate", f.at))) " would find something."
+        "Of a hundred checks of an unchanged arm, "
+        (Number::percent(f.false_alarm_rate, format!("{}/false_alarm_rate", f.at))) " would report a change."
     };
     if f.changes.is_empty() {
         return section
@@ -360,8 +367,8 @@ fn sizes(c: &Change) -> Vec<(String, Estimate, &'static str, usize, String)> {
         let what = format!("turned about its {axis}");
         one(&what, e, "mrad", 3, &format!("turn_xyz_mrad/{i}"));
     }
-    one("stands off by", &c.offset_deg, "°", 4, "offset_deg");
-    one("stands off by", &c.offset_mm, "mm", 4, "offset_mm");
+    one("is off by", &c.offset_deg, "°", 4, "offset_deg");
+    one("is off by", &c.offset_mm, "mm", 4, "offset_mm");
     one("differs by", &c.mass_kg, "kg", 3, "mass_kg");
     one("larger by", &c.size_ppm, "ppm", 0, "size_ppm");
     out
@@ -384,9 +391,9 @@ pub(super) fn sensitivity(f: &Changes<'_>, noise: Markup) -> Section {
             html! { @if let Some(other) = s.looks_like { (wording::part(other)) } },
         ]
     };
-    Section::new("sensitivity", "What this check can see")
+    Section::new("sensitivity", "What this check can detect")
         .text(html! {
-            "The smallest changes, in the worst direction, that these poses show nine times in ten. " (noise)
+            "The smallest changes, in the worst direction, that these poses detect in nine cases of ten. " (noise)
         })
         .table(
             &["part", "smallest change", "looks the same as"],

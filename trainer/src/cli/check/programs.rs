@@ -7,6 +7,8 @@ use serde::Serialize;
 
 use crate::cli::correct::record::{Record, Target, program_of, record_path, sha256};
 use crate::cli::failure::Failure;
+use crate::robot_programs::correction::engine::TRUSTED;
+use crate::signing::unsigned;
 use poegp_calibration::blob::commander::{Commander, Joints};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -42,14 +44,14 @@ impl CorrectedProgram {
     /// Describes which model corrected the program, and whether its file still has that result.
     pub fn state(&self) -> String {
         let by = match (self.is_brought_back, self.by_this_model) {
-            (true, _) => "brought back to the drawing",
+            (true, _) => "restored to the nominal arm",
             (false, true) => "corrected by this model",
             (false, false) => "corrected by another model",
         };
         let since = match self.is_unchanged {
             Some(true) => "",
             Some(false) => ", and changed since",
-            None => ", and not there",
+            None => ", and missing",
         };
         format!("{by}{since}")
     }
@@ -63,7 +65,7 @@ impl CorrectedProgram {
                 false => format!("{} of its {} targets", self.compared, self.targets),
             };
             out += &format!(
-                "; {of_all} would now move by {:.3} mm in the mean and {:.3} mm at most",
+                "; {of_all} would now move by {:.3} mm on average and {:.3} mm at most",
                 mm.mean, mm.max
             );
         }
@@ -99,7 +101,7 @@ pub fn compared(
         let expected = "a model blob written by `trainer calibrate`";
         InputError::new(blob, error.to_string(), expected)
     })?;
-    let own = sha256(model.bytes());
+    let own = sha256(&unsigned(model.bytes()));
     let mut out = Vec::new();
     for path in paths {
         for path in records(path)? {
@@ -148,7 +150,7 @@ fn compare(
     let robot = &model.blob().robot;
     let joints = robot.joints.len();
     let other = |target: &&Target| target.joints.len() != joints || target.command.len() != joints;
-    if record.targets.iter().any(|target| other(&target)) || !is_robot(record, robot.name) {
+    if record.targets.iter().any(|target| other(&target)) || record.robot != robot.name {
         let found = format!("a program of \"{}\"", record.robot);
         let expected = format!(
             "one of \"{}\" with {joints} joints, as the model",
@@ -178,26 +180,23 @@ fn compare(
     })
 }
 
-/// Whether a record is of the robot `name`; records of earlier versions do not name their robot, so that any fits.
-fn is_robot(record: &Record, name: &str) -> bool {
-    record.robot.is_empty() || record.robot == name
-}
-
-/// Computes how far the real tool moves, by the model, from the recorded command to the model's own, in mm. `None` if the
-/// model does not fully correct the target.
+/// Computes how far the real tool moves, by the model, from the recorded command to the model's own, in mm. `None` if
+/// `correct` would leave the target with this model.
 fn moved(commander: &Commander, target: &Target) -> Option<f64> {
     let padded = |q: &[f64]| -> Joints {
         let mut out = [0.0; MAX_JOINTS];
         out[..q.len()].copy_from_slice(q);
         out
     };
-    let now = commander.correct(&padded(&target.joints), target.payload_kg);
-    let refused = [
-        Status::PARTLY_CORRECTED,
-        Status::CORRECTION_LIMITED,
-        Status::BAD_INPUT,
-    ];
-    if refused.into_iter().any(|bit| now.status.contains(bit)) {
+    let now = commander.correct_target(&padded(&target.joints), target.payload_kg);
+    let refused = [Status::CORRECTION_LIMITED, Status::BAD_INPUT];
+    let trust = commander
+        .evaluate(&padded(&target.joints), target.payload_kg)
+        .trust;
+    if refused.into_iter().any(|bit| now.status.contains(bit))
+        || trust < TRUSTED
+        || commander.beyond_limit(&now.joints).is_some()
+    {
         return None;
     }
     let tool = Vector3::from(target.tool_m);

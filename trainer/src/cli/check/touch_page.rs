@@ -7,6 +7,7 @@ use crate::cli::check::page::{
     Changes, advised, changed, drawn_rows, holds, moved, programs, sensitivity, summed, titled,
     with_odd_lines,
 };
+use crate::cli::check::wording;
 use crate::report::data::drawn;
 use crate::report::sections::headline::tile;
 use crate::report::sections::poses::{joint_columns, joint_fields, left_out};
@@ -36,9 +37,9 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
         to be off by " (Number::new(f.model_mm, 4, "/touches/model_mm")) " mm per axis. "
         @match f.size_ppm {
             Some(ppm) => { "They show a change of the arm's size from " (Number::new(ppm, 0, "/touches/size_ppm")) " ppm. " }
-            None => { "They show no change of the arm's size: give one known distance of 200 mm or more. " }
+            None => { "They show no change of the arm's size: state one known distance of 200 mm or more. " }
         }
-        "Touches show neither a moved base nor a remounted tool: features and tips were fitted to them."
+        (wording::TOUCHES_DO_NOT_SHOW)
     };
     titled(&d.provenance, d.method, date)
         .with(touch_headline(d))
@@ -63,6 +64,7 @@ fn touch_headline(d: &CheckTouchesJson<'_>) -> Section {
             "Each of " (Number::count(f.rows, "/touches/rows")) " new touches was predicted from all others. The " (d.statistic.name())
             " miss is " b { (miss) " mm" } "; " (Number::mm(d.max_mm, "/max_mm")) " mm are allowed. "
             (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the tip", "/touches"))
+            @if let Some(text) = wording::hidden_joint(&f.sensitivity, d.max_drift_mm) { " " b { "Warning: " } (text) "." }
         }
     };
     let tiles = html! {
@@ -84,8 +86,8 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
     let axes = ["new touch, in the order of the rows", "miss (mm)"];
     let (plot, above) = drawn_rows(&rows, axes, &f.odd_lines, d.max_mm);
     let finding = html! {
-        @if above == 0 { "All touches are within what is allowed of the " (d.statistic.name()) }
-        @else { (above) " of " (rows.len()) " touches are above what is allowed of the " (d.statistic.name()) }
+        @if above == 0 { "All touches are within the tolerance of the " (d.statistic.name()) }
+        @else { (above) " of " (rows.len()) " touches exceed the tolerance of the " (d.statistic.name()) }
     };
     let mut table = vec![summed("miss now", &f.miss_mm, "/touches/miss_mm")];
     if !f.changes.is_empty() {
@@ -105,7 +107,7 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
             finding,
             plot.render("what every touch of the check misses by"),
             &format!(
-                "Each dot is a touch; one of the other colour does not belong to the others. The line is what is allowed.{}",
+                "Each dot is a touch; the other colour marks outliers. The line is the tolerance.{}",
                 left_out(rows.len())
             ),
         )

@@ -1,100 +1,99 @@
 //! `trainer check` with touches: tests whether the model still describes the arm, by features at unknown positions.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use crate::cli::calibrate::gauge;
-use crate::cli::check::document::{CheckTouchesJson, Statistic, provenance};
-use crate::cli::check::{programs, touch_page, wording};
+use crate::cli::check::document::{CheckTouchesJson, provenance};
+use crate::cli::check::{Check, advice, options, programs, touch_page, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{file_name, fresh};
-use crate::cli::output::{check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::Printer;
-use crate::cli::touches::{drawn_robot, read, with_payload};
+use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::terminal::print::{Printer, error_row};
+use crate::cli::touches::{drawn_robot, read, refuse_options, with_payload};
 use crate::report::FileSummary;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::touch::{TouchSet, features_beside};
-use poegp_calibration::numeric::statistics::Summary;
-use poegp_calibration::validation::command_change::CommandChange;
+use poegp_calibration::measurement::touch::features_beside;
 use poegp_calibration::verification::CheckError;
 use poegp_calibration::verification::touches::check_touches;
-use poegp_protocol::JointKind;
-
-/// The options of a check by touches.
-pub(super) struct Asked<'a> {
-    pub blob: &'a Path,
-    pub measurements: &'a Path,
-    pub features: Option<&'a Path>,
-    pub statistic: Statistic,
-    pub max_mm: f64,
-    pub max_drift_mm: f64,
-    pub false_alarms: f64,
-    pub previous: Option<&'a Path>,
-    pub programs: &'a [PathBuf],
-    pub report: Option<&'a Path>,
-    pub json: Option<&'a Path>,
-}
 
 /// Checks by touches, writes the outputs and prints the findings.
 ///
 /// # Errors
 /// [`Failure`]; [`Failure::Quality`] if the calibration does not hold.
-pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
-    let beside = features_beside(a.measurements);
-    let features = a.features.unwrap_or(&beside);
-    let mut files: Vec<&Path> = vec![a.blob, a.measurements, features];
-    files.extend(a.previous);
-    let outputs = [a.json, a.report];
+pub fn run(a: &Check) -> Result<(), Failure> {
+    let noise = a.noise.instrument_noise();
+    let given = [
+        (a.frames.fit_base, "--fit-base"),
+        (a.frames.fit_tool.is_some(), "--fit-tool"),
+        (a.frames.correct_drift, "--correct-drift"),
+        (noise.position.is_some(), "--position-sigma-mm"),
+        (noise.orientation.is_some(), "--orientation-sigma-mrad"),
+        (!a.accepted.accept.is_empty(), "--accept"),
+        (
+            a.tolerance.is_given(),
+            "--tolerance-mm, --tolerance-mrad or --coverage",
+        ),
+    ];
+    refuse_options(&a.measurements, &given)?;
+    let (options, max_drift_mm) = (options(a)?, a.max_drift_mm());
+    let features = a.features.as_deref();
+    let beside = features_beside(&a.measurements);
+    let mut files: Vec<&Path> = vec![&a.blob, &a.measurements, features.unwrap_or(&beside)];
+    files.extend(a.previous.as_deref());
+    let outputs = [a.json.as_deref(), a.report.as_deref()];
     check_outputs(&outputs, &files)?;
-    let loaded = BlobModel::read(a.blob)?;
+    let loaded = BlobModel::read(&a.blob)?;
     let robot = drawn_robot(&loaded);
-    let set = read(a.measurements, a.features, &robot)?;
+    let set = read(&a.measurements, features, &robot)?;
     with_payload(&loaded, &set)?;
-    fresh(&loaded, a.measurements, set.sha256[0], "fresh touches")?;
+    fresh(&loaded, &a.measurements, set.sha256[0], "fresh touches")?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
-    let coupling = robot.coupling.as_ref();
-    let found = check_touches(&loaded, &set, &nominal, coupling, a.false_alarms)
-        .map_err(|error| refused(a.measurements, error))?;
+    let found = check_touches(&loaded, &set, &robot, &nominal, options.false_alarms)
+        .map_err(|error| refused(&a.measurements, error))?;
     let error = a.statistic.of(&found.miss_mm);
     let tolerance_met = error <= a.max_mm;
-    let drift_matters = !found.changes.is_empty() && found.effect_mm.mean > a.max_drift_mm;
-    let advised = wording::Outcome {
+    let drift_matters = !found.changes.is_empty() && found.effect_mm.mean > max_drift_mm;
+    let advised = advice::Outcome {
         changes: &found.changes,
-        without_mm: found.without_mm.mean,
+        without_mm: a.statistic.of(&found.without_mm),
         odd_lines: &found.odd_lines,
-        more: "touch 40 times or more",
+        during: None,
+        payloads: None,
+        is_searched: true,
+        more: "touch 40 times or more and calibrate again",
     };
+    let wanted = set.rows.iter();
+    let wanted = wanted.map(|row| (row.joints.clone(), row.payload_kg));
     let document = CheckTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         method: loaded.host().provenance.method,
-        name: file_name(a.measurements),
+        name: file_name(&a.measurements),
         holds: tolerance_met && !drift_matters,
         statistic: a.statistic,
         max_mm: a.max_mm,
         tolerance_met,
-        max_drift_mm: a.max_drift_mm,
+        max_drift_mm,
         drift_matters,
-        commands_move: commands_move(a.previous, &loaded, &set)?,
-        programs: programs::compared(a.programs, &loaded, a.blob)?,
+        commands_move: gauge::commands_moved(a.previous.as_deref(), &loaded, wanted)?,
+        programs: programs::compared(&a.programs, &loaded, &a.blob)?,
         touches: &found,
-        advice: wording::advice(&advised, tolerance_met, drift_matters, a.max_mm),
+        advice: advice::advice(&advised, tolerance_met, drift_matters, a.max_mm),
         provenance: provenance(
             &loaded,
-            a.blob,
+            &a.blob,
             set.sha256[0],
             FileSummary::of_touches(&set).into(),
         ),
     };
     let day = loaded.host().provenance.date;
     let json = json_text(&document)?;
-    let kinds: Vec<JointKind> = loaded.blob().robot.joints.iter().map(|j| j.kind).collect();
+    let kinds = loaded.kinds();
     let page = a
         .report
-        .map(|path| (path, touch_page::page(&document, &set, &kinds, day)));
-    let mut files: Vec<(&Path, &[u8])> = Vec::new();
-    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
-    files.extend(a.json.map(|path| (path, json.as_bytes())));
-    write_outputs(&files)?;
+        .as_ref()
+        .map(|_| touch_page::page(&document, &set, &kinds, day));
+    write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
     print(Printer::for_outputs(&outputs), a, &document, day);
     if document.holds {
         return Ok(());
@@ -102,38 +101,18 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let mut reasons = Vec::new();
     if !tolerance_met {
         reasons.push(format!(
-            "touches miss by {error:.4} mm ({}), above {} mm",
+            "touches miss by {error:.4} mm ({}), above the {} mm allowed",
             a.statistic.name(),
             a.max_mm
         ));
     }
     if drift_matters {
         reasons.push(format!(
-            "a drift moves the tip by {:.4} mm on average, above {} mm",
-            found.effect_mm.mean, a.max_drift_mm
+            "a drift moves the tip by {:.4} mm on average, above the {max_drift_mm} mm allowed",
+            found.effect_mm.mean
         ));
     }
-    Err(Failure::Quality(format!(
-        "the calibration does not hold: {}\nhelp: {}",
-        reasons.join(", and "),
-        document.advice.join("; ")
-    )))
-}
-
-fn commands_move(
-    previous: Option<&Path>,
-    loaded: &BlobModel,
-    set: &TouchSet,
-) -> Result<Option<CommandChange>, Failure> {
-    let Some(path) = previous else {
-        return Ok(None);
-    };
-    let before = gauge::of_robot(path, loaded.blob().robot.name)?;
-    let wanted = set.rows.iter();
-    let wanted = wanted.map(|row| (row.joints.clone(), row.payload_kg));
-    CommandChange::new(&before, loaded, wanted)
-        .map(Some)
-        .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))
+    Err(advice::does_not_hold(&reasons, &document.advice))
 }
 
 fn refused(path: &Path, error: CheckError) -> Failure {
@@ -161,25 +140,20 @@ fn refused(path: &Path, error: CheckError) -> Failure {
     .into()
 }
 
-fn print(report: Printer, a: &Asked<'_>, d: &CheckTouchesJson<'_>, date: &str) {
+fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
     let f = d.touches;
     report.line(format_args!(
         "Model `{}` of {date} on {} new touches: what each misses by, as all others predict it, in mm.\n",
         d.method, f.rows
     ));
-    let row = |name: &str, s: &Summary| {
-        let mut row = vec![name.to_owned()];
-        row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
-        row
-    };
-    let mut rows = vec![row("miss now", &f.miss_mm)];
+    let mut rows = vec![error_row("miss now", &f.miss_mm)];
     if !f.changes.is_empty() {
-        rows.push(row("the tip moved by drift", &f.effect_mm));
-        rows.push(row("miss without drift", &f.without_mm));
+        rows.push(error_row("the tip moved by drift", &f.effect_mm));
+        rows.push(error_row("miss without drift", &f.without_mm));
     }
     report.table(&["", "mean", "p95", "max"], &rows);
     report.line("");
-    if let Some((change, previous)) = d.commands_move.as_ref().zip(a.previous) {
+    if let Some((change, previous)) = d.commands_move.as_ref().zip(a.previous.as_deref()) {
         report.line(gauge::commands_move(change, previous).trim_start());
     }
     for line in d.programs.iter().map(programs::CorrectedProgram::text) {
@@ -200,10 +174,24 @@ fn print(report: Printer, a: &Asked<'_>, d: &CheckTouchesJson<'_>, date: &str) {
     }
     if !f.odd_lines.is_empty() {
         let lines: Vec<String> = f.odd_lines.iter().map(usize::to_string).collect();
+        let (which, again) = match f.odd_lines.len() {
+            1 => (
+                format!(
+                    "one of {} rows is an outlier and was left out: line",
+                    f.rows
+                ),
+                "it",
+            ),
+            count => (
+                format!(
+                    "{count} of {} rows are outliers and were left out: lines",
+                    f.rows
+                ),
+                "them",
+            ),
+        };
         report.line(format_args!(
-            "warning: {} of {} rows do not belong and were left out: lines {}. Touch them again.",
-            f.odd_lines.len(),
-            f.rows,
+            "warning: {which} {}. Touch {again} again.",
             lines.join(", ")
         ));
     }
@@ -212,15 +200,20 @@ fn print(report: Printer, a: &Asked<'_>, d: &CheckTouchesJson<'_>, date: &str) {
     }
     report.line(match f.size_ppm {
         Some(ppm) => format!("They show a change of the arm's size from {ppm:.0} ppm."),
-        None => "They show no change of the arm's size: give one known distance of 200 mm or more."
-            .to_owned(),
+        None => {
+            "They show no change of the arm's size: state one known distance of 200 mm or more."
+                .to_owned()
+        }
     });
-    report.line(
-        "Touches show neither a moved base nor a remounted tool: features and tips were fitted to them.",
-    );
+    report.line(wording::TOUCHES_DO_NOT_SHOW);
+    let hidden = wording::hidden_joint(&f.sensitivity, d.max_drift_mm);
+    if let Some(text) = &hidden {
+        report.line(format_args!("warning: {text}"));
+    }
     if d.holds {
+        let so_far = hidden.map_or("", |_| " as far as these touches show");
         report.line(format_args!(
-            "The calibration holds: touches miss by {:.4} mm ({}), {} mm are allowed.",
+            "The calibration holds{so_far}: touches miss by {:.4} mm ({}), within the {} mm allowed.",
             a.statistic.of(&f.miss_mm),
             a.statistic.name(),
             a.max_mm

@@ -2,7 +2,7 @@
 
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::verification::hypotheses::Part;
-use poegp_calibration::verification::result::{Change, Estimate, Report, Sensitivity};
+use poegp_calibration::verification::result::{Change, Estimate, Moved, Report, Sensitivity};
 
 /// Smallest p-value that is stated as a number; a smaller one is stated as less than this.
 pub const LEAST_P: f64 = 1e-4;
@@ -24,25 +24,44 @@ pub fn part(part: Part) -> String {
 
 /// States the findings of a check.
 pub fn findings(r: &Report) -> Vec<String> {
-    let rotation = r
-        .noise_mrad
-        .map_or(String::new(), |mrad| format!(" and {mrad:.4} mrad"));
-    let mut out = vec![format!(
-        "Noise of these measurements: {:.4} mm{rotation} per axis; the model is expected to be off by {:.4} mm per axis.",
-        r.noise_mm, r.model_mm
-    )];
-    if !r.model_knows_its_error {
+    let mut out = Vec::new();
+    let noise = match r.noise_mm {
+        Some(noise_mm) => {
+            let rotation =
+                (r.noise_mrad).map_or(String::new(), |mrad| format!(" and {mrad:.4} mrad"));
+            format!(
+                "Noise of these measurements: {noise_mm:.4} mm{rotation} per axis; the model is expected to be off by {:.4} mm \
+                 per axis.",
+                r.model_mm
+            )
+        }
+        None => format!(
+            "Noise of these measurements and error of the model together: {:.4} mm per axis; this model does not determine \
+             which is which.",
+            r.scatter_mm
+        ),
+    };
+    out.extend(r.is_searched.then_some(noise));
+    if !r.model_knows_its_error && r.is_searched {
         out.push(
-            "warning: a model without processes of the joints does not know its own error: false alarms are more frequent than \
-             stated (14 in 100 at 1 % with `poe` on a measured arm); calibrate with `--method elastic` to have them."
+            "warning: a model without processes of the joints does not know its own error, so the check estimates it \
+             from these measurements. False alarms are more frequent than stated if fewer than 12 poses trained the \
+             model. A model calibrated with `--method elastic` knows its error."
                 .to_owned(),
         );
     }
-    out.extend(drift(
-        &r.changes,
-        "base, tool, joint or payload",
-        r.false_alarm_rate,
-    ));
+    if let Some(moved) = &r.during {
+        out.push(format!("Moved during the check: {}.", during(moved)));
+    }
+    let parts = match r.during {
+        Some(_) => "base, tool, joint or payload beside this",
+        None => "base, tool, joint or payload",
+    };
+    if r.is_searched {
+        out.extend(drift(&r.changes, parts, r.false_alarm_rate));
+    } else {
+        out.push(NOT_SEARCHED.to_owned());
+    }
     if !r.odd_lines.is_empty() {
         let lines: Vec<String> = r
             .odd_lines
@@ -55,14 +74,86 @@ pub fn findings(r: &Report) -> Vec<String> {
         } else {
             ""
         };
+        let (which, again) = match r.odd_lines.len() {
+            1 => (
+                format!("one of {} measurements is an outlier: line", r.errors.poses),
+                "it",
+            ),
+            count => (
+                format!(
+                    "{count} of {} measurements are outliers: lines",
+                    r.errors.poses
+                ),
+                "them",
+            ),
+        };
         out.push(format!(
-            "warning: {} of {} measurements stand out from the others: lines {}{more}. Measure them again.",
-            r.odd_lines.len(),
-            r.errors.poses,
+            "warning: {which} {}{more}. Measure {again} again.",
             lines.join(", ")
         ));
     }
     out
+}
+
+/// States that no change was searched for.
+pub const NOT_SEARCHED: &str = "Drift: not searched for, because too few measurements have a payload that the model was trained with.";
+
+/// Describes what moved while the rows were measured.
+pub fn during(moved: &Moved) -> String {
+    let size = moved.moves_mm;
+    let what = match (moved.from_line, moved.part) {
+        (Some(line), Part::Base) => {
+            format!(
+                "from line {line} on the measurements are shifted by {size:.3} mm: the instrument (base) moved"
+            )
+        }
+        (Some(line), Part::Tool) => {
+            format!(
+                "from line {line} on the measurements are shifted by {size:.3} mm: the target slipped or was remounted"
+            )
+        }
+        (Some(line), other) => format!(
+            "from line {line} on the measurements are shifted by {size:.3} mm: the zero of {} changed",
+            part(other)
+        ),
+        (None, Part::Base) => format!(
+            "the measurements drift by {size:.3} mm from the first row to the last: the instrument or its stand moves, or the \
+             arm warms up"
+        ),
+        (None, other) => format!(
+            "the measurements drift by {size:.3} mm from the first row to the last, as if {} moved",
+            part(other)
+        ),
+    };
+    if moved.or_else.is_empty() {
+        return what;
+    }
+    let others: Vec<String> = moved.or_else.iter().map(|p| part(*p)).collect();
+    format!("{what} (a change of {} fits equally)", list(&others))
+}
+
+/// States that rows have payloads that the model was not trained with.
+pub fn untrained_payload(count: usize, rows: usize, carried: &str, trained: &str) -> String {
+    format!(
+        "{count} of {rows} measurements have a payload of {carried}, but the model was trained with {trained}: it does not know \
+         how the arm sags under another payload, and no drift is searched for in these measurements"
+    )
+}
+
+/// States that a model does not know which payloads it was trained with.
+pub fn unknown_payload(carried: &str) -> String {
+    format!(
+        "these measurements have a payload of {carried}, and this model does not know which payloads it was trained with: under \
+         another one the arm sags, which looks like a change of joints"
+    )
+}
+
+/// Formats a range of payloads.
+pub fn payloads((light, heavy): (f64, f64)) -> String {
+    match light < heavy {
+        true => format!("{light} to {heavy} kg"),
+        false => format!("{light} kg"),
+    }
 }
 
 /// States which of the tested parts have moved.
@@ -102,13 +193,26 @@ fn sentence(c: &Change) -> String {
         format!("{all}, ({}) {unit}", parts.join(", "))
     };
     let (what, axes) = match c.part {
-        Part::Base => ("the base has moved against the instrument", "the base's"),
-        Part::Tool => ("the target has moved at the flange", "the target's"),
+        Part::Base => (
+            "the base has moved relative to the instrument",
+            "the base's",
+        ),
+        Part::Tool => ("the target has moved on the flange", "the target's"),
         Part::Payload => {
-            let size = c.mass_kg;
-            let size = size.map(|e| format!("{:+.3} ± {:.3} kg", e.value, e.plus_minus));
-            let size = known(size);
-            return format!("the payload weighs more than the file says, by {size} ({p})");
+            let Some(size) = c.mass_kg else {
+                return format!(
+                    "the payload weighs something else than the file says, by {UNDETERMINED} ({p})"
+                );
+            };
+            let more = match size.value < 0.0 {
+                true => "less",
+                false => "more",
+            };
+            return format!(
+                "the payload weighs {more} than the file says, by {:.3} ± {:.3} kg ({p})",
+                size.value.abs(),
+                size.plus_minus
+            );
         }
         Part::Size => {
             let size = c.size_ppm;
@@ -122,7 +226,7 @@ fn sentence(c: &Change) -> String {
                 e.map(|e| format!("{:+.4} ± {:.4}{unit}", e.value, e.plus_minus))
             };
             let size = known(size(c.offset_deg, "°").or(size(c.offset_mm, " mm")));
-            return format!("joint {joint} stands {size} from where its controller says ({p})");
+            return format!("joint {joint} is off by {size} from what its controller shows ({p})");
         }
     };
     let mut out = format!(
@@ -148,15 +252,22 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
         })
     };
     let all: Vec<String> = found.iter().filter_map(shown).collect();
-    let mut out = vec![format!(
-        "These poses show nine times in ten a change of: {}.",
-        all.join(", ")
-    )];
+    let mut out = Vec::new();
+    if !all.is_empty() {
+        out.push(format!(
+            "Smallest changes that these poses detect in nine cases of ten: {}.",
+            all.join(", ")
+        ));
+    }
     let hidden = found.iter().filter(|s| s.smallest.is_none());
     let hidden: Vec<String> = hidden.map(|s| part(s.part)).collect();
     if !hidden.is_empty() {
         out.push(format!(
-            "They show no change of {}, however large.",
+            "{} detect no change of {}, however large.",
+            match out.is_empty() {
+                true => "These poses",
+                false => "They",
+            },
             list(&hidden)
         ));
     }
@@ -178,93 +289,121 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
 }
 
 /// States that a drift may be hidden although it would matter.
-pub fn hidden(found: &[Sensitivity], max_drift_mm: f64) -> Option<String> {
+///
+/// `is_default` states whether the limit is the default one.
+pub fn hidden(found: &[Sensitivity], max_drift_mm: f64, is_default: bool) -> Option<String> {
     let shifts = found.iter().filter(|s| s.unit == "mm");
     let frames = shifts.filter(|s| matches!(s.part, Part::Base | Part::Tool));
+    let never = found
+        .iter()
+        .find(|s| matches!(s.part, Part::Base | Part::Tool) && s.smallest.is_none());
+    if let Some(frame) = never {
+        let frame = part(frame.part);
+        return Some(format!(
+            "a shift of {frame}, however large, may be hidden: measure poses in other orientations"
+        ));
+    }
     let largest = frames.filter_map(|s| s.smallest).fold(0.0, f64::max);
     (largest > max_drift_mm).then(|| {
         format!(
             "a shift of base or tool of up to {largest:.3} mm may be hidden, and more than {max_drift_mm} mm matters \
-             (--max-drift-mm): measure more poses"
+             ({}): measure more poses",
+            match is_default {
+                true => "half of --max-mm, because --max-drift-mm is not given",
+                false => "--max-drift-mm",
+            }
         )
     })
 }
 
-/// The findings that the advice depends on.
-#[derive(Clone, Copy)]
-pub struct Outcome<'a> {
-    /// Changes that were found.
-    pub changes: &'a [Change],
-    /// Mean error after these changes are taken out, mm.
-    pub without_mm: f64,
-    /// Lines of measurements that stand out from the others.
-    pub odd_lines: &'a [usize],
-    /// Measurements that a new calibration needs, as in `measure 100 poses or more`.
-    pub more: &'a str,
+/// States that a change of a joint may be hidden from touches although it would matter.
+pub fn hidden_joint(found: &[Sensitivity], max_drift_mm: f64) -> Option<String> {
+    let moves = |s: &&Sensitivity| s.moves_mm.unwrap_or(0.0);
+    let worst = found.iter().max_by(|a, b| moves(a).total_cmp(&moves(b)))?;
+    let mm = worst.moves_mm.filter(|mm| *mm > max_drift_mm)?;
+    let joint = part(worst.part);
+    let size = match worst.smallest {
+        Some(_) => format!(" that moves the tip by up to {mm:.3} mm on average"),
+        None => ", however large,".to_owned(),
+    };
+    Some(format!(
+        "a change of {joint}{size} may be hidden, and more than {max_drift_mm} mm matters (--max-drift-mm): touch more often, \
+         over a wider range of {joint}"
+    ))
 }
 
-/// States what to do next.
-pub fn advice(
-    found: &Outcome<'_>,
-    tolerance_met: bool,
-    drift_matters: bool,
-    max_mm: f64,
-) -> Vec<String> {
-    let Outcome {
-        changes,
-        without_mm,
-        odd_lines,
-        more,
-    } = *found;
-    let mut out = Vec::new();
-    for change in changes {
-        let alone = if changes.len() == 1 && without_mm <= max_mm {
-            "; the rest of the calibration is as it was"
-        } else {
-            ""
-        };
-        let step = match change.part {
-            Part::Base => {
-                "see what moved, robot or instrument, and measure the base frame again".to_owned()
-            }
-            Part::Tool => {
-                "see whether the tool or the target is loose, and measure the tool frame again"
-                    .to_owned()
-            }
-            Part::Joint(joint) => {
-                format!(
-                    "reset the zero of joint {joint} (a collision? a lost encoder?) and check again"
-                )
-            }
-            Part::Payload => "weigh what is mounted, and give its mass".to_owned(),
-            Part::Size => {
-                "measure the known distances, radii and wires again: an arm does not change its size"
-                    .to_owned()
-            }
-        };
-        let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
-        let others = if others.is_empty() {
-            String::new()
-        } else {
-            format!(
-                " (or look at {}: these poses cannot distinguish them)",
-                list(&others)
-            )
-        };
-        out.push(step + &others + alone);
+/// States which changes no touch shows.
+pub const TOUCHES_DO_NOT_SHOW: &str = "Touches show neither a moved base nor a remounted tool: features and tips were fitted to them. The \
+     zero of the first joint goes with the base, that of the last with the tool.";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(part: Part, smallest: Option<f64>) -> Sensitivity {
+        Sensitivity {
+            part,
+            smallest,
+            unit: "mm",
+            moves_mm: None,
+            looks_like: None,
+        }
     }
-    if changes.is_empty() && !tolerance_met {
-        out.push(if odd_lines.is_empty() {
-            format!("nothing that has moved explains it: {more} and calibrate again")
-        } else {
-            "measure the poses again that stand out, then check again".to_owned()
-        });
-    } else if !tolerance_met && without_mm > max_mm {
-        out.push(format!(
-            "that does not explain all: {more} and calibrate again"
-        ));
-    } else if !changes.is_empty() && !drift_matters && tolerance_met {
-        out.push("the drift is too small to matter; check again soon".to_owned());
+
+    /// A payload that the file overstates weighs less.
+    #[test]
+    fn a_payload_weighs_more_or_less() {
+        for (value, said) in [
+            (-4.951, "less than the file says, by 4.951"),
+            (2.0, "more than the file says, by 2.000"),
+        ] {
+            let mass_kg = Some(Estimate {
+                value,
+                plus_minus: 0.1,
+            });
+            let change = Change {
+                mass_kg,
+                ..Change::of(Part::Payload, 1e-3)
+            };
+            assert!(sentence(&change).contains(said), "{}", sentence(&change));
+        }
     }
-    out
+
+    /// Where no change can be detected, the sentence names its subject.
+    #[test]
+    fn poses_that_detect_nothing_are_named() {
+        let joint = of(Part::Joint(2), None);
+        let alone = sensitivity(&[joint]);
+        assert_eq!(
+            alone,
+            ["These poses detect no change of joint 2, however large."]
+        );
+        let beside = sensitivity(&[of(Part::Base, Some(0.1)), joint]);
+        assert!(
+            beside[1].starts_with("They detect no change of joint 2"),
+            "{beside:?}"
+        );
+    }
+
+    /// What these poses never show is hidden more than what they show late.
+    #[test]
+    fn a_frame_that_no_pose_shows_is_hidden() {
+        let base = of(Part::Base, Some(0.01));
+        for (tool, said) in [
+            (Some(0.01), None),
+            (Some(0.3), Some("up to 0.300 mm")),
+            (None, Some("the tool, however large")),
+        ] {
+            let found = hidden(&[base, of(Part::Tool, tool)], 0.1, true);
+            let is_said = found
+                .as_ref()
+                .map(|text| said.is_some_and(|s| text.contains(s)));
+            assert_eq!(is_said, said.map(|_| true), "{found:?}");
+        }
+        // A limit that nobody gave is named as what it is.
+        let limit =
+            |is_default: bool| hidden(&[of(Part::Tool, Some(0.3))], 0.1, is_default).unwrap();
+        assert!(limit(true).contains("half of --max-mm"));
+        assert!(!limit(false).contains("half of --max-mm"));
+    }
 }

@@ -4,6 +4,7 @@ use serde::Serialize;
 
 use crate::robot_programs::correction::between::Between;
 use crate::robot_programs::correction::engine::Outcome;
+use crate::robot_programs::correction::planning::Payload;
 use crate::robot_programs::correction::program::{Goal, Program};
 use crate::robot_programs::correction::replacement::Solved;
 use poegp_calibration::numeric::statistics::Summary;
@@ -100,7 +101,7 @@ pub fn document(
     outcome: &Outcome,
     between: &[Between],
     split: Option<SplitJson>,
-    method: &str,
+    (method, payload): (&str, Payload),
 ) -> ProgramJson {
     let is_joints = |index: usize| matches!(program.targets[index].goal, Goal::Joints(_));
     let joint_targets = outcome
@@ -122,24 +123,26 @@ pub fn document(
             reason: left.reason.clone(),
         }
     });
-    // Joint targets have no base.
-    let is_used = |index: usize| {
-        let mut targets = program
-            .targets
-            .iter()
-            .filter(|t| matches!(t.goal, Goal::Pose { .. }) || t.tool == Some(index));
-        targets.any(|t| t.base == Some(index) || t.tool == Some(index))
-    };
+    let mut is_used = vec![false; program.frames.len()];
+    for target in &program.targets {
+        // Joint targets have no base.
+        let base = target
+            .base
+            .filter(|_| matches!(target.goal, Goal::Pose { .. }));
+        for index in base.into_iter().chain(target.tool) {
+            is_used[index] = true;
+        }
+    }
     let used = program
         .frames
         .iter()
         .enumerate()
-        .filter(|(index, _)| is_used(*index));
+        .filter(|(index, _)| is_used[*index]);
     let frames = used.map(|(_, frame)| FrameJson {
         name: frame.name.clone(),
         kind: if frame.is_tool { "tool" } else { "base" },
         from: frame.origin.clone(),
-        payload_kg: frame.payload_kg.filter(|_| frame.is_tool),
+        payload_kg: (frame.payload_kg).filter(|_| frame.is_tool && payload == Payload::FromProgram),
     });
     ProgramJson {
         version: env!("CARGO_PKG_VERSION"),

@@ -83,7 +83,6 @@ fn format(a: &Correct) -> Result<Option<Format>, Failure> {
     }
 }
 
-/// Corrects a file of joint targets.
 fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     let of_programs = [
         a.inverse,
@@ -103,7 +102,7 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     let outputs = [Some(a.out.as_path()), a.json.as_deref()];
     check_outputs(&outputs, &[&a.blob, targets])?;
     let loaded = BlobModel::read(&a.blob)?;
-    let robot = inputs::robot_of(loaded.blob());
+    let robot = inputs::robot_of(&loaded);
     let (columns, start, mut chunks) = TargetReader::open(targets)?.into_parts();
     let columns = &columns;
     let limits = columns.limits(&robot)?;

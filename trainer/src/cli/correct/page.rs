@@ -111,11 +111,13 @@ fn listed(target: &Target, text: impl Fn(&Written) -> String) -> String {
 fn headline(d: &ProgramJson) -> Section {
     let lead = html! {
         p class="lead" {
-            (Number::count(d.targets, "/targets")) " targets are corrected, "
+            (Number::count(d.targets, "/targets"))
+            @if d.targets == 1 { " target is corrected, " } @else { " targets are corrected, " }
             (Number::count(d.joint_targets, "/joint_targets")) " of joints and "
             (Number::count(d.pose_targets, "/pose_targets")) " of poses; "
             @if d.left.is_empty() { "nothing is left." }
-            @else { b class="nominal" { (d.left.len()) } " parts of the program are left as they are." }
+            @else if d.left.len() == 1 { b class="nominal" { "1" } " part of the program is not corrected, or only partially." }
+            @else { b class="nominal" { (d.left.len()) } " parts of the program are not corrected, or only partially." }
         }
     };
     let tile = |name: &str, number: Number, unit: &str, below: Markup| {
@@ -130,13 +132,13 @@ fn headline(d: &ProgramJson) -> Section {
         section = section.block(html! {
             div class="tiles" {
                 (tile("Uncorrected, the tool is off by", Number::mm(before.mean, "/before_mm/mean"), "mm", html! {
-                    "in the mean, " (Number::mm(before.max, "/before_mm/max")) " mm at most"
+                    "on average, " (Number::mm(before.max, "/before_mm/max")) " mm at most"
                 }))
-                (tile("Corrected, at most", Number::new(after.max, 2, "/after_um/max"), "µm", html! {
-                    "and " (Number::new(d.rounding_um, 2, "/rounding_um")) " µm for the decimals of the file"
+                (tile("At the corrected targets, at most", Number::new(after.max, 2, "/after_um/max"), "µm", html! {
+                    (Number::new(after.mean, 2, "/after_um/mean")) " µm on average; and " (Number::new(d.rounding_um, 2, "/rounding_um")) " µm for the decimals of the file"
                 }))
                 (tile("The written targets move by", Number::mm(moved.mean, "/moved_mm/mean"), "mm", html! {
-                    "and " (Number::new(deg.mean, 4, "/moved_deg/mean")) "° in the mean, "
+                    "and " (Number::new(deg.mean, 4, "/moved_deg/mean")) "° on average, "
                     (Number::mm(moved.max, "/moved_mm/max")) " mm and " (Number::new(deg.max, 4, "/moved_deg/max")) "° at most"
                 }))
                 @if let Some(b) = &d.between {
@@ -237,7 +239,8 @@ fn left(d: &ProgramJson) -> Section {
     }
     section
         .text(html! {
-            "These parts stay as they are. There the tool is off as it was before."
+            "These parts are not corrected, or only partially. Where no remaining error is stated, the tool is off as \
+             it was before."
             @if d.left.len() > SHOWN { " The first " (SHOWN) " of " (d.left.len()) " are shown." }
         })
         .block(html! {

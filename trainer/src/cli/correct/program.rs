@@ -1,16 +1,16 @@
 //! `trainer correct` for controllers' programs: targets are corrected in place, and every other byte stays as it was.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use crate::cli::correct::args::Correct;
-use crate::cli::correct::document::{ProgramJson, SplitJson, document};
+use crate::cli::correct::document::{LeftJson, ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
-use crate::cli::correct::record::{Corrector, Record, record_path, refuse_corrected, sha256};
+use crate::cli::correct::record::{Corrector, Record, Records, record_path, sha256};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
-use crate::report::provenance::command_line;
 use crate::report::{FileSummary, Provenance};
 use crate::robot_programs::correction::Format;
 use crate::robot_programs::correction::between::{Between, between, stretches};
@@ -21,6 +21,7 @@ use crate::robot_programs::correction::program::Program;
 use crate::robot_programs::correction::replacement::rewrite;
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::split::split;
+use crate::signing::unsigned;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -29,6 +30,9 @@ use poegp_runtime::model::MAX_PAYLOAD_KG;
 /// Largest number of uncorrected parts that one message lists; the JSON document lists all.
 const NAMED: usize = 200;
 
+/// Number of parts with the same reason from which one line of the message names them together.
+const MANY: usize = 5;
+
 /// Smallest tolerance of `--split`, mm: the decimals of a program cannot express less.
 const LEAST_SPLIT_MM: f64 = 0.005;
 
@@ -36,7 +40,7 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     let (outputs, files, document) = corrected(a, format)?;
     let outputs: Vec<Option<&Path>> = outputs.iter().map(Option::as_deref).collect();
     print(Printer::for_outputs(&outputs), a, &files, &document);
-    named(&document, a.dry_run)
+    named(&document, a)
 }
 
 /// The path that is read and the path that is written, for each file.
@@ -89,12 +93,16 @@ pub fn corrected(
         outputs.extend(records.iter().map(|path| Some(path.as_path())));
     }
     outputs.extend([a.json.as_deref(), a.report.as_deref()]);
+    let mut beside: Vec<PathBuf> = a.programs.iter().flat_map(|p| format.beside(p)).collect();
+    beside.sort();
+    beside.dedup();
     let mut inputs: Vec<&Path> = vec![&a.blob];
+    let others = a.with.iter().chain(&beside).chain(&a.frames);
     inputs.extend(
-        a.programs
+        files
             .iter()
-            .chain(&a.with)
-            .chain(&a.frames)
+            .map(|(path, _)| path)
+            .chain(others)
             .map(PathBuf::as_path),
     );
     check_outputs(&outputs, &inputs)?;
@@ -123,24 +131,23 @@ pub fn corrected(
     } else {
         Direction::Correct
     };
-    let model = sha256(loaded.bytes());
+    let model = sha256(&unsigned(loaded.bytes()));
     let (mut sources, mut hashes) = (Vec::new(), Vec::new());
-    for (path, _) in &files {
+    let mut records_there = Records::default();
+    let mut corrections = Vec::new();
+    for (index, (path, _)) in files.iter().enumerate() {
         let mut source = Source::read(path, true)?;
         hashes.push(sha256(&source.bytes));
-        if let Some(record) = refuse_corrected(path, &source.bytes, &model, direction)? {
+        if let Some(record) = records_there.of_corrected(path, &source.bytes, &model, direction)? {
             // The insertions of the earlier correction are removed.
             source = source.without(&record.inserted).ok_or_else(|| {
                 let found = "a record whose insertions are beyond the program";
                 InputError::new(record_path(path), found, "the record that `correct` wrote")
             })?;
+            corrections.push((index, record));
         }
         sources.push(source);
     }
-    let beside = a.programs.iter().flat_map(|path| format.beside(path));
-    let mut beside: Vec<PathBuf> = beside.collect();
-    beside.sort();
-    beside.dedup();
     for path in a.with.iter().chain(&beside) {
         sources.push(Source::read(path, false)?);
     }
@@ -154,10 +161,27 @@ pub fn corrected(
         .into());
     }
     let mut outcome = engine::solve(&program, &commander, payload, direction)?;
+    for (index, record) in &corrections {
+        if !record.is_undone(&commander, (&program, &outcome.solved, *index)) {
+            let found =
+                "a program that was corrected with another payload, or with other tools or frames";
+            let expected = format!("those with which {} was corrected", record.source);
+            return Err(InputError::new(&files[*index].0, found, expected).into());
+        }
+    }
+    let has_payloads = program
+        .frames
+        .iter()
+        .any(|frame| frame.payload_kg.is_some());
+    if let (Format::Table, Payload::Fixed(kg), true) = (format, payload, has_payloads) {
+        outcome.remarks.push(format!(
+            "the column payload_kg is not used: all rows have the {kg} kg of --payload-kg"
+        ));
+    }
     let (ends, split) = ends(a, &program, &commander, &mut outcome);
     let results = rewrite(&program, &outcome.replacements);
     let method = loaded.host().provenance.method;
-    let document = document(&program, &outcome, &ends, split, method);
+    let document = document(&program, &outcome, &ends, split, (method, payload));
     let page = a.report.as_deref().map(|path| {
         let origin = provenance(a, &loaded, &program);
         (path, page(&document, &program, &outcome, &ends, &origin))
@@ -254,15 +278,8 @@ fn provenance(a: &Correct, loaded: &BlobModel, program: &Program) -> Provenance 
         };
         FileSummary::of_bytes(role, source.path.display().to_string(), &source.bytes)
     }));
-    Provenance {
-        command: command_line(),
-        version: env!("CARGO_PKG_VERSION"),
-        date: now().date().to_string(),
-        seed: None,
-        robot: robot.name.to_owned(),
-        serial_number: robot.serial_number.to_owned(),
-        files,
-    }
+    let date = now().date().to_string();
+    Provenance::new(robot.name, robot.serial_number, date, files)
 }
 
 fn payload(a: &Correct, loaded: &BlobModel) -> Result<Payload, Failure> {
@@ -294,13 +311,18 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
             record_path(out).display()
         ));
     }
+    let left = match d.left.len() {
+        0 => "no part of the program is left out".to_owned(),
+        1 => "one part of the program is not, or only partially".to_owned(),
+        count => format!("{count} parts of the program are not, or only partially"),
+    };
+    let done = match a.inverse {
+        true => "restored to the nominal arm",
+        false => "corrected",
+    };
     report.line(format_args!(
-        "Model `{}`: {} targets corrected, {} of joints and {} of poses; {} left as they are.",
-        d.method,
-        d.targets,
-        d.joint_targets,
-        d.pose_targets,
-        d.left.len()
+        "Model `{}`: {} targets {done}, {} of joints and {} of poses; {left}.",
+        d.method, d.targets, d.joint_targets, d.pose_targets,
     ));
     for frame in &d.frames {
         let kg = frame
@@ -315,26 +337,28 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
     }
     if let (Some(mm), Some(deg)) = (&d.moved_mm, &d.moved_deg) {
         report.line(format_args!(
-            "The targets move by {:.3} mm and {:.4}° in the mean, by {:.3} mm and {:.4}° at most.",
+            "The targets move by {:.3} mm and {:.4}° on average, by {:.3} mm and {:.4}° at most.",
             mm.mean, deg.mean, mm.max, deg.max
         ));
     }
-    if let (Some(before), Some(after)) = (&d.before_mm, &d.after_um) {
+    if let (Some(before), Some(after), false) = (&d.before_mm, &d.after_um, a.inverse) {
         report.line(format_args!(
-            "Uncorrected, the tool would be off by {:.3} mm in the mean and {:.3} mm at most; corrected, by the model, by {:.2} µm \
-             at most, and by {:.2} µm more for the decimals of the file.",
-            before.mean, before.max, after.max, d.rounding_um
+            "By the model, the tool error at the corrected targets is {:.3} mm on average and {:.3} mm at most without \
+             the correction, {:.2} µm on average and {:.2} µm at most with it, and up to {:.2} µm more from the \
+             decimals of the file.",
+            before.mean, before.max, after.mean, after.max, d.rounding_um
         ));
     }
     if let Some(s) = &d.split {
         report.line(format_args!(
-            "Split {} lines: {} targets are inserted, for {} mm.",
+            "Split {} lines: {} targets are inserted, to keep the tool within {} mm of each line.",
             s.lines, s.targets, s.tolerance_mm
         ));
     }
     if let Some(b) = &d.between {
         report.line(format_args!(
-            "Between the ends of {} lines and arcs the tool is off by {:.3} mm at most, by the model at {} points of each ({}:{}).",
+            "Between the ends of {} lines and arcs, by the model, the tool is off by {:.3} mm at most, computed at {} \
+             points of each ({}:{}).",
             b.moves, b.largest_mm, b.points, b.file, b.line
         ));
     }
@@ -344,26 +368,76 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
 }
 
 /// Reports all uncorrected parts, if there are any, as a failure.
-fn named(d: &ProgramJson, is_dry: bool) -> Result<(), Failure> {
+fn named(d: &ProgramJson, a: &Correct) -> Result<(), Failure> {
     if d.left.is_empty() {
         return Ok(());
     }
-    let mut text = match d.left.len() {
-        1 => "one part of the program is left as it is:".to_owned(),
-        count => format!("{count} parts of the program are left as they are:"),
+    let what = match a.inverse {
+        true => "restored",
+        false => "corrected, or only partially",
     };
-    for left in d.left.iter().take(NAMED) {
-        text += &format!(
-            "\n  {}:{}:{}: {}",
+    let mut text = match d.left.len() {
+        1 => format!("one part of the program is not {what}:"),
+        count => format!("{count} parts of the program are not {what}:"),
+    };
+    let groups = by_reason(&d.left);
+    for group in groups.iter().take(NAMED) {
+        text += &format!("\n  {}", listed(group));
+    }
+    if groups.len() > NAMED {
+        text += &format!("\n  and {} more, which --json names", groups.len() - NAMED);
+    }
+    text += match (a.dry_run, a.inverse) {
+        (true, false) => "\nhelp: everything else would be corrected",
+        (true, true) => "\nhelp: everything else would be restored",
+        (false, false) => "\nhelp: everything else was corrected and written",
+        (false, true) => "\nhelp: everything else was restored and written",
+    };
+    Err(Failure::Quality(text))
+}
+
+/// Groups parts of one file that are left for the same reason, if they are many; keeps their order.
+fn by_reason(all: &[LeftJson]) -> Vec<Vec<&LeftJson>> {
+    let mut groups: Vec<Vec<&LeftJson>> = Vec::new();
+    let mut same_reason: HashMap<(&str, &str), Vec<usize>> = HashMap::new();
+    for (i, left) in all.iter().enumerate() {
+        let key = (left.file.as_str(), left.reason.as_str());
+        same_reason.entry(key).or_default().push(i);
+    }
+    for (i, left) in all.iter().enumerate() {
+        let same = &same_reason[&(left.file.as_str(), left.reason.as_str())];
+        if same.len() < MANY {
+            groups.push(vec![left]);
+        } else if same[0] == i {
+            groups.push(same.iter().map(|i| &all[*i]).collect());
+        }
+    }
+    groups
+}
+
+/// Formats parts that are left for one reason.
+fn listed(group: &[&LeftJson]) -> String {
+    let first = group[0];
+    if let [left] = group {
+        return format!(
+            "{}:{}:{}: {}",
             left.file, left.line, left.column, left.reason
         );
     }
-    if d.left.len() > NAMED {
-        text += &format!("\n  and {} more, which --json names", d.left.len() - NAMED);
-    }
-    text += match is_dry {
-        true => "\nhelp: everything else would be corrected",
-        false => "\nhelp: everything else was corrected and written",
+    let lines: Vec<String> = group
+        .iter()
+        .take(MANY)
+        .map(|left| left.line.to_string())
+        .collect();
+    let more = match group.len() > MANY {
+        true => ", …",
+        false => "",
     };
-    Err(Failure::Quality(text))
+    format!(
+        "{}: {} parts in lines {}{more}: {}",
+        first.file,
+        group.len(),
+        lines.join(", "),
+        first.reason
+    )
 }

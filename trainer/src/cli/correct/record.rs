@@ -1,6 +1,7 @@
 //! The record beside a corrected program: which model corrected which source to which result, with the joints before and
 //! after. The program keeps its other bytes unchanged, so that it cannot carry this information itself.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -8,21 +9,27 @@ use sha2::{Digest, Sha256};
 
 use crate::cli::failure::Failure;
 use crate::cli::inputs::file_name;
+use crate::cli::output::transaction::folder_of;
+use crate::cli::terminal::print::warning;
 use crate::robot_programs::correction::engine::Direction;
 use crate::robot_programs::correction::program::{Program, frames_of};
 use crate::robot_programs::correction::replacement::{Rewritten, Solved};
-use poegp_calibration::blob::commander::Joints;
+use poegp_calibration::blob::commander::{Commander, Joints, pose_distance};
 use poegp_calibration::input_error::InputError;
+use poegp_protocol::limits::MAX_JOINTS;
 
 /// Ending of a record's file name.
 const ENDING: &str = ".poegp.json";
 /// Size limit of a record, in bytes; a longer file is not a record.
 const LONGEST: u64 = 1 << 24;
+/// Largest distance in m of targets that were brought back from those that were corrected: what the decimals of a program
+/// leave.
+const BROUGHT_BACK: f64 = 2e-5;
 /// Largest number of targets in a record, evenly spaced along the program.
 const MOST_TARGETS: usize = 1_000;
 
 /// The contents of a record.
-#[derive(Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Record {
     version: String,
     pub source: String,
@@ -30,14 +37,11 @@ pub struct Record {
     source_sha256: String,
     pub result_sha256: String,
     pub is_inverse: bool,
-    /// Name of the robot; empty in records of earlier versions.
-    #[serde(default)]
+    /// Name of the robot.
     pub robot: String,
     /// Number of targets that were corrected.
-    #[serde(default)]
     pub corrected: usize,
     /// The corrected targets, or an even selection of them.
-    #[serde(default)]
     pub targets: Vec<Target>,
     /// Byte ranges of inserted instructions in the result, which the source does not have: first byte, and one past the
     /// last.
@@ -46,7 +50,7 @@ pub struct Record {
 }
 
 /// A corrected target.
-#[derive(Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Target {
     /// Joints that bring the arm as drawn to the target, rad or m.
     pub joints: Vec<f64>,
@@ -75,10 +79,8 @@ impl Record {
         (program, solved, index): (&Program, &[Solved], usize),
     ) -> Self {
         let is_inverse = corrector.direction == Direction::Inverse;
-        let is_here = |solved: &&Solved| program.targets[solved.target].location.file == index;
-        let own: Vec<&Solved> = solved.iter().filter(is_here).collect();
-        let count = own.len().min(MOST_TARGETS);
-        let some = (0..count).map(|i| own[i * own.len() / count]);
+        let own = targets_of(program, solved, index);
+        let some = evenly(&own);
         let joints = |q: &Joints| q[..corrector.joints].iter().map(|q| nanos(*q)).collect();
         let target = |solved: &Solved| Target {
             joints: joints(&solved.joints),
@@ -107,6 +109,28 @@ impl Record {
         }
     }
 
+    /// Returns whether the targets of file `index`, brought back, are those that were corrected.
+    pub fn is_undone(
+        &self,
+        commander: &Commander,
+        (program, solved, index): (&Program, &[Solved], usize),
+    ) -> bool {
+        let own = targets_of(program, solved, index);
+        // Parts that are left now say so themselves.
+        if own.len() != self.corrected {
+            return true;
+        }
+        let is_same = |(found, before): (&Solved, &Target)| {
+            let mut joints = [0.0; MAX_JOINTS];
+            for (slot, q) in joints.iter_mut().zip(&before.joints) {
+                *slot = *q;
+            }
+            let [found, before] = [&found.command, &joints].map(|q| commander.nominal_flange(q));
+            pose_distance(&found, &before).0 < BROUGHT_BACK
+        };
+        evenly(&own).zip(&self.targets).all(is_same)
+    }
+
     /// Reads a record.
     ///
     /// # Errors
@@ -118,6 +142,18 @@ impl Record {
         serde_json::from_slice(&bytes)
             .map_err(|error| InputError::new(path, format!("no record: {error}"), expected))
     }
+}
+
+/// Returns the corrected targets of file `index`.
+fn targets_of<'a>(program: &Program, solved: &'a [Solved], index: usize) -> Vec<&'a Solved> {
+    let is_here = |solved: &&Solved| program.targets[solved.target].location.file == index;
+    solved.iter().filter(is_here).collect()
+}
+
+/// Returns the targets that a record has.
+fn evenly<'a>(own: &[&'a Solved]) -> impl Iterator<Item = &'a Solved> {
+    let count = own.len().min(MOST_TARGETS);
+    (0..count).map(move |i| own[i * own.len() / count])
 }
 
 /// Rounds to nine decimals: nanometres or nanoradians.
@@ -146,56 +182,86 @@ pub fn sha256(bytes: &[u8]) -> String {
         .collect()
 }
 
-/// Refuses to correct a program that a record in its folder lists as corrected already, and to bring back one that another
-/// model has corrected. Returns the record of the program that is to be brought back, if there is one.
-///
-/// # Errors
-/// [`InputError`] names the program and the record.
-pub fn refuse_corrected(
-    path: &Path,
-    bytes: &[u8],
-    model: &str,
-    direction: Direction,
-) -> Result<Option<Record>, Failure> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let hash = sha256(bytes);
-    let Ok(entries) = std::fs::read_dir(folder) else {
-        return Ok(None);
-    };
-    for entry in entries.flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let is_short = entry
-            .metadata()
-            .is_ok_and(|data| data.is_file() && data.len() <= LONGEST);
-        if !name.ends_with(ENDING) || !is_short {
-            continue;
-        }
-        let text = std::fs::read(entry.path()).unwrap_or_default();
-        let Ok(record) = serde_json::from_slice::<Record>(&text) else {
-            continue;
+/// The records beside programs, by folder.
+#[derive(Default)]
+pub struct Records(HashMap<PathBuf, Vec<(String, Record)>>);
+
+impl Records {
+    /// Reads the records of a folder once. Files that are no record are passed over.
+    fn of_folder(&mut self, folder: &Path) -> &[(String, Record)] {
+        self.0.entry(folder.to_path_buf()).or_insert_with(|| {
+            let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+            let read = |entry: std::fs::DirEntry| {
+                let name = entry.file_name().to_string_lossy().into_owned();
+                let data = entry.metadata().ok()?;
+                let is_record = name.ends_with(ENDING) && data.is_file() && data.len() <= LONGEST;
+                let bytes = is_record.then(|| std::fs::read(entry.path()))?.ok()?;
+                let record: Record = serde_json::from_slice(&bytes).ok()?;
+                Some((name, record))
+            };
+            entries.filter_map(read).collect()
+        })
+    }
+
+    /// Refuses to correct a program that a record in its folder lists as corrected already, and to bring back one that
+    /// another model has corrected. Returns the record of the program that is to be brought back, if there is one.
+    ///
+    /// # Errors
+    /// [`InputError`] names the program and the record, and a program's own record that cannot be read.
+    pub fn of_corrected(
+        &mut self,
+        path: &Path,
+        bytes: &[u8],
+        model: &str,
+        direction: Direction,
+    ) -> Result<Option<Record>, Failure> {
+        let hash = sha256(bytes);
+        let is_result = |(_, record): &&(String, Record)| {
+            record.result_sha256 == hash && record.source_sha256 != hash && !record.is_inverse
         };
-        if record.result_sha256 != hash || record.source_sha256 == hash || record.is_inverse {
-            continue;
-        }
+        let Some((name, record)) = self.of_folder(folder_of(path)).iter().find(is_result) else {
+            warn_of_change(path, &hash, direction)?;
+            return Ok(None);
+        };
         let found = format!("a program that was corrected already ({name})");
         match direction {
-            Direction::Correct => {
-                return Err(InputError::new(path, found, "an uncorrected program")
-                    .with_help(format!(
-                        "correct {} instead, or bring this one back with --inverse",
-                        record.source
-                    ))
-                    .into());
-            }
+            Direction::Correct => Err(InputError::new(path, found, "an uncorrected program")
+                .with_help(format!(
+                    "correct {} instead, or bring this one back with --inverse",
+                    record.source
+                ))
+                .into()),
             Direction::Inverse if record.model_sha256 != model => {
                 let found = format!("a program that another model has corrected ({name})");
-                return Err(InputError::new(path, found, "the model that corrected it").into());
+                Err(InputError::new(path, found, "the model that corrected it").into())
             }
-            Direction::Inverse => return Ok(Some(record)),
+            Direction::Inverse => Ok(Some(record.clone())),
         }
     }
-    Ok(None)
+}
+
+/// Warns of a program that was changed since it was corrected: its record no longer shows whether it is corrected.
+fn warn_of_change(path: &Path, hash: &str, direction: Direction) -> Result<(), InputError> {
+    let own = record_path(path);
+    if !own.exists() {
+        return Ok(());
+    }
+    let record = Record::read(&own)?;
+    if !record.is_inverse && record.source_sha256 != hash {
+        let then = match direction {
+            Direction::Correct => format!(
+                "if it is still the corrected one, it is now corrected twice: correct {} instead",
+                record.source
+            ),
+            Direction::Inverse => {
+                "which model, payload and frames corrected it is not checked, and inserted targets stay".to_owned()
+            }
+        };
+        warning(format_args!(
+            "{}: this program was changed after {} was written; {then}",
+            path.display(),
+            own.display()
+        ));
+    }
+    Ok(())
 }

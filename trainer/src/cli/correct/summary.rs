@@ -8,12 +8,10 @@ use serde::Serialize;
 
 use crate::cli::correct::row::Row;
 use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::robot_programs::correction::engine::TRUSTED;
 use poegp_calibration::measurement::{JointColumn, JointUnit};
 use poegp_calibration::numeric::statistics::Summary;
 
-/// Trust below which a command counts as far from the training data: less than half of the correction's prior is
-/// explained there.
-const TRUSTED: f32 = 0.5;
 /// Largest number of lines that one remark lists.
 const SHOWN: usize = 10;
 
@@ -150,7 +148,6 @@ impl<'a> Summing<'a> {
         }
     }
 
-    /// Adds a row.
     pub fn add(&self, sum: &mut Summed, row: &Row) {
         let (query, answer) = (&row.query.joints, &row.answer);
         let line = u32::try_from(row.line).unwrap_or(u32::MAX);
@@ -165,7 +162,7 @@ impl<'a> Summing<'a> {
             })
         };
         let mut flag = |bit: u8, is_set: bool| flags |= if is_set { bit } else { 0 };
-        flag(FAR, row.trust < TRUSTED);
+        flag(FAR, f64::from(row.trust) < TRUSTED);
         flag(
             BEYOND_LIMITS,
             beyond(&answer.joints[..query.len()]) && !beyond(query),
@@ -239,11 +236,11 @@ fn meaning(status: &str) -> &'static str {
             "corrected in part: beside a singularity, where a full correction would move joints too quickly"
         }
         "correction-limited" => "corrected by no more than the bound of the blob",
-        "outside-joint-range" => "corrected by an extrapolation: joints beyond what was trained",
+        "outside-joint-range" => "corrected by extrapolation: joints outside the trained ranges",
         "outside-payload-range" => {
-            "corrected by an extrapolation: a payload beyond what was trained"
+            "corrected by extrapolation: a payload outside the trained range"
         }
-        _ => "left as they are: numbers beyond all reason",
+        _ => "left as they are: implausible joints or payload",
     }
 }
 
@@ -269,8 +266,8 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     }
     let s = &d.shift_mm;
     report.line(format_args!(
-        "Uncorrected, the target would be off by {:.3} mm in the mean, {:.3} mm for 95 % and {:.3} mm at most; corrected, by \
-         the model, by {:.2} µm in the mean and {:.2} µm at most.",
+        "By the model, the target is off by {:.3} mm on average, {:.3} mm for 95 % and {:.3} mm at most if \
+         uncorrected; by {:.2} µm on average and {:.2} µm at most if corrected.",
         s.mean, s.p95, s.max, d.remaining_um.mean, d.remaining_um.max
     ));
     for flagged in &d.flagged {
@@ -293,7 +290,7 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     }
     if !d.beyond_limits.is_empty() {
         report.line(format_args!(
-            "warning: {} are beyond a joint limit only once corrected: {}.",
+            "warning: the correction moves joints beyond a limit in {} of the commands: {}.",
             d.beyond_limits.len(),
             listed(&d.beyond_limits)
         ));

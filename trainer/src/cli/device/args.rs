@@ -1,6 +1,6 @@
 //! What can be typed after `trainer device`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -8,6 +8,8 @@ use poegp_protocol::link::{Identity, MAX_CHUNK};
 
 use crate::cli::failure::Failure;
 use crate::cli::keys::read_secret_key;
+use crate::cli::output::{check_outputs, write_summary};
+use crate::cli::terminal::print::Printer;
 use crate::device::board::Board;
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
@@ -33,7 +35,7 @@ pub enum DeviceCommand {
     Info(Info),
     /// Put a model onto the device: upload, verify, store, run.
     Flash(Flash),
-    /// Print the errors of the device's poses on measurements, and compare them with the host's bits.
+    /// Print the errors of the device's poses against measurements, and compare the poses with the host's bit for bit.
     Evaluate(Evaluate),
     /// Correct the commands of a measurement file on the device; write CSV.
     Correct(Correct),
@@ -124,6 +126,19 @@ pub struct LinkAndJson {
     pub json: Option<PathBuf>,
 }
 
+impl LinkAndJson {
+    /// Refuses, before the work, a file that cannot be written or that would overwrite an input.
+    pub fn check(&self, inputs: &[&Path]) -> Result<(), Failure> {
+        check_outputs(&[self.json.as_deref()], inputs)
+    }
+
+    /// Writes the results as JSON if a file is given, and returns the printer for the user.
+    pub fn report(&self, summary: serde_json::Value) -> Result<Printer, Failure> {
+        write_summary(self.json.as_deref(), summary)?;
+        Ok(Printer::for_outputs(&[self.json.as_deref()]))
+    }
+}
+
 /// `trainer device info`.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: trainer device info --port /dev/ttyUSB0")]
@@ -212,7 +227,7 @@ pub enum Switch {
     Example: trainer device bypass on --port /dev/ttyUSB0"
 )]
 pub struct Bypass {
-    /// Bypass the corrections or not.
+    /// Switch the bypass on or off.
     #[arg(value_enum)]
     pub switch: Switch,
     #[command(flatten)]
@@ -289,7 +304,7 @@ pub struct Stop {
 #[derive(Debug, Args)]
 #[command(
     after_help = "Provisioning cannot be undone: from then on, the device runs only models that `trainer sign` has signed with \
-    the secret half of this key.\n\n\
+    the matching secret key.\n\n\
     Example: trainer device provision cell7.pub --port /dev/ttyUSB0"
 )]
 pub struct Provision {
@@ -302,7 +317,7 @@ pub struct Provision {
 /// `trainer device cycle`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Settings that are not given keep their values; without any, the command shows those in force. The device \
+    after_help = "Settings that are not given keep their values; without any setting, the command shows the current ones. The device \
     refuses changes while a correction is applied: switch it off first with `trainer device bypass on`.\n\n\
     Example: trainer device cycle --period-us 2000 --port /dev/ttyUSB0"
 )]
@@ -323,7 +338,7 @@ pub struct Cycle {
     /// Shortest time to switch a correction on or off, in seconds (0.01 to 10).
     #[arg(long, value_name = "S")]
     pub blend: Option<f32>,
-    /// Most instructions of one command, frames included. The device rejects models that may take more
+    /// Largest number of instructions for one command, frames included. The device rejects models that may take more
     /// (`trainer inspect`).
     #[arg(long, value_name = "N")]
     pub max_instructions: Option<u32>,

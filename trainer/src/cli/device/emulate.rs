@@ -21,7 +21,7 @@ mod unix {
     use serde_json::json;
 
     use super::{Emulate, Failure};
-    use crate::cli::output::{check_outputs, json_text, write_outputs};
+    use crate::cli::output::{check_outputs, write_summary};
     use crate::cli::terminal::print::Printer;
     use crate::device::emulator::{Clock, Listener, Machine, serve};
     use crate::device::port::Address;
@@ -44,16 +44,8 @@ mod unix {
         report.line(format_args!("log       {log_port}"));
         report.line(format_args!("firmware  {}", elf.display()));
         report.line(format_args!("{} runs until Ctrl-C.", board.name()));
-        if let Some(path) = &a.json {
-            let document = json!({
-                "version": env!("CARGO_PKG_VERSION"),
-                "board": board.name(),
-                "port": port,
-                "log": log_port,
-                "elf": elf,
-            });
-            write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-        }
+        let summary = json!({ "board": board.name(), "port": port, "log": log_port, "elf": elf });
+        write_summary(a.json.as_deref(), summary)?;
         let machine = Machine {
             board,
             elf,
@@ -73,7 +65,7 @@ mod unix {
                 io::ErrorKind::Unsupported => "expected unix:PATH or tcp:HOST:PORT".to_owned(),
                 _ => error.to_string(),
             };
-            Failure::Usage(format!("cannot listen at {location}: {why}"))
+            Failure::Usage(format!("cannot listen on {location}: {why}"))
         };
         let address = match asked {
             Some(address) => address.clone(),

@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::cli::device::args::Flash;
 use crate::cli::device::show;
 use crate::cli::failure::Failure;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
 use crate::device::client::{Client, Options};
@@ -26,7 +26,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
     let already = runs(&before, loaded.bytes());
     let (after, stored) = if let (Some(stored), false) = (already, a.force) {
         report.line(format_args!(
-            "The device runs this model already, from slot {}; --force uploads it all the same.",
+            "The device runs this model already, from slot {}; --force uploads it anyway.",
             stored.slot
         ));
         (before.clone(), stored)
@@ -53,17 +53,13 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
         ));
         (after, stored)
     };
-    if let Some(path) = &a.common.json {
-        let document = json!({
-            "version": env!("CARGO_PKG_VERSION"),
-            "uploaded": a.force || already.is_none(),
-            "before": before.model.as_ref().map(show::model_json),
-            "now": after.model.as_ref().map(show::model_json),
-            "stored": show::stored_json(&stored),
-        });
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-    }
-    Ok(())
+    let summary = json!({
+        "uploaded": a.force || already.is_none(),
+        "before": before.model.as_ref().map(show::model_json),
+        "now": after.model.as_ref().map(show::model_json),
+        "stored": show::stored_json(&stored),
+    });
+    write_summary(a.common.json.as_deref(), summary)
 }
 
 /// Uploads a blob with a progress bar; the device verifies, stores and runs it.
@@ -108,8 +104,8 @@ fn check_room(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Usage(format!(
-        "the model does not fit: {found} bytes {what}, the device takes {capacity}\n\
-         help: calibrate with fewer inducing points (--inducing-points), or with fewer poses for the paper's methods; nothing was uploaded"
+        "the model does not fit: {found} bytes {what}, and the device has room for {capacity}\nhelp: calibrate with \
+         fewer inducing points (--inducing-points), or with fewer poses for the paper's methods; nothing was uploaded"
     )))
 }
 
@@ -160,8 +156,8 @@ fn check_signature(loaded: &BlobModel, identity: &Identity) -> Result<(), Failur
         Key::Provisioned(key) => key,
         Key::Unusable => {
             return Err(Failure::Usage(
-                "the device takes no model: the page of its public key is damaged or half written\n\
-                 help: `trainer device provision` may complete it; nothing was uploaded"
+                "the device accepts no model: the page of its public key is damaged or half written\nhelp: `trainer \
+                 device provision` may complete it; nothing was uploaded"
                     .to_owned(),
             ));
         }
@@ -175,8 +171,8 @@ fn check_signature(loaded: &BlobModel, identity: &Identity) -> Result<(), Failur
         None => "not signed".to_owned(),
     };
     Err(Failure::Usage(format!(
-        "the model is {found}; the device takes only models signed by key {}\n\
-         help: sign it with `trainer sign`; nothing was uploaded",
+        "the model is {found}; the device accepts only models signed by key {}\nhelp: sign it with `trainer sign`; \
+         nothing was uploaded",
         id_text(&key)
     )))
 }

@@ -14,8 +14,6 @@ use crate::cli::device::args::{
     Bypass, Cycle, Device, DeviceCommand, Info, Provision, Restart, Rollback, Stop, Switch,
 };
 use crate::cli::failure::Failure;
-use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary};
-use crate::cli::terminal::print::Printer;
 use crate::signing::{PublicKey, id_text};
 
 pub fn run(a: &Device) -> Result<(), Failure> {
@@ -37,25 +35,21 @@ pub fn run(a: &Device) -> Result<(), Failure> {
 }
 
 fn info(a: &Info) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (client, identity) = a.common.link.connect()?;
-    if let Some(path) = &a.common.json {
-        let mut document = show::identity_json(&identity);
-        document["version"] = env!("CARGO_PKG_VERSION").into();
-        document["port"] = client.port().into();
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-    }
-    show::identity(Printer::for_outputs(&[a.common.json.as_deref()]), &identity);
+    let mut summary = show::identity_json(&identity);
+    summary["port"] = client.port().into();
+    show::identity(a.common.report(summary)?, &identity);
     Ok(())
 }
 
 fn bypass(a: &Bypass) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (mut client, _) = a.authority.connect(&a.common.link)?;
     let identity = client.set_bypass(a.switch == Switch::On)?;
-    write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
-    Printer::for_outputs(&[a.common.json.as_deref()]).line(if identity.bypass {
-        "The bypass is on: commands come back as they are.".to_owned()
+    let report = a.common.report(show::identity_json(&identity))?;
+    report.line(if identity.bypass {
+        "The bypass is on: commands come back unchanged.".to_owned()
     } else {
         format!("The bypass is off. Running: {}.", show::active(&identity))
     });
@@ -63,7 +57,7 @@ fn bypass(a: &Bypass) -> Result<(), Failure> {
 }
 
 fn roll_back(a: &Rollback) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (mut client, before) = a.authority.connect(&a.common.link)?;
     let Some(left) = before.model else {
         return Err(Failure::Usage(
@@ -72,8 +66,7 @@ fn roll_back(a: &Rollback) -> Result<(), Failure> {
         ));
     };
     let after = client.roll_back(left.blob_crc)?;
-    write_summary(a.common.json.as_deref(), show::identity_json(&after))?;
-    let report = Printer::for_outputs(&[a.common.json.as_deref()]);
+    let report = a.common.report(show::identity_json(&after))?;
     report.line(format_args!("Left    {}", show::model(&left)));
     report.line(format_args!(
         "Runs    {}, also after a restart",
@@ -83,27 +76,21 @@ fn roll_back(a: &Rollback) -> Result<(), Failure> {
 }
 
 fn statistics(a: &args::Statistics) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (mut client, identity) = a.common.link.connect()?;
     let statistics = client.statistics()?;
-    if let Some(path) = &a.common.json {
-        let document = json!({
-            "version": env!("CARGO_PKG_VERSION"),
-            "statistics": show::statistics_json(&statistics, identity.tick_hz),
-        });
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-    }
-    let report = Printer::for_outputs(&[a.common.json.as_deref()]);
+    let counters = show::statistics_json(&statistics, identity.tick_hz);
+    let report = a.common.report(json!({ "statistics": counters }))?;
     show::statistics(report, &statistics, identity.tick_hz);
     Ok(())
 }
 
 fn restart(a: &Restart) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (mut client, _) = a.authority.connect(&a.common.link)?;
     let identity = client.restart()?;
-    write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
-    Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
+    let report = a.common.report(show::identity_json(&identity))?;
+    report.line(format_args!(
         "Restarted. Running: {}.",
         show::active(&identity)
     ));
@@ -111,31 +98,30 @@ fn restart(a: &Restart) -> Result<(), Failure> {
 }
 
 fn stop(a: &Stop) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (mut client, identity) = a.authority.connect(&a.common.link)?;
     client.stand_down()?;
-    write_summary(a.common.json.as_deref(), show::identity_json(&identity))?;
-    Printer::for_outputs(&[a.common.json.as_deref()])
-        .line("The device expects no more commands until the next one comes.");
+    let report = a.common.report(show::identity_json(&identity))?;
+    report.line("The device expects no more commands until the next one comes.");
     Ok(())
 }
 
 fn provision(a: &Provision) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[&a.key])?;
+    a.common.check(&[&a.key])?;
     let key = PublicKey::read(&a.key)?;
     let (mut client, _) = a.common.link.connect()?;
     client.provision(key.bytes())?;
     let summary = json!({ "key": id_text(&key.id()), "port": client.port() });
-    write_summary(a.common.json.as_deref(), summary)?;
-    Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
-        "The device takes only models signed by key {} from now on.",
+    let report = a.common.report(summary)?;
+    report.line(format_args!(
+        "From now on, the device accepts only models signed by key {}.",
         id_text(&key.id())
     ));
     Ok(())
 }
 
 fn cycle(a: &Cycle) -> Result<(), Failure> {
-    check_outputs(&[a.common.json.as_deref()], &[])?;
+    a.common.check(&[])?;
     let (mut client, mut identity) = a.authority.connect(&a.common.link)?;
     let there = identity.cycle;
     let asked = CycleSettings {
@@ -153,13 +139,13 @@ fn cycle(a: &Cycle) -> Result<(), Failure> {
     if changes {
         identity = client.provision_cycle(&asked)?;
     }
-    write_summary(a.common.json.as_deref(), show::cycle_json(&identity.cycle))?;
+    let report = a.common.report(show::cycle_json(&identity.cycle))?;
     let kept = if changes {
         ", also after a restart"
     } else {
         ""
     };
-    Printer::for_outputs(&[a.common.json.as_deref()]).line(format_args!(
+    report.line(format_args!(
         "The cycle: {}{kept}.",
         show::cycle(&identity.cycle)
     ));

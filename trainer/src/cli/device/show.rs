@@ -41,8 +41,8 @@ pub fn active(identity: &Identity) -> String {
 /// Describes the settings of the cycle in one line.
 pub fn cycle(settings: &CycleSettings) -> String {
     format!(
-        "a command every {} us, of at most {} instructions; corrections change with at most {} rad/s and {} rad/s2 and come \
-         and go in {} s",
+        "a command every {} us, of at most {} instructions; corrections change with at most {} rad/s and {} rad/s2, \
+         and switch on or off in {} s",
         settings.period_us,
         settings.max_instructions,
         settings.rate,
@@ -51,7 +51,6 @@ pub fn cycle(settings: &CycleSettings) -> String {
     )
 }
 
-/// Returns the settings of the cycle as JSON.
 pub fn cycle_json(settings: &CycleSettings) -> Value {
     // Going through text keeps the digits of the f32 and adds none.
     let number = |value: f32| value.to_string().parse::<f64>().unwrap_or(f64::NAN);
@@ -64,7 +63,6 @@ pub fn cycle_json(settings: &CycleSettings) -> Value {
     })
 }
 
-/// Returns the identity of a model as JSON.
 pub fn model_json(model: &ModelIdentity) -> Value {
     json!({
         "robot": model.robot.as_str(),
@@ -111,7 +109,6 @@ pub fn start(reason: StartReason) -> String {
     }
 }
 
-/// Returns the reason for a start as JSON.
 fn start_json(reason: StartReason) -> Value {
     match reason {
         StartReason::PowerOn => json!({ "reason": "power-on" }),
@@ -126,7 +123,6 @@ fn start_json(reason: StartReason) -> Value {
     }
 }
 
-/// Returns an identity as JSON.
 pub fn identity_json(identity: &Identity) -> Value {
     json!({
         "board": identity.board.as_str(),
@@ -166,10 +162,10 @@ pub fn identity(report: Printer, identity: &Identity) {
     report.line(format_args!("  started   {}", start(identity.start)));
     report.line(format_args!("  runs      {}", active(identity)));
     if identity.pending {
-        report.line("            as soon as the correction by the model before it is taken back");
+        report.line("            as soon as the correction by the previous model is withdrawn");
     }
     let bypass = if identity.bypass {
-        "on: commands come back as they are"
+        "on: commands come back unchanged"
     } else {
         "off"
     };
@@ -194,10 +190,10 @@ pub fn identity(report: Printer, identity: &Identity) {
         identity.slot_writes
     ));
     let key = match &identity.key {
-        Key::None => "none: every intact model is taken".to_owned(),
-        Key::Provisioned(key) => format!("{}: only models signed by it are taken", id_text(key)),
+        Key::None => "none: every intact model is accepted".to_owned(),
+        Key::Provisioned(key) => format!("{}: only models signed by it are accepted", id_text(key)),
         Key::Unusable => {
-            "damaged or half written: no model is taken; provision it again".to_owned()
+            "damaged or half written: no model is accepted; provision it again".to_owned()
         }
     };
     report.line(format_args!("  key       {key}"));
@@ -226,11 +222,7 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
             s.limited,
             "of these with a correction scaled back to its bound",
         ),
-        (
-            "uncorrected",
-            s.uncorrected,
-            "commands answered as they came",
-        ),
+        ("uncorrected", s.uncorrected, "commands answered unchanged"),
         (
             "missed_deadlines",
             s.missed_deadlines,
@@ -242,22 +234,22 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
             s.max_latency_ticks,
             "most ticks from the last byte to the answer",
         ),
-        ("jumps", s.jumps, "commands of the cycle that jumped"),
-        ("gaps", s.gaps, "commands of the cycle after a gap"),
+        ("jumps", s.jumps, "cyclic commands that jumped"),
+        ("gaps", s.gaps, "cyclic commands after a gap"),
         (
             "repeats",
             s.repeats,
-            "commands of the cycle that came again or too early",
+            "cyclic commands that were repeated or too early",
         ),
         (
             "bad_commands",
             s.bad_commands,
-            "commands of the cycle that were none",
+            "cyclic commands that were invalid",
         ),
         (
             "model_steps",
             s.model_steps,
-            "steps of the model that the filter has taken up",
+            "steps of the model that the filter has absorbed",
         ),
         ("frames", s.frames, "frames that arrived whole"),
         (
@@ -265,7 +257,11 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
             s.bad_frames,
             "frames damaged, too long or unreadable",
         ),
-        ("lost_bytes", s.lost_bytes, "bytes nobody took in time"),
+        (
+            "lost_bytes",
+            s.lost_bytes,
+            "bytes lost because they were not read in time",
+        ),
         ("refused", s.refused, "requests refused"),
         ("activations", s.activations, "models that became active"),
         ("restarts", s.restarts, "starts without a power failure"),
@@ -274,7 +270,6 @@ pub fn counters(s: &Statistics) -> [(&'static str, u32, &'static str); 20] {
     ]
 }
 
-/// Returns the statistics as JSON.
 pub fn statistics_json(statistics: &Statistics, tick_hz: u32) -> Value {
     let mut out = serde_json::Map::new();
     for (name, value, _) in counters(statistics) {

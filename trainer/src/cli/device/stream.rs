@@ -18,8 +18,8 @@ use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs as host;
 use crate::cli::inputs::file_name;
-use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
-use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::cli::output::{check_outputs, json_text, summary_text, write_texts};
+use crate::cli::terminal::print::{Printer, error_row, is_stdout};
 use crate::cli::terminal::progress;
 use crate::device::client::Client;
 use crate::device::error::ClientError;
@@ -100,7 +100,7 @@ impl Commands {
                     format!("model {crc:08x}"),
                     format!("the model that the device runs, {}", show::model(model)),
                 )
-                .with_help("`trainer device flash` brings this one onto it")
+                .with_help("`trainer device flash` uploads this one")
                 .into());
             }
         }
@@ -158,8 +158,8 @@ impl Commands {
             return Ok(());
         };
         Err(Failure::Quality(format!(
-            "{} of {} answers are not the host's to the bit, the first for line {} of {}\n\
-             help: device and trainer are of different versions, or the device is broken",
+            "{} of {} answers differ from the host's bits, the first for line {} of {}\nhelp: device and trainer are \
+             of different versions, or the device is broken",
             other.len(),
             self.samples.len(),
             self.set.measurements[*first].line,
@@ -230,7 +230,7 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
             format!("{} sessions and targets", names.len()),
             "one: the device knows one tool",
         )
-        .with_help("give --blob, which knows the others")
+        .with_help("give --blob, which has the others")
         .into());
     }
     Ok((set, samples))
@@ -238,10 +238,8 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
 
 pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
     let outputs = [a.common.json.as_deref()];
-    let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
-        .into_iter()
-        .flatten()
-        .collect();
+    let mut inputs = vec![a.test.as_path()];
+    inputs.extend(a.blob.as_deref());
     check_outputs(&outputs, &inputs)?;
     let mut commands = Commands::read(&a.common.link, &a.test, a.blob.as_deref())?;
     if commands.loaded.is_none() {
@@ -256,10 +254,8 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
         .collect();
     let other = other_poses(&commands, &answers);
     commands.refuse_other_bits(&other)?;
-    let statuses: Vec<Status> = answers
-        .iter()
-        .map(|a| Status::from_bits(a.status))
-        .collect();
+    let statuses = answers.iter().map(|a| Status::from_bits(a.status));
+    let statuses: Vec<Status> = statuses.collect();
     let model = commands.identity.model.as_ref();
     let document = StreamJson {
         version: env!("CARGO_PKG_VERSION"),
@@ -271,9 +267,8 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
         tick_hz: commands.identity.tick_hz,
         same_bits: commands.loaded.is_some().then_some(answers.len()),
     };
-    if let Some(path) = &a.common.json {
-        write_outputs(&[(path, json_text(&document)?.as_bytes())])?;
-    }
+    let json = json_text(&document)?;
+    write_texts(&[(a.common.json.as_deref(), Some(&json))])?;
     let report = Printer::for_outputs(&outputs);
     print(report, &document, &show::active(&commands.identity));
     commands.report_rows(report, &statuses, document.max_ticks);
@@ -282,8 +277,8 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
             "All {count} answers are the host's, bit for bit."
         )),
         None => report.line(
-            "The device's base frame was laid onto the measurements by best fit, which flatters the errors a little; \
-             --blob knows where it is.",
+            "The device's base frame was fitted to the measurements, which flatters the errors a little; --blob gives \
+             the calibrated one.",
         ),
     }
     Ok(())
@@ -317,7 +312,7 @@ fn enough_for_a_base(test: &Path, samples: &[InstrumentSample]) -> Result<(), Fa
         "at least {POSES_FOR_A_BASE} different poses, not on a line: the device's base frame is fitted to them"
     );
     Err(InputError::new(test, found, expected)
-        .with_help("give --blob, which knows the base frame")
+        .with_help("give --blob, which has the base frame")
         .into())
 }
 
@@ -326,14 +321,9 @@ fn print(report: Printer, document: &StreamJson, model: &str) {
         "The device on {} poses, model {model}: position in mm, orientation in mrad.\n",
         document.errors.poses
     ));
-    let row = |name: &str, s: &poegp_calibration::numeric::statistics::Summary| {
-        let mut row = vec![name.to_owned()];
-        row.extend([s.mean, s.p95, s.max].map(|x| format!("{x:.4}")));
-        row
-    };
-    let mut rows = vec![row("position", &document.errors.position_mm)];
+    let mut rows = vec![error_row("position", &document.errors.position_mm)];
     let orientation = document.errors.orientation_mrad.as_ref();
-    rows.extend(orientation.map(|s| row("orientation", s)));
+    rows.extend(orientation.map(|s| error_row("orientation", s)));
     report.table(&["error", "mean", "p95", "max"], &rows);
 }
 
@@ -378,10 +368,8 @@ fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
 }
 
 pub fn correct(a: &Correct) -> Result<(), Failure> {
-    let inputs: Vec<&Path> = [Some(a.test.as_path()), a.blob.as_deref()]
-        .into_iter()
-        .flatten()
-        .collect();
+    let mut inputs = vec![a.test.as_path()];
+    inputs.extend(a.blob.as_deref());
     let outputs = [Some(a.out.as_path()), a.json.as_deref()];
     check_outputs(&outputs, &inputs)?;
     let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
@@ -403,31 +391,21 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
     let other: Vec<usize> = (0..answers.len()).filter(differs).collect();
     commands.refuse_other_bits(&other)?;
 
-    let names: Vec<&str> = commands
-        .set
-        .joint_columns
-        .iter()
-        .map(|c| c.name.as_str())
-        .collect();
+    let columns = &commands.set.joint_columns;
+    let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
     let mut csv = names.join(",") + ",position_error_um,status\n";
     let mut change = 0.0_f64;
     for (answer, sample) in answers.iter().zip(&commands.samples) {
-        for ((q, column), commanded) in answer
-            .joints
-            .iter()
-            .zip(&commands.set.joint_columns)
-            .zip(query(sample).joints)
-        {
+        let joints = answer.joints.iter().zip(columns);
+        for ((q, column), commanded) in joints.zip(query(sample).joints) {
             change = change.max(f64::from((q - commanded).abs()));
             let _ = write!(csv, "{:.8},", column.unit.from_si(f64::from(*q)));
         }
         let status = Status::from_bits(answer.status);
         let _ = writeln!(csv, "{:.3},{status}", 1e6 * answer.position_error);
     }
-    let statuses: Vec<Status> = answers
-        .iter()
-        .map(|a| Status::from_bits(a.status))
-        .collect();
+    let statuses = answers.iter().map(|a| Status::from_bits(a.status));
+    let statuses: Vec<Status> = statuses.collect();
     let max_ticks = answers.iter().map(|a| a.ticks).max().unwrap_or(0);
     let json = summary_text(serde_json::json!({
         "model": commands.identity.model.as_ref().map(show::model_json),
@@ -439,9 +417,7 @@ pub fn correct(a: &Correct) -> Result<(), Failure> {
         "tick_hz": commands.identity.tick_hz,
         "same_bits": commands.loaded.is_some().then_some(answers.len()),
     }))?;
-    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    write_outputs(&files)?;
+    write_texts(&[(Some(&a.out), Some(&csv)), (a.json.as_deref(), Some(&json))])?;
     let report = Printer::for_outputs(&outputs);
     if !is_stdout(&a.out) {
         report.line(format_args!(

@@ -8,7 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
-use crate::cli::output::{check_outputs, json_text, summary_text, write_outputs};
+use crate::cli::output::{check_outputs, json_text, summary_text, write_texts};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::export::calibrated_chain::COUPLING;
 use crate::export::describe::{
@@ -16,9 +16,10 @@ use crate::export::describe::{
 };
 use crate::export::urdf::{Changes, changes, minimal};
 use crate::export::{
-    CalibratedChain, Table, c_header, csv, dh, gauge, joint_zeros, mjcf, poe,
-    universal_robots as ur, urdf_patch as urdf_text,
+    CalibratedChain, Table, c_header, csv, dh, joint_zeros, mjcf, poe, universal_robots as ur,
+    urdf_patch as urdf_text,
 };
+use poegp_calibration::blob::commander::pose_distance;
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::predicted_poses::PredictedPoses;
@@ -94,9 +95,6 @@ pub fn run(a: &Export) -> Result<(), Failure> {
 }
 
 /// Writes the exported files, and returns the JSON document that `--json` writes.
-///
-/// # Errors
-/// [`Failure`], as the command.
 pub fn exported(a: &Export) -> Result<String, Failure> {
     let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
     let others = [&a.joint_offsets, &a.c_header];
@@ -108,8 +106,8 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     let has_chain = of_the_chain.iter().any(|output| output.is_some());
     if outputs.iter().all(Option::is_none) {
         return Err(Failure::Usage(
-            "nothing to write: give --out, --mjcf, --ur-kinematics, --dh, --mdh, --poe, --joint-offsets or --c-header a file\n\
-             help: `trainer export --help` says what they are"
+            "nothing to write: give --out, --mjcf, --ur-kinematics, --dh, --mdh, --poe, --joint-offsets or --c-header \
+             a file\nhelp: `trainer export --help` describes them"
                 .to_owned(),
         ));
     }
@@ -197,12 +195,12 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
         });
     }
     let summary = summary_text(summary)?;
-    let mut bytes: Vec<(&Path, &[u8])> = files
+    let texts = files
         .iter()
-        .map(|(path, text)| (*path, text.as_bytes()))
-        .collect();
-    bytes.extend(a.json.as_deref().map(|path| (path, summary.as_bytes())));
-    write_outputs(&bytes)?;
+        .map(|(path, text)| (Some(*path), Some(text.as_str())));
+    let mut texts: Vec<_> = texts.collect();
+    texts.push((a.json.as_deref(), Some(&summary)));
+    write_texts(&texts)?;
 
     for (path, _) in files.iter().filter(|(path, _)| !is_stdout(path)) {
         report.line(format_args!("Wrote {}", path.display()));
@@ -262,7 +260,7 @@ fn nearer_than_the_drawing(
         false => "use the drawing; `trainer inspect` shows base and tool".to_owned(),
     };
     Err(Failure::Quality(format!(
-        "nothing written: {what} would be {own:.3} mm from the model in the mean, no nearer than the {drawing:.3} mm of the drawing \
+        "nothing written: {what} would be {own:.3} mm from the model on average, no nearer than the {drawing:.3} mm of the drawing \
          with the model's base and tool, over {}\n\
          help: {help}",
         describe_region(&chain.distance.region, &chain.joints)
@@ -316,13 +314,16 @@ fn corrected_urdf(
             );
             return Err(InputError::new(nominal, found, "the robot that was calibrated")
                 .with_help(
-                    "give the URDF of the calibration, with the same --base and --tip; for another \
-                     description of the arm calibrate again with it",
+                    "give the URDF of the calibration, with the same --base and --tip; to use another description of \
+                     the arm, calibrate with it",
                 )
                 .into());
         }
         None => {
-            let found = format!("{} moving joints, or of another kind", robot.joints.len());
+            let found = format!(
+                "{} moving joints, or joints of another kind",
+                robot.joints.len()
+            );
             let expected = format!("the {} joints of {}", chain.joints.len(), chain.name);
             return Err(InputError::new(nominal, found, expected).into());
         }
@@ -344,7 +345,7 @@ fn describe_changes(changes: &Changes) -> Vec<String> {
         .corrected
         .iter()
         .map(|c| {
-            let (apart, turned) = gauge::distance(&c.before, &c.after);
+            let (apart, turned) = pose_distance(&c.before, &c.after);
             format!(
                 "joint {}: moved by {:.3} mm and {:.3} mrad",
                 c.joint,
@@ -380,7 +381,7 @@ fn ur_kinematics(
         "TCP to be set, tool0 to target: {}",
         describe(&kinematics.tool0_from_target)
     ));
-    let (apart, turned) = gauge::distance(
+    let (apart, turned) = pose_distance(
         &poegp_runtime::math::se3::Pose::identity(),
         &kinematics.tool0_from_flange,
     );

@@ -23,7 +23,7 @@ pub fn region(
     payload_kg: Option<f32>,
 ) -> Result<Region, Failure> {
     let blob = loaded.blob();
-    let robot = robot_of(blob);
+    let robot = robot_of(loaded);
     let mut payloads = None;
     let region = match asked {
         None => Region::trained(blob),
@@ -98,14 +98,14 @@ fn split(asked: &str) -> Result<(f64, &str), Failure> {
         .map(|(reach, poses)| (reach.parse::<f64>(), poses));
     match parts {
         Some((Ok(_), "")) => Err(Failure::Usage(format!(
-            "--region {asked}: found no poses, expected joint values or a CSV file behind the @"
+            "--region {asked}: found no poses, expected joint values or a CSV file after the @"
         ))),
         Some((Ok(reach), poses)) if reach > 0.0 && reach.is_finite() => Ok((reach, poses)),
         Some((Ok(reach), _)) => Err(Failure::Usage(format!(
-            "--region {asked}: found a reach of {reach}, expected degrees above 0"
+            "--region {asked}: found {reach} before the @, expected degrees above 0"
         ))),
         _ if numbers(asked).is_some_and(|all| all.len() > 1) => Err(Failure::Usage(format!(
-            "--region {asked}: found a pose without a reach, expected degrees and @ before it, as in 15@{asked}"
+            "--region {asked}: found a pose alone, expected degrees and @ before it, as in 15@{asked}"
         ))),
         _ => Ok((REACH, asked)),
     }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use poegp_runtime::kinematics::poe::Poe;
 
 use crate::cli::args::ChainArgs;
-use crate::cli::examination::explained;
+use crate::cli::examination::{Examined, explained};
 use crate::cli::failure::{Failure, calibration_failure};
 use crate::cli::input::Input;
 use crate::cli::terminal::print::{note, warning};
@@ -22,6 +22,7 @@ use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::robot::{LoadOptions, Robot};
+use poegp_calibration::trust::{Cause, Finding};
 use poegp_calibration::validation::cross_validation::TestSet;
 
 pub use known_rows::KnownRows;
@@ -112,7 +113,7 @@ pub fn enough_poses(
             false => format!("{} in {rows} rows", counted(poses, "different pose")),
         },
         format!(
-            "at least {needed} for `{}`: {parameters} unknowns, {} equations a pose",
+            "at least {needed} for `{}`: {parameters} unknowns, {} equations per pose",
             method.name(),
             if equations == 6 { "six" } else { "three" }
         ),
@@ -147,9 +148,6 @@ pub fn is_training_data(loaded: &BlobModel, sha256: [u8; 32]) -> bool {
 }
 
 /// Refuses the file that a model was calibrated with; `expected` describes the file that the command needs instead.
-///
-/// # Errors
-/// [`InputError`].
 pub fn fresh(
     loaded: &BlobModel,
     path: &Path,
@@ -210,6 +208,31 @@ pub fn read_test(
         .into());
     }
     Ok(file)
+}
+
+/// Examines whether the rows of each test file are measurements of `arm`, and returns the warnings.
+///
+/// # Errors
+/// [`Failure::Data`] if they are of another robot, or written in another way.
+pub fn examine_tests<'a>(
+    arm: &Arm,
+    tests: impl IntoIterator<Item = (&'a Path, &'a MeasurementSet, &'a [InstrumentSample])>,
+    json: Option<&Path>,
+    accept: &[Cause],
+) -> Result<Vec<Finding>, Failure> {
+    let mut warnings = Vec::new();
+    for (path, set, samples) in tests {
+        let examined = Examined {
+            path,
+            robot: &arm.robot,
+            set,
+            samples,
+            json,
+            accept,
+        };
+        warnings.extend(examined.for_judging()?);
+    }
+    Ok(warnings)
 }
 
 /// Test files; their drift is removed if it was removed from the training data.

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
-use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::predict::{BlobModel, poses};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::instrument_drift::DriftReport;
-use poegp_calibration::measurement::long::{LongFile, MOST_KEPT, is_long};
+use poegp_calibration::measurement::long::{LongFile, is_long};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::measurement::{Measurement, MeasurementSet};
@@ -14,7 +14,6 @@ use poegp_calibration::numeric::parallel::in_order;
 use poegp_calibration::progress::threads;
 use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::trust::{Cause, Finding};
-use poegp_protocol::blob::Blob;
 use poegp_runtime::math::se3::Pose;
 
 use crate::cli::examination::Examined;
@@ -24,8 +23,8 @@ use crate::cli::inputs::read_samples;
 use crate::cli::terminal::print::note;
 
 /// Advice about measurements in other frames than the calibration's.
-pub const FRAMES_HELP: &str = "if the instrument was moved give --fit-base, if the target was remounted or the calibration \
-    had positions alone --fit-tool";
+pub const FRAMES_HELP: &str = "give --fit-base if the instrument was moved; give --fit-tool if the target was \
+                               remounted, or if the calibration had positions alone";
 
 /// A measurement file, read for the arm of a blob.
 pub struct TestData {
@@ -45,7 +44,7 @@ pub fn read(
     input: &Input<'_>,
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
-    let robot = robot_of(loaded.blob());
+    let robot = robot_of(loaded);
     let mut names = tools_of(loaded);
     let file = read_samples(input, &robot, &mut names, correction)?;
     complete(loaded, input.path, names, (None, file))
@@ -61,7 +60,7 @@ pub fn read_long(
     if !matches!(correction, DriftCorrection::None) || !is_long(path) {
         return read(loaded, &Input::file(path), correction);
     }
-    let robot = robot_of(loaded.blob());
+    let robot = robot_of(loaded);
     let mut names = tools_of(loaded);
     let (long, file) = LongFile::read(path, &robot, &mut names)?;
     for text in &file.notes {
@@ -143,18 +142,11 @@ impl TestData {
         accept: &[Cause],
         robot: &Robot,
     ) -> Result<Vec<Finding>, Failure> {
-        // Its time grows with the square of the number of rows.
-        let step = self.samples.len().div_ceil(MOST_KEPT).max(1);
-        let samples: Vec<_> = self.samples.iter().step_by(step).cloned().collect();
-        let mut set = self.set.clone();
-        let mut rows = 0..;
-        set.measurements
-            .retain(|_| rows.next().is_some_and(|row| row % step == 0));
         Examined {
             path,
             robot,
-            set: &set,
-            samples: &samples,
+            set: &self.set,
+            samples: &self.samples,
             json,
             accept,
         }
@@ -218,10 +210,11 @@ pub fn fitted_frames(
     };
     Some(match left_out {
         0 => format!(
-            "{why}{what} fitted to these measurements, which flatters the errors a little and hides any drift of theirs."
+            "{why}{what} fitted to these measurements, which flatters the errors a little and hides any drift of these \
+             frames."
         ),
         rows => format!(
-            "{why}{what} fitted to {rows} other rows, which are not compared; any drift of theirs is hidden."
+            "{why}{what} fitted to {rows} other rows, which are not compared; any drift of these frames is hidden."
         ),
     })
 }
@@ -246,9 +239,7 @@ pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Fail
         } => InputError::new(
             path,
             format!("{poses} different poses"),
-            format!(
-                "at least {needed}, because {numbers} numbers of the frames are fitted to them"
-            ),
+            format!("at least {needed} to fit the {numbers} numbers of the frames"),
         ),
         FrameError::Undetermined => InputError::new(
             path,
@@ -261,7 +252,8 @@ pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Fail
 }
 
 /// Returns the robot of a blob, with the parts that a measurement file is checked against.
-pub fn robot_of(blob: &Blob<'_>) -> Robot {
+pub fn robot_of(loaded: &BlobModel) -> Robot {
+    let blob = loaded.blob();
     let joint = |(i, joint): (usize, &poegp_protocol::blob::Joint)| Joint {
         name: format!("q{}", i + 1),
         kind: joint.kind,
@@ -274,17 +266,8 @@ pub fn robot_of(blob: &Blob<'_>) -> Robot {
     Robot {
         name: blob.robot.name.to_owned(),
         joints: blob.robot.joints.iter().enumerate().map(joint).collect(),
-        parent_from_joint: blob
-            .geometry
-            .nominal
-            .iter()
-            .map(|f| Pose::<f32>::from_rows(f).cast())
-            .collect(),
-        coupling: (!blob.robot.coupling.is_empty()).then(|| {
-            let rows = blob.robot.coupling.chunks(blob.robot.joints.len());
-            rows.map(|row| row.iter().map(|c| f64::from(*c)).collect())
-                .collect()
-        }),
+        parent_from_joint: poses(&blob.geometry.nominal),
+        coupling: loaded.coupling(),
         link_radius: None,
         prior: None,
     }

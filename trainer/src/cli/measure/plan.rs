@@ -1,17 +1,24 @@
 //! The plan to measure: a plan of `trainer plan`, of touches or of poses for a tracker, and how its rows are read.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement;
+use poegp_calibration::measurement::folds::same_configurations;
 use poegp_calibration::measurement::joint_targets::read_targets;
+use poegp_calibration::measurement::sample::samples;
 use poegp_calibration::measurement::touch::TouchRow;
 use poegp_calibration::measurement::touch::{
     FeatureKind, TouchSet, features_beside, is_touch_file,
 };
 use poegp_calibration::model::Method;
-use poegp_calibration::planning::candidates::{decimals, in_file_units};
+use poegp_calibration::planning::candidates::decimals;
 use poegp_calibration::planning::constraints::Constraints;
+use poegp_calibration::robot::in_file_units;
+use poegp_calibration::trust::{self, Tier};
+use poegp_calibration::validation::model_selection::{FEW_FACTOR, UNCERTAIN};
 
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
@@ -44,6 +51,11 @@ impl Planned {
         let text = String::from_utf8_lossy(&bytes);
         let header = first_line(&text).unwrap_or_default().to_owned();
         let planned = match features.is_some() || is_touch_file(path) {
+            true if positions => {
+                let text =
+                    "--positions: found a plan of touches, expected one of poses for a tracker";
+                return Err(Failure::Usage(text.to_owned()));
+            }
             true => Self::of_touches(path, &bytes, features, header, arm)?,
             false => Self::of_poses(path, positions, header, arm)?,
         };
@@ -141,22 +153,69 @@ impl Planned {
         }
     }
 
-    /// Checks that `calibrate` accepts the file as it is.
+    /// Checks that the rows are enough for `calibrate`, and for an expected error to be relied on. Of a tracker's rows, those
+    /// at the indices `without` do not count.
     ///
     /// # Errors
-    /// [`InputError`] with which `calibrate` refuses it.
-    pub fn whole(&self, path: &Path, bytes: &[u8], arm: &Arm) -> Result<(), InputError> {
+    /// [`InputError`] that says how many are needed.
+    pub fn whole(
+        &self,
+        (path, bytes): (&Path, &[u8]),
+        without: &[usize],
+        arm: &Arm,
+    ) -> Result<(), InputError> {
         let Some((features, text)) = &self.features else {
-            let set = self.so_far(path, bytes, arm)?;
+            let mut set = self.so_far(path, bytes, arm)?;
+            let mut row = 0..;
+            (set.rows).retain(|_| row.next().is_none_or(|row| !without.contains(&row)));
             let equations: usize = set.rows.iter().map(|row| row.reading.equations()).sum();
             let needed = 6 * Method::Elastic.min_poses(arm.robot.joints.len());
-            if equations >= needed {
-                return Ok(());
+            if equations < needed {
+                let found = format!("{equations} equations");
+                return Err(InputError::new(path, found, format!("at least {needed}")));
             }
-            let found = format!("{equations} equations");
-            return Err(InputError::new(path, found, format!("at least {needed}")));
+            let joints: Vec<&[f64]> = set.rows.iter().map(|row| row.joints.as_slice()).collect();
+            let poses: BTreeSet<usize> = same_configurations(&joints, &arm.robot.kinds())
+                .into_iter()
+                .collect();
+            if poses.len() < UNCERTAIN {
+                let found = format!("fewer than {UNCERTAIN} different poses");
+                let expected = format!(
+                    "at least {UNCERTAIN}: with fewer, an expected error may be wrong by a factor of {FEW_FACTOR}"
+                );
+                return Err(InputError::new(path, found, expected));
+            }
+            return Ok(());
         };
         TouchSet::parse((path, bytes), (features, text), &arm.robot).map(|_| ())
+    }
+
+    /// Parses the touches as `calibrate` does; `None` if there are too few, and for rows of a tracker.
+    pub fn complete(&self, (path, bytes): (&Path, &[u8]), arm: &Arm) -> Option<TouchSet> {
+        let (features, text) = self.features.as_ref()?;
+        TouchSet::parse((path, bytes), (features, text), &arm.robot).ok()
+    }
+
+    /// Returns why `calibrate` takes a tracker's rows for those of another robot; `None` if it does not.
+    ///
+    /// # Errors
+    /// [`InputError`] about the first invalid row.
+    pub fn refusal(
+        &self,
+        path: &Path,
+        bytes: &[u8],
+        arm: &Arm,
+        gravity: Vector3<f64>,
+    ) -> Result<Option<String>, InputError> {
+        let text = String::from_utf8_lossy(bytes);
+        let lines = text.lines().filter(|line| first_line(line).is_some());
+        if self.features.is_some() || lines.count() < 2 {
+            return Ok(None);
+        }
+        let set = measurement::parse(path, bytes)?;
+        let samples = samples(&set, &arm.robot, &mut Vec::new())?;
+        let found = trust::identify(&arm.robot, &set, &samples, gravity);
+        Ok(found.of(Tier::Refused).next().map(|f| f.text.clone()))
     }
 
     /// Describes what to measure for a row: the feature, the joints in the units of files, the payload.
@@ -184,4 +243,11 @@ pub struct Asked {
     pub joints: Vec<String>,
     /// Mass of the payload to mount, kg.
     pub payload_kg: Option<f64>,
+}
+
+impl Asked {
+    /// Returns what identifies the row in the file of measured rows: a line alone is another row of another plan.
+    pub fn name(&self) -> String {
+        format!("line {} at {}", self.line, self.joints.join(","))
+    }
 }

@@ -80,6 +80,16 @@ impl Show {
         ));
     }
 
+    /// Shows what an answer may be.
+    pub fn columns(&mut self, columns: &str) -> Result<(), Failure> {
+        self.report.line(format_args!(
+            "answer with a row: {columns}\n  or with a word: skip (leave out what cannot be measured), undo (take back the last row), \
+             undo 5 (row 5), help"
+        ));
+        let columns: Vec<&str> = columns.split(',').map(str::trim).collect();
+        self.document(json!({"event": "columns", "columns": columns}))
+    }
+
     /// Shows which row to measure next.
     pub fn next(
         &mut self,
@@ -102,7 +112,7 @@ impl Show {
             .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
         let percent = 100.0 * (1.0 - next.share);
         self.report.line(format_args!(
-            "next: {feature} at {}{payload} (line {} of the plan, one of {left}; foreseen: {percent:.1} % less error)",
+            "next: {feature} at {}{payload} (line {} of the plan, one of {left}; forecast: {percent:.1} % less error)",
             joints.join(", "),
             asked.line
         ));
@@ -116,7 +126,7 @@ impl Show {
     /// Reports a row that cannot be used.
     pub fn refused(&mut self, error: &InputError) -> Result<(), Failure> {
         note(format_args!(
-            "refused, nothing was changed: {}",
+            "row refused, nothing was changed: {}",
             snippet::render(error)
         ));
         self.document(json!({
@@ -136,6 +146,7 @@ impl Show {
         &mut self,
         row: usize,
         found: Option<&Outlook>,
+        strange: &[usize],
         before: Option<f64>,
         until: Option<f64>,
         seconds: f64,
@@ -147,11 +158,11 @@ impl Show {
             Some(found) => {
                 let expected = found.expected;
                 let change = before.map_or_else(String::new, |before| {
-                    format!(", {:+.3} mm by this row", expected.mean_mm - before)
+                    format!(", {:+.3} mm due to this row", expected.mean_mm - before)
                 });
                 let go_on = match until {
                     Some(until) if expected.mean_mm > until => {
-                        format!("; go on: more than {until} mm")
+                        format!("; continue: still above {until} mm")
                     }
                     _ => String::new(),
                 };
@@ -170,15 +181,15 @@ impl Show {
             "event": "known", "row": row, "seconds": seconds,
             "expected_mm": found.map(|f| f.expected.mean_mm), "p95_mm": found.map(|f| f.expected.p95_mm),
             "drawn_mm": found.map(|f| f.drawn.mean_mm), "noise": beyond,
-            "strange_rows": found.map(|f| f.strange.iter().map(|(row, _)| row + 1).collect::<Vec<_>>())
+            "strange_rows": found.map(|_| strange)
         }))
     }
 
-    /// Reports that the expected error is small enough, but that `calibrate` refuses the file.
+    /// Reports that the expected error is small enough, but that `calibrate` needs more rows.
     pub fn incomplete(&mut self, until: Option<f64>, error: &InputError) -> Result<(), Failure> {
         let until = until.map_or_else(String::new, |until| format!("{until} mm is reached, but "));
         note(format_args!(
-            "{until}`calibrate` would refuse the file: {}",
+            "{until}`calibrate` needs more rows: {}",
             snippet::render(error)
         ));
         self.document(json!({
@@ -190,21 +201,57 @@ impl Show {
     /// Reports that a row was taken back.
     pub fn taken_back(&mut self, row: usize, text: &str) -> Result<(), Failure> {
         self.report.line(format_args!(
-            "row {row} is taken back, and a comment now: {text}"
+            "row {row} is taken back and is now a comment: {text}"
         ));
         self.document(json!({"event": "taken-back", "row": row}))
     }
 
     /// Reports that a row contradicts the others.
-    pub fn strange(&mut self, row: usize, missed_mm: Option<f64>) -> Result<(), Failure> {
+    pub fn strange(
+        &mut self,
+        row: usize,
+        missed_mm: Option<f64>,
+        is_touch: bool,
+    ) -> Result<(), Failure> {
         let by = missed_mm.map_or_else(
             || "is far from what the other rows predict".to_owned(),
             |mm| format!("is {mm:.1} mm from what the other rows predict"),
         );
+        let question = match is_touch {
+            true => "was it this feature?",
+            false => "was the arm at these joints, and do the units match the columns?",
+        };
         note(format_args!(
-            "row {row} {by}: was it this feature? \"undo {row}\" takes it back, and then measure it again"
+            "row {row} {by} and does not count: {question} enter \"undo {row}\" and measure it again"
         ));
         self.document(json!({"event": "strange", "row": row, "missed_mm": missed_mm}))
+    }
+
+    /// Reports that something moved, because rows in succession contradict the others.
+    pub fn moved(&mut self, rows: &[usize], found: Option<&str>) -> Result<(), Failure> {
+        let Some(first) = rows.first() else {
+            return Ok(());
+        };
+        let all: Vec<String> = rows.iter().map(ToString::to_string).collect();
+        let what = found.unwrap_or("what changed is not clear yet");
+        note(format_args!(
+            "rows {} contradict those before: something moved since row {first}: {what}; put it back and take these rows back \
+             with \"undo\", or continue in another file",
+            all.join(", ")
+        ));
+        self.document(json!({"event": "moved", "since": first, "rows": rows, "found": found}))
+    }
+
+    /// Reports rows that do not count here, but that `calibrate` uses.
+    pub fn used(&mut self, rows: &[usize], is_refused: bool) {
+        if rows.is_empty() || is_refused {
+            return;
+        }
+        let rows: Vec<String> = rows.iter().map(ToString::to_string).collect();
+        note(format_args!(
+            "`calibrate` uses rows {}, although they contradict the others: take them back with \"undo\" first",
+            rows.join(", ")
+        ));
     }
 
     /// Reports why the measurement ends, and which command comes next.
@@ -214,12 +261,12 @@ impl Show {
         rows: usize,
         found: Option<&Outlook>,
         until: Option<f64>,
-        calibrate: &str,
+        calibrate: Option<&str>,
     ) -> Result<(), Failure> {
         let why = match end {
             End::Within => "The expected error is small enough".to_owned(),
             End::UsedUp => "The plan is used up".to_owned(),
-            End::NoMore => "No more rows come".to_owned(),
+            End::NoMore => "The source has no more rows".to_owned(),
         };
         let expected = found.map_or_else(String::new, |found| {
             format!(
@@ -229,7 +276,7 @@ impl Show {
         });
         self.report
             .line(format_args!("{why}: {rows} rows{expected}."));
-        if rows > 0 {
+        if let Some(calibrate) = calibrate.filter(|_| rows > 0) {
             self.report
                 .line(format_args!("Then: {calibrate} --out model.blob"));
         }

@@ -10,15 +10,17 @@ mod paths;
 pub mod transaction;
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use poegp_calibration::input_error::InputError;
+use poegp_protocol::blob::envelope;
 
 use crate::cli::failure::Failure;
 use crate::cli::output::long::{Complete, LongOutput};
 use crate::cli::output::paths::{could_be_written, is_stream};
-use crate::cli::output::transaction::{Readers, Staged, commit, writing};
+use crate::cli::output::transaction::{Readers, Staged, commit, folder_of, writing};
 use crate::cli::terminal::print::{is_stdout, to_stdout_all};
+use crate::signing::id_text;
 
 /// Refuses a path that cannot be written, before any work that would be lost.
 ///
@@ -46,6 +48,52 @@ fn could_be_new(path: &Path) -> Result<(), Failure> {
     could_be_written(path)
 }
 
+/// Refuses outputs that exist already with other contents: these files are made to be filled in by hand.
+///
+/// # Errors
+/// [`InputError`] names the path.
+pub fn check_not_filled_in(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
+    let is_other = |(path, bytes): &&(&Path, &[u8])| {
+        !is_stream(path) && std::fs::read(path).is_ok_and(|there| there != *bytes)
+    };
+    match outputs.iter().find(is_other) {
+        None => Ok(()),
+        Some((path, _)) => {
+            let expected = "a new file, or one with the contents that this command writes";
+            Err(InputError::new(path, "a file with other contents", expected)
+                .with_help(
+                    "something may have been entered there by hand: name another file, or remove this one",
+                )
+                .into())
+        }
+    }
+}
+
+/// Refuses to replace a signed model: the new one would have no signature.
+///
+/// # Errors
+/// [`InputError`] names the path.
+pub fn check_not_signed(out: &Path) -> Result<(), Failure> {
+    if !out.is_file() {
+        return Ok(());
+    }
+    let bytes = std::fs::read(out).unwrap_or_default();
+    match envelope::open(&bytes).ok().and_then(|e| e.trailer) {
+        None => Ok(()),
+        Some(trailer) => Err(InputError::new(
+            out,
+            format!(
+                "a model signed by key {} as revision {}",
+                id_text(&trailer.key_id),
+                trailer.revision
+            ),
+            "another file for a model without a signature",
+        )
+        .with_help("give another file with --out, and sign that, or remove this one first")
+        .into()),
+    }
+}
+
 fn exists(path: &Path) -> Failure {
     InputError::new(path, "a file that exists", "the name of a new file").into()
 }
@@ -59,6 +107,28 @@ pub type NewFile<'a> = (&'a Path, &'a [u8], Readers);
 /// [`InputError`] as from [`check`], [`Failure::LostOutput`] if writing fails: then nothing is changed.
 pub fn write_outputs(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
     write_with_new(&[], outputs)
+}
+
+/// A text and the path to write it to. If either is missing, nothing is written.
+pub type Text<'a> = (Option<&'a Path>, Option<&'a str>);
+
+/// Writes texts as [`write_outputs`] does.
+pub fn write_texts(texts: &[Text<'_>]) -> Result<(), Failure> {
+    write_outputs(&given(texts).collect::<Vec<_>>())
+}
+
+/// Writes the bytes of a blob and texts as [`write_outputs`] does.
+pub fn write_with_blob(blob: (&Path, &[u8]), texts: &[Text<'_>]) -> Result<(), Failure> {
+    write_outputs(
+        &std::iter::once(blob)
+            .chain(given(texts))
+            .collect::<Vec<_>>(),
+    )
+}
+
+fn given<'a>(texts: &'a [Text<'a>]) -> impl Iterator<Item = (&'a Path, &'a [u8])> {
+    let given = texts.iter().filter_map(|(path, text)| path.zip(*text));
+    given.map(|(path, text)| (path, text.as_bytes()))
 }
 
 /// Writes outputs as [`write_outputs`] does, together with new files that must not overwrite anything.
@@ -121,7 +191,6 @@ fn write_stream(path: &Path, bytes: &mut dyn Read) -> Result<(), Failure> {
         .map_err(|error| Failure::lost(path, error))
 }
 
-/// Formats a JSON document.
 pub fn json_text(document: &impl serde::Serialize) -> Result<String, Failure> {
     let text = serde_json::to_string_pretty(document).map_err(|e| Failure::Usage(e.to_string()))?;
     Ok(text + "\n")
@@ -141,11 +210,23 @@ pub fn summary_text(mut summary: serde_json::Value) -> Result<String, Failure> {
     json_text(&summary)
 }
 
+/// Returns one path for all spellings of the path of a file, which may not exist yet.
+fn identity(path: &Path) -> PathBuf {
+    if is_stdout(path) {
+        return PathBuf::from("-");
+    }
+    let name = path.file_name().unwrap_or_default();
+    let folder = || std::fs::canonicalize(folder_of(path)).map(|folder| folder.join(name));
+    let found = std::fs::canonicalize(path).or_else(|_| folder());
+    found.unwrap_or_else(|_| path.to_path_buf())
+}
+
 /// Refuses, before the work, outputs that cannot be written, that are the same file, or that would overwrite an input.
 pub fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), Failure> {
     let outputs: Vec<&Path> = outputs.iter().flatten().copied().collect();
     for (i, path) in outputs.iter().enumerate() {
-        if outputs[..i].contains(path) {
+        let is_same = |other: &&Path| identity(other) == identity(path);
+        if outputs[..i].iter().any(is_same) {
             let found = "two outputs in one file";
             return Err(InputError::new(path, found, "a file for each output").into());
         }
@@ -189,7 +270,7 @@ pub fn make_folder(path: &Path) -> Result<OutputFolder<'_>, Failure> {
     std::fs::create_dir(path).map_err(|error| {
         InputError::new(
             path,
-            format!("a folder that cannot be made ({error})"),
+            format!("a folder that cannot be created ({error})"),
             "a folder, or a new one in a folder that exists",
         )
     })?;

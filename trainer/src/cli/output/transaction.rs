@@ -53,7 +53,7 @@ pub fn hold(patience: Duration) -> bool {
 
 /// Checks that a temporary file can be created in `folder`.
 pub fn check_temporary(folder: &Path) -> std::io::Result<()> {
-    NamedTempFile::new_in(folder).map(drop)
+    created(folder, Readers::Owner).map(drop)
 }
 
 /// Who may read a new file.
@@ -162,7 +162,7 @@ pub fn commit(staged: Vec<Staged>) -> Result<(), Failure> {
 }
 
 /// Writes the names in a folder to disk, if the system supports that.
-fn sync(folder: &Path) -> std::io::Result<()> {
+pub fn sync(folder: &Path) -> std::io::Result<()> {
     use std::io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
     if cfg!(not(unix)) {
         return Ok(());
@@ -185,13 +185,9 @@ pub fn folder_of(path: &Path) -> &Path {
 
 /// Creates a complete temporary file in the folder of its target.
 fn temporary(folder: &Path, bytes: &[u8], readers: Readers) -> std::io::Result<NamedTempFile> {
-    let mut builder = hidden();
-    if readers == Readers::All {
-        builder.permissions_of_a_plain_file();
-    }
     let mut file = {
         let mut known = temporary_files();
-        let file = builder.tempfile_in(folder)?;
+        let file = created(folder, readers)?;
         known.push(file.path().to_path_buf());
         file
     };
@@ -214,25 +210,27 @@ fn backup(target: &Path) -> std::io::Result<NamedTempFile<()>> {
     Ok(file)
 }
 
+/// Creates an empty temporary file. Its errors are those of the system, because a user knows nothing of its path.
+fn created(folder: &Path, readers: Readers) -> std::io::Result<NamedTempFile> {
+    hidden().make_in(folder, |path| {
+        let mut options = File::options();
+        options.read(true).write(true).create_new(true);
+        #[cfg(unix)]
+        {
+            use std::os::unix::fs::OpenOptionsExt;
+            options.mode(match readers {
+                Readers::All => 0o666,
+                Readers::Owner => 0o600,
+            });
+        }
+        #[cfg(not(unix))]
+        let _ = readers;
+        options.open(path)
+    })
+}
+
 fn hidden() -> Builder<'static, 'static> {
     let mut builder = Builder::new();
     builder.prefix(".poegp-");
     builder
-}
-
-/// Permissions of a file that any program creates: readable by all, as the umask allows.
-trait PlainFile {
-    fn permissions_of_a_plain_file(&mut self) -> &mut Self;
-}
-
-impl PlainFile for Builder<'_, '_> {
-    fn permissions_of_a_plain_file(&mut self) -> &mut Self {
-        #[cfg(unix)]
-        {
-            use std::os::unix::fs::PermissionsExt;
-            self.permissions(std::fs::Permissions::from_mode(0o666))
-        }
-        #[cfg(not(unix))]
-        self
-    }
 }

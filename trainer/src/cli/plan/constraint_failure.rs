@@ -25,13 +25,13 @@ pub(super) fn too_tight(constraints: &Constraints, robot: &Robot, error: &TooTig
         .map(|i| format!("{} by {}", percent(i), rules[i].name()))
         .collect();
     let mut help = format!(
-        "forbidden are {}; {}",
+        "forbidden: {}; {}",
         forbidden.join(", "),
         releases(constraints, &error.refusals)
     );
     if let Some(wider) = &error.wider_range {
         help += &format!(
-            "; without the range of joint \"{}\" {} of {} would be allowed",
+            "; without the range of joint \"{}\", {} of {} would be allowed",
             robot.joints[wider.joint].name, wider.allowed, wider.drawn
         );
     }
@@ -55,7 +55,7 @@ pub(super) fn too_tight(constraints: &Constraints, robot: &Robot, error: &TooTig
 pub(super) fn releases(constraints: &Constraints, refusals: &Refusals) -> String {
     let releases = refusals.releases();
     let Some(first) = releases.first() else {
-        return "the joint ranges alone leave no more".to_owned();
+        return "only the joint ranges limit the poses".to_owned();
     };
     let named = |release: &Release| {
         let names: Vec<String> = release
@@ -67,8 +67,8 @@ pub(super) fn releases(constraints: &Constraints, refusals: &Refusals) -> String
     };
     let list: Vec<String> = releases.iter().take(MOST_NAMED).map(named).collect();
     let prefix = match first.rules.len() {
-        1 => "allowed would be ",
-        _ => "dropping a single constraint would allow nothing, allowed would be ",
+        1 => "there would be ",
+        _ => "dropping a single constraint would allow none; there would be ",
     };
     let mut remedies: Vec<&str> = first
         .rules

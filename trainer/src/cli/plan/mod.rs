@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 use crate::cli::args::{Gravity, RobotArgs, gravity, heading};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_not_filled_in, check_outputs, json_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
 use crate::robot_programs::{Language, program};
@@ -91,16 +91,17 @@ pub struct Plan {
     /// Plan touches of a feature: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, its approximate position in mm in
     /// the base frame; may be repeated. The tip is the [target] of --constraints.
     #[arg(long, help_heading = heading::TOUCHES, value_name = "KIND=X,Y,Z", value_parser = touch::goal, conflicts_with_all = [
-        "payloads", "test_poses", "v_optimal", "space_filling", "prior", "forecast", "no_forecast", "rapid", "krl", "urscript", "fanuc"
+        "payloads", "test_poses", "v_optimal", "space_filling", "prior", "gravity", "forecast", "no_forecast", "rapid", "krl", "urscript",
+        "fanuc"
     ])]
     touch: Vec<Goal>,
     /// Write the description of the touched features, to be completed (TOML).
     #[arg(long, help_heading = heading::TOUCHES, value_name = "FILE", requires = "touch")]
     features_out: Option<PathBuf>,
-    /// Numbers of poses for which the forecast simulates the error, beside the plan.
+    /// Numbers of poses for which the forecast simulates the error, in addition to the plan.
     #[arg(long, help_heading = heading::FORECAST, value_name = "N,N", value_delimiter = ',', default_value = "25,50,75,100,150,200,300", value_parser = forecast_count)]
     forecast: Vec<usize>,
-    /// Skip the forecast, which takes half a minute on two cores.
+    /// Skip the forecast, which takes about three minutes of processor time, shared by all cores.
     #[arg(long, help_heading = heading::FORECAST, conflicts_with = "forecast")]
     no_forecast: bool,
     /// The plan as a program for ABB (.mod).
@@ -198,6 +199,16 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         Ok((path, text))
     })
     .collect::<Result<Vec<_>, InputError>>()?;
+    let csv = to_csv(&arm.robot, &plan, false);
+    let check_csv = to_csv(&arm.robot, &plan, true);
+    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
+    files.extend(
+        a.test_out
+            .as_deref()
+            .map(|path| (path, check_csv.as_bytes())),
+    );
+    files.extend(written.iter().map(|(path, text)| (*path, text.as_bytes())));
+    check_not_filled_in(&files)?;
     let forecast = (!a.no_forecast).then(|| forecast(&planner, &a.forecast, count, asked));
     let document = document(
         a.seed,
@@ -209,16 +220,7 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         forecast,
     );
     let json = json_text(&document)?;
-    let csv = to_csv(&arm.robot, &plan, false);
-    let check_csv = to_csv(&arm.robot, &plan, true);
-    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
-    files.extend(
-        a.test_out
-            .as_deref()
-            .map(|path| (path, check_csv.as_bytes())),
-    );
     files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    files.extend(written.iter().map(|(path, text)| (*path, text.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
     print(
@@ -229,18 +231,14 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         &constraints,
         planner.candidates(),
     );
-    for (path, _) in files {
-        if path != Path::new("-") {
-            report.line(format_args!("Wrote {}.", path.display()));
-        }
-    }
+    report.written(&outputs);
     Ok(())
 }
 
 fn forecast_count(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(count @ 1..=1000) => Ok(count),
-        _ => Err("expected a number of poses, to 1000".to_owned()),
+        _ => Err("expected a number of poses from 1 to 1000".to_owned()),
     }
 }
 
@@ -369,7 +367,7 @@ fn print(
     if let (Some(path), Some(prior)) = (&a.prior, &d.prior) {
         let deflections = match prior.elastic {
             true => format!("deflections and {} waves of its joints", prior.waves),
-            false => "usual deflections, for the model has none".to_owned(),
+            false => "usual deflections, because the model has none".to_owned(),
         };
         report.line(format_args!(
             "  Expected errors are those of {}: frames {:.2} mm and {:.2} mrad off the drawing, {deflections}.",
@@ -393,7 +391,7 @@ fn print(
     ));
     if candidates.joints.len() < CHOICE * plan.poses.len() {
         crate::cli::terminal::print::note(format_args!(
-            "only {} configurations are allowed: the plan takes a large part of them, wherever they are; {}",
+            "only {} configurations are allowed, so the plan takes a large part of them; {}",
             candidates.joints.len(),
             constraint_failure::releases(constraints, &candidates.refusals)
         ));
@@ -404,7 +402,7 @@ fn print(
         ));
     }
     report.line(format_args!(
-        "  The slowest joint moves {:.0} times through its range, {:.2} ranges a move.",
+        "  The slowest joint moves {:.0} times through its range, {:.2} ranges per move.",
         d.travel,
         d.travel / (plan.poses.len().max(2) - 1) as f64
     ));

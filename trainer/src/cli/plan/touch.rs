@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
-use crate::cli::output::{check_outputs, summary_text, write_outputs};
+use crate::cli::output::{check_not_filled_in, check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use poegp_calibration::input_error::InputError;
@@ -108,15 +108,12 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     }))?;
     let mut files = vec![(a.out, csv.as_bytes())];
     files.extend(a.features_out.map(|path| (path, toml.as_bytes())));
+    check_not_filled_in(&files)?;
     files.extend(a.json.map(|path| (path, json.as_bytes())));
     write_outputs(&files)?;
     let report = Printer::for_outputs(&outputs);
     print(report, a.seed, &plan, &names, &tip);
-    for (path, _) in files {
-        if path != Path::new("-") {
-            report.line(format_args!("Wrote {}.", path.display()));
-        }
-    }
+    report.written(&outputs);
     Ok(())
 }
 
@@ -135,8 +132,9 @@ fn hardly_reached(a: &Asked<'_>, constraints: &Constraints, error: &HardlyReache
     let rules: Vec<String> = constraints.rules.iter().map(|rule| rule.name()).collect();
     InputError::new(file, found, expected)
         .with_help(format!(
-            "is it within reach, in mm of the base frame, and its tip where [target] of --constraints says? Allowed is what the \
-             joint ranges and {} leave; near a table link_radius_mm or floor = false may be needed",
+            "check that its position is in mm of the base frame and within reach, and that [target] of --constraints \
+             has the tip; the joint ranges and {} limit the poses; near a table, link_radius_mm or floor = false may \
+             be needed",
             rules.join(", ")
         ))
         .into()
@@ -158,7 +156,8 @@ fn print(report: Printer, seed: u64, plan: &TouchPlan, names: &[String], tip: &V
         1e3 * plan.random
     ));
     report.line(format_args!(
-        "  Lead the tip there by hand or slowly, as near to these joints as it goes, and write down those that the controller then shows."
+        "  Move the tip there by hand or slowly, as close to these joints as possible, and record the joints that the \
+         controller then shows."
     ));
     note(format_args!(
         "the expected error assumes links 0.3 mm, axes 0.5 mrad and joint zeros 1 mrad off the drawing; only touches show your arm"

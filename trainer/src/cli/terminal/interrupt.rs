@@ -62,7 +62,7 @@ pub fn install() {
             if written {
                 ""
             } else {
-                ": an output that nobody reads was given up, and the others with it"
+                ": nobody read one of the outputs, so no output was completed"
             }
         );
         std::process::exit(CANCELLED_CODE.into());

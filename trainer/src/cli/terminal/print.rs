@@ -13,6 +13,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::cli::failure::Failure;
 use crate::cli::terminal::table;
+use poegp_calibration::numeric::statistics::Summary;
 
 /// Whether standard output is reserved for a document, so that no part of the program prints anything else there.
 static STDOUT_TAKEN: AtomicBool = AtomicBool::new(false);
@@ -95,6 +96,13 @@ pub fn finish() -> Result<(), Failure> {
     }
 }
 
+/// Formats the first fields of a table row: name, mean, 95th percentile and maximum.
+pub fn error_row(name: &str, errors: &Summary) -> Vec<String> {
+    let mut row = vec![name.to_owned()];
+    row.extend([errors.mean, errors.p95, errors.max].map(|x| format!("{x:.4}")));
+    row
+}
+
 /// The stream for printed output: standard output or standard error.
 #[derive(Clone, Copy)]
 pub struct Printer {
@@ -117,9 +125,12 @@ impl Printer {
         }
     }
 
-    /// Prints one line or several.
+    /// Prints one line or several. A line that begins with `warning: ` is printed even with `--quiet`.
     pub fn line(self, text: impl Display) {
         if is_quiet() {
+            if let Some(text) = text.to_string().strip_prefix("warning: ") {
+                warning(text);
+            }
             return;
         }
         if self.on_stderr {
@@ -129,6 +140,15 @@ impl Printer {
         let mut lost = lost();
         if lost.is_none() {
             *lost = to_stdout(format!("{text}\n").as_bytes()).err();
+        }
+    }
+
+    /// Prints which files were written.
+    pub fn written(self, files: &[Option<&Path>]) {
+        for path in files.iter().flatten() {
+            if *path != Path::new("-") {
+                self.line(format_args!("Wrote {}.", path.display()));
+            }
         }
     }
 

@@ -28,9 +28,6 @@ pub fn bar(steps: usize, label: &str) -> ProgressBar {
 }
 
 /// Shows progress of a calibration, which Ctrl-C cancels: a spinner, then a bar with the remaining time.
-///
-/// # Errors
-/// [`Cancelled`].
 pub fn calibrating<R>(work: impl FnOnce(&FitContext) -> R) -> Result<R, Cancelled> {
     let bar = Bar {
         bar: spinner("calibrating"),

@@ -2,52 +2,54 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::args::RobotArgs;
+use crate::cli::compare::Compare;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{Arm, file_name, is_training_data, origin, warn_of_training_data};
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
 use crate::cli::touches::document::{CompareTouchesJson, ModelJson};
 use crate::cli::touches::evaluate::FITTED;
-use crate::cli::touches::{compare_page, outliers_text, read, table, with_payload};
-use crate::report::provenance::command_line;
+use crate::cli::touches::{compare_page, read, refuse_options, table, with_payload};
 use crate::report::{FileSummary, Provenance};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, features_beside};
+use poegp_calibration::model::touches::findings::outliers_text;
 use poegp_calibration::validation::touches::evaluate_touches;
 
-/// The options of a comparison by touches.
-pub struct Asked<'a> {
-    pub robot: &'a RobotArgs,
-    pub touches: &'a Path,
-    pub features: Option<&'a Path>,
-    pub blobs: &'a [PathBuf],
-    pub report: Option<&'a Path>,
-    pub json: Option<&'a Path>,
-}
-
 /// Compares models, writes the outputs and prints the result.
-///
-/// # Errors
-/// [`Failure`].
-pub fn run(a: &Asked<'_>) -> Result<(), Failure> {
+pub fn run(a: &Compare) -> Result<(), Failure> {
+    let given = [
+        (!a.tests.is_empty(), "--test"),
+        (!a.methods.is_empty(), "--methods"),
+        (a.folds.is_some(), "--folds"),
+        (a.seed.is_some(), "--seed"),
+        (a.correct_drift, "--correct-drift"),
+        (!a.accepted.accept.is_empty(), "--accept"),
+        (
+            a.tolerance.is_given(),
+            "--tolerance-mm, --tolerance-mrad or --coverage",
+        ),
+    ];
+    refuse_options(&a.train, &given)?;
+    refuse_options(&a.train, &a.fit.given())?;
     if a.blobs.is_empty() {
         return Err(Failure::Usage(format!(
             "found touches ({}) without --blob, expected the models to compare by them: --blob a.blob --blob b.blob",
-            a.touches.display()
+            a.train.display()
         )));
     }
-    let beside = features_beside(a.touches);
-    let mut inputs = vec![a.touches, a.features.unwrap_or(&beside)];
+    let features = a.features.as_deref();
+    let beside = features_beside(&a.train);
+    let mut inputs = vec![a.train.as_path(), features.unwrap_or(&beside)];
     inputs.push(Path::new(&a.robot.robot));
     inputs.extend(a.blobs.iter().map(PathBuf::as_path));
-    let outputs = [a.json, a.report];
+    let outputs = [a.json.as_deref(), a.report.as_deref()];
     check_outputs(&outputs, &inputs)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
-    let set = read(a.touches, a.features, &arm.robot)?;
+    let set = read(&a.train, features, &arm.robot)?;
     let mut loaded = Vec::new();
-    for path in a.blobs {
+    for path in &a.blobs {
         let blob = BlobModel::read(path)?;
         let name = blob.blob().robot.name;
         if name != arm.robot.name {
@@ -59,7 +61,7 @@ pub fn run(a: &Asked<'_>) -> Result<(), Failure> {
     }
     let blobs: Vec<&BlobModel> = loaded.iter().collect();
     let found = evaluate_touches(&set, &arm.nominal, arm.robot.coupling.as_ref(), &blobs);
-    let models = found.into_iter().zip(&loaded).zip(a.blobs);
+    let models = found.into_iter().zip(&loaded).zip(&a.blobs);
     let models = models.map(|((touches, loaded), path)| ModelJson {
         file: path.display().to_string(),
         method: loaded.host().provenance.method.to_owned(),
@@ -68,23 +70,20 @@ pub fn run(a: &Asked<'_>) -> Result<(), Failure> {
     });
     let document = CompareTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
-        name: file_name(a.touches),
+        name: file_name(&a.train),
         models: models.collect(),
         provenance: provenance(a, &arm.robot.name, &set, &loaded),
     };
     let json = json_text(&document)?;
-    let page = a.report.map(|path| (path, compare_page::page(&document)));
-    let mut files: Vec<(&Path, &[u8])> = Vec::new();
-    files.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
-    files.extend(a.json.map(|path| (path, json.as_bytes())));
-    write_outputs(&files)?;
+    let page = a.report.as_ref().map(|_| compare_page::page(&document));
+    write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
     print(Printer::for_outputs(&outputs), a, &document);
     Ok(())
 }
 
-fn provenance(a: &Asked<'_>, robot: &str, set: &TouchSet, loaded: &[BlobModel]) -> Provenance {
+fn provenance(a: &Compare, robot: &str, set: &TouchSet, loaded: &[BlobModel]) -> Provenance {
     let mut files: Vec<FileSummary> = FileSummary::of_touches(set).into();
-    let models = loaded.iter().zip(a.blobs);
+    let models = loaded.iter().zip(&a.blobs);
     files.extend(models.map(|(loaded, path)| {
         FileSummary::of_bytes("model", path.display().to_string(), loaded.bytes())
     }));
@@ -98,18 +97,11 @@ fn provenance(a: &Asked<'_>, robot: &str, set: &TouchSet, loaded: &[BlobModel]) 
         [number] => number,
         _ => "",
     };
-    Provenance {
-        command: command_line(),
-        version: env!("CARGO_PKG_VERSION"),
-        date: origin(set.sha256[0], "", Vec::new()).date,
-        seed: None,
-        robot: robot.to_owned(),
-        serial_number: serial_number.to_owned(),
-        files,
-    }
+    let date = origin(set.sha256[0], "", Vec::new()).date;
+    Provenance::new(robot, serial_number, date, files)
 }
 
-fn print(report: Printer, a: &Asked<'_>, document: &CompareTouchesJson) {
+fn print(report: Printer, a: &Compare, document: &CompareTouchesJson) {
     let Some(first) = document.models.first().map(|model| &model.touches) else {
         return;
     };
@@ -156,9 +148,9 @@ fn print(report: Printer, a: &Asked<'_>, document: &CompareTouchesJson) {
     }
     report.line(FITTED);
     for model in document.models.iter().filter(|model| model.training_data) {
-        warn_of_training_data(a.touches, &model.file);
+        warn_of_training_data(&a.train, &model.file);
     }
     if let Some(text) = outliers_text(&first.outliers, first.rows) {
-        warning(format_args!("{}: {text}", a.touches.display()));
+        warning(format_args!("{}: {text}", a.train.display()));
     }
 }

@@ -109,11 +109,7 @@ fn features(d: &CompareTouchesJson) -> Section {
     let mut section = Section::new("features", "What was touched")
         .text(html! { "Root mean square of one component of what the touches miss by, for the arm as drawn and for each model." })
         .table(&header, rows.collect());
-    let mut units: Vec<&str> = first.residuals.iter().map(|r| r.unit).collect();
-    // Lengths come first.
-    units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
-    units.dedup();
-    for unit in units {
+    for unit in sections::units(&first.residuals) {
         section = plotted(section, d, unit);
     }
     section
@@ -177,7 +173,7 @@ fn distances(d: &CompareTouchesJson) -> Section {
 }
 
 fn outliers(d: &CompareTouchesJson) -> Section {
-    let section = Section::new("outliers", "Touches that stand out");
+    let section = Section::new("outliers", "Outliers");
     let first = &d.models[0].touches.outliers;
     if first.is_empty() {
         return section.text(html! { "No touch contradicts the others." });
@@ -190,7 +186,7 @@ fn outliers(d: &CompareTouchesJson) -> Section {
         ]
     };
     section
-        .text(html! { "These rows do not belong to the others by one of the models and were left out for all. They miss " (d.models[0].file) " by:" })
+        .text(html! { "These rows are outliers by at least one of the models and were left out for all. They miss " (d.models[0].file) " by:" })
         .table(
             &["row", "feature", "misses by"],
             first.iter().enumerate().map(row).collect(),

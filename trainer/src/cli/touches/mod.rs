@@ -13,9 +13,7 @@ use crate::cli::terminal::print::{Printer, note};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, is_touch_file};
-use poegp_calibration::model::touches::summary::{
-    DistanceSummary, FeatureSummary, NoiseSummary, TouchOutlier,
-};
+use poegp_calibration::model::touches::summary::{DistanceSummary, FeatureSummary, NoiseSummary};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::validation::touches::drawing;
 
@@ -39,9 +37,6 @@ pub fn refuse_options(path: &Path, given: &[(bool, &str)]) -> Result<(), Failure
 }
 
 /// Reads touches; notes go to standard error.
-///
-/// # Errors
-/// [`InputError`].
 pub fn read(path: &Path, features: Option<&Path>, robot: &Robot) -> Result<TouchSet, InputError> {
     let set = TouchSet::read(path, features, robot)?;
     for text in &set.notes {
@@ -54,14 +49,11 @@ pub fn read(path: &Path, features: Option<&Path>, robot: &Robot) -> Result<Touch
 pub fn drawn_robot(loaded: &BlobModel) -> Robot {
     Robot {
         parent_from_joint: drawing(loaded),
-        ..robot_of(loaded.blob())
+        ..robot_of(loaded)
     }
 }
 
 /// Refuses touches without a payload for a model that depends on it.
-///
-/// # Errors
-/// [`InputError`].
 pub fn with_payload(loaded: &BlobModel, set: &TouchSet) -> Result<(), InputError> {
     let is_needed = loaded.blob().ranges.payload_kg.is_some();
     match is_needed && set.rows.iter().any(|row| row.payload_kg.is_none()) {
@@ -122,27 +114,4 @@ pub fn print_noise(report: Printer, noise: &[NoiseSummary]) {
             noise.kind, noise.stated, noise.unit, noise.beyond
         ));
     }
-}
-
-/// Largest number of rows that a sentence lists.
-const LISTED: usize = 8;
-
-/// Lists the rows that contradict the others in a sentence; `None` if there are none.
-pub fn outliers_text(outliers: &[TouchOutlier], rows: usize) -> Option<String> {
-    let each: Vec<String> = outliers
-        .iter()
-        .take(LISTED)
-        .map(|o| format!("line {} by {:.2} {}", o.line, o.error, o.unit))
-        .collect();
-    let more = match outliers.len().saturating_sub(LISTED) {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    (!outliers.is_empty()).then(|| {
-        format!(
-            "{} of {rows} rows do not belong and were left out: {}{more}",
-            outliers.len(),
-            each.join(", ")
-        )
-    })
 }

@@ -1,6 +1,8 @@
 //! Names and units of the joint columns that robot drivers write.
 
-use crate::import::column_map::tables::JointUnit;
+use poegp_protocol::limits::MAX_JOINTS;
+
+use crate::import::column_map::units::JointUnit;
 
 /// A robot driver and its joint columns.
 #[derive(Clone, Copy, Debug)]
@@ -16,32 +18,16 @@ pub struct Driver {
 enum Names {
     /// All of these names, base first.
     Fixed(&'static [&'static str]),
-    /// As many as the header has; `#` stands for the number of the joint, which starts at the given one.
+    /// Up to the last one that the header has; `#` stands for the number of the joint, which starts at the given one.
     Numbered(&'static str, usize),
 }
 
 /// All drivers. Those named after a controller use its unit, those of ROS use radians.
 const DRIVERS: [Driver; 10] = [
-    Driver {
-        name: "poegp",
-        names: Names::Numbered("q#_deg", 1),
-        unit: JointUnit::Deg,
-    },
-    Driver {
-        name: "kuka",
-        names: Names::Numbered("A#", 1),
-        unit: JointUnit::Deg,
-    },
-    Driver {
-        name: "abb",
-        names: Names::Numbered("rax_#", 1),
-        unit: JointUnit::Deg,
-    },
-    Driver {
-        name: "fanuc",
-        names: Names::Numbered("J#", 1),
-        unit: JointUnit::Deg,
-    },
+    Driver::numbered("poegp", "q#_deg", 1, JointUnit::Deg),
+    Driver::numbered("kuka", "A#", 1, JointUnit::Deg),
+    Driver::numbered("abb", "rax_#", 1, JointUnit::Deg),
+    Driver::numbered("fanuc", "J#", 1, JointUnit::Deg),
     Driver {
         name: "ur",
         names: Names::Fixed(&[
@@ -54,16 +40,8 @@ const DRIVERS: [Driver; 10] = [
         ]),
         unit: JointUnit::Rad,
     },
-    Driver {
-        name: "ur-rtde",
-        names: Names::Numbered("actual_q_#", 0),
-        unit: JointUnit::Rad,
-    },
-    Driver {
-        name: "ur-rtde-target",
-        names: Names::Numbered("target_q_#", 0),
-        unit: JointUnit::Rad,
-    },
+    Driver::numbered("ur-rtde", "actual_q_#", 0, JointUnit::Rad),
+    Driver::numbered("ur-rtde-target", "target_q_#", 0, JointUnit::Rad),
     // Yaskawa: the descriptions of the ROS packages motoman_*_support with six joints.
     Driver {
         name: "motoman",
@@ -78,19 +56,21 @@ const DRIVERS: [Driver; 10] = [
         unit: JointUnit::Rad,
     },
     // Franka: franka_ros and franka_ros2.
-    Driver {
-        name: "panda",
-        names: Names::Numbered("panda_joint#", 1),
-        unit: JointUnit::Rad,
-    },
-    Driver {
-        name: "fr3",
-        names: Names::Numbered("fr3_joint#", 1),
-        unit: JointUnit::Rad,
-    },
+    Driver::numbered("panda", "panda_joint#", 1, JointUnit::Rad),
+    Driver::numbered("fr3", "fr3_joint#", 1, JointUnit::Rad),
 ];
 
 impl Driver {
+    const fn numbered(
+        name: &'static str,
+        pattern: &'static str,
+        first: usize,
+        unit: JointUnit,
+    ) -> Self {
+        let names = Names::Numbered(pattern, first);
+        Self { name, names, unit }
+    }
+
     /// Returns the driver with this name.
     pub fn named(name: &str) -> Option<Self> {
         DRIVERS.into_iter().find(|driver| driver.name == name)
@@ -103,14 +83,15 @@ impl Driver {
             .join(", ")
     }
 
-    /// Returns the driver's columns in a header, at least the first one, so that an error names what the header lacks.
+    /// Returns the driver's columns in a header: at least the first one, and none left out, so that an error names what the header
+    /// lacks.
     pub fn columns(self, has: impl Fn(&str) -> bool) -> Vec<String> {
         match self.names {
             Names::Fixed(names) => names.iter().map(|name| (*name).to_owned()).collect(),
             Names::Numbered(pattern, first) => {
                 let name = |n: usize| pattern.replace('#', &n.to_string());
-                let count = (first..).take_while(|n| has(&name(*n))).count().max(1);
-                (first..first + count).map(name).collect()
+                let last = (first..first + MAX_JOINTS).rfind(|n| has(&name(*n)));
+                (first..=last.unwrap_or(first)).map(name).collect()
             }
         }
     }

@@ -96,6 +96,11 @@ impl Map {
             }
         }
         let is_time = join.by == JoinBy::Time;
+        if let Some(time) = self.time.as_ref().filter(|_| is_time) {
+            let found = "[time] beside [join] by time";
+            let expected = "one of them: the column join.poses is the time of the rows, too";
+            return Err(self.error(time.column.span(), "time.column", found, expected));
+        }
         if !is_time
             && (join.poses_unit.is_some()
                 || join.joints_unit.is_some()

@@ -3,6 +3,7 @@
 pub mod drivers;
 mod joined;
 mod tables;
+mod units;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -15,10 +16,12 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::robot::toml_source::TomlSource;
 
 pub use crate::import::column_map::tables::{
-    AngleUnit, ColumnName, Decimal, Encoding, EulerAxes, FileJoin, Incomplete, Join, JoinBy,
-    JointSource, JointUnit, JointUnits, Joints, Label, Layout, LengthUnit, MassUnit, MatrixLayout,
-    Orientation, Payload, Points, PoseMatrix, Position, QuaternionOrder, Reflectors, Separator,
-    SigmaOrientation, SigmaPosition, TimeUnit,
+    ColumnName, Decimal, Encoding, EulerAxes, FileJoin, Incomplete, Join, JoinBy, JointSource,
+    Joints, Label, Layout, MatrixLayout, Orientation, Payload, Points, PoseMatrix, Position,
+    QuaternionOrder, Reflectors, Separator, SigmaOrientation, SigmaPosition, Time,
+};
+pub use crate::import::column_map::units::{
+    AngleUnit, JointUnit, JointUnits, LengthUnit, MassUnit, TimeUnit,
 };
 
 /// A map as read; which tables go together has been checked.
@@ -49,6 +52,8 @@ pub struct Map {
     pub join: Option<FileJoin>,
     /// Payload at the flange.
     pub payload: Option<Payload>,
+    /// When a row was measured. Files that are joined by time state it in `join`.
+    pub time: Option<Time>,
     /// Session of a row.
     pub session: Option<Label>,
     /// Target of a row.
@@ -102,6 +107,7 @@ impl Map {
             reflectors: tables.reflectors,
             join: tables.join,
             payload: tables.payload,
+            time: tables.time,
             session: tables.session,
             target: tables.target,
             sigma_position: tables.sigma_position,
@@ -130,17 +136,6 @@ impl Map {
         .error(span, key, found, expected)
     }
 
-    /// Returns whether imported rows have an orientation.
-    pub fn has_orientation(&self) -> bool {
-        self.orientation.is_some()
-            || self.pose.is_some()
-            || self.reflectors.is_some()
-            || self
-                .points
-                .as_ref()
-                .is_some_and(|points| points.targets.is_some())
-    }
-
     /// Returns the orientation that a table describes, and refuses keys of another kind.
     fn orientation(&self, table: Spanned<OrientationTable>) -> Result<Orientation, InputError> {
         use OrientationKind::{Euler, Matrix, Quaternion, RotationVector};
@@ -162,7 +157,7 @@ impl Map {
             match location {
                 Some(location) if !keys.contains(&key) => {
                     let expected = format!(
-                        "kind, columns and {} for the kind \"{name}\"",
+                        "only kind, columns and {} for the kind \"{name}\"",
                         keys.join(", ")
                     );
                     return Err(self.error(location, &format!("orientation.{key}"), key, expected));
@@ -214,16 +209,13 @@ impl Map {
             .into_iter()
             .flatten()
         {
-            let decimal = match layout.decimal {
-                Decimal::Point => '.',
-                Decimal::Comma => ',',
-            };
+            let decimal = layout.decimal.mark();
             let is_mark = |mark: char| {
                 mark != decimal && !mark.is_ascii_alphanumeric() && !"+-".contains(mark)
             };
             if let Some(mark) = layout.thousands.filter(|mark| !is_mark(*mark)) {
-                let found = format!("thousands = \"{mark}\" beside decimal = \"{decimal}\"");
-                let expected = "a mark that is in no number otherwise, or no thousands";
+                let found = format!("thousands = \"{mark}\" with decimal = \"{decimal}\"");
+                let expected = "a mark that has no other use in a number, or no thousands";
                 return Err(InputError::new(&self.path, found, expected));
             }
         }
@@ -276,7 +268,7 @@ impl Map {
                 unit.span(),
                 "joints.unit",
                 found,
-                format!("one, or {count}"),
+                format!("one unit, or {count}"),
             ));
         }
         let three = |position: &Position, key: &str| self.count(&position.columns, key, &[3]);
@@ -303,7 +295,8 @@ impl Map {
                 self.count(columns, "orientation.columns", &[3])?;
                 if crate::import::orientation::axes(order.get_ref()).is_none() {
                     let found = format!("{:?}", order.get_ref());
-                    let expected = "three axes, none twice in a row: ZYX, XYZ, ZYZ, ZXZ, … (in the order of the columns)";
+                    let expected = "three axes, no two neighbours equal: ZYX, XYZ, ZYZ, ZXZ, … (in the order of the \
+                                    columns)";
                     return Err(self.error(order.span(), "orientation.order", found, expected));
                 }
             }

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
 
+use crate::import::column_map::units::{AngleUnit, JointUnits, LengthUnit, MassUnit, TimeUnit};
+
 /// A column by its name in the header, or by its number from 1.
 #[derive(Clone, Debug, Deserialize, PartialEq, Eq)]
 #[serde(
@@ -99,71 +101,6 @@ pub enum Encoding {
     /// UTF-16 with byte order mark.
     #[serde(rename = "utf-16")]
     Utf16,
-}
-
-/// A unit of length.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
-pub enum LengthUnit {
-    /// Millimetre.
-    Mm,
-    /// Metre.
-    M,
-    /// Micrometre.
-    Um,
-    /// Inch, 25.4 mm.
-    In,
-}
-
-impl LengthUnit {
-    /// Returns the length of one unit, in millimetres.
-    pub fn in_mm(self) -> f64 {
-        match self {
-            Self::Mm => 1.0,
-            Self::M => 1e3,
-            Self::Um => 1e-3,
-            Self::In => 25.4,
-        }
-    }
-}
-
-/// A unit of angle.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
-pub enum AngleUnit {
-    /// Degree.
-    Deg,
-    /// Radian.
-    Rad,
-    /// Milliradian.
-    Mrad,
-}
-
-/// The unit of a joint.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
-pub enum JointUnit {
-    /// Degree.
-    Deg,
-    /// Radian.
-    Rad,
-    /// Millimetre, for a prismatic joint.
-    Mm,
-    /// Metre, for a prismatic joint.
-    M,
-}
-
-/// One unit for all joints, or one for each.
-#[derive(Clone, Debug, Deserialize, PartialEq, Eq)]
-#[serde(
-    untagged,
-    expecting = "another unit, expected \"deg\", \"rad\", \"mm\", \"m\", or a list of them for the joints"
-)]
-pub enum JointUnits {
-    /// One unit for all joints.
-    All(JointUnit),
-    /// One unit for each joint, base first.
-    Each(Vec<JointUnit>),
 }
 
 /// The joints as the TOML has them; which keys go together is checked afterwards.
@@ -330,16 +267,6 @@ pub struct Payload {
     pub unit: Option<MassUnit>,
 }
 
-/// A unit of mass.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
-pub enum MassUnit {
-    /// Kilogram.
-    Kg,
-    /// Gram.
-    G,
-}
-
 /// The instrument's standard uncertainty of a position component.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -440,20 +367,14 @@ pub enum JoinBy {
     Time,
 }
 
-/// A unit of time.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
-#[serde(rename_all = "lowercase")]
-pub enum TimeUnit {
-    /// Second.
-    S,
-    /// Millisecond.
-    Ms,
-    /// Microsecond.
-    Us,
-    /// Nanosecond, as ROS stamps messages.
-    Ns,
-    /// Date and time of day as `2026-11-23T14:05:09.125Z`, which has no unit.
-    Iso8601,
+/// When a row was measured.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Time {
+    /// Column with the time.
+    pub column: Spanned<ColumnName>,
+    /// Unit of the time; `None` where the header states it.
+    pub unit: Option<TimeUnit>,
 }
 
 /// What happens to incomplete rows.
@@ -484,6 +405,7 @@ pub(super) struct Tables {
     pub(super) reflectors: Option<Reflectors>,
     pub(super) join: Option<FileJoin>,
     pub(super) payload: Option<Payload>,
+    pub(super) time: Option<Time>,
     pub(super) session: Option<Label>,
     pub(super) target: Option<Label>,
     pub(super) sigma_position: Option<SigmaPosition>,

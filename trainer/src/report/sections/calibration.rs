@@ -46,7 +46,7 @@ impl ListedOutlier {
 }
 
 /// Gear ripple of one joint, in the order of the JSON document's `elastic.ripple`.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Serialize)]
 pub struct Ripple {
     /// Number of the joint, from 1.
     pub joint: usize,
@@ -108,7 +108,7 @@ pub fn parameters(
     let rows: Vec<Vec<Markup>> = rows.collect();
     if rows.is_empty() || changes.iter().all(|c| c.is_zero()) {
         section = section.missing(
-            "This model believes the drawing of the arm: it has no parameters but base and tool frames.",
+            "This model assumes that the drawing is right: its only parameters are base and tool frames.",
         );
     } else {
         let header = [
@@ -121,8 +121,10 @@ pub fn parameters(
             "about z (mrad)",
         ];
         section = section.table(&header, rows).text(html! {
-            "By how much each frame differs from the drawing, ± one standard deviation; bold where that is certain. A link is what "
-            "is behind the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of the "
+            "Difference of each frame from the drawing, ± one standard deviation; bold where it is significant. A link \
+             is what "
+            "follows the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of \
+             the "
             "base and of the last joint. An error that could belong to either of two neighbouring frames is shared between them."
         });
     }
@@ -136,7 +138,9 @@ pub fn parameters(
                 vec![html! { (c.first) " and " (c.second) }, html! { (r) }]
             });
         section = section
-            .text(html! { "Strongly correlated, because they move the tool almost alike:" })
+            .text(
+                html! { "Strongly correlated, because they move the tool in almost the same way:" },
+            )
             .table(&["pair", "correlation"], pairs.collect());
     }
     if let Some((amplitude, length_scale, orders)) = curve {
@@ -176,7 +180,7 @@ pub fn parameters(
         });
         section = section
             .text(
-                html! { "Gear ripple: what the gears add to the joint, and the model takes away." },
+                html! { "Gear ripple: the error that the gears add to the joint, which the model corrects." },
             )
             .table(
                 &["joint", "cycles per turn", "amplitude (µrad)"],
@@ -193,7 +197,7 @@ pub fn outliers(
     summary: &HeldOutSummary,
     found: Result<&[ListedOutlier], &str>,
 ) -> Section {
-    let mut section = Section::new("outliers", "Measurements that stand out");
+    let mut section = Section::new("outliers", "Outliers");
     section = match found {
         Err(why) => section.missing(why),
         Ok([]) => section.text(html! { "No training pose contradicts all others." }),
@@ -216,7 +220,7 @@ pub fn outliers(
             section
                 .text(html! {
                     (found.len()) @if found.len() == 1 { " training pose contradicts" } @else { " training poses contradict" }
-                    " what the others say"
+                    " all others"
                     @if rejected > 0 { " and did not take part in the calibration." }
                     @else { ". Measure them again, or calibrate without --outliers keep." }
                 })
@@ -267,7 +271,7 @@ pub fn choice(
     match candidates {
         None => {
             section = section.missing(
-                "The model was named, and there are too few poses to compare it with simpler ones.",
+                "Not shown: the method was requested, and there are too few poses to compare it with simpler ones.",
             );
         }
         Some((reason, rows)) => {
@@ -285,11 +289,12 @@ pub fn choice(
             };
             section = section
                 .text(html! {
-                    (sentence(reason)) ". Held-out errors of this page that are by the same folds flatter it a little; those of test "
+                    (sentence(reason)) ". Held-out errors on this page that use the same folds flatter it a little; \
+                                        those of test "
                     "files do not."
                 })
                 .table(
-                    &["candidate", "mean (mm)", "95 % (mm)", "behind the best (mm)"],
+                    &["candidate", "mean (mm)", "95 % (mm)", "worse than the best by (mm)"],
                     rows.iter().enumerate().map(row).collect(),
                 );
         }
@@ -326,27 +331,32 @@ pub fn choice(
     section
 }
 
-/// Summary of the file for the controller.
-#[derive(Clone, Debug)]
-pub struct DeviceSummary {
-    /// Name of the file.
+/// A blob in the JSON document.
+#[derive(Clone, Debug, Serialize)]
+pub struct BlobSummary {
+    /// Path as it was typed.
     pub file: String,
     /// Size in bytes, of the file and in flash.
     pub bytes: usize,
     /// Number of inducing points.
     pub inducing_points: usize,
-    /// Instructions of one evaluation on a Cortex-M4F by the cost model; unknown for the paper's process.
+    /// Upper bound on the instructions of one command on a Cortex-M4F.
     pub instructions: u32,
-    /// Limits of the correction, in mm and mrad.
-    pub limit: (f64, f64),
-    /// Mean and largest loss of single precision, in µm.
-    pub single_precision_loss_um: (f64, f64),
 }
 
-/// Returns the section on the file for the controller and its cost on the device.
-pub fn device(summary: &DeviceSummary) -> Section {
-    let (mm, mrad) = summary.limit;
-    let (mean, max) = summary.single_precision_loss_um;
+/// Loss of single precision in the JSON document, in µm.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct LossJson {
+    /// Mean over the training poses.
+    pub mean: f64,
+    /// Largest loss.
+    pub max: f64,
+}
+
+/// Returns the section on the file for the controller and its cost on the device; `limit` is that of the correction, in mm
+/// and mrad.
+pub fn device(summary: &BlobSummary, (mm, mrad): (f64, f64), loss: LossJson) -> Section {
+    let LossJson { mean, max } = loss;
     Section::new("device", "The file for the controller").block(html! {
         dl {
             dt { "file" } dd { (summary.file) }
@@ -357,11 +367,12 @@ pub fn device(summary: &DeviceSummary) -> Section {
             }
             dt { "largest correction" } dd {
                 @if mm > 0.0 || mrad > 0.0 {
-                    (Number::mm(mm, "/correction_limit_mm")) " mm and " (Number::mm(mrad, "/correction_limit_mrad")) " mrad; beyond it is scaled back"
+                    (Number::mm(mm, "/correction_limit_mm")) " mm and " (Number::mm(mrad, "/correction_limit_mrad"))
+                    " mrad; larger corrections are scaled back to it"
                 } @else { "none: this model corrects the geometry only" }
             }
-            dt { "single precision costs" } dd {
-                (Number::new(mean, 3, "/single_precision_loss_um/mean")) " µm in the mean, "
+            dt { "single-precision loss" } dd {
+                (Number::new(mean, 3, "/single_precision_loss_um/mean")) " µm on average, "
                 (Number::new(max, 3, "/single_precision_loss_um/max")) " µm at most"
             }
         }
@@ -378,7 +389,7 @@ pub fn provenance(provenance: &Provenance) -> Section {
             html! { span class="hash" { (f.sha256) } },
         ]
     };
-    Section::new("provenance", "Where this comes from")
+    Section::new("provenance", "Provenance")
         .block(html! {
             dl {
                 dt { "robot" } dd { (provenance.robot) }

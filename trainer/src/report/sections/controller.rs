@@ -73,7 +73,7 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
         })
         .table(&header, rows.collect())
         .text(html! {
-            "How much of the model these numbers hold: over the trained joint ranges this table is in the mean "
+            "How much of the model these numbers hold: over the trained joint ranges this table is on average "
             (Number::mm(distance.dh_mm, "/controller/distance/dh_mm")) " mm from the whole model, joint zeros alone "
             (Number::mm(distance.joint_zeros_mm, "/controller/distance/joint_zeros_mm")) " mm, and the drawing "
             (Number::mm(distance.drawing_mm, "/controller/distance/drawing_mm")) " mm."
@@ -163,7 +163,8 @@ fn signed(section: Section, summary: &ControllerSummary, residuals: &BeforeAndAf
         .text(html! {
             "Errors with their signs, measured less predicted, of the held-out poses: mean ± standard deviation of single poses, in "
             "the axes of the robot's base. A mean that is large beside the other numbers is a shift that everything shares. The error "
-            "of a joint is what that joint alone would have to stand further at each pose to explain as much of the error as it can; "
+            "of a joint is the change of that joint alone that would explain as much of the error as possible at each \
+             pose; "
             "several joints may explain the same error."
         })
         .table(

@@ -15,11 +15,11 @@ pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let lead = html! {
         p class="lead" {
             "On " (Number::count(after.poses, "/held_out/calibrated/poses"))
-            " poses that it had not seen, the calibrated model says where the tool is to within "
-            b class="calibrated" { (Number::mm(a.mean, mean("calibrated"))) " mm" } " in the mean and "
-            (Number::mm(a.p95, p95("calibrated"))) " mm for 95 of 100 poses"
+            " poses that it had not seen, the calibrated model predicts the tool to within "
+            b class="calibrated" { (Number::mm(a.mean, mean("calibrated"))) " mm" } " on average and "
+            (Number::mm(a.p95, p95("calibrated"))) " mm for 95 % of these poses"
             @if calibrated {
-                "; before the calibration it was " b class="nominal" { (Number::mm(b.mean, mean("nominal"))) " mm" }
+                "; before the calibration, to within " b class="nominal" { (Number::mm(b.mean, mean("nominal"))) " mm" }
                 " and " (Number::mm(b.p95, p95("nominal"))) " mm."
             } @else {
                 ". Only base and tool were fitted: there is nothing simpler to compare it with."
@@ -49,9 +49,9 @@ pub fn headline(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         },
     };
     let before_means = html! {
-        p { (how) " “Before” is the arm as it is drawn, with base and tool frames fitted to the same training poses. Every error is
-            the distance from what the instrument saw, its noise included, to what the file for the controller answers, in the
-            controller's own single precision." }
+        p { (how) " “Before” is the nominal robot, with base and tool frames fitted to the same training poses. Every error is the
+            distance between the measured pose, noise included, and the pose that the file for the controller predicts, in the
+            controller's single precision." }
     };
     Section::new("result", "")
         .block(lead)

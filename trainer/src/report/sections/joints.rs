@@ -3,12 +3,13 @@
 use maud::html;
 use poegp_protocol::JointKind;
 
-use crate::report::chart::{Axis, BoxOf, Brush, Plot, Series, boxes};
-use crate::report::sections::mean_and_error;
+use crate::report::chart::{Axis, Brush, Plot, Series, boxes};
 use crate::report::sections::methods::keys;
 use crate::report::sections::poses::{joint_unit, left_out};
+use crate::report::sections::{BOX, boxes_of, mean_and_error};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 use poegp_calibration::identification::identifiability::{STILL_PRISMATIC, STILL_REVOLUTE};
+use poegp_calibration::numeric::statistics::extremes;
 
 /// Number of bins of a joint's range.
 const BINS: usize = 8;
@@ -17,8 +18,7 @@ const FEWEST: usize = 3;
 
 /// Returns means over bins of `x`: middle of the bin, mean of `y` and number of poses.
 fn binned(x: &[f64], y: &[f64]) -> Vec<(f64, f64, usize)> {
-    let low = x.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let (low, high) = extremes(x.iter().copied());
     let width = (high - low) / BINS as f64;
     let mut sums = [(0.0, 0.0, 0_usize); BINS];
     for (x, y) in x.iter().zip(y) {
@@ -47,7 +47,6 @@ fn depends(bins: &[(f64, f64, usize)], y: &[f64]) -> bool {
 pub fn joints(evidence: &ReportData) -> Section {
     let both = evidence.nominal != evidence.calibrated;
     let (before, after) = (evidence.nominal().errors(), evidence.calibrated().errors());
-    let all = || before.iter().chain(&after).copied();
     let mut section = Section::new("joints", "Against each joint")
         .small_figures()
         .text(html! {
@@ -71,17 +70,13 @@ pub fn joints(evidence: &ReportData) -> Section {
             JointKind::Prismatic => STILL_PRISMATIC,
         };
         let x = value(joint, factor);
-        let low = x.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = x.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let (low, high) = extremes(x.iter().copied());
         if high - low <= still * factor {
             unmoved.push(joint + 1);
             continue;
         }
-        let y = Axis::log(
-            "error (mm)",
-            all().fold(f64::INFINITY, f64::min),
-            all().fold(0.0, f64::max),
-        );
+        let (smallest, largest) = extremes(before.iter().chain(&after).copied());
+        let y = Axis::log("error (mm)", smallest, largest);
         let label = format!("joint {} ({unit})", joint + 1);
         let mut plot = Plot::new(Axis::linear(label, low, high), y).sized(300.0, 220.0);
         let means = binned(&x, &after);
@@ -100,8 +95,7 @@ pub fn joints(evidence: &ReportData) -> Section {
             plot.line(Series::Nominal, &line(&binned(&x, &before)), false);
         }
         plot.line(Series::Calibrated, &line(&means), false);
-        let smallest = means.iter().map(|m| m.1).fold(f64::INFINITY, f64::min);
-        let largest = means.iter().map(|m| m.1).fold(0.0, f64::max);
+        let (smallest, largest) = extremes(means.iter().map(|m| m.1));
         section = section.figure(
             html! {
                 @if means.len() > 1 {
@@ -135,26 +129,20 @@ pub fn payloads(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let parts = evidence.payloads();
     if parts.is_empty() {
         return section.missing(
-            "Not shown: the measurements have no payload_kg column, so the model knows one load only, the one that was on.",
+            "Not shown: the measurements have no payload_kg column, so the model holds only for the payload that was \
+             mounted.",
         );
     }
     if parts.len() == 1 {
         return section.missing(format!(
-            "Not shown: all poses were measured with one payload, {} kg. The model is good for that one.",
+            "Not shown: all poses were measured with one payload, {} kg. The model holds for that payload only.",
             parts[0].0
         ));
     }
     let errors = evidence.calibrated().errors();
-    let drawn = parts.iter().filter_map(|(name, members)| {
-        let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
-        BoxOf::new(format!("{name} kg"), Series::Calibrated, &values)
-    });
-    let drawn: Vec<BoxOf> = drawn.collect();
+    let drawn = boxes_of(&parts, " kg", &errors);
     let means = || summary.payloads.iter().map(|p| p.errors.position_mm.mean);
-    let (low, high) = (
-        means().fold(f64::INFINITY, f64::min),
-        means().fold(0.0, f64::max),
-    );
+    let (low, high) = extremes(means());
     let worst = means().position(|m| m == high).unwrap_or(0);
     let least = means().position(|m| m == low).unwrap_or(0);
     let spread: Vec<f64> = parts
@@ -187,7 +175,7 @@ pub fn payloads(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             }
         },
         boxes("position error (mm), held out", &drawn, "Box plots of the position error by payload"),
-        "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
+        BOX,
     )
     .table_beside(
         &["payload", "poses", "mean (mm)", "95 % (mm)"],

@@ -3,7 +3,9 @@
 use maud::{Markup, html};
 
 use crate::report::chart::{Axis, BoxOf, Plot, Series, boxes};
+use crate::report::sections::BOX;
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
+use poegp_calibration::numeric::statistics::extremes;
 
 /// Number of bins of the histogram for each factor of ten.
 const BINS_PER_DECADE: f64 = 10.0;
@@ -64,30 +66,25 @@ pub fn methods(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         .figure(
             finding,
             boxes("position error (mm), held out", &drawn, "Box plots of the position error of each model"),
-            "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
+            BOX,
         )
         .table_beside(
             &["model", "mean (mm)", "95 % (mm)", "largest (mm)", "mean (mrad)"],
             summary.methods.iter().enumerate().map(row).collect(),
         )
         .text(html! {
-            code { "base-tool" } " fits where base and tool are and believes the drawing of the arm; " code { "poe" }
+            code { "base-tool" } " fits base and tool and assumes that the drawing is right; " code { "poe" }
             " fits the whole geometry; " code { "poe-gp" } " and " code { "poe-gp-load" }
             " add what geometry cannot explain as a smooth function of the joints (and payload); " code { "elastic" }
-            " models joints that give way, gears and payload."
+            " models joint compliance, gears and payload; " code { "parametric" } " is " code { "elastic" } " without its processes."
         })
 }
 
 /// Returns the section with histogram and cumulative curve, before and after.
 pub fn distribution(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
     let (before, after) = (evidence.nominal().errors(), evidence.calibrated().errors());
-    let all = || before.iter().chain(&after).copied();
-    let smallest = all().fold(f64::INFINITY, f64::min);
-    let x = Axis::log(
-        "position error (mm), held out",
-        smallest,
-        all().fold(0.0, f64::max),
-    );
+    let (smallest, largest) = extremes(before.iter().chain(&after).copied());
+    let x = Axis::log("position error (mm), held out", smallest, largest);
     let both = evidence.nominal != evidence.calibrated;
     let bars = [&before, &after].map(|values| histogram(&x, values));
     let most = bars.iter().flatten().map(|b| b.2).fold(1.0, f64::max);
@@ -116,7 +113,7 @@ pub fn distribution(evidence: &ReportData, summary: &HeldOutSummary) -> Section 
                 @if both { ", nominal within " (Number::mm(b.median, "/held_out/nominal/position_mm/median")) " mm" }
             },
             histogram.render("Histogram of the position errors"),
-            "Bins are equally wide by their ratio, because the scale is logarithmic.",
+            "Bins are equally wide on the logarithmic scale.",
         )
         .figure(
             html! {
@@ -124,7 +121,7 @@ pub fn distribution(evidence: &ReportData, summary: &HeldOutSummary) -> Section 
                 @if both { ", nominal within " (Number::mm(b.p95, "/held_out/nominal/position_mm/p95")) " mm" }
             },
             cumulative.render("Share of the poses within an error"),
-            "Read it from the tolerance that is needed: how many poses are within it?",
+            "Find the required tolerance on the axis and read how many poses are within it.",
         )
 }
 
@@ -170,9 +167,7 @@ pub fn learning(summary: &HeldOutSummary) -> Section {
     let section = Section::new("learning", "Learning curve");
     let curve = &summary.learning_curve;
     let (Some(last), true) = (curve.last(), curve.len() >= 2) else {
-        return section.missing(
-            "Not shown: there are too few training poses to leave some of them out and compare.",
-        );
+        return section.missing("Not shown: there are too few training poses to hold some out.");
     };
     let previous = &curve[curve.len() - 2];
     let mean = |i: usize| curve[i].errors.position_mm.mean;

@@ -19,7 +19,7 @@ mod verdict;
 mod workspace;
 
 pub use crate::report::sections::calibration::{
-    DeviceSummary, ListedOutlier, Ripple, choice, device, outliers, parameters, provenance,
+    BlobSummary, ListedOutlier, LossJson, Ripple, choice, device, outliers, parameters, provenance,
 };
 pub use crate::report::sections::controller::controller;
 pub use crate::report::sections::headline::headline;
@@ -29,7 +29,7 @@ pub use crate::report::sections::next_steps::next_steps;
 pub use crate::report::sections::poses::poses;
 pub use crate::report::sections::time::time;
 pub use crate::report::sections::touches::{
-    class, distances, touch_headline, touch_outliers, touched, unseen,
+    class, distances, touch_headline, touch_outliers, touched, units, unseen,
 };
 pub use crate::report::sections::uncertainty::uncertainty;
 pub use crate::report::sections::verdict::{
@@ -37,7 +37,20 @@ pub use crate::report::sections::verdict::{
 };
 pub use crate::report::sections::workspace::workspace;
 
+use crate::report::chart::{BoxOf, Series};
 use crate::report::{HeldOutSummary, Page, ReportData};
+
+/// Explanation of a box plot.
+const BOX: &str = "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.";
+
+/// Returns a box for each part of the poses, whose errors are `errors`; `unit` follows the name of the part.
+fn boxes_of(parts: &[(String, Vec<usize>)], unit: &str, errors: &[f64]) -> Vec<BoxOf> {
+    let drawn = parts.iter().filter_map(|(name, members)| {
+        let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
+        BoxOf::new(format!("{name}{unit}"), Series::Calibrated, &values)
+    });
+    drawn.collect()
+}
 
 /// Adds the sections on held-out errors alone, in their order.
 #[must_use]
@@ -53,7 +66,6 @@ pub fn held_out(page: Page, evidence: &ReportData, summary: &HeldOutSummary) -> 
         .with(poses(evidence))
 }
 
-/// Returns the mean of values and its standard error.
 fn mean_and_error(values: &[f64]) -> (f64, f64) {
     let n = values.len().max(1) as f64;
     let mean = values.iter().sum::<f64>() / n;

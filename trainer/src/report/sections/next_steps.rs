@@ -23,9 +23,10 @@ pub fn next_steps(found: Option<&NextSteps>) -> Section {
         return section;
     };
     section.text(html! {
-        "The numbers are forecasts. If someone sent the arm to a random pose within the joint ranges measured so far and measured "
-        "it, the model would expect to be off by " (Number::mm(expected, "/next_steps/expected_mm")) " mm in the mean; "
-        (Number::mm(noise, "/next_steps/noise_mm")) " mm would be seen of a perfect model, too, because the measurement itself "
+        "The numbers are forecasts. At a random new pose within the joint ranges measured so far, "
+        "the model expects an error of " (Number::mm(expected, "/next_steps/expected_mm")) " mm on average; "
+        (Number::mm(noise, "/next_steps/noise_mm")) " mm would remain with a perfect model, because the measurement \
+                                                     itself "
         "scatters. A step is listed if it makes that error visibly smaller. “Spread over the joint ranges” means poses all over "
         "them, as " code { "trainer plan" } " writes them. Calibrate with the old and the new rows together."
     })

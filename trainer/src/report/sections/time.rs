@@ -2,9 +2,9 @@
 
 use maud::html;
 
-use crate::report::chart::{Axis, BoxOf, Brush, Plot, Series, boxes};
-use crate::report::sections::mean_and_error;
+use crate::report::chart::{Axis, Brush, Plot, Series, boxes};
 use crate::report::sections::poses::left_out;
+use crate::report::sections::{BOX, boxes_of, mean_and_error};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
 
 /// Least number of rows of the running median, and below it the divisor that makes it a share of all rows.
@@ -67,13 +67,13 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         html! {
             @if steady { "The errors stay level: " } @else if change > 0.0 { "The rows at the end are worse: " }
             @else { "The rows at the beginning are worse: " }
-            (format!("{:.3}", first.0)) " mm in the mean of the first third, " (format!("{:.3}", last.0))
-            " mm of the last"
+            (format!("{:.3}", first.0)) " mm on average in the first third, " (format!("{:.3}", last.0))
+            " mm in the last"
         },
         plot.render("Position errors in the order of the rows"),
         &format!(
-            "Dashed: running median of {window} poses. A slope means that instrument, target or arm moved or warmed up; with \
-             reference points in the file --correct-drift takes out the instrument's part.{}",
+            "Dashed: running median of {window} poses. A slope means that instrument, target or arm moved or warmed \
+             up; with reference points in the file --correct-drift removes the instrument's part.{}",
             left_out(n)
         ),
     );
@@ -88,11 +88,7 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             "There is one session only: whether a new mounting of the target changes anything cannot be seen in these data.",
         );
     };
-    let drawn = parts.iter().filter_map(|(name, members)| {
-        let values: Vec<f64> = members.iter().map(|i| errors[*i]).collect();
-        BoxOf::new(name.as_str(), Series::Calibrated, &values)
-    });
-    let drawn: Vec<BoxOf> = drawn.collect();
+    let drawn = boxes_of(&parts, "", &errors);
     let mean = |i: usize| known[i].errors.position_mm.mean;
     let worst = (0..known.len()).max_by(|a, b| mean(*a).total_cmp(&mean(*b)));
     let best = (0..known.len()).min_by(|a, b| mean(*a).total_cmp(&mean(*b)));
@@ -103,6 +99,6 @@ pub fn time(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             "By " (name) ": mean errors from " (Number::mm(mean(best), at(best))) " to " (Number::mm(mean(worst), at(worst))) " mm"
         },
         boxes("position error (mm), held out", &drawn, "Box plots of the position error by session"),
-        "Box: the middle half of the poses, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
+        BOX,
     )
 }

@@ -6,7 +6,10 @@ use maud::{Markup, html};
 use crate::report::chart::{BoxOf, Series, boxes};
 use crate::report::sections::headline::tile;
 use crate::report::{Number, Section};
-use poegp_calibration::model::touches::summary::{FeatureSummary, TouchSummary};
+use poegp_calibration::identification::touch::unseen::Unseen;
+use poegp_calibration::model::touches::summary::{
+    DistanceSummary, FeatureSummary, NoiseSummary, TouchOutlier, TouchSummary,
+};
 use poegp_calibration::validation::touches::TouchResidual;
 
 /// Number of features of one unit beyond which the boxes of the drawing are left out.
@@ -19,9 +22,9 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
     let section = Section::new("result", "");
     let lead = html! {
         p class="lead" {
-            "After " (Number::count(summary.rows, at("rows"))) " touches, the tool is expected to be where the model says to within "
-            b class="calibrated" { (Number::mm(after.mean_mm, at("after/mean_mm"))) " mm" } " in the mean and "
-            (Number::mm(after.p95_mm, at("after/p95_mm"))) " mm for 95 of 100 poses; with the drawing it is "
+            "After " (Number::count(summary.rows, at("rows"))) " touches, the model is expected to predict the tool to within "
+            b class="calibrated" { (Number::mm(after.mean_mm, at("after/mean_mm"))) " mm" } " on average and "
+            (Number::mm(after.p95_mm, at("after/p95_mm"))) " mm for 95 of 100 poses; with the drawing, to within "
             b class="nominal" { (Number::mm(before.mean_mm, at("before/mean_mm"))) " mm" } " and "
             (Number::mm(before.p95_mm, at("before/p95_mm"))) " mm."
         }
@@ -41,7 +44,8 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
             @if summary.tracker.is_empty() { "No tracker saw this arm. " }
             "The expected errors are computed for poses over the work volume, after the best registration of base
             and tool: from the stated noise, from what the touches miss by beyond it, and from how far an arm of this class is from its
-            drawing. A touch left out is predicted by all others; that error was seen, not computed."
+            drawing. These errors include what the touches do not determine; a verdict states that separately, after ±, so its error is
+            smaller. A touch left out is predicted by all others; that error was seen, not computed."
         }
     };
     section.block(lead).block(tiles).block(how)
@@ -76,17 +80,10 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
             &["feature", "kind", "rows", "left out", "drawn", "calibrated", "share"],
             rows.collect(),
         );
-    let mut units: Vec<&str> = residuals.iter().map(|r| r.unit).collect();
-    // Lengths come first.
-    units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
-    units.dedup();
-    for unit in units {
+    for unit in units(residuals) {
         section = plotted(section, residuals, unit);
     }
-    let row = |(i, n): (
-        usize,
-        &poegp_calibration::model::touches::summary::NoiseSummary,
-    )| {
+    let row = |(i, n): (usize, &NoiseSummary)| {
         let at = |name: &str| format!("/touches/noise/{i}/{name}");
         vec![
             html! { (n.kind) },
@@ -100,6 +97,14 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
             &["reading", "stated", "beyond"],
             summary.noise.iter().enumerate().map(row).collect(),
         )
+}
+
+/// Returns the units of residuals; lengths come first.
+pub fn units(residuals: &[TouchResidual]) -> Vec<&str> {
+    let mut units: Vec<&str> = residuals.iter().map(|r| r.unit).collect();
+    units.sort_unstable_by_key(|unit| (*unit != "mm", *unit));
+    units.dedup();
+    units
 }
 
 /// Adds boxes of the residuals of each feature with this unit.
@@ -148,10 +153,7 @@ pub fn distances(summary: &TouchSummary) -> Section {
             "None was stated. A distance between two features, 200 mm or more, measured with a caliper, shows the size of the arm.",
         );
     }
-    let row = |(i, d): (
-        usize,
-        &poegp_calibration::model::touches::summary::DistanceSummary,
-    )| {
+    let row = |(i, d): (usize, &DistanceSummary)| {
         let at = |name: &str| format!("/touches/distances/{i}/{name}");
         vec![
             html! { (d.between[0]) " to " (d.between[1]) },
@@ -186,20 +188,18 @@ pub fn distances(summary: &TouchSummary) -> Section {
 
 /// Returns the section on what the touches cannot identify, in text and mm.
 pub fn unseen(summary: &TouchSummary) -> Section {
-    let section = Section::new("unseen", "What stays unseen");
+    let section = Section::new("unseen", "What touches do not show");
     let always = html! {
-        "No touch sees where the base frame is, the zero of the first joint, or how the tool is turned; where a tracker saw the arm, too, it
-        does. Programs that are taught in their own frames need none of these."
+        "No touch sees where the base frame is, nor the zero of the first joint, which goes with the base. None sees how the tool is turned,
+        nor the zero of the last joint, which goes with the tool. A tracker that saw the arm, too, does. Programs that are taught in their
+        own frames need none of these."
     };
     if summary.unseen.is_empty() {
         return section
-            .text(html! { "Of what moves the tool within the base frame, these touches leave nothing unseen." })
-            .text(always);
+            .text(always)
+            .text(html! { "Apart from these, the touches show everything that moves the tool." });
     }
-    let item = |(i, u): (
-        usize,
-        &poegp_calibration::identification::touch::unseen::Unseen,
-    )| {
+    let item = |(i, u): (usize, &Unseen)| {
         let mm = Number::mm(u.mm, format!("/touches/unseen/{i}/mm"));
         html! { li { b { (mm) " mm" } ": " (u.text) } }
     };
@@ -210,14 +210,11 @@ pub fn unseen(summary: &TouchSummary) -> Section {
 
 /// Returns the section on touches that contradict the others, and on the arm compared with its class.
 pub fn touch_outliers(summary: &TouchSummary) -> Section {
-    let section = Section::new("outliers", "Touches that stand out");
+    let section = Section::new("outliers", "Outliers");
     if summary.outliers.is_empty() {
         return section.text(html! { "No touch contradicts the others." });
     }
-    let row = |(i, o): (
-        usize,
-        &poegp_calibration::model::touches::summary::TouchOutlier,
-    )| {
+    let row = |(i, o): (usize, &TouchOutlier)| {
         let at = |name: &str| format!("/touches/outliers/{i}/{name}");
         vec![
             html! { "line " (Number::count(o.line, at("line"))) },
@@ -226,7 +223,7 @@ pub fn touch_outliers(summary: &TouchSummary) -> Section {
         ]
     };
     section
-        .text(html! { "These rows do not belong to the others and were left out:" })
+        .text(html! { "These rows are outliers and were left out:" })
         .table(
             &["row", "feature", "misses by"],
             summary.outliers.iter().enumerate().map(row).collect(),

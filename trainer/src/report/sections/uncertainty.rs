@@ -74,6 +74,11 @@ pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
 
     let (one, two) = (coverage.all.one_sigma, coverage.all.two_sigma);
     let at = |name: &str| format!("/held_out/calibrated/coverage/{name}");
+    // The axes are those of positions, then those of rotations.
+    let components = match coverage.axes.len() {
+        ..=3 => "those of positions",
+        _ => "those of positions and rotations together",
+    };
     let finding = if two < 0.95 - TOLERANCE || one < 0.683 - 1.5 * TOLERANCE {
         "The predicted standard deviations are too small: "
     } else if one > 0.683 + 1.5 * TOLERANCE {
@@ -85,7 +90,7 @@ pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         .figure(
             html! {
                 (finding) (Number::percent(one, at("one_sigma")))
-                " % of the error components are within one predicted standard deviation, where 68 % should be"
+                " % of the error components, " (components) ", are within one predicted standard deviation, where 68 % should be"
             },
             histogram.render("Histogram of standardised errors and the normal distribution"),
             "Dashed: the normal distribution. Errors beyond ±4 are counted in the last bars.",
@@ -96,11 +101,11 @@ pub fn uncertainty(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
                 " % are within 1.96 predicted standard deviations, where 95 % should be"
             },
             calibration.render("Predicted against actual shares"),
-            "On the dashed line predictions are true; below it the model is too sure, above it too careful.",
+            "On the dashed line predictions are right; below it the model is overconfident, above it underconfident.",
         )
         .text(html! {
             "The predicted standard deviation of a new measurement is " (Number::mm(coverage.mean_sigma_mm, at("mean_sigma_mm")))
-            " mm along one axis in the mean, noise of the instrument included."
+            " mm along one axis on average, noise of the instrument included."
         })
 }
 

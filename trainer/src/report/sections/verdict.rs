@@ -1,6 +1,7 @@
 //! Whether the arm conforms to its tolerance, how certain that is, and who measured it with which instrument.
 
 use maud::{Markup, html};
+use poegp_calibration::blob::live_correction::{COMPLETE_MM, LiveCorrection};
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::conformity::budget::Contribution;
 use poegp_calibration::validation::conformity::{
@@ -19,11 +20,12 @@ const LISTED: usize = 20;
 const OF_POSITION: &str = "/certificate/conformity/position";
 const OF_ROTATION: &str = "/certificate/conformity/orientation";
 
-/// Returns the section that a customer reads first: the warnings, whether the arm is good enough, how certain that is, and
-/// what to do next.
+/// Returns the section that a customer reads first: the warnings, whether the arm is good enough, how certain that is, what
+/// live corrections leave, and what to do next.
 pub fn verdict(
     certificate: &Certificate,
     warnings: &[Finding],
+    live: Option<&LiveCorrection>,
     next: Option<&NextSteps>,
 ) -> Section {
     let mut section = Section::new("verdict", "");
@@ -56,7 +58,10 @@ pub fn verdict(
     let sure = html! {
         "How sure: "
         @match conformity.evidence {
-            Evidence::HeldOutPoses => { "the range behind ± holds the true value in " (coverage) " of 100 such calibrations. " }
+            Evidence::HeldOutPoses => {
+                "the error is that of all poses, estimated from those that were held out; the range behind ± holds the true value in "
+                (coverage) " of 100 such calibrations. "
+            }
             Evidence::Touches => { "in " (coverage) " of 100 such calibrations the true value is within the range behind ± or below it. " }
         }
         @match conformity.verdict {
@@ -66,14 +71,30 @@ pub fn verdict(
             }
             Some(Verdict::Conforms) => { "The whole range is within the tolerance." }
             Some(Verdict::DoesNotConform) => { "Even the lower end of the range is beyond the tolerance" @if are_two { " of one of them" } "." }
-            None => { "State a tolerance (" (flags(conformity)) ") and a verdict stands here." }
+            None => { "State a tolerance (" (flags(conformity)) ") to get a verdict here." }
         }
     };
     section = section.block(lead).text(sure);
+    if let Some(live) = live.filter(|live| !live.is_complete()) {
+        section = section.text(live_correction(live));
+    }
     // What is not known is stated in its own section.
     match next.filter(|next| next.expected_mm.is_some() || !next.steps.is_empty()) {
         Some(next) => section.text(html! { "What to do next: " (first_step(next)) }),
         None => section,
+    }
+}
+
+/// Says what corrections in every cycle leave, which the errors of the model do not show.
+fn live_correction(live: &LiveCorrection) -> Markup {
+    let at = |name: &str| format!("/controller/live/{name}");
+    html! {
+        "These are errors of the model. A live correction, in every cycle, leaves larger errors near singularities, \
+         where a complete one would move joints too fast: of poses over the whole trained ranges, "
+        (Number::percent(live.complete, at("complete"))) " % have at most " (COMPLETE_MM) " mm, 95 % at most "
+        (Number::mm(live.remaining_mm.p95, at("remaining_mm/p95"))) " mm, all at most "
+        (Number::mm(live.remaining_mm.max, at("remaining_mm/max"))) " mm. Targets of robot programs are \
+         corrected completely wherever no joint moves by more than 0.1 rad."
     }
 }
 
@@ -100,12 +121,12 @@ pub fn uncertainty_budget(certificate: &Certificate) -> Section {
     section = section.text(html! {
         @match conformity.evidence {
             Evidence::HeldOutPoses => {
-                "The error that 95 of 100 poses do not exceed is known from " (poses) " different poses only, measured by an \
+                "The error that 95 of 100 poses do not exceed is estimated from " (poses) " different poses only, measured by an \
                  instrument that has errors of its own. "
             }
             Evidence::Touches => {
                 "No poses were held out. The error that 95 of 100 poses do not exceed is computed for " (poses) " poses over \
-                 the work volume, after the best registration of base and tool, from what the touches leave open of the arm. "
+                 the work volume, after the best registration of base and tool, from what the touches do not determine. "
             }
         }
         "The budget adds these sources (GUM, JCGM 100:2008). The arm conforms if the error plus \
@@ -217,8 +238,8 @@ fn repeated(section: Section, poses: &[ListedPose]) -> Section {
     let fewest = poses.iter().map(|p| p.found.cycles).min().unwrap_or(0);
     section
         .text(html! {
-            "Accuracy AP and repeatability RP of ISO 9283 at the poses that were measured several times, against the pose that \
-             the model answers. "
+            "Accuracy AP and repeatability RP of ISO 9283 at the poses that were measured several times, relative to \
+             the pose that the model predicts. "
             @if fewest < STANDARD_CYCLES { "The standard asks for " (STANDARD_CYCLES) " cycles at each; here there are as few as " (fewest) ". " }
             @if poses.len() > LISTED { "The first " (LISTED) " of " (poses.len()) " are listed." }
         })
@@ -241,7 +262,7 @@ pub fn record(certificate: &Certificate, serial_number: &str) -> Section {
         "" => "not stated".to_owned(),
         number => number.to_owned(),
     };
-    let section = Section::new("record", "Who measured, and with what").block(html! {
+    let section = Section::new("record", "Who measured, and with which instrument").block(html! {
         dl {
             dt { "robot's serial number" } dd { (serial) }
             dt { "instrument" } dd { (text(&instrument.name)) }

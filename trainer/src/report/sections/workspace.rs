@@ -106,7 +106,7 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
                 let [x, y] = [u, v].map(|i| square.position[i]);
                 let [dx, dy] = [u, v].map(|i| factor * error.vector[i]);
                 let n = square.members.len();
-                let title = format!("{n} poses: {:.3} mm in the mean", error.length);
+                let title = format!("{n} poses: {:.3} mm on average", error.length);
                 plot.arrow(series, [x, y, dx, dy], &title);
             }
             if let Some(i) = largest {
@@ -123,7 +123,7 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             section = section.figure(
                 html! {
                     (capitalised(which)) ", " (view) ": "
-                    (Number::mm(mean, format!("/held_out/{which}/position_mm/mean"))) " mm in the mean"
+                    (Number::mm(mean, format!("/held_out/{which}/position_mm/mean"))) " mm on average"
                 },
                 plot.render(&format!("Errors over the workspace {which}, {view}")),
                 &format!(
@@ -185,7 +185,7 @@ fn listed(section: Section, evidence: &ReportData, cubes: &Cubes) -> Section {
             "Over cubes with sides of " (plain(cubes.side)) " mm the mean error is largest at x " (range(first, 0)) ", y " (range(first, 1)) ", z " (range(first, 2)) " mm: "
             b class="calibrated" { (rounded(error.length, 3)) " ± " (rounded(error.standard_error, 3)) " mm" }
             " over " (first.members.len()) " poses, mostly along " (error.direction()) " (± is one standard error; framed as “largest”). "
-            @if certain { "That is more than chance." } @else { "That could be chance." }
+            @if certain { "This is statistically significant." } @else { "This could be chance." }
         })
         .table(&header, order.iter().take(LISTED).map(row).collect())
 }
@@ -215,7 +215,7 @@ fn neighbours(evidence: &ReportData) -> Markup {
         return html! { "There are too few poses to say whether errors of neighbours agree." };
     };
     let verdict = if after > SYSTEMATIC {
-        "much of what is left is systematic: this model has not learnt it"
+        "much of what is left is systematic: this model does not describe it"
     } else {
         "what is left is mostly noise of instrument and arm, which no model can learn"
     };

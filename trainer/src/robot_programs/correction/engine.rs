@@ -16,8 +16,10 @@ use poegp_calibration::numeric::parallel::map_all;
 use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 
-use crate::robot_programs::correction::planning::{Payload, Planned, plan};
-use crate::robot_programs::correction::program::{Bound, Left, Program, SLACK, Target, frames_of};
+use crate::robot_programs::correction::planning::{NO_PAYLOAD, Payload, Planned, plan};
+use crate::robot_programs::correction::program::{
+    Bound, Left, Program, SLACK, Target, WRIST, frames_of,
+};
 use crate::robot_programs::correction::replacement::{Replacement, Solved, replace};
 
 /// Least trust of a target. Below it, less than half of the correction's prior is explained by the training data.
@@ -36,7 +38,7 @@ pub enum Direction {
 pub struct Outcome {
     /// The targets that were corrected, in the order of the moves.
     pub solved: Vec<Solved>,
-    /// Everything that is left as it is, in the order of the files.
+    /// Everything that is left as it is or corrected only in part, in the order of the files.
     pub left: Vec<Left>,
     /// Numbers that change, in the order of the files.
     pub replacements: Vec<Replacement>,
@@ -60,7 +62,7 @@ pub fn solve(
         left: program.left.clone(),
         ..Outcome::default()
     };
-    let planned = plan(program, commander, payload, &mut out.left, &mut out.remarks)?;
+    let (planned, unused) = plan(program, commander, payload, &mut out.left, &mut out.remarks)?;
     let answers = map_all(threads(), &planned, |p| {
         answer(program, commander, p, direction)
     });
@@ -70,10 +72,15 @@ pub fn solve(
             Err(left) => out.left.push(left),
         }
     }
-    let beyond = out.left.len() - program.left.len();
-    if out.solved.is_empty() && beyond > 0 && !program.moves.is_empty() {
+    let is_any_tried = out.left.len() > program.left.len();
+    if out.solved.is_empty() && is_any_tried && !program.moves.is_empty() {
         return Err(other_robot(program, &out.left));
     }
+    out.left.extend(unused);
+    if direction == Direction::Correct {
+        out.left.extend(in_part(program, &out.solved));
+    }
+    out.remarks.extend(extrapolated(program, &out.solved));
     for solved in &out.solved {
         let rounding = replace(program, commander, solved, &mut out.replacements);
         out.rounding = out.rounding.max(rounding);
@@ -82,6 +89,20 @@ pub fn solve(
     out.left.dedup_by_key(|left| left.location);
     out.replacements.sort_by_key(|r| (r.file, r.span.0));
     Ok(out)
+}
+
+/// Returns what stays of the targets that are corrected only in part.
+fn in_part(program: &Program, solved: &[Solved]) -> Vec<Left> {
+    let all = solved.iter().filter(|s| !s.is_complete);
+    let left = all.map(|s| Left {
+        location: program.targets[s.target].location,
+        reason: format!(
+            "corrected in part, beside a singularity: {:.3} mm and {:.3} mrad of its error stay",
+            1e3 * s.after,
+            1e3 * s.after_turned
+        ),
+    });
+    left.collect()
 }
 
 /// Returns the error for a program of which no target could be corrected.
@@ -93,10 +114,16 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
     source
         .error(
             first.location.at,
-            format!("no target that can be corrected; of the first: {}", first.reason),
-            "a program of the robot that the model is of",
+            format!("no target that can be corrected; the reason for the first: {}", first.reason),
+            match first.reason == NO_PAYLOAD {
+                true => "a program that states the payloads of its tools",
+                false => "a program of the robot that the model is of",
+            },
         )
-        .with_help("is this the model of the robot that runs the program, and are tool and base the right ones?")
+        .with_help(match first.reason == NO_PAYLOAD {
+            true => "give --payload-kg KG if all targets have one payload",
+            false => "check that this is the model of the robot that runs the program, and that tool and base are right",
+        })
 }
 
 /// Returns the corrected joints of a target, or why the target is left as it is.
@@ -125,17 +152,11 @@ pub fn corrected(
     let wanted = match direction {
         Direction::Correct => joints,
         Direction::Inverse => commander
-            .uncorrected(&joints, kg)
+            .uncorrected_target(&joints, kg)
             .ok_or("no target is corrected to it")?,
     };
-    let corrected = commander.correct(&wanted, kg);
+    let corrected = commander.correct_target(&wanted, kg);
     let status = corrected.status;
-    if status.contains(Status::PARTLY_CORRECTED) {
-        return Err(format!(
-            "beside a singularity or a bound: {:.0} µm of its error would stay",
-            1e6 * corrected.position_error
-        ));
-    }
     if status.contains(Status::CORRECTION_LIMITED) || status.contains(Status::BAD_INPUT) {
         return Err(format!("the model does not answer for it ({status})"));
     }
@@ -164,7 +185,8 @@ pub fn corrected(
     }
     let (tool, _) = frames_of(program, target);
     let nominal = commander.nominal_flange(&wanted) * tool;
-    let real = commander.real_flange(&wanted, kg) * tool;
+    let real = |q: &Joints| commander.real_flange(q, kg) * tool;
+    let (after, after_turned) = pose_distance(&nominal, &real(&corrected.joints));
     let moved = pose_distance(
         &(commander.nominal_flange(&joints) * tool),
         &(commander.nominal_flange(&command) * tool),
@@ -175,20 +197,46 @@ pub fn corrected(
         command,
         payload_kg: kg,
         moved,
-        before: pose_distance(&nominal, &real).0,
-        after: corrected.position_error,
+        before: pose_distance(&nominal, &real(&wanted)).0,
+        after,
+        after_turned,
+        is_complete: !status.contains(Status::PARTLY_CORRECTED),
+        status: now.status,
     })
 }
 
-/// Returns the joint that leaves a range of the configuration, where no number of the target states the range.
+/// Returns the joint that leaves what the configuration states of it, where no number of the target states it again.
 fn leaves_range(target: &Target, joints: &Joints, command: &Joints) -> Option<usize> {
-    let stated = target
-        .configuration
-        .as_ref()
-        .filter(|c| c.stated.is_empty())?;
+    let configuration = target.configuration.as_ref()?;
+    if configuration.states_wrist() && joints[WRIST] * command[WRIST] < 0.0 {
+        return Some(WRIST);
+    }
     let leaves = |(joint, lower, upper): &&Bound| {
         let is_in = |q: f64| (lower + SLACK..=upper - SLACK).contains(&q);
         is_in(joints[*joint]) && !is_in(command[*joint])
     };
-    stated.bounds.iter().find(leaves).map(|(joint, ..)| *joint)
+    let is_rewritten = |joint: usize| configuration.stated.iter().any(|s| s.is_of(joint));
+    let mut fixed = configuration.bounds.iter().filter(|b| !is_rewritten(b.0));
+    fixed.find(leaves).map(|(joint, ..)| *joint)
+}
+
+/// Returns a remark for each way in which targets are beyond what the model was trained with.
+fn extrapolated(program: &Program, solved: &[Solved]) -> Vec<String> {
+    let ranges = [
+        (Status::OUTSIDE_JOINT_RANGE, "joints"),
+        (Status::OUTSIDE_PAYLOAD_RANGE, "a payload"),
+    ];
+    let of = |(bit, what): (Status, &str)| {
+        let mut found = solved.iter().filter(|s| s.status.contains(bit));
+        let first = found.next()?;
+        let count = match found.count() {
+            0 => "one target is".to_owned(),
+            more => format!("{} targets are", more + 1),
+        };
+        let line = program.line_of(program.targets[first.target].location);
+        Some(format!(
+            "{count} corrected by extrapolation: {what} outside the trained range, first at {line}"
+        ))
+    };
+    ranges.into_iter().filter_map(of).collect()
 }

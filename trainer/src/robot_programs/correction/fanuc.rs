@@ -10,11 +10,10 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
+use crate::robot_programs::correction::fanuc_configuration::configuration;
 use crate::robot_programs::correction::fanuc_frames;
 use crate::robot_programs::correction::frames::{FrameFile, Numbered};
-use crate::robot_programs::correction::program::{
-    Configuration, Frame, Goal, Location, Program, Says, Stated, Target, Way, of_turn,
-};
+use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
 
@@ -84,6 +83,7 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
     };
     let changed = changed_frames(&instructions, &program);
     leave_set_positions(&instructions, &taught, &mut program);
+    let has_payloads = has_payloads(&instructions, &mut program);
     find_motions(
         &instructions,
         &taught,
@@ -92,6 +92,7 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
             variables: fanuc_frames::frames(others),
             file: frames,
             changed,
+            has_payloads,
         },
     )?;
     Ok(program)
@@ -159,6 +160,43 @@ struct Known<'a> {
     file: &'a FrameFile,
     /// Tools (true) and user frames that the listing sets, by number, each with the line; no number is any number.
     changed: BTreeMap<(bool, Option<String>), String>,
+    /// Whether the listing sets payloads, so that those of the tools are not certain.
+    has_payloads: bool,
+}
+
+/// Returns whether the instructions set other payloads than one before all motions: `PAYLOAD[2]`. Which mass a number stands
+/// for is in the controller, and what one run of the listing sets holds when the next one begins.
+fn has_payloads(text: &Text<'_>, program: &mut Program) -> bool {
+    let is_set = |at: &usize| text.name(*at) == "payload" && text.is(at + 1, b'[');
+    let set: Vec<usize> = (0..text.tokens.len()).filter(is_set).collect();
+    let Some(first) = set.first() else {
+        return false;
+    };
+    let is_motion = |at: usize| {
+        matches!(text.name(at).as_str(), "j" | "l" | "c" | "a")
+            && matches!(text.name(at + 1).as_str(), "p" | "pr")
+            && text.is(at + 2, b'[')
+    };
+    let is_same = |at: &usize| {
+        let close = |at: usize| text.find(at + 2, text.tokens.len(), b"]");
+        let shown = |at: usize| {
+            (at..close(at))
+                .map(|at| text.spelling(at))
+                .collect::<String>()
+        };
+        text.number(at + 2).is_some() && shown(*at) == shown(*first)
+    };
+    if set.iter().all(is_same) && !(0..*first).any(is_motion) {
+        return false;
+    }
+    let line = program.line_of(Location {
+        file: 0,
+        at: text.byte(*first),
+    });
+    program.remarks.push(format!(
+        "{line}: PAYLOAD selects a mass that is stored in the controller: state it with --payload-kg"
+    ));
+    true
 }
 
 /// Returns the tools and user frames that the instructions set: `UFRAME[2]=PR[1]`.
@@ -273,22 +311,16 @@ fn position(
         .any(|name| name.starts_with('e') && name[1..].parse::<u8>().is_ok());
     let is_pose = pose.is_some();
     let goal = match pose {
-        Some(n) => Some(Goal::Pose {
-            position: [n[0], n[1], n[2]],
-            orientation: n[3..].to_vec(),
-        }),
+        Some(n) => Some(Goal::pose(&n)),
         None if !joints.is_empty() => Some(Goal::Joints(joints)),
         None => None,
     };
     let target = match goal {
         Some(goal) if !has_more => {
-            program.targets.push(Target {
-                location,
-                goal,
-                tool: None,
-                base: None,
-                configuration: stated.filter(|_| is_pose),
-            });
+            let configuration = stated.filter(|_| is_pose);
+            program
+                .targets
+                .push(Target::new(location, goal, configuration));
             Some(program.targets.len() - 1)
         }
         Some(_) => {
@@ -309,41 +341,6 @@ fn position(
     };
     let frames = number("uf").zip(number("ut"));
     Taught { target, frames }
-}
-
-/// Reads a configuration such as `'N U T, 0, 0, 0'`: wrist flipped (F or N), elbow, front or back, whole turns of joints
-/// 1, 4 and 6.
-fn configuration(text: &Text<'_>, at: usize) -> Option<Configuration> {
-    let span = text.byte(at)..text.end_of(at);
-    let spelling = std::str::from_utf8(text.source.slice(&span)).ok()?;
-    let is_wrist_flipped = match spelling.trim_matches(['\'', '"', ' ']).as_bytes().first()? {
-        b'F' => Some(true),
-        b'N' => Some(false),
-        _ => None,
-    };
-    let mut from = text.byte(at);
-    let mut turns = Vec::new();
-    for part in spelling.split(',') {
-        let digits = part.trim_matches(['\'', '"', ' ']);
-        let start = from + part.find(digits).unwrap_or(0);
-        turns.extend(Number::parse(
-            text.file,
-            text.source,
-            &(start..start + digits.len()),
-        ));
-        from += part.len() + 1;
-    }
-    let turns: Vec<(usize, Number)> = [0, 3, 5].into_iter().zip(turns).collect();
-    let stated = |(joint, number): &(usize, Number)| Stated {
-        number: *number,
-        says: Says::Turn(*joint),
-    };
-    let bound = |(joint, number): &(usize, Number)| of_turn(*joint, number.value);
-    Some(Configuration {
-        is_wrist_flipped,
-        stated: turns.iter().map(stated).collect(),
-        ..Configuration::monitored(turns.iter().map(bound).collect())
-    })
 }
 
 fn find_motions(
@@ -443,7 +440,10 @@ fn motion(
             program.leave(taught_at, reason);
             continue;
         }
-        let tool = frame(text, taught_at, given, (tool, true), is_joints)?;
+        let mut tool = frame(text, taught_at, given, (tool, true), is_joints)?;
+        if given.has_payloads {
+            tool.payload_kg = None;
+        }
         let user = frame(text, taught_at, given, (user, false), is_joints)?;
         let (tool, user) = (program.frame(tool), program.frame(user));
         program.move_to(target, way, tool, user);
@@ -459,11 +459,7 @@ fn frame(
     (number, is_tool): (&str, bool),
     is_joints: bool,
 ) -> Result<Frame, InputError> {
-    let in_file = if is_tool {
-        given.file.tool(number)
-    } else {
-        given.file.base(number)
-    };
+    let in_file = given.file.named(number, is_tool);
     let own = number.parse().ok();
     let own = own.and_then(|n| given.variables.get(&(is_tool, n)));
     let weight = in_file.and_then(|found| found.payload_kg);

@@ -24,6 +24,8 @@ pub enum Step<V> {
     Cases,
     /// Begins the next branch; `true` for the one that is taken if no other is.
     Next(bool),
+    /// Ends the condition of a branch: the branches behind it begin with what holds here.
+    Evaluated,
     /// Ends a loop or a condition.
     End,
     /// Leaves the innermost loop.
@@ -32,7 +34,6 @@ pub enum Step<V> {
     Continue,
     /// Goes to a label.
     Jump(String),
-    /// A label.
     Label(String),
     /// Leaves the routine.
     Return,
@@ -408,6 +409,11 @@ impl<V: Clone + PartialEq> Flow<V> {
                         block.behind = joined(block.behind.take(), state.as_ref());
                         block.is_complete |= is_rest;
                         state.clone_from(&block.before);
+                    }
+                }
+                Step::Evaluated => {
+                    if let Some(block) = open.last_mut().filter(|block| block.head.is_none()) {
+                        block.before.clone_from(&state);
                     }
                 }
                 Step::End => {

@@ -91,17 +91,12 @@ impl FrameFile {
                 let pose = entry.pose().ok_or_else(|| {
                     InputError::new(
                         path,
-                        format!("a frame [{kind}.\"{name}\"] that is none"),
+                        format!("an invalid frame [{kind}.\"{name}\"]"),
                         "xyz_mm in millimetres, a quaternion of norm 1 and a payload_kg of 0 or more",
                     )
                 })?;
-                out.insert(
-                    name.to_ascii_lowercase(),
-                    Given {
-                        pose,
-                        payload_kg: entry.payload_kg,
-                    },
-                );
+                let payload_kg = entry.payload_kg;
+                out.insert(name.to_ascii_lowercase(), Given { pose, payload_kg });
             }
             Ok(out)
         };
@@ -128,28 +123,20 @@ impl FrameFile {
         self.pulses_per_degree.as_deref()
     }
 
-    /// Returns a tool by its name.
-    pub fn tool(&self, name: &str) -> Option<Given> {
-        self.tools.get(name).copied()
-    }
-
-    /// Returns a frame of targets by its name.
-    pub fn base(&self, name: &str) -> Option<Given> {
-        self.bases.get(name).copied()
+    /// Returns a tool, or else a frame of targets, by its name.
+    pub fn named(&self, name: &str, is_tool: bool) -> Option<Given> {
+        let all = if is_tool { &self.tools } else { &self.bases };
+        all.get(name).copied()
     }
 
     /// Returns all tools with their names.
     pub fn tools(&self) -> impl Iterator<Item = (&str, Given)> {
-        self.tools
-            .iter()
-            .map(|(name, given)| (name.as_str(), *given))
+        (self.tools.iter()).map(|(name, given)| (name.as_str(), *given))
     }
 
     /// Returns all frames of targets with their names.
     pub fn bases(&self) -> impl Iterator<Item = (&str, Given)> {
-        self.bases
-            .iter()
-            .map(|(name, given)| (name.as_str(), *given))
+        (self.bases.iter()).map(|(name, given)| (name.as_str(), *given))
     }
 
     /// Returns the path of the file, to show users where a frame comes from.

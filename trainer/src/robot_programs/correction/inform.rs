@@ -8,7 +8,6 @@
 use std::collections::BTreeMap;
 
 use poegp_calibration::input_error::InputError;
-use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::frames::{FrameFile, Numbered};
@@ -128,13 +127,13 @@ fn configuration(text: &str) -> Option<Configuration> {
         .split(',')
         .map_while(|n| n.trim().parse::<u8>().ok())
         .collect();
-    let [wrist, _, _, four, six, one, ..] = numbers[..] else {
+    let [wrist, elbow, front, four, six, one, ..] = numbers[..] else {
         return None;
     };
     let within = [(3, four), (5, six), (0, one)].into_iter();
     let within = within.filter(|(_, is_beyond)| *is_beyond == 0);
     Some(Configuration {
-        is_wrist_flipped: Some(wrist == 0),
+        letters: [wrist, elbow, front].map(|number| Some(number == 0)),
         ..Configuration::monitored(within.map(|(joint, _)| of_turn(joint, 0.0)).collect())
     })
 }
@@ -196,24 +195,16 @@ impl Reader<'_> {
         let mut numbers: Vec<Number> = Vec::new();
         for value in values.split(',') {
             let number = Number::parse(0, self.source, &(start..start + value.len()));
-            numbers.push(number.ok_or("a part of it is no number")?);
+            numbers.push(number.ok_or("a part of it is not a number")?);
             start += value.len() + 1;
         }
         let goal = match (numbers.as_slice(), pulses) {
             (all, Some(pulses)) if is_pulses && all.len() == pulses.len() => Goal::Joints(numbers),
-            ([x, y, z, rx, ry, rz], _) if !is_pulses => Goal::Pose {
-                position: [*x, *y, *z],
-                orientation: vec![*rx, *ry, *rz],
-            },
+            ([_, _, _, _, _, _], _) if !is_pulses => Goal::pose(&numbers),
             _ => return Err("it has external axes"),
         };
-        Ok(Target {
-            location: Location { file: 0, at },
-            goal,
-            tool: None,
-            base: None,
-            configuration: header.configuration.clone().filter(|_| !is_pulses),
-        })
+        let configuration = header.configuration.clone().filter(|_| !is_pulses);
+        Ok(Target::new(Location { file: 0, at }, goal, configuration))
     }
 
     fn leave(&mut self, at: usize, reason: impl Into<String>) {
@@ -332,13 +323,7 @@ impl Reader<'_> {
         let tool = match self.frame(location, &header.tool, true) {
             Ok(tool) => tool,
             // Joint positions need no frame.
-            Err(_) if is_joints => Frame {
-                name: format!("TOOL {}", header.tool),
-                is_tool: true,
-                pose: Pose::identity(),
-                payload_kg: None,
-                origin: "the controller".to_owned(),
-            },
+            Err(_) if is_joints => Frame::own(format!("TOOL {}", header.tool), true),
             Err(error) => return Err(error),
         };
         let base = self.frame(location, user, false)?;
@@ -349,11 +334,7 @@ impl Reader<'_> {
 
     /// Returns a tool or user frame by its number; positions in the base have none.
     fn frame(&self, at: usize, number: &str, is_tool: bool) -> Result<Frame, InputError> {
-        let given = if is_tool {
-            self.given.tool(number)
-        } else {
-            self.given.base(number)
-        };
+        let given = self.given.named(number, is_tool);
         let own = number
             .parse()
             .ok()
@@ -367,26 +348,15 @@ impl Reader<'_> {
         } else {
             ("base", "USER")
         };
-        let frame = |name: String, pose, payload_kg, origin| Frame {
-            name,
-            is_tool,
-            pose,
-            payload_kg,
-            origin,
-        };
         match found {
-            Some((found, origin)) => Ok(frame(
-                format!("{name} {number}"),
-                found.pose,
-                found.payload_kg,
+            Some((found, origin)) => Ok(Frame {
+                name: format!("{name} {number}"),
+                is_tool,
+                pose: found.pose,
+                payload_kg: found.payload_kg,
                 origin,
-            )),
-            None if number.is_empty() && !is_tool => Ok(frame(
-                "base".to_owned(),
-                Pose::identity(),
-                None,
-                "the controller".to_owned(),
-            )),
+            }),
+            None if number.is_empty() && !is_tool => Ok(Frame::own("base", is_tool)),
             None => Err(self
                 .given
                 .unknown(self.source, at, kind, number, &format!("{name} of"))),

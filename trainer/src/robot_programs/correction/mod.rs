@@ -7,6 +7,7 @@
 pub mod between;
 pub mod engine;
 mod fanuc;
+mod fanuc_configuration;
 mod fanuc_frames;
 mod flow;
 pub mod frames;
@@ -14,6 +15,7 @@ mod inform;
 mod inform_conditions;
 mod krl;
 pub mod planning;
+pub mod posture;
 pub mod program;
 mod rapid;
 pub mod replacement;

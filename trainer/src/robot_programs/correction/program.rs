@@ -1,6 +1,6 @@
 //! The contents of a program as its reader found them: targets with their frames and tools, and what cannot be corrected.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -31,6 +31,19 @@ pub enum Goal {
     },
 }
 
+impl Goal {
+    /// Creates a pose of three numbers for the position and the others for the orientation.
+    pub fn pose(numbers: &[Number]) -> Self {
+        Self::Pose {
+            position: [numbers[0], numbers[1], numbers[2]],
+            orientation: numbers[3..].to_vec(),
+        }
+    }
+}
+
+/// Index of the joint at whose zero the wrist of a six-axis arm is singular.
+pub const WRIST: usize = 4;
+
 /// Index of a joint, and the lower and upper end in rad of the range that a configuration leaves it.
 pub type Bound = (usize, f64, f64);
 
@@ -39,7 +52,7 @@ pub type Bound = (usize, f64, f64);
 pub enum Says {
     /// Quarter turn in which a joint is.
     Quarter(usize),
-    /// Whole turn in whose middle half turns a joint is.
+    /// Number of whole turns, of which a joint is within half a turn.
     Turn(usize),
     /// Signs of the joints as bits, of joint 1 as the lowest.
     Signs {
@@ -94,6 +107,14 @@ impl Stated {
         }
     }
 
+    /// Returns whether the number follows a joint. Signs are those of turns: the side of the wrist is stated a second time.
+    pub fn is_of(&self, joint: usize) -> bool {
+        match self.says {
+            Says::Quarter(own) | Says::Turn(own) => own == joint,
+            Says::Signs { .. } => joint != WRIST,
+        }
+    }
+
     /// Returns the text of another value.
     pub fn text(&self, value: f64) -> String {
         let width = self.number.span().len();
@@ -113,9 +134,9 @@ pub struct Configuration {
     pub stated: Vec<Stated>,
     /// Joints in rad or m near the branch; `None` where they are not known, and those of the target before are used.
     pub near: Option<Vec<f64>>,
-    /// Which of two ways the wrist is turned. What a language calls flipped depends on how its robot counts joint 5, so the
-    /// first pose of a program determines which sign of joint 5 is meant.
-    pub is_wrist_flipped: Option<bool>,
+    /// Letters of the sides of wrist, elbow and shoulder, as one of two each. Which side a letter is depends on the robot: the
+    /// first pose of a program shows it.
+    pub letters: [Option<bool>; 3],
     /// Number of the configuration that limits no joint; targets inserted on the way to this target get it, too.
     pub rest: Option<Number>,
     /// Whether the controller stops where no branch is within `bounds`; otherwise it takes the nearest branch.
@@ -131,9 +152,15 @@ impl Configuration {
             ..Self::default()
         }
     }
+
+    /// Returns whether it states the side of the wrist: a letter, the sum `cfx`, or the sign of joint 5.
+    pub fn states_wrist(&self) -> bool {
+        let is_bound = self.bounds.iter().any(|bound| bound.0 == WRIST);
+        is_bound || self.letters[0].is_some() || self.rest.is_some()
+    }
 }
 
-/// Largest distance of a joint from its range, in rad, so that a corrected target stays in its range.
+/// How far beyond its stated range a joint still counts as in it, in rad.
 pub const SLACK: f64 = 0.02;
 /// A joint that is this near to the beginning of a range, in rad, is in the range: the decimals of a pose leave it as much.
 pub const NOISE: f64 = 1e-5;
@@ -168,6 +195,19 @@ pub struct Target {
     pub configuration: Option<Configuration>,
 }
 
+impl Target {
+    /// Creates a target that no move uses yet.
+    pub fn new(location: Location, goal: Goal, configuration: Option<Configuration>) -> Self {
+        Self {
+            location,
+            goal,
+            tool: None,
+            base: None,
+            configuration,
+        }
+    }
+}
+
 /// A tool, or a base frame of targets.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
@@ -182,6 +222,28 @@ pub struct Frame {
     /// Origin of the values, for users.
     pub origin: String,
 }
+
+impl Frame {
+    /// Creates the frame of the flange, or else of the robot's base, to which every controller gives a name.
+    pub fn own(name: impl Into<String>, is_tool: bool) -> Self {
+        Self {
+            name: name.into(),
+            is_tool,
+            pose: Pose::identity(),
+            payload_kg: None,
+            origin: "the controller".to_owned(),
+        }
+    }
+
+    fn key(&self) -> FrameKey {
+        let pose = self.pose.rotation.iter().chain(&self.pose.translation);
+        let numbers = pose.chain(&self.payload_kg).map(|x| x.to_bits());
+        (self.name.clone(), self.is_tool, numbers.collect())
+    }
+}
+
+/// Name, kind, and the bits of pose and payload of a frame.
+type FrameKey = (String, bool, Vec<u64>);
 
 /// A part of a program that is left as it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -253,6 +315,8 @@ pub struct Program {
     pub targets: Vec<Target>,
     /// All frames and tools that the moves use.
     pub frames: Vec<Frame>,
+    /// Indices of the frames by their contents.
+    known: HashMap<FrameKey, usize>,
     /// Moves in the order of the text.
     pub moves: Vec<Move>,
     /// Straight moves before which moves can be inserted, in their order.
@@ -277,6 +341,7 @@ impl Program {
             sources,
             targets: Vec::new(),
             frames: Vec::new(),
+            known: HashMap::new(),
             moves: Vec::new(),
             lines: Vec::new(),
             loaded_differently: BTreeSet::new(),
@@ -294,17 +359,12 @@ impl Program {
 
     /// Returns the index of a frame, and adds the frame if it is new.
     pub fn frame(&mut self, frame: Frame) -> usize {
-        let same = |other: &Frame| {
-            (&other.name, other.is_tool) == (&frame.name, frame.is_tool)
-                && (other.pose, other.payload_kg) == (frame.pose, frame.payload_kg)
-        };
-        match self.frames.iter().position(same) {
-            Some(index) => index,
-            None => {
-                self.frames.push(frame);
-                self.frames.len() - 1
-            }
+        let new = self.frames.len();
+        let index = *self.known.entry(frame.key()).or_insert(new);
+        if index == new {
+            self.frames.push(frame);
         }
+        index
     }
 
     /// Leaves the target or move at a location as it is, for a reason.
@@ -354,6 +414,25 @@ impl Program {
         }
         (found.tool, found.base) = (Some(tool), Some(base));
         self.moves.push(Move { target, way });
+    }
+
+    /// Notes a move to a target with a tool in a base. Without one of them the target is left as it is.
+    pub fn move_in(
+        &mut self,
+        target: usize,
+        way: Way,
+        tool: Result<Frame, String>,
+        base: Result<Frame, String>,
+    ) {
+        match (tool, base) {
+            (Ok(tool), Ok(base)) => {
+                let (tool, base) = (self.frame(tool), self.frame(base));
+                self.move_to(target, way, tool, base);
+            }
+            (Err(reason), _) | (_, Err(reason)) => {
+                self.leave(self.targets[target].location, reason);
+            }
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! Computes the new numbers of corrected targets, and writes the files with them.
 
 use poegp_calibration::blob::commander::{Commander, Joints};
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{Goal, Program, frames_of};
@@ -23,6 +24,12 @@ pub struct Solved {
     pub before: f64,
     /// Distance that remains with correction, predicted by the model, in m.
     pub after: f64,
+    /// Rotation that remains with correction, predicted by the model, in rad.
+    pub after_turned: f64,
+    /// Whether the correction is complete, as it is except beside singularities.
+    pub is_complete: bool,
+    /// Status of the model's evaluation at the joints.
+    pub status: Status,
 }
 
 /// A number to be replaced, or, where the span is empty, a text to be inserted.

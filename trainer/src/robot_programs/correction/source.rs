@@ -179,18 +179,20 @@ fn decimals_of(text: &[u8]) -> usize {
     fraction.saturating_sub(exponent).clamp(0, 15) as usize
 }
 
+/// Formats a number with this many decimals; a number that rounds to zero has no sign.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    match text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.')) {
+        true => text.trim_start_matches('-').to_owned(),
+        false => text,
+    }
+}
+
 /// Returns the text of a new value in place of `old`; `None` when at these decimals the number does not change.
 pub fn rewritten(old: &[u8], was: f64, value: f64, decimals: Decimals) -> Option<String> {
     let count = decimals.of(old);
-    let text = |value: f64| {
-        let text = format!("{value:.count$}");
-        match text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.')) {
-            true => text.trim_start_matches('-').to_owned(),
-            false => text,
-        }
-    };
-    let new = text(value);
-    if new == text(was) {
+    let new = fixed(value, count);
+    if new == fixed(was, count) {
         return None;
     }
     Some(match old.first() {

@@ -16,7 +16,7 @@ use crate::robot_programs::correction::engine::{Direction, corrected};
 use crate::robot_programs::correction::planning::{NEAR, Planned};
 use crate::robot_programs::correction::program::{Left, Line, Literal, Program, frames_of};
 use crate::robot_programs::correction::replacement::{Replacement, Solved};
-use crate::robot_programs::correction::source::Source;
+use crate::robot_programs::correction::source::{Source, fixed};
 use crate::robot_programs::dialect::Orientation;
 
 /// Largest number of pieces of one line.
@@ -49,7 +49,7 @@ pub fn split(
     let answers = map_all(threads(), stretches, |stretch| {
         let largest = error(program, commander, stretch, POINTS);
         if largest <= tolerance {
-            return None;
+            return (largest, None);
         }
         let line = by_step.get(&stretch.step).copied();
         let answer = match (stretch.via, line) {
@@ -58,22 +58,21 @@ pub fn split(
             (None, Some(line)) => divided(program, commander, stretch, tolerance, largest)
                 .map(|(targets, largest)| (line, targets, largest)),
         };
-        Some((largest, answer))
+        (largest, Some(answer))
     });
     for ((stretch, between), answer) in stretches.iter().zip(between).zip(answers) {
-        let Some((largest, answer)) = answer else {
-            continue;
-        };
+        let (largest, answer) = answer;
+        (between.points, between.largest) = (POINTS, largest);
         match answer {
-            Ok((line, targets, largest)) => {
+            None => {}
+            Some(Ok((line, targets, largest))) => {
                 out.lines += 1;
                 out.targets += targets.len();
                 out.insertions
                     .push(insertion(program, commander, line, &targets));
-                (between.points, between.largest) = (POINTS, largest);
+                between.largest = largest;
             }
-            Err(reason) => {
-                (between.points, between.largest) = (POINTS, largest);
+            Some(Err(reason)) => {
                 let location = program.targets[stretch.end.target].location;
                 let reason = format!(
                     "on the way to it the tool is off by {:.3} mm: {reason}",
@@ -204,14 +203,7 @@ fn literal(program: &Program, commander: &Commander, line: &Line, solved: &Solve
     let pose: Pose<f64> = base.inverse() * commander.nominal_flange(&solved.command) * tool;
     let dialect = &program.dialect;
     let fixed = |values: &[f64], decimals: usize| -> Vec<String> {
-        let text = |v: &f64| {
-            let text = format!("{v:.decimals$}");
-            match text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.')) {
-                true => text.trim_start_matches('-').to_owned(),
-                false => text,
-            }
-        };
-        values.iter().map(text).collect()
+        values.iter().map(|v| fixed(*v, decimals)).collect()
     };
     let position = pose.translation / dialect.metre;
     let position = fixed(position.as_slice(), dialect.length_decimals);

@@ -11,6 +11,8 @@
 //! A file with joint columns (`q1_deg` …) has joint targets, whatever its other columns are. Columns of other names stay as
 //! they are.
 
+use std::fs::File;
+use std::io::Read;
 use std::ops::Range;
 use std::path::Path;
 
@@ -24,11 +26,16 @@ use crate::robot_programs::correction::program::{
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::{Dialect, MILLIMETRES, Orientation};
 
+/// Largest number of bytes in which a header is looked for.
+const LONGEST_HEADER: u64 = 1 << 20;
+
 /// Returns whether the header of a file has poses and no joints.
 pub fn has_poses(path: &Path) -> bool {
-    let Ok(bytes) = std::fs::read(path) else {
+    let mut bytes = Vec::new();
+    let start = File::open(path).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut bytes));
+    if start.is_err() {
         return false;
-    };
+    }
     let source = Source::new(path, bytes, false);
     let mut records = records(&source.bytes);
     records.next().is_some_and(|header| {
@@ -87,19 +94,18 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
             }
             None => None,
         };
-        program.targets.push(Target {
-            location: Location { file: 0, at },
-            goal: Goal::Pose {
-                position: [number(x)?, number(y)?, number(z)?],
-                orientation: all(&columns.orientation)?,
-            },
-            tool: None,
-            base: None,
-            configuration: seed.map(|near| Configuration {
-                near: Some(near),
-                ..Configuration::default()
-            }),
+        let goal = Goal::Pose {
+            position: [number(x)?, number(y)?, number(z)?],
+            orientation: all(&columns.orientation)?,
+        };
+        let configuration = seed.map(|near| Configuration {
+            near: Some(near),
+            ..Configuration::default()
         });
+        let location = Location { file: 0, at };
+        program
+            .targets
+            .push(Target::new(location, goal, configuration));
         let named = |column: Option<usize>, is_tool, payload_kg| -> Result<Frame, InputError> {
             let name = column.map_or(String::new(), |column| text(&copy, &fields[column]));
             frame(frames, is_tool, &name, payload_kg).ok_or_else(|| {
@@ -139,10 +145,7 @@ fn frame(given: &FrameFile, is_tool: bool, name: &str, payload_kg: Option<f64>) 
         });
     }
     let key = name.to_ascii_lowercase();
-    let found = match is_tool {
-        true => given.tool(&key),
-        false => given.base(&key),
-    }?;
+    let found = given.named(&key, is_tool)?;
     Some(Frame {
         name: name.to_owned(),
         is_tool,
@@ -213,7 +216,6 @@ impl Columns {
     }
 }
 
-/// Returns the names in a header.
 fn names(source: &Source, header: &[Range<usize>]) -> Vec<String> {
     header.iter().map(|span| text(source, span)).collect()
 }

@@ -217,6 +217,17 @@ impl Value {
 }
 
 impl<'a> Text<'a> {
+    /// Returns the texts of files with their tokens.
+    pub fn of_files(sources: &'a [Source], tokens: &'a [Vec<Token>]) -> Vec<Self> {
+        let files = sources.iter().zip(tokens).enumerate();
+        let text = |(file, (source, tokens)): (usize, (&'a Source, &'a Vec<Token>))| Self {
+            file,
+            source,
+            tokens,
+        };
+        files.map(text).collect()
+    }
+
     /// Returns a token; `None` behind the last one.
     pub fn at(&self, at: usize) -> Option<&'a Token> {
         self.tokens.get(at)

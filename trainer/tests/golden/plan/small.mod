@@ -1,8 +1,8 @@
 MODULE small
     ! 2 poses of ur10 planned for calibration, and 1 for its test.
     ! Joints as the controller counts them, at rest before every measurement.
-    ! Planned without cables and the ways between poses:
-    ! run it first at reduced speed with a hand on the stop.
+    ! The plan ignores cables and the motion between poses:
+    ! run it first at reduced speed with a hand on the emergency stop.
 
     PROC small_run()
         TPWrite "Mount 0 kg, set its load, then continue.";

@@ -218,7 +218,7 @@ fn the_drawing_does_not_contradict_a_distance_by_millimetres() {
     }
     for mm in [-15.0, 15.0] {
         let error = off_by(mm, drawn).unwrap_err();
-        says(&error, &["features.toml:", "touches say", "the file"]);
+        says(&error, &["features.toml:", "the touches give", "the file"]);
     }
 }
 
@@ -247,7 +247,11 @@ fn distances() {
     refused(
         &csv,
         &toml.replace(stated, &format!("mm = {}", length / 25.4)),
-        &["features.toml:", "touches say", "inches agree with that"],
+        &[
+            "features.toml:",
+            "the touches give",
+            " inches: state the distance",
+        ],
     );
     // No unit makes 300 mm more of it.
     refused(
@@ -256,7 +260,7 @@ fn distances() {
         &[
             "features.toml:",
             "no other unit makes them agree",
-            "is the robot the one that was touched?",
+            "this is the robot that was touched",
         ],
     );
     let to_plane = toml.replacen("kind = \"point\"", "kind = \"plane\"", 1);
@@ -283,7 +287,7 @@ fn orientations_that_are_all_alike() {
         &[
             "touches.csv:3: column 1 (feature): found touches within 3.4 deg of one orientation of \"socket/0\"",
             "10 deg or more",
-            "tip and arm cannot be distinguished",
+            "one orientation cannot distinguish errors of tip and arm",
         ],
     );
 }
@@ -403,7 +407,7 @@ fn a_reading_in_a_unit_of_no_column_is_not_ignored() {
     refused(
         &with_field(&csv, 3, "value_um", "120"),
         &toml,
-        &["(value_um): found the column \"value_um\", expected value_mm"],
+        &["(value_um): found the column \"value_um\", expected the column value_mm"],
     );
 }
 
@@ -437,7 +441,7 @@ fn metres_under_a_name_in_millimetres() {
     refused(
         &inches,
         &toml,
-        &["touches.csv:3:", "times what the drawn arm says"],
+        &["touches.csv:3:", "times the distances of the nominal arm"],
     );
     let (csv, toml) = simulated(TouchKind::Sphere, 1, 6);
     refused(

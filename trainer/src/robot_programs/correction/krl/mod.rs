@@ -5,6 +5,7 @@
 //! frame file. Points with missing components, relative motions and computed points are left as they are. ("Operating and
 //! Programming Instructions for System Integrators", KSS 8.)
 
+mod changes;
 mod motion;
 mod names;
 mod states;
@@ -41,14 +42,7 @@ const LEXICON: Lexicon = Lexicon {
 pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputError> {
     let copies = sources.clone();
     let tokens: Vec<Vec<Token>> = copies.iter().map(|s| tokens(&s.bytes, &LEXICON)).collect();
-    let files = copies.iter().zip(&tokens).enumerate();
-    let texts: Vec<Text<'_>> = files
-        .map(|(file, (source, tokens))| Text {
-            file,
-            source,
-            tokens,
-        })
-        .collect();
+    let texts = Text::of_files(&copies, &tokens);
     let mut reader = Reader {
         program: Program::new("KUKA KRL", Language::Krl.dialect(), sources),
         texts,
@@ -224,10 +218,7 @@ impl Reader<'_> {
         if let Some(n) = self.all_of(file, &map, &joints) {
             (configuration, goal) = (None, Goal::Joints(n));
         } else if let Some(n) = self.all_of(file, &map, &["x", "y", "z", "a", "b", "c"]) {
-            goal = Goal::Pose {
-                position: [n[0], n[1], n[2]],
-                orientation: n[3..].to_vec(),
-            };
+            goal = Goal::pose(&n);
             configuration = None;
             let turn = map.get("t").and_then(|at| self.bits(file, *at));
             if let Some((turn, is_binary)) = turn {
@@ -244,13 +235,7 @@ impl Reader<'_> {
                 "components that it does not name stay as they are, or are computed".to_owned(),
             );
         }
-        Ok(Target {
-            location: self.location(file, from),
-            goal,
-            tool: None,
-            base: None,
-            configuration,
-        })
+        Ok(Target::new(self.location(file, from), goal, configuration))
     }
 
     /// Returns the index n of an element `NAME[n]`, and the token behind it.
@@ -360,36 +345,6 @@ impl Reader<'_> {
     fn is_code(&self, file: usize) -> bool {
         let ending = self.texts[file].source.path.extension();
         ending.is_some_and(|ending| ending.eq_ignore_ascii_case("src"))
-    }
-
-    /// Notes the points and frame data that a line changes.
-    fn note_change(&mut self, line: Line) {
-        let text = self.texts[line.file];
-        let (at, _) = self.declared(line);
-        if at > line.from || text.name(at).starts_with("def") {
-            return;
-        }
-        let is_set = text.is(at + 1, b'=') || text.is(at + 1, b'.');
-        let mut changed = vec![at; usize::from(is_set)];
-        let calls = (at..line.end).filter(|at| self.changing.contains(&text.name(*at)));
-        for call in calls.filter(|call| text.is(call + 1, b'(')) {
-            changed.extend(call + 2..text.find(call + 2, line.end, b")"));
-        }
-        let reason = format!(
-            "the program changes it at {}",
-            self.program.line_of(self.location(line.file, at))
-        );
-        for name in changed.into_iter().map(|at| text.name(at)) {
-            if let Some(Point::Target(index)) = self.points.find(&name, line.file).copied() {
-                let location = self.program.targets[index].location;
-                self.program.leave(location, reason.clone());
-            } else if let Some(data) = self.frame_data.find_mut(&name, line.file) {
-                let unknown = Named::Unknown(format!("frame data {name}: {reason}"));
-                (data.tool, data.base) = (unknown.clone(), unknown);
-            } else if let Some(pose) = self.named_frames.find_mut(&name, line.file) {
-                *pose = None;
-            }
-        }
     }
 
     fn frame_data_of(&self, file: usize, from: usize, end: usize) -> FrameData {

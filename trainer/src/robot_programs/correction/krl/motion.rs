@@ -127,19 +127,12 @@ impl Reader<'_> {
         tool: Result<Frame, String>,
         base: Result<Frame, String>,
     ) {
-        let location = self.program.targets[target].location;
         if !is_monitored
             && let Some(configuration) = &mut self.program.targets[target].configuration
         {
             configuration.is_monitored = false;
         }
-        match (tool, base) {
-            (Ok(tool), Ok(base)) => {
-                let (tool, base) = (self.program.frame(tool), self.program.frame(base));
-                self.program.move_to(target, way, tool, base);
-            }
-            (Err(reason), _) | (_, Err(reason)) => self.program.leave(location, reason),
-        }
+        self.program.move_in(target, way, tool, base);
     }
 
     /// Returns a tool or base; joint targets need none.
@@ -175,19 +168,13 @@ impl Reader<'_> {
                     "the program",
                 );
             }
-            _ if is_joints => {
-                return frame("none".to_owned(), Pose::identity(), None, "the controller");
-            }
+            _ if is_joints => return Ok(Ok(Frame::own("none", is_tool))),
             Ok(Named::Unknown(reason)) => return Ok(Err(reason.clone())),
             Ok(Named::HoldsPart(_)) => return Ok(Err(format!("its {kind} is computed"))),
             Err(reason) => return Ok(Err(format!("its {kind}: {reason}"))),
         };
         let key = number.to_string();
-        let given = if is_tool {
-            self.given.tool(&key)
-        } else {
-            self.given.base(&key)
-        };
+        let given = self.given.named(&key, is_tool);
         let kg = given.and_then(|given| given.payload_kg);
         let value = match states.numbered.get(&(is_tool, number)) {
             Some(key) => Some(match states.certain.value(step, *key, &self.program) {
@@ -202,9 +189,7 @@ impl Reader<'_> {
             (Some(Err(_)), _) if is_joints => frame(name, Pose::identity(), kg, "the program"),
             (Some(Err(reason)), _) => Ok(Err(format!("{name}: {reason}"))),
             (None, Some(given)) => frame(name, given.pose, kg, &self.given.origin()),
-            (None, None) if number == 0 || is_joints => {
-                frame(name, Pose::identity(), kg, "the controller")
-            }
+            (None, None) if number == 0 || is_joints => Ok(Ok(Frame::own(name, is_tool))),
             (None, None) => {
                 let source = &self.program.sources[location.file];
                 Err(self

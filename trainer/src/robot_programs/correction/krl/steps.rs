@@ -1,6 +1,6 @@
 //! Follows the lines of KRL: `$TOOL`, `$BASE` and `$IPO_MODE`, `TOOL_DATA` and `BASE_DATA`.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::krl::Reader;
@@ -30,6 +30,9 @@ impl Reader<'_> {
                 routines.push((line.file, name, is_first || is_global, index));
             }
         }
+        // What calls in interrupts change.
+        let aside = flow.routine();
+        flow.interrupts(aside);
         let mut own = 0;
         let mut steps = Vec::with_capacity(all.len());
         for line in all {
@@ -40,29 +43,39 @@ impl Reader<'_> {
                 own = index;
             }
             let location = self.location(line.file, line.from);
-            let mut first = None;
-            let mut push = |flow: &mut Flow<Named>, step| {
-                let index = flow.push(own, step, location);
-                first.get_or_insert(index);
-            };
+            let push = |flow: &mut Flow<Named>, step| flow.push(own, step, location);
             let called = match begin {
                 None => self.called(*line, &routines),
                 Some(_) => Vec::new(),
             };
             let is_interrupt = (line.from..line.end.min(line.from + 2))
                 .any(|at| matches!(text.name(at).as_str(), "interrupt" | "trigger"));
-            for index in &called {
-                match is_interrupt {
-                    true => flow.interrupts(*index),
-                    false => push(&mut flow, Step::Call(vec![*index])),
+            let changes = self.given_keys(*line, &numbered).into_iter();
+            let changes = changes.map(|(key, value)| Step::Set(key, Some(value)));
+            let changes: Vec<Step<Named>> = changes.collect();
+            let evaluate = |flow: &mut Flow<Named>| {
+                // A routine may change its arguments before it uses them by another name.
+                let calls = called.iter().map(|index| Step::Call(vec![*index]));
+                for step in changes.iter().cloned().chain(calls).chain(changes.clone()) {
+                    push(flow, step);
                 }
+            };
+            if is_interrupt {
+                for index in &called {
+                    flow.interrupts(*index);
+                }
+                for step in changes.clone() {
+                    flow.push(aside, step, location);
+                }
+            } else {
+                evaluate(&mut flow);
             }
             let step = self.step(*line, &word);
             let is_loop = matches!(step, Step::Loop);
-            push(&mut flow, step);
+            steps.push(push(&mut flow, step));
             // The condition of a loop is evaluated before each pass.
-            for index in called.iter().filter(|_| is_loop) {
-                push(&mut flow, Step::Call(vec![*index]));
+            if is_loop {
+                evaluate(&mut flow);
             }
             for (key, value) in self.set(*line, &word, &numbered) {
                 push(&mut flow, Step::Set(key, Some(value)));
@@ -70,7 +83,6 @@ impl Reader<'_> {
             if matches!(word.as_str(), "end" | "endfct" | "enddat") {
                 own = 0;
             }
-            steps.push(first.unwrap_or(0));
         }
         States {
             certain: flow.certain(),
@@ -88,6 +100,17 @@ impl Reader<'_> {
                 let values = values.entry((is_tool, number)).or_default();
                 values.push(found.map_or_else(Named::Unknown, Named::Written));
             }
+            for (is_tool, number) in self.given_numbered(*line) {
+                let given = self.numbers_of(is_tool).into_iter();
+                let all: Vec<u32> = match number {
+                    Some(number) => vec![number],
+                    None => given.collect(),
+                };
+                let unknown = || Named::Unknown("the program changes it".to_owned());
+                for number in all {
+                    values.entry((is_tool, number)).or_default().push(unknown());
+                }
+            }
         }
         let key = |(name, values): ((bool, u32), Vec<Named>)| {
             let declared = self.numbered.get(&name).cloned();
@@ -103,6 +126,17 @@ impl Reader<'_> {
         values.into_iter().map(key).collect()
     }
 
+    /// Returns the numbers of all tools or bases that the files name.
+    fn numbers_of(&self, is_tool: bool) -> BTreeSet<u32> {
+        let declared = self.numbered.keys().filter(|key| key.0 == is_tool);
+        let names: Vec<&str> = match is_tool {
+            true => self.given.tools().map(|(name, _)| name).collect(),
+            false => self.given.bases().map(|(name, _)| name).collect(),
+        };
+        let given = names.iter().filter_map(|name| name.parse().ok());
+        declared.map(|key| key.1).chain(given).collect()
+    }
+
     /// Returns the name of the routine that begins at a line, and whether it is global.
     fn defined(&self, line: Line) -> Option<(String, bool)> {
         let text = self.texts[line.file];
@@ -114,7 +148,6 @@ impl Reader<'_> {
         Some((text.name(open - 1), is_global))
     }
 
-    /// Returns the routines of the files that a line calls.
     fn called(&self, line: Line, routines: &Routines) -> Vec<usize> {
         let text = self.texts[line.file];
         let is_call = |at: &usize| {

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, SLACK, Says, Stated, Target, of_sign,
+    Configuration, Goal, Location, SLACK, Says, Stated, Target, WRIST, of_sign,
 };
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
@@ -14,8 +14,6 @@ use crate::robot_programs::dialect::Orientation;
 
 /// RAPID writes 9E9 for an external axis that a robot does not have; larger values than this count as 9E9.
 const NO_AXIS: f64 = 8.9e9;
-/// Index of the joint whose sign flips the wrist.
-const WRIST: usize = 4;
 
 /// A value, or the reason why it is not known.
 pub type Known<T> = Result<T, String>;
@@ -190,7 +188,6 @@ pub fn pose_of(value: &Value) -> Option<Pose<f64>> {
 
 /// Result of reading a list as a target.
 pub enum Read {
-    /// A target.
     Target(Box<Target>),
     /// A target that cannot be corrected, and the reason.
     Left(&'static str),
@@ -226,13 +223,7 @@ pub fn target(value: &Value, location: Location) -> Read {
     if axes.iter().any(|axis| axis.value.abs() < NO_AXIS) {
         return Read::Left("it has external axes");
     }
-    Read::Target(Box::new(Target {
-        location,
-        goal,
-        tool: None,
-        base: None,
-        configuration,
-    }))
+    Read::Target(Box::new(Target::new(location, goal, configuration)))
 }
 
 fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
@@ -263,6 +254,27 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
         ..Configuration::monitored(bounds)
     };
     Some((goal, Some(configuration)))
+}
+
+/// Data that a statement may change.
+pub struct Change {
+    /// Name in lower case; `None` for all data.
+    pub name: Option<String>,
+    /// Whether it may be data of any module and routine, as it is named in a string.
+    pub is_anywhere: bool,
+    /// Whether the change is in the files; otherwise it may be.
+    pub is_certain: bool,
+}
+
+impl Change {
+    /// Creates a change of the data to which a name refers where it stands.
+    pub fn of(name: String, is_certain: bool) -> Self {
+        Self {
+            name: Some(name),
+            is_anywhere: false,
+            is_certain,
+        }
+    }
 }
 
 /// Data of one name.
@@ -302,9 +314,35 @@ impl<T> Names<T> {
         found.is_some_and(|(index, _)| self.0[name][index].file == other)
     }
 
-    /// Returns the data to which a name refers in a routine of a file, to be changed.
-    pub fn find_mut(&mut self, name: &str, file: usize, routine: usize) -> Option<&mut T> {
-        let (index, _) = self.find_with_index(name, file, routine)?;
+    /// Returns the data that a statement in a routine of a file changes: names, and indices among the data of the name.
+    pub fn changed(&self, change: &Change, file: usize, routine: usize) -> Vec<(String, usize)> {
+        let names = match &change.name {
+            Some(name) => vec![name],
+            None => {
+                let mut names: Vec<&String> = self.0.keys().collect();
+                names.sort();
+                names
+            }
+        };
+        let mut out = Vec::new();
+        for name in names {
+            let found = self.find_with_index(name, file, routine);
+            let all = 0..self.0.get(name).map_or(0, Vec::len);
+            let is_it = |index: &usize| {
+                change.is_anywhere || found.is_some_and(|(found, _)| found == *index)
+            };
+            out.extend(all.filter(is_it).map(|index| (name.clone(), index)));
+        }
+        out
+    }
+
+    /// Returns data by their index among the data of their name.
+    pub fn at(&self, name: &str, index: usize) -> Option<&T> {
+        Some(&self.0.get(name)?.get(index)?.value)
+    }
+
+    /// Returns the same, to be changed.
+    pub fn at_mut(&mut self, name: &str, index: usize) -> Option<&mut T> {
         Some(&mut self.0.get_mut(name)?.get_mut(index)?.value)
     }
 

@@ -4,6 +4,7 @@
 //! it or from a frame file. Computed targets, external axes, displacements and tools that the robot does not hold are left
 //! as they are. ("RAPID Instructions, Functions and Data types", 3HAC050917.)
 
+mod changes;
 mod data;
 mod motion;
 mod statements;
@@ -19,12 +20,12 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Location, Program};
-use crate::robot_programs::correction::rapid::data::{FrameData, Names, Read, target};
+use crate::robot_programs::correction::rapid::data::{Change, FrameData, Names, Read, target};
 use crate::robot_programs::correction::rapid::statements::{
-    Parameter, Routine, Statement, is_instruction, statements,
+    Routine, Statement, is_instruction, statements,
 };
 use crate::robot_programs::correction::rapid::states::States;
-use crate::robot_programs::correction::rapid::syntax::{arguments, list_starts, stays};
+use crate::robot_programs::correction::rapid::syntax::{list_starts, stays};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};
 
@@ -49,16 +50,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         })
         .collect();
     let copies = sources.clone();
-    let texts: Vec<Text<'_>> = copies
-        .iter()
-        .zip(&tokens)
-        .enumerate()
-        .map(|(file, (source, tokens))| Text {
-            file,
-            source,
-            tokens,
-        })
-        .collect();
+    let texts = Text::of_files(&copies, &tokens);
     let mut reader = Reader {
         program: Program::new("ABB RAPID", Language::Rapid.dialect(), sources),
         texts,
@@ -80,9 +72,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         reader.declare(statement);
     }
     reader.add_given_frames();
-    for statement in &all {
-        reader.note_changed_parameter(statement);
-    }
+    reader.note_changed_parameters(&all);
     for statement in &all {
         reader.note_change(statement);
     }
@@ -282,43 +272,27 @@ impl Reader<'_> {
         own.or_else(|| all.iter().find(is_seen)).copied()
     }
 
-    /// Notes a routine that assigns to what its caller gives it.
-    fn note_changed_parameter(&mut self, s: &Statement) {
-        let Some((name, ..)) = self.assignment(s) else {
-            return;
-        };
-        let is_own = |r: &&mut Routine| (r.file, r.number) == (s.file, s.routine);
-        if let Some(routine) = self.routines.iter_mut().find(is_own) {
-            let is_it = |p: &Parameter| p.is_reference && p.name == name;
-            routine.has_changes |= routine.parameters.iter().any(is_it);
-        }
-    }
-
     /// Leaves the targets that a statement changes as they are.
     fn note_change(&mut self, s: &Statement) {
-        let text = self.texts[s.file];
-        let is_search = text.name(s.from).starts_with("search");
-        let changed = match self.assignment(s) {
-            Some((name, ..)) => vec![name],
-            // SearchL gives the point that it finds to its second argument.
-            None if is_search => {
-                let found = arguments(&text, s.from + 1, s.end).0.get(1).copied();
-                found.map(|(from, _)| text.name(from)).into_iter().collect()
+        let assigned = self.assignment(s).map(|(name, ..)| Change::of(name, true));
+        for change in self.changes(s).into_iter().chain(assigned) {
+            for (name, index) in self.loads.changed(&change, s.file, s.routine) {
+                if let Some(mass) = self.loads.at_mut(&name, index) {
+                    *mass = None;
+                }
             }
-            None => self.changed_arguments(s),
-        };
-        for name in changed {
-            if let Some(mass) = self.loads.find_mut(&name, s.file, s.routine) {
-                *mass = None;
-            }
-            let Some(Ok(indices)) = self.named.find(&name, s.file, s.routine) else {
-                continue;
-            };
             let line = self.program.line_of(self.location(s, s.from));
-            for index in indices.clone().into_iter().flatten() {
-                let location = self.program.targets[index].location;
+            let verb = match change.is_certain {
+                true => "changes",
+                false => "may change",
+            };
+            let changed = self.named.changed(&change, s.file, s.routine);
+            let points = |(name, index): (String, usize)| self.named.at(&name, index);
+            let points = changed.into_iter().filter_map(points).flatten();
+            for target in points.flatten().copied().flatten() {
+                let location = self.program.targets[target].location;
                 self.program
-                    .leave(location, format!("the program changes it at {line}"));
+                    .leave(location, format!("the program {verb} it at {line}"));
             }
         }
     }

@@ -62,27 +62,15 @@ impl Reader<'_> {
         let tool = self.tool(s, (tool_from, tool_end), state, is_joints)?;
         let object = match (switch("wobj"), is_joints) {
             (Some(value), false) => self.object(s, value, state)?,
-            _ => Ok((
-                "wobj0".to_owned(),
-                Pose::identity(),
-                "the controller".to_owned(),
-            )),
+            _ => Ok(Frame::own("wobj0", false)),
         };
-        let (tool, object) = match (tool, object) {
-            (Ok(tool), Ok(object)) => (tool, object),
+        let (mut tool, base) = match (tool, object) {
+            (Ok(tool), Ok(base)) => (tool, base),
             (Err(reason), _) | (_, Err(reason)) => {
                 self.leave_motion(s, &goals, reason);
                 return Ok(());
             }
         };
-        let base = Frame {
-            name: object.0,
-            is_tool: false,
-            pose: object.1,
-            payload_kg: None,
-            origin: object.2,
-        };
-        let mut tool = tool;
         let load = match switched(LOADED) {
             Ok(Setting::Load(kg)) => Some(kg),
             _ => None,
@@ -236,12 +224,11 @@ impl Reader<'_> {
                 mass,
                 ..
             }) => Ok(Ok(frame(*pose, *mass, self.origin(&name, s)))),
-            Some(FrameData::Object { .. }) => Ok(Err(format!("{name} is no tool"))),
-            None if name == "tool0" => Ok(Ok(frame(
-                Pose::identity(),
-                Some(0.0),
-                "the controller".to_owned(),
-            ))),
+            Some(FrameData::Object { .. }) => Ok(Err(format!("{name} is not a tool"))),
+            None if name == "tool0" => Ok(Ok(Frame {
+                payload_kg: Some(0.0),
+                ..Frame::own(text.spelling(from), true)
+            })),
             None => Err(self.given.unknown(
                 text.source,
                 text.byte(from),
@@ -252,14 +239,13 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the work object of an argument: its name, `base_from_object`, and the origin of its values.
-    #[allow(clippy::type_complexity)]
+    /// Returns the work object of an argument, or the reason why it is not known.
     fn object(
         &self,
         s: &Statement,
         (from, end): (usize, usize),
         state: &State<'_>,
-    ) -> Result<Result<(String, Pose<f64>, String), String>, InputError> {
+    ) -> Result<Result<Frame, String>, InputError> {
         let text = self.texts[s.file];
         let name = text.name(from);
         if end != from + 1 {
@@ -285,9 +271,15 @@ impl Reader<'_> {
                 user: Ok(user),
                 object: Ok(object),
                 ..
-            }) => Ok((text.spelling(from), *user * *object, self.origin(&name, s))),
-            Some(FrameData::Tool { .. }) => Err(format!("{name} is no work object")),
-            None if name == "wobj0" => Ok((name, Pose::identity(), "the controller".to_owned())),
+            }) => Ok(Frame {
+                name: text.spelling(from),
+                is_tool: false,
+                pose: *user * *object,
+                payload_kg: None,
+                origin: self.origin(&name, s),
+            }),
+            Some(FrameData::Tool { .. }) => Err(format!("{name} is not a work object")),
+            None if name == "wobj0" => Ok(Frame::own(name, false)),
             None => {
                 return Err(self.given.unknown(
                     text.source,

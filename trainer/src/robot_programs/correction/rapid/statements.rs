@@ -39,8 +39,6 @@ pub struct Routine {
     pub is_trap: bool,
     /// Its parameters.
     pub parameters: Vec<Parameter>,
-    /// Whether it assigns to what its caller gives it.
-    pub has_changes: bool,
 }
 
 /// A parameter of a routine.
@@ -52,21 +50,32 @@ pub struct Parameter {
     pub name: String,
     /// Whether it stands for the data of the caller, and not for their value.
     pub is_reference: bool,
+    /// Whether a caller may leave it out.
+    pub is_optional: bool,
+    /// Whether the routine changes what it stands for.
+    pub is_changed: bool,
 }
 
 /// Returns the parameters in a list.
 fn parameters(text: &Text<'_>, from: usize, end: usize) -> Vec<Parameter> {
     let is_mode = |at: usize| matches!(text.name(at).as_str(), "inout" | "var" | "pers" | "ref");
-    let parameter = |(from, end): (usize, usize)| {
-        let at = (from..end).find(|at| !text.name(*at).is_empty() && !is_mode(*at))?;
-        Some(Parameter {
+    let mut out = Vec::new();
+    let (mut start, mut is_optional) = (from, false);
+    while start < end {
+        // Optional ones follow without a comma, and a bar stands between those of which one is given: \\num n | num m
+        let stop = text.find(start, end, b",\\|");
+        let first = (start..stop).find(|at| !text.name(*at).is_empty() && !is_mode(*at));
+        out.extend(first.map(|at| Parameter {
             kind: text.name(at),
             name: text.name(at + 1),
-            is_reference: (from..at).any(is_mode),
-        })
-    };
-    let all = text.arguments(from, end).into_iter();
-    all.filter_map(parameter).collect()
+            is_reference: (start..at).any(is_mode),
+            is_optional,
+            is_changed: false,
+        }));
+        is_optional = text.is(stop, b'\\') || is_optional && text.is(stop, b'|');
+        start = stop + 1;
+    }
+    out
 }
 
 /// Returns the first token of the statement behind the condition of an IF on one line: two operands without an operator
@@ -165,7 +174,6 @@ pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
                     is_local: std::mem::take(&mut is_local),
                     is_trap: word == "trap",
                     parameters: Vec::new(),
-                    has_changes: false,
                 };
                 at = name_at + 1;
                 if text.is(at, b'(') {

@@ -37,27 +37,45 @@ impl Reader<'_> {
             let own = by_number.get(&(s.file, s.routine)).copied().unwrap_or(0);
             let routine = if s.is_handler { handlers } else { own };
             let location = self.location(s, s.from);
-            let mut first = None;
-            let mut push = |flow: &mut Flow<Setting>, step| {
-                let index = flow.push(routine, step, location);
-                first.get_or_insert(index);
+            let push = |flow: &mut Flow<Setting>, step| flow.push(routine, step, location);
+            let mut set = |flow: &mut Flow<Setting>, parts: Vec<(Slot, Option<Setting>)>| {
+                let step = |((name, index, part), value): (Slot, Option<Setting>)| {
+                    let declared = self.frames.at(&name, index);
+                    let key = *keys.entry((name, index, part)).or_insert_with(|| {
+                        flow.key(declared.and_then(|data| data.declared(part)), true)
+                    });
+                    Step::Set(key, value)
+                };
+                parts.into_iter().map(step).collect::<Vec<_>>()
             };
+            let mut evaluated = set(&mut flow, self.changed_parts(s));
             let called = self.called(s);
-            let call = || Step::Call(called.iter().map(|index| routines[*index]).collect());
             if !called.is_empty() {
-                push(&mut flow, call());
+                // A routine may change its arguments before it uses them by another name.
+                let calls = Step::Call(called.iter().map(|index| routines[*index]).collect());
+                let changes = evaluated.clone();
+                evaluated.push(calls);
+                evaluated.extend(changes);
             }
-            push(&mut flow, s.step.clone());
-            // The condition of a loop is evaluated before each pass.
-            if !called.is_empty() && matches!(s.step, Step::Loop) {
-                push(&mut flow, call());
+            let evaluate = |flow: &mut Flow<Setting>| {
+                for step in &evaluated {
+                    push(flow, step.clone());
+                }
+            };
+            let is_next = matches!(s.step, Step::Next(_));
+            if !is_next {
+                evaluate(&mut flow);
             }
-            for ((name, index, part), value) in self.set_parts(s) {
-                let key = *keys.entry((name.clone(), index, part)).or_insert_with(|| {
-                    let found = self.frames.find(&name, s.file, s.routine);
-                    flow.key(found.and_then(|data| data.declared(part)), true)
-                });
-                push(&mut flow, Step::Set(key, value));
+            steps.push(push(&mut flow, s.step.clone()));
+            // The condition of a loop is evaluated before each pass, and that of a branch once the ones before are not taken.
+            if is_next || matches!(s.step, Step::Loop) {
+                evaluate(&mut flow);
+            }
+            if is_next {
+                push(&mut flow, Step::Evaluated);
+            }
+            for step in set(&mut flow, self.assigned_parts(s)) {
+                push(&mut flow, step);
             }
             if let Some((key, value)) = self.set_switch(s) {
                 push(&mut flow, Step::Set(key, Some(Setting::Is(value))));
@@ -65,7 +83,6 @@ impl Reader<'_> {
             if let Some(load) = self.grip_load(s) {
                 push(&mut flow, Step::Set(LOADED, load.map(Setting::Load)));
             }
-            steps.push(first.unwrap_or(0));
         }
         States {
             certain: flow.certain(),
@@ -91,31 +108,25 @@ impl Reader<'_> {
             .collect()
     }
 
-    /// Returns the data that a statement gives to parameters of a routine that changes them.
-    pub(super) fn changed_arguments(&self, s: &Statement) -> Vec<String> {
-        let called = self.called(s);
-        if !called.iter().any(|index| self.routines[*index].has_changes) {
-            return Vec::new();
-        }
+    /// Returns the parts of tools and work objects that the left side of an assignment sets.
+    fn assigned_parts(&self, s: &Statement) -> Vec<(Slot, Option<Setting>)> {
         let text = self.texts[s.file];
-        (s.from + 1..s.end).map(|at| text.name(at)).collect()
+        let Some((name, component, from)) = self.assignment(s) else {
+            return Vec::new();
+        };
+        let Some((index, data)) = self.frames.find_with_index(&name, s.file, s.routine) else {
+            return Vec::new();
+        };
+        let parts = data.assigned(&component, &text.value(from, s.end));
+        let slot = |(part, value)| ((name.clone(), index, part), value);
+        parts.into_iter().map(slot).collect()
     }
 
-    /// Returns the parts of tools and work objects that a statement sets.
-    fn set_parts(&self, s: &Statement) -> Vec<(Slot, Option<Setting>)> {
-        let text = self.texts[s.file];
-        let find = |name: &str| self.frames.find_with_index(name, s.file, s.routine);
-        if let Some((name, component, from)) = self.assignment(s) {
-            let Some((index, data)) = find(&name) else {
-                return Vec::new();
-            };
-            let parts = data.assigned(&component, &text.value(from, s.end));
-            let slot = |(part, value)| ((name.clone(), index, part), value);
-            return parts.into_iter().map(slot).collect();
-        }
+    /// Returns the parts of tools and work objects that a statement changes by what it calls.
+    fn changed_parts(&self, s: &Statement) -> Vec<(Slot, Option<Setting>)> {
         let mut out = Vec::new();
-        for name in self.changed_arguments(s) {
-            if let Some((index, _)) = find(&name) {
+        for change in self.changes(s) {
+            for (name, index) in self.frames.changed(&change, s.file, s.routine) {
                 out.extend(Part::ALL.map(|part| ((name.clone(), index, part), None)));
             }
         }

@@ -64,6 +64,41 @@ pub fn stays(name: &str) -> bool {
     )
 }
 
+/// An argument of an instruction or function.
+pub struct Piece {
+    /// Name of an optional argument in lower case; `None` for a positional one.
+    pub switch: Option<String>,
+    /// Its value: tokens `from` to `end`, none for a switch alone.
+    pub from: usize,
+    pub end: usize,
+}
+
+/// Returns the arguments between two tokens: `p10\ID:=5,v100\Far?w`.
+pub fn pieces(text: &Text<'_>, from: usize, end: usize) -> Vec<Piece> {
+    let mut out = Vec::new();
+    let (mut start, mut is_optional) = (from, false);
+    while start < end {
+        let stop = text.find(start, end, b",\\");
+        // The argument of an optional parameter may depend on that of the caller: \Far?w
+        let value = match () {
+            () if !is_optional => start,
+            () if text.is(start + 1, b':') && text.is(start + 2, b'=') => start + 3,
+            () if text.is(start + 1, b'?') => start + 2,
+            () => stop,
+        };
+        if stop > start {
+            out.push(Piece {
+                switch: is_optional.then(|| text.name(start)),
+                from: value.min(stop),
+                end: stop,
+            });
+        }
+        is_optional = text.is(stop, b'\\');
+        start = stop + 1;
+    }
+    out
+}
+
 /// Returns the positional arguments, and the optional ones with the tokens of their values.
 #[allow(clippy::type_complexity)]
 pub fn arguments(

@@ -1,7 +1,8 @@
-//! Splits a URScript into lines, each with its function and the conditions around it.
+//! Splits a URScript into lines, each with its function and the conditions around it. Several statements on one line of the
+//! file are several lines here.
 
 use crate::robot_programs::correction::flow::Step;
-use crate::robot_programs::correction::tokens::{Kind, Text};
+use crate::robot_programs::correction::tokens::{Kind, Text, Token};
 use crate::robot_programs::correction::urscript::states::Setting;
 
 /// One line, with its function and the conditions around it.
@@ -20,14 +21,20 @@ pub struct Line {
     pub step: Step<Setting>,
 }
 
+/// Words between or before two operands of an expression.
+const OPERATORS: [&str; 4] = ["and", "or", "xor", "not"];
+
 /// Returns all lines of a script that are not empty.
 pub fn lines_of(text: &Text<'_>) -> Vec<Line> {
     let mut lines = Vec::new();
     let (mut functions, mut count) = (vec![0], 0);
     let mut blocks: Vec<(usize, bool)> = Vec::new();
     let mut from = 0;
+    let mut next = call_end(text, from);
     for at in 0..=text.tokens.len() {
-        if text.at(at).is_some_and(|token| token.kind != Kind::LineEnd) {
+        let is_within = |token: &Token| !(token.kind == Kind::LineEnd || token.is(b';'));
+        let is_mark = !text.at(at).is_some_and(is_within);
+        if !is_mark && next != Some(at) {
             continue;
         }
         if at > from {
@@ -64,9 +71,23 @@ pub fn lines_of(text: &Text<'_>) -> Vec<Line> {
                 blocks.push((count, false));
             }
         }
-        from = at + 1;
+        from = at + usize::from(is_mark);
+        next = call_end(text, from);
     }
     lines
+}
+
+/// Returns the token behind a call that begins a statement, if it begins the next statement.
+fn call_end(text: &Text<'_>, from: usize) -> Option<usize> {
+    let is_keyword =
+        |name: &str| !matches!(step_of(name), Step::Other) || OPERATORS.contains(&name);
+    let name = text.name(from);
+    if name.is_empty() || is_keyword(&name) || !text.is(from + 1, b'(') {
+        return None;
+    }
+    let behind = text.find(from + 2, text.tokens.len(), b")") + 1;
+    let next = text.name(behind);
+    (!next.is_empty() && !OPERATORS.contains(&next.as_str())).then_some(behind)
 }
 
 fn step_of(word: &str) -> Step<Setting> {

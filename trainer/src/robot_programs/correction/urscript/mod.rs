@@ -91,8 +91,8 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     let states = reader.states();
     reader.run(&states)?;
     reader.program.remarks.push(
-        "the controller of a Universal Robots arm has parameters of its own calibration: with them the correction would count \
-         twice, unless the model was calibrated against them"
+        "the controller of a Universal Robots arm has a calibration of its own: the correction would count twice, \
+         unless the model was calibrated against the controller's parameters"
             .to_owned(),
     );
     Ok(reader.program)
@@ -240,10 +240,11 @@ impl Reader<'_> {
                     self.program
                         .leave(location, format!("{name} is not corrected"));
                 }
-                _ if line.is_definition => {}
                 _ => {
                     let is_hidden = |at: &usize| {
-                        MOTIONS.contains(&text.name(*at).as_str()) && text.is(at + 1, b'(')
+                        let word = text.name(*at);
+                        let is_motion = MOTIONS.iter().chain(&OTHER_MOTIONS).any(|m| *m == word);
+                        is_motion && text.is(at + 1, b'(')
                     };
                     for at in (line.from + 1..line.end).filter(is_hidden) {
                         let location = self.location(at);
@@ -266,9 +267,14 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Notes that moves can be inserted before a line, which must state no time of its own.
+    /// Notes that moves can be inserted before a line, which must state no time of its own, and be alone on its line of the file.
     fn note_line(&mut self, line: &Line, step: usize) {
         let text = self.text;
+        let is_end = |at: usize| text.at(at).is_none_or(|token| token.kind == Kind::LineEnd);
+        let behind = line.end + usize::from(text.is(line.end, b';'));
+        if !(line.from == 0 || is_end(line.from - 1)) || !is_end(behind) {
+            return;
+        }
         let arguments = self.first(line);
         let is_named_time =
             |(from, _): &(usize, usize)| text.name(*from) == "t" && text.is(from + 1, b'=');

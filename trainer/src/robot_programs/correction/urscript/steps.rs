@@ -13,7 +13,7 @@ impl Reader<'_> {
     /// Follows the lines of all functions.
     pub(super) fn states(&self) -> States {
         let mut flow = Flow::new();
-        let given = self.given.tool("tcp");
+        let given = self.given.named("tcp", true);
         let tool = given.map_or(Setting::Nothing, |given| Setting::Pose(given.pose));
         flow.key(Some(tool), true);
         flow.key(Some(Setting::Nothing), true);

@@ -89,13 +89,7 @@ impl Reader<'_> {
         at: (&States, usize),
     ) -> Result<(usize, Frame), String> {
         let text = self.text;
-        let base = Frame {
-            name: "base".to_owned(),
-            is_tool: false,
-            pose: Pose::identity(),
-            payload_kg: None,
-            origin: "the controller".to_owned(),
-        };
+        let base = Frame::own("base", false);
         let arguments = self.arguments_of(from, end);
         match (text.name(from).as_str(), arguments.as_deref()) {
             ("pose_trans", Some(all)) => {
@@ -138,7 +132,6 @@ impl Reader<'_> {
         }
     }
 
-    /// Returns the target that a variable is.
     fn variable_target(&mut self, from: usize, end: usize) -> Result<usize, String> {
         let name = self.text.spelling(from);
         let (a, b, target) = match self.set.get(&name) {
@@ -217,21 +210,11 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Reads a written target.
     fn written(&self, from: usize, end: usize) -> Option<Target> {
         let goal = match self.numbers(from, end) {
-            Some([x, y, z, rx, ry, rz]) => Goal::Pose {
-                position: [x, y, z],
-                orientation: vec![rx, ry, rz],
-            },
+            Some(numbers) => Goal::pose(&numbers),
             None => Goal::Joints(self.text.value(from, end).numbers::<6>()?.to_vec()),
         };
-        Some(Target {
-            location: self.location(from),
-            goal,
-            tool: None,
-            base: None,
-            configuration: None,
-        })
+        Some(Target::new(self.location(from), goal, None))
     }
 }

@@ -5,6 +5,9 @@
 //! names. The programs (`.pgx`) say with which tool a point is used (`movej(jJoint[0],tTool[0],…)`); they are read but not
 //! changed.
 
+mod changes;
+mod tags;
+
 use std::collections::{HashMap, HashSet};
 
 use nalgebra::Vector3;
@@ -17,10 +20,17 @@ use crate::robot_programs::correction::program::{
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
+use crate::robot_programs::correction::val3::tags::{Tag, is_comment, tags};
 use crate::robot_programs::dialect::{Orientation, VAL3};
 
 /// Components of points, frames and tools.
 const COMPONENTS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
+/// Attributes of a point that state its configuration, each with the names of its two sides.
+const LETTERS: [(&str, &str, &str); 3] = [
+    ("wrist", "wpositive", "wnegative"),
+    ("elbow", "epositive", "enegative"),
+    ("shoulder", "righty", "lefty"),
+];
 /// Largest depth of nested frames.
 const DEEPEST: usize = 16;
 
@@ -69,16 +79,12 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     for (file, source) in copies.iter().enumerate().filter(|(_, s)| !is_data(s)) {
         let is_own = |tag: &Tag| matches!(tag.name.as_str(), "Local" | "Parameter");
         for tag in tags(source).into_iter().filter(is_own) {
-            let name = tag.attributes.iter().find(|(key, _)| key == "name");
-            let name = name.map(|(_, span)| String::from_utf8_lossy(source.slice(span)));
-            reader
-                .own
-                .extend(name.map(|name| (file, name.into_owned())));
+            let name = tag.value(source, "name");
+            reader.own.extend(name.map(|name| (file, name)));
         }
     }
-    for text in texts() {
-        reader.changes(&text);
-    }
+    let texts_of_programs: Vec<Text<'_>> = texts().collect();
+    reader.changes(&texts_of_programs);
     for text in texts() {
         reader.code(&text)?;
     }
@@ -91,8 +97,10 @@ fn is_data(source: &Source) -> bool {
 }
 
 /// A frame or tool of the data.
+#[derive(Clone, PartialEq)]
 struct FrameData {
-    pose: Option<Pose<f64>>,
+    /// Its pose in its father, or why it is not known.
+    pose: Result<Pose<f64>, &'static str>,
     father: String,
 }
 
@@ -107,64 +115,6 @@ struct Reader<'a> {
     changed: HashMap<String, String>,
     /// Files and names of the variables and parameters of programs, which hide the data.
     own: HashSet<(usize, String)>,
-}
-
-/// A start tag: its name, and the positions of its attributes' values.
-struct Tag {
-    name: String,
-    at: usize,
-    attributes: Vec<(String, std::ops::Range<usize>)>,
-}
-
-/// Returns the start tags of an XML file, without comments.
-fn tags(source: &Source) -> Vec<Tag> {
-    let bytes = &source.bytes;
-    let mut out = Vec::new();
-    let mut at = 0;
-    while let Some(open) = bytes[at..].iter().position(|b| *b == b'<').map(|i| at + i) {
-        let rest = &bytes[open..];
-        if rest.starts_with(b"<!--") {
-            let end = rest.windows(3).position(|w| w == b"-->");
-            at = open + end.map_or(rest.len(), |end| end + 3);
-            continue;
-        }
-        let is_name = |b: &u8| b.is_ascii_alphanumeric() || matches!(b, b'_' | b':' | b'-');
-        let name_end = open + 1 + bytes[open + 1..].iter().take_while(|b| is_name(b)).count();
-        let mut tag = Tag {
-            name: String::from_utf8_lossy(&bytes[open + 1..name_end]).into_owned(),
-            at: open,
-            attributes: Vec::new(),
-        };
-        at = name_end.max(open + 1);
-        while let Some(byte) = bytes.get(at) {
-            if *byte == b'>' {
-                at += 1;
-                break;
-            }
-            let length = bytes[at..].iter().take_while(|b| is_name(b)).count();
-            let quote_at = at + length + 1;
-            if length > 0
-                && bytes.get(at + length) == Some(&b'=')
-                && matches!(bytes.get(quote_at), Some(b'"' | b'\''))
-            {
-                let quote = bytes[quote_at];
-                let inside = bytes[quote_at + 1..]
-                    .iter()
-                    .take_while(|b| **b != quote)
-                    .count();
-                let span = quote_at + 1..quote_at + 1 + inside;
-                let key = String::from_utf8_lossy(&bytes[at..at + length]).into_owned();
-                at = (span.end + 1).min(bytes.len());
-                tag.attributes.push((key, span));
-            } else {
-                at += length.max(1);
-            }
-        }
-        if !tag.name.is_empty() {
-            out.push(tag);
-        }
-    }
-    out
 }
 
 impl Reader<'_> {
@@ -197,10 +147,7 @@ impl Reader<'_> {
             };
             let goal = match kind.as_str() {
                 "jointRx" => all(&["j1", "j2", "j3", "j4", "j5", "j6"]).map(Goal::Joints),
-                "pointRx" => all(&COMPONENTS).map(|n| Goal::Pose {
-                    position: [n[0], n[1], n[2]],
-                    orientation: n[3..].to_vec(),
-                }),
+                "pointRx" => all(&COMPONENTS).map(|n| Goal::pose(&n)),
                 "frame" | "tool" => {
                     // A component that is not written is 0.
                     let component = |name: &&str| match value(name) {
@@ -215,103 +162,46 @@ impl Reader<'_> {
                             translation: Vector3::new(v[0], v[1], v[2]) / 1000.0,
                         })
                     });
-                    self.frames.insert(key, FrameData { pose, father });
+                    let pose = pose.ok_or("is not written out");
+                    let new = FrameData { pose, father };
+                    let known = self.frames.entry(key).or_insert_with(|| new.clone());
+                    if *known != new {
+                        known.pose = Err("is declared in two ways");
+                    }
                     continue;
                 }
                 _ => continue,
             };
-            let is_wrist_flipped = match value("wrist").as_deref() {
-                Some("wpositive") => Some(false),
-                Some("wnegative") => Some(true),
+            let letters = LETTERS.map(|(key, one, other)| match value(key) {
+                Some(text) if text == one => Some(false),
+                Some(text) if text == other => Some(true),
                 _ => None,
-            };
-            let configuration = is_wrist_flipped.map(|is_flipped| Configuration {
-                is_wrist_flipped: Some(is_flipped),
+            });
+            let is_stated = letters.iter().any(Option::is_some);
+            let configuration = is_stated.then(|| Configuration {
+                letters,
                 ..Configuration::monitored(Vec::new())
             });
             let location = Location { file, at: tag.at };
             let target = goal.filter(|_| source.is_corrected).map(|goal| {
-                self.program.targets.push(Target {
-                    location,
-                    goal,
-                    tool: None,
-                    base: None,
-                    configuration,
-                });
+                let target = Target::new(location, goal, configuration);
+                self.program.targets.push(target);
                 self.program.targets.len() - 1
             });
             if target.is_none() && source.is_corrected {
                 self.program
-                    .leave(location, "a part of it is no number, or is not written");
+                    .leave(location, "a part of it is not a number, or is not written");
             }
-            self.named.insert(key, (target, father));
-        }
-    }
-
-    /// Notes the data that a program changes: `fPart.trsf=…`, `pPoint[1].trsf.z=…`, `tGun=…`, `setFrame(…,fPart)`, `link(p,f)`.
-    fn changes(&mut self, text: &Text<'_>) {
-        for at in 1..text.tokens.len() {
-            let name = text.name(at);
-            if matches!(name.as_str(), "setframe" | "link") && text.is(at + 1, b'(') {
-                let end = text.find(at + 2, text.tokens.len(), b")");
-                let arguments = text.arguments(at + 2, end);
-                let changed = match name.as_str() {
-                    "setframe" => arguments.last(),
-                    _ => arguments.first(),
-                };
-                if let Some((from, _)) = changed {
-                    self.change(text, *from);
+            let targets = [Some((target, father)), self.named.get(&key).cloned()];
+            if targets[1].is_some() {
+                for target in targets.iter().flatten().filter_map(|(target, _)| *target) {
+                    let location = self.program.targets[target].location;
+                    self.program.leave(location, "its name is declared twice");
                 }
             }
-            let is_compared = text.is(at + 1, b'=')
-                || [b'=', b'!', b'<', b'>']
-                    .iter()
-                    .any(|mark| text.is(at - 1, *mark));
-            if !text.is(at, b'=') || is_compared {
-                continue;
-            }
-            // The name stands before its key and its components.
-            let (mut from, mut depth) = (at, 0_usize);
-            while from > 0 {
-                from -= 1;
-                depth += usize::from(text.is(from, b']'));
-                depth = depth.saturating_sub(usize::from(text.is(from, b'[')));
-                let is_component = from > 0 && text.is(from - 1, b'.');
-                let is_name = text.at(from).is_some_and(|t| t.kind == Kind::Name);
-                if depth == 0 && is_name && !is_component {
-                    break;
-                }
-            }
-            self.change(text, from);
+            let [new, _] = targets;
+            self.named.extend(new.map(|new| (key, new)));
         }
-    }
-
-    /// Notes that a program changes the data that are named at a token.
-    fn change(&mut self, text: &Text<'_>, from: usize) {
-        let behind = match text.is(from + 1, b'[') {
-            true => text.find(from + 2, text.tokens.len(), b"]") + 1,
-            false => from + 1,
-        };
-        let name = Self::element(text, (from, behind)).unwrap_or_else(|| text.spelling(from));
-        let location = Location {
-            file: text.file,
-            at: text.byte(from),
-        };
-        let line = self.program.line_of(location);
-        if let Some((Some(target), _)) = self.named.get(&name) {
-            let location = self.program.targets[*target].location;
-            let reason = format!("the program changes it at {line}");
-            self.program.leave(location, reason);
-        }
-        let all = format!("{name}[");
-        for (key, (target, _)) in &self.named {
-            if let Some(target) = target.filter(|_| key.starts_with(&all)) {
-                let location = self.program.targets[target].location;
-                let reason = format!("the program changes one of {name} at {line}");
-                self.program.leave(location, reason);
-            }
-        }
-        self.changed.entry(name).or_insert(line);
     }
 
     /// Notes the motions of a program.
@@ -418,27 +308,14 @@ impl Reader<'_> {
         };
         let tool = match tool {
             // Joints need no tool.
-            Err(_) if is_joints => Ok(Frame {
-                name: "none".to_owned(),
-                is_tool: true,
-                pose: Pose::identity(),
-                payload_kg: None,
-                origin: "the controller".to_owned(),
-            }),
+            Err(_) if is_joints => Ok(Frame::own("none", true)),
             tool => tool,
         };
-        let target_at = self.program.targets[target].location;
         let base = match is_joints {
             true => self.frame(text, location.at, "world[0]", false)?,
             false => self.frame(text, location.at, father, false)?,
         };
-        match (tool, base) {
-            (Ok(tool), Ok(base)) => {
-                let (tool, base) = (self.program.frame(tool), self.program.frame(base));
-                self.program.move_to(target, way, tool, base);
-            }
-            (Err(reason), _) | (_, Err(reason)) => self.program.leave(target_at, reason),
-        }
+        self.program.move_in(target, way, tool, base);
         Ok(())
     }
 
@@ -473,12 +350,7 @@ impl Reader<'_> {
                 return Ok(Err(format!("the program changes {name} at {line}")));
             }
             let Some(data) = self.frames.get(&next) else {
-                let lower = next.to_ascii_lowercase();
-                let given = if is_tool {
-                    self.given.tool(&lower)
-                } else {
-                    self.given.base(&lower)
-                };
+                let given = self.given.named(&next.to_ascii_lowercase(), is_tool);
                 let Some(given) = given else {
                     return Err(self.given.unknown(text.source, at, kind, &next, kind));
                 };
@@ -487,22 +359,13 @@ impl Reader<'_> {
                 next = root.to_owned();
                 continue;
             };
-            let Some(own) = data.pose else {
-                return Ok(Err(format!("{next} is not written out")));
+            let own = match data.pose {
+                Ok(own) => own,
+                Err(reason) => return Ok(Err(format!("{next} {reason}"))),
             };
             pose = own * pose;
             next = data.father.clone();
         }
         Ok(Err(format!("{key} stands in too many frames")))
     }
-}
-
-/// Returns whether a token is in a comment, from `//` to the end of the line.
-fn is_comment(source: &Source, token: &Token) -> bool {
-    let before = &source.bytes[..token.start as usize];
-    let start = before
-        .iter()
-        .rposition(|b| matches!(b, b'\n' | b'\r'))
-        .map_or(0, |i| i + 1);
-    before[start..].windows(2).any(|w| w == b"//")
 }

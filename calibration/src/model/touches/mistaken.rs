@@ -1,0 +1,54 @@
+//! The refusal of a file with a mistake in all of its rows, as text for the user.
+
+use poegp_protocol::JointKind;
+use poegp_protocol::cause::Cause;
+
+use crate::identification::touch::mistakes::{Explained, Mistake};
+use crate::model::touches::summary::unit;
+use crate::robot::Robot;
+use crate::trust::wording::three_digits;
+use crate::trust::{Finding, Tier};
+
+/// Returns the finding about a mistake.
+pub fn mistaken(robot: &Robot, explained: &Explained) -> Finding {
+    let (unit, factor) = unit(explained.kind);
+    let [given, left] = explained.scatter.map(|x| three_digits(factor * x));
+    let others: Vec<String> = explained.others.iter().map(|m| named(robot, m)).collect();
+    let others = match others.is_empty() {
+        true => String::new(),
+        false => format!(" (fits equally: {})", others.join("; ")),
+    };
+    let text = format!(
+        "{}: the touches miss by {given} {unit} as given and by {left} {unit} then{others}",
+        named(robot, &explained.mistake)
+    );
+    let cause = match explained.mistake {
+        Mistake::Sign(_) => Cause::Sign,
+        Mistake::Swap(..) => Cause::Swap,
+        Mistake::Unit => Cause::Unit,
+        Mistake::Offset(..) => Cause::Offset,
+        Mistake::Robot(_) => Cause::Robot,
+    };
+    let [given, left] = explained.scatter;
+    Finding::new(cause, Tier::Refused, text, left / given.max(1e-12), 1.0)
+}
+
+fn named(robot: &Robot, mistake: &Mistake) -> String {
+    match mistake {
+        Mistake::Sign(joint) => format!("joint {} looks reversed (its sign)", joint + 1),
+        Mistake::Swap(a, b) => format!(
+            "the columns of joints {} and {} look exchanged",
+            a + 1,
+            b + 1
+        ),
+        Mistake::Unit => "the joints look like radians where the header says degrees".to_owned(),
+        Mistake::Offset(joint, by) => {
+            let by = match robot.joints[*joint].kind {
+                JointKind::Revolute => format!("{}°", three_digits(by.to_degrees().abs())),
+                JointKind::Prismatic => format!("{} mm", three_digits(1e3 * by.abs())),
+            };
+            format!("the zero of joint {} looks off by {by}", joint + 1)
+        }
+        Mistake::Robot(name) => format!("the touches look like those of {name}"),
+    }
+}

@@ -1,0 +1,311 @@
+//! Finds mistakes that shift each row in proportion to what the rows hold: a coupling or a gear ratio that the description
+//! does not have, axes or distances of the instrument with a wrong scale, orientations in another frame, joints that were read
+//! before the arm stood still, and a filter over neighbouring rows.
+//!
+//! The geometry takes up a part of such a mistake and its residuals show the rest. Each mistake is a few terms that are added
+//! to the geometry. The one that explains most of the residuals is named.
+
+use nalgebra::Vector3;
+use poegp_protocol::cause::Cause;
+use poegp_runtime::math::se3::Pose;
+
+use crate::identification::parametric::state::ROWS;
+use crate::trust::added_terms::{AddedTerms, Optimum};
+use crate::trust::change_points::needed;
+use crate::trust::finding::{Finding, Tier};
+use crate::trust::geometry::Geometry;
+use crate::trust::readings::Data;
+use crate::trust::wording::{length, three_digits};
+
+/// Shares of χ² that a mistake must explain to be warned of and to be refused: on measured arms none explains above 0.13.
+const EXPLAINED: (f64, f64) = (0.25, 0.35);
+/// Share of χ² above which a mistake explains what was refused without a reason.
+const CERTAIN: f64 = 0.5;
+/// Smallest coupling or ratio, smallest share of an axis, a move or a neighbour, smallest distance in m, and smallest turn in
+/// rad: less is within what honest arms and instruments do.
+const LEAST_RATIO: f64 = 1.5e-3;
+const LEAST_SHARE: f64 = 4e-4;
+const LEAST_DISTANCE: f64 = 2e-4;
+const LEAST_TURN: f64 = 3e-3;
+/// Share of the best mistake's drop of χ² above which another one fits as well.
+const AS_GOOD: f64 = 0.97;
+/// Most other mistakes that are listed.
+const OTHERS: usize = 2;
+
+/// A mistake in all rows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mistake {
+    /// The first joint also turns with the second.
+    Coupled(usize, usize),
+    /// A joint turns further, or less far, than stated.
+    Ratio(usize),
+    /// An axis of the instrument has another scale.
+    Axis(usize),
+    /// Distances from the instrument have an offset.
+    Distance,
+    /// The orientations are of another frame than the positions.
+    Turned,
+    /// The joints were read before the arm had arrived.
+    Early,
+    /// Each position is averaged with those of its neighbours.
+    Averaged,
+    /// No mistake: joints with play stop short on the side that they come from.
+    Play,
+}
+
+impl Mistake {
+    fn all(joints: usize) -> Vec<Self> {
+        let joint = |a: usize| {
+            let of = move |b: usize| match a == b {
+                true => Self::Ratio(a),
+                false => Self::Coupled(a, b),
+            };
+            (0..joints).map(of)
+        };
+        let mut out: Vec<Self> = (0..joints).flat_map(joint).collect();
+        out.extend((0..3).map(Self::Axis));
+        out.extend([
+            Self::Distance,
+            Self::Turned,
+            Self::Early,
+            Self::Averaged,
+            Self::Play,
+        ]);
+        out
+    }
+
+    fn terms(self, joints: usize) -> usize {
+        match self {
+            Self::Turned => 3,
+            Self::Play => joints,
+            _ => 1,
+        }
+    }
+
+    fn cause(self) -> Cause {
+        match self {
+            Self::Coupled(..) => Cause::Coupling,
+            Self::Ratio(_) | Self::Axis(_) | Self::Distance => Cause::Unit,
+            Self::Turned => Cause::Orientation,
+            Self::Early | Self::Play => Cause::Lag,
+            Self::Averaged => Cause::Rows,
+        }
+    }
+
+    /// Returns whether a mistake with these coefficients is larger than what honest arms and instruments do.
+    fn is_large(self, x: &[f64]) -> bool {
+        let size = Vector3::from_fn(|i, _| x.get(i).copied().unwrap_or(0.0)).norm();
+        size > match self {
+            Self::Coupled(..) | Self::Ratio(_) => LEAST_RATIO,
+            Self::Axis(_) | Self::Early | Self::Averaged => LEAST_SHARE,
+            Self::Distance => LEAST_DISTANCE,
+            Self::Turned => LEAST_TURN,
+            Self::Play => return false,
+        }
+    }
+
+    /// Describes the mistake with these coefficients.
+    fn text(self, x: &[f64]) -> String {
+        let percent = |x: f64| format!("{} %", three_digits(100.0 * x.abs()));
+        let more = |more: &'static str, less: &'static str| match x[0] > 0.0 {
+            true => more,
+            false => less,
+        };
+        match self {
+            Self::Coupled(a, b) => format!(
+                "joint {0} looks coupled: q{0} {1} {2:.4} q{3} instead of q{0}: export decoupled joints, or state the \
+                 coupling in the robot's description",
+                a + 1,
+                more("+", "−"),
+                x[0].abs(),
+                b + 1,
+            ),
+            Self::Ratio(a) => format!(
+                "joint {} moves {} {} than its column says: check its gear ratio and its unit",
+                a + 1,
+                percent(x[0]),
+                more("further", "less far")
+            ),
+            Self::Axis(i) => format!(
+                "lengths along {} of the instrument are {} too {}: check its scales",
+                ["x", "y", "z"][i],
+                percent(x[0]),
+                more("long", "short")
+            ),
+            Self::Distance => format!(
+                "distances from the instrument are {} too {}: check the offset of the reflector",
+                length(x[0].abs()),
+                more("long", "short")
+            ),
+            Self::Turned => format!(
+                "the orientations are turned by {:.2}° relative to the positions: export both in one frame, or leave out \
+                 the quaternion",
+                Vector3::from_row_slice(x).norm().to_degrees()
+            ),
+            Self::Early => format!(
+                "{} of the move from the row before was missing when the {} were read: wait until the arm stands still",
+                percent(x[0]),
+                more("joints", "poses")
+            ),
+            Self::Play => "the joints have play".to_owned(),
+            Self::Averaged => format!(
+                "each position holds {} of the one before and of the one after: export unfiltered positions",
+                percent(x[0])
+            ),
+        }
+    }
+}
+
+/// Computes the effects of mistakes on the residuals.
+struct Effects<'a> {
+    geometry: &'a Geometry,
+    /// For each sample, the displacement in m by 1 of each mistake that displaces positions, in the base frame.
+    axes: Vec<[Vector3<f64>; 3]>,
+    away: Vec<Vector3<f64>>,
+    averaged: Vec<Vector3<f64>>,
+}
+
+impl<'a> Effects<'a> {
+    fn new(data: &Data<'_>, base: &Pose<f64>, geometry: &'a Geometry) -> Self {
+        let seen = |k: usize| data.samples[k].observation.position();
+        let at = |k: usize| geometry.samples[k].observation.position();
+        let count = geometry.samples.len();
+        // From the axes of the instrument to those of the base.
+        let turn = base.rotation.transpose();
+        let axes = |k: usize| {
+            let p = seen(k);
+            std::array::from_fn(|i| turn.column(i) * p[i])
+        };
+        let averaged = |k: usize| match k > 0 && k + 1 < count {
+            true => at(k - 1) + at(k + 1) - 2.0 * at(k),
+            false => Vector3::zeros(),
+        };
+        Self {
+            geometry,
+            axes: (0..count).map(axes).collect(),
+            away: (0..count).map(|k| turn * seen(k).normalize()).collect(),
+            averaged: (0..count).map(averaged).collect(),
+        }
+    }
+
+    /// Returns the effect of a term on a residual component of sample `k`.
+    fn of(&self, mistake: Mistake, term: usize, k: usize, row: usize) -> f64 {
+        let g = self.geometry;
+        let sample = &g.samples[k];
+        let scales = g.scales.of(sample);
+        let component = row % ROWS;
+        let displaced = |by: &Vector3<f64>| match component < 3 {
+            true => by[component] / scales.position,
+            false => 0.0,
+        };
+        let joint = |j: usize| g.linear.jacobian[(row, j)];
+        match mistake {
+            Mistake::Coupled(a, b) => joint(a) * sample.joints[b],
+            Mistake::Ratio(a) => joint(a) * sample.joints[a],
+            Mistake::Axis(i) => displaced(&self.axes[k][i]),
+            Mistake::Distance => displaced(&self.away[k]),
+            Mistake::Averaged => displaced(&self.averaged[k]),
+            Mistake::Turned if component == 3 + term && sample.observation.has_orientation() => {
+                1.0 / scales.orientation
+            }
+            Mistake::Turned => 0.0,
+            Mistake::Early | Mistake::Play if k == 0 => 0.0,
+            Mistake::Play => {
+                joint(term) * (sample.joints[term] - g.samples[k - 1].joints[term]).signum()
+            }
+            Mistake::Early => {
+                let moved = sample.joints.iter().zip(&g.samples[k - 1].joints);
+                let parts = moved
+                    .enumerate()
+                    .map(|(j, (q, before))| joint(j) * (q - before));
+                parts.sum()
+            }
+        }
+    }
+}
+
+/// A mistake, its coefficients, and the drop of χ² that it causes.
+struct Explanation {
+    mistake: Mistake,
+    optimum: Optimum,
+    drop: f64,
+}
+
+impl Explanation {
+    fn text(&self) -> String {
+        self.mistake.text(&self.optimum.coefficients)
+    }
+}
+
+/// Returns all mistakes, first the one that explains most.
+fn best_first(data: &Data<'_>, base: &Pose<f64>, geometry: &Geometry) -> Vec<Explanation> {
+    let effects = Effects::new(data, base, geometry);
+    let joints = geometry.state.layout.joints;
+    let mistakes = Mistake::all(joints);
+    let terms: Vec<(Mistake, usize)> = (mistakes.iter())
+        .flat_map(|m| (0..m.terms(joints)).map(move |term| (*m, term)))
+        .collect();
+    let rows = 0..geometry.samples.len();
+    let sums = AddedTerms::over(geometry, terms.len(), rows, |k, row, column| {
+        let (mistake, term) = terms[column];
+        effects.of(mistake, term, k, row)
+    });
+    let of = |mistake: Mistake| {
+        let columns = (0..terms.len()).filter(|c| terms[*c].0 == mistake);
+        let optimum = sums.of(&columns.collect::<Vec<_>>()).optimum(geometry)?;
+        Some(Explanation {
+            mistake,
+            drop: optimum.drops.iter().sum(),
+            optimum,
+        })
+    };
+    let mut found: Vec<Explanation> = mistakes.into_iter().filter_map(of).collect();
+    found.sort_by(|a, b| b.drop.total_cmp(&a.drop));
+    found
+}
+
+/// Returns a warning or a refusal if one mistake explains most of the residuals; `base` is `instrument_from_base`.
+pub fn examine(data: &Data<'_>, base: &Pose<f64>, geometry: &Geometry) -> Option<Finding> {
+    explaining(data, base, geometry, EXPLAINED.0)
+}
+
+/// Returns the refusal for a mistake that explains nearly all residuals of rows that were refused without a reason.
+pub fn certain(data: &Data<'_>, base: &Pose<f64>, geometry: &Geometry) -> Option<Finding> {
+    explaining(data, base, geometry, CERTAIN)
+}
+
+fn explaining(
+    data: &Data<'_>,
+    base: &Pose<f64>,
+    geometry: &Geometry,
+    least: f64,
+) -> Option<Finding> {
+    let found = best_first(data, base, geometry);
+    let of = |(r, weight): (&[f64; ROWS], &f64)| weight * r.iter().map(|x| x * x).sum::<f64>();
+    let all: f64 = (geometry.residuals.iter().zip(&geometry.weights))
+        .map(of)
+        .sum();
+    let (best, others) = found.split_first()?;
+    let share = best.drop / all;
+    let (drop, needed) = (
+        best.drop / geometry.degrees_of_freedom().powi(2),
+        needed(geometry),
+    );
+    let is_large = best.mistake.is_large(&best.optimum.coefficients);
+    if share < least || drop < needed || !is_large {
+        return None;
+    }
+    let mut text = best.text();
+    let others: Vec<String> = (others.iter())
+        .take_while(|other| other.drop > AS_GOOD * best.drop)
+        .take(OTHERS)
+        .map(Explanation::text)
+        .collect();
+    if !others.is_empty() {
+        text += &format!(" (fits equally: {})", others.join("; "));
+    }
+    let tier = Tier::refused_if(share > EXPLAINED.1);
+    let rows = geometry.samples.len() as f64;
+    let cause = best.mistake.cause();
+    Some(Finding::new(cause, tier, text, drop / rows, needed / rows))
+}

@@ -1,0 +1,199 @@
+//! Mistakes that shift each row in proportion to what it holds, and rows of two arms.
+
+use nalgebra::{Rotation3, Vector3};
+use poegp_protocol::cause::Cause;
+
+use super::{examined, read, table_of};
+use crate::identification::base_tools::fit_base_and_tools;
+use crate::robot::{LoadOptions, Robot};
+use crate::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
+use crate::trust::{Finding, Findings, Tier};
+
+fn robot() -> Robot {
+    Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap()
+}
+
+fn measured(scenario: Scenario, rows: usize, seed: u64) -> Vec<SimulatedPose> {
+    Simulator::new(&robot(), scenario, &[1.0, 5.0], seed).measure(rows)
+}
+
+fn examine(poses: &[SimulatedPose]) -> Findings {
+    let (header, rows) = table_of(&to_csv(&robot(), poses, false, "mistakes"));
+    examined(&header, &rows)
+}
+
+/// Returns the refusal that is the only finding.
+fn refusal<'a>(name: &str, findings: &'a Findings) -> &'a Finding {
+    let [finding] = findings.0.as_slice() else {
+        panic!("{name}: {findings:?}");
+    };
+    assert_eq!(finding.tier, Tier::Refused, "{finding:?}");
+    finding
+}
+
+/// Changes all rows of a file, with the joints and the position of the row before and of the one after.
+type Make = fn(&mut SimulatedPose, (&SimulatedPose, &SimulatedPose));
+
+#[test]
+fn a_mistake_in_proportion_is_named_with_its_size() {
+    let cases: [(&str, Cause, (&str, f64), Make); 7] = [
+        ("coupling", Cause::Coupling, ("q6 + ", 0.01), |p, _| {
+            p.joints[5] -= 0.01 * p.joints[4];
+        }),
+        (
+            "gear ratio",
+            Cause::Unit,
+            ("joint 4 moves ", 0.5),
+            |p, _| {
+                p.joints[3] /= 1.005;
+            },
+        ),
+        (
+            "axis",
+            Cause::Unit,
+            ("lengths along y of the instrument are ", 1.0),
+            |p, _| {
+                p.measured.translation.y *= 1.01;
+            },
+        ),
+        (
+            "distance",
+            Cause::Unit,
+            ("distances from the instrument are ", 6.0),
+            |p, _| {
+                p.measured.translation += 6e-3 * p.measured.translation.normalize();
+            },
+        ),
+        (
+            "orientation",
+            Cause::Orientation,
+            ("are turned by ", 0.706),
+            |p, _| {
+                let by = Rotation3::new(Vector3::new(0.004, -0.01, 0.006)).into_inner();
+                p.measured.rotation = by * p.measured.rotation;
+            },
+        ),
+        ("early", Cause::Lag, ("", 0.5), |p, (before, _)| {
+            let moves = p.joints.iter_mut().zip(&before.joints);
+            moves.for_each(|(q, before)| *q -= 0.005 * (*q - before));
+        }),
+        (
+            "filter",
+            Cause::Rows,
+            ("each position holds ", 0.2),
+            |p, (before, after)| {
+                let others = before.measured.translation + after.measured.translation;
+                p.measured.translation += 2e-3 * (others - 2.0 * p.measured.translation);
+            },
+        ),
+    ];
+    for scenario in [
+        Scenario::Paper,
+        Scenario::Nonlinear,
+        Scenario::PaperFullRange,
+    ] {
+        let good = measured(scenario, 120, 5);
+        for (name, cause, size, make) in &cases {
+            // In a short range, a ratio is what an eccentric gear does.
+            if *name == "gear ratio" && scenario != Scenario::PaperFullRange {
+                continue;
+            }
+            let mut poses = good.clone();
+            let last = good.len() - 1;
+            for (k, pose) in poses.iter_mut().enumerate() {
+                // The first and the last row have no neighbours on both sides.
+                let (before, after) = match k {
+                    0 => (0, 0),
+                    k if k == last => (last, last),
+                    k => (k - 1, k + 1),
+                };
+                make(pose, (&good[before], &good[after]));
+            }
+            let findings = examine(&poses);
+            let finding = refusal(name, &findings);
+            assert_eq!(finding.cause, *cause, "{name}: {finding:?}");
+            let (_, text) = finding.text.split_once(size.0).expect("the size");
+            let number = text.split([' ', '°']).next().unwrap();
+            let found: f64 = number
+                .parse()
+                .unwrap_or_else(|_| panic!("{name}: {finding:?}"));
+            assert!((found / size.1 - 1.0).abs() < 0.1, "{name}: {finding:?}");
+        }
+    }
+}
+
+/// Play is what honest joints have, and looks like joints that lag.
+#[test]
+fn play_is_no_lag() {
+    for seed in 1..=4 {
+        let good = measured(Scenario::Paper, 120, seed);
+        let mut poses = good.clone();
+        for (k, pose) in poses.iter_mut().enumerate().skip(1) {
+            let moves = pose.joints.iter_mut().zip(&good[k - 1].joints);
+            moves.for_each(|(q, before)| *q += 2e-4 * (*q - before).signum());
+        }
+        let findings = examine(&poses);
+        assert!(
+            findings.0.iter().all(|f| f.cause != Cause::Lag),
+            "{findings:?}"
+        );
+    }
+}
+
+/// Gives the rows that `is_other` selects the links of another arm.
+fn of_two_arms(poses: &mut [SimulatedPose], is_other: impl Fn(usize) -> bool) {
+    let robot = robot();
+    let (header, rows) = table_of(&to_csv(&robot, poses, false, "mistakes"));
+    let (_, _, samples) = read(&header, &rows);
+    let own = robot.chain().unwrap();
+    let ends = fit_base_and_tools(&own, &samples);
+    let (base, tool) = (ends.instrument_from_base, ends.flange_from_targets[0]);
+    let mut other = robot.clone();
+    for (link, by) in [(1, 1.5e-3), (2, -2e-3), (3, 1.2e-3), (4, 2e-3)] {
+        other.parent_from_joint[link].translation += Vector3::new(by, -by, 0.5 * by);
+    }
+    let other = other.chain().unwrap();
+    // The zeros of both arms differ, too.
+    let zeros = [0.0, 4e-4, -5e-4, 6e-4, -4e-4, 0.0];
+    for (_, pose) in poses.iter_mut().enumerate().filter(|(k, _)| is_other(*k)) {
+        let joints = pose.joints.iter().zip(zeros).map(|(q, zero)| q + zero);
+        let there = other.forward(&joints.collect::<Vec<f64>>()) * tool;
+        let here = own.forward(&pose.joints) * tool;
+        pose.measured = base * there * here.inverse() * base.inverse() * pose.measured;
+    }
+}
+
+#[test]
+fn rows_of_two_arms_are_found_in_any_order() {
+    let orders: [fn(usize) -> bool; 3] = [|k| k >= 60, |k| k % 2 == 1, |k| k * k % 7 > 2];
+    for scenario in [Scenario::Paper, Scenario::Nonlinear] {
+        let good = measured(scenario, 120, 6);
+        for is_other in orders {
+            let mut poses = good.clone();
+            of_two_arms(&mut poses, is_other);
+            let findings = examine(&poses);
+            let finding = refusal("two arms", &findings);
+            assert_eq!(finding.cause, Cause::Mixed, "{finding:?}");
+            assert!(finding.text.contains("two arms"), "{finding:?}");
+            let others = (0..good.len()).filter(|k| is_other(*k)).count();
+            let found = finding.rows.len().min(good.len() - finding.rows.len());
+            let expected = others.min(good.len() - others);
+            assert!(found.abs_diff(expected) <= 2, "{found} of {expected}");
+        }
+    }
+}
+
+/// The zero of a joint that is one or the other from row to row, as a wrist that slips.
+#[test]
+fn two_zeros_of_a_joint_are_found_row_by_row() {
+    for degrees in [0.05_f64, 1.0] {
+        let mut poses = measured(Scenario::Paper, 100, 7);
+        for pose in poses.iter_mut().step_by(2) {
+            pose.joints[4] += degrees.to_radians();
+        }
+        let findings = examine(&poses);
+        let mut mixed = findings.0.iter().filter(|f| f.cause == Cause::Mixed);
+        let finding = mixed.next().expect("two kinds of rows");
+        assert_eq!(finding.tier, Tier::Refused, "{finding:?}");
+    }
+}

@@ -1,0 +1,155 @@
+//! What `trainer check` advises to do next.
+
+use crate::cli::check::wording::part;
+use crate::cli::failure::Failure;
+use poegp_calibration::identification::identifiability::list;
+use poegp_calibration::verification::hypotheses::Part;
+use poegp_calibration::verification::result::{Change, Moved, Report};
+
+/// Returns the failure of a check whose calibration does not hold.
+pub fn does_not_hold(reasons: &[String], advice: &[String]) -> Failure {
+    Failure::Quality(format!(
+        "the calibration does not hold: {}\nhelp: {}",
+        reasons.join(", and "),
+        advice.join("; ")
+    ))
+}
+
+/// The findings that the advice depends on.
+#[derive(Clone, Copy)]
+pub struct Outcome<'a> {
+    /// Changes that were found.
+    pub changes: &'a [Change],
+    /// Error after these changes are taken out, in the statistic that the tolerance is for, mm.
+    pub without_mm: f64,
+    /// Lines of measurements that stand out from the others.
+    pub odd_lines: &'a [usize],
+    /// What moved while the rows were measured.
+    pub during: Option<&'a Moved>,
+    /// What to do about payloads that the model was not trained with, or that it does not know.
+    pub payloads: Option<&'a str>,
+    /// Whether changes were searched for.
+    pub is_searched: bool,
+    /// What a new calibration needs, as in `measure 100 poses or more and calibrate again`.
+    pub more: &'a str,
+}
+
+/// Advises what to do about rows that carry something else than the training.
+pub fn trained_payload(trained: &str, carried: &str) -> String {
+    format!("check with a payload of {trained}, or calibrate with poses that carry {carried}, too")
+}
+
+/// Advises what to do where a model does not know which payloads it was trained with.
+pub fn unknown_payload(carried: &str) -> String {
+    format!(
+        "first make sure that the training poses had a payload of {carried}; if not, check with theirs"
+    )
+}
+
+/// Mean length of a normal displacement over its standard deviation along one axis, √(8/π).
+const MEAN_LENGTH: f64 = 1.6;
+
+/// Returns what a new calibration needs: a richer model if this one is the cause of the error, and otherwise more poses.
+pub fn new_calibration(r: &Report) -> String {
+    let is_of_model = 2.0 * MEAN_LENGTH * r.model_mm >= r.without_mm.mean;
+    match r.model_knows_its_error || !is_of_model {
+        true => "measure 100 poses or more and calibrate again".to_owned(),
+        false => format!(
+            "the model itself is expected to be off by {:.3} mm per axis; calibrate with a richer one (--method elastic, or auto)",
+            r.model_mm
+        ),
+    }
+}
+
+/// States what to do next.
+pub fn advice(
+    found: &Outcome<'_>,
+    tolerance_met: bool,
+    drift_matters: bool,
+    max_mm: f64,
+) -> Vec<String> {
+    let Outcome {
+        changes,
+        without_mm,
+        odd_lines,
+        during,
+        payloads,
+        is_searched,
+        more,
+    } = *found;
+    if tolerance_met && !drift_matters {
+        let parts: Vec<String> = changes.iter().map(|c| part(c.part)).collect();
+        let leave = || {
+            format!(
+                "the drift of {} is within what is allowed: change nothing, and check again soon",
+                list(&parts)
+            )
+        };
+        return (!changes.is_empty()).then(leave).into_iter().collect();
+    }
+    let mut out = Vec::new();
+    out.extend(payloads.map(str::to_owned));
+    if let Some(moved) = during {
+        out.push(match moved.from_line {
+            Some(line) => format!(
+                "find out what moved before line {line} was measured, and measure these rows again; a base, tool or zero from \
+                 rows before and after it would be an average of two"
+            ),
+            None => "find out what creeps, let instrument and arm settle, and measure these rows again; reference points \
+                 beside the robot and --correct-drift remove a creep of the instrument"
+                .to_owned(),
+        });
+    }
+    if !changes.is_empty() && !odd_lines.is_empty() {
+        out.push("first measure the outliers again and repeat the check".to_owned());
+    }
+    for change in changes {
+        let alone = if changes.len() == 1 && without_mm <= max_mm {
+            "; the rest of the calibration is as it was"
+        } else {
+            ""
+        };
+        let step = match change.part {
+            Part::Base => {
+                "find out whether the robot or the instrument moved, and measure the base frame again".to_owned()
+            }
+            Part::Tool => {
+                "check whether the tool or the target is loose, and measure the tool frame again"
+                    .to_owned()
+            }
+            Part::Joint(joint) => {
+                format!(
+                    "reset the zero of joint {joint} (a collision? a lost encoder?) and check again"
+                )
+            }
+            Part::Payload => "weigh what is mounted, and correct payload_kg".to_owned(),
+            Part::Size => {
+                "measure the known distances, radii and wires again: an arm does not change its size"
+                    .to_owned()
+            }
+        };
+        let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
+        let others = if others.is_empty() {
+            String::new()
+        } else {
+            format!(
+                " (or look at {}: these poses cannot distinguish them)",
+                list(&others)
+            )
+        };
+        out.push(step + &others + alone);
+    }
+    if !is_searched || changes.is_empty() && during.is_some() {
+        return out;
+    }
+    if changes.is_empty() && !tolerance_met {
+        out.push(if odd_lines.is_empty() {
+            format!("no detectable change explains the error: {more}")
+        } else {
+            "measure the outliers again and repeat the check".to_owned()
+        });
+    } else if !tolerance_met && without_mm > max_mm {
+        out.push(format!("this does not explain the whole error: {more}"));
+    }
+    out
+}

@@ -1,0 +1,111 @@
+//! Fanuc listings and INFORM jobs: remarks, frames, offsets and shifts.
+
+use super::{check_whole, run};
+use crate::programs::{file, folder};
+
+/// Apostrophes and brackets in remarks and names do not begin a string or an argument.
+#[test]
+fn remarks_of_a_listing_hide_no_instruction() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).into_owned();
+    let plain = run(&folder, "a.ls", &text, "");
+    assert_eq!(plain.1, "");
+    for remark in [
+        "! spindle (see sheet ;",
+        "! don't stop ;",
+        "MESSAGE[it's (on] ;",
+        "R[1:don't (]=1 ;",
+        "//L P[2:it's] 5mm/sec FINE ;",
+    ] {
+        let text = text.replace("   4:J", &format!("   4:  {remark}\n   4:J"));
+        assert_eq!(run(&folder, "b.ls", &text, ""), plain, "{remark}");
+    }
+    for (line, corrected, reason) in [
+        ("UFRAME[2]=PR[1]", 2, "its frame or tool is set at b.ls:"),
+        ("P[2]=LPOS", 4, "the program changes it"),
+        ("P[R[1]]=PR[3]", 0, "the program changes it"),
+        // In whatever language of the controller.
+        ("L P[2] 5mm/sec FINE VERSATZ,PR[1]", 5, "changes its end"),
+        ("L P[2] 5mm/sec FINE Skip,LBL[1],PR[3]=LPOS", 5, ""),
+    ] {
+        let text = text.replace("   4:J", &format!("   4:  {line} ;\n   4:J"));
+        check_whole(&folder, "b.ls", &text, corrected, reason);
+    }
+}
+
+/// A payload that the listing sets between its motions is not that of the tool in the frame file.
+#[test]
+fn payloads_of_a_listing_are_not_guessed() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    let plain = run(&folder, "a.ls", &text, "--payload-from-program");
+    assert_eq!(plain, (5, String::new()));
+    let at = |line: &str, put: &str| text.replace(line, &format!("   1:  {put} ;\n{line}"));
+    let first = at("   1:", "PAYLOAD[1]");
+    assert_eq!(
+        run(&folder, "b.ls", &first, "--payload-from-program"),
+        plain
+    );
+    for text in [
+        at("   5:", "PAYLOAD[1]"),
+        first.replace("   5:", "   5:  PAYLOAD[2] ;\n   5:"),
+        at("   1:", "PAYLOAD[R[1]]"),
+    ] {
+        folder.write("b.ls", &text);
+        let command = "correct elas.blob b.ls --frames frames.toml --out out.ls";
+        let outcome = folder.run(&format!("{command} --payload-from-program"));
+        assert_ne!(outcome.code, Some(0), "{outcome:#?}");
+        let said = outcome.stdout + &outcome.stderr;
+        assert!(
+            said.contains("its tool has no payload in the program"),
+            "{said}"
+        );
+        folder.run(&format!("{command} --payload-kg 2.5")).ok();
+    }
+}
+
+/// The first instruction of a listing, with and without a remark before it.
+#[test]
+fn the_first_instruction_of_a_listing_counts() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    let (from, to) = (text.find("   1:").unwrap(), text.find("   4:J").unwrap());
+    for remark in ["", "   1:  !first ;\n"] {
+        let text = format!("{}{remark}{}", &text[..from], &text[to..]);
+        assert_eq!(run(&folder, "b.ls", &text, ""), (5, String::new()));
+    }
+}
+
+/// External axes, frames that the job sets, and shifts on some way to a position.
+#[test]
+fn positions_of_a_job_that_something_moves_are_left() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.jbi")).replace("\r\n", "\n");
+    let all = run(&folder, "a.jbi", &text, "").0;
+    for (line, corrected, reason) in [
+        (
+            "MOVL C00001 BC00001 V=200.0",
+            all - 1,
+            "it has external axes",
+        ),
+        (
+            "MFRAME UF#(2) P001 P002 P003",
+            all - 3,
+            "its frame or tool is set",
+        ),
+        ("SETTOOL TL#(1) P001", all, ""),
+        ("SFTON P001\nSFTOF", all, ""),
+        (
+            "JUMP *A IF IN#(1)=ON\nSFTON P001\n*A",
+            0,
+            "a shift may be active",
+        ),
+        ("IFTHENEXP IN#(1)=ON\nSFTON P001\nSFTOF\nENDIF", all, ""),
+    ] {
+        let text = text.replace("NOP\n", &format!("NOP\n{line}\n"));
+        check_whole(&folder, "b.jbi", &text, corrected, reason);
+    }
+    let end = text.replace("MOVJ C00004", "SFTON P001\nJUMP *A\nMOVJ C00004");
+    let end = end.replace("NOP\n", "NOP\n*A\n");
+    check_whole(&folder, "b.jbi", &end, 0, "a shift may be active");
+}

@@ -1,0 +1,203 @@
+//! KRL: tools, bases, frame data and points that a source changes on some path.
+
+use super::{check, run};
+use crate::programs::{file, folder, numbers_after};
+
+/// Returns a source of two routines, with the tools and bases of `part.src`.
+fn source(part: &str) -> String {
+    let (main, rest) = part.split_once("DEF ").unwrap_or((part, "OTHER( )"));
+    format!(
+        "DEF A( )\nTOOL_DATA[3]={{X 30,Y -45,Z 210,A 0,B 0,C 25}}\nBASE_DATA[2]={{X 900,Y -300,Z 420,A 20,B 0,C 0}}\n\
+         BASE_DATA[5]={{X 905,Y -300,Z 420,A 20,B 0,C 0}}\n$TOOL=TOOL_DATA[3]\n$BASE=BASE_DATA[2]\n\
+         PTP {{A1 8,A2 22,A3 1,A4 -14,A5 46,A6 24}}\n{main}\nEND\nDEF {rest}\nEND\n"
+    )
+}
+
+#[test]
+fn sources_are_followed_on_every_way() {
+    let folder = folder();
+    let go = "LIN {X 701.088,Y 449.848,Z 513.922,A 178.5291,B 23.3121,C -159.0124}";
+    let see = "DEF SEE(F:OUT)\nFRAME F\nF.X=F.X+100";
+    let cases = [
+        (go.to_owned(), 2, ""),
+        (format!("BAS(#BASE,i)\n{go}"), 1, "computed"),
+        (format!("BAS(#TOOL,i+3)\n{go}"), 1, "computed"),
+        (
+            format!("IF i==1 THEN\n$BASE=BASE_DATA[5]\nELSE\n$BASE=BASE_DATA[2]\nENDIF\n{go}"),
+            1,
+            "not on every way",
+        ),
+        (
+            format!("IF i==1 THEN\n$BASE=BASE_DATA[5]\nELSE\n$BASE=BASE_DATA[5]\nENDIF\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("SWITCH i\nCASE 1\n$BASE=BASE_DATA[5]\nENDSWITCH\n{go}"),
+            1,
+            "not on every way",
+        ),
+        (
+            format!("LOOP\n{go}\n$BASE=BASE_DATA[5]\nENDLOOP"),
+            1,
+            "not on every way",
+        ),
+        (
+            format!("PUT( )\n{go}\nDEF PUT( )\n$BASE=BASE_DATA[5]"),
+            2,
+            "",
+        ),
+        (
+            format!("PUT(5)\n{go}\nDEF PUT(i:IN)\nIF i==5 THEN\n$BASE=BASE_DATA[5]\nENDIF"),
+            1,
+            "not on every way",
+        ),
+        (
+            format!("INTERRUPT DECL 3 WHEN $IN[1] DO PUT( )\n{go}\nDEF PUT( )\n$BASE=BASE_DATA[5]"),
+            1,
+            "not on every way",
+        ),
+        (
+            format!("IF i==1 THEN\nBASE_DATA[2]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\nENDIF\n{go}"),
+            1,
+            "not on every way",
+        ),
+        (format!("{go} WITH $BASE=BASE_DATA[i]"), 1, "computed"),
+        (format!("PTP $AXIS_ACT\n{go}:{{Z 5}}"), 1, "computed"),
+        (format!("LIN $POS_ACT:{{Z 5}}\n{go}"), 2, "computed"),
+        (
+            format!("BAS(#INITMOV,0)\n{go}"),
+            1,
+            "BAS(#INITMOV) may reset $",
+        ),
+        (
+            format!("BAS(#INITMOV,0)\n$BASE=BASE_DATA[2]\n$TOOL=TOOL_DATA[3]\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("FDAT_ACT={{TOOL_NO -1,BASE_NO 2,IPO_FRAME #BASE}}\n{go}"),
+            1,
+            "there is no tool or base -1",
+        ),
+        // A base by its name.
+        (
+            format!("DECL FRAME own={{X 900,Y -300,Z 420,A 20,B 0,C 0}}\n$BASE=own\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("DECL FRAME own={{X 900,Y -300,Z 420,A 20,B 0,C 0}}\nown.Z=5\n$BASE=own\n{go}"),
+            1,
+            "computed",
+        ),
+        (
+            "$BASE=$WORLD\nLIN {X 1404.950,Y 362.505,Z 933.922,A -161.4709,B 23.3121,C -159.0124}"
+                .to_owned(),
+            2,
+            "",
+        ),
+        // A point that a routine of the program changes for its caller, and points of a spline.
+        (
+            format!(
+                "DECL E6POS XP1={{{}\nLIN XP1\nLIFT(XP1)\nDEF LIFT(P:OUT)\nP.Z=5",
+                &go[5..]
+            ),
+            1,
+            "the program changes it",
+        ),
+        (
+            format!("SPLINE\nS{}\nENDSPLINE", go.replace("LIN", "PL")),
+            2,
+            "",
+        ),
+        // Bases and tools that a routine of the program changes for its caller, and those of a computed number.
+        (
+            format!("SEE(BASE_DATA[2])\n$BASE=BASE_DATA[2]\n{go}\n{see}"),
+            1,
+            "BASE_DATA[2]: it is changed at",
+        ),
+        (format!("SEE($BASE)\n{go}\n{see}"), 1, "it is changed at"),
+        (format!("SEE($TOOL)\n{go}\n{see}"), 1, "it is changed at"),
+        (
+            format!(
+                "IF SEE(TOOL_DATA[3]) THEN\nHALT\nELSE\n{go}\nENDIF\nDEF X( )\nEND\nDEFFCT BOOL SEE(F:OUT)\nF.X=5\nENDFCT\nDEF Y( )"
+            ),
+            1,
+            "TOOL_DATA[3]: it is changed at",
+        ),
+        (
+            format!("INTERRUPT DECL 3 WHEN $IN[1] DO SEE(BASE_DATA[2])\n{go}\n{see}"),
+            1,
+            "BASE_DATA[2]: it is set at",
+        ),
+        (
+            format!("SEE(BASE_DATA[i])\n{go}\n{see}"),
+            1,
+            "it is changed at",
+        ),
+        (
+            format!("BASE_DATA[i]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\n{go}"),
+            1,
+            "it is changed at",
+        ),
+        (
+            format!("SEE(BASE_DATA[2])\nDEF SEE(F:OUT)\nF.X=5\n{go}"),
+            1,
+            "BASE_DATA[2]: it is changed at",
+        ),
+        (format!("SEE(BASE_DATA[5])\n{go}\n{see}"), 2, ""),
+        (
+            format!("SEE(BASE_DATA[2])\n{go}\n{}", see.replace("OUT", "IN")),
+            2,
+            "",
+        ),
+    ];
+    check(&folder, &cases, "a.src", "", source);
+    // The base of one motion does not apply to another.
+    let x = |part: &str| {
+        run(&folder, "b.src", &source(part), "");
+        numbers_after(&folder.read("out_b.src"), "LIN {X ", 1)[0]
+    };
+    let own = x(&format!("S{go} WITH $BASE=BASE_DATA[5]\n"));
+    assert_eq!(own, x(&format!("$BASE=BASE_DATA[5]\n{go}")));
+    assert_ne!(own, x(go));
+    assert_eq!(
+        x(&format!("PTP $AXIS_ACT WITH $BASE=BASE_DATA[5]\n{go}")),
+        x(go)
+    );
+}
+
+/// Each module uses the points and frames of its own data list.
+#[test]
+fn modules_of_krl_have_their_own_points() {
+    let folder = folder();
+    let list = String::from_utf8_lossy(&file("part.dat")).into_owned();
+    let other = list
+        .replace("X 712.804", "X 702.804")
+        .replace("BASE_NO 2", "BASE_NO 5");
+    let bases = "BASE_DATA[5]={X 890,Y -300,Z 420,A 20,B 0,C 0}\nBASE_DATA[2]";
+    let text = String::from_utf8_lossy(&file("part.src")).replace("BASE_DATA[2]", bases);
+    folder.write("one.src", &text);
+    folder.write("one.dat", &list);
+    folder.write("two.src", text.replace("PART", "TWO"));
+    folder.write("two.dat", other);
+    for out in ["both", "one", "two"] {
+        std::fs::create_dir(folder.path(out)).unwrap();
+    }
+    let run = |files: &str, out: &str| {
+        folder
+            .run(&format!(
+                "correct elas.blob {files} --payload-kg 2.5 --out {out}"
+            ))
+            .ok()
+    };
+    run("one.src two.src", "both");
+    run("one.src", "one/one.src");
+    run("two.src", "two/two.src");
+    for name in ["one", "two"] {
+        let alone = folder.read(&format!("{name}/{name}.dat"));
+        assert!(folder.read(&format!("both/{name}.dat")) == alone, "{name}");
+        assert!(alone != folder.read(&format!("{name}.dat")));
+    }
+}
