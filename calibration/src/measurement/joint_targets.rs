@@ -274,6 +274,7 @@ impl TargetColumns {
         let row = Row { file, line, fields };
         let payload_kg = row.target(&self.joints, &self.payload, joints)?;
         limits.check(line, joints, checks)?;
+        limits.check_payload(line, payload_kg)?;
         Ok(payload_kg)
     }
 }

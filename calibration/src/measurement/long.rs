@@ -102,6 +102,7 @@ impl LongFile {
             let mut joints = JointChecks::default();
             file.each_row(&chunk, |row, off_unit| {
                 limits.check(row.line, &row.joints, &mut joints)?;
+                limits.check_payload(row.line, row.payload_kg)?;
                 if off_unit > norm.0 {
                     norm = (off_unit, row.line);
                 }

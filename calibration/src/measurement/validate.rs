@@ -24,6 +24,9 @@ const MARGIN_PRISMATIC: f64 = 1e-3;
 /// Span of values below which a joint counts as not moving: half a degree in rad, or a millimetre in m.
 const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const STILL_PRISMATIC: f64 = 1e-3;
+/// Payload in kg for a square metre of an arm's squared length that no arm carries; the strongest industrial robots carry
+/// 120.
+const HEAVIEST: f64 = 300.0;
 /// No robot cell is this small, m: positions that are all nearer to the instrument are metres in a column of millimetres.
 const SMALLEST_WORKSPACE: f64 = 0.01;
 
@@ -175,6 +178,26 @@ impl<'a> JointLimits<'a> {
         })
     }
 
+    /// Refuses a payload that no arm of this size carries.
+    pub(super) fn check_payload(&self, line: usize, kg: Option<f64>) -> Result<(), InputError> {
+        let reach = self.robot.reach();
+        let most = HEAVIEST * reach * reach;
+        let Some(kg) = kg.filter(|kg| *kg > most) else {
+            return Ok(());
+        };
+        let error = InputError::new(
+            self.path,
+            format!("a payload of {} kg", round(kg)),
+            format!(
+                "at most {most:.0} kg: no arm as long as \"{}\" carries more",
+                self.robot.name
+            ),
+        );
+        Err(error
+            .at_line(line)
+            .with_help("are these grams? The column payload_kg has kilograms"))
+    }
+
     /// Returns the notes about `checks` for the user.
     pub fn notes(&self, checks: &JointChecks) -> Vec<String> {
         let beyond = self.robot.joints.iter().zip(&checks.beyond);
@@ -241,6 +264,9 @@ impl MeasurementSet {
             for m in &self.measurements {
                 limits.check_joint(joint, m.line, &m.joints, &mut checks)?;
             }
+        }
+        for m in &self.measurements {
+            limits.check_payload(m.line, m.payload_kg)?;
         }
         Ok(limits.notes(&checks))
     }

@@ -4,7 +4,7 @@
 //! also tries the sets of `touch` beside FOLDER and many simulated ones.
 
 use nalgebra::{SMatrix, SVector, Vector3};
-use poegp_calibration::measurement::touch::TouchSet;
+use poegp_calibration::measurement::touch::{Reading, TouchSet};
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
 use poegp_calibration::trust::{Finding, Tier};
@@ -78,6 +78,7 @@ fn found(robot: &Robot, set: &TouchSet) -> Vec<Finding> {
         Cause::Unit,
         Cause::Offset,
         Cause::Robot,
+        Cause::Rows,
     ];
     let findings = calibrated(robot, set).findings;
     let shown = findings.0.into_iter();
@@ -182,7 +183,7 @@ fn one_wrong_row_among_few_is_left_out() {
     }
 }
 
-/// A reversed joint, exchanged columns, a wrong zero and another robot are named.
+/// A reversed joint, exchanged columns, a wrong zero, another robot and readings of other rows are named.
 #[test]
 fn mistakes_of_a_whole_file_are_named() {
     let robot = built_in("abb-irb120");
@@ -201,6 +202,16 @@ fn mistakes_of_a_whole_file_are_named() {
     };
     let other = built_in("ur10");
     let of_other = set(&other, ("wire", 1), 60, 3);
+    let mut late = clean.clone();
+    for (row, before) in late.rows[1..].iter_mut().zip(&clean.rows) {
+        row.reading = before.reading;
+    }
+    let mut transposed = set(&robot, ("camera", 1), 60, 3);
+    for row in &mut transposed.rows {
+        if let Reading::Board { u, v, .. } = &mut row.reading {
+            std::mem::swap(u, v);
+        }
+    }
     for (set, cause, text) in [
         (
             changed(|q| q[3] = -q[3]),
@@ -218,6 +229,16 @@ fn mistakes_of_a_whole_file_are_named() {
             "the zero of joint 3 looks off by",
         ),
         (of_other, Cause::Robot, "those of ur10"),
+        (
+            late,
+            Cause::Rows,
+            "each reading looks like that of the row before it",
+        ),
+        (
+            transposed,
+            Cause::Swap,
+            "the columns u_px and v_px look exchanged",
+        ),
     ] {
         let found = found(&robot, &set);
         assert_eq!(found.len(), 1, "{text}: {found:#?}");

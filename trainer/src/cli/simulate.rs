@@ -2,8 +2,7 @@
 
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
-use std::path::Path;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
@@ -15,7 +14,7 @@ use crate::cli::output::{
 };
 use crate::cli::terminal::print::Printer;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::touch::{Feature, FeatureKind, TouchSet};
+use poegp_calibration::measurement::touch::{FeatureKind, TouchSet};
 use poegp_calibration::robot::Robot;
 use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
 use poegp_calibration::simulation::{Scenario, Simulator, to_csv};
@@ -50,7 +49,7 @@ pub struct Simulate {
     /// followed by the number of such features, as in socket2. All rows are in one file.
     #[arg(long, value_name = "KIND,KIND", value_delimiter = ',', value_parser = touch_task, conflicts_with_all = ["poses", "test_sets", "test_poses"])]
     pub touch: Vec<TouchTask>,
-    /// Touch the sockets of a plan of `plan --touch`, with NAME.toml beside NAME.csv.
+    /// Touch what a plan of `plan --touch` lists, with NAME.toml beside NAME.csv.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["touch", "poses", "test_sets", "test_poses"])]
     pub touch_plan: Option<PathBuf>,
     /// Number of touches of each kind, spread over its features; a camera takes a quarter as many images.
@@ -135,17 +134,32 @@ fn touched_sets(
 ) -> Result<Vec<SimulatedSet>, Failure> {
     let (touches, truth) = match &a.touch_plan {
         Some(path) => {
-            let plan = TouchSet::read(path, None, robot)?;
-            let other = |feature: &&Feature| !matches!(feature.kind, FeatureKind::Point { .. });
-            if let Some(feature) = plan.features.iter().find(other) {
+            let plan = TouchSet::read_plan(path, None, robot)?;
+            let simulated = |kind: &FeatureKind| {
+                matches!(
+                    kind,
+                    FeatureKind::Point { .. }
+                        | FeatureKind::Plane { .. }
+                        | FeatureKind::Anchor {
+                            position: Some(_),
+                            ..
+                        }
+                )
+            };
+            let mut features = plan.features.iter();
+            if let Some(feature) = features.find(|feature| !simulated(&feature.kind)) {
                 let found = format!("{:?} of kind \"{}\"", feature.name, feature.kind.name());
-                let expected = "kind \"point\": only the sockets of a plan are simulated";
+                let expected = "\"point\", \"plane\" or \"anchor\" with a position: only these are simulated from a plan";
                 let error = InputError::new(&plan.features_path, found, expected);
                 return Err(error.at_line(feature.line).into());
             }
             let touched = simulator.touch_planned(robot, &plan, TRUTH_POSES, comment);
             touched.map_err(|error| {
-                InputError::new(path, error.to_string(), "a plan of sockets within reach")
+                InputError::new(
+                    path,
+                    error.to_string(),
+                    "features within reach of the planned joints",
+                )
             })?
         }
         None => {

@@ -57,7 +57,11 @@ fn planned_touches_are_a_touch_file() {
         mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("drawing_mm"),
         "{plan}"
     );
-    // A plan for a plate is not one for a socket.
+    // What a plan does not ask for is not simulated from one.
+    let ball = folder
+        .text("touches.toml")
+        .replacen("\"plane\"", "\"sphere\"\nradius_mm = 50", 1);
+    folder.write("touches.toml", &ball);
     folder
         .run("simulate --robot ur10 --touch-plan touches.csv --out t")
         .refused();

@@ -53,6 +53,26 @@ fn a_model_of_planned_touches_is_not_limited_elsewhere() {
     assert!(default < 1.02 * wide, "{default} and {wide} mm");
 }
 
+/// All kinds that `plan --touch` asks for can be practised: the simulated arm touches sockets and plates and reads wires.
+#[test]
+fn a_plan_of_all_kinds_is_practised() {
+    let folder = Folder::new();
+    let goals = "--touch plane=600,0,400 --touch wire=900,-600,30 --touch socket=600,100,500";
+    for line in [
+        &format!(
+            "plan --robot ur10 {goals} --count 60 --out touches.csv --features-out touches.toml"
+        ),
+        "simulate --robot ur10 --touch-plan touches.csv --seed 4 --out practice",
+        "calibrate --robot ur10 practice/touches.csv --out arm.blob",
+    ] {
+        folder.run(line).ok();
+    }
+    let found = folder.run("evaluate arm.blob practice/truth.csv --json -");
+    let found = found.ok().json();
+    let mean = found["sets"][0]["position_mm"]["mean"].as_f64().unwrap();
+    assert!(mean < 0.3, "{mean} mm; 1.7 mm as drawn");
+}
+
 /// Returns the rows of a simulated touch file after its comment.
 fn rows(csv: &str) -> String {
     csv.lines().skip(1).fold(String::new(), |mut out, line| {

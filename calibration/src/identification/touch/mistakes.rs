@@ -3,7 +3,7 @@
 use crate::identification::touch::arm::Group;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::noise::Noise;
-use crate::measurement::touch::{ClassPrior, TouchSet};
+use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
 use crate::robot::{BUILT_IN, LoadOptions, Robot};
 
 /// A mistake of a whole file.
@@ -19,6 +19,20 @@ pub enum Mistake {
     Offset(usize, f64),
     /// The touches are of this other robot.
     Robot(String),
+    /// The readings of each feature belong to its rows before (-1) or behind (1).
+    Rows(isize),
+    /// The columns of the corners' coordinates are exchanged.
+    Pixels,
+}
+
+impl Mistake {
+    /// Returns whether the mistake is one of this robot's joints.
+    pub fn is_of_joints(&self) -> bool {
+        match self {
+            Self::Sign(_) | Self::Swap(..) | Self::Unit | Self::Offset(..) => true,
+            Self::Robot(_) | Self::Rows(_) | Self::Pixels => false,
+        }
+    }
 }
 
 /// A mistake with the scatter of the touches as given and without the mistake, in the unit of `kind`.
@@ -26,7 +40,7 @@ pub enum Mistake {
 pub struct Explained {
     /// The mistake.
     pub mistake: Mistake,
-    /// Kind of noise with most equations.
+    /// The kind of which the mistake explains most.
     pub kind: Noise,
     /// Root mean square error of a component on the fitted arm, as given and without the mistake.
     pub scatter: [f64; 2],
@@ -100,14 +114,54 @@ fn with_joints(robot: &Robot, set: &TouchSet, change: impl Fn(&mut Vec<f64>)) ->
     out
 }
 
+/// Returns the set with the reading of each row replaced by that of the row of the same feature `by` rows further on. Rows
+/// beyond which there is none are left out.
+fn with_readings_of(set: &TouchSet, by: isize) -> TouchSet {
+    let mut of_feature = vec![Vec::new(); set.features.len()];
+    for (i, row) in set.rows.iter().enumerate() {
+        if let Reading::Anchor { feature, .. } | Reading::Level { feature, .. } = row.reading {
+            of_feature[feature].push(i);
+        }
+    }
+    let mut out = set.clone();
+    let mut is_kept = vec![true; set.rows.len()];
+    for rows in &of_feature {
+        for (n, i) in rows.iter().enumerate() {
+            match n.checked_add_signed(by).and_then(|n| rows.get(n)) {
+                Some(other) => out.rows[*i].reading = set.rows[*other].reading,
+                None => is_kept[*i] = false,
+            }
+        }
+    }
+    let mut is_kept = is_kept.into_iter();
+    out.rows.retain(|_| is_kept.next() == Some(true));
+    out
+}
+
+/// Returns the set with the coordinates of every corner exchanged.
+fn with_pixels_exchanged(set: &TouchSet) -> TouchSet {
+    let mut out = set.clone();
+    for row in &mut out.rows {
+        if let Reading::Board { u, v, .. } = &mut row.reading {
+            std::mem::swap(u, v);
+        }
+    }
+    out
+}
+
 /// Returns the set as it is without a mistake.
 fn without(robot: &Robot, set: &TouchSet, mistake: &Mistake) -> TouchSet {
+    match mistake {
+        Mistake::Rows(by) => return with_readings_of(set, -by),
+        Mistake::Pixels => return with_pixels_exchanged(set),
+        _ => {}
+    }
     with_joints(robot, set, |q| match mistake {
         Mistake::Sign(joint) => q[*joint] = -q[*joint],
         Mistake::Swap(a, b) => q.swap(*a, *b),
         Mistake::Unit => q.iter_mut().for_each(|q| *q = q.to_degrees()),
         Mistake::Offset(joint, by) => q[*joint] += by,
-        Mistake::Robot(_) => {}
+        Mistake::Robot(_) | Mistake::Rows(_) | Mistake::Pixels => {}
     })
 }
 
@@ -133,6 +187,19 @@ fn offsets(problem: &TouchProblem) -> Vec<Mistake> {
     })
 }
 
+/// Returns the mistakes that the readings of these touches may have.
+fn of_readings(set: &TouchSet) -> Vec<Mistake> {
+    let has = |is: fn(&Reading) -> bool| set.rows.iter().any(|row| is(&row.reading));
+    let mut out = Vec::new();
+    if has(|reading| matches!(reading, Reading::Anchor { .. } | Reading::Level { .. })) {
+        out.extend([Mistake::Rows(-1), Mistake::Rows(1)]);
+    }
+    if has(|reading| matches!(reading, Reading::Board { .. })) {
+        out.push(Mistake::Pixels);
+    }
+    out
+}
+
 /// Returns the mistake that explains why touches scatter much, if there is one. `drawing` and `fit` are those of the set as
 /// given.
 pub fn explained(
@@ -151,7 +218,8 @@ pub fn explained(
         .chain(swaps)
         .chain([Mistake::Unit])
         .chain(offsets(problem))
-        .chain(robots.map(|name| Mistake::Robot((*name).to_owned())));
+        .chain(robots.map(|name| Mistake::Robot((*name).to_owned())))
+        .chain(of_readings(problem.set));
     let given = scatter(problem, drawing);
     let mut tried: Vec<(f64, Mistake, Robot, TouchSet)> = Vec::new();
     for mistake in all {
@@ -172,17 +240,13 @@ pub fn explained(
         }
     }
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut fitted: Vec<(f64, Mistake, f64)> = Vec::new();
-    let (kind, rms, _) = residuals(problem, fit)
-        .into_iter()
-        .max_by(|a, b| a.2.total_cmp(&b.2))?;
+    let mut fitted: Vec<(f64, Mistake, Vec<(Noise, f64, f64)>)> = Vec::new();
     for (_, mistake, robot, set) in tried.into_iter().take(TRIED) {
         let Some(other) = of(&robot, problem, &set) else {
             continue;
         };
         let refit = TouchFit::new(&other, &TouchFit::on_drawing(&other, 0));
-        let of_kind = residuals(&other, &refit).into_iter();
-        let left = of_kind.filter(|r| r.0 == kind).map(|r| r.1).sum::<f64>();
+        let left = residuals(&other, &refit);
         fitted.push((scatter(&other, &refit), mistake, left));
     }
     fitted.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -192,10 +256,20 @@ pub fn explained(
     }
     let as_good = fitted[1..].iter();
     let as_good = as_good.filter(|f| f.0 < best.0 + libm::log(AS_GOOD));
+    // The kind of which the mistake explains most.
+    let given = residuals(problem, fit);
+    let pairs = given.iter().filter_map(|(kind, rms, _)| {
+        let left = best.2.iter().find(|left| left.0 == *kind)?;
+        Some((*kind, [*rms, left.1]))
+    });
+    let (kind, scatter) = pairs.max_by(|(_, a), (_, b)| {
+        let share = |[given, left]: &[f64; 2]| given / left.max(1e-12);
+        share(a).total_cmp(&share(b))
+    })?;
     Some(Explained {
         mistake: best.1.clone(),
         kind,
-        scatter: [rms, best.2],
+        scatter,
         others: as_good.map(|f| f.1.clone()).collect(),
     })
 }

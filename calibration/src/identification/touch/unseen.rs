@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::identification::touch::arm::Group;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::volume::Knowledge;
-use crate::measurement::touch::Reading;
+use crate::measurement::touch::{FeatureKind, Reading};
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::product;
 
@@ -115,10 +115,29 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
         let percent = 100.0 * share * spread(&size);
         let stays = format!("±{percent:.2} % remains, {mm:.2} mm on average");
         let has_board = readings().any(|r| matches!(r, Reading::Board { .. }));
+        let measures_length = |reading: &Reading| match *reading {
+            Reading::Anchor { .. } => true,
+            Reading::Sphere { feature, .. } => {
+                let kind = &problem.set.features[feature].kind;
+                matches!(
+                    kind,
+                    FeatureKind::Sphere {
+                        radius: Some(_),
+                        ..
+                    }
+                )
+            }
+            _ => false,
+        };
         let text = if has_board {
             format!(
                 "Only the board shows the arm's size, and these images hardly do: {stays}. Take images from farther \
                  apart."
+            )
+        } else if !problem.set.distances.is_empty() || readings().any(measures_length) {
+            format!(
+                "The lengths in these touches hardly show the arm's size: {stays}. State a longer or more accurate \
+                 distance, or touch more often."
             )
         } else if readings().all(|r| matches!(r, Reading::Plane { .. })) {
             format!(

@@ -31,6 +31,23 @@ fn a_set_of_the_robot_passes_without_a_note() {
 }
 
 #[test]
+fn payloads_that_no_arm_of_this_size_carries_are_refused() {
+    let head = SIX.replacen("q1", "payload_kg,q1", 1);
+    let set = ok(&format!(
+        "{head}3,1,2,3,4,5,6,100,2,3\n3000,-40,50,-60,70,-80,90,300,2,3\n"
+    ));
+    says(
+        &set.check(&irb120()).unwrap_err(),
+        &[
+            "set.csv:3:",
+            "a payload of 3000 kg",
+            "as long as \"abb-irb120\"",
+            "grams",
+        ],
+    );
+}
+
+#[test]
 fn joints_of_another_robot_are_refused() {
     let seven = ok("# c\nq1_deg,q2_deg,x_mm,y_mm,z_mm\n1,2,3,4,5\n");
     says(

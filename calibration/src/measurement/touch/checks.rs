@@ -38,6 +38,8 @@ const DRAWN: f64 = 2e-3;
 /// Shortest reading of a wire or ballbar that calibrates an arm, in m: smaller readings are metres in a column of
 /// millimetres.
 const SHORTEST_READING: f64 = 10e-3;
+/// Range of the distances from an anchor to the tip as drawn, in m, beyond which equal readings in all rows are refused.
+const STUCK_OVER: f64 = 0.05;
 /// Ratio between a reading of an anchor and the drawn arm's value beyond which, or below the inverse of which, the reading
 /// is in another unit.
 const OTHER_UNIT: f64 = 3.0;
@@ -200,13 +202,23 @@ impl TouchSet {
         else {
             return Ok(());
         };
-        let mut ratios: Vec<f64> = rows
-            .iter()
-            .map(|i| {
-                let tip = &self.tips[self.rows[*i].tip];
-                (flanges[*i].transform_point(&tip.position) - at).norm() / reading(i)
-            })
-            .collect();
+        let drawn = |i: &usize| {
+            let tip = &self.tips[self.rows[*i].tip];
+            (flanges[*i].transform_point(&tip.position) - at).norm()
+        };
+        let (near, far) = (rows.iter().map(drawn)).fold((f64::MAX, 0.0), |(near, far), drawn| {
+            (f64::min(near, drawn), f64::max(far, drawn))
+        });
+        if rows.iter().all(|i| reading(i) == longest) && far - near > STUCK_OVER {
+            let found = format!("{} mm in every row", round(longest * 1e3));
+            let expected = format!(
+                "readings that follow the tip, which is {} to {} mm from position_mm",
+                round(near * 1e3),
+                round(far * 1e3)
+            );
+            return Err(self.about(feature, rows, found, &expected));
+        }
+        let mut ratios: Vec<f64> = rows.iter().map(|i| drawn(i) / reading(i)).collect();
         ratios.sort_by(f64::total_cmp);
         let middle = ratios[ratios.len() / 2];
         // The comparison also refuses a ratio that is not a number.
@@ -297,7 +309,10 @@ impl TouchSet {
                 return Err(InputError::new(&self.path, found, expected)
                     .at_line(self.rows[row].line)
                     .at_column(self.feature_column, FEATURE)
-                    .with_help("give the other point a name and a [[feature]] of its own"));
+                    .with_help(
+                        "if it is another point, give it a name and a [[feature]] of its own; if not, this row's joints \
+                         are wrong",
+                    ));
             }
             let (mean, spread) = mean_and_spread(&touched);
             // The first tip is enough, because the others are at the same point.

@@ -81,18 +81,21 @@ impl TouchSet {
         features: Option<&Path>,
         robot: &Robot,
     ) -> Result<Self, InputError> {
-        let bytes = std::fs::read(touches)
-            .map_err(|error| InputError::unreadable(touches, &error, "a touch file (CSV)"))?;
-        let beside = features_beside(touches);
-        let path = features.unwrap_or(&beside);
-        let text = std::fs::read(path).map_err(|error| {
-            let error = InputError::unreadable(path, &error, features::WHOLE);
-            match features {
-                None => error.with_help("name the file of the features with --features FILE"),
-                Some(_) => error,
-            }
-        })?;
-        Self::parse((touches, &bytes), (path, &text), robot)
+        let (bytes, path, text) = bytes_of_both(touches, features)?;
+        Self::parse((touches, &bytes), (&path, &text), robot)
+    }
+
+    /// Reads a plan of touches and its features, from `features` or else from NAME.toml beside NAME.csv.
+    ///
+    /// # Errors
+    /// Those of [`TouchSet::parse_plan`], and an [`InputError`] for a file that cannot be read.
+    pub fn read_plan(
+        touches: &Path,
+        features: Option<&Path>,
+        robot: &Robot,
+    ) -> Result<Self, InputError> {
+        let (bytes, path, text) = bytes_of_both(touches, features)?;
+        Self::parse_plan((touches, &bytes), (&path, &text), robot)
     }
 
     /// Reads the bytes of both files, the touches and their features; the paths are for messages.
@@ -150,6 +153,7 @@ impl TouchSet {
         let mut checks = JointChecks::default();
         for row in &rows {
             limits.check(row.line, &row.joints, &mut checks)?;
+            limits.check_payload(row.line, row.payload_kg)?;
         }
         let mut notes = ignored(&columns.unknown);
         notes.extend(limits.notes(&checks));
@@ -172,6 +176,24 @@ impl TouchSet {
         };
         Ok((out, repeats(&table)))
     }
+}
+
+/// Returns the touches, and the path and the text of their features.
+fn bytes_of_both(
+    touches: &Path,
+    features: Option<&Path>,
+) -> Result<(Vec<u8>, PathBuf, Vec<u8>), InputError> {
+    let bytes = std::fs::read(touches)
+        .map_err(|error| InputError::unreadable(touches, &error, "a touch file (CSV)"))?;
+    let path = features.map_or_else(|| features_beside(touches), Path::to_path_buf);
+    let text = std::fs::read(&path).map_err(|error| {
+        let error = InputError::unreadable(&path, &error, features::WHOLE);
+        match features {
+            None => error.with_help("name the file of the features with --features FILE"),
+            Some(_) => error,
+        }
+    })?;
+    Ok((bytes, path, text))
 }
 
 fn chain(path: &Path, robot: &Robot) -> Result<Poe<f64>, InputError> {

@@ -28,6 +28,8 @@ pub fn mistaken(robot: &Robot, explained: &Explained) -> Finding {
         Mistake::Unit => Cause::Unit,
         Mistake::Offset(..) => Cause::Offset,
         Mistake::Robot(_) => Cause::Robot,
+        Mistake::Rows(_) => Cause::Rows,
+        Mistake::Pixels => Cause::Swap,
     };
     let [given, left] = explained.scatter;
     Finding::new(cause, Tier::Refused, text, left / given.max(1e-12), 1.0)
@@ -50,5 +52,13 @@ fn named(robot: &Robot, mistake: &Mistake) -> String {
             format!("the zero of joint {} looks off by {by}", joint + 1)
         }
         Mistake::Robot(name) => format!("the touches look like those of {name}"),
+        Mistake::Rows(by) => format!(
+            "each reading looks like that of the row {} it",
+            match by.is_negative() {
+                true => "before",
+                false => "behind",
+            }
+        ),
+        Mistake::Pixels => "the columns u_px and v_px look exchanged".to_owned(),
     }
 }

@@ -20,7 +20,7 @@ use crate::identification::base_tools::BaseAndTools;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::judge::Verdict;
 use crate::identification::touch::lengths::{StatedLength, doubt};
-use crate::identification::touch::mistakes::{Mistake, explained};
+use crate::identification::touch::mistakes::explained;
 use crate::identification::touch::steps::{contradicting, step};
 use crate::identification::touch::unseen::unseen;
 use crate::identification::touch::volume::{Knowledge, WorkVolume};
@@ -124,10 +124,10 @@ pub fn calibrate_beside_sisters(
     let record = ArmRecord::new(&problem, &fit).ok_or_else(unsolvable)?;
     let unseen = unseen(&problem, &fit, &known);
     let summary = TouchSummary::new(&problem, (&drawing, &fit), &known, &verdict, unseen);
-    // One false length by itself explains a scatter better than a mistake of all rows, except another robot.
+    // One false length by itself explains a scatter better than a mistake of the joints.
     let is_length = (doubt.as_ref()).is_some_and(|doubt| doubt.length != StatedLength::All);
     let mistake = explained(robot, &problem, (&drawing, &fit))
-        .filter(|found| !is_length || matches!(found.mistake, Mistake::Robot(_)));
+        .filter(|found| !is_length || !found.mistake.is_of_joints());
     let findings = match mistake {
         // What else is remarkable follows from the mistake.
         Some(mistake) => Findings(vec![mistaken(robot, &mistake)]),

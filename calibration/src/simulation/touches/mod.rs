@@ -3,6 +3,7 @@
 //! The operator moves the arm until its true tip is at the feature, up to the noise of a touch, and records the joints that
 //! the controller shows. What the description states about tip, anchors and camera has errors of its stated σ.
 
+mod planned;
 mod sensors;
 mod table;
 
@@ -14,7 +15,6 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::measurement::touch::{Reading, TouchSet};
 use crate::robot::settle::{Settler, Surface};
 use crate::robot::{Robot, in_file_units};
 use crate::simulation::Simulator;
@@ -134,68 +134,6 @@ impl Simulator {
         }
         Ok(touching.finished(truth, comment))
     }
-}
-
-impl Simulator {
-    /// Touches the sockets of a plan, like an operator who moves the tip there: from the joints of each row to the nearest
-    /// joints at which the true tip is seated. The first row of a socket determines its position. The distances from the
-    /// first socket are measured. `truth` is as in [`Simulator::touch`].
-    ///
-    /// # Errors
-    /// Returns [`OutOfReach`] if the socket of a row cannot be reached, or if its feature is not a socket.
-    pub fn touch_planned(
-        &mut self,
-        robot: &Robot,
-        plan: &TouchSet,
-        truth: usize,
-        comment: &str,
-    ) -> Result<(SimulatedTouches, String), OutOfReach> {
-        let drawn = plan
-            .tips
-            .first()
-            .map_or(Vector3::from(TIP), |tip| tip.position);
-        let error = normal_vector(TIP_ERROR, &mut self.random);
-        let mut touching = Touching {
-            robot,
-            payload_kg: self.payloads.first().copied().unwrap_or(0.0),
-            ranges: whole_ranges(robot),
-            simulator: self,
-            tip: drawn + error,
-            rows: Vec::new(),
-            toml: description_of_tip(comment, drawn),
-        };
-        let mut points: Vec<Option<Vector3<f64>>> = vec![None; plan.features.len()];
-        for row in &plan.rows {
-            let Reading::Point { feature } = row.reading else {
-                let feature = row.reading.feature().map(|f| plan.features[f].name.clone());
-                return Err(OutOfReach(feature.unwrap_or_default()));
-            };
-            let name = &plan.features[feature].name;
-            let there = touching.tip_at(&row.joints);
-            let point = *points[feature].get_or_insert(there);
-            let noise = normal_vector(TOUCH_NOISE, touching.random());
-            let joints = touching
-                .seated(&row.joints, touching.tip, Surface::Point(point + noise))
-                .ok_or_else(|| OutOfReach(name.clone()))?;
-            touching.row(name, ",,,,,,", &joints);
-        }
-        let placed: Vec<(String, Vector3<f64>)> = plan
-            .features
-            .iter()
-            .zip(&points)
-            .filter_map(|(feature, point)| Some((feature.name.clone(), (*point)?)))
-            .collect();
-        touching.describe_sockets(&placed);
-        touching.ranges = touching.simulator.ranges.clone();
-        Ok(touching.finished(truth, comment))
-    }
-}
-
-/// Returns the full range of each joint, in rad or m.
-fn whole_ranges(robot: &Robot) -> Vec<(f64, f64)> {
-    let whole = (-std::f64::consts::TAU, std::f64::consts::TAU);
-    let limits = robot.joints.iter().map(|joint| joint.limits);
-    limits.map(|limits| limits.unwrap_or(whole)).collect()
 }
 
 fn description_of_tip(comment: &str, tip: Vector3<f64>) -> String {
@@ -382,14 +320,18 @@ impl Touching<'_> {
         }
     }
 
+    fn describe_plane(&mut self, name: &str) {
+        let _ = write!(
+            self.toml,
+            "\n[[feature]]\nname = \"{name}\"\nkind = \"plane\"\nflatness_mm = 0.01\n"
+        );
+    }
+
     fn planes(&mut self, names: &[String], count: usize) -> Result<(), OutOfReach> {
         let middle = self.somewhere();
         let extent = 0.3 * self.robot.reach();
         for (k, name) in names.iter().enumerate() {
-            let _ = write!(
-                self.toml,
-                "\n[[feature]]\nname = \"{name}\"\nkind = \"plane\"\nflatness_mm = 0.01\n"
-            );
+            self.describe_plane(name);
             let normal = [Vector3::z(), Vector3::x(), Vector3::y()][k % 3];
             let distance = normal.dot(&middle) + 0.05 * (k / 3) as f64;
             for _ in 0..count / names.len() {

@@ -26,6 +26,13 @@ const VIEW: f64 = 0.45;
 const CORNER_STEP: f64 = 0.05;
 const CORNERS: [usize; 2] = [5, 4];
 
+/// A draw-wire: where its anchor truly is, and by how much its readings are too small, in m.
+#[derive(Clone, Copy)]
+pub(super) struct Wire {
+    pub at: Vector3<f64>,
+    pub zero: f64,
+}
+
 impl Touching<'_> {
     pub(super) fn wires(&mut self, names: &[String], count: usize) {
         let distance = 1.2 * self.robot.reach();
@@ -35,27 +42,35 @@ impl Touching<'_> {
             let turn = -0.6 + std::f64::consts::TAU / 3.0 * k as f64;
             let at = Vector3::new(distance * libm::cos(turn), distance * libm::sin(turn), 0.03);
             let zero = ZERO_ERROR * self.normal();
-            let stated = 1e3 * (at + normal_vector(TAPE_ERROR, self.random()));
-            let _ = write!(
-                self.toml,
-                "\n[[feature]]\nname = \"{name}\"\nkind = \"anchor\"\nposition_mm = [{:.1}, {:.1}, {:.1}]\n\
-                 position_sigma_mm = {}\nzero_sigma_mm = {}\n",
-                stated.x,
-                stated.y,
-                stated.z,
-                milli(TAPE_ERROR),
-                milli(ZERO_ERROR)
-            );
-            anchors.push((name, at, zero));
+            let stated = at + normal_vector(TAPE_ERROR, self.random());
+            self.describe_wire(name, stated, [TAPE_ERROR, ZERO_ERROR]);
+            anchors.push((name, Wire { at, zero }));
         }
         for _ in 0..count / names.len() {
             let joints = self.joints(1.0);
-            for (name, at, zero) in &anchors {
-                let value = (self.tip_at(&joints) - at).norm() - zero;
-                let value = value + TOUCH_NOISE * self.normal();
-                self.row(name, &format!(",{:.4},,,,,", 1e3 * value), &joints);
+            for (name, wire) in &anchors {
+                self.read_wire(name, wire, &joints);
             }
         }
+    }
+
+    /// Describes a draw-wire by its stated anchor in m and the standard deviations of anchor and zero.
+    pub(super) fn describe_wire(&mut self, name: &str, stated: Vector3<f64>, sigma: [f64; 2]) {
+        let stated = 1e3 * stated;
+        let [position_sigma, zero_sigma] = sigma.map(milli);
+        let _ = write!(
+            self.toml,
+            "\n[[feature]]\nname = \"{name}\"\nkind = \"anchor\"\nposition_mm = [{:.1}, {:.1}, {:.1}]\n\
+             position_sigma_mm = {position_sigma}\nzero_sigma_mm = {zero_sigma}\n",
+            stated.x, stated.y, stated.z
+        );
+    }
+
+    /// Reads a draw-wire at these joints.
+    pub(super) fn read_wire(&mut self, name: &str, wire: &Wire, joints: &[f64]) {
+        let value = (self.tip_at(joints) - wire.at).norm() - wire.zero;
+        let value = value + TOUCH_NOISE * self.normal();
+        self.row(name, &format!(",{:.4},,,,,", 1e3 * value), joints);
     }
 
     /// Draws a small unknown rotation.

@@ -412,6 +412,33 @@ fn a_reading_in_a_unit_of_no_column_is_not_ignored() {
 }
 
 #[test]
+fn a_payload_in_grams() {
+    let (csv, toml) = simulated(TouchKind::Socket, 1, 6);
+    refused(
+        &with_field(&csv, 1, "payload_kg", "8000"),
+        &toml,
+        &["touches.csv:4:", "a payload of 8000 kg", "grams"],
+    );
+}
+
+#[test]
+fn a_wire_that_reads_the_same_in_every_row() {
+    let (csv, toml) = simulated(TouchKind::Wire, 1, 6);
+    let header: Vec<&str> = csv.lines().nth(1).unwrap().split(',').collect();
+    let index = header.iter().position(|name| *name == "value_mm").unwrap();
+    let first = csv.lines().nth(2).unwrap().split(',').nth(index).unwrap();
+    let mut stuck = csv.clone();
+    for number in 0..csv.lines().count() - 2 {
+        stuck = with_field(&stuck, number, "value_mm", first);
+    }
+    refused(
+        &stuck,
+        &toml,
+        &["touches.csv:3:", "mm in every row", "follow the tip"],
+    );
+}
+
+#[test]
 fn metres_under_a_name_in_millimetres() {
     let (csv, toml) = simulated(TouchKind::Wire, 1, 6);
     let mut metres = csv.clone();
