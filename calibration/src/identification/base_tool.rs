@@ -11,7 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::frame_fit::{ResidualFrame, cost, fit_frames};
+use crate::identification::frame_fit::{HeldTool, ResidualFrame, cost, fit_frames_holding};
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
@@ -53,12 +53,14 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> (Pose<f64>
         .collect();
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     let last = nominal.kinds().len();
+    let held = HeldTool::new(nominal, samples);
     let refine = |(_, mut chain): (f64, Poe<f64>)| {
-        let fit = fit_frames(
+        let fit = fit_frames_holding(
             &mut chain,
             samples,
             &[0, last],
             ResidualFrame::TOOL_POINT_UNIT_WEIGHTS,
+            &held,
         );
         (fit, chain)
     };

@@ -6,7 +6,7 @@
 //! 42 parameters of a six-axis arm, 30 are identifiable. Steps are of minimum norm, and damped whenever a step would not
 //! lower the cost, so that the solver cannot diverge.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::limits::MAX_FRAMES;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Matrix6, Pose, Twist, residual};
@@ -65,6 +65,112 @@ const RELATIVE_RANK_TOLERANCE: f64 = 1e-10;
 const MAX_ITERATIONS: usize = 60;
 /// Relative decrease of the cost below which the fit has converged.
 const CONVERGED: f64 = 1e-12;
+
+/// Weight of a part of the tool that is held, as a multiple of that of all samples.
+const HELD: f64 = 10.0;
+/// Share of a shift of the tool that moves the target, once the base makes up for the rest, below which base and tool
+/// cannot be distinguished.
+const INDISTINCT: f64 = 2e-3;
+
+/// Returns the mean of base_from_flange rotations, and the unit vectors in the flange frame along which a shift of the tool
+/// cannot be distinguished from one of the base.
+///
+/// With rotations R_i and their mean M, a shift v of the tool leaves (I − Mᵀ M)^½ v, root mean square, once the base is
+/// shifted by −M v.
+pub fn indistinct_shifts(
+    rotations: impl Iterator<Item = Matrix3<f64>>,
+) -> (Matrix3<f64>, Vec<Vector3<f64>>) {
+    let (sum, count) = rotations.fold((Matrix3::zeros(), 0), |(sum, count), rotation| {
+        (sum + rotation, count + 1)
+    });
+    let mean = sum / f64::from(count.max(1));
+    let left = (Matrix3::identity() - mean.transpose() * mean).symmetric_eigen();
+    let indistinct = (0..3).filter(|i| left.eigenvalues[*i] < INDISTINCT * INDISTINCT);
+    let directions = indistinct.map(|i| left.eigenvectors.column(i).into_owned());
+    (mean, directions.collect())
+}
+
+/// Parts of the tool's translation that are held at zero, because a shift of the base does the same: where all axes are
+/// parallel, as those of a SCARA or a palletiser, the tool's length along them.
+pub struct HeldTool {
+    /// Flange in the frame of the last joint.
+    flange: Pose<f64>,
+    /// Mean rotation base_from_flange.
+    mean: Matrix3<f64>,
+    /// Orthogonal unit vectors in the flange frame.
+    directions: Vec<Vector3<f64>>,
+}
+
+impl HeldTool {
+    /// Holds nothing.
+    pub fn none() -> Self {
+        Self {
+            flange: Pose::identity(),
+            mean: Matrix3::identity(),
+            directions: Vec::new(),
+        }
+    }
+
+    /// Holds what these samples cannot show if base and tool are both free. `drawing` is the chain from base to flange.
+    pub fn new<F>(drawing: &Poe<f64>, samples: &[Sample<F>]) -> Self {
+        let rotations = samples.iter();
+        let rotations = rotations.map(|s| drawing.forward(&s.serial_joints).rotation);
+        let (mean, directions) = indistinct_shifts(rotations);
+        Self {
+            flange: drawing.frames()[drawing.kinds().len()],
+            mean,
+            directions,
+        }
+    }
+
+    /// Returns the part of a shift of the tool, in the flange frame, that a shift of the base does not undo.
+    pub fn shown_of_tool(&self, shift: &Vector3<f64>) -> Vector3<f64> {
+        let held = self.directions.iter().map(|v| v * v.dot(shift));
+        shift - held.sum::<Vector3<f64>>()
+    }
+
+    /// Returns the part of a shift of the base, in its own frame, that a shift of the tool does not undo.
+    pub fn shown_of_base(&self, shift: &Vector3<f64>) -> Vector3<f64> {
+        self.mean * self.shown_of_tool(&(self.mean.transpose() * shift))
+            + (shift - self.mean * (self.mean.transpose() * shift))
+    }
+
+    /// Returns the held components of the tool, in m.
+    fn values(&self, poe: &Poe<f64>) -> impl Iterator<Item = f64> {
+        let tool = self.flange.inverse() * poe.frames()[poe.kinds().len()];
+        self.directions
+            .iter()
+            .map(move |v| v.dot(&tool.translation))
+    }
+
+    /// Adds a row for each held component.
+    fn add_rows(
+        &self,
+        poe: &Poe<f64>,
+        weight: f64,
+        free: &[usize],
+        (y, a): (&mut Mat<f64>, &mut Mat<f64>),
+    ) {
+        let last = poe.kinds().len();
+        let Some(position) = free.iter().position(|frame| *frame == last) else {
+            return;
+        };
+        let first = y.nrows();
+        let rows = first + self.directions.len();
+        *y = std::mem::replace(y, Mat::zeros(0, 0)).resize_vertically(rows, 0.0);
+        *a = std::mem::replace(a, Mat::zeros(0, 0)).resize_vertically(rows, 0.0);
+        let at = poe.frames()[last].translation;
+        for (k, (v, value)) in self.directions.iter().zip(self.values(poe)).enumerate() {
+            let along = self.flange.rotation * v;
+            let turned = at.cross(&along);
+            y[(first + k, 0)] = -weight * value;
+            for i in 0..3 {
+                a[(first + k, 6 * position + i)] = weight * along[i];
+                a[(first + k, 6 * position + 3 + i)] = weight * turned[i];
+            }
+        }
+    }
+}
 
 /// Returns the six residual components of one observation, zero where nothing was measured. They are in units of the
 /// scales of `kind` as given, whatever the row's own noise.
@@ -196,7 +302,23 @@ pub fn fit_frames<F>(
     free: &[usize],
     kind: ResidualFrame,
 ) -> FrameFit {
-    let mut current = cost(poe, samples, kind);
+    fit_frames_holding(poe, samples, free, kind, &HeldTool::none())
+}
+
+/// Moves the `free` frames of `poe` to the least-squares fit of `samples`, with parts of the tool's translation held at zero.
+pub fn fit_frames_holding<F>(
+    poe: &mut Poe<f64>,
+    samples: &[Sample<F>],
+    free: &[usize],
+    kind: ResidualFrame,
+    held: &HeldTool,
+) -> FrameFit {
+    let weight = HELD * ((6 * samples.len()) as f64).sqrt();
+    let cost = |poe: &Poe<f64>| {
+        let held = held.values(poe).map(|value| (weight * value).powi(2));
+        cost(poe, samples, kind) + held.sum::<f64>()
+    };
+    let mut current = cost(poe);
     let mut report = FrameFit {
         iterations: 0,
         rms: 0.0,
@@ -205,7 +327,8 @@ pub fn fit_frames<F>(
     };
     let mut damping = 0.0;
     while report.iterations < MAX_ITERATIONS {
-        let (y, a) = linearise(poe, samples, free, kind);
+        let (mut y, mut a) = linearise(poe, samples, free, kind);
+        held.add_rows(poe, weight, free, (&mut y, &mut a));
         let Some(Svd { u, values, v }) = Svd::new(&a) else {
             break;
         };
@@ -228,7 +351,7 @@ pub fn fit_frames<F>(
             };
             let step = &v * Mat::from_fn(values.len(), 1, |i, _| damped(i));
             let candidate = updated(poe, free, &step);
-            let value = cost(&candidate, samples, kind);
+            let value = cost(&candidate);
             if value <= current {
                 accepted = Some((candidate, value));
                 break;

@@ -5,7 +5,7 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::with_base_and_tool;
-use crate::identification::frame_fit::{ResidualFrame, fit_frames};
+use crate::identification::frame_fit::{HeldTool, ResidualFrame, fit_frames_holding};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::model::calibration::Calibration;
@@ -21,12 +21,18 @@ impl Calibration {
     pub fn in_gauge(self, robot: &Robot, choice: &GaugeChoice) -> Result<Self, GaugeTooFar> {
         let grid = choice.grid.clone().unwrap_or(self.gauge.grid.clone());
         let own = &self.base_and_tools;
+        let is_stated = choice.base.is_some() || choice.tool.is_some();
+        let samples: Vec<BaseSample> = match is_stated {
+            true => self.at(robot, &grid).collect(),
+            false => Vec::new(),
+        };
+        let shown = HeldTool::new(&drawing_of(&self), &samples);
         for (is_base, found, stated) in [
             (true, &own.instrument_from_base, choice.base),
             (false, &own.flange_from_targets[0], choice.tool),
         ] {
             if let Some(stated) = stated {
-                near(is_base, found, &stated)?;
+                near(is_base, found, &stated, &shown)?;
             }
         }
         let gauge = match choice.over_grid {
@@ -74,12 +80,12 @@ impl Calibration {
         free.extend(tool.is_none().then_some(last));
         if !free.is_empty() {
             let samples: Vec<BaseSample> = self.at(robot, grid).collect();
-            fit_frames(
-                &mut chain,
-                &samples,
-                &free,
-                ResidualFrame::TOOL_POINT_TOOL_LENGTH,
-            );
+            let held = match base.is_none() && tool.is_none() {
+                true => HeldTool::new(&drawing, &samples),
+                false => HeldTool::none(),
+            };
+            let kind = ResidualFrame::TOOL_POINT_TOOL_LENGTH;
+            fit_frames_holding(&mut chain, &samples, &free, kind, &held);
         }
         let fitted = |pose| GaugeFrame {
             pose,
@@ -147,10 +153,19 @@ fn drawing_of(calibration: &Calibration) -> Poe<f64> {
     with_base_and_tool(&calibration.nominal, &Pose::identity(), &target.inverse())
 }
 
-/// Rejects a stated frame that is farther than [`FARTHEST`] from the one that was found.
-fn near(is_base: bool, found: &Pose<f64>, stated: &GaugeFrame) -> Result<(), GaugeTooFar> {
+/// Rejects a stated frame that is farther than [`FARTHEST`] from the one that was found, as far as the poses show it.
+fn near(
+    is_base: bool,
+    found: &Pose<f64>,
+    stated: &GaugeFrame,
+    shown: &HeldTool,
+) -> Result<(), GaugeTooFar> {
     let between = found.inverse() * stated.pose;
-    let (m, rad) = (between.translation.norm(), between.log().angular.norm());
+    let shift = match is_base {
+        true => shown.shown_of_base(&between.translation),
+        false => shown.shown_of_tool(&(found.rotation * between.translation)),
+    };
+    let (m, rad) = (shift.norm(), between.log().angular.norm());
     if m <= FARTHEST.0 && rad <= FARTHEST.1 {
         return Ok(());
     }

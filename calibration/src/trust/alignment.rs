@@ -10,6 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::identification::base_tool::cube_rotations;
+use crate::identification::frame_fit::indistinct_shifts;
 use crate::measurement::observation::Observation;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
@@ -111,6 +112,8 @@ const TURNED: f64 = 0.2;
 /// Number of random subsets of rows, and rows per subset, for files in which some rows are far off.
 const SUBSETS: usize = 16;
 const OF_SUBSET: usize = 10;
+/// Weight of a shift that is held, as a multiple of that of all rows.
+const HELD: f64 = 0.1;
 /// Number of starts that are refined.
 const REFINED: usize = 4;
 
@@ -241,6 +244,23 @@ fn rotations(whole: &[(Matrix3<f64>, Matrix3<f64>)]) -> Vec<Matrix3<f64>> {
         .collect()
 }
 
+/// Holds the shifts of each tool that cannot be distinguished from one of the base. `first` is the index of a tool's
+/// translation.
+fn hold(normal: &mut Mat<f64>, rows: &[Row], first: impl Fn(usize) -> usize) {
+    for tool in 0..tool_count(rows) {
+        let of_tool = rows.iter().filter(|row| row.tool == tool);
+        let (_, shifts) = indistinct_shifts(of_tool.map(|row| row.flange.rotation));
+        for shift in shifts {
+            for i in 0..3 {
+                for j in 0..3 {
+                    let weight = HELD * rows.len() as f64;
+                    normal[(first(tool) + i, first(tool) + j)] += weight * shift[i] * shift[j];
+                }
+            }
+        }
+    }
+}
+
 /// Computes the rotations of the tools from that of the base, then the translations by a linear fit.
 fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
     let mut turn = vec![Matrix3::zeros(); tools];
@@ -275,6 +295,7 @@ fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
     for i in 0..size {
         normal[(i, i)] += 1e-9 * rows.len() as f64;
     }
+    hold(&mut normal, rows, |tool| 3 + 3 * tool);
     let x: Vec<f64> = match Factor::new(normal, 1) {
         Ok(factor) => {
             let x = factor.solve(&right);
@@ -380,6 +401,7 @@ fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
         for i in 0..size {
             normal[(i, i)] += 1e-9 * rows.len() as f64;
         }
+        hold(&mut normal, rows, |tool| 6 + 6 * tool);
         let Ok(factor) = Factor::new(normal, 1) else {
             break;
         };

@@ -29,21 +29,25 @@ const ROUNDS: usize = 12;
 
 /// A difference between two kinds of rows.
 struct Difference {
-    /// Whether each row is of the second kind.
+    /// Whether each row of the search is of the second kind.
     kinds: Vec<bool>,
+    /// The same of all rows of the file.
+    of_all: Vec<bool>,
     /// Drop of χ².
     drop: f64,
     /// Root mean square difference of the target between both arms, in m.
     displacement: f64,
 }
 
-/// Returns a refusal if the rows are of two arms.
+/// Returns a refusal if the rows are of two arms. Of arms with coupled joints nothing is said: links of a parallelogram sag
+/// in ways that the geometry does not describe, and which look like a second arm.
 pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     let count = geometry.samples.len();
-    if count < LEAST.0 || !geometry.is_whole() {
+    if count < LEAST.0 || !geometry.is_whole() || data.robot.coupling.is_some() {
         return None;
     }
-    let every = count.div_ceil(MOST);
+    // An odd step, for rows of two arms may alternate.
+    let every = count.div_ceil(MOST) | 1;
     let rows: Vec<usize> = (0..count).step_by(every).collect();
     let joints = geometry.state.layout.joints;
     let found = starts(geometry, &rows)
@@ -71,17 +75,13 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
             return None;
         }
     }
-    let (own, others): (Vec<_>, Vec<_>) =
-        rows.iter().zip(&best.kinds).partition(|(_, kind)| **kind);
-    let fewer = if own.len() < others.len() {
-        own
-    } else {
-        others
-    };
-    if (fewer.len() as f64) < LEAST.1 * rows.len() as f64 {
+    let of_second = best.of_all.iter().filter(|kind| **kind).count();
+    let is_fewer = 2 * of_second < count;
+    if (of_second.min(count - of_second) as f64) < LEAST.1 * count as f64 {
         return None;
     }
-    let fewer: Vec<usize> = fewer.iter().map(|(k, _)| data.line(**k)).collect();
+    let fewer = (0..count).filter(|k| best.of_all[*k] == is_fewer);
+    let fewer: Vec<usize> = fewer.map(|k| data.line(k)).collect();
     let text = format!(
         "the rows are of two arms that differ by {} ({} against the others): were two robots, or rows before and after a \
          mastering, merged? Calibrate each arm from its own rows",
@@ -150,12 +150,6 @@ fn search(geometry: &Geometry, rows: &[usize], mut kinds: Vec<bool>) -> Option<D
         if best.as_ref().is_some_and(|best| drop <= best.drop) {
             break;
         }
-        let square = 4.0 * sums.square(&optimum.coefficients) / rows.len() as f64;
-        best = Some(Difference {
-            kinds: kinds.clone(),
-            drop,
-            displacement: square.sqrt() * geometry.scales.position,
-        });
         let left = sums.left(geometry, &optimum.coefficients, |k, row, term| {
             sign[k] * frame(row, term)
         });
@@ -173,7 +167,14 @@ fn search(geometry: &Geometry, rows: &[usize], mut kinds: Vec<bool>) -> Option<D
             });
             parts.sum::<f64>() > 0.0
         };
-        kinds = rows.iter().map(|k| nearer(*k)).collect();
+        let square = 4.0 * sums.square(&optimum.coefficients) / rows.len() as f64;
+        let next = rows.iter().map(|k| nearer(*k)).collect();
+        best = Some(Difference {
+            kinds: std::mem::replace(&mut kinds, next),
+            of_all: (0..geometry.samples.len()).map(nearer).collect(),
+            drop,
+            displacement: square.sqrt() * geometry.scales.position,
+        });
     }
     best
 }

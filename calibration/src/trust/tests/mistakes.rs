@@ -165,10 +165,17 @@ fn of_two_arms(poses: &mut [SimulatedPose], is_other: impl Fn(usize) -> bool) {
 
 #[test]
 fn rows_of_two_arms_are_found_in_any_order() {
-    let orders: [fn(usize) -> bool; 3] = [|k| k >= 60, |k| k % 2 == 1, |k| k * k % 7 > 2];
+    type Order = fn(usize) -> bool;
+    let orders: [(usize, Order); 4] = [
+        (120, |k| k >= 60),
+        (120, |k| k % 2 == 1),
+        (120, |k| k * k % 7 > 2),
+        // Rows that alternate in a file of which not every row is looked at.
+        (200, |k| k % 2 == 1),
+    ];
     for scenario in [Scenario::Paper, Scenario::Nonlinear] {
-        let good = measured(scenario, 120, 6);
-        for is_other in orders {
+        for (rows, is_other) in orders {
+            let good = measured(scenario, rows, 6);
             let mut poses = good.clone();
             of_two_arms(&mut poses, is_other);
             let findings = examine(&poses);
