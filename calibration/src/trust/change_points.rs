@@ -29,6 +29,8 @@ const ROUNDS: usize = 10;
 const SETTLED: f64 = 0.02;
 /// Ratio below which the scatter must fall once such a change is taken out.
 const FALL: f64 = 0.5;
+/// Displacement in m from which other joint zeros are no warm-up.
+const WARMEST: f64 = 3e-3;
 /// Displacement above which a change is refused, in m.
 const REFUSED: f64 = 3e-3;
 
@@ -354,6 +356,7 @@ impl Hypotheses {
         let (split, changes) = (self.split, &self.changes);
         let step = &changes[0];
         let gradual = self.gradual.as_ref().map(|g| &g.change);
+        let gradual = gradual.filter(|g| g.part != Part::Joints || g.displacement < WARMEST);
         let as_good = |other: &Change, best: &Change| other.drop > AS_GOOD * best.drop;
         if let Some(drift) = gradual
             && drift.drop > step.drop
@@ -389,12 +392,27 @@ impl Hypotheses {
         }
         // An arm that warms up in a pause has other zeros of all joints from one row on, which no single part explains.
         let after = sums(geometry, split..count, |_| 1.0);
-        let in_a_pause = change(geometry, &after, Part::Joints, (count - split) as f64)
-            .is_some_and(|joints| !as_good(step, &joints));
+        let zeros = change(geometry, &after, Part::Joints, (count - split) as f64)
+            .filter(|joints| !as_good(step, joints));
+        let rows = || (split..count).map(|k| data.line(k)).collect();
+        if let Some(zeros) = zeros.as_ref().filter(|z| z.displacement > WARMEST) {
+            let text = format!(
+                "from line {} on the zeros of several joints differ, by {} at the target: did you merge two robots, or data from \
+                 before and after mastering? Calibrate each part from its own rows",
+                data.line(split),
+                length(zeros.displacement)
+            );
+            return Some(Finding {
+                tier: Tier::Refused,
+                ..zeros
+                    .finding(Cause::Step, text, needed, count)
+                    .of_rows(rows())
+            });
+        }
         let is_gradual = gradual.is_some_and(|c| c.part == Part::Joints && as_good(c, step));
         let others = changes[1..].iter().filter(|c| as_good(c, step));
         let mut as_good: Vec<String> = others.map(|c| c.part.name()).collect();
-        if in_a_pause || is_gradual {
+        if zeros.is_some() || is_gradual {
             as_good.push(Part::Joints.name());
         }
         let (shift, turn) = motion(geometry, step, split..count);
@@ -417,10 +435,11 @@ impl Hypotheses {
                 three_digits(step.drop / count as f64)
             );
         }
-        let rows = (split..count).map(|k| data.line(k)).collect();
         Some(Finding {
             tier,
-            ..step.finding(Cause::Step, text, needed, count).of_rows(rows)
+            ..step
+                .finding(Cause::Step, text, needed, count)
+                .of_rows(rows())
         })
     }
 }

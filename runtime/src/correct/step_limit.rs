@@ -49,6 +49,9 @@ pub const FLOOR: Damping<f64> = Damping {
     position: 1.6e-4,
     rotation: 2e-5,
 };
+/// Least λ_r of an arm that cannot turn its target every way: a shift need not hold the rotations that the arm cannot hold,
+/// and two steps leave 3 % of one that its joints can make.
+const FREE: f64 = 0.1;
 /// λ of A in S, in units of lever²: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 1e-4;
 /// Least λ, in units of lever², of the shift that the turn has to follow while λ_r is computed: a shift that the arm can
@@ -127,6 +130,8 @@ pub struct Scale<T> {
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
     scale: Scale<T>,
+    /// Least λ.
+    floor: Damping<T>,
     /// Least λ of the shift that the turn has to follow, and the factors of A with it.
     follow: T,
     following: Factors<T>,
@@ -142,13 +147,15 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let relative = scale.lever * scale.lever;
         let (_, _, turning) = held(gram, T::from_f64(HOLD) * relative);
         let follow = T::from_f64(FOLLOW) * relative;
+        let floor = floor(&scale);
         Self {
             gram,
             scale,
+            floor,
             follow,
             following: Factors::of(&block(gram, 0, 0), follow),
             turning,
-            turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
+            turning_factors: Factors::of(&turning, floor.rotation),
         }
     }
 
@@ -197,7 +204,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             lever,
             usual_rotation,
         } = self.scale;
-        let floor = floor();
+        let floor = self.floor;
         let (p, r) = halves(error);
         // 1/s_p in m, and 1/s_r.
         let shift_unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
@@ -271,7 +278,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         );
         let beyond_floor = Damping {
             position: position - floor.position,
-            rotation: rotation - floor.rotation,
+            rotation: rotation - T::from_f64(FLOOR.rotation),
         };
         for (value, left) in given_up.iter_mut().zip(&left_by(&beyond_floor, &x)) {
             *value += *left;
@@ -305,10 +312,14 @@ fn left_by<T: Scalar>(damping: &Damping<T>, x: &PoseError6<T>) -> PoseError6<T> 
 }
 
 #[inline(always)]
-fn floor<T: Scalar>() -> Damping<T> {
+fn floor<T: Scalar>(scale: &Scale<T>) -> Damping<T> {
+    let rotation = match scale.usual_rotation {
+        Some(_) => FLOOR.rotation,
+        None => FREE,
+    };
     Damping {
         position: T::from_f64(FLOOR.position),
-        rotation: T::from_f64(FLOOR.rotation),
+        rotation: T::from_f64(rotation),
     }
 }
 
@@ -348,7 +359,11 @@ impl<T: Scalar> Shares<T> {
     fn turn_beside(&self, shift: T) -> T {
         let left = left_after(shift, &self.position, &self.shift_leaves);
         let brought = squared(&self.position).sqrt() - squared(&left).sqrt();
-        let brought = T::from_f64(TAKEN) * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
+        let taken = match self.largest {
+            Some(_) => T::from_f64(TAKEN),
+            None => T::ZERO,
+        };
+        let brought = taken * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
         // A share of min(brought/pushed, 1) would change abruptly where the two are equal.
         brought / (brought + self.turn_pushes)
     }

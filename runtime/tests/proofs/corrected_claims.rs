@@ -124,7 +124,7 @@ fn no_joint_is_changed_by_more_than_the_limit() {
     for elastic in [false, true] {
         let mut at_the_limit = [0; 8];
         for joints in 5..=8 {
-            for size in [0.1, 0.3, 1.0] {
+            for size in [0.1, 0.3, 1.0, 2.0] {
                 let plain = arm(joints, elastic, size);
                 let levers = (0..joints).map(|joint| with_lever(plain.clone(), joint, 10.0));
                 for mut arm in levers.chain([plain.clone()]) {

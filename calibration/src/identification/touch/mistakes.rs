@@ -76,8 +76,11 @@ fn is_large(problem: &TouchProblem, fit: &TouchFit) -> bool {
     })
 }
 
-/// Returns the root mean square residual of every kind, with its number of equations.
-fn residuals(problem: &TouchProblem, fit: &TouchFit) -> Vec<(Noise, f64, f64)> {
+/// Root mean square residuals of each kind, with the number of equations.
+type Residuals = Vec<(Noise, f64, f64)>;
+
+/// Returns the root mean square residual of every kind.
+fn residuals(problem: &TouchProblem, fit: &TouchFit) -> Residuals {
     let mut sums = [(0.0, 0.0); Noise::ALL.len()];
     for (row, jet) in fit.residuals(problem).iter().enumerate() {
         for i in 0..jet.count {
@@ -240,7 +243,7 @@ pub fn explained(
         }
     }
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut fitted: Vec<(f64, Mistake, Vec<(Noise, f64, f64)>)> = Vec::new();
+    let mut fitted: Vec<(f64, Mistake, Residuals)> = Vec::new();
     for (_, mistake, robot, set) in tried.into_iter().take(TRIED) {
         let Some(other) = of(&robot, problem, &set) else {
             continue;

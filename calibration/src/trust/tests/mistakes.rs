@@ -140,6 +140,26 @@ fn play_is_no_lag() {
     }
 }
 
+/// An arm that was mastered anew has other zeros of all joints from one row on, by more than any arm warms up.
+#[test]
+fn a_mastering_is_no_warm_up() {
+    let zeros = [3e-3, -5e-3, 4e-3, -8e-3, 6e-3, 7e-3];
+    for (rows, seed) in [(120, 1), (200, 2)] {
+        let mut poses = measured(Scenario::Paper, rows, seed);
+        for pose in poses.iter_mut().skip(rows / 2) {
+            let joints = pose.joints.iter_mut().zip(zeros);
+            joints.for_each(|(q, zero)| *q += zero);
+        }
+        let findings = examine(&poses);
+        let finding = refusal("mastering", &findings);
+        assert!(finding.text.contains("mastering"), "{finding:?}");
+        assert!(
+            finding.rows.len() == rows / 2 || finding.text.contains("two arms"),
+            "{finding:?}"
+        );
+    }
+}
+
 /// Gives the rows that `is_other` selects the links of another arm.
 fn of_two_arms(poses: &mut [SimulatedPose], is_other: impl Fn(usize) -> bool) {
     let robot = robot();
