@@ -81,12 +81,12 @@ fn a_shared_value_is_no_placeholder_where_the_arm_stood_still() {
     let (x, y) = (column(&header, "x_mm"), column(&header, "y_mm"));
     let shared = |stands: bool| {
         let mut rows = good.clone();
-        for k in 40..43 {
+        for (k, row) in rows[40..43].iter_mut().enumerate() {
             if stands {
-                rows[k] = good[40].clone();
-                add(&mut rows[k][y], 0.01 * k as f64);
+                row.clone_from(&good[40]);
+                add(&mut row[y], 0.01 * k as f64);
             }
-            rows[k][x] = "40123.457".to_owned();
+            row[x] = "40123.457".to_owned();
         }
         let all = identified(&header, &rows).0;
         all.into_iter().find(|f| f.cause == Cause::Placeholder)
