@@ -120,6 +120,12 @@ impl Commander {
         })
     }
 
+    /// Returns whether the range in which a joint is searched overlaps with `lower` to `upper`, in rad or m.
+    pub fn can_be_within(&self, joint: usize, lower: f64, upper: f64) -> bool {
+        let own = self.ranges().nth(joint);
+        own.is_some_and(|(least, most)| lower <= most && upper >= least)
+    }
+
     /// Returns the joints to command in a path for the wanted `joints`; see [`Model::correct`].
     pub fn correct(&self, joints: &Joints, payload_kg: f64) -> Corrected<f64> {
         self.model.correct(self.of(joints), payload_kg)

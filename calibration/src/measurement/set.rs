@@ -64,6 +64,21 @@ impl JointUnit {
             Self::Radian | Self::Metre => value,
         }
     }
+
+    /// Returns whether the unit is of a revolute joint.
+    pub fn is_angle(self) -> bool {
+        matches!(self, Self::Degree | Self::Radian)
+    }
+
+    /// Returns the unit as column names spell it.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Degree => "deg",
+            Self::Radian => "rad",
+            Self::Millimetre => "mm",
+            Self::Metre => "m",
+        }
+    }
 }
 
 /// The column of a joint in the file.

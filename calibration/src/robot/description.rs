@@ -35,6 +35,17 @@ pub struct ClassPrior {
     pub joint_zero: f64,
 }
 
+/// Largest limit of a slide in m; longer rails are in no cell.
+const LONGEST_SLIDE: f64 = 100.0;
+
+/// What is expected of the limits of a slide in metres that are beyond [`LONGEST_SLIDE`].
+pub(super) const WITHIN: &str = "limits of a slide within 100 m: are these millimetres?";
+
+/// Returns whether limits of a slide in m are beyond any rail, as those that are written in millimetres.
+pub(super) fn is_too_long((lower, upper): (f64, f64)) -> bool {
+    lower.abs().max(upper.abs()) > LONGEST_SLIDE
+}
+
 /// Converts a joint to the unit of files and programs: degrees or millimetres.
 pub fn in_file_units(kind: JointKind, joint: f64) -> f64 {
     match kind {

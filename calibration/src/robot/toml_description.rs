@@ -46,7 +46,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::input_error::{InputError, counted};
-use crate::robot::description::{ClassPrior, Joint, Robot};
+use crate::robot::description::{ClassPrior, Joint, Robot, WITHIN, is_too_long};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};
@@ -264,7 +264,21 @@ impl TomlSource<'_> {
             let found = format!("the limits {lower} to {upper}");
             return Err(self.error(value.span(), key, found, "the lower limit first"));
         }
-        Ok(self.vector(&units)?.map(|[lower, upper]| (lower, upper)))
+        let limits = self.vector(&units)?.map(|[lower, upper]| (lower, upper));
+        if !is_angle && limits.is_some_and(is_too_long) {
+            let expected = if key == "limits_m" {
+                WITHIN
+            } else {
+                "limits of a slide within 100 m"
+            };
+            return Err(self.error(
+                value.span(),
+                key,
+                format!("the limits {lower} to {upper}"),
+                expected,
+            ));
+        }
+        Ok(limits)
     }
 
     /// Returns the stated gear lines, and those once and twice per turn of the gear's input.

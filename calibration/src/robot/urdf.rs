@@ -13,7 +13,7 @@ use poegp_protocol::JointKind;
 use urdf_rs::JointType;
 
 use crate::input_error::InputError;
-use crate::robot::description::{Joint, LoadOptions, Robot};
+use crate::robot::description::{Joint, LoadOptions, Robot, WITHIN, is_too_long};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
 
@@ -390,7 +390,15 @@ impl<'a> Reader<'a> {
                 "a lower limit that is not above the upper one",
             ));
         }
-        Ok((lower.is_finite() && upper.is_finite()).then_some((lower, upper)))
+        let limits = (lower.is_finite() && upper.is_finite()).then_some((lower, upper));
+        if joint.joint_type == JointType::Prismatic && limits.is_some_and(is_too_long) {
+            let found = format!(
+                "the limits {lower} to {upper} m of joint \"{}\"",
+                joint.name
+            );
+            return Err(self.joint_error(&joint.name, found, WITHIN));
+        }
+        Ok(limits)
     }
 }
 

@@ -10,6 +10,7 @@ use poegp_protocol::cause::Cause;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::parametric::state::ROWS;
+use crate::measurement::JointUnit;
 use crate::trust::added_terms::{AddedTerms, Optimum};
 use crate::trust::change_points::needed;
 use crate::trust::finding::{Finding, Tier};
@@ -37,7 +38,7 @@ const OTHERS: usize = 2;
 enum Mistake {
     /// The first joint also turns with the second.
     Coupled(usize, usize),
-    /// A joint turns further, or less far, than stated.
+    /// A joint turns or moves more, or less, than stated.
     Ratio(usize),
     /// An axis of the instrument has another scale.
     Axis(usize),
@@ -104,27 +105,39 @@ impl Mistake {
         }
     }
 
-    /// Describes the mistake with these coefficients.
-    fn text(self, x: &[f64]) -> String {
+    /// Describes the mistake with these coefficients; `units` are those of the joint columns.
+    fn text(self, x: &[f64], units: &[JointUnit]) -> String {
         let percent = |x: f64| format!("{} %", three_digits(100.0 * x.abs()));
         let more = |more: &'static str, less: &'static str| match x[0] > 0.0 {
             true => more,
             false => less,
         };
         match self {
-            Self::Coupled(a, b) => format!(
-                "joint {0} looks coupled: q{0} {1} {2:.4} q{3} instead of q{0}: export decoupled joints, or state the \
-                 coupling in the robot's description",
-                a + 1,
-                more("+", "−"),
-                x[0].abs(),
-                b + 1,
-            ),
+            Self::Coupled(a, b) => {
+                let (own, other) = (units[a], units[b]);
+                let factor = own.from_si(x[0].abs()) / other.from_si(1.0);
+                let unit = match own == other {
+                    true => String::new(),
+                    false => format!(" {}/{} ·", own.symbol(), other.symbol()),
+                };
+                format!(
+                    "joint {0} looks coupled: q{0} {1} {factor:.4}{unit} q{2} instead of q{0}: export decoupled joints, or \
+                     state the coupling in the robot's description",
+                    a + 1,
+                    more("+", "−"),
+                    b + 1,
+                )
+            }
             Self::Ratio(a) => format!(
-                "joint {} moves {} {} than its column says: check its gear ratio and its unit",
+                "joint {} {} {} {} than its column states: check its gear ratio and its unit",
                 a + 1,
+                if units[a].is_angle() {
+                    "turns"
+                } else {
+                    "moves"
+                },
                 percent(x[0]),
-                more("further", "less far")
+                more("more", "less")
             ),
             Self::Axis(i) => format!(
                 "lengths along {} of the instrument are {} too {}: check its scales",
@@ -133,7 +146,7 @@ impl Mistake {
                 more("long", "short")
             ),
             Self::Distance => format!(
-                "distances from the instrument are {} too {}: check the offset of the reflector",
+                "distances from the instrument are {} too {}: check the reflector's radius or prism constant",
                 length(x[0].abs()),
                 more("long", "short")
             ),
@@ -232,8 +245,8 @@ struct Explanation {
 }
 
 impl Explanation {
-    fn text(&self) -> String {
-        self.mistake.text(&self.optimum.coefficients)
+    fn text(&self, units: &[JointUnit]) -> String {
+        self.mistake.text(&self.optimum.coefficients, units)
     }
 }
 
@@ -295,11 +308,11 @@ fn explaining(
     if share < least || drop < needed || !is_large {
         return None;
     }
-    let mut text = best.text();
+    let mut text = best.text(&data.units);
     let others: Vec<String> = (others.iter())
         .take_while(|other| other.drop > AS_GOOD * best.drop)
         .take(OTHERS)
-        .map(Explanation::text)
+        .map(|other| other.text(&data.units))
         .collect();
     if !others.is_empty() {
         text += &format!(" (fits equally: {})", others.join("; "));
@@ -308,4 +321,37 @@ fn explaining(
     let rows = geometry.samples.len() as f64;
     let cause = best.mistake.cause();
     Some(Finding::new(cause, tier, text, drop / rows, needed / rows))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A user compares the factor with the columns of the file, whatever their units are.
+    #[test]
+    fn a_coupling_is_in_the_units_of_the_columns() {
+        use JointUnit::{Degree, Metre, Millimetre, Radian};
+        let said = |a, b| Mistake::Coupled(0, 1).text(&[-0.0114], &[a, b]);
+        let stated = |a, b| {
+            let text = said(a, b);
+            let (_, rest) = text.split_once("q1 − ").unwrap();
+            rest.split_once(" q2").unwrap().0.to_owned()
+        };
+        assert_eq!(stated(Millimetre, Degree), "0.1990 mm/deg ·");
+        assert_eq!(stated(Millimetre, Radian), "11.4000 mm/rad ·");
+        assert_eq!(stated(Metre, Radian), "0.0114 m/rad ·");
+        assert_eq!(stated(Degree, Millimetre), "0.0007 deg/mm ·");
+        for same in [Degree, Radian, Millimetre] {
+            assert_eq!(stated(same, same), "0.0114");
+        }
+    }
+
+    #[test]
+    fn a_slide_moves_and_a_revolute_joint_turns() {
+        let said = |unit, by| Mistake::Ratio(0).text(&[by], &[unit]);
+        let turns = "joint 1 turns 0.93 % less than its column states";
+        assert!(said(JointUnit::Degree, -0.0093).starts_with(turns));
+        let moves = "joint 1 moves 0.93 % more than its column states";
+        assert!(said(JointUnit::Metre, 0.0093).starts_with(moves));
+    }
 }

@@ -238,6 +238,7 @@ fn data<'a>(
         chain: robot.chain().ok()?,
         samples: order.iter().map(|k| &samples[*k]).collect(),
         lines: order.iter().map(|k| set.measurements[*k].line).collect(),
+        units: set.joint_columns.iter().map(|column| column.unit).collect(),
     })
 }
 

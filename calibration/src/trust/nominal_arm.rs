@@ -2,6 +2,7 @@
 //! the file?
 
 use nalgebra::Vector3;
+use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -365,6 +366,7 @@ impl Scene<'_> {
             chain: self.data.chain,
             samples: others.iter().map(|k| self.data.samples[*k]).collect(),
             lines: others.iter().map(|k| self.data.line(*k)).collect(),
+            units: self.data.units.clone(),
         };
         let scene = Scene {
             data: &data,
@@ -420,8 +422,12 @@ impl Scene<'_> {
         let (joint, (_, turn)) = turned?;
         let (link, (shift, _)) = shifted?;
         let (cause, named) = if turn / 35e-3 > shift / 6.5e-3 {
+            let what = match self.data.robot.joints.get(joint).map(|joint| joint.kind) {
+                Some(JointKind::Prismatic) => "the axis",
+                _ => "the zero or the axis",
+            };
             let named = format!(
-                "the zero or the axis of joint {} differs by {:.2}° from the drawing",
+                "{what} of joint {} differs by {:.2}° from the drawing",
                 joint + 1,
                 turn.to_degrees()
             );

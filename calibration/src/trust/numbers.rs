@@ -6,6 +6,7 @@ use poegp_protocol::cause::Cause;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
+use crate::input_error::counted;
 use crate::measurement::MeasurementSet;
 use crate::measurement::elapsed::LEAST_SORTED;
 use crate::measurement::folds::different_poses;
@@ -64,23 +65,48 @@ pub fn examine(
     out.extend(scene.payload(reach));
     out.extend(scene.lone_payloads());
     out.extend(copies.finding());
-    if !still.is_empty() {
-        let names: Vec<String> = still.iter().map(|(j, _)| (j + 1).to_string()).collect();
-        let widest = still.iter().map(|(_, range)| *range).fold(0.0, f64::max);
-        let (noun, verb) = if still.len() == 1 {
-            ("joint", "does")
-        } else {
-            ("joints", "do")
-        };
-        let text = format!(
-            "{noun} {} {verb} not move (within {}°): errors of these joints stay unknown",
-            names.join(", "),
-            three_digits(widest.to_degrees())
-        );
-        let found = Finding::new(Cause::Still, Tier::Warning, text, widest, STILL.0);
-        out.push(found);
-    }
+    out.extend(standing(robot, &still));
     out
+}
+
+/// Warns of the joints that do not move; `still` has their ranges in rad or m.
+fn standing(robot: &Robot, still: &[(usize, f64)]) -> Option<Finding> {
+    let kind = |j: &usize| robot.joints[*j].kind;
+    let widest = |wanted: JointKind| {
+        let of = still.iter().filter(|(j, _)| kind(j) == wanted);
+        of.map(|(_, range)| *range).reduce(f64::max)
+    };
+    let turned = widest(JointKind::Revolute);
+    let moved = widest(JointKind::Prismatic);
+    let within: Vec<String> = [
+        turned.map(|range| format!("{}°", three_digits(range.to_degrees()))),
+        moved.map(|range| format!("{} mm", three_digits(1e3 * range))),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let names: Vec<String> = still.iter().map(|(j, _)| (j + 1).to_string()).collect();
+    let (noun, verb) = match names.len() {
+        0 => return None,
+        1 => ("joint", "does"),
+        _ => ("joints", "do"),
+    };
+    let text = format!(
+        "{noun} {} {verb} not move (within {}): errors of these joints stay unknown",
+        names.join(", "),
+        within.join(" and ")
+    );
+    let (value, threshold) = match turned {
+        Some(range) => (range, STILL.0),
+        None => (moved?, STILL.1),
+    };
+    Some(Finding::new(
+        Cause::Still,
+        Tier::Warning,
+        text,
+        value,
+        threshold,
+    ))
 }
 
 struct Scene<'a> {
@@ -156,6 +182,12 @@ impl Scene<'_> {
         })
     }
 
+    /// Returns whether the joints of two rows bring the flange to different poses.
+    fn is_elsewhere(&self, i: usize, k: usize) -> bool {
+        let between = self.flanges[i].inverse() * self.flanges[k];
+        between.translation.norm() > MOVED.0 || between.log().angular.norm() > MOVED.1
+    }
+
     fn has_moved(&self, i: usize, k: usize) -> bool {
         let between = self.flanges[i].inverse() * self.flanges[k];
         // A rotation about the target alone does not change the position.
@@ -180,30 +212,32 @@ impl Scene<'_> {
             let far: Vec<usize> = (0..values.len())
                 .filter(|k| (values[*k] - middle).abs() > FAR * apart.max(1e-3))
                 .collect();
-            let missing: Vec<usize> = far
-                .iter()
-                .copied()
-                .filter(|k| {
-                    let shared = far.iter().filter(|i| values[**i] == values[*k]).count() >= 2;
-                    shared || stands_for_missing(values[*k])
-                })
-                .collect();
+            // An arm that stands still is at the same place each time it is measured.
+            let is_shared = |k: usize| {
+                let mut others = far.iter().filter(|i| values[**i] == values[k]);
+                others.any(|i| self.is_elsewhere(*i, k))
+            };
+            let is_missing = |k: &usize| is_shared(*k) || stands_for_missing(values[*k]);
+            let missing: Vec<usize> = far.iter().copied().filter(is_missing).collect();
             if let (Some(first), true) = (missing.first(), named.is_empty()) {
                 named = format!("{name} is {} mm", three_digits(1e3 * values[*first]));
+                if is_shared(*first) {
+                    named += ", though the robot had moved";
+                }
             }
             rows.extend(missing);
         }
         if rows.is_empty() {
             rows = self.held_orientations();
-            named = "the orientation is that of other rows to the last digit".to_owned();
+            named = "the orientation is that of other rows to the last digit, though the robot had moved".to_owned();
         }
         rows.sort_unstable();
         rows.dedup();
         (!rows.is_empty()).then(|| {
             let rows: Vec<usize> = rows.iter().map(|k| self.line(*k)).collect();
             let text = format!(
-                "in {} rows ({}) {named}, though the robot had moved: a placeholder for a missing value",
-                rows.len(),
+                "in {} ({}) {named}: a placeholder for a missing value",
+                counted(rows.len(), "row"),
                 lines(&rows)
             );
             refused(Cause::Placeholder, text, rows, 1.0)
@@ -367,4 +401,34 @@ fn stands_for_missing(metres: f64) -> bool {
 
 fn refused(cause: Cause, text: String, rows: Vec<usize>, threshold: f64) -> Finding {
     Finding::new(cause, Tier::Refused, text, rows.len() as f64, threshold).of_rows(rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::robot::LoadOptions;
+
+    /// A slide that stands still does so within millimetres.
+    #[test]
+    fn a_joint_stands_still_in_its_own_unit() {
+        let mut robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
+        robot.joints[2].kind = JointKind::Prismatic;
+        let text = |still: &[(usize, f64)]| standing(&robot, still).map(|found| found.text);
+        let slide = text(&[(2, 2.5e-4)]).unwrap();
+        assert!(
+            slide.starts_with("joint 3 does not move (within 0.25 mm):"),
+            "{slide}"
+        );
+        let turn = text(&[(0, 0.5_f64.to_radians())]).unwrap();
+        assert!(
+            turn.starts_with("joint 1 does not move (within 0.50°):"),
+            "{turn}"
+        );
+        let both = text(&[(0, 0.5_f64.to_radians()), (2, 2.5e-4)]).unwrap();
+        assert!(
+            both.starts_with("joints 1, 3 do not move (within 0.50° and 0.25 mm):"),
+            "{both}"
+        );
+        assert_eq!(text(&[]), None);
+    }
 }

@@ -9,6 +9,7 @@ use poegp_protocol::cause::Cause;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
+use crate::measurement::JointUnit;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::InstrumentSample;
 use crate::robot::{BUILT_IN, LoadOptions, Robot};
@@ -25,6 +26,8 @@ pub struct Data<'a> {
     pub samples: Vec<&'a InstrumentSample>,
     /// Line of each sample in the file.
     pub lines: Vec<usize>,
+    /// Units of the joint columns in the file.
+    pub units: Vec<JointUnit>,
 }
 
 impl Data<'_> {
@@ -403,6 +406,7 @@ fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
         for other in [j.checked_sub(1), (j + 1 < n).then_some(j + 1)]
             .into_iter()
             .flatten()
+            .filter(|other| data.robot.joints[*other].kind == data.robot.joints[j].kind)
         {
             for sign in [1.0, -1.0] {
                 let (a, b) = (j + 1, other + 1);

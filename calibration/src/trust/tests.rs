@@ -73,6 +73,46 @@ fn a_good_file_is_silent() {
     assert!(findings.0.is_empty(), "{findings:?}");
 }
 
+/// A value that several rows share stands for a missing one only where the robot had moved between them: an arm that stands
+/// still is measured at the same place.
+#[test]
+fn a_shared_value_is_no_placeholder_where_the_arm_stood_still() {
+    let (header, good) = table();
+    let (x, y) = (column(&header, "x_mm"), column(&header, "y_mm"));
+    let shared = |stands: bool| {
+        let mut rows = good.clone();
+        for (k, row) in rows[40..43].iter_mut().enumerate() {
+            if stands {
+                row.clone_from(&good[40]);
+                add(&mut row[y], 0.01 * k as f64);
+            }
+            row[x] = "40123.457".to_owned();
+        }
+        let all = identified(&header, &rows).0;
+        all.into_iter().find(|f| f.cause == Cause::Placeholder)
+    };
+    let found = shared(false).unwrap();
+    assert_eq!(found.rows, [42, 43, 44], "{found:?}");
+    assert!(
+        found
+            .text
+            .contains("in 3 rows (lines 42–44) x is 40123 mm, though the robot had moved"),
+        "{found:?}"
+    );
+    assert_eq!(shared(true), None);
+    // A number that programs write for a missing value is one in a single row, too.
+    let mut rows = good.clone();
+    rows[7][x] = "99999".to_owned();
+    let all = examined(&header, &rows).0;
+    let found = all.iter().find(|f| f.cause == Cause::Placeholder).unwrap();
+    assert!(
+        found
+            .text
+            .contains("in 1 row (line 9) x is 99999 mm: a placeholder"),
+        "{found:?}"
+    );
+}
+
 /// An instrument that is moved at a moment is seen in any order of the rows that have their time, and in none without.
 #[test]
 fn time_orders_a_file_that_was_shuffled() {

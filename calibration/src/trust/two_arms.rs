@@ -83,8 +83,8 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     let fewer = (0..count).filter(|k| best.of_all[*k] == is_fewer);
     let fewer: Vec<usize> = fewer.map(|k| data.line(k)).collect();
     let text = format!(
-        "the rows are of two arms that differ by {} ({} against the others): were two robots, or rows before and after a \
-         mastering, merged? Calibrate each arm from its own rows",
+        "the rows are of two arms that differ by {} ({} against the others): did you merge two robots, or data from before \
+         and after mastering? Calibrate each arm from its own rows",
         length(best.displacement),
         lines(&fewer)
     );

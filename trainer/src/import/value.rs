@@ -107,11 +107,11 @@ impl<'a> RowValues<'a> {
             ),
             Decimal::Comma if self.table.thousands == Some('.') => (
                 '.',
-                "the map says that the decimal point is a comma, and a point groups thousands: three digits follow it",
+                "the numbers of this file have a decimal comma, and a point groups thousands: three digits follow it",
             ),
             Decimal::Comma => (
                 '.',
-                "the map says that the decimal point is a comma; a point that groups thousands is thousands = \".\"",
+                "the numbers of this file have a decimal comma; if a point groups thousands, state thousands = \".\" in [file] of a map",
             ),
         };
         if digits.contains(other) {

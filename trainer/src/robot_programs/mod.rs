@@ -67,12 +67,40 @@ impl Language {
 
 /// Error for a robot for which a language has no program.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{language} moves {expected}, and {robot} has {found}")]
-pub struct NoProgram {
-    language: &'static str,
-    expected: &'static str,
-    robot: String,
-    found: String,
+pub enum NoProgram {
+    /// The arm has other joints.
+    #[error("{language} moves {expected}, and {robot} has {found}")]
+    Axes {
+        /// Name of the language.
+        language: &'static str,
+        /// Arms that it moves.
+        expected: &'static str,
+        /// Name of the robot.
+        robot: String,
+        /// Joints of the robot.
+        found: String,
+    },
+    /// A slide is behind a revolute joint. As an external axis it would leave its place to the next joint: axes are exchanged.
+    #[error(
+        "joint {number} (\"{joint}\") of {robot} slides behind a revolute joint, where {language} has no slide"
+    )]
+    Slide {
+        /// Name of the language.
+        language: &'static str,
+        /// Name of the robot.
+        robot: String,
+        /// Number of the slide, from 1.
+        number: usize,
+        /// Name of the slide.
+        joint: String,
+    },
+}
+
+/// Returns the index of the first slide behind a revolute joint. A slide in front of all revolute joints is a rail or a gantry.
+fn slide_in_arm(kinds: &[JointKind]) -> Option<usize> {
+    let arm = kinds.iter().position(|kind| *kind == JointKind::Revolute)?;
+    let is_slide = |kind: &JointKind| *kind == JointKind::Prismatic;
+    kinds[arm..].iter().position(is_slide).map(|at| arm + at)
 }
 
 /// Returns the program of a plan. `name` is its wanted name, which is changed where the controller would not accept it.
@@ -100,8 +128,16 @@ pub fn program(
             "at most six revolute joints, and slides as external axes",
         ),
     };
+    if let Some(slide) = slide_in_arm(&robot.kinds()) {
+        return Err(NoProgram::Slide {
+            language: language.name(),
+            robot: robot.name.clone(),
+            number: slide + 1,
+            joint: robot.joints[slide].name.clone(),
+        });
+    }
     if !fits {
-        return Err(NoProgram {
+        return Err(NoProgram::Axes {
             language: language.name(),
             expected,
             robot: robot.name.clone(),

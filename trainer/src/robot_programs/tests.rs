@@ -83,6 +83,31 @@ fn a_slide_is_an_external_axis_in_millimetres() {
     assert!(!rapid.contains("Mount") && !krl.contains("HALT") && !fanuc.contains("PAUSE"));
 }
 
+/// As an external axis, the slide of a SCARA would leave its place in the program to joint 4.
+#[test]
+fn a_slide_behind_a_revolute_joint_is_refused_by_name() {
+    let mut robot = robot("abb-irb120");
+    robot.joints[2].kind = JointKind::Prismatic;
+    let plan = plan(&[(&[0.0; 6], None)]);
+    for language in Language::ALL {
+        let refused = program(language, "scara", &robot, &plan).unwrap_err();
+        let name = &robot.joints[2].name;
+        let expected = format!("joint 3 (\"{name}\") of {} slides behind", robot.name);
+        let refused = refused.to_string();
+        assert!(refused.contains(&expected), "{refused}");
+        assert!(refused.contains(language.name()), "{refused}");
+    }
+    // All slides of a gantry are in front.
+    for joint in 0..3 {
+        robot.joints[joint].kind = JointKind::Prismatic;
+    }
+    let krl = program(Language::Krl, "gantry", &robot, &plan).unwrap();
+    assert!(
+        krl.contains("A3 0.000,E1 0.000,E2 0.000,E3 0.000}"),
+        "{krl}"
+    );
+}
+
 #[test]
 fn arms_that_a_controller_does_not_move_are_refused_by_name() {
     let iiwa = robot("kuka-iiwa7");

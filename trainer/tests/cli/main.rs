@@ -61,6 +61,7 @@ mod robots;
 #[cfg(target_os = "linux")]
 mod shells;
 mod signing;
+mod slides;
 mod texts;
 mod tools;
 mod touch_files;

@@ -260,6 +260,38 @@ fn columns_and_words_are_told() {
     assert_eq!(columns["columns"][1], "q1_deg");
 }
 
+/// An `undo` that is none says what may follow it, and takes nothing back. Nothing is forecast before a fit.
+#[test]
+fn an_undo_of_no_row_says_what_it_may_be() {
+    let (folder, header, rows) = tracker();
+    for (taken, expected) in [
+        (0, "a row first: there is none to take back"),
+        (1, "\"undo\" or \"undo 1\""),
+        (2, "with a number from 1 to 2"),
+    ] {
+        for wrong in ["undo 0", "undo -1", "undo x", "undo 3", "undo 1 2"] {
+            let input = format!("{}{wrong}\n", lines(&header, &rows[..taken]));
+            let (outcome, log) = measured(&folder, &input, "");
+            let refused: Vec<&Value> = of(&log, "refused").collect();
+            let [document] = refused.as_slice() else {
+                panic!("{wrong}: {outcome:#?}");
+            };
+            let counted = if taken == 1 {
+                "1 row".to_owned()
+            } else {
+                format!("{taken} rows")
+            };
+            let found = format!("\"{wrong}\" after {counted}");
+            assert_eq!(document["found"], found.as_str(), "{wrong}");
+            let said = document["expected"].as_str().unwrap();
+            assert!(said.contains(expected), "{document}");
+            assert_eq!(of(&log, "taken-back").count(), 0);
+            assert!(!outcome.stdout.contains("forecast: 0.0"), "{outcome:#?}");
+            let _ = std::fs::remove_file(folder.path("m.csv"));
+        }
+    }
+}
+
 /// Rows of another robot are told at the end, instead of a command that refuses them.
 #[test]
 fn rows_of_another_robot_are_told() {

@@ -10,7 +10,7 @@ fn a_configuration_chooses_the_branch() {
     let rest = "--payload-kg 2.5 --frames frames.toml";
     for (name, from, to) in [
         ("part.mod", "[0,-1,0,0],[9E9", "[0,-1,0,1],[9E9"),
-        ("part.ls", "'N U T, 0, 0, 0'", "'N U T, 1, 0, 0'"),
+        ("part.ls", "'N U T, 0, 0, 0'", "'N U T, 0, 1, 0'"),
     ] {
         let text = String::from_utf8_lossy(&file(name)).replacen(from, to, 1);
         let name = format!("none_{name}");

@@ -145,6 +145,18 @@ fn urdf_is_refused_by_name() {
     );
     urdf_refused(&one("planar", ""), &none, &["of type planar"]);
     urdf_refused(
+        &one(
+            "prismatic",
+            "<axis xyz=\"0 0 1\"/><limit lower=\"0\" upper=\"3000\" effort=\"1\" velocity=\"1\"/>",
+        ),
+        &none,
+        &[
+            "arm.urdf:2:",
+            "0 to 3000 m of joint \"j1\"",
+            "within 100 m: are these millimetres?",
+        ],
+    );
+    urdf_refused(
         &one("wobbly", ""),
         &none,
         &["found unknown variant `wobbly`, expected one of `revolute`"],
@@ -408,6 +420,24 @@ fn toml_limits_and_coupling_are_refused_by_name() {
     );
     let prismatic = DH.replace("revolute", "prismatic") + "limits_deg = [-10, 10]";
     toml_refused(&prismatic, &["limits_deg", "for a prismatic joint"]);
+    let slide = |line: &str| DH.replace("revolute", "prismatic") + line;
+    let asked = [
+        "arm.toml:9: column 12 (limits_m)",
+        "0 to 200",
+        "within 100 m: are these millimetres?",
+    ];
+    toml_refused(&slide("limits_m = [0, 200]"), &asked);
+    toml_refused(
+        &slide("limits_m = [-3000, 0.0]"),
+        &["-3000 to 0", "are these millimetres?"],
+    );
+    toml_refused(
+        &slide("limits_mm = [0, 200000]"),
+        &["(limits_mm)", "within 100 m"],
+    );
+    for rail in ["limits_m = [0, 100]", "limits_mm = [-1500, 60000]"] {
+        assert!(description::parse(Path::new("arm.toml"), &slide(rail)).is_ok());
+    }
     toml_refused(
         &limits("gear_ratio = 0.2"),
         &[

@@ -43,7 +43,7 @@ fn a_mistake_in_proportion_is_named_with_its_size() {
         (
             "gear ratio",
             Cause::Unit,
-            ("joint 4 moves ", 0.5),
+            ("joint 4 turns ", 0.5),
             |p, _| {
                 p.joints[3] /= 1.005;
             },

@@ -26,7 +26,7 @@ pub struct Correct {
     pub blob: PathBuf,
     /// Robot programs that belong together (ABB RAPID .mod, URScript .script, Fanuc .ls, KUKA .src
     /// and .dat, INFORM .jbi, VAL3 .dtx), a table of poses (CSV: x_mm … and qw … or rx_rad …, optionally tool, base,
-    /// payload_kg, seed_q1_deg …), or joint targets (CSV: q1_deg …, optionally payload_kg). Other columns are kept.
+    /// payload_kg, seed_q1_deg … or seed_q1_mm of a slide), or joint targets (CSV: q1_deg …, optionally payload_kg). Other columns are kept.
     #[arg(value_name = "PROGRAM", required = true)]
     pub programs: Vec<PathBuf>,
     /// Payload of all targets in kg, for a file without payload_kg.

@@ -25,6 +25,7 @@ use crate::signing::unsigned;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
+use poegp_protocol::JointKind;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
 /// Largest number of uncorrected parts that one message lists; the JSON document lists all.
@@ -160,6 +161,9 @@ pub fn corrected(
         )
         .into());
     }
+    if format != Format::Table {
+        refuse_slides(a, &program, &commander)?;
+    }
     let mut outcome = engine::solve(&program, &commander, payload, direction)?;
     for (index, record) in &corrections {
         if !record.is_undone(&commander, (&program, &outcome.solved, *index)) {
@@ -225,6 +229,24 @@ pub fn corrected(
     write_outputs(&written)?;
     let outputs = outputs.iter().map(|path| path.map(Path::to_path_buf));
     Ok((outputs.collect(), files, document))
+}
+
+/// Refuses a controller's program for an arm with a slide. These languages have slides as external axes, whose targets stay
+/// as they are, and the numbers of their targets are angles.
+fn refuse_slides(a: &Correct, program: &Program, commander: &Commander) -> Result<(), InputError> {
+    let mut kinds = commander.kinds().iter();
+    let Some(slide) = kinds.position(|kind| *kind == JointKind::Prismatic) else {
+        return Ok(());
+    };
+    let found = format!(
+        "a program in {} for a model whose joint {} slides",
+        program.language,
+        slide + 1
+    );
+    let expected =
+        "a model of an arm whose joints all turn: the joints of such a target are angles";
+    let help = "correct a table of poses or of joints (CSV), which has a column for every joint";
+    Err(InputError::new(&a.programs[0], found, expected).with_help(help))
 }
 
 /// Computes the errors between the ends of lines and arcs, and splits lines if `--split` asks for it.

@@ -18,11 +18,11 @@ use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
 use crate::cli::measure::journal::{HELP, Journal, OnDisk, SKIP, UNDO, first_line};
 use crate::cli::measure::plan::Planned;
-use crate::cli::measure::show::{End, Show};
+use crate::cli::measure::show::{End, Show, kept, undone};
 use crate::cli::measure::source::{Lines, Origin};
 use crate::cli::output::check_outputs;
 use crate::cli::terminal::print::{is_stdout, note, warning};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::touch::{TouchRow, TouchSet};
 use poegp_calibration::model::touches::class_of;
 use poegp_calibration::planning::next::doubt::copy_of;
@@ -223,8 +223,9 @@ impl Session<'_> {
         let set = self.so_far()?;
         let line = set.and_then(|set| Some(set.rows.get(row.checked_sub(1)?)?.line));
         let Some(line) = line else {
-            let found = format!("\"{said}\" after {} rows", self.rows);
-            let error = InputError::new(self.lines.name(), found, "a row that was taken");
+            let found = format!("\"{said}\" after {}", counted(self.rows, "row"));
+            let expected = undone(self.rows);
+            let error = InputError::new(self.lines.name(), found, expected);
             // A source that repeats this answer must not take back a row that came behind it.
             let _ = self.journal.append(&format!("# {said}: refused"))?;
             return self.show.refused(&error);
@@ -293,7 +294,8 @@ impl Session<'_> {
                 .planned
                 .asked(&self.planned.set.rows[next.row], self.arm);
             let left = self.chooser.left();
-            self.show.next(&asked, &next, self.arm, left)?;
+            let is_fitted = self.found.is_some();
+            self.show.next(&asked, &next, self.arm, (left, is_fitted))?;
             match self.answer()? {
                 Answer::End => return Ok(End::NoMore),
                 Answer::Skip => {
@@ -327,11 +329,12 @@ impl Session<'_> {
             if line == SKIP {
                 return Ok(Answer::Skip);
             }
-            let row = line.strip_prefix(UNDO).and_then(|row| match row.trim() {
-                "" => Some(self.rows),
-                number => number.parse().ok(),
-            });
-            if let Some(row) = row {
+            if let Some(row) = line.strip_prefix(UNDO) {
+                // What is no number takes back no row.
+                let row = match row.trim() {
+                    "" => self.rows,
+                    number => number.parse().unwrap_or(0),
+                };
                 return Ok(Answer::Undo(row, line));
             }
             match self.taken(number, &line) {
@@ -456,9 +459,10 @@ impl Session<'_> {
         self.show.used(&foreseen.used, refusal.is_some());
         if let Some(text) = refusal {
             return Err(Failure::Quality(format!(
-                "{}: {text}\nhelp: all {} rows are kept, but `calibrate` refuses them",
+                "{}: {text}\nhelp: {} kept, but `calibrate` refuses {}",
                 options.out.display(),
-                self.rows
+                kept(self.rows),
+                if self.rows == 1 { "it" } else { "them" }
             )));
         }
         let is_reached = is_within && incomplete.is_none();
@@ -481,8 +485,8 @@ impl Session<'_> {
                 let out = options.out.display();
                 Err(Failure::Quality(format!(
                     "{out}: found {found}, expected {expected}\n\
-                     help: all {} rows are kept; plan more rows and continue with the same --out",
-                    self.rows
+                     help: {} kept; plan more rows and continue with the same --out",
+                    kept(self.rows)
                 )))
             }
             _ => Ok(()),

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::planning::next::Next;
 use poegp_calibration::planning::next::outlook::Outlook;
 use poegp_protocol::JointKind;
@@ -27,6 +27,23 @@ pub enum End {
     UsedUp,
     /// No more rows come.
     NoMore,
+}
+
+/// Returns which rows are kept, with the verb.
+pub fn kept(rows: usize) -> String {
+    match rows {
+        1 => "the row is".to_owned(),
+        _ => format!("all {rows} rows are"),
+    }
+}
+
+/// Returns what the answer `undo` may be after some rows.
+pub fn undone(rows: usize) -> String {
+    match rows {
+        0 => "a row first: there is none to take back".to_owned(),
+        1 => "\"undo\" or \"undo 1\"".to_owned(),
+        _ => format!("\"undo\" for the last row, or \"undo\" with a number from 1 to {rows}"),
+    }
 }
 
 /// The outputs of the dialogue.
@@ -75,7 +92,8 @@ impl Show {
             format!(", expected error {:.3} mm", found.expected.mean_mm)
         });
         self.report.line(format_args!(
-            "Continuing with {rows} rows of {}{expected}.",
+            "Continuing with {} of {}{expected}.",
+            counted(rows, "row"),
             out.display()
         ));
     }
@@ -90,13 +108,13 @@ impl Show {
         self.document(json!({"event": "columns", "columns": columns}))
     }
 
-    /// Shows which row to measure next.
+    /// Shows which row to measure next; `is_fitted` states whether the rows so far are enough for a fit.
     pub fn next(
         &mut self,
         asked: &Asked,
         next: &Next,
         arm: &Arm,
-        left: usize,
+        (left, is_fitted): (usize, bool),
     ) -> Result<(), Failure> {
         let joints: Vec<String> = (1..)
             .zip(&arm.robot.joints)
@@ -110,9 +128,14 @@ impl Show {
         let payload = asked
             .payload_kg
             .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
-        let percent = 100.0 * (1.0 - next.share);
+        // Without a fit, most rows seem worth nothing.
+        let percent = format!("{:.1}", 100.0 * (1.0 - next.share));
+        let forecast = match is_fitted || percent != "0.0" {
+            true => format!("forecast: {percent} % less error"),
+            false => "no forecast yet".to_owned(),
+        };
         self.report.line(format_args!(
-            "next: {feature} at {}{payload} (line {} of the plan, one of {left}; forecast: {percent:.1} % less error)",
+            "next: {feature} at {}{payload} (line {} of the plan, one of {left}; {forecast})",
             joints.join(", "),
             asked.line
         ));
@@ -275,7 +298,7 @@ impl Show {
             )
         });
         self.report
-            .line(format_args!("{why}: {rows} rows{expected}."));
+            .line(format_args!("{why}: {}{expected}.", counted(rows, "row")));
         if let Some(calibrate) = calibrate.filter(|_| rows > 0) {
             self.report
                 .line(format_args!("Then: {calibrate} --out model.blob"));

@@ -36,6 +36,10 @@ use poegp_calibration::simulation::{ORIENTATION_NOISE_RAD, POSITION_NOISE_M};
 /// Default number of poses in a plan.
 const USUAL_COUNT: u32 = 100;
 
+/// Next step for an arm that a language does not move.
+const NO_PROGRAM: &str =
+    "leave this option out and use the CSV plan of --out, which has a column for every joint";
+
 /// `trainer plan`.
 #[derive(Debug, Args)]
 #[command(
@@ -194,8 +198,9 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         let name = path
             .file_stem()
             .map_or("plan".into(), |s| s.to_string_lossy());
-        let text = program(language, &name, &arm.robot, &plan)
-            .map_err(|e| InputError::new(path, e.to_string(), "a robot that fits"))?;
+        let text = program(language, &name, &arm.robot, &plan).map_err(|e| {
+            InputError::new(path, e.to_string(), "a robot that fits").with_help(NO_PROGRAM)
+        })?;
         Ok((path, text))
     })
     .collect::<Result<Vec<_>, InputError>>()?;

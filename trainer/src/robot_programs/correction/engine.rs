@@ -51,13 +51,17 @@ pub struct Outcome {
 /// Corrects all targets of a program.
 ///
 /// # Errors
-/// [`InputError`] for a program of another robot, and for a configuration that no joints have.
+/// [`InputError`] for a program of another robot, for seeds that are not of the robot's joints, and for a configuration that
+/// no joints have.
 pub fn solve(
     program: &Program,
     commander: &Commander,
     payload: Payload,
     direction: Direction,
 ) -> Result<Outcome, InputError> {
+    if let (Some(seeds), Some(source)) = (&program.seeds, program.sources.first()) {
+        seeds.check(source, commander.kinds())?;
+    }
     let mut out = Outcome {
         left: program.left.clone(),
         ..Outcome::default()

@@ -285,11 +285,12 @@ fn position(
     let end = (from..close).find(is_next).unwrap_or(close);
     let mut named: BTreeMap<String, Number> = BTreeMap::new();
     let mut frames: BTreeMap<String, String> = BTreeMap::new();
-    let mut stated = None;
+    let (mut stated, mut unreadable) = (None, None);
     for at in from..end {
         let name = text.name(at);
         if name == "config" && text.is(at + 1, b':') {
             stated = configuration(text, at + 2);
+            unreadable = stated.is_none().then(|| text.spelling(at + 2));
         }
         if text.is(at + 1, b'=')
             && let Some(number) = text.number(at + 2)
@@ -315,19 +316,25 @@ fn position(
         None if !joints.is_empty() => Some(Goal::Joints(joints)),
         None => None,
     };
-    let target = match goal {
-        Some(goal) if !has_more => {
+    let unreadable = unreadable.filter(|_| is_pose && !has_more);
+    let target = match (goal, unreadable) {
+        (Some(_), Some(found)) => {
+            let reason = format!("its configuration {found} is not one such as 'N U T, 0, 0, 0'");
+            program.leave(location, reason);
+            None
+        }
+        (Some(goal), None) if !has_more => {
             let configuration = stated.filter(|_| is_pose);
             program
                 .targets
                 .push(Target::new(location, goal, configuration));
             Some(program.targets.len() - 1)
         }
-        Some(_) => {
+        (Some(_), None) => {
             program.leave(location, "it has external axes");
             None
         }
-        None => {
+        (None, _) => {
             program.leave(location, "it was never taught");
             None
         }

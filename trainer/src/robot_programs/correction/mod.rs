@@ -19,6 +19,7 @@ pub mod posture;
 pub mod program;
 mod rapid;
 pub mod replacement;
+pub mod seeds;
 pub mod source;
 pub mod split;
 mod table;

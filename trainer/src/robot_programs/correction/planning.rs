@@ -296,6 +296,13 @@ fn along(
     Some(joints)
 }
 
+/// Returns the first range of a monitored configuration that its joint does not reach, such as that of nine whole turns.
+fn impossible(commander: &Commander, configuration: &Configuration) -> Option<Bound> {
+    let mut bounds = configuration.bounds.iter().copied();
+    let is_apart = |(joint, lower, upper): &Bound| !commander.can_be_within(*joint, *lower, *upper);
+    bounds.find(|bound| configuration.is_monitored && is_apart(bound))
+}
+
 fn pose_joints(
     program: &Program,
     commander: &Commander,
@@ -350,6 +357,14 @@ fn pose_joints(
         return Err(Refused::Left(format!(
             "an arm of {} joints reaches it in infinitely many ways, and no joints near it are stated",
             commander.kinds().len()
+        )));
+    }
+    if let Some((joint, lower, upper)) = impossible(commander, &configuration) {
+        return Err(Refused::Left(format!(
+            "its configuration has joint {} between {:.0}° and {:.0}°, where it cannot turn",
+            joint + 1,
+            (lower + SLACK).to_degrees(),
+            (upper - SLACK).to_degrees()
         )));
     }
     let near = known.unwrap_or_else(|| commander.middle());

@@ -5,6 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
+use crate::robot_programs::correction::seeds::Seeds;
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::Dialect;
 
@@ -309,6 +310,8 @@ pub struct Program {
     pub dialect: Dialect,
     /// Radians in a unit of each joint, where they differ from [`Dialect::radian`].
     pub joint_units: Option<Vec<f64>>,
+    /// Seed columns of a table.
+    pub seeds: Option<Seeds>,
     /// Files of the program.
     pub sources: Vec<Source>,
     /// All targets.
@@ -338,6 +341,7 @@ impl Program {
             language,
             dialect,
             joint_units: None,
+            seeds: None,
             sources,
             targets: Vec::new(),
             frames: Vec::new(),

@@ -5,7 +5,8 @@
 //! qw qx qy qz            the wanted orientation, or rx_rad ry_rad rz_rad, axis times angle
 //! tool, base             optional: names in the file of --frames; without a name the flange, and the base of the robot
 //! payload_kg             optional, for --payload-from-program
-//! seed_q1_deg … _qn_deg  optional: joints near the wanted ones, also _rad; without them the row before
+//! seed_q1_deg … _qn_deg  optional: joints near the wanted ones, also _rad, and _mm or _m for a slide; without them the row
+//!                        before
 //! ```
 //!
 //! A file with joint columns (`q1_deg` …) has joint targets, whatever its other columns are. Columns of other names stay as
@@ -23,6 +24,7 @@ use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{
     Configuration, Frame, Goal, Location, Program, Target, Way,
 };
+use crate::robot_programs::correction::seeds::Seeds;
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::{Dialect, MILLIMETRES, Orientation};
 
@@ -87,13 +89,11 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
             columns.iter().map(|column| number(*column)).collect()
         };
         let [x, y, z] = columns.position;
-        let seed = match &columns.seed {
-            Some((seed, unit)) => {
-                let seed = all(seed)?;
-                Some(seed.iter().map(|n| unit * n.value).collect())
-            }
-            None => None,
+        let near = |seeds: &Seeds| -> Result<Vec<f64>, InputError> {
+            let value = |(column, unit): (usize, f64)| Ok(unit * number(column)?.value);
+            seeds.fields().map(value).collect()
         };
+        let seed = columns.seeds.as_ref().map(near).transpose()?;
         let goal = Goal::Pose {
             position: [number(x)?, number(y)?, number(z)?],
             orientation: all(&columns.orientation)?,
@@ -125,6 +125,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         let target = program.targets.len() - 1;
         program.move_to(target, Way::Joints, tool, base);
     }
+    program.seeds = columns.seeds;
     Ok(program)
 }
 
@@ -162,8 +163,7 @@ struct Columns {
     tool: Option<usize>,
     base: Option<usize>,
     payload: Option<usize>,
-    /// Columns of the seed, and the radians or metres in their unit.
-    seed: Option<(Vec<usize>, f64)>,
+    seeds: Option<Seeds>,
     dialect: Dialect,
 }
 
@@ -171,11 +171,11 @@ impl Columns {
     fn of(source: &Source, header: &[Range<usize>]) -> Result<Self, InputError> {
         let names = names(source, header);
         let find = |name: &str| names.iter().position(|found| found == name);
+        let first = header.first().map_or(0, |field| field.start);
+        let (line, _) = source.line_and_column(first);
         let needed = |name: &str| {
             find(name).ok_or_else(|| {
                 let found = format!("the columns {}", names.join(", "));
-                let first = header.first().map_or(0, |field| field.start);
-                let (line, _) = source.line_and_column(first);
                 InputError::new(&source.path, found, format!("a column {name}")).at_line(line)
             })
         };
@@ -190,11 +190,6 @@ impl Columns {
                 ["rx_rad", "ry_rad", "rz_rad"].as_slice(),
             ),
         };
-        let of_seed = |unit: &str| -> Vec<usize> {
-            let joint = |joint: usize| find(&format!("seed_q{joint}_{unit}"));
-            (1..).map_while(joint).collect()
-        };
-        let seeds = [(of_seed("deg"), 1_f64.to_radians()), (of_seed("rad"), 1.0)];
         let position = |axis: &str| needed(&format!("{axis}_{unit}"));
         Ok(Self {
             position: [position("x")?, position("y")?, position("z")?],
@@ -205,7 +200,7 @@ impl Columns {
             tool: find("tool"),
             base: find("base"),
             payload: find("payload_kg"),
-            seed: seeds.into_iter().find(|(columns, _)| !columns.is_empty()),
+            seeds: Seeds::of(source, line, &names)?,
             dialect: Dialect {
                 metre,
                 length_decimals: decimals,

@@ -64,6 +64,46 @@ fn payloads_of_a_listing_are_not_guessed() {
     }
 }
 
+/// A configuration that the reader does not understand, or that the joints do not have, is that of one target: it is named
+/// with its line, and all others are corrected.
+#[test]
+fn a_configuration_without_a_meaning_is_named() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    let (all, good) = (run(&folder, "a.ls", &text, "").0, "'N U T, 0, 0, 0'");
+    let from = text.find("P[4]{").unwrap();
+    let line = 1 + text[..from].matches('\n').count();
+    let with = |stated: &str| {
+        let changed = text[from..].replacen(good, stated, 1);
+        format!("{}{changed}", &text[..from])
+    };
+    for stated in [
+        "''",
+        "', 0, 0, 0'",
+        "'NUT 000'",
+        "'NUT, 0, 0, 0'",
+        "'Ñ Ü T, 0, 0, 0'",
+        "'N U T, 0, x, 0'",
+        "'N U T, 0, 0.5, 0'",
+    ] {
+        let (corrected, left) = run(&folder, "b.ls", &with(stated), "");
+        assert_eq!(corrected, all - 1, "{stated}: {left}");
+        let named = left.contains("its configuration") && left.contains("is not one such as");
+        assert!(
+            named && left.contains(&format!("\"line\":{line}")),
+            "{stated}: {left}"
+        );
+    }
+    let (corrected, left) = run(&folder, "b.ls", &with("'N U T, 0, 0, 9'"), "");
+    assert_eq!(corrected, all - 1, "{left}");
+    assert!(left.contains("joint 6 between 3060° and 3420°"), "{left}");
+    // Without a letter that the arm does not have, or with the letter of a side that no branch shows.
+    for stated in ["'N U, 0, 0, 0'", "'N R U T, 0, 0, 0'", "'N U T, 0, 0'"] {
+        let found = run(&folder, "b.ls", &with(stated), "");
+        assert_eq!(found, (all, String::new()), "{stated}");
+    }
+}
+
 /// The first instruction of a listing, with and without a remark before it.
 #[test]
 fn the_first_instruction_of_a_listing_counts() {

@@ -1,0 +1,132 @@
+//! Arms whose slides are behind revolute joints, such as a SCARA: seeds of tables, and programs, whose axes would be exchanged.
+
+use crate::program::Folder;
+use crate::programs::numbers_after;
+use crate::texts::texts;
+
+const SCARA: &str = r#"
+name = "scara"
+convention = "dh"
+[[joint]]
+name = "shoulder"
+kind = "revolute"
+limits_deg = [-130, 130]
+a_mm = 325
+d_mm = 400
+alpha_deg = 0
+[[joint]]
+name = "elbow"
+kind = "revolute"
+limits_deg = [-145, 145]
+a_mm = 275
+d_mm = 0
+alpha_deg = 180
+[[joint]]
+name = "stroke"
+kind = "prismatic"
+limits_mm = [0, 200]
+a_mm = 0
+d_mm = 0
+alpha_deg = 0
+[[joint]]
+name = "spindle"
+kind = "revolute"
+limits_deg = [-180, 180]
+a_mm = 0
+d_mm = 50
+alpha_deg = 0
+"#;
+
+/// Returns a folder with a model of the arm, and a pose of it with its joints in columns of these names.
+fn folder() -> Folder {
+    Folder::prepared("slides", |folder| {
+        folder.write("scara.toml", SCARA);
+        let line =
+            "simulate --robot scara.toml --poses 40 --test-sets 0 --payloads 1 --seed 3 --out s";
+        folder.run(line).ok();
+        let line = "calibrate --robot scara.toml s/train.csv --method poe --out scara.blob";
+        folder.run(line).ok();
+    })
+}
+
+/// A pose 30 mm down with both turns of the arm at 30°, which has another solution beyond a stretched elbow.
+fn table(names: [&str; 4], values: [f64; 4]) -> String {
+    let (one, two) = (30_f64.to_radians(), 60_f64.to_radians());
+    let x = 325.0 * one.cos() + 275.0 * two.cos();
+    let y = 325.0 * one.sin() + 275.0 * two.sin();
+    let (cosine, sine) = (30_f64.to_radians().cos(), 30_f64.to_radians().sin());
+    let seeds = names.map(|name| format!("seed_{name}")).join(",");
+    let values = values.map(|value| value.to_string()).join(",");
+    format!("x_mm,y_mm,z_mm,qw,qx,qy,qz,{seeds}\n{x},{y},320,0,{cosine},{sine},0,{values}\n")
+}
+
+/// The same seeds in any units give the same commands; the columns decide the units.
+#[test]
+fn seeds_of_a_slide_are_lengths() {
+    let folder = folder();
+    let corrected = |names: [&str; 4], values: [f64; 4]| {
+        folder.write("poses.csv", table(names, values));
+        let line = "correct scara.blob poses.csv --payload-kg 1 --out out.csv";
+        folder.run(line).ok();
+        numbers_after(&folder.read("out.csv"), "q4_deg\n", 3)
+    };
+    let names = ["q1_deg", "q2_deg", "q3_mm", "q4_deg"];
+    let given = corrected(names, [31.0, 29.0, 31.0, 1.0]);
+    let metres = corrected(
+        ["q1_deg", "q2_deg", "q3_m", "q4_deg"],
+        [31.0, 29.0, 0.031, 1.0],
+    );
+    assert_eq!(given, metres);
+}
+
+#[test]
+fn seeds_in_units_of_other_joints_are_refused() {
+    let _texts = texts();
+    let folder = folder();
+    for (name, names) in [
+        ("slide.csv", ["q1_deg", "q2_deg", "q3_deg", "q4_deg"]),
+        ("turn.csv", ["q1_mm", "q2_deg", "q3_mm", "q4_deg"]),
+        ("gap.csv", ["q1_deg", "q2_deg", "3_mm", "q4_deg"]),
+        ("no-unit.csv", ["q1_deg", "q2_deg", "q3", "q4_deg"]),
+    ] {
+        folder.write(name, table(names, [30.0, 30.0, 30.0, 0.0]));
+        folder.refuses(format!(
+            "correct scara.blob {name} --payload-kg 1 --out out.csv"
+        ));
+    }
+}
+
+/// As an external axis, the slide would leave its place to the angle of joint 4.
+#[test]
+fn programs_for_a_slide_within_the_arm_are_refused() {
+    let _texts = texts();
+    let folder = folder();
+    let plan = "plan --robot scara.toml --count 20 --no-forecast --out plan.csv";
+    for option in [
+        "--rapid a.mod",
+        "--krl a.src",
+        "--fanuc a.ls",
+        "--urscript a.script",
+    ] {
+        folder.refuses(format!("{plan} {option}"));
+    }
+    for (name, text) in [
+        (
+            "a.mod",
+            "MODULE a\n  PROC main()\n    MoveAbsJ [[10,20,30,40,50,60],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,fine,tool0;\n  ENDPROC\nENDMODULE\n",
+        ),
+        (
+            "a.script",
+            "def a():\n  movej([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])\nend\n",
+        ),
+    ] {
+        folder.write(name, text);
+        let ending = name.rsplit('.').next().unwrap_or_default();
+        folder.refuses(format!(
+            "correct scara.blob {name} --payload-kg 1 --out out.{ending}"
+        ));
+    }
+    folder.run(plan).ok();
+    let text = folder.text("plan.csv");
+    assert!(text.contains("q1_deg,q2_deg,q3_mm,q4_deg"), "{text}");
+}
