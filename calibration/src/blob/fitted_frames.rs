@@ -178,7 +178,8 @@ impl FittedFrames {
     }
 }
 
-fn evenly_spaced(rows: &[usize], count: usize) -> Vec<usize> {
+/// Returns so many of the rows, evenly spread; all, if there are no more.
+pub fn evenly_spaced(rows: &[usize], count: usize) -> Vec<usize> {
     let count = count.min(rows.len());
     (0..count).map(|i| rows[i * rows.len() / count]).collect()
 }

@@ -182,11 +182,12 @@ impl BlobArm {
     ) -> Option<UnknownFrames> {
         let fewest = self.sets.first()?.len();
         let groups = self.state.layout.groups();
-        let sd = |g: &PriorGroup| match self.has_priors {
+        let prior = |g: &PriorGroup| match self.has_priors {
             true => g.prior_sd(),
             // Least squares without priors.
             false => PriorGroup::BaseAndTools.prior_sd(),
         };
+        let sd: Vec<f64> = groups.iter().map(prior).collect();
         let observation = seen_as(samples);
         let sets = self.sets.iter().map(|set| {
             let with = |s: &BaseSample| Sample {
@@ -195,16 +196,16 @@ impl BlobArm {
             };
             let set: Vec<BaseSample> = set.iter().map(with).collect();
             let at = self.state.linearise(&set, scales);
-            TrainingSet {
-                smooth: self.smooth_of_joints(&set, &at),
-                a: at.a,
-            }
+            let here = Inputs::new(&self.state, &set);
+            let grams: Vec<Mat<f64>> = (0..self.kernels.len())
+                .map(|c| self.gram(c, &here, &here))
+                .collect();
+            TrainingSet::new((&at.a, &at.jacobian), &sd, &grams, observation.equations())
         });
         Some(UnknownFrames {
             sets: sets.collect(),
             repeats: self.repeats * self.training.len() as f64 / fewest as f64,
-            sd: groups.iter().map(sd).collect(),
-            each: observation.equations(),
+            sd: sd.clone(),
         })
     }
 
@@ -249,16 +250,12 @@ impl BlobArm {
         b: (&Linearised, &Inputs),
     ) -> Mat<f64> {
         let mut out = Mat::zeros(a.0.a.nrows(), b.0.a.nrows());
-        let query = |inputs: &Inputs, i: usize| (inputs.features[i], inputs.payloads[i]);
-        for i in 0..a.1.payloads.len() {
-            let (fa, ma) = query(a.1, i);
-            for j in 0..b.1.payloads.len() {
-                let (fb, mb) = query(b.1, j);
-                for c in joints.clone() {
-                    let k = &self.kernels[c];
-                    let value = kernel(k, self.state.kinds(), (&fa, ma), (&fb, mb));
+        for c in joints {
+            let gram = self.gram(c, a.1, b.1);
+            for i in 0..gram.nrows() {
+                for j in 0..gram.ncols() {
                     for row in 0..ROWS {
-                        let left = value * a.0.jacobian[(ROWS * i + row, c)];
+                        let left = gram[(i, j)] * a.0.jacobian[(ROWS * i + row, c)];
                         for column in 0..ROWS {
                             out[(ROWS * i + row, ROWS * j + column)] +=
                                 left * b.0.jacobian[(ROWS * j + column, c)];
@@ -268,6 +265,16 @@ impl BlobArm {
             }
         }
         out
+    }
+
+    /// Returns the covariance of one joint's process between two sets of poses, poses × poses, rad² or m².
+    fn gram(&self, joint: usize, a: &Inputs, b: &Inputs) -> Mat<f64> {
+        let (k, kinds) = (&self.kernels[joint], self.state.kinds());
+        Mat::from_fn(a.payloads.len(), b.payloads.len(), |i, j| {
+            let query = |inputs: &Inputs, i: usize| (inputs.features[i], inputs.payloads[i]);
+            let ((fa, ma), (fb, mb)) = (query(a, i), query(b, j));
+            kernel(k, kinds, (&fa, ma), (&fb, mb))
+        })
     }
 }
 

@@ -21,9 +21,10 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::quantile;
 use crate::numeric::vectors::dot;
+use crate::verification::unchanged::Unchanged;
 
 /// Number of draws of an arm that has not changed: at a rate of 1 %, the critical value is known to 1 % of itself.
-const DRAWS: usize = 20_000;
+pub(super) const DRAWS: usize = 20_000;
 const SEED: u64 = 20_261_120;
 /// Share of a column's length that must remain beside other columns for it to count as independent.
 const INDEPENDENT: f64 = 1e-6;
@@ -50,33 +51,7 @@ pub struct DriftTest {
 }
 
 /// Residuals of an arm that has not changed: Qᵀ y and |y − Q Qᵀ y|².
-type Draw = (Vec<f64>, f64);
-
-/// Draws residuals of an arm that has not changed, y = R z with one root R after the other; `all` is Q.
-fn mixture(
-    roots: &[Mat<f64>],
-    (nuisance, all): (&Columns, &Columns),
-    random: &mut ChaCha8Rng,
-) -> Vec<Draw> {
-    let mut draw = |i: usize| {
-        let root = &roots[i % roots.len()];
-        let z: Vec<f64> = (0..root.ncols())
-            .map(|_| StandardNormal.sample(random))
-            .collect();
-        let mut y = vec![0.0; root.nrows()];
-        // A root is a lower triangle.
-        for (j, z) in z.iter().enumerate() {
-            for (i, y) in y.iter_mut().enumerate().skip(j) {
-                *y += root[(i, j)] * z;
-            }
-        }
-        let y = without(&y, nuisance);
-        let seen: Vec<f64> = all.iter().map(|q| dot(q, &y)).collect();
-        let rest = (dot(&y, &y) - dot(&seen, &seen)).max(0.0);
-        (seen, rest)
-    };
-    (0..DRAWS).map(&mut draw).collect()
-}
+pub(super) type Draw = (Vec<f64>, f64);
 
 /// Columns of a matrix, each a vector.
 pub type Columns = Vec<Vec<f64>>;
@@ -109,17 +84,19 @@ impl DriftTest {
         parts: Vec<usize>,
         absent: usize,
     ) -> Self {
-        Self::with_roots((y, None), nuisance, effects, parts, absent)
+        Self::with_unchanged((y, None), nuisance, effects, parts, absent)
+            .expect("nothing to be factored")
     }
 
-    /// Same as [`DriftTest::new`]; the residuals of an arm that has not changed have one of the covariances with these roots.
-    pub fn with_roots(
-        (y, roots): (&Mat<f64>, Option<&[Mat<f64>]>),
+    /// Same as [`DriftTest::new`]; the residuals of an arm that has not changed have one of the covariances in `unchanged`.
+    /// Returns `None` if one of these cannot be factored.
+    pub fn with_unchanged(
+        (y, unchanged): (&Mat<f64>, Option<&Unchanged>),
         nuisance: &Columns,
         effects: &[Columns],
         parts: Vec<usize>,
         absent: usize,
-    ) -> Self {
+    ) -> Option<Self> {
         let nuisance = basis(nuisance, &[]);
         let clean = |column: &Vec<f64>| without(column, &nuisance);
         let y = clean(&(0..y.nrows()).map(|i| y[(i, 0)]).collect());
@@ -134,16 +111,18 @@ impl DriftTest {
         let rows = y.len() - nuisance.len() - absent;
         let freedom = rows.saturating_sub(all.len());
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
-        let longer = roots.map(|roots| mixture(roots, (&nuisance, &all), &mut random));
-        let draws = longer.unwrap_or_else(|| {
-            let chi_squared = ChiSquared::new(freedom.max(1) as f64).expect("a positive number");
-            let draw = |_| {
-                let seen = all.iter().map(|_| StandardNormal.sample(&mut random));
-                (seen.collect(), chi_squared.sample(&mut random))
-            };
-            (0..DRAWS).map(draw).collect()
-        });
-        Self {
+        let draws = match unchanged {
+            Some(unchanged) => unchanged.draws((&nuisance, &all), rows, &mut random)?,
+            None => {
+                let chi_squared = ChiSquared::new(freedom.max(1) as f64).ok()?;
+                let draw = |_| {
+                    let seen = all.iter().map(|_| StandardNormal.sample(&mut random));
+                    (seen.collect(), chi_squared.sample(&mut random))
+                };
+                (0..DRAWS).map(draw).collect()
+            }
+        };
+        Some(Self {
             draws,
             effects: effects
                 .iter()
@@ -154,7 +133,7 @@ impl DriftTest {
             freedom,
             rows,
             parts,
-        }
+        })
     }
 
     /// Returns the variance of the residuals outside the space of all hypotheses; 1 when the covariance is true.

@@ -22,12 +22,13 @@ mod options;
 mod payload;
 pub mod result;
 pub mod touches;
+mod unchanged;
 pub mod unknown_frames;
 mod whitened;
 
 use poegp_runtime::math::se3::Pose;
 
-use crate::blob::fitted_frames::{FittedFrames, Registered};
+use crate::blob::fitted_frames::{FittedFrames, Registered, evenly_spaced};
 use crate::blob::predict::BlobModel;
 use crate::identification::parametric::state::ROWS;
 use crate::learning::elastic::outliers::LEFT_OUT;
@@ -53,13 +54,17 @@ pub use crate::verification::result::CheckError;
 const SAME_FRAME: (f64, f64) = (10.0, 100.0);
 /// Largest share of rows that may stand out from the others.
 const MOST_ODD: f64 = 0.2;
+/// Most rows in which changes are searched for, of a model without processes and of one that knows its error. Time grows with
+/// their cube; the error of the former, which more rows do not lessen, hides what more rows would show.
+const MOST_SEARCHED: (usize, usize) = (100, 300);
 /// Fewest degrees of freedom to find the noise from.
 const FEWEST_FREEDOM: usize = 6;
 
 /// Checks `loaded` against `samples` (poses `instrument_from_target`).
 ///
 /// A change is found from the rows whose payload the model was trained with and that do not stand out: one wrong row can look
-/// like the change of another joint.
+/// like the change of another joint. Of more than 100 rows (300, if the model knows its error), as many evenly spread ones are
+/// searched.
 ///
 /// `tools` are the frames of the tools that the samples name, `first_target_from_target`; they are ignored where tools are
 /// fitted. `lines` are the lines of the samples in their file.
@@ -70,10 +75,10 @@ pub fn check(
     lines: &[usize],
     options: &Options,
 ) -> Result<Report, CheckError> {
-    let checked = |samples: &[InstrumentSample], lines: &[usize]| {
-        check_rows(loaded, samples, tools.clone(), lines, options)
+    let checked = |samples: &[InstrumentSample], lines: &[usize], searched: &[usize]| {
+        check_rows(loaded, samples, tools.clone(), (lines, searched), options)
     };
-    let all = checked(samples, lines)?;
+    let all = checked(samples, lines, &[])?;
     if lines.len() != samples.len() {
         return Ok(all);
     }
@@ -91,24 +96,26 @@ pub fn check(
     let (samples, lines): (Vec<InstrumentSample>, Vec<usize>) = without(&untrained, samples, lines);
     let trained = match untrained.is_empty() {
         true => all.clone(),
-        false => match checked(&samples, &lines) {
+        false => match checked(&samples, &lines, &[]) {
             Ok(found) => found,
             Err(_) => all.clone().unsearched(),
         },
     };
     let odd_lines = trained.odd_lines.clone();
-    let is_few = odd_lines.len() as f64 <= MOST_ODD * samples.len() as f64;
+    let searched_lines = trained.searched_lines.clone();
+    let is_few = odd_lines.len() as f64 <= MOST_ODD * trained.searched_rows(samples.len()) as f64;
     let mut found = trained;
     if found.is_searched && !odd_lines.is_empty() && is_few {
         let (kept, rest): (Vec<InstrumentSample>, Vec<usize>) =
             without(&odd_lines, &samples, &lines);
-        found = checked(&kept, &rest).unwrap_or(found);
+        found = checked(&kept, &rest, &searched_lines).unwrap_or(found);
     }
     Ok(Report {
         errors: all.errors,
         rows: all.rows,
         poses: all.poses,
         odd_lines,
+        searched_lines,
         untrained_payload: untrained,
         ..found
     })
@@ -125,12 +132,13 @@ fn is_untrained(loaded: &BlobModel, sample: &InstrumentSample) -> bool {
     sample.payload_kg.zip(range).is_some_and(outside)
 }
 
-/// Checks all of these rows; see [`check`].
+/// Checks all of these rows; see [`check`]. Changes are searched for in the lines `searched`, or, without any, in as many
+/// evenly spread rows as may be.
 fn check_rows(
     loaded: &BlobModel,
     samples: &[InstrumentSample],
     tools: Vec<Pose<f64>>,
-    lines: &[usize],
+    (lines, searched): (&[usize], &[usize]),
     options: &Options,
 ) -> Result<Report, CheckError> {
     let with_noise = |s: &InstrumentSample| s.clone().with_noise(options.instrument);
@@ -143,7 +151,7 @@ fn check_rows(
     let lines: &Vec<usize> = &compared.iter().map(line).collect();
     enough(loaded, samples, &frames)?;
     let placed = Registered::new(loaded, samples, &frames);
-    let errors = placed.errors();
+    let (errors, poses) = (placed.errors(), held_out(&placed));
     let summary = ErrorSummary::new(&errors);
     if !is_same_frame(&summary) {
         return Err(CheckError::OtherFrame {
@@ -151,7 +159,26 @@ fn check_rows(
             median_mrad: summary.orientation_mrad.map_or(0.0, |o| o.median),
         });
     }
+    let rows = errors.iter().zip(lines).map(|(error, line)| RowError {
+        line: *line,
+        position_mm: error.position_mm,
+    });
+    let rows: Vec<RowError> = rows.collect();
     let arm = BlobArm::new(loaded, &placed.frames.tools);
+    let most = match arm.knows_its_error {
+        false => MOST_SEARCHED.0,
+        true => MOST_SEARCHED.1,
+    };
+    let every: Vec<usize> = (0..samples.len()).collect();
+    let chosen: Vec<usize> = match searched {
+        [] => evenly_spaced(&every, most),
+        _ => (every.into_iter())
+            .filter(|k| searched.contains(&lines[*k]))
+            .collect(),
+    };
+    let samples: &Vec<InstrumentSample> = &chosen.iter().map(|k| samples[*k].clone()).collect();
+    let lines: &Vec<usize> = &chosen.iter().map(|k| lines[*k]).collect();
+    let placed = Registered::new(loaded, samples, &frames);
     let (weighed, during) = during::examine(&placed, &arm, Whitened::new(&placed, &arm, None)?)?;
     let scales = weighed.scales;
     let nuisance = weighed.nuisance(&frames, during.as_ref().map(|d| &d.change));
@@ -172,13 +199,14 @@ fn check_rows(
     let numbers: Vec<usize> = all.iter().map(|h| number(h.part)).collect();
     let y = &weighed.y;
     let (white, free) = (weighed.whiten(y), columns(&weighed.whiten(&nuisance)));
-    let test = DriftTest::with_roots(
-        (&white, weighed.unchanged.as_deref()),
+    let test = DriftTest::with_unchanged(
+        (&white, weighed.unchanged.as_ref()),
         &free,
         &effects,
         numbers,
         weighed.absent,
     );
+    let test = test.ok_or(CheckError::Unsolvable)?;
     let sensitivity = sensitivity(&test, &all, options.false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);
@@ -201,14 +229,11 @@ fn check_rows(
         errors: summary,
         base_fitted: frames.is_base_fitted,
         tool_fitted: frames.is_tool_fitted.contains(&true),
-        rows: errors
-            .iter()
-            .enumerate()
-            .map(|(k, error)| RowError {
-                line: lines[k],
-                position_mm: error.position_mm,
-            })
-            .collect(),
+        searched_lines: match lines.len() < rows.len() {
+            true => lines.clone(),
+            false => Vec::new(),
+        },
+        rows,
         false_alarm_rate: options.false_alarms,
         changes: changes(&test, &all, &choices, &fit, options.false_alarms),
         during: during.zip(moved).map(|(found, effect)| Moved {
@@ -236,7 +261,7 @@ fn check_rows(
         model_knows_its_error: arm.knows_its_error,
         sensitivity,
         odd_lines: odd(&left, samples, scales, lines),
-        poses: held_out(&placed),
+        poses,
     })
 }
 

@@ -15,8 +15,10 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// Number of rounds; each halves the remaining error of a variance's logarithm.
+/// Largest number of rounds; each halves the remaining error of a variance's logarithm.
 const ROUNDS: usize = 16;
+/// Largest relative change of a row's variance in the last round.
+const SETTLED: f64 = 1e-5;
 /// Least variance of the smooth deflection, as a share of its unit.
 const NOTHING: f64 = 1e-6;
 
@@ -71,8 +73,16 @@ impl Parts<'_> {
     /// Returns `None` if a matrix cannot be factored.
     pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: [f64; 2]) -> Option<Factors> {
         let mut factors = Factors::ones(self.smooth.len());
+        let mut variances: Option<Vec<f64>> = None;
         for _ in 0..ROUNDS {
-            let factor = Factor::new(self.covariance(&factors), 1).ok()?;
+            let covariance = self.covariance(&factors);
+            let now: Vec<f64> = (0..y.nrows()).map(|i| covariance[(i, i)]).collect();
+            let is_same = |(a, b): (&f64, &f64)| (a - b).abs() <= SETTLED * b;
+            if variances.is_some_and(|before| now.iter().zip(&before).all(is_same)) {
+                break;
+            }
+            variances = Some(now);
+            let factor = Factor::new(covariance, 1).ok()?;
             let inverse = factor.inverse();
             let vx = product(&inverse, x);
             let normal = Factor::new(product(Transposed(x), &vx), 1).ok()?;

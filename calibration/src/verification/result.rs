@@ -148,6 +148,9 @@ pub struct Report {
     /// Lines of measurements with a payload outside the trained range. The model does not know how the arm sags under it, so
     /// no change is searched for in them.
     pub untrained_payload: Vec<usize>,
+    /// Lines of the measurements in which changes were searched for, evenly spread among those of `rows`; empty if in all.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub searched_lines: Vec<usize>,
     /// Whether changes were searched for: not if too many measurements have such a payload.
     pub is_searched: bool,
     /// By how much these changes move the target at the poses of the check, mm.
@@ -178,6 +181,15 @@ pub struct Report {
 }
 
 impl Report {
+    /// Returns the number of measurements in which changes were searched for, of `all` that might have been.
+    #[must_use]
+    pub fn searched_rows(&self, all: usize) -> usize {
+        match self.searched_lines.len() {
+            0 => all,
+            some => some,
+        }
+    }
+
     /// Returns the errors alone, without what was found to have moved.
     #[must_use]
     pub(super) fn unsearched(self) -> Self {
@@ -186,6 +198,7 @@ impl Report {
             during: None,
             sensitivity: Vec::new(),
             odd_lines: Vec::new(),
+            searched_lines: Vec::new(),
             effect_mm: Summary::new(&vec![0.0; self.rows.len()]),
             without_mm: self.errors.position_mm,
             is_searched: false,

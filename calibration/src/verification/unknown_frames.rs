@@ -11,12 +11,13 @@
 //! mean of this covariance over sets of 8 poses is many times that of evenly spread ones. So sets of as many poses are drawn
 //! from the trained ranges, and each has a covariance of its own. The v_c are known with about as many degrees of freedom as
 //! the check has poses. An arm that has not changed is therefore drawn as a mixture: its errors have longer tails than a normal
-//! distribution ([`crate::verification::drift_test`]).
+//! distribution ([`crate::verification::unchanged`]).
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution};
 
+use crate::identification::parametric::state::ROWS;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
@@ -27,12 +28,77 @@ const LEAST_FREEDOM: f64 = 3.0;
 /// Degrees of freedom that base, tool and joints cost each joint's deflection.
 const SPENT: f64 = 3.0;
 
-/// A set of training poses.
+/// A set of training poses, as the weighted fit of the parameters sees it: A and K_c are needed only in products with the
+/// rows of position (0) and of rotation (1).
 pub struct TrainingSet {
-    /// Columns of the parameters at these poses, in units of the scales.
-    pub a: Mat<f64>,
-    /// K_c at these poses for each joint c, in the same units.
-    pub smooth: Vec<Mat<f64>>,
+    /// A_kᵀ A_k of both kinds k of rows, parameters × parameters; each parameter in units of its prior standard deviation.
+    gram: [Mat<f64>; 2],
+    /// Number of measured rows of both kinds.
+    rows: [f64; 2],
+    /// What each joint's deflection does, of unit size.
+    smooth: Vec<SeenDeflection>,
+}
+
+/// The smooth deflection of one joint at the training poses.
+struct SeenDeflection {
+    /// A_kᵀ K A_l + its transpose, for (k, l) of (0, 0), (0, 1) and (1, 1); on the diagonal without the transpose.
+    between: [Mat<f64>; 3],
+    /// Sum of K's diagonal over the rows of both kinds.
+    variance: [f64; 2],
+}
+
+impl TrainingSet {
+    /// Sums up a set of N poses. `a` is 6N × parameters and `jacobian` 6N × joints, both in units of the rows, of which each
+    /// pose has measured the first `each`. `sd` are the prior standard deviations of the parameters, and `grams` the N × N
+    /// covariances of each joint's deflection.
+    pub fn new(
+        (a, jacobian): (&Mat<f64>, &Mat<f64>),
+        sd: &[f64],
+        grams: &[Mat<f64>],
+        each: usize,
+    ) -> Self {
+        let poses = a.nrows() / ROWS;
+        let measured = |kind: usize| (3 * kind..(3 * kind + 3).min(each)).collect::<Vec<_>>();
+        let own = [measured(0), measured(1)];
+        let of = |kind: usize| {
+            let n = own[kind].len();
+            Mat::from_fn(n * poses, sd.len(), |i, j| {
+                a[(ROWS * (i / n) + own[kind][i % n], j)] * sd[j]
+            })
+        };
+        let gram = [of(0), of(1)].map(|a| product(Transposed(&a), &a));
+        let deflection = |(c, gram): (usize, &Mat<f64>)| {
+            // Column i: what a unit of deflection at pose i does to the sums of the fit.
+            let pulls = [0, 1].map(|kind| {
+                Mat::from_fn(sd.len(), poses, |j, i| {
+                    let rows = own[kind].iter().map(|row| ROWS * i + row);
+                    sd[j]
+                        * rows
+                            .map(|row| a[(row, j)] * jacobian[(row, c)])
+                            .sum::<f64>()
+                })
+            });
+            let between = |k: usize, l: usize| {
+                let one = product(&product(&pulls[k], gram), Transposed(&pulls[l]));
+                if k == l { one } else { &one + one.transpose() }
+            };
+            let variance = [0, 1].map(|kind| {
+                let rows =
+                    (0..poses).flat_map(|i| own[kind].iter().map(move |r| (i, ROWS * i + r)));
+                rows.map(|(i, row)| gram[(i, i)] * jacobian[(row, c)].powi(2))
+                    .sum()
+            });
+            SeenDeflection {
+                between: [between(0, 0), between(0, 1), between(1, 1)],
+                variance,
+            }
+        };
+        Self {
+            gram,
+            rows: [0, 1].map(|kind| (poses * own[kind].len()) as f64),
+            smooth: grams.iter().enumerate().map(deflection).collect(),
+        }
+    }
 }
 
 /// What is needed to compute how uncertain the frames are.
@@ -43,38 +109,31 @@ pub struct UnknownFrames {
     pub repeats: f64,
     /// Prior standard deviations of the parameters.
     pub sd: Vec<f64>,
-    /// Equations of a pose.
-    pub each: usize,
 }
 
 impl UnknownFrames {
     /// Returns the covariance of the parameters after a fit to one of the sets, with the variances `sizes` of the smooth
     /// deflections and noise of unit variance. `None` where an equation cannot be solved.
     fn covariance(&self, set: &TrainingSet, sizes: &[f64]) -> Option<Mat<f64>> {
-        let rows = set.a.nrows();
-        let mut sigma = Mat::from_fn(rows, rows, |i, j| f64::from(u8::from(i == j)));
-        for (k, size) in set.smooth.iter().zip(sizes) {
-            sigma += k.clone() * *size;
-        }
+        let deflections = || set.smooth.iter().zip(sizes);
         // Positions and rotations were weighted by what the fit leaves of each.
-        let is = |kind: usize, i: usize| (i % 6 / 3 == kind) && i % 6 < self.each;
-        let weight = |kind: usize| {
-            let own: Vec<usize> = (0..rows).filter(|i| is(kind, *i)).collect();
-            let sum: f64 = own.iter().map(|i| sigma[(*i, *i)]).sum();
-            own.len() as f64 / sum.max(f64::MIN_POSITIVE)
-        };
-        let weights = [weight(0), weight(1)];
-        let scaled = Mat::from_fn(rows, self.sd.len(), |i, j| set.a[(i, j)] * self.sd[j]);
-        let weighted = Mat::from_fn(rows, self.sd.len(), |i, j| {
-            weights[i % 6 / 3] * scaled[(i, j)]
+        let weights = [0, 1].map(|kind| {
+            let sum = deflections().fold(set.rows[kind], |sum, (d, v)| sum + v * d.variance[kind]);
+            set.rows[kind] / sum.max(f64::MIN_POSITIVE)
         });
-        let mut normal = product(Transposed(&weighted), &scaled);
+        let [w, u] = weights;
+        let mut normal = &set.gram[0] * w + &set.gram[1] * u;
         for i in 0..self.sd.len() {
             normal[(i, i)] += 1.0 / self.repeats;
         }
+        let mut pulled = &set.gram[0] * (w * w) + &set.gram[1] * (u * u);
+        for (deflection, size) in deflections() {
+            for (between, weight) in deflection.between.iter().zip([w * w, w * u, u * u]) {
+                pulled += between * (weight * size);
+            }
+        }
         let factor = Factor::new(normal, 1).ok()?;
-        let m = factor.solve(&weighted.transpose());
-        let spread = product(&product(&m, &sigma), Transposed(&m));
+        let spread = factor.solve(&factor.solve(&pulled).transpose());
         let (share, sd) = (0.5 / self.repeats, &self.sd);
         Some(Mat::from_fn(sd.len(), sd.len(), |i, j| {
             share * sd[i] * (spread[(i, j)] + spread[(j, i)]) * sd[j]
@@ -90,14 +149,15 @@ impl UnknownFrames {
         Some(sum)
     }
 
-    /// Returns a covariance of the rows of a check for each set, with sizes of the deflections that the check of `poses` poses
-    /// does not exclude. `rows` returns the covariance for these sizes and a covariance of the parameters.
+    /// Returns for each set how the covariance of an arm that has not changed may differ from its estimate, with sizes of the
+    /// deflections that the check of `poses` poses does not exclude: sizes less the estimated `sizes`, and the covariance of
+    /// the parameters less their `mean`.
     pub fn drawn(
         &self,
         sizes: &[f64],
+        mean: &Mat<f64>,
         poses: usize,
-        rows: impl Fn(&[f64], &Mat<f64>) -> Mat<f64>,
-    ) -> Option<Vec<Mat<f64>>> {
+    ) -> Option<Vec<(Vec<f64>, Mat<f64>)>> {
         let freedom = (poses as f64 - SPENT).max(LEAST_FREEDOM);
         let chi_squared = ChiSquared::new(freedom).ok()?;
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
@@ -105,7 +165,9 @@ impl UnknownFrames {
             let drawn: Vec<f64> = (sizes.iter())
                 .map(|v| v * freedom / chi_squared.sample(&mut random))
                 .collect();
-            Some(rows(&drawn, &self.covariance(set, &drawn)?))
+            let covariance = self.covariance(set, &drawn)? - mean;
+            let more = drawn.iter().zip(sizes).map(|(v, mean)| v - mean);
+            Some((more.collect(), covariance))
         };
         self.sets.iter().map(of).collect()
     }

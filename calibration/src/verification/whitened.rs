@@ -13,6 +13,7 @@ use crate::verification::hypotheses::{Hypothesis, Masked, base_effect, hypothese
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::payload::payload_effect;
 use crate::verification::result::CheckError;
+use crate::verification::unchanged::Unchanged;
 
 /// Initial noise where none is stated: a tracker's, m and rad.
 const FIRST_GUESS: (f64, f64) = (30e-6, 50e-6);
@@ -37,9 +38,8 @@ pub(super) struct Whitened<'a> {
     /// Number of absent rows: orientations of samples that have only a position.
     pub(super) absent: usize,
     pub(super) factor: Factor,
-    /// Roots of the covariances that an arm which has not changed may have, in units of `factor`, of a model without
-    /// processes.
-    pub(super) unchanged: Option<Vec<Mat<f64>>>,
+    /// Covariances that an arm which has not changed may have, in units of `factor`, of a model without processes.
+    pub(super) unchanged: Option<Unchanged>,
 }
 
 impl<'a> Whitened<'a> {
@@ -67,8 +67,12 @@ impl<'a> Whitened<'a> {
             let payload = payload_effect(placed.blob, samples, &placed.frames.tools, scales);
             let all = hypotheses(arm, &at, samples, payload);
             let unknown = arm.unknown_frames(samples, scales);
-            let fixed = match &unknown {
-                Some(frames) => (frames.mean(&sizes)).map(|c| seen(&at.a, &c)),
+            let mean = match &unknown {
+                Some(frames) => Some(frames.mean(&sizes).ok_or(CheckError::Unsolvable)?),
+                None => None,
+            };
+            let fixed = match &mean {
+                Some(mean) => Some(seen(&at.a, mean)),
                 None => arm.error_covariance(samples, &at, scales),
             };
             let fixed = fixed.ok_or(CheckError::Unsolvable)?;
@@ -108,31 +112,18 @@ impl<'a> Whitened<'a> {
             let variance =
                 positions.iter().map(|i| known(*i)).sum::<f64>() / positions.len() as f64;
             let factor = Factor::new(covariance, 1).map_err(|_| CheckError::Unsolvable)?;
-            let unchanged = unknown.map(|frames| {
-                let rows = |sizes: &[f64], c: &Mat<f64>| {
-                    let parts = Parts {
-                        fixed: &seen(&at.a, c),
-                        ..parts
-                    };
-                    parts.covariance(&Factors {
-                        smooth: sizes.to_vec(),
-                        ..factors.clone()
-                    })
-                };
-                let drawn = frames.drawn(&factors.smooth, samples.len(), rows)?;
-                let root = |v: Mat<f64>| {
-                    let root = factor.half_solve(&Factor::new(v, 1).ok()?.lower());
-                    // An absent row is a zero.
-                    Some(Mat::from_fn(root.nrows(), root.ncols(), |i, j| {
-                        kind[i].map_or(0.0, |_| root[(i, j)])
-                    }))
-                };
-                drawn.into_iter().map(root).collect::<Option<Vec<_>>>()
-            });
-            let unchanged = match unchanged {
-                Some(None) => return Err(CheckError::Unsolvable),
-                Some(roots) => roots,
+            let unchanged = match unknown.zip(mean) {
                 None => None,
+                Some((frames, mean)) => {
+                    let sets = frames.drawn(&factors.smooth, &mean, samples.len());
+                    let whiten =
+                        |k: &Mat<f64>| factor.half_solve(&factor.half_solve(k).transpose());
+                    Some(Unchanged {
+                        frames: factor.half_solve(&at.a),
+                        smooth: smooth.iter().map(whiten).collect(),
+                        sets: sets.ok_or(CheckError::Unsolvable)?,
+                    })
+                }
             };
             return Ok(Self {
                 samples,

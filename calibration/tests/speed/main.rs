@@ -21,6 +21,8 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::trust::examine;
 use poegp_calibration::validation::cross_validation::Task;
 use poegp_calibration::validation::model_selection::{FOLDS, candidates, select_model};
+use poegp_calibration::verification::{Options, check};
+use poegp_runtime::math::se3::Pose;
 
 /// Largest CPU time of an elastic fit of 300 poses, in units of ten million exponentials. An idle machine takes 93.
 const MOST_EXPONENTIALS: f64 = 150.0;
@@ -255,6 +257,31 @@ fn the_examination_of_measurements_takes_little_time() {
              most {most})"
         ));
         assert_eq!(findings.is_refused(), what == "wrong");
+        assert!(ratio <= most, "{ratio}");
+    }
+}
+
+/// A check of 300 rows takes little time, of a rigid model, whose frames and deflections are drawn, and of an elastic one.
+#[test]
+#[cfg_attr(debug_assertions, ignore = "in release only")]
+fn a_check_of_many_rows_takes_little_time() {
+    for (method, searched, goal, most) in [
+        (Method::Poe, 100, 3.0, 100.0),
+        (Method::Elastic, 0, 6.0, 200.0),
+    ] {
+        let (_, blob, rows) = calibrated(method);
+        let lines: Vec<usize> = (2..2 + rows.len()).collect();
+        let (tools, options) = (vec![Pose::identity()], Options::default());
+        let start = cpu_seconds();
+        let (report, ratio) =
+            in_ten_million_exponentials(|| check(&blob, &rows, tools, &lines, &options).unwrap());
+        let seconds = cpu_seconds() - start;
+        say(format_args!(
+            "check of 300 rows, {method:?}: {seconds:.2} s of CPU (goal: {goal}), {ratio:.1} times ten million exponentials \
+             (at most {most})"
+        ));
+        assert_eq!((report.rows.len(), report.errors.poses), (300, 300));
+        assert_eq!(report.searched_lines.len(), searched);
         assert!(ratio <= most, "{ratio}");
     }
 }

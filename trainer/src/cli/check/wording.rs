@@ -50,6 +50,9 @@ pub fn findings(r: &Report) -> Vec<String> {
                 .to_owned(),
         );
     }
+    if !r.searched_lines.is_empty() {
+        out.push(searched(r.searched_lines.len(), r.errors.poses));
+    }
     if let Some(moved) = &r.during {
         out.push(format!("Moved during the check: {}.", during(moved)));
     }
@@ -74,16 +77,14 @@ pub fn findings(r: &Report) -> Vec<String> {
         } else {
             ""
         };
+        let all = r.searched_rows(r.errors.poses);
         let (which, again) = match r.odd_lines.len() {
             1 => (
-                format!("one of {} measurements is an outlier: line", r.errors.poses),
+                format!("one of {all} measurements is an outlier: line"),
                 "it",
             ),
             count => (
-                format!(
-                    "{count} of {} measurements are outliers: lines",
-                    r.errors.poses
-                ),
+                format!("{count} of {all} measurements are outliers: lines"),
                 "them",
             ),
         };
@@ -93,6 +94,13 @@ pub fn findings(r: &Report) -> Vec<String> {
         ));
     }
     out
+}
+
+/// States in how many rows changes were searched for.
+pub fn searched(rows: usize, all: usize) -> String {
+    format!(
+        "Drift and outliers are searched for in {rows} of the {all} measurements, evenly spread. Errors are those of all."
+    )
 }
 
 /// States that no change was searched for.
