@@ -189,7 +189,37 @@ pub(crate) fn cube_rotations() -> Vec<Matrix3<f64>> {
 
 #[cfg(test)]
 mod tests {
+    use poegp_protocol::JointKind;
+    use poegp_runtime::math::se3::Twist;
+
     use super::*;
+    use crate::measurement::observation::Observation;
+    use crate::measurement::sample::{Instrument, Sample};
+
+    /// Where all axes are parallel, a longer tool is a lower base. Errors of the arm must not decide between them.
+    #[test]
+    fn parallel_axes_leave_the_tool_at_the_flange() {
+        let link = |x: f64, tilt: f64| {
+            Pose::exp(&Twist::from_array(&[x, 0.0, 0.0, tilt, -0.7 * tilt, 0.0]))
+        };
+        let kinds = [JointKind::Revolute; 3];
+        let arm = |tilt: f64| {
+            let frames = [0.0, tilt, -tilt, 0.0].map(|tilt| link(0.3, tilt));
+            Poe::new(&kinds, &frames).unwrap()
+        };
+        let (nominal, real) = (arm(0.0), arm(8e-4));
+        let base = Pose::exp(&Twist::from_array(&[0.5, -0.2, 0.9, 0.3, 0.1, -0.4]));
+        let tool = Pose::exp(&Twist::from_array(&[0.02, 0.01, 0.0, 0.2, -0.1, 0.5]));
+        let truth = with_base_and_tool(&real, &base, &tool);
+        let samples = (0..40).map(|k| {
+            let joints = vec![0.9 * f64::from(k), -0.7 * f64::from(k), 0.4 * f64::from(k)];
+            let seen = Observation::Pose(truth.forward(&joints));
+            Sample::new(joints.clone(), joints, seen, Instrument)
+        });
+        let samples: Vec<InstrumentSample> = samples.collect();
+        let (_, found) = base_tool(&nominal, &samples);
+        assert!(found.translation.z.abs() < 1e-4, "{}", found.translation);
+    }
 
     #[test]
     fn the_cube_has_24_different_rotations() {

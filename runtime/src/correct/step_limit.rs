@@ -78,7 +78,7 @@ const LEAST_PUSH: f64 = 0.5e-6;
 pub struct LimitedStep<T> {
     /// Solution x; the joint changes are Jᵀ x.
     pub x: PoseError6<T>,
-    /// Part of the error that the step leaves on purpose: all that it leaves except what the least λ leaves.
+    /// Part of the error that the step leaves on purpose: all that it leaves except what [`FLOOR`] leaves.
     pub given_up: PoseError6<T>,
     /// Damped equations for later steps, so that these do not bring back what was given up.
     pub damped: DampedGram<T>,

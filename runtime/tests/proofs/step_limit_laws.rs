@@ -184,6 +184,30 @@ proptest! {
     }
 }
 
+/// An arm of four joints reaches the position, whatever rotation is asked of it: it need not hold one that it cannot hold.
+#[test]
+fn few_joints_reach_the_position() {
+    let number = |i: usize, seed: f64| libm::sin(1.7 * (i as f64 + 1.0) * seed + seed);
+    let mut tried = 0;
+    for seed in (1..=400).map(|k| 0.37 * f64::from(k)) {
+        let j = SMatrix::<f64, 6, 4>::from_fn(|row, joint| 1.5 * number(4 * row + joint, seed));
+        let least = j.fixed_rows::<3>(0).singular_values().min();
+        if least < 0.7 {
+            continue;
+        }
+        tried += 1;
+        let square = j * j.transpose();
+        let gram: Gram<f64> = core::array::from_fn(|i| core::array::from_fn(|k| square[(i, k)]));
+        let error = Vector::from_fn(|i, _| 1e-3 * number(i + 31, seed));
+        let asked: PoseError6<f64> = core::array::from_fn(|i| error[i]);
+        let step = StepLimit::new(&gram, scale(None)).step(&asked);
+        let left = error - square * Vector::from(step.x);
+        let share = position(&left) / position(&error);
+        assert!(share < 0.05, "{share} of the position error is left");
+    }
+    assert!(tried > 50, "{tried}");
+}
+
 /// Zero, NaN and infinity do not panic, and an error of zero gives a step of zero.
 #[test]
 fn nothing_is_asked_of_nothing() {
