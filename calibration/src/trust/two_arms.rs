@@ -31,7 +31,7 @@ const ROUNDS: usize = 12;
 struct Difference {
     /// Whether each row of the search is of the second kind.
     kinds: Vec<bool>,
-    /// The same of all rows of the file.
+    /// Whether each row of the file is.
     of_all: Vec<bool>,
     /// Drop of χ².
     drop: f64,

@@ -21,15 +21,10 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::quantile;
 use crate::numeric::vectors::dot;
+use crate::verification::columns::{Columns, DRAWS, Draw, basis, without};
 use crate::verification::unchanged::Unchanged;
 
-/// Number of draws of an arm that has not changed: at a rate of 1 %, the critical value is known to 1 % of itself.
-pub(super) const DRAWS: usize = 20_000;
 const SEED: u64 = 20_261_120;
-/// Share of a column's length that must remain beside other columns for it to count as independent.
-const INDEPENDENT: f64 = 1e-6;
-/// Effects below this many standard deviations for a whole metre, radian or kilogram are treated as rounding.
-const VISIBLE: f64 = 1e-3;
 /// Most parts that may have moved at once.
 const MOST: usize = 3;
 
@@ -48,19 +43,6 @@ pub struct DriftTest {
     /// Number of each hypothesis's part; a part can move only once.
     parts: Vec<usize>,
     draws: Vec<Draw>,
-}
-
-/// Residuals of an arm that has not changed: Qᵀ y and |y − Q Qᵀ y|².
-pub(super) type Draw = (Vec<f64>, f64);
-
-/// Columns of a matrix, each a vector.
-pub type Columns = Vec<Vec<f64>>;
-
-/// Returns the columns of a matrix.
-pub fn columns(x: &Mat<f64>) -> Columns {
-    (0..x.ncols())
-        .map(|j| (0..x.nrows()).map(|i| x[(i, j)]).collect())
-        .collect()
 }
 
 /// A hypothesis that the test has chosen.
@@ -413,34 +395,4 @@ impl Candidates {
 /// Returns |Qᵀ y|².
 fn projected(q: &Columns, seen: &[f64]) -> f64 {
     q.iter().map(|column| dot(column, seen).powi(2)).sum()
-}
-
-/// Returns a column without its components along an orthonormal basis.
-pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
-    let mut out = column.to_vec();
-    // Two passes of orthogonalisation are enough (Kahan).
-    for _ in 0..2 {
-        for q in basis {
-            let along = dot(q, &out);
-            for (value, part) in out.iter_mut().zip(q) {
-                *value -= along * part;
-            }
-        }
-    }
-    out
-}
-
-/// Returns an orthonormal basis of the columns beside an orthonormal `known`.
-pub fn basis(columns: &[Vec<f64>], known: &[Vec<f64>]) -> Columns {
-    let mut all = known.to_vec();
-    for column in columns {
-        let mut left = without(column, &all);
-        let length = dot(&left, &left).sqrt();
-        let norm = dot(column, column).sqrt();
-        if norm > VISIBLE && length > INDEPENDENT * norm {
-            left.iter_mut().for_each(|x| *x /= length);
-            all.push(left);
-        }
-    }
-    all.split_off(known.len())
 }

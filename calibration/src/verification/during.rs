@@ -14,7 +14,7 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::vectors::dot;
 use crate::trust::drop_among;
 use crate::verification::arm::BlobArm;
-use crate::verification::drift_test::{Columns, basis, columns, without};
+use crate::verification::columns::{Columns, basis, columns, without};
 use crate::verification::hypotheses::{Masked, Part};
 use crate::verification::result::CheckError;
 use crate::verification::whitened::Whitened;

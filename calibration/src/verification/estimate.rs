@@ -7,7 +7,8 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::Summary;
-use crate::verification::drift_test::{Choice, DriftTest, columns};
+use crate::verification::columns::columns;
+use crate::verification::drift_test::{Choice, DriftTest};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
 

@@ -13,6 +13,7 @@
 //! fitted first and then is free in the test.
 
 pub mod arm;
+pub mod columns;
 pub mod drift_test;
 mod during;
 mod estimate;
@@ -40,7 +41,8 @@ use crate::numeric::statistics::ErrorSummary;
 use crate::trust::drop_among;
 use crate::validation::held_out::HeldOutPose;
 use crate::verification::arm::BlobArm;
-use crate::verification::drift_test::{Columns, DriftTest, columns};
+use crate::verification::columns::{Columns, columns};
+use crate::verification::drift_test::DriftTest;
 use crate::verification::estimate::{Fit, can_be_found, changes, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Moved, Report, RowError};

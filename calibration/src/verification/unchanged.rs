@@ -25,7 +25,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::vectors::dot;
-use crate::verification::drift_test::{Columns, DRAWS, Draw, basis, columns, without};
+use crate::verification::columns::{Columns, DRAWS, Draw, basis, columns, without};
 
 /// The covariances that an arm which has not changed may have, in units of the estimated one.
 pub struct Unchanged {

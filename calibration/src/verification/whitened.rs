@@ -8,7 +8,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::verification::arm::BlobArm;
-use crate::verification::drift_test::{self, Columns, columns};
+use crate::verification::columns::{Columns, basis, columns};
 use crate::verification::hypotheses::{Hypothesis, Masked, base_effect, hypotheses, tool_effect};
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::payload::payload_effect;
@@ -93,7 +93,7 @@ impl<'a> Whitened<'a> {
             ];
             let mut effects: Columns = all.iter().flat_map(|h| columns(&h.effect)).collect();
             effects.extend(during.iter().flat_map(|d| columns(&d.effect(&all))));
-            let free = drift_test::basis(&effects, &[]);
+            let free = basis(&effects, &[]);
             let x = Mat::from_fn(y.nrows(), free.len(), |i, j| free[j][i]);
             let factors = parts.fitted(&y, &x, least).ok_or(CheckError::Unsolvable)?;
             round += 1;

@@ -1,7 +1,8 @@
 //! The simulated null distribution against exact distributions of a single test; the numbers are from scipy (`f`, `t`, `ncf`).
 
 use poegp_calibration::numeric::matrix::Mat;
-use poegp_calibration::verification::drift_test::{Columns, DriftTest};
+use poegp_calibration::verification::columns::Columns;
+use poegp_calibration::verification::drift_test::DriftTest;
 
 /// Returns a test of one hypothesis with three orthonormal columns and ν = 100 residual degrees of freedom.
 fn one_test(size: f64) -> DriftTest {

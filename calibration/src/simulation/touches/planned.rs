@@ -60,7 +60,7 @@ impl Simulator {
             let placed = match features[feature] {
                 Some(placed) => placed,
                 None => touching
-                    .place(plan, feature, row)
+                    .located(plan, feature, row)
                     .ok_or_else(out_of_reach)?,
             };
             features[feature] = Some(placed);
@@ -98,7 +98,7 @@ impl Simulator {
 impl Touching<'_> {
     /// Puts a feature of a plan where the tip truly is at the planned joints, and describes it unless it is a socket. `row` is
     /// its first row. Returns `None` for a kind that is not simulated from a plan.
-    fn place(&mut self, plan: &TouchSet, feature: usize, row: &TouchRow) -> Option<Placed> {
+    fn located(&mut self, plan: &TouchSet, feature: usize, row: &TouchRow) -> Option<Placed> {
         let Feature { name, kind, .. } = &plan.features[feature];
         match *kind {
             FeatureKind::Point { .. } => Some(Placed::Point(self.tip_at(&row.joints))),

@@ -4,7 +4,7 @@ use crate::identification::parametric::state::ROWS;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-use crate::verification::drift_test::{self, Columns, columns};
+use crate::verification::columns::{Columns, basis, columns};
 use crate::verification::hypotheses::Hypothesis;
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::result::CheckError;
@@ -54,7 +54,7 @@ impl Weighed {
         };
         let looked_for = all.iter().flat_map(|h| columns(&h.effect));
         let effects: Columns = columns(&rows.free).into_iter().chain(looked_for).collect();
-        let free = drift_test::basis(&effects, &[]);
+        let free = basis(&effects, &[]);
         let x = Mat::from_fn(rows.y.nrows(), free.len(), |i, j| free[j][i]);
         if free.len() >= rows.y.nrows() {
             return Err(CheckError::NothingShown);
