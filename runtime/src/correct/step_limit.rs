@@ -130,8 +130,6 @@ pub struct Scale<T> {
 pub struct StepLimit<'a, T> {
     gram: &'a Gram<T>,
     scale: Scale<T>,
-    /// Least λ.
-    floor: Damping<T>,
     /// Least λ of the shift that the turn has to follow, and the factors of A with it.
     follow: T,
     following: Factors<T>,
@@ -147,15 +145,13 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
         let relative = scale.lever * scale.lever;
         let (_, _, turning) = held(gram, T::from_f64(HOLD) * relative);
         let follow = T::from_f64(FOLLOW) * relative;
-        let floor = floor(&scale);
         Self {
             gram,
             scale,
-            floor,
             follow,
             following: Factors::of(&block(gram, 0, 0), follow),
             turning,
-            turning_factors: Factors::of(&turning, floor.rotation),
+            turning_factors: Factors::of(&turning, T::from_f64(FLOOR.rotation)),
         }
     }
 
@@ -204,7 +200,7 @@ impl<'a, T: Scalar> StepLimit<'a, T> {
             lever,
             usual_rotation,
         } = self.scale;
-        let floor = self.floor;
+        let floor = floor(&self.scale);
         let (p, r) = halves(error);
         // 1/s_p in m, and 1/s_r.
         let shift_unit = T::from_f64(1.0 / SHIFT_LIMIT) * lever;
@@ -359,11 +355,7 @@ impl<T: Scalar> Shares<T> {
     fn turn_beside(&self, shift: T) -> T {
         let left = left_after(shift, &self.position, &self.shift_leaves);
         let brought = squared(&self.position).sqrt() - squared(&left).sqrt();
-        let taken = match self.largest {
-            Some(_) => T::from_f64(TAKEN),
-            None => T::ZERO,
-        };
-        let brought = taken * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
+        let brought = T::from_f64(TAKEN) * larger(brought, T::ZERO) + T::from_f64(LEAST_PUSH);
         // A share of min(brought/pushed, 1) would change abruptly where the two are equal.
         brought / (brought + self.turn_pushes)
     }
