@@ -11,7 +11,7 @@
 //! mean of this covariance over sets of 8 poses is many times that of evenly spread ones. So sets of as many poses are drawn
 //! from the trained ranges, and each has a covariance of its own. The v_c are known with about as many degrees of freedom as
 //! the check has poses. An arm that has not changed is therefore drawn as a mixture: its errors have longer tails than a normal
-//! distribution ([`crate::verification::unchanged`]).
+//! distribution (`unchanged.rs`).
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
