@@ -91,7 +91,7 @@ pub fn indistinct_shifts(
 }
 
 /// Parts of the tool's translation that are held at zero, because a shift of the base does the same: where all axes are
-/// parallel, as those of a SCARA or a palletiser, the tool's length along them.
+/// parallel, as those of a SCARA or a palletizer, the tool's length along them.
 pub struct HeldTool {
     /// Flange in the frame of the last joint.
     flange: Pose<f64>,

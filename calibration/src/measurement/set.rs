@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
+use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::Pose;
 
 /// One measured pose.
@@ -65,9 +66,33 @@ impl JointUnit {
         }
     }
 
+    /// Converts a value in this unit to rad or m.
+    pub fn to_si(self, value: f64) -> f64 {
+        match self {
+            Self::Degree => value.to_radians(),
+            Self::Millimetre => 1e-3 * value,
+            Self::Radian | Self::Metre => value,
+        }
+    }
+
     /// Returns whether the unit is of a revolute joint.
     pub fn is_angle(self) -> bool {
         matches!(self, Self::Degree | Self::Radian)
+    }
+
+    /// Returns what is expected instead of this unit, with the name of the kind, if joints of this kind do not have it.
+    pub fn mismatch(self, kind: JointKind) -> Option<(&'static str, &'static str)> {
+        match (kind, self.is_angle()) {
+            (JointKind::Revolute, false) => Some(("degrees or radians (_deg, _rad)", "revolute")),
+            (JointKind::Prismatic, true) => Some(("millimetres or metres (_mm, _m)", "prismatic")),
+            _ => None,
+        }
+    }
+
+    /// Returns the unit that column names spell so.
+    pub fn of_symbol(symbol: &str) -> Option<Self> {
+        let all = [Self::Degree, Self::Radian, Self::Millimetre, Self::Metre];
+        all.into_iter().find(|unit| unit.symbol() == symbol)
     }
 
     /// Returns the unit as column names spell it.

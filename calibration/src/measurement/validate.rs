@@ -84,13 +84,8 @@ impl<'a> JointLimits<'a> {
             .at_line(header_line));
         }
         for (joint, column) in robot.joints.iter().zip(columns) {
-            let is_angle = matches!(column.unit, JointUnit::Degree | JointUnit::Radian);
-            let (kind, wanted) = match joint.kind {
-                JointKind::Revolute if !is_angle => ("revolute", "degrees or radians (_deg, _rad)"),
-                JointKind::Prismatic if is_angle => {
-                    ("prismatic", "millimetres or metres (_mm, _m)")
-                }
-                _ => continue,
+            let Some((wanted, kind)) = column.unit.mismatch(joint.kind) else {
+                continue;
             };
             return Err(InputError::new(
                 path,
@@ -150,16 +145,17 @@ impl<'a> JointLimits<'a> {
             }
             return Ok(());
         }
-        let (scale, unit) = written(column.unit);
+        let unit = column.unit.symbol();
+        let written = |value: f64| round(column.unit.from_si(value));
         let error = InputError::new(
             self.path,
-            format!("{} {unit}", round(value * scale)),
+            format!("{} {unit}", written(value)),
             format!(
                 "a value of joint \"{}\" of robot \"{}\", {} to {} {unit}",
                 joint.name,
                 self.robot.name,
-                round(lower * scale),
-                round(upper * scale)
+                written(lower),
+                written(upper)
             ),
         )
         .at_line(line)
@@ -344,26 +340,16 @@ pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
             JointKind::Prismatic => STILL_PRISMATIC,
         };
         if high - low < still {
-            let (scale, unit) = written(column.unit);
             notes.push(format!(
-                "joint \"{}\" ({}) does not move: its values span {} {unit}",
+                "joint \"{}\" ({}) does not move: its values span {} {}",
                 joint.name,
                 column.name,
-                round((high - low) * scale)
+                round(column.unit.from_si(high - low)),
+                column.unit.symbol()
             ));
         }
     }
     notes
-}
-
-/// Returns the factor from SI to the unit of a column, and the symbol of that unit.
-fn written(unit: JointUnit) -> (f64, &'static str) {
-    match unit {
-        JointUnit::Degree => (180.0 / std::f64::consts::PI, "deg"),
-        JointUnit::Radian => (1.0, "rad"),
-        JointUnit::Millimetre => (1e3, "mm"),
-        JointUnit::Metre => (1.0, "m"),
-    }
 }
 
 /// Rounds to four decimals, for a message.

@@ -260,8 +260,8 @@ impl TomlSource<'_> {
             return Err(self.error(value.span(), key, key, expected));
         }
         let [lower, upper] = *value.get_ref();
+        let found = format!("the limits {lower} to {upper}");
         if lower > upper {
-            let found = format!("the limits {lower} to {upper}");
             return Err(self.error(value.span(), key, found, "the lower limit first"));
         }
         let limits = self.vector(&units)?.map(|[lower, upper]| (lower, upper));
@@ -271,12 +271,7 @@ impl TomlSource<'_> {
             } else {
                 "limits of a slide within 100 m"
             };
-            return Err(self.error(
-                value.span(),
-                key,
-                format!("the limits {lower} to {upper}"),
-                expected,
-            ));
+            return Err(self.error(value.span(), key, found, expected));
         }
         Ok(limits)
     }

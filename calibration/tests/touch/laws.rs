@@ -63,9 +63,17 @@ fn a_known_distance_shows_the_size() {
             .any(|u| u.direction == Direction::Size)
     };
     let (_, with) = score(&data);
+    // Where a distance is stated, but hardly known, none is asked for as if it were missing.
+    let mut vague = data.clone();
+    vague.0.distances.iter_mut().for_each(|d| d.sigma = 20e-3);
+    let (_, vague) = score(&vague);
+    let texts =
+        |of: &Trial| -> String { of.found.summary.unseen.iter().map(|u| &*u.text).collect() };
+    assert!(says(&vague) && texts(&vague).contains("The lengths in these touches hardly show"));
     data.0.distances.clear();
     let (_, without) = score(&data);
     assert!(!says(&with) && says(&without));
+    assert!(texts(&without).contains("unknown points cannot show the arm's size"));
     let [a, b] = [&with, &without].map(|of| of.found.summary.after.mean_mm);
     assert!(b > 1.1 * a, "{a:.3} with the distance, {b:.3} without");
 }

@@ -49,8 +49,8 @@ pub const FLOOR: Damping<f64> = Damping {
     position: 1.6e-4,
     rotation: 2e-5,
 };
-/// Least λ_r of an arm that cannot turn its target every way: a shift need not hold the rotations that the arm cannot hold,
-/// and two steps leave 3 % of one that its joints can make.
+/// Least λ_r of an arm that cannot turn its target every way: a shift need not hold the rotations that the arm cannot hold.
+/// About a tenth of a rotation that its joints can make is left, too.
 const FREE: f64 = 0.1;
 /// λ of A in S, in units of lever²: a position that the arm can hardly move need not be held.
 const HOLD: f64 = 1e-4;

@@ -140,7 +140,7 @@ fn play_is_no_lag() {
     }
 }
 
-/// An arm that was mastered anew has other zeros of all joints from one row on, by more than any arm warms up.
+/// A second mastering changes the zeros of all joints from one row on, by more than any warm-up does.
 #[test]
 fn a_mastering_is_no_warm_up() {
     let zeros = [3e-3, -5e-3, 4e-3, -8e-3, 6e-3, 7e-3];

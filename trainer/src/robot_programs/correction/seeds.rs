@@ -4,19 +4,13 @@
 //! is solved.
 
 use poegp_calibration::input_error::{InputError, counted};
+use poegp_calibration::measurement::JointUnit;
 use poegp_protocol::JointKind;
 
 use crate::robot_programs::correction::source::Source;
 
 /// Beginning of the names of seed columns.
 const PREFIX: &str = "seed_q";
-/// Endings of the names, each with its rad or m and whether it is an angle.
-const UNITS: [(&str, f64, bool); 4] = [
-    ("deg", std::f64::consts::PI / 180.0, true),
-    ("rad", 1.0, true),
-    ("mm", 1e-3, false),
-    ("m", 1.0, false),
-];
 
 /// A seed column.
 #[derive(Clone, Debug, PartialEq)]
@@ -26,9 +20,7 @@ struct Column {
     name: String,
     /// Joint, from 1.
     joint: usize,
-    /// Radians or metres in its unit.
-    factor: f64,
-    is_angle: bool,
+    unit: JointUnit,
 }
 
 /// The seed columns of a table, in the order of the joints.
@@ -57,10 +49,9 @@ impl Seeds {
             };
             let unit = rest.split_once('_').and_then(|(joint, unit)| {
                 let joint = joint.parse::<usize>().ok().filter(|joint| *joint > 0)?;
-                let of = UNITS.into_iter().find(|(name, ..)| *name == unit)?;
-                Some((joint, of))
+                Some((joint, JointUnit::of_symbol(unit)?))
             });
-            let Some((joint, (_, factor, is_angle))) = unit else {
+            let Some((joint, unit)) = unit else {
                 let expected = "a name such as seed_q1_deg or seed_q1_rad; seed_q1_mm or seed_q1_m for a slide";
                 return refused(expected.to_owned());
             };
@@ -71,19 +62,18 @@ impl Seeds {
                 index,
                 name: name.clone(),
                 joint,
-                factor,
-                is_angle,
+                unit,
             });
         }
         columns.sort_by_key(|column| column.joint);
         Ok((!columns.is_empty()).then_some(Self { line, columns }))
     }
 
-    /// Returns the index of each column, and the radians or metres in its unit.
-    pub fn fields(&self) -> impl Iterator<Item = (usize, f64)> {
+    /// Returns the index and the unit of each column.
+    pub fn fields(&self) -> impl Iterator<Item = (usize, JointUnit)> {
         self.columns
             .iter()
-            .map(|column| (column.index, column.factor))
+            .map(|column| (column.index, column.unit))
     }
 
     /// Compares the columns with the joints of a model.
@@ -105,10 +95,8 @@ impl Seeds {
                 let found = format!("{} without a seed of joint {joint}", column.name);
                 return at(found, expected_seeds(kinds));
             }
-            let (kind, wanted) = match (kind, column.is_angle) {
-                (JointKind::Revolute, false) => ("revolute", "degrees or radians (_deg, _rad)"),
-                (JointKind::Prismatic, true) => ("prismatic", "millimetres or metres (_mm, _m)"),
-                _ => continue,
+            let Some((wanted, kind)) = column.unit.mismatch(*kind) else {
+                continue;
             };
             let expected = format!("{wanted} for the {kind} joint {joint} of the model");
             return at(column.name.clone(), expected);
@@ -168,11 +156,12 @@ mod tests {
     #[test]
     fn each_joint_has_the_unit_of_its_kind() {
         let seeds = read("seed_q3_mm,x_mm,seed_q1_deg,seed_q4_rad,seed_q2_deg").unwrap();
-        let fields: Vec<(usize, f64)> = seeds.unwrap().fields().collect();
+        let in_si = |(index, unit): (usize, JointUnit)| (index, unit.to_si(1.0));
+        let fields: Vec<(usize, f64)> = seeds.unwrap().fields().map(in_si).collect();
         let degree = 1_f64.to_radians();
         assert_eq!(fields, [(2, degree), (4, degree), (0, 1e-3), (3, 1.0)]);
         let metres = read("seed_q1_deg,seed_q2_deg,seed_q3_m,seed_q4_deg").unwrap();
-        assert_eq!(metres.unwrap().fields().nth(2), Some((2, 1.0)));
+        assert_eq!(metres.unwrap().fields().nth(2).map(in_si), Some((2, 1.0)));
         assert_eq!(read("x_mm,seed").unwrap(), None);
     }
 

@@ -18,6 +18,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use poegp_calibration::input_error::{InputError, counted};
+use poegp_calibration::measurement::JointUnit;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::frames::FrameFile;
@@ -90,7 +91,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         };
         let [x, y, z] = columns.position;
         let near = |seeds: &Seeds| -> Result<Vec<f64>, InputError> {
-            let value = |(column, unit): (usize, f64)| Ok(unit * number(column)?.value);
+            let value = |(column, unit): (usize, JointUnit)| Ok(unit.to_si(number(column)?.value));
             seeds.fields().map(value).collect()
         };
         let seed = columns.seeds.as_ref().map(near).transpose()?;

@@ -1,6 +1,7 @@
 //! What is read of touches, and what is refused.
 
 mod rejected;
+mod rejected_numbers;
 
 use std::path::Path;
 
