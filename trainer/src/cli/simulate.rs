@@ -134,7 +134,7 @@ fn touched_sets(
 ) -> Result<Vec<SimulatedSet>, Failure> {
     let (touches, truth) = match &a.touch_plan {
         Some(path) => {
-            let plan = TouchSet::read_plan(path, None, robot)?;
+            let plan = TouchSet::read_plan(path, robot)?;
             let simulated = |kind: &FeatureKind| {
                 matches!(
                     kind,

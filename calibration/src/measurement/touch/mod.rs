@@ -81,20 +81,23 @@ impl TouchSet {
         features: Option<&Path>,
         robot: &Robot,
     ) -> Result<Self, InputError> {
-        let (bytes, path, text) = bytes_of_both(touches, features)?;
+        let path = features.map_or_else(|| features_beside(touches), Path::to_path_buf);
+        let (bytes, text) = bytes_of_both(touches, &path).map_err(|error| match features {
+            None if error.file == path => {
+                error.with_help("name the file of the features with --features FILE")
+            }
+            _ => error,
+        })?;
         Self::parse((touches, &bytes), (&path, &text), robot)
     }
 
-    /// Reads a plan of touches and its features, from `features` or else from NAME.toml beside NAME.csv.
+    /// Reads a plan of touches, and its features from NAME.toml beside NAME.csv.
     ///
     /// # Errors
     /// Those of [`TouchSet::parse_plan`], and an [`InputError`] for a file that cannot be read.
-    pub fn read_plan(
-        touches: &Path,
-        features: Option<&Path>,
-        robot: &Robot,
-    ) -> Result<Self, InputError> {
-        let (bytes, path, text) = bytes_of_both(touches, features)?;
+    pub fn read_plan(touches: &Path, robot: &Robot) -> Result<Self, InputError> {
+        let path = features_beside(touches);
+        let (bytes, text) = bytes_of_both(touches, &path)?;
         Self::parse_plan((touches, &bytes), (&path, &text), robot)
     }
 
@@ -178,22 +181,15 @@ impl TouchSet {
     }
 }
 
-/// Returns the touches, and the path and the text of their features.
-fn bytes_of_both(
-    touches: &Path,
-    features: Option<&Path>,
-) -> Result<(Vec<u8>, PathBuf, Vec<u8>), InputError> {
-    let bytes = std::fs::read(touches)
-        .map_err(|error| InputError::unreadable(touches, &error, "a touch file (CSV)"))?;
-    let path = features.map_or_else(|| features_beside(touches), Path::to_path_buf);
-    let text = std::fs::read(&path).map_err(|error| {
-        let error = InputError::unreadable(&path, &error, features::WHOLE);
-        match features {
-            None => error.with_help("name the file of the features with --features FILE"),
-            Some(_) => error,
-        }
-    })?;
-    Ok((bytes, path, text))
+/// Returns the bytes of a touch file and of the file of its features.
+fn bytes_of_both(touches: &Path, features: &Path) -> Result<(Vec<u8>, Vec<u8>), InputError> {
+    let read = |path: &Path, expected: &str| {
+        std::fs::read(path).map_err(|error| InputError::unreadable(path, &error, expected))
+    };
+    Ok((
+        read(touches, "a touch file (CSV)")?,
+        read(features, features::WHOLE)?,
+    ))
 }
 
 fn chain(path: &Path, robot: &Robot) -> Result<Poe<f64>, InputError> {
