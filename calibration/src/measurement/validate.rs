@@ -326,7 +326,7 @@ impl MeasurementSet {
     }
 }
 
-/// Returns notes about joints that no row moves.
+/// Returns notes about joints that no row moves, except passive ones.
 pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
     robot: &Robot,
     columns: &[JointColumn],
@@ -339,7 +339,7 @@ pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
             JointKind::Revolute => STILL_REVOLUTE,
             JointKind::Prismatic => STILL_PRISMATIC,
         };
-        if high - low < still {
+        if high - low < still && !robot.is_passive(i) {
             notes.push(format!(
                 "joint \"{}\" ({}) does not move: its values span {} {}",
                 joint.name,

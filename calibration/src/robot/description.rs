@@ -15,8 +15,8 @@ pub struct Robot {
     /// The n + 1 fixed frames, in m: `base_from_joint_1`, `joint_1_from_joint_2`, …, `joint_n_from_flange`. Each joint acts
     /// after its frame, about or along its own z axis.
     pub parent_from_joint: Vec<Pose<f64>>,
-    /// Joint coupling C in q_serial = C q, n rows of n, invertible: it converts the controller's joint values to the
-    /// chain's. `None` is the identity.
+    /// Joint coupling C in q_serial = C q, n rows of n: it converts the controller's joint values to the chain's. `None` is
+    /// the identity. It is invertible but for the columns of passive joints, which are zero.
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Radius of the capsules that represent the links, in m, if the description states one.
     pub link_radius: Option<f64>,
@@ -113,6 +113,13 @@ impl Robot {
     /// Returns C q: the joint values of the serial chain at the controller's joint values `q`, in rad or m.
     pub fn serial_joints(&self, q: &[f64]) -> Vec<f64> {
         coupled(self.coupling.as_deref(), q)
+    }
+
+    /// Returns whether the controller has no axis for this joint: nothing but the other joints moves it, by the coupling.
+    pub fn is_passive(&self, joint: usize) -> bool {
+        self.coupling
+            .as_ref()
+            .is_some_and(|rows| rows.iter().all(|row| row[joint] == 0.0))
     }
 
     /// Returns the sum of the lengths of the links, with the travel of prismatic joints, in m.

@@ -63,7 +63,7 @@ impl Chain {
         self.pending = joint_from_normal.inverse();
     }
 
-    /// Returns the robot whose flange is the current end frame.
+    /// Returns the robot whose flange is the current end frame. Passive joints stay at 0.
     pub(super) fn finish(
         mut self,
         name: String,
@@ -75,14 +75,20 @@ impl Chain {
             _ => {
                 self.parent_from_joint.push(self.pending);
                 let (joints, parent_from_joint) = (self.joints, self.parent_from_joint);
-                Ok(Robot {
+                let mut robot = Robot {
                     name,
                     joints,
                     parent_from_joint,
                     coupling,
                     link_radius: None,
                     prior: None,
-                })
+                };
+                for joint in 0..robot.joints.len() {
+                    if robot.is_passive(joint) {
+                        robot.joints[joint].limits = Some((0.0, 0.0));
+                    }
+                }
+                Ok(robot)
             }
         }
     }
@@ -171,11 +177,17 @@ pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
     [roll, pitch, yaw]
 }
 
-/// Returns whether a square matrix (rows) is invertible: every pivot of Gaussian elimination exceeds 1e-9 of its largest
-/// element.
-pub(super) fn is_invertible(matrix: &[Vec<f64>]) -> bool {
+/// Returns whether every joint of the controller moves the arm in its own way, except passive ones, whose columns are zero:
+/// with 1 for the diagonal elements of these columns, the square matrix (rows) is invertible, so that every pivot of Gaussian
+/// elimination exceeds 1e-9 of its largest element.
+pub(super) fn tells_joints_apart(matrix: &[Vec<f64>]) -> bool {
     let mut m = matrix.to_vec();
     let n = m.len();
+    for column in 0..n {
+        if m.iter().all(|row| row[column] == 0.0) {
+            m[column][column] = 1.0;
+        }
+    }
     let largest = m.iter().flatten().fold(0.0_f64, |max, x| max.max(x.abs()));
     for column in 0..n {
         let Some(pivot) =

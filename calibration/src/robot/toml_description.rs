@@ -486,8 +486,8 @@ impl TomlSource<'_> {
             .iter()
             .map(|row| row.get_ref().clone())
             .collect();
-        if !chain::is_invertible(&matrix) {
-            let expected = "an invertible matrix: every joint of the chain must be reachable";
+        if !chain::tells_joints_apart(&matrix) {
+            let expected = "an invertible matrix; only the column of a joint without an axis of the controller is all zeros";
             return Err(self.error(rows.span(), "coupling", "a singular matrix", expected));
         }
         let is_identity = matrix.iter().enumerate().all(|(i, row)| {

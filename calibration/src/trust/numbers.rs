@@ -138,7 +138,7 @@ impl Scene<'_> {
         ))
     }
 
-    /// Returns the joints that do not move, with their ranges in rad or m.
+    /// Returns the joints that do not move, except passive ones, with their ranges in rad or m.
     fn still(&self) -> Vec<(usize, f64)> {
         let range = |j: usize| {
             let (low, high) = extremes(self.samples.iter().map(|s| s.joints[j]));
@@ -150,7 +150,7 @@ impl Scene<'_> {
                 JointKind::Revolute => STILL.0,
                 JointKind::Prismatic => STILL.1,
             };
-            Some((j, range(j))).filter(|(_, range)| *range < least)
+            Some((j, range(j))).filter(|(_, range)| *range < least && !self.robot.is_passive(j))
         });
         still.collect()
     }

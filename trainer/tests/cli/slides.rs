@@ -1,4 +1,5 @@
-//! Arms whose slides are behind revolute joints, such as a SCARA: seeds of tables, and programs, whose axes would be exchanged.
+//! Arms of fewer than six axes. Their slides may be behind revolute joints, as a SCARA's: seeds of tables, and programs, whose
+//! axes would be exchanged. Their wrist may be passive, as a palletizer's.
 
 use crate::program::Folder;
 use crate::programs::numbers_after;
@@ -129,4 +130,58 @@ fn programs_for_a_slide_within_the_arm_are_refused() {
     folder.run(plan).ok();
     let text = folder.text("plan.csv");
     assert!(text.contains("q1_deg,q2_deg,q3_mm,q4_deg"), "{text}");
+}
+
+/// A palletizer: linkages drive joint 3, and keep joint 4 level.
+const PALLETIZER: &str = r#"
+name = "palletizer"
+convention = "dh"
+coupling = [[1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, -1, 1, 0, 0], [0, 0, -1, 0, 0], [0, 0, 0, 0, 1]]
+joint = [
+    { name = "turret", kind = "revolute", limits_deg = [-165, 165], a_mm = 200, d_mm = 680, alpha_deg = -90 },
+    { name = "lower", kind = "revolute", limits_deg = [-40, 85], a_mm = 890, d_mm = 0, alpha_deg = 0, theta_offset_deg = -90 },
+    { name = "upper", kind = "revolute", limits_deg = [-20, 110], a_mm = 880, d_mm = 0, alpha_deg = 0, theta_offset_deg = 90 },
+    { name = "level", kind = "revolute", a_mm = 150, d_mm = 0, alpha_deg = -90 },
+    { name = "gripper", kind = "revolute", limits_deg = [-300, 300], a_mm = 0, d_mm = 200, alpha_deg = 0 },
+]
+"#;
+
+/// Returns the numbers of a column of a CSV file, without its comments.
+fn column(csv: &str, name: &str) -> Vec<f64> {
+    let mut rows = csv.lines().filter(|line| !line.starts_with('#'));
+    let mut names = rows.next().unwrap().split(',');
+    let at = names.position(|found| found == name).unwrap();
+    rows.map(|row| row.split(',').nth(at).unwrap().parse().unwrap())
+        .collect()
+}
+
+#[test]
+fn a_passive_joint_is_never_moved() {
+    let folder = Folder::new();
+    folder.write("arm.toml", PALLETIZER);
+    folder
+        .run("plan --robot arm.toml --count 12 --no-forecast --out plan.csv")
+        .ok();
+    let planned = column(&folder.text("plan.csv"), "q4_deg");
+    assert!(planned.len() == 12 && planned.iter().all(|q| *q == 0.0));
+    let line = "simulate --robot arm.toml --poses 40 --test-sets 1 --payloads 1,5 --seed 3 --out s";
+    folder.run(line).ok();
+    for method in ["poe", "elastic"] {
+        let line = format!("calibrate --robot arm.toml s/train.csv --method {method} --out m.blob");
+        let said = folder.run(&line).ok();
+        let said = format!("{}{}", said.stdout, said.stderr);
+        // Nothing is said of it, in words such as "joint 4 does not move".
+        assert!(
+            !said.contains("joint 4") && !said.contains(" move"),
+            "{said}"
+        );
+        folder.run("correct m.blob s/test1.csv --out c.csv").ok();
+        let corrected = folder.text("c.csv");
+        assert!(column(&corrected, "q4_deg").iter().all(|q| *q == 0.0));
+        let left = column(&corrected, "position_error_um");
+        assert!(
+            left.len() == 100 && left.iter().all(|um| *um < 2.0),
+            "{left:?}"
+        );
+    }
 }

@@ -230,7 +230,8 @@ pub fn payload(task: &Task) -> Vec<(String, &'static str)> {
     let kinds = task.chain.kinds();
     let values = |i: usize| task.samples.iter().map(move |s| s.joints[i]);
     let moves = |i: &usize| !span(values(*i), kinds[*i]).1;
-    let (moving, still): (Vec<usize>, Vec<usize>) = (0..kinds.len()).partition(moves);
+    let driven = (0..kinds.len()).filter(|i| !task.robot.is_passive(*i));
+    let (moving, still): (Vec<usize>, Vec<usize>) = driven.partition(moves);
     let count = |joints: &[usize]| numbers(&joints.iter().map(|i| i + 1).collect::<Vec<_>>());
     if !still.is_empty() && !moving.is_empty() {
         let (joints, verb) = if moving.len() == 1 {
