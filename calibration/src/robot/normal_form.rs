@@ -180,7 +180,7 @@ pub fn roll_pitch_yaw(rotation: &Matrix3<f64>) -> [f64; 3] {
 /// Returns whether every joint of the controller moves the arm in its own way, except passive ones, whose columns are zero:
 /// with 1 for the diagonal elements of these columns, the square matrix (rows) is invertible, so that every pivot of Gaussian
 /// elimination exceeds 1e-9 of its largest element.
-pub(super) fn tells_joints_apart(matrix: &[Vec<f64>]) -> bool {
+pub(super) fn moves_each_joint(matrix: &[Vec<f64>]) -> bool {
     let mut m = matrix.to_vec();
     let n = m.len();
     for column in 0..n {

@@ -486,7 +486,7 @@ impl TomlSource<'_> {
             .iter()
             .map(|row| row.get_ref().clone())
             .collect();
-        if !chain::tells_joints_apart(&matrix) {
+        if !chain::moves_each_joint(&matrix) {
             let expected = "an invertible matrix; only the column of a joint without an axis of the controller is all zeros";
             return Err(self.error(rows.span(), "coupling", "a singular matrix", expected));
         }
