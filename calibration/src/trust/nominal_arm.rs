@@ -11,6 +11,7 @@ use crate::measurement::observation::Observation;
 use crate::trust::alignment::{Alignment, Row, align, align_with_outliers, rough};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
+use crate::trust::numbers::frozen;
 use crate::trust::readings::{Data, Reading, readings};
 use crate::trust::wording::{length, lengths, lines};
 
@@ -341,8 +342,11 @@ impl Scene<'_> {
             best.len(),
             lines(&of_others)
         );
+        let samples =
+            |which: &[usize]| -> Vec<_> { which.iter().map(|k| self.data.samples[*k]).collect() };
         if others.len() >= LEAST_ROWS {
             text += &self.of_others(&fit, &others);
+            text += &frozen(self.data.robot, &samples(&others), &samples(&best));
         }
         Some(refused(Cause::Mixed, text, share, NEARLY_ALL).of_rows(of_others))
     }
@@ -460,8 +464,9 @@ impl Scene<'_> {
     fn unexplained(&self, given: &Fit) -> Finding {
         let text = format!(
             "the poses are {} from the nominal robot, and nothing that was tried explains it: check that this is the \
-             robot, and that the joints and the pose of each row belong together",
-            given.lengths(self.has_orientation)
+             robot, and that the joints and the pose of each row belong together{}",
+            given.lengths(self.has_orientation),
+            frozen(self.data.robot, &self.data.samples, &[])
         );
         refused(Cause::NoFit, text, given.badness, 1.0)
     }

@@ -403,6 +403,44 @@ fn refused(cause: Cause, text: String, rows: Vec<usize>, threshold: f64) -> Find
     Finding::new(cause, Tier::Refused, text, rows.len() as f64, threshold).of_rows(rows)
 }
 
+/// Share of the rows in question, and of the others, that must have and may have the value of a frozen joint.
+const FROZEN: (f64, f64) = (0.8, 0.1);
+
+/// Describes a joint whose reading seems frozen: it has one value in most of the rows in question and in few others.
+pub fn frozen(robot: &Robot, rows: &[&InstrumentSample], others: &[&InstrumentSample]) -> String {
+    let with = |of: &[&InstrumentSample], joint: usize, value: f64| {
+        of.iter().filter(|s| s.joints[joint] == value).count()
+    };
+    let is_of = |count: usize, of: usize, share: f64| count as f64 >= share * of as f64;
+    let found = robot.joints.iter().enumerate().find_map(|(j, joint)| {
+        let mut values: Vec<f64> = rows.iter().map(|s| s.joints[j]).collect();
+        values.sort_by(f64::total_cmp);
+        // More than half of the rows have it, if any value is frequent enough.
+        let value = *values.get(values.len() / 2)?;
+        let count = with(rows, j, value);
+        let is_frozen = !robot.is_passive(j)
+            && is_of(count, rows.len(), FROZEN.0)
+            && (others.is_empty() || !is_of(with(others, j, value), others.len(), FROZEN.1));
+        is_frozen.then_some((j, joint.kind, value, count))
+    });
+    let Some((j, kind, value, count)) = found else {
+        return String::new();
+    };
+    let value = match kind {
+        JointKind::Revolute => format!("{}°", three_digits(value.to_degrees())),
+        JointKind::Prismatic => format!("{} mm", three_digits(1e3 * value)),
+    };
+    let which = match (count == rows.len(), others.is_empty()) {
+        (true, true) => "all rows".to_owned(),
+        (true, false) => "all of these rows".to_owned(),
+        _ => format!("{count} of these rows"),
+    };
+    format!(
+        "; joint {} is at exactly {value} in {which}: was its reading frozen?",
+        j + 1
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

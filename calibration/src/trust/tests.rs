@@ -387,6 +387,26 @@ fn two_targets_that_alternate_are_found() {
     assert!(finding.text.contains("1.00 mm"), "{finding:?}");
 }
 
+#[test]
+fn a_frozen_joint_is_named() {
+    let (header, good) = table();
+    let q4 = column(&header, "q4_deg");
+    for (first, text) in [(0, "in all rows"), (good.len() / 2, "in all of these rows")] {
+        let mut rows = good.clone();
+        let value = rows[first][q4].clone();
+        rows[first..]
+            .iter_mut()
+            .for_each(|row| row[q4].clone_from(&value));
+        let findings = identified(&header, &rows);
+        let refused = findings.0.iter().find(|f| f.tier == Tier::Refused).unwrap();
+        let text = format!("{text}: was its reading frozen?");
+        assert!(
+            refused.text.contains("joint 4 is at exactly") && refused.text.contains(&text),
+            "{refused:?}"
+        );
+    }
+}
+
 /// Gears and bearings do not give way along a straight line, which is no step where payloads change.
 #[test]
 fn payloads_one_after_the_other_are_no_step() {
