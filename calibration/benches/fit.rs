@@ -60,10 +60,7 @@ impl Bench {
 
     fn blob(&self, method: Method) -> BlobModel {
         let origin = Provenance {
-            serial_number: String::new(),
             date: "2026-11-20".to_owned(),
-            data_sha256: [0; 32],
-            tools: Vec::new(),
             ..Provenance::default()
         };
         let options = Config::new(method);

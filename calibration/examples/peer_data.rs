@@ -233,9 +233,7 @@ fn one_fold(
         ..Config::new(method)
     };
     let origin = Provenance {
-        serial_number: String::new(),
         date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
         tools: vec![ToolName::default()],
         ..Provenance::default()
     };

@@ -122,9 +122,7 @@ impl Arm {
         let mut tools = Vec::new();
         let train = samples(&set, &robot, &mut tools)?;
         let origin = Provenance {
-            serial_number: String::new(),
             date: "2026-11-20".to_owned(),
-            data_sha256: [0; 32],
             tools,
             ..Provenance::default()
         };

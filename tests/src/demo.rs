@@ -110,7 +110,6 @@ pub fn run(seed: u64, out: &mut dyn Write) -> Result<Vec<ArmErrors>, Box<dyn Err
     let origin = Provenance {
         serial_number: "demo".to_owned(),
         date: "2026-01-01".to_owned(),
-        data_sha256: [0; 32],
         tools,
         ..Provenance::default()
     };

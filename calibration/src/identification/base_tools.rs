@@ -5,7 +5,7 @@
 //! available data, and base and tools are refined together on the nominal arm. Positions alone do not show how their
 //! target is turned: that rotation stays as in the start.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{ArrayStorage, Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
@@ -26,17 +26,7 @@ pub struct BaseAndTools {
 
 /// The frame of a tool that was not calibrated: what is predicted of it is not a number, and no error hides it.
 pub const UNKNOWN_TOOL: Pose<f64> = Pose {
-    rotation: Matrix3::new(
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-        f64::NAN,
-    ),
+    rotation: Matrix3::from_array_storage(ArrayStorage([[f64::NAN; 3]; 3])),
     translation: Vector3::new(f64::NAN, f64::NAN, f64::NAN),
 };
 

@@ -43,7 +43,7 @@ pub fn changes(calibration: &Calibration) -> Vec<FrameChange> {
         calibration.calibrated.frames(),
     );
     let targets = &calibration.base_and_tools.flange_from_targets;
-    let frame = |position: usize, part| {
+    let frame = |position: usize, role| {
         // After the last joint every tool has its own frame; the chain ends at the first tool.
         let (drawn, calibrated) = if position < n {
             (drawn[position], calibrated[position])
@@ -54,10 +54,10 @@ pub fn changes(calibration: &Calibration) -> Vec<FrameChange> {
                 calibrated[n] * calibration.tools[tool],
             )
         };
-        FrameChange::new(wording::part(part), &drawn, &calibrated)
+        FrameChange::new(wording::role(role), &drawn, &calibrated)
     };
     crate::identification::identifiability::frames(n, tools, false)
         .into_iter()
-        .map(|f| frame(f.position, f.part))
+        .map(|f| frame(f.position, f.role))
         .collect()
 }

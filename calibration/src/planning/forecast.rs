@@ -162,9 +162,6 @@ impl Planner<'_> {
         };
         let (train, test) = (measure(planned), measure(test));
         let origin = Provenance {
-            serial_number: String::new(),
-            date: String::new(),
-            data_sha256: [0; 32],
             tools: vec![ToolName::default()],
             ..Provenance::default()
         };

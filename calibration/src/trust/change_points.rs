@@ -10,20 +10,20 @@ use crate::trust::alignment::LEVER;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
-use crate::trust::wording::{length, lines, three_digits};
+use crate::trust::wording::{fits_equally, length, lines, three_digits};
 
 /// Number of splits that are tried first.
-const SPLITS: usize = 25;
+pub const SPLITS: usize = 25;
 /// Drop of χ² per row that a change must cause, and an additive term for few rows.
 const DROP: (f64, f64) = (0.9, 50.0);
 /// Share of the best hypothesis's drop above which another hypothesis fits as well.
-const AS_GOOD: f64 = 0.93;
+pub const AS_GOOD: f64 = 0.93;
 /// Time constants with which a warm-up settles, as shares of the whole measurement.
 const SETTLES: [f64; 5] = [0.08, 0.16, 0.32, 0.64, 1.28];
 /// Smallest number of rows among which a change is searched for, and in the scales that it leaves.
 const LEAST_ROWS: (usize, usize) = (12, 16);
 /// Share of χ² above which a change that is just found explains so much that its scatter may hide others like it.
-const BLIND: f64 = 0.25;
+pub const BLIND: f64 = 0.25;
 /// Largest number of times that χ² is counted again, and the relative change of the scales at which they have settled.
 const ROUNDS: usize = 10;
 const SETTLED: f64 = 0.02;
@@ -72,14 +72,21 @@ pub struct Change {
 }
 
 impl Change {
-    fn tier(&self) -> Tier {
+    /// Returns the tier of a finding of the change.
+    pub fn tier(&self) -> Tier {
         Tier::refused_if(self.displacement > REFUSED)
     }
 
     /// Creates the finding that the change has lowered χ² of `count` rows by more than needed.
-    pub fn finding(&self, cause: Cause, text: String, needed: f64, count: usize) -> Finding {
+    pub fn finding(
+        &self,
+        (cause, tier): (Cause, Tier),
+        text: String,
+        needed: f64,
+        count: usize,
+    ) -> Finding {
         let count = count as f64;
-        Finding::new(cause, self.tier(), text, self.drop / count, needed / count)
+        Finding::new(cause, tier, text, self.drop / count, needed / count)
     }
 }
 
@@ -127,7 +134,7 @@ fn change(geometry: &Geometry, sums: &AddedTerms, part: Part, rows: f64) -> Opti
     let sums = sums.of(&columns(geometry, part));
     let optimum = sums.optimum(geometry)?;
     // Residuals of a fit to few rows are smaller than the noise.
-    let shrunk = geometry.degrees_of_freedom().powi(2);
+    let shrunk = geometry.noise_factor().powi(2);
     let square = sums.square(&optimum.coefficients) / rows.max(1.0);
     Some(Change {
         part,
@@ -232,9 +239,8 @@ pub fn episode(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
             length(change.displacement),
             change.part.name()
         );
-        change
-            .finding(Cause::Step, text, needed, count)
-            .of_rows(rows)
+        let step = (Cause::Step, change.tier());
+        change.finding(step, text, needed, count).of_rows(rows)
     })
 }
 
@@ -303,7 +309,7 @@ pub fn examine<Fewer: Iterator<Item = Geometry>>(
 /// Finds a change in the scales that it leaves; `None` if the terms of the geometry follow the noise then, so that one with
 /// fewer terms must answer.
 fn in_its_own_scales(data: &Data<'_>, geometry: Geometry) -> Option<Option<Finding>> {
-    let scatter = |g: &Geometry| g.scales.position * g.degrees_of_freedom();
+    let scatter = |g: &Geometry| g.scales.position * g.noise_factor();
     let before = scatter(&geometry);
     let mut geometry = geometry;
     for round in 0..=ROUNDS {
@@ -328,11 +334,8 @@ fn in_its_own_scales(data: &Data<'_>, geometry: Geometry) -> Option<Option<Findi
 
 /// Returns whether a change would have to explain a large share of χ² to be found.
 fn is_blind(geometry: &Geometry) -> bool {
-    let of = |(r, weight): (&[f64; ROWS], &f64)| weight * r.iter().map(|x| x * x).sum::<f64>();
-    let all: f64 = (geometry.residuals.iter().zip(&geometry.weights))
-        .map(of)
-        .sum();
-    needed(geometry) > BLIND * all / geometry.degrees_of_freedom().powi(2)
+    let all = geometry.chi_squared(0..geometry.samples.len());
+    needed(geometry) > BLIND * all / geometry.noise_factor().powi(2)
 }
 
 impl Hypotheses {
@@ -382,10 +385,7 @@ impl Hypotheses {
                     step.part.name()
                 );
             }
-            return Some(Finding {
-                tier: Tier::Warning,
-                ..drift.finding(Cause::Drift, text, needed, count)
-            });
+            return Some(drift.finding((Cause::Drift, Tier::Warning), text, needed, count));
         }
         if step.drop <= needed {
             return None;
@@ -402,12 +402,8 @@ impl Hypotheses {
                 data.line(split),
                 length(zeros.displacement)
             );
-            return Some(Finding {
-                tier: Tier::Refused,
-                ..zeros
-                    .finding(Cause::Step, text, needed, count)
-                    .of_rows(rows())
-            });
+            let step = (Cause::Step, Tier::Refused);
+            return Some(zeros.finding(step, text, needed, count).of_rows(rows()));
         }
         let is_gradual = gradual.is_some_and(|c| c.part == Part::Joints && as_good(c, step));
         let others = changes[1..].iter().filter(|c| as_good(c, step));
@@ -426,21 +422,15 @@ impl Hypotheses {
             data.line(split),
             step.part.name()
         );
-        if !as_good.is_empty() {
-            text += &format!(" (fits equally: {})", as_good.join("; "));
-        }
+        text += &fits_equally(&as_good);
         if tier == Tier::Warning {
             text += &format!(
                 " (χ² drops by {} per row)",
                 three_digits(step.drop / count as f64)
             );
         }
-        Some(Finding {
-            tier,
-            ..step
-                .finding(Cause::Step, text, needed, count)
-                .of_rows(rows())
-        })
+        let finding = step.finding((Cause::Step, tier), text, needed, count);
+        Some(finding.of_rows(rows()))
     }
 }
 

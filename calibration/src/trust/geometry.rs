@@ -305,8 +305,14 @@ impl Geometry {
         self.samples.iter().map(|s| s.observation.equations()).sum()
     }
 
+    /// Returns χ² of some rows.
+    pub fn chi_squared(&self, rows: impl Iterator<Item = usize>) -> f64 {
+        let square = |k: usize| self.residuals[k].iter().map(|r| r * r).sum::<f64>();
+        rows.map(|k| self.weights[k] * square(k)).sum()
+    }
+
     /// Returns the factor from the residuals of the fit to the noise, which is larger.
-    pub fn degrees_of_freedom(&self) -> f64 {
+    pub fn noise_factor(&self) -> f64 {
         let equations = self.equations() as f64;
         (equations / (equations - self.determined).max(1.0)).sqrt()
     }

@@ -24,7 +24,7 @@ const MOST: f64 = 0.25;
 pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
     let count = geometry.samples.len();
     let most = (MOST * count as f64) as usize;
-    if count > MOST_ROWS || most == 0 {
+    if most == 0 {
         return None;
     }
     // Wrong rows hide each other until enough are left out; the others come back afterwards.
@@ -104,5 +104,5 @@ fn distance(geometry: &Geometry, row: usize) -> Option<f64> {
     }
     let x = Factor::new(variance, 1).ok()?.solve(&off);
     let square: f64 = (0..equations).map(|i| x[(i, 0)] * off[(i, 0)]).sum();
-    Some((square / equations as f64).sqrt() / geometry.degrees_of_freedom())
+    Some((square / equations as f64).sqrt() / geometry.noise_factor())
 }

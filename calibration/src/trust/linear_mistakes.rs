@@ -16,7 +16,7 @@ use crate::trust::change_points::needed;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;
-use crate::trust::wording::{length, three_digits};
+use crate::trust::wording::{fits_equally, length, three_digits};
 
 /// Shares of χ² that a mistake must explain to be warned of and to be refused: on measured arms none explains above 0.13.
 const EXPLAINED: (f64, f64) = (0.25, 0.35);
@@ -294,14 +294,10 @@ fn explaining(
     least: f64,
 ) -> Option<Finding> {
     let found = best_first(data, base, geometry);
-    let of = |(r, weight): (&[f64; ROWS], &f64)| weight * r.iter().map(|x| x * x).sum::<f64>();
-    let all: f64 = (geometry.residuals.iter().zip(&geometry.weights))
-        .map(of)
-        .sum();
     let (best, others) = found.split_first()?;
-    let share = best.drop / all;
+    let share = best.drop / geometry.chi_squared(0..geometry.samples.len());
     let (drop, needed) = (
-        best.drop / geometry.degrees_of_freedom().powi(2),
+        best.drop / geometry.noise_factor().powi(2),
         needed(geometry),
     );
     let is_large = best.mistake.is_large(&best.optimum.coefficients);
@@ -314,9 +310,7 @@ fn explaining(
         .take(OTHERS)
         .map(|other| other.text(&data.units))
         .collect();
-    if !others.is_empty() {
-        text += &format!(" (fits equally: {})", others.join("; "));
-    }
+    text += &fits_equally(&others);
     let tier = Tier::refused_if(share > EXPLAINED.1);
     let rows = geometry.samples.len() as f64;
     let cause = best.mistake.cause();

@@ -58,11 +58,8 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
         lines(&rows),
         length(change.displacement)
     );
-    Some(
-        change
-            .finding(Cause::Mixed, text, needed, count)
-            .of_rows(rows),
-    )
+    let mixed = (Cause::Mixed, change.tier());
+    Some(change.finding(mixed, text, needed, count).of_rows(rows))
 }
 
 /// Returns for each row the change of a joint's zero that explains most of its residual.

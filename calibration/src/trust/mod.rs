@@ -31,7 +31,7 @@ use nalgebra::Vector3;
 
 pub use poegp_protocol::cause::{Cause, Causes};
 
-pub(crate) use crate::trust::change_points::drop_among;
+pub(crate) use crate::trust::change_points::{AS_GOOD, BLIND, SPLITS, drop_among};
 pub use crate::trust::finding::{Finding, Findings, Tier};
 pub use crate::trust::residuals::overstated_noise;
 

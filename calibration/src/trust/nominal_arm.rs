@@ -13,7 +13,7 @@ use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::numbers::frozen;
 use crate::trust::readings::{Data, Reading, readings};
-use crate::trust::wording::{length, lengths, lines};
+use crate::trust::wording::{fits_equally, length, lengths, lines};
 
 /// Ratio of the median position residual to the arm's reach above which the file is not from this robot.
 const REFUSED_REACH: f64 = 0.009;
@@ -293,9 +293,7 @@ impl Scene<'_> {
             fit.lengths(self.has_orientation)
         );
         let others: Vec<String> = fits[1..].iter().take(3).map(|(_, c)| sentence(c)).collect();
-        if !others.is_empty() {
-            text += &format!(" (fits equally: {})", others.join("; "));
-        }
+        text += &fits_equally(&others);
         let value = fit.relative / given.relative;
         Some(refused(all[first[0]].cause, text, value, BETTER))
     }

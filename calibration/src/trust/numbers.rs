@@ -100,13 +100,8 @@ fn standing(robot: &Robot, still: &[(usize, f64)]) -> Option<Finding> {
         Some(range) => (range, STILL.0),
         None => (moved?, STILL.1),
     };
-    Some(Finding::new(
-        Cause::Still,
-        Tier::Warning,
-        text,
-        value,
-        threshold,
-    ))
+    let (cause, tier) = (Cause::Still, Tier::Warning);
+    Some(Finding::new(cause, tier, text, value, threshold))
 }
 
 struct Scene<'a> {
@@ -128,14 +123,8 @@ impl Scene<'_> {
             "the rows are sorted by {name}, so that steps and drifts of the instrument cannot be seen: give the time of \
              each row in a column time_s"
         );
-        let (value, threshold) = (self.samples.len() as f64, LEAST_SORTED as f64);
-        Some(Finding::new(
-            Cause::Time,
-            Tier::Note,
-            text,
-            value,
-            threshold,
-        ))
+        let (rows, least) = (self.samples.len() as f64, LEAST_SORTED as f64);
+        Some(Finding::new(Cause::Time, Tier::Note, text, rows, least))
     }
 
     /// Returns the joints that do not move, except passive ones, with their ranges in rad or m.

@@ -174,7 +174,7 @@ impl<'a> Payloads<'a> {
             .map(|i| weighted[(0, i)] * (g.state.deviation[i] + g.next_step[(i, 0)]))
             .sum();
         let variance = (&weighted * &g.covariance * weighted.transpose())[(0, 0)];
-        let noise = g.degrees_of_freedom() * g.leniency();
+        let noise = g.noise_factor() * g.leniency();
         let rise = lift / (variance.sqrt() * noise).max(f64::MIN_POSITIVE);
         let span = self.different.last()? - self.different.first()?;
         let of_span = span * lift / carried;

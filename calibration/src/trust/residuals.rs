@@ -178,7 +178,7 @@ impl Scene<'_> {
 
     /// Returns the standard deviation of one position component, in m.
     fn scatter(&self) -> f64 {
-        self.geometry.scales.position * self.geometry.degrees_of_freedom()
+        self.geometry.scales.position * self.geometry.noise_factor()
     }
 
     fn noise(&self) -> Option<Finding> {
@@ -275,7 +275,7 @@ impl Scene<'_> {
             explained -= trace[part] * noise[part] / count[part];
             possible -= trace[part] * trace[part] / count[part];
         }
-        g.degrees_of_freedom().powi(2) * explained / possible.max(f64::MIN_POSITIVE)
+        g.noise_factor().powi(2) * explained / possible.max(f64::MIN_POSITIVE)
     }
 
     fn frames(&self) -> Option<Finding> {
@@ -298,7 +298,7 @@ impl Scene<'_> {
     }
 
     fn nominal(&self, nominal: f64) -> Option<Finding> {
-        let left = self.geometry.position * self.geometry.degrees_of_freedom();
+        let left = self.geometry.position * self.geometry.noise_factor();
         let ratio = nominal / left.max(1e-9);
         (ratio < NOMINAL && nominal < COMPUTED).then(|| {
             let text = format!(

@@ -54,8 +54,7 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
         .into_iter()
         .filter_map(|kinds| search(geometry, &rows, kinds));
     let best = found.max_by(|a, b| a.drop.total_cmp(&b.drop))?;
-    let square = |k: usize| geometry.residuals[k].iter().map(|r| r * r).sum::<f64>();
-    let all: f64 = rows.iter().map(|k| geometry.weights[*k] * square(*k)).sum();
+    let all = geometry.chi_squared(rows.iter().copied());
     // Of noise, the difference takes an equation for each of its terms, and the choice of a kind more than half of one.
     let free = 6.0 * joints as f64 + OF_A_KIND * rows.len() as f64;
     let equations = geometry.equations() as f64 / every as f64;
@@ -88,7 +87,7 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
         length(best.displacement),
         lines(&fewer)
     );
-    let in_rows = 1.0 / (geometry.degrees_of_freedom().powi(2) * rows.len() as f64);
+    let in_rows = 1.0 / (geometry.noise_factor().powi(2) * rows.len() as f64);
     let (drop, needed) = (in_rows * best.drop, in_rows * needed * all);
     Some(Finding::new(Cause::Mixed, Tier::Refused, text, drop, needed).of_rows(fewer))
 }

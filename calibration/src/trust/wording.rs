@@ -19,6 +19,14 @@ pub fn length(metres: f64) -> String {
     }
 }
 
+/// Lists what explains the rows as well as what was named.
+pub fn fits_equally(others: &[String]) -> String {
+    match others.is_empty() {
+        true => String::new(),
+        false => format!(" (fits equally: {})", others.join("; ")),
+    }
+}
+
 /// Formats a number with three significant digits, without an exponent.
 pub fn three_digits(value: f64) -> String {
     let size = value.abs();

@@ -12,23 +12,17 @@ use crate::identification::parametric::state::ROWS;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::matrix::Mat;
 use crate::numeric::vectors::dot;
-use crate::trust::drop_among;
+use crate::trust::{AS_GOOD, BLIND, SPLITS, drop_among};
 use crate::verification::arm::BlobArm;
 use crate::verification::columns::{Columns, basis, columns, without};
 use crate::verification::hypotheses::{Masked, Part};
 use crate::verification::result::CheckError;
 use crate::verification::whitened::Whitened;
 
-/// Share of χ² above which a change explains so much that the noise which it leaves decides.
-const BLIND: f64 = 0.25;
 /// Fewest rows before and after a step.
 const LEAST: usize = 4;
-/// Number of splits that are tried first.
-const SPLITS: usize = 25;
 /// Fewest degrees of freedom beside all changes: with fewer, the noise is too uncertain.
 const FEWEST_FREEDOM: usize = 24;
-/// Share of the best change's drop above which another part fits as well.
-const AS_GOOD: f64 = 0.93;
 /// Largest number of times that the noise is found again.
 const ROUNDS: usize = 3;
 

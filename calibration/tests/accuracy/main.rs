@@ -89,9 +89,7 @@ fn origin(tools: usize) -> Provenance {
         target: String::new(),
     };
     Provenance {
-        serial_number: String::new(),
         date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
         tools: (0..tools).map(tool).collect(),
         ..Provenance::default()
     }

@@ -60,9 +60,7 @@ pub fn fit_measured(robot: Robot, csv: &str, options: &Config) -> Fitted {
     let mut tools = Vec::new();
     let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools).unwrap();
     let origin = Provenance {
-        serial_number: String::new(),
         date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
         tools,
         ..Provenance::default()
     };

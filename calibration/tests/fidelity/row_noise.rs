@@ -74,9 +74,7 @@ fn silent(samples: &[InstrumentSample]) -> Vec<InstrumentSample> {
 fn calibrated(samples: &[InstrumentSample], options: &Config) -> CalibratedBlob {
     let (robot, _) = arm();
     let origin = Provenance {
-        serial_number: String::new(),
         date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
         tools: vec![ToolName::default()],
         ..Provenance::default()
     };

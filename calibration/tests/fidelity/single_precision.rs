@@ -23,10 +23,7 @@ use crate::{say, sets};
 
 fn origin() -> Provenance {
     Provenance {
-        serial_number: String::new(),
         date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
-        tools: Vec::new(),
         ..Provenance::default()
     }
 }

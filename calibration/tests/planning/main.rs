@@ -131,9 +131,7 @@ impl Arm {
             .map(|p| sample(&self.robot, p, Some(p.payload_kg)))
             .collect();
         let origin = Provenance {
-            serial_number: String::new(),
             date: "2026-11-20".to_owned(),
-            data_sha256: [0; 32],
             tools: vec![ToolName::default()],
             ..Provenance::default()
         };

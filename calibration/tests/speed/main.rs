@@ -79,10 +79,7 @@ fn arm(errors: &str) -> (Robot, Vec<InstrumentSample>) {
 fn calibrated(method: Method) -> (Calibration, BlobModel, Vec<InstrumentSample>) {
     let (robot, samples) = arm("paper");
     let origin = Provenance {
-        serial_number: String::new(),
         date: "2026-11-20".to_owned(),
-        data_sha256: [0; 32],
-        tools: Vec::new(),
         ..Provenance::default()
     };
     let options = Config::new(method);

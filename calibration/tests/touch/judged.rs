@@ -14,7 +14,7 @@ use poegp_calibration::model::touches::USUAL_CLASS;
 use poegp_calibration::model::touches::summary::tips_mm;
 use poegp_calibration::progress::FitContext;
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
+use poegp_calibration::simulation::touches::TouchTask;
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::touches::{TouchEvaluation, evaluate_touches, flanges};
 use poegp_calibration::verification::hypotheses::Part;
@@ -22,6 +22,7 @@ use poegp_calibration::verification::touches::{TouchReport, check_touches};
 use poegp_runtime::math::se3::Pose;
 
 use crate::measured::calibrated;
+use crate::trial::task;
 
 fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
@@ -34,14 +35,6 @@ fn touched(
     kinds: &[(&str, usize)],
     rows: usize,
 ) -> TouchSet {
-    let task = |(name, features): &(&str, usize)| TouchTask {
-        kind: TOUCH_KINDS
-            .iter()
-            .find(|(known, _)| known == name)
-            .unwrap()
-            .1,
-        features: *features,
-    };
     let tasks: Vec<TouchTask> = kinds.iter().map(task).collect();
     let (touches, _) = simulator
         .touch(robot, &tasks, rows, 3, "simulated")

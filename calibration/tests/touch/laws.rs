@@ -7,7 +7,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
 
 use crate::sets::{Truth, mean_mm};
-use crate::trial::{Trial, simulated, trial};
+use crate::trial::{Trial, simulated, task, trial};
 
 fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
@@ -250,19 +250,10 @@ fn what_is_left_out_misses_as_what_is_new() {
 #[test]
 fn a_pasted_row_is_one_touch() {
     use poegp_calibration::simulation::Simulator;
-    use poegp_calibration::simulation::touches::{TOUCH_KINDS, TouchTask};
 
-    let (_, kind) = TOUCH_KINDS
-        .iter()
-        .find(|(name, _)| *name == "wire")
-        .unwrap();
-    let task = TouchTask {
-        kind: *kind,
-        features: 1,
-    };
     let mut simulator = Simulator::new(&robot(), Scenario::Paper, &[1.0], 24);
     let (touches, _) = simulator
-        .touch(&robot(), &[task], 40, 0, "simulated")
+        .touch(&robot(), &[task(&("wire", 1))], 40, 0, "simulated")
         .unwrap();
     let parse = |csv: &str| {
         let csv = ("touches.csv".as_ref(), csv.as_bytes());

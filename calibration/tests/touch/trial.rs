@@ -48,6 +48,15 @@ pub fn trial(robot: &Robot, set: &TouchSet, truth: &Truth) -> Trial {
     }
 }
 
+/// Returns what to touch: a kind, as `simulate --touch` names it, and the number of its features.
+pub fn task((name, features): &(&str, usize)) -> TouchTask {
+    let kind = TOUCH_KINDS.iter().find(|(known, _)| known == name);
+    TouchTask {
+        kind: kind.unwrap().1,
+        features: *features,
+    }
+}
+
 /// Simulates touches of an arm and their truth; `None` if the reader refuses the touches.
 pub fn simulated(
     robot: &Robot,
@@ -57,13 +66,6 @@ pub fn simulated(
     seed: u64,
 ) -> Option<(TouchSet, Truth)> {
     let mut simulator = Simulator::new(robot, scenario, &[1.0], seed);
-    let task = |(name, features): &(&str, usize)| {
-        let kind = TOUCH_KINDS.iter().find(|(known, _)| known == name);
-        TouchTask {
-            kind: kind.unwrap().1,
-            features: *features,
-        }
-    };
     let tasks: Vec<TouchTask> = tasks.iter().map(task).collect();
     let (touches, truth) = simulator
         .touch(robot, &tasks, count, POSES, "simulated")

@@ -62,10 +62,7 @@ impl Cell {
         let mut simulator = Simulator::new(&robot, scenario, &payloads, seed);
         let training = measured(&robot, &mut simulator, poses);
         let origin = Provenance {
-            serial_number: String::new(),
             date: "2026-11-20".to_owned(),
-            data_sha256: [0; 32],
-            tools: Vec::new(),
             ..Provenance::default()
         };
         let found =

@@ -8,6 +8,7 @@ use poegp_runtime::model::{MAX_PAYLOAD_KG, Model};
 use proptest::prelude::*;
 
 use crate::arm::{Arm, WORDS};
+use crate::elastic_model::couple;
 use crate::seeded::config;
 
 /// The kind of arm in a test.
@@ -47,13 +48,7 @@ fn arm(shape: Shape) -> Arm {
         *frame = moved.to_rows();
     }
     if shape.coupled && n >= 3 {
-        arm.coupling = (0..n * n)
-            .map(|index| match (index / n, index % n) {
-                (row, column) if row == column => 1.0,
-                (2, 1) => -1.0,
-                _ => 0.0,
-            })
-            .collect();
+        couple(&mut arm);
     }
     arm
 }

@@ -35,7 +35,7 @@ fn nearest_rotation(mut pose: Pose<f64>) -> Pose<f64> {
 }
 
 /// Couples the joints: q3 of the chain is q3 − q2.
-fn couple(arm: &mut Arm) {
+pub fn couple(arm: &mut Arm) {
     let n = arm.joints.len();
     arm.coupling = (0..n * n)
         .map(|index| match (index / n, index % n) {

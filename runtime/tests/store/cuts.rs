@@ -1,7 +1,7 @@
 //! Power cuts at every operation of `write` and `promote`.
 
 use crate::nor::Cut;
-use crate::steps::{Step, TestStore, again, boots_with, carry_out, read, store, whole};
+use crate::steps::{Step, TestStore, again, boots_with, carry_out, random, read, store, whole};
 
 /// Returns the erase units of a slot: one for the head, and those for blobs of at most 85 bytes.
 fn units(erase: usize) -> usize {
@@ -165,13 +165,7 @@ fn lives<const WRITE: usize, const ERASE: usize>() -> u64 {
     let units = units(ERASE);
     let mut cuts = 0;
     for seed in 1..=150_u64 {
-        let mut state = seed;
-        let mut random = |below: u64| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 8) % below
-        };
+        let mut random = random(seed);
         let mut store = store::<WRITE, ERASE>(units);
         store.flash().corrects_errors = seed % 2 == 0;
         store.flash().needs_whole_erases = ERASE == 32;

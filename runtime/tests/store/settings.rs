@@ -4,7 +4,7 @@ use poegp_protocol::link::CycleSettings;
 use poegp_runtime::store::StoreError;
 
 use crate::nor::Cut;
-use crate::steps::{Step, TestStore, again, carry_out, layout, store, whole};
+use crate::steps::{Step, TestStore, again, carry_out, layout, random, store, whole};
 
 const UNITS: usize = 3;
 
@@ -99,13 +99,7 @@ fn every_operation_of_a_change() {
 fn long_lives() {
     let (mut cuts, mut full) = (0, 0);
     for seed in 1..=200_u64 {
-        let mut state = seed;
-        let mut random = |below: u64| {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            (state >> 8) % below
-        };
+        let mut random = random(seed);
         let mut store = store::<4, 128>(UNITS);
         let mut there = None;
         for number in 1..=30 {

@@ -32,6 +32,17 @@ impl Step {
     ];
 }
 
+/// Returns a generator of random numbers below a bound (xorshift64).
+pub fn random(seed: u64) -> impl FnMut(u64) -> u64 {
+    let mut state = seed;
+    move |below| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 8) % below
+    }
+}
+
 /// Returns the layout of the simulated flash: slots of `units` erase units with the key page between them, then the
 /// settings.
 pub fn layout<const ERASE: usize>(units: usize) -> Layout {

@@ -202,26 +202,20 @@ pub fn preset(bytes: &[u8]) {
         .map(Path::new)
         .zip(raws.iter().map(Vec::as_slice))
         .collect();
+    let named: Vec<_> = RAWS
+        .into_iter()
+        .zip(raws.iter().map(Vec::as_slice))
+        .collect();
     for preset in PRESETS {
         match preset.map(&files) {
-            Err(error) => {
-                let files: Vec<_> = RAWS
-                    .into_iter()
-                    .zip(raws.iter().map(Vec::as_slice))
-                    .collect();
-                assert_refusal(&error, &files);
-            }
+            Err(error) => assert_refusal(&error, &named),
             Ok((map, doubt)) => {
                 if let Err(error) = Map::parse(Path::new(MAP), &map) {
                     panic!("{error}\n{map}");
                 }
                 run_import(&map, &raws);
                 if let Some(error) = doubt {
-                    let files: Vec<_> = RAWS
-                        .into_iter()
-                        .zip(raws.iter().map(Vec::as_slice))
-                        .collect();
-                    assert_refusal(&error, &files);
+                    assert_refusal(&error, &named);
                 }
             }
         }

@@ -9,6 +9,7 @@ use crate::cli::args::{FitArgs, RobotArgs, heading, method};
 use crate::cli::calibrate::report_page;
 use crate::cli::examination::{AcceptArgs, Examined};
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
+use crate::cli::input::Input;
 use crate::cli::inputs;
 use crate::cli::inputs::{Arm, KnownRows, enough_poses, equations, file_name, origin};
 use crate::cli::instrument_drift;
@@ -151,7 +152,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         set,
         samples: train,
         ..
-    } = arm.read(&a.train, &mut tools, DriftCorrection::None)?;
+    } = arm.read(&Input::file(&a.train), &mut tools, DriftCorrection::None)?;
     let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
     let trained_tools = tools.len();
     if a.folds() > train.len() {

@@ -29,7 +29,7 @@ pub fn read(
     tools: &mut Vec<ToolName>,
     correct: bool,
 ) -> Result<SampleFile, Failure> {
-    let file = arm.read_input(input, tools, correction(correct))?;
+    let file = arm.read(input, tools, correction(correct))?;
     if !correct {
         hint(input.path, &file.set);
     }

@@ -75,8 +75,8 @@ fn by_index<'a>(
     (joints, joint_column): (&'a Table, usize),
     left_out: &mut Vec<String>,
 ) -> Result<Vec<Option<&'a Line>>, InputError> {
-    let (mut unused, unnamed) = indexed(map, joints, joint_column)?;
-    indexed(map, poses, pose_column)?;
+    let (mut unused, unnamed) = indexed(map, joints, joint_column, ("", "index"))?;
+    indexed(map, poses, pose_column, ("", "index"))?;
     left_out.extend(unnamed);
     let mut out = Vec::new();
     for line in &poses.rows {
@@ -116,8 +116,14 @@ fn by_index<'a>(
 /// The rows of a file by their index, and which rows the map leaves out because they have none.
 type Indexed<'a> = (BTreeMap<&'a str, &'a Line>, Vec<String>);
 
-/// Returns the rows of a file by their index, and refuses an index that occurs twice.
-fn indexed<'a>(map: &Map, table: &'a Table, column: usize) -> Result<Indexed<'a>, InputError> {
+/// Returns the rows of a file by their index, and refuses an index that occurs twice; `said` and `name` are how an error
+/// names it.
+pub fn indexed<'a>(
+    map: &Map,
+    table: &'a Table,
+    column: usize,
+    (said, name): (&str, &str),
+) -> Result<Indexed<'a>, InputError> {
     let mut out: BTreeMap<&str, &Line> = BTreeMap::new();
     let mut unnamed = Vec::new();
     for line in &table.rows {
@@ -129,11 +135,11 @@ fn indexed<'a>(map: &Map, table: &'a Table, column: usize) -> Result<Indexed<'a>
         fields.label(column)?;
         if let Some(other) = out.insert(fields.text(column), line) {
             let found = format!(
-                "{:?} again, first on line {}",
+                "{said}{:?} again, first on line {}",
                 fields.text(column),
                 other.number
             );
-            return Err(fields.error(column, found, "every index once"));
+            return Err(fields.error(column, found, format!("every {name} once")));
         }
     }
     Ok((out, unnamed))

@@ -14,6 +14,7 @@ use crate::import::column_map::{Incomplete, Join, LengthUnit, Map, Points};
 use crate::import::columns::{
     columns, joint_columns, joint_values, one, optional, twice_or_unused,
 };
+use crate::import::join::indexed;
 use crate::import::poses::left_out_note;
 use crate::import::rigid::{Fit, MAX_RESIDUAL_MM, fitted};
 use crate::import::text::{Line, Table};
@@ -250,24 +251,9 @@ fn joined<'a>(
         }
         return Ok(joints.rows.iter().map(Some).collect());
     }
-    let mut by_name: BTreeMap<&str, &Line> = BTreeMap::new();
     let column = name.unwrap_or(0);
-    for line in &joints.rows {
-        let fields = RowValues::new(joints, line);
-        if map.incomplete == Incomplete::LeaveOut && fields.is_missing(column) {
-            left_out.push(fields.location());
-            continue;
-        }
-        fields.label(column)?;
-        if let Some(other) = by_name.insert(fields.text(column), line) {
-            let found = format!(
-                "pose {:?} again, first on line {}",
-                fields.text(column),
-                other.number
-            );
-            return Err(fields.error(column, found, "every pose once"));
-        }
-    }
+    let (mut by_name, unnamed) = indexed(map, joints, column, ("pose ", "pose"))?;
+    left_out.extend(unnamed);
     let mut out = Vec::new();
     for group in groups {
         let line = by_name.remove(group.pose.as_str());

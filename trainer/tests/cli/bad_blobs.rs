@@ -5,9 +5,11 @@ use poegp_protocol::blob::FORMAT_VERSION;
 use crate::program::{Folder, SERIAL, simulated};
 use crate::texts::texts;
 
-fn folder() -> (Folder, Vec<u8>) {
+/// Returns a folder with train.csv, test1.csv and arm.blob; also returns the blob.
+pub fn folder() -> (Folder, Vec<u8>) {
     let folder = Folder::prepared("bad_blobs", |folder| {
         folder.write("train.csv", simulated("train", 20));
+        folder.write("test1.csv", simulated("test1", 5));
         let line =
             format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
         folder.run(&line).ok();

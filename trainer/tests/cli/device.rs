@@ -6,24 +6,12 @@ use poegp_protocol::link::{
 };
 use serde_json::json;
 
+use crate::bad_blobs::folder;
 use crate::fake_device::{
     Answer, FakeDevice, PORT, encoded, identity, model, on_a_serial_line, stored,
 };
-use crate::program::{Folder, SERIAL, simulated};
+use crate::program::{Folder, simulated};
 use crate::texts::texts;
-
-/// Returns a folder with arm.blob and test1.csv; also returns the blob.
-fn folder() -> (Folder, Vec<u8>) {
-    let folder = Folder::prepared("device", |folder| {
-        folder.write("train.csv", simulated("train", 20));
-        folder.write("test1.csv", simulated("test1", 5));
-        let line =
-            format!("calibrate --robot {SERIAL} train.csv --method poe-gp-load --out arm.blob");
-        folder.run(&line).ok();
-    });
-    let blob = folder.read("arm.blob");
-    (folder, blob)
-}
 
 /// Every command that talks to a device, with the files of [`folder`].
 const COMMANDS: [&str; 11] = [

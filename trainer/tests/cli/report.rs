@@ -22,6 +22,14 @@ fn numbers(page: &str) -> Vec<(f64, String, String)> {
     out
 }
 
+/// Returns whether a text is a number, rounded. Shares are in percent.
+pub fn is_rounded(value: f64, text: &str) -> bool {
+    let decimals = text.split_once('.').map_or(0, |(_, d)| d.len());
+    let shown: f64 = text.parse().unwrap();
+    let half = 0.5001 * 10f64.powi(-(decimals as i32));
+    (shown - value).abs() <= half || (shown - 100.0 * value).abs() <= half
+}
+
 /// Asserts that every number on the page is the document's, rounded. Returns how many there are.
 #[track_caller]
 pub fn check_numbers(page: &str, document: &Value) -> usize {
@@ -29,12 +37,10 @@ pub fn check_numbers(page: &str, document: &Value) -> usize {
     for (value, pointer, text) in &numbers {
         let there = document.pointer(pointer).and_then(Value::as_f64);
         assert_eq!(there, Some(*value), "{pointer}: the page has {text}");
-        let decimals = text.split_once('.').map_or(0, |(_, d)| d.len());
-        let shown: f64 = text.parse().unwrap();
-        let half = 0.5001 * 10f64.powi(-(decimals as i32));
-        // Shares are shown in percent.
-        let fits = (shown - value).abs() <= half || (shown - 100.0 * value).abs() <= half;
-        assert!(fits, "{pointer}: {value} is shown as {text}");
+        assert!(
+            is_rounded(*value, text),
+            "{pointer}: {value} is shown as {text}"
+        );
     }
     numbers.len()
 }

@@ -8,34 +8,12 @@ use crate::texts::texts;
 const SCARA: &str = r#"
 name = "scara"
 convention = "dh"
-[[joint]]
-name = "shoulder"
-kind = "revolute"
-limits_deg = [-130, 130]
-a_mm = 325
-d_mm = 400
-alpha_deg = 0
-[[joint]]
-name = "elbow"
-kind = "revolute"
-limits_deg = [-145, 145]
-a_mm = 275
-d_mm = 0
-alpha_deg = 180
-[[joint]]
-name = "stroke"
-kind = "prismatic"
-limits_mm = [0, 200]
-a_mm = 0
-d_mm = 0
-alpha_deg = 0
-[[joint]]
-name = "spindle"
-kind = "revolute"
-limits_deg = [-180, 180]
-a_mm = 0
-d_mm = 50
-alpha_deg = 0
+joint = [
+  { name = "shoulder", kind = "revolute", limits_deg = [-130, 130], a_mm = 325, d_mm = 400, alpha_deg = 0 },
+  { name = "elbow", kind = "revolute", limits_deg = [-145, 145], a_mm = 275, d_mm = 0, alpha_deg = 180 },
+  { name = "stroke", kind = "prismatic", limits_mm = [0, 200], a_mm = 0, d_mm = 0, alpha_deg = 0 },
+  { name = "spindle", kind = "revolute", limits_deg = [-180, 180], a_mm = 0, d_mm = 50, alpha_deg = 0 },
+]
 "#;
 
 /// Returns a folder with a model of the arm, and a pose of it with its joints in columns of these names.

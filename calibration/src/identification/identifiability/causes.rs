@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::identification::identifiability::frames::{Frame, Part, Task};
+use crate::identification::identifiability::frames::{Frame, Role, Task};
 use crate::identification::identifiability::wording::{list, numbers};
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::extremes;
@@ -87,7 +87,7 @@ fn negative(twist: &Twist<f64>) -> Twist<f64> {
 }
 
 fn tools(frames: &[Frame]) -> impl Iterator<Item = usize> {
-    (0..frames.len()).filter(|f| matches!(frames[*f].part, Part::Tool(_)))
+    (0..frames.len()).filter(|f| matches!(frames[*f].role, Role::Tool(_)))
 }
 
 fn positions_only(task: &Task, frames: &[Frame]) -> Option<Cause> {

@@ -6,7 +6,7 @@
 
 use poegp_protocol::JointKind;
 
-use crate::identification::identifiability::frames::{Frame, Part, ROUNDING};
+use crate::identification::identifiability::frames::{Frame, ROUNDING, Role};
 use crate::identification::identifiability::subspaces::Space;
 use crate::numeric::matrix::Mat;
 use crate::robot::own_motion;
@@ -24,7 +24,7 @@ const LINK_WEIGHT: f64 = 0.5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ElementaryMotion {
     /// Frame that moves.
-    pub part: Part,
+    pub role: Role,
     /// Axis of the motion: 0–2 along x, y, z; 3–5 about x, y, z.
     pub axis: usize,
     /// Whether the motion is the offset of the joint before the frame.
@@ -104,7 +104,7 @@ impl Coordinates {
         let weight = |i: usize| match self.atoms[i] {
             ElementaryMotion { offset: true, .. } => 1.0,
             ElementaryMotion {
-                part: Part::Link(_),
+                role: Role::Link(_),
                 ..
             } => LINK_WEIGHT,
             _ => 1.0,
@@ -156,12 +156,12 @@ impl Coordinates {
 /// Returns all atoms in order of preference.
 fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<ElementaryMotion> {
     let atom = |index: usize, axis: usize| {
-        let part = frames[index].part;
+        let role = frames[index].role;
         let own_axis = |joint: usize| own_motion(kinds[joint - 1]);
         ElementaryMotion {
-            part,
+            role,
             axis,
-            offset: matches!(part, Part::Link(joint) if own_axis(joint) == axis),
+            offset: matches!(role, Role::Link(joint) if own_axis(joint) == axis),
             column: 6 * index + axis,
         }
     };
@@ -169,12 +169,12 @@ fn candidates(frames: &[Frame], kinds: &[JointKind]) -> Vec<ElementaryMotion> {
         .flat_map(|index| (0..6).map(move |axis| (index, axis)))
         .map(|(index, axis)| atom(index, axis))
         .collect();
-    let rank = |a: &ElementaryMotion| match (a.part, a.offset, a.axis) {
-        (Part::Base, ..) => 0,
-        (Part::Tool(_), ..) => 1,
-        (Part::Link(_), true, _) => 2,
-        (Part::Link(_), false, 2) => 3,
-        (Part::Link(_), false, 0 | 1) => 4,
+    let rank = |a: &ElementaryMotion| match (a.role, a.offset, a.axis) {
+        (Role::Base, ..) => 0,
+        (Role::Tool(_), ..) => 1,
+        (Role::Link(_), true, _) => 2,
+        (Role::Link(_), false, 2) => 3,
+        (Role::Link(_), false, 0 | 1) => 4,
         _ => 5,
     };
     out.sort_by_key(rank);

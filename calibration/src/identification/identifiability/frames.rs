@@ -33,14 +33,14 @@ pub struct Task<'a> {
 pub(crate) struct Frame {
     /// Index of the frame: its parameters begin at six times this.
     pub(crate) position: usize,
-    pub(crate) part: Part,
+    pub(crate) role: Role,
     /// Standard deviation of the prior of its parameters, in m and rad.
     pub(crate) prior: f64,
 }
 
 /// The role of a frame in the chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Part {
+pub(crate) enum Role {
     Base,
     /// Link behind this joint; joints are numbered from 1.
     Link(usize),
@@ -53,10 +53,10 @@ pub(crate) fn frames(n: usize, tools: usize, base_and_tools_only: bool) -> Vec<F
         .filter(|position| !base_and_tools_only || *position == 0 || *position >= n)
         .map(|position| Frame {
             position,
-            part: match position {
-                0 => Part::Base,
-                link if link < n => Part::Link(link),
-                tool => Part::Tool((tools > 1).then_some(tool - n + 1)),
+            role: match position {
+                0 => Role::Base,
+                link if link < n => Role::Link(link),
+                tool => Role::Tool((tools > 1).then_some(tool - n + 1)),
             },
             prior: if position == 0 || position >= n {
                 PriorGroup::BaseAndTools.prior_sd()

@@ -57,7 +57,7 @@ impl Covariance {
             1e3 * variance.max(0.0).sqrt()
         };
         let of = |(index, frame): (usize, &Frame)| FrameDeviation {
-            frame: wording::part(frame.part),
+            frame: wording::role(frame.role),
             mm: [0, 1, 2].map(|axis| sd(6 * index + axis)),
             mrad: [3, 4, 5].map(|axis| sd(6 * index + axis)),
         };

@@ -1,7 +1,7 @@
 //! Wording of identifiability reports: names of frames and motions, and sentences for findings.
 
 use crate::identification::identifiability::elementary_motions::{Combination, ElementaryMotion};
-use crate::identification::identifiability::frames::Part;
+use crate::identification::identifiability::frames::Role;
 use crate::identification::identifiability::report::{Finding, IdentifyReport};
 
 /// Largest number of motions that a sentence names.
@@ -24,29 +24,29 @@ pub fn numbers(items: &[usize]) -> String {
 }
 
 /// Returns the name of a frame.
-pub fn part(part: Part) -> String {
-    match part {
-        Part::Base => "base".to_owned(),
-        Part::Link(link) => format!("link {link}"),
-        Part::Tool(None) => "tool".to_owned(),
-        Part::Tool(Some(tool)) => format!("tool {tool}"),
+pub fn role(role: Role) -> String {
+    match role {
+        Role::Base => "base".to_owned(),
+        Role::Link(link) => format!("link {link}"),
+        Role::Tool(None) => "tool".to_owned(),
+        Role::Tool(Some(tool)) => format!("tool {tool}"),
     }
 }
 
 /// Returns the name of an elementary motion in the axes of its frame (of a link: those of the joint before it, z along
 /// its axis).
 pub fn atom(atom: &ElementaryMotion) -> String {
-    if let (Part::Link(joint), true) = (atom.part, atom.offset) {
+    if let (Role::Link(joint), true) = (atom.role, atom.offset) {
         return format!("joint {joint}'s offset");
     }
-    let owner = match atom.part {
-        Part::Link(_) => part(atom.part),
-        _ => format!("the {}", part(atom.part)),
+    let owner = match atom.role {
+        Role::Link(_) => role(atom.role),
+        _ => format!("the {}", role(atom.role)),
     };
     let axis = ["x", "y", "z"][atom.axis % 3];
-    match (atom.part, atom.axis) {
-        (Part::Link(_), 0..=2) => format!("{owner}'s length along {axis}"),
-        (Part::Link(_), _) => format!("{owner}'s tilt about {axis}"),
+    match (atom.role, atom.axis) {
+        (Role::Link(_), 0..=2) => format!("{owner}'s length along {axis}"),
+        (Role::Link(_), _) => format!("{owner}'s tilt about {axis}"),
         (_, 0..=2) => format!("{owner}'s position along {axis}"),
         _ => format!("{owner}'s rotation about {axis}"),
     }

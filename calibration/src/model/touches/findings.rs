@@ -13,21 +13,17 @@ const ALONE: f64 = 0.5;
 /// Returns the findings against a calibration by touches.
 pub fn findings(summary: &TouchSummary) -> Findings {
     let mut out = Vec::new();
+    let refused = |text, value, limit| Finding::new(Cause::Gain, Tier::Refused, text, value, limit);
     let unit = summary.left_out_unit;
     let [drawn, calibrated] = summary.left_out;
     if summary.left_out_ratio >= LEFT_OUT_RATIO {
-        out.push(Finding::new(
-            Cause::Gain,
-            Tier::Refused,
-            format!(
-                "touches that were left out miss by {calibrated:.3} {unit} with the arm calibrated by the others and \
-                 by {drawn:.3} {unit} with the drawing, a ratio of {:.2} (limit {LEFT_OUT_RATIO}): touch more often \
-                 and in more orientations, and look for a tool that slips or joints with play",
-                summary.left_out_ratio
-            ),
-            summary.left_out_ratio,
-            LEFT_OUT_RATIO,
-        ));
+        let text = format!(
+            "touches that were left out miss by {calibrated:.3} {unit} with the arm calibrated by the others and \
+             by {drawn:.3} {unit} with the drawing, a ratio of {:.2} (limit {LEFT_OUT_RATIO}): touch more often \
+             and in more orientations, and look for a tool that slips or joints with play",
+            summary.left_out_ratio
+        );
+        out.push(refused(text, summary.left_out_ratio, LEFT_OUT_RATIO));
     }
     let expected = summary.after.mean_mm / summary.before.mean_mm;
     if expected >= EXPECTED_RATIO {
@@ -35,56 +31,38 @@ pub fn findings(summary: &TouchSummary) -> Findings {
             "touch more often, in orientations that differ more, and give a known distance",
             |unseen| unseen.text.as_str(),
         );
-        out.push(Finding::new(
-            Cause::Gain,
-            Tier::Refused,
-            format!(
-                "these touches determine too little: over the work volume, the expected error is {:.2} mm after them \
-                 and {:.2} mm before; {remedy}",
-                summary.after.mean_mm, summary.before.mean_mm
-            ),
-            expected,
-            EXPECTED_RATIO,
-        ));
+        let text = format!(
+            "these touches determine too little: over the work volume, the expected error is {:.2} mm after them \
+             and {:.2} mm before; {remedy}",
+            summary.after.mean_mm, summary.before.mean_mm
+        );
+        out.push(refused(text, expected, EXPECTED_RATIO));
     }
     if summary.worse_probability >= WORSE {
-        out.push(Finding::new(
-            Cause::Gain,
-            Tier::Refused,
-            format!(
-                "with a probability of {:.0} % (limit {:.0} %), calibration makes this arm worse: the touches \
-                 determine too few of its errors; touch more often and in more orientations, or add a socket or a \
-                 draw-wire",
-                100.0 * summary.worse_probability,
-                100.0 * WORSE
-            ),
-            summary.worse_probability,
-            WORSE,
-        ));
+        let text = format!(
+            "with a probability of {:.0} % (limit {:.0} %), calibration makes this arm worse: the touches \
+             determine too few of its errors; touch more often and in more orientations, or add a socket or a \
+             draw-wire",
+            100.0 * summary.worse_probability,
+            100.0 * WORSE
+        );
+        out.push(refused(text, summary.worse_probability, WORSE));
     }
     if let Some(tau) = summary.play_mm {
-        out.push(Finding::new(
-            Cause::Noise,
-            Tier::Warning,
-            format!(
-                "touches scatter by {tau:.2} mm beyond their stated noise: look for joints with play or a tool that \
-                 slipped"
-            ),
-            tau,
-            1e3 * PLAY.1,
-        ));
+        let text = format!(
+            "touches scatter by {tau:.2} mm beyond their stated noise: look for joints with play or a tool that \
+             slipped"
+        );
+        let found = Finding::new(Cause::Noise, Tier::Warning, text, tau, 1e3 * PLAY.1);
+        out.push(found);
     }
     if let Some(factor) = summary.beyond_class.filter(|f| *f > BEYOND) {
-        out.push(Finding::new(
-            Cause::Frames,
-            Tier::Note,
-            format!(
-                "this arm deviates from its drawing {factor:.1} times as much as stated for its class: the expected \
-                 error is enlarged to match"
-            ),
-            factor,
-            BEYOND,
-        ));
+        let text = format!(
+            "this arm deviates from its drawing {factor:.1} times as much as stated for its class: the expected \
+             error is enlarged to match"
+        );
+        let found = Finding::new(Cause::Frames, Tier::Note, text, factor, BEYOND);
+        out.push(found);
     }
     if let Some(text) = outliers_text(&summary.outliers, summary.rows) {
         let lines: Vec<usize> = summary.outliers.iter().map(|o| o.line).collect();
@@ -99,18 +77,14 @@ pub fn findings(summary: &TouchSummary) -> Findings {
             let even = f.equations as f64 / equations.max(1) as f64;
             f.share > ALONE && f.share > 2.0 * even
         }) {
-            out.push(Finding::new(
-                Cause::Outlier,
-                Tier::Warning,
-                format!(
-                    "\"{}\" alone has {:.0} % of the squared residuals of all touches: was it moved, or is it two \
-                     features under one name?",
-                    feature.name,
-                    100.0 * feature.share
-                ),
-                    feature.share,
-                ALONE,
-            ));
+            let text = format!(
+                "\"{}\" alone has {:.0} % of the squared residuals of all touches: was it moved, or is it two \
+                 features under one name?",
+                feature.name,
+                100.0 * feature.share
+            );
+            let found = Finding::new(Cause::Outlier, Tier::Warning, text, feature.share, ALONE);
+            out.push(found);
         }
     }
     let mut out = Findings(out);

@@ -6,7 +6,7 @@ use poegp_protocol::cause::Cause;
 use crate::identification::touch::mistakes::{Explained, Mistake};
 use crate::model::touches::summary::unit;
 use crate::robot::Robot;
-use crate::trust::wording::three_digits;
+use crate::trust::wording::{fits_equally, three_digits};
 use crate::trust::{Finding, Tier};
 
 /// Returns the finding about a mistake.
@@ -14,10 +14,7 @@ pub fn mistaken(robot: &Robot, explained: &Explained) -> Finding {
     let (unit, factor) = unit(explained.kind);
     let [given, left] = explained.scatter.map(|x| three_digits(factor * x));
     let others: Vec<String> = explained.others.iter().map(|m| named(robot, m)).collect();
-    let others = match others.is_empty() {
-        true => String::new(),
-        false => format!(" (fits equally: {})", others.join("; ")),
-    };
+    let others = fits_equally(&others);
     let text = format!(
         "{}: the touches miss by {given} {unit} as given and by {left} {unit} then{others}",
         named(robot, &explained.mistake)

@@ -5,7 +5,7 @@ use poegp_protocol::cause::Cause;
 use crate::identification::touch::added::Part;
 use crate::identification::touch::steps::Step;
 use crate::measurement::touch::TouchSet;
-use crate::trust::wording::{length, lines, three_digits};
+use crate::trust::wording::{fits_equally, length, lines, three_digits};
 use crate::trust::{Finding, Tier};
 
 /// Share of the drawing's expected error from which on a step is refused.
@@ -64,8 +64,5 @@ fn verb(set: &TouchSet, part: Part) -> String {
 /// Lists the other changes that explain the rows as well.
 fn others(set: &TouchSet, step: &Step) -> String {
     let others: Vec<String> = step.others.iter().map(|part| verb(set, *part)).collect();
-    match others.is_empty() {
-        true => String::new(),
-        false => format!(" (fits equally: {})", others.join("; ")),
-    }
+    fits_equally(&others)
 }

@@ -50,26 +50,6 @@ pub fn judged(
     gravity: Vector3<f64>,
     class: ClassPrior,
 ) -> Vec<Judged> {
-    let predicted = predicted(robot, nominal, set, (known, rows), gravity, class);
-    let of = predicted.into_iter();
-    of.map(|(row, sigmas, missed_mm)| Judged {
-        row,
-        contradicts: sigmas > CONTRADICTS,
-        missed_mm,
-    })
-    .collect()
-}
-
-/// Returns those of `rows` that the rows `known` predict, with the standard deviations of a normal number that are as
-/// improbable as the error of the prediction, and that error in mm if it is a length.
-fn predicted(
-    robot: &Robot,
-    nominal: &Poe<f64>,
-    set: &TouchSet,
-    (known, rows): (&[usize], &[usize]),
-    gravity: Vector3<f64>,
-    class: ClassPrior,
-) -> Vec<(usize, f64, Option<f64>)> {
     let mut before = set.clone();
     let known = known.iter().filter(|i| copy_of(set, **i).is_none());
     before.rows = known.map(|i| set.rows[*i].clone()).collect();
@@ -104,7 +84,11 @@ fn predicted(
     let of = |(k, row): (usize, &usize)| {
         let (sigmas, missed_mm) = error_of(&left_out, &all, first + k)?;
         let components = all.rows[first + k].reading.equations() as f64;
-        Some((*row, as_normal(sigmas * sigmas, components), missed_mm))
+        Some(Judged {
+            row: *row,
+            contradicts: as_normal(sigmas * sigmas, components) > CONTRADICTS,
+            missed_mm,
+        })
     };
     asked.iter().enumerate().filter_map(of).collect()
 }

@@ -32,6 +32,7 @@ fn name(error: &impl core::fmt::Debug) -> String {
     text[..text.find(' ').unwrap_or(text.len())].to_owned()
 }
 
+/// Numbers on the wire never change; new errors are appended.
 #[test]
 fn codes_of_the_store() {
     let errors = [
@@ -67,6 +68,7 @@ fn codes_of_the_store() {
         StoreError::KeyPageFull,
         StoreError::SettingsFull,
     ];
+    assert!(errors.iter().all(|error| !error.to_string().is_empty()));
     let rows = errors.map(|error| (error.code(), name(&error)));
     assert!((1..).zip(&rows).all(|(code, row)| row.0 == code));
     assert_rows("\n## Codes of `Store`\n", &rows);

@@ -332,16 +332,10 @@ fn choose_model(
 
 /// Creates the finding that there are too few poses to hold some out, so that nothing shows that the calibration helps.
 fn too_few_to_show(poses: usize) -> Finding {
-    Finding {
-        cause: Cause::Gain,
-        tier: Tier::Refused,
-        text: format!(
-            "{poses} poses are too few to hold one out: nothing shows that a calibration helps; measure more poses"
-        ),
-        rows: Vec::new(),
-        value: 1.0,
-        threshold: GAIN,
-    }
+    let text = format!(
+        "{poses} poses are too few to hold one out: nothing shows that a calibration helps; measure more poses"
+    );
+    Finding::new(Cause::Gain, Tier::Refused, text, 1.0, GAIN)
 }
 
 /// Chooses the model that fits the budget; returns its configuration with the trials.

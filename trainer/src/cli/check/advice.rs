@@ -6,8 +6,10 @@ use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::{Change, Moved, Report};
 
-/// Returns the failure of a check whose calibration does not hold.
-pub fn does_not_hold(reasons: &[String], advice: &[String]) -> Failure {
+/// Returns the failure of a check whose calibration does not hold: the reasons that apply, each with the mm allowed.
+pub fn does_not_hold(reasons: [(Option<String>, f64); 2], advice: &[String]) -> Failure {
+    let of = |(reason, mm)| Some(format!("{}, above the {mm} mm allowed", reason?));
+    let reasons: Vec<String> = reasons.into_iter().filter_map(of).collect();
     Failure::Quality(format!(
         "the calibration does not hold: {}\nhelp: {}",
         reasons.join(", and "),

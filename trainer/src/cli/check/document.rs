@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 use crate::cli::check::programs::CorrectedProgram;
-use crate::cli::inputs::origin;
+use crate::cli::inputs::now;
 use crate::report::certificate::Certificate;
 use crate::report::{FileSummary, Provenance};
 use poegp_calibration::blob::predict::BlobModel;
@@ -114,16 +114,11 @@ pub struct CheckTouchesJson<'a> {
     pub provenance: Provenance,
 }
 
-/// Returns the provenance of a check: the model, and the measured `files`, the first of which has the hash `sha256`.
-pub fn provenance(
-    loaded: &BlobModel,
-    blob: &Path,
-    sha256: [u8; 32],
-    mut files: Vec<FileSummary>,
-) -> Provenance {
+/// Returns the provenance of a check: the model, and the measured `files`.
+pub fn provenance(loaded: &BlobModel, blob: &Path, mut files: Vec<FileSummary>) -> Provenance {
     let path = blob.display().to_string();
     files.push(FileSummary::of_bytes("model", path, loaded.bytes()));
     let robot = &loaded.blob().robot;
-    let date = origin(sha256, robot.serial_number, Vec::new()).date;
+    let date = now().date().to_string();
     Provenance::new(robot.name, robot.serial_number, date, files)
 }

@@ -195,7 +195,6 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         provenance: provenance(
             &loaded,
             &a.blob,
-            data.set.sha256,
             vec![FileSummary::of_set("fresh measurements", &data.set)],
         ),
     };
@@ -210,21 +209,11 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     if document.holds {
         return tolerance::outcome(Some(&document.certificate), &statement);
     }
-    let mut reasons = Vec::new();
-    if !tolerance_met {
-        reasons.push(format!(
-            "its {} position error is {error:.4} mm, above the {} mm allowed",
-            a.statistic.name(),
-            a.max_mm
-        ));
-    }
-    if drift_matters {
-        reasons.push(format!(
-            "a drift moves the target by {:.4} mm on average, above the {max_drift_mm} mm allowed",
-            findings.effect_mm.mean
-        ));
-    }
-    Err(advice::does_not_hold(&reasons, &document.advice))
+    let (name, by) = (a.statistic.name(), findings.effect_mm.mean);
+    let error = (!tolerance_met).then(|| format!("its {name} position error is {error:.4} mm"));
+    let drift = drift_matters.then(|| format!("a drift moves the target by {by:.4} mm on average"));
+    let reasons = [(error, a.max_mm), (drift, max_drift_mm)];
+    Err(advice::does_not_hold(reasons, &document.advice))
 }
 
 /// Returns the finding that the stated noise is larger than the one that the residuals show, under which drift hides.

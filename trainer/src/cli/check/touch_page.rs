@@ -91,16 +91,9 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
     };
     let mut table = vec![summed("miss now", &f.miss_mm, "/touches/miss_mm")];
     if !f.changes.is_empty() {
-        table.push(summed(
-            "the tip moved by drift",
-            &f.effect_mm,
-            "/touches/effect_mm",
-        ));
-        table.push(summed(
-            "miss without drift",
-            &f.without_mm,
-            "/touches/without_mm",
-        ));
+        let (by, left) = (&f.effect_mm, &f.without_mm);
+        table.push(summed("the tip moved by drift", by, "/touches/effect_mm"));
+        table.push(summed("miss without drift", left, "/touches/without_mm"));
     }
     let section = Section::new("errors", "What the touches miss by")
         .figure(

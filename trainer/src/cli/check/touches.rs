@@ -79,12 +79,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         programs: programs::compared(&a.programs, &loaded, &a.blob)?,
         touches: &found,
         advice: advice::advice(&advised, tolerance_met, drift_matters, a.max_mm),
-        provenance: provenance(
-            &loaded,
-            &a.blob,
-            set.sha256[0],
-            FileSummary::of_touches(&set).into(),
-        ),
+        provenance: provenance(&loaded, &a.blob, FileSummary::of_touches(&set).into()),
     };
     let day = loaded.host().provenance.date;
     let json = json_text(&document)?;
@@ -98,21 +93,11 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     if document.holds {
         return Ok(());
     }
-    let mut reasons = Vec::new();
-    if !tolerance_met {
-        reasons.push(format!(
-            "touches miss by {error:.4} mm ({}), above the {} mm allowed",
-            a.statistic.name(),
-            a.max_mm
-        ));
-    }
-    if drift_matters {
-        reasons.push(format!(
-            "a drift moves the tip by {:.4} mm on average, above the {max_drift_mm} mm allowed",
-            found.effect_mm.mean
-        ));
-    }
-    Err(advice::does_not_hold(&reasons, &document.advice))
+    let (name, by) = (a.statistic.name(), found.effect_mm.mean);
+    let error = (!tolerance_met).then(|| format!("touches miss by {error:.4} mm ({name})"));
+    let drift = drift_matters.then(|| format!("a drift moves the tip by {by:.4} mm on average"));
+    let reasons = [(error, a.max_mm), (drift, max_drift_mm)];
+    Err(advice::does_not_hold(reasons, &document.advice))
 }
 
 fn refused(path: &Path, error: CheckError) -> Failure {

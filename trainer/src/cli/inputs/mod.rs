@@ -45,18 +45,8 @@ impl Arm {
         Ok(Self { robot, nominal })
     }
 
-    /// Reads and checks a measurement file for this robot; notes go to standard error. New tools are appended to `tools`.
+    /// Reads and checks measurements of this robot; notes go to standard error. New tools are appended to `tools`.
     pub fn read(
-        &self,
-        path: &Path,
-        tools: &mut Vec<ToolName>,
-        correction: DriftCorrection,
-    ) -> Result<SampleFile, Failure> {
-        read_samples(&Input::file(path), &self.robot, tools, correction)
-    }
-
-    /// Reads measurements as [`Arm::read`] does, from a file or from memory.
-    pub fn read_input(
         &self,
         input: &Input<'_>,
         tools: &mut Vec<ToolName>,
@@ -196,7 +186,7 @@ pub fn read_test(
     trained_tools: usize,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
-    let file = arm.read(path, tools, correction)?;
+    let file = arm.read(&Input::file(path), tools, correction)?;
     known.add(&file.set)?;
     if let Some(unknown) = tools.get(trained_tools) {
         return Err(InputError::new(

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::compare::Compare;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{Arm, file_name, is_training_data, origin, warn_of_training_data};
+use crate::cli::inputs::{Arm, file_name, is_training_data, now, warn_of_training_data};
 use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
 use crate::cli::touches::document::{CompareTouchesJson, ModelJson};
@@ -97,7 +97,7 @@ fn provenance(a: &Compare, robot: &str, set: &TouchSet, loaded: &[BlobModel]) ->
         [number] => number,
         _ => "",
     };
-    let date = origin(set.sha256[0], "", Vec::new()).date;
+    let date = now().date().to_string();
     Provenance::new(robot, serial_number, date, files)
 }
 

@@ -212,14 +212,7 @@ impl Plot {
         for (from, to, height) in bars.iter().filter(|b| b.2 > 0.0) {
             let ((left, top), (right, bottom)) =
                 (self.at(*from, *height), self.at(*to, self.y.lower));
-            d += &format!(
-                "M{} {}V{}H{}V{}z",
-                short(left),
-                short(bottom),
-                short(top),
-                short(right),
-                short(bottom)
-            );
+            d += &rectangle([left, right], [bottom, top]);
         }
         let class = format!("bar {}", series.class());
         self.marks.push(html! { path class=(class) d=(d) {} });
@@ -273,14 +266,7 @@ impl Plot {
     pub fn frame(&mut self, series: Series, low: (f64, f64), high: (f64, f64), texts: &str) {
         let ((left, bottom), (right, top)) = (self.at(low.0, low.1), self.at(high.0, high.1));
         let class = format!("rule {}", series.class());
-        let d = format!(
-            "M{} {}V{}H{}V{}z",
-            short(left),
-            short(bottom),
-            short(top),
-            short(right),
-            short(bottom)
-        );
+        let d = rectangle([left, right], [bottom, top]);
         self.marks.push(html! {
             path class=(class) d=(d) {}
             text class="note" x=(short(left + 3.0)) y=(short(top - 4.0)) { (texts) }
@@ -423,6 +409,12 @@ fn shortened(name: &str) -> String {
     }
     let (head, tail) = (&all[..7], &all[all.len() - (NAME - 8)..]);
     head.iter().chain(['…'].iter()).chain(tail).collect()
+}
+
+/// Returns the path of a rectangle between the ends of its sides.
+fn rectangle(x: [f64; 2], y: [f64; 2]) -> String {
+    let ([left, right], [bottom, top]) = (x.map(short), y.map(short));
+    format!("M{left} {bottom}V{top}H{right}V{bottom}z")
 }
 
 /// Formats a coordinate with one decimal, or without decimals when this is 0.

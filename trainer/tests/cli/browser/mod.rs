@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use crate::browser::chromium::{Browser, SHIFT};
 use crate::program::{Folder, SERIAL, changed, simulated};
+use crate::report::is_rounded;
 
 const PAGE: &str = include_str!("page.js");
 
@@ -102,10 +103,7 @@ fn every_word_and_number_is_there_without_the_script_and_nothing_complains() {
             let there = document.pointer(pointer).and_then(Value::as_f64);
             assert_eq!(there, Some(value), "{page}: {pointer}");
             let text = number[2].as_str().unwrap();
-            let decimals = text.split_once('.').map_or(0, |(_, d)| d.len());
-            let shown: f64 = text.parse().unwrap();
-            let half = 0.5001 * 10f64.powi(-(decimals as i32));
-            let fits = (shown - value).abs() <= half || (shown - 100.0 * value).abs() <= half;
+            let fits = is_rounded(value, text);
             assert!(fits, "{page}: {pointer}: {value} is shown as {text}");
         }
         silent(&browser);
