@@ -55,6 +55,7 @@ impl Provenance {
     /// Creates the provenance of a calibration with `data` on the day `date`; the serial number is left empty.
     pub fn new(data: &Samples, date: &str) -> Self {
         Self {
+            serial_number: String::new(),
             date: date.to_owned(),
             data_sha256: data.sha256,
             tools: data.tools.clone(),
