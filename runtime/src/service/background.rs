@@ -310,7 +310,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();
         spare.load(bytes, key.as_ref())?;
-        self.check_succession(device)
+        self.check_succession(true, device)
             .and_then(|()| self.check_time(device))?;
         let spare = self.spare.as_deref_mut().ok_or(Refusal::Busy)?;
         let bytes = self.upload.bytes();
@@ -341,7 +341,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             return Err(Refusal::UnknownModel { blob_crc });
         }
         // The model was verified, but the limits may have become stricter since; and it may be the formerly active model.
-        self.check_succession(device)?;
+        let uploaded = self.upload.verified == Some(blob_crc);
+        self.check_succession(uploaded, device)?;
         self.check_time(device)?;
         self.run_spare(device);
         Ok(())
@@ -367,14 +368,17 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
         self.check_spare(|model| in_time(model.instructions, allowed))
     }
 
-    /// Checks that the spare model may follow the active one and the stored one, and unloads it if it may not.
+    /// Checks that the spare model, `uploaded` or not, may follow the active one and the stored one, and unloads it if it may
+    /// not.
     #[inline(never)]
-    fn check_succession(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
+    fn check_succession(
+        &mut self,
+        uploaded: bool,
+        device: &mut impl Device<'m, WORDS>,
+    ) -> Result<(), Refusal> {
         let signed_only = self.key()?.is_some();
-        let spare = self.spare.as_ref().map(|spare| spare.blob_crc);
         // The owner of a key has announced that model alone, not the one of the other robot that it replaces.
-        let announced =
-            !signed_only || self.upload.verified.is_none() || self.upload.verified == spare;
+        let announced = !signed_only || uploaded;
         let there = Predecessors {
             active: self.order(device, CycleCommand::Report).model,
             stored_revision: self.lowest_revision,

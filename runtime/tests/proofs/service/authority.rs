@@ -281,8 +281,8 @@ fn another_robots_model_is_an_order_of_its_own() {
         crc: blob::CRC.checksum(&known.bytes),
         replaces_robot: true,
     };
-    // Without a key, and with one.
-    for provisioned in [false, true] {
+    // Without a key, with one, and while the owner's next announcement waits for its upload.
+    for (provisioned, announced) in [(false, false), (true, false), (true, true)] {
         let mut desk = Desk::default();
         let mut both = [&ours, &theirs].map(|known| signed_as(1, known, &key(1)));
         if provisioned {
@@ -315,6 +315,9 @@ fn another_robots_model_is_an_order_of_its_own() {
         desk.ask(&Request::CommitUpload);
         desk.ask(&theirs.activate());
         assert_eq!(desk.active(), Some(theirs.blob_crc));
+        if announced {
+            desk.ask_signed(&replace(theirs), &key(1));
+        }
         if provisioned {
             // Nor does the other one come back unsigned, even with the same revision.
             let back = desk.ask(&ours.activate());
