@@ -102,6 +102,13 @@ pub fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{s}")
 }
 
+/// Returns whether a terminal and a line of a file show a text as it is: it has no control characters, and none that change
+/// the direction of the text after them.
+pub fn is_printable(text: &str) -> bool {
+    let turns = |c| matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    !text.chars().any(|c| c.is_control() || turns(c))
+}
+
 #[cfg(test)]
 mod tests {
     use super::{InputError, counted};

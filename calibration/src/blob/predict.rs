@@ -1,6 +1,8 @@
 //! A blob as the device will run it: decoded, checked and evaluated by the `f32` runtime. This is the only source of
 //! predictions.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 use poegp_protocol::blob::{self, Blob, DecodeError, FrameSource, Host};
@@ -12,7 +14,7 @@ use poegp_runtime::model::load_error::LoadError;
 use poegp_runtime::model::{Model, words_for};
 
 use crate::identification::base_tools::UNKNOWN_TOOL;
-use crate::input_error::InputError;
+use crate::input_error::{InputError, is_printable};
 use crate::learning::task_space::MAX_POINTS;
 use crate::measurement::sample::{InstrumentSample, ToolName};
 use crate::numeric::rotation::nearest_rotation;
@@ -22,7 +24,7 @@ use crate::numeric::statistics::PoseError;
 pub type HostModel = Model<f32, { words_for(MAX_POINTS) }>;
 
 /// Why bytes are not a usable model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BlobError {
     /// The bytes are not a blob.
     #[error(transparent)]
@@ -30,6 +32,9 @@ pub enum BlobError {
     /// The blob is intact but not a usable model.
     #[error("the blob is intact but not a usable model: {0}")]
     Load(#[from] LoadError),
+    /// A name holds characters that could change what a terminal or a file shows.
+    #[error("the name {0:?} holds control characters")]
+    Name(String),
 }
 
 /// The decoded contents of a blob.
@@ -59,6 +64,9 @@ pub struct BlobModel {
     tools: Vec<(ToolName, Pose<f64>)>,
 }
 
+/// Number of bytes of a file that are read as a blob; the largest blobs have a hundredth of it.
+const LARGEST: u64 = 256 << 20;
+
 /// One prediction of a [`BlobModel`].
 #[derive(Clone, Copy, Debug)]
 pub struct Prediction {
@@ -81,6 +89,22 @@ impl BlobModel {
             Ok::<_, DecodeError>(Contents { blob, host })
         })?;
         let Contents { blob, host } = decoded.borrow_dependent();
+        let of_tools = host.tools.iter().flat_map(|t| [t.session, t.target]);
+        let known = &host.provenance;
+        let own = [
+            blob.robot.name,
+            blob.robot.serial_number,
+            known.method,
+            known.trainer_version,
+            known.date,
+        ];
+        if let Some(name) = own
+            .into_iter()
+            .chain(of_tools)
+            .find(|name| !is_printable(name))
+        {
+            return Err(BlobError::Name(name.to_owned()));
+        }
         let mut model = Box::new(HostModel::new());
         model.load_decoded(blob)?;
         let tool = |t: &blob::Tool<'_>| {
@@ -105,7 +129,13 @@ impl BlobModel {
     /// [`InputError`], which names the file and what is wrong with it.
     pub fn read(path: &Path) -> Result<Self, InputError> {
         let expected = "a model blob written by `trainer calibrate`";
-        let bytes = std::fs::read(path).map_err(|e| InputError::unreadable(path, &e, expected))?;
+        let read = |file: File| {
+            let mut bytes = Vec::new();
+            file.take(LARGEST).read_to_end(&mut bytes).map(|_| bytes)
+        };
+        let bytes = File::open(path)
+            .and_then(read)
+            .map_err(|e| InputError::unreadable(path, &e, expected))?;
         let found = |e: BlobError| {
             let error = InputError::new(path, e.to_string(), expected);
             match e {

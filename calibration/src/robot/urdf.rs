@@ -22,7 +22,7 @@ const FLANGE_NAMES: [&str; 3] = ["tool0", "flange", "ee_link"];
 
 /// Parses the robot of a URDF text; `file` is for messages.
 pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Robot, InputError> {
-    let document = urdf_rs::read_from_string(text).map_err(|error| not_urdf(file, text, &error))?;
+    let document = document(file, text)?;
     let reader = Reader {
         file,
         text,
@@ -58,7 +58,7 @@ pub fn joints_of_chain(
     text: &str,
     options: &LoadOptions,
 ) -> Result<Vec<urdf_rs::Joint>, InputError> {
-    let document = urdf_rs::read_from_string(text).map_err(|error| not_urdf(file, text, &error))?;
+    let document = document(file, text)?;
     let reader = Reader {
         file,
         text,
@@ -66,6 +66,48 @@ pub fn joints_of_chain(
     };
     let (_, _, path) = reader.chosen(&document.links, options)?;
     Ok(path.into_iter().cloned().collect())
+}
+
+/// Number of elements that may be within each other; a URDF has four.
+const DEEPEST: usize = 64;
+
+fn document(file: &Path, text: &str) -> Result<urdf_rs::Robot, InputError> {
+    if let Some(line) = too_deep(text) {
+        let found = format!("an element within more than {DEEPEST} others");
+        let expected = "a URDF, XML with the root element <robot>";
+        return Err(InputError::new(file, found, expected).at_line(line));
+    }
+    urdf_rs::read_from_string(text).map_err(|error| not_urdf(file, text, &error))
+}
+
+/// Returns the line at which elements are nested more than [`DEEPEST`] deep: readers of XML call themselves for each.
+fn too_deep(text: &str) -> Option<usize> {
+    let mut depth = 0_usize;
+    let mut rest = text;
+    while let Some(start) = rest.find('<') {
+        let tag = &rest[start..];
+        let end = match tag.starts_with("<!--") {
+            true => tag.find("-->"),
+            false => tag.find('>'),
+        };
+        let end = end.unwrap_or(tag.len() - 1);
+        let is_inner = tag[..end].ends_with('/') || tag.starts_with("<!") || tag.starts_with("<?");
+        if tag.starts_with("</") {
+            depth = depth.saturating_sub(1);
+        } else if !is_inner {
+            depth += 1;
+        }
+        if depth > DEEPEST {
+            let before = text.len() - tag.len();
+            return Some(1 + text[..before].matches('\n').count());
+        }
+        rest = &tag[end..];
+        rest = rest.strip_prefix(['>', '-']).unwrap_or(rest);
+        if rest.len() == tag.len() {
+            break;
+        }
+    }
+    None
 }
 
 fn not_urdf(file: &Path, text: &str, error: &urdf_rs::UrdfError) -> InputError {

@@ -38,7 +38,7 @@ def main() -> None:
     command = [arguments.trainer, "calibrate", str(folder / "project.toml"), "--out", str(out / "arm.blob")]
     command += ["--report", str(out / "report.html"), "--json", str(out / "calibrate.json")]
     command += ["--threads", str(arguments.threads)]
-    if "serial_number" not in robot:
+    if not robot.get("serial_number"):
         command += ["--serial-number", folder.name]
     start = time.monotonic()
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -8,6 +8,7 @@ import json
 import os
 import pathlib
 import statistics
+import urllib.parse
 
 COLUMNS = [
     "name",
@@ -84,7 +85,8 @@ def page_row(found: dict, largest: float, place: str) -> str:
     if found["state"] == "failed":
         message = html.escape(found["message"])
         return f'<tr><td>{name}</td><td>{robot}</td><td colspan="7" class="failed">{message}</td></tr>'
-    report = html.escape(f"{place}{found['name']}/report.html")
+    # Quoted, and never the name of a protocol, whatever the folder's name is.
+    report = html.escape(urllib.parse.quote(f"./{place}{found['name']}/report.html"))
     numbers = "".join(
         f"<td>{found[key]:.3f}</td>"
         for key in ("nominal_mean_mm", "nominal_p95_mm", "calibrated_mean_mm", "calibrated_p95_mm", "calibrated_max_mm")

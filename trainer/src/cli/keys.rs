@@ -10,7 +10,6 @@ use poegp_runtime::model::signature::SignatureError;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
-use crate::cli::inputs::now;
 use crate::cli::output;
 use crate::cli::output::transaction::Readers;
 use crate::cli::output::{check_outputs, summary_text, write_summary, write_with_blob};
@@ -144,6 +143,11 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         let expected = "another file for the signed blob";
         return Err(InputError::new(out, "the key", expected).into());
     }
+    let there = std::fs::read(out).unwrap_or_default();
+    if !there.is_empty() && !there.starts_with(&envelope::MAGIC) {
+        let expected = "a new file, or a model to replace";
+        return Err(InputError::new(out, "a file that is no model", expected).into());
+    }
     let key = read_secret_key(&a.key)?;
     let loaded = BlobModel::read(&a.file)?;
     let revision = match a.revision {
@@ -164,9 +168,8 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         "replaced_key": replaced,
     }))?;
     // A device compares the revision with the last one that it has seen, whichever file it came from.
-    let there = std::fs::read(out).ok();
-    let there =
-        there.and_then(|bytes| envelope::open(&bytes).ok()?.trailer.map(|old| old.revision));
+    let there = envelope::open(&there).ok().and_then(|old| old.trailer);
+    let there = there.map(|old| old.revision);
     let highest = trailer.as_ref().map(|old| old.revision).max(there);
     write_with_blob((out, &signed), &[(a.json.as_deref(), Some(&summary))])?;
     let before = trailer.map_or_else(String::new, |old| {
@@ -184,6 +187,14 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
             out.display(),
         ));
     }
+    if loaded.blob().robot.serial_number.is_empty() {
+        warning(format_args!(
+            "{}: the model states no serial number, so a device takes it for the model of any {}; calibrate with \
+             --serial-number",
+            out.display(),
+            loaded.blob().robot.name
+        ));
+    }
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "{}: signed by key {} as revision {revision}{before}",
         out.display(),
@@ -192,9 +203,10 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns a revision that grows every second; in 2106 the time exceeds 32 bits.
+/// Returns a revision that grows every second, whatever SOURCE_DATE_EPOCH says: models of the same revision replace each other
+/// in any order. In 2106 the time exceeds 32 bits.
 fn revision_of_now() -> Result<u32, Failure> {
-    let seconds = now().unix_timestamp();
+    let seconds = time::OffsetDateTime::now_utc().unix_timestamp();
     u32::try_from(seconds).map_err(|_| {
         Failure::Usage(format!(
             "the time, {seconds} s, cannot be a revision\nhelp: state one with --revision"

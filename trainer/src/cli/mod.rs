@@ -144,6 +144,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     if let Some(threads) = arguments.threads {
         poegp_calibration::progress::limit_threads(threads);
     }
+    if let Err(failure) = inputs::source_date() {
+        return ended(Err(failure));
+    }
     let result = match arguments.command {
         Command::Plan(a) => plan::run(&a),
         Command::Measure(a) => measure::run(&a),

@@ -412,3 +412,31 @@ fn json_on_standard_output_is_alone() {
     );
     check("inspect arm.blob", None);
 }
+
+#[cfg(unix)]
+#[test]
+fn a_file_that_is_replaced_keeps_its_permissions() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = folder();
+    let line = "inspect arm.blob --json facts.json";
+    folder.run(line).ok();
+    for mode in [0o600, 0o664] {
+        let permissions = std::fs::Permissions::from_mode(mode);
+        std::fs::set_permissions(folder.path("facts.json"), permissions).unwrap();
+        folder.run(line).ok();
+        let now = std::fs::metadata(folder.path("facts.json"))
+            .unwrap()
+            .permissions();
+        assert_eq!(now.mode() & 0o777, mode);
+    }
+}
+
+#[test]
+fn a_date_that_is_no_number_is_refused() {
+    let folder = folder();
+    for date in ["abc", "", "-5", "99999999999999"] {
+        let outcome = folder.run_dated("inspect arm.blob", date);
+        assert_eq!(outcome.code, Some(2), "{date}: {outcome:#?}");
+        assert!(outcome.stderr.contains("SOURCE_DATE_EPOCH"), "{outcome:#?}");
+    }
+}

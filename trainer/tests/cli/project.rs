@@ -120,3 +120,41 @@ fn what_does_not_fit_is_refused_with_its_place() {
         "calibrate --robot {SERIAL} data/train.csv --out a.blob --date 2026-02-30"
     ));
 }
+
+/// Whoever wrote a project file may not be who runs it.
+#[test]
+fn a_project_replaces_only_what_a_calibration_wrote() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let project = |outputs: &str, record: &str| {
+        format!(
+            "version = 1\n[robot]\ndescription = \"{SERIAL}\"\n[data]\ntrain = \"train.csv\"\n\
+             [calibration]\nmethod = \"base-tool\"\n[record]\n{record}\n[output]\n{outputs}\n"
+        )
+    };
+    let outputs = "blob = \"arm.blob\"\nreport = \"arm.html\"\njson = \"arm.json\"";
+    folder.write("own.toml", project(outputs, ""));
+    folder.run("calibrate own.toml").ok();
+    folder.run("calibrate own.toml").ok();
+    for (key, name) in [
+        ("blob", "a.key"),
+        ("report", "keys.txt"),
+        ("json", "notes.json"),
+    ] {
+        folder.write(name, "{\"mine\": 1}");
+        let outputs =
+            format!("{outputs}\n").replace(&format!("{key} = \"arm"), &format!("{key} = \"x"));
+        let line = outputs
+            .lines()
+            .find(|line| line.starts_with(key))
+            .unwrap()
+            .to_owned();
+        let outputs = outputs.replace(&line, &format!("{key} = \"{name}\""));
+        folder.write("other.toml", project(&outputs, ""));
+        folder.refuses("calibrate other.toml").said();
+        assert_eq!(folder.text(name), "{\"mine\": 1}");
+    }
+    folder.write("lines.toml", project(outputs, "operator = \"x\\ny\""));
+    folder.refuses("calibrate lines.toml").said();
+}

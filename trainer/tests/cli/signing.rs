@@ -7,7 +7,9 @@ use crate::texts::texts;
 fn folder() -> Folder {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 12));
-    let line = format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob");
+    let line = format!(
+        "calibrate --robot {SERIAL} train.csv --method poe --serial-number 7 --out arm.blob"
+    );
     folder.run(&line).ok();
     for name in ["ours", "theirs"] {
         folder.run(&format!("keys new --out {name}")).ok();
@@ -66,7 +68,7 @@ fn a_signed_blob_is_verified_and_read_as_before() {
     let _texts = texts();
     let folder = folder();
     folder
-        .run("sign arm.blob --key ours.key --out signed.blob")
+        .run("sign arm.blob --key ours.key --revision 5 --out signed.blob")
         .ok();
     let (plain, signed) = (folder.read("arm.blob"), folder.read("signed.blob"));
     assert_eq!(signed.len(), plain.len() + 80);
@@ -102,11 +104,14 @@ fn a_signed_blob_is_verified_and_read_as_before() {
 fn signing_again_replaces_the_signature() {
     let _texts = texts();
     let folder = folder();
-    folder.run("sign arm.blob --key ours.key").ok();
+    folder.run("sign arm.blob --key ours.key --revision 5").ok();
     let once = folder.read("arm.blob");
-    folder.run("sign arm.blob --key ours.key").ok();
+    folder.run("sign arm.blob --key ours.key --revision 5").ok();
     assert_eq!(folder.read("arm.blob"), once);
-    let replaced = folder.run("sign arm.blob --key theirs.key").ok().stdout;
+    let replaced = folder
+        .run("sign arm.blob --key theirs.key --revision 5")
+        .ok()
+        .stdout;
     let ours = key_id(&folder, "ours");
     assert!(replaced.contains(&format!("in place of the signature of key {ours}")));
     assert_eq!(folder.read("arm.blob").len(), once.len());
@@ -150,7 +155,7 @@ fn a_signed_model_is_not_replaced_by_an_unsigned_one() {
         .run(&format!("{line} --write-project own.toml --json -"))
         .ok()
         .json();
-    folder.run("sign own.blob --key ours.key").ok();
+    folder.run("sign own.blob --key ours.key --revision 5").ok();
     let signed = folder.read("own.blob");
     for line in [line.as_str(), "calibrate own.toml"] {
         let outcome = folder.run(line);
@@ -176,7 +181,9 @@ fn a_signed_model_is_not_replaced_by_an_unsigned_one() {
         .ok();
     assert_eq!(again.json()["repeats"], true);
     // The signature, too, is repeated.
-    folder.run("sign again.blob --key ours.key").ok();
+    folder
+        .run("sign again.blob --key ours.key --revision 5")
+        .ok();
     assert_eq!(folder.read("again.blob"), signed);
 }
 
@@ -187,7 +194,7 @@ fn what_is_not_signed_by_the_key_is_not_verified() {
     let verify = |blob: &str| folder.run(&format!("verify {blob} --public-key ours.pub"));
     not_verified(verify("arm.blob"));
     folder
-        .run("sign arm.blob --key ours.key --out signed.blob")
+        .run("sign arm.blob --key ours.key --revision 5 --out signed.blob")
         .ok();
     let signed = folder.read("signed.blob");
     for at in [
@@ -243,9 +250,40 @@ fn a_secret_that_others_may_read_is_noted() {
     let _texts = texts();
     use std::os::unix::fs::PermissionsExt;
     let folder = folder();
-    let quiet = folder.run("sign arm.blob --key ours.key").ok();
+    let quiet = folder.run("sign arm.blob --key ours.key --revision 5").ok();
     assert!(quiet.stderr.is_empty(), "{quiet:?}");
     let permissions = std::fs::Permissions::from_mode(0o644);
     std::fs::set_permissions(folder.path("ours.key"), permissions).unwrap();
-    folder.run("sign arm.blob --key ours.key").ok().said();
+    folder
+        .run("sign arm.blob --key ours.key --revision 5")
+        .ok()
+        .said();
+}
+
+/// A device compares revisions: two models of one revision would replace each other in any order.
+#[test]
+fn a_revision_is_the_time_even_in_a_reproducible_build() {
+    let folder = folder();
+    let revision = || {
+        let line = "sign arm.blob --key ours.key --out signed.blob --json -";
+        folder.run(line).ok().json()["revision"].as_u64().unwrap()
+    };
+    assert!(revision() > 1_790_000_000);
+    let public = folder.read("ours.pub");
+    let line = "sign arm.blob --key ours.key --out ours.pub";
+    folder.refuses(line);
+    assert_eq!(folder.read("ours.pub"), public);
+}
+
+/// Names are shown on terminals and written into files of other programs.
+#[test]
+fn a_name_has_no_control_characters() {
+    let folder = folder();
+    let line = format!("calibrate --robot {SERIAL} train.csv --method base-tool --out own.blob");
+    let outcome = folder.run(&format!("{line} --serial-number 7\u{1b}[31m"));
+    assert_eq!(outcome.code, Some(2), "{outcome:#?}");
+    assert!(
+        outcome.stderr.contains("control characters"),
+        "{outcome:#?}"
+    );
 }

@@ -215,6 +215,17 @@ fn urdf_is_refused_by_name() {
 #[test]
 fn urdf_trees_are_refused_by_name() {
     let none = LoadOptions::default();
+    let deep = format!("<robot>\n{}", "<link name=\"a\">\n".repeat(12_000));
+    urdf_refused(
+        &deep,
+        &none,
+        &["arm.urdf:65:", "within more than 64 others"],
+    );
+    let flat = format!(
+        "<robot><!-- > --> {}</robot>",
+        "<link name=\"a\"/>\n<a></a>".repeat(100)
+    );
+    urdf_refused(&flat, &none, &["arm.urdf"]);
     let joint = |name, parent, child| (name, "continuous", parent, child, "");
     let two_parents = arm(
         "abc",

@@ -153,7 +153,6 @@ impl Job {
     ) -> Result<(), Failure> {
         let file = &project.file;
         let (robot, data, output) = (&file.robot, &file.data, &file.output);
-        let blob = output.blob.as_ref().map(|name| project.resolve(name));
         let mut overrides: Vec<String> = differences(stated, &self.config)
             .into_iter()
             .map(|key| format!("calibration.{key}"))
@@ -181,7 +180,7 @@ impl Job {
         ];
         let outputs = [
             (!a.tests.is_empty() && !data.tests.is_empty(), "data.tests"),
-            (a.out.is_some() && blob.is_some(), "output.blob"),
+            (a.out.is_some() && output.blob.is_some(), "output.blob"),
             (
                 a.report.is_some() && output.report.is_some(),
                 "output.report",
@@ -254,14 +253,18 @@ impl Job {
         self.accept.sort_unstable();
         self.accept.dedup();
         if a.out.is_none() {
-            self.out = blob.ok_or_else(|| {
+            let name = output.blob.as_ref().ok_or_else(|| {
                 InputError::new(&project.path, "no output.blob", "the path of the blob")
                     .with_help("add `blob = \"arm.blob\"` under [output], or give --out FILE")
             })?;
+            self.out = project.output(name, "--out")?;
         }
-        let path = |name: &Option<String>| name.as_ref().map(|name| project.resolve(name));
-        self.report = self.report.take().or_else(|| path(&output.report));
-        self.json = self.json.take().or_else(|| path(&output.json));
+        if let (None, Some(name)) = (&self.report, &output.report) {
+            self.report = Some(project.output(name, "--report")?);
+        }
+        if let (None, Some(name)) = (&self.json, &output.json) {
+            self.json = Some(project.output(name, "--json")?);
+        }
         self.blob_sha256 = output.blob_sha256.clone().filter(|_| is_whole);
         self.project = Some(project.path);
         Ok(())

@@ -257,8 +257,8 @@ pub fn print_outputs(report: Printer, a: &Job, repeats: Option<bool>) {
             report.line("The blob is byte for byte the one that the project file states.");
         }
         Some(false) => note(format_args!(
-            "{} differs from the blob that the project file states (output.blob_sha256): another version of the trainer or \
-             another kind of processor; `trainer evaluate` on held-out poses shows whether it matters",
+            "{} differs from the blob that the project file states (output.blob_sha256): the file was changed, or another \
+             version of the trainer wrote it; `trainer evaluate` on held-out poses shows whether it matters",
             a.out.display()
         )),
         None => {}

@@ -15,7 +15,7 @@ use crate::cli::calibrate::gauge::GaugeTable;
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::FileSummary;
 use crate::report::certificate::{Instrument, Record};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, is_printable};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::config::Config;
@@ -23,6 +23,7 @@ use poegp_calibration::numeric::statistics::distinct;
 use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::robot::toml_source::TomlSource;
 use poegp_calibration::trust::Cause;
+use poegp_protocol::blob::envelope;
 
 /// Version of the file format.
 pub const VERSION: u32 = 1;
@@ -148,6 +149,7 @@ impl Project {
             let found = format!("{:?}", day.get_ref());
             return Err(project.error(day.span(), "date", found, expected));
         }
+        project.check_texts()?;
         project.check_values()?;
         project.check_data()?;
         Ok(project)
@@ -188,6 +190,53 @@ impl Project {
             text: &self.text,
         }
         .error(span, key, found, expected)
+    }
+
+    /// Refuses texts that other lines of a report or of an exported file could be made of.
+    fn check_texts(&self) -> Result<(), InputError> {
+        fn bad(value: &Value) -> Option<&str> {
+            match value {
+                Value::String(text) => Some(text.as_str()).filter(|text| !is_printable(text)),
+                Value::Array(values) => values.iter().find_map(bad),
+                Value::Table(table) => table.values().find_map(bad),
+                _ => None,
+            }
+        }
+        let table: Option<Value> = toml::from_str(&self.text).ok();
+        match table.as_ref().and_then(bad) {
+            Some(text) => {
+                let expected = "texts of one line, without control characters";
+                Err(InputError::new(&self.path, format!("{text:?}"), expected))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the path of an output that the file names. Whoever wrote the file may not be who runs it: it replaces only what
+    /// a calibration wrote.
+    pub fn output(&self, name: &str, option: &str) -> Result<PathBuf, InputError> {
+        let path = self.resolve(name);
+        let there = std::fs::read(&path).unwrap_or_default();
+        let is_ours = match option {
+            "--out" => there.starts_with(&envelope::MAGIC),
+            "--report" => {
+                let head = String::from_utf8_lossy(&there[..there.len().min(2000)]).into_owned();
+                head.contains("<meta name=\"generator\" content=\"poegp trainer")
+            }
+            _ => serde_json::from_slice::<serde_json::Value>(&there).is_ok_and(|json| {
+                json["version"].is_string()
+                    && !(json["robot"].is_null() && json["refused"].is_null())
+            }),
+        };
+        if is_ours || there.is_empty() {
+            return Ok(path);
+        }
+        let found = "a file that no calibration wrote";
+        let help = format!(
+            "to replace it, name it on the command line: {option} {}",
+            path.display()
+        );
+        Err(InputError::new(&path, found, "a new file, or one of the same kind").with_help(help))
     }
 
     /// Refuses values of the configuration that are out of range.

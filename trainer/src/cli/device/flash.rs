@@ -9,7 +9,7 @@ use crate::cli::device::args::Flash;
 use crate::cli::device::show;
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, write_summary};
-use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use crate::device::client::{Client, Options};
 use crate::device::error::ClientError;
@@ -139,6 +139,12 @@ fn check_robot(loaded: &BlobModel, identity: &Identity) -> Result<(), Failure> {
         number => format!("{name} ({number})"),
     };
     if same(robot.name, &active.robot) && same(robot.serial_number, &active.serial_number) {
+        if robot.serial_number.is_empty() {
+            note(format_args!(
+                "the model and the one that the device runs state no serial number: whether both are of the same robot \
+                 cannot be checked"
+            ));
+        }
         return Ok(());
     }
     Err(Failure::Usage(format!(

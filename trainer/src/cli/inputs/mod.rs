@@ -159,14 +159,32 @@ pub fn warn_of_training_data(path: &Path, model: impl Display) {
     ));
 }
 
+/// Returns the time of SOURCE_DATE_EPOCH if it is set, for reproducible builds.
+///
+/// # Errors
+/// [`Failure::Usage`] if it is not a number of seconds since 1970.
+pub fn source_date() -> Result<Option<time::OffsetDateTime>, Failure> {
+    let Some(stated) = std::env::var_os("SOURCE_DATE_EPOCH") else {
+        return Ok(None);
+    };
+    let seconds = stated.to_str().and_then(|s| s.parse::<u64>().ok());
+    let date = seconds.and_then(|s| {
+        let date = time::OffsetDateTime::from_unix_timestamp(s.try_into().ok()?).ok()?;
+        (date.year() <= 9999).then_some(date)
+    });
+    match date {
+        Some(date) => Ok(Some(date)),
+        None => Err(Failure::Usage(format!(
+            "SOURCE_DATE_EPOCH is {:?}, expected the seconds since 1970, as in 1764000000",
+            stated.to_string_lossy()
+        ))),
+    }
+}
+
 /// Returns the current time, or that of SOURCE_DATE_EPOCH if it is set.
 pub fn now() -> time::OffsetDateTime {
-    let seconds = std::env::var("SOURCE_DATE_EPOCH")
-        .ok()
-        .and_then(|s| s.parse().ok());
-    seconds
-        .and_then(|s| time::OffsetDateTime::from_unix_timestamp(s).ok())
-        .unwrap_or_else(time::OffsetDateTime::now_utc)
+    let stated = source_date().ok().flatten();
+    stated.unwrap_or_else(time::OffsetDateTime::now_utc)
 }
 
 /// Returns the last part of a path, for tables.

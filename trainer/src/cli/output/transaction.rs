@@ -76,9 +76,17 @@ impl Staged {
     /// Stages `bytes` to replace the file at `path`, or at the end of a link there.
     pub fn replacing(path: &Path, bytes: &[u8]) -> Result<Self, Failure> {
         let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
-        let file = temporary(folder_of(&target), bytes, Readers::All);
+        let file = temporary(folder_of(&target), bytes, Readers::All)
+            .map_err(|error| Failure::lost(path, error))?;
+        // Whoever could read and write the old file can do so with the new one.
+        if let Ok(there) = std::fs::metadata(&target)
+            && there.is_file()
+        {
+            let kept = file.as_file().set_permissions(there.permissions());
+            kept.map_err(|error| Failure::lost(path, error))?;
+        }
         Ok(Self {
-            file: file.map_err(|error| Failure::lost(path, error))?,
+            file,
             target,
             overwrites: true,
         })
