@@ -52,6 +52,7 @@ mod programs;
 mod programs_beside;
 mod programs_checked;
 mod programs_flow;
+mod programs_postures;
 mod programs_split;
 mod programs_turns;
 mod project;

@@ -20,6 +20,7 @@ pub mod program;
 mod rapid;
 pub mod replacement;
 pub mod seeds;
+mod solution;
 pub mod source;
 pub mod split;
 mod table;

@@ -5,6 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
+use crate::robot_programs::correction::posture::Posture;
 use crate::robot_programs::correction::seeds::Seeds;
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::Dialect;
@@ -138,6 +139,8 @@ pub struct Configuration {
     /// Letters of the sides of wrist, elbow and shoulder, as one of two each. Which side a letter is depends on the robot: the
     /// first pose of a program shows it.
     pub letters: [Option<bool>; 3],
+    /// Sides of wrist, elbow and shoulder that a number states.
+    pub posture: Option<Posture>,
     /// Number of the configuration that limits no joint; targets inserted on the way to this target get it, too.
     pub rest: Option<Number>,
     /// Whether the controller stops where no branch is within `bounds`; otherwise it takes the nearest branch.
@@ -154,10 +157,11 @@ impl Configuration {
         }
     }
 
-    /// Returns whether it states the side of the wrist: a letter, the sum `cfx`, or the sign of joint 5.
+    /// Returns whether it states the side of the wrist: a letter, `cfx`, `S`, or the sign of joint 5.
     pub fn states_wrist(&self) -> bool {
         let is_bound = self.bounds.iter().any(|bound| bound.0 == WRIST);
-        is_bound || self.letters[0].is_some() || self.rest.is_some()
+        let is_stated = self.rest.is_some() || self.posture.is_some();
+        is_bound || self.letters[0].is_some() || is_stated
     }
 }
 
