@@ -54,6 +54,7 @@ mod programs_checked;
 mod programs_flow;
 mod programs_postures;
 mod programs_split;
+mod programs_tables;
 mod programs_turns;
 mod project;
 mod report;

@@ -7,6 +7,7 @@ use crate::cli::correct::args::Correct;
 use crate::cli::correct::document::{LeftJson, ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
 use crate::cli::correct::record::{Corrector, Record, Records, record_path, sha256};
+use crate::cli::correct::two_payloads;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -116,6 +117,11 @@ pub fn corrected(
         )
     })?;
     let payload = payload(a, &loaded)?;
+    if a.payload_kg.is_some()
+        && let Some(table) = a.programs.iter().find(|path| format.has_payloads(path))
+    {
+        return Err(two_payloads(table));
+    }
     if let Some(mm) = a.split.filter(|mm| !(LEAST_SPLIT_MM..=1e3).contains(mm)) {
         return Err(Failure::Usage(format!(
             "--split {mm}: expected millimetres, {LEAST_SPLIT_MM} to 1000"
@@ -177,9 +183,9 @@ pub fn corrected(
         .frames
         .iter()
         .any(|frame| frame.payload_kg.is_some());
-    if let (Format::Table, Payload::Fixed(kg), true) = (format, payload, has_payloads) {
+    if let (Format::Table, Some(kg), true) = (format, a.payload_kg, has_payloads) {
         outcome.remarks.push(format!(
-            "the column payload_kg is not used: all rows have the {kg} kg of --payload-kg"
+            "payload_kg of the file of --frames is not used: all rows have the {kg} kg of --payload-kg"
         ));
     }
     let (ends, split) = ends(a, &program, &commander, &mut outcome);
