@@ -53,6 +53,7 @@ mod programs_beside;
 mod programs_checked;
 mod programs_flow;
 mod programs_postures;
+mod programs_said;
 mod programs_split;
 mod programs_tables;
 mod programs_turns;
