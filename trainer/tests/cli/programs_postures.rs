@@ -216,7 +216,7 @@ fn a_cfx_that_no_solution_has_is_refused_unless_it_is_zero() {
     folder
         .run("correct arm.blob zero.mod --payload-kg 1 --out zero_out.mod")
         .ok();
-    folder.write("other.mod", rapid(&[robtarget(&commander, &joints, 4)]));
+    folder.write("other.mod", rapid(&[robtarget(&commander, &joints, 5)]));
     let said = folder.refuses("correct arm.blob other.mod --payload-kg 1 --out other_out.mod");
     assert!(
         said.stderr.contains("in its stated configuration ["),

@@ -376,6 +376,6 @@ fn unmatched(program: &Program, target: &Target, solutions: usize) -> InputError
         written.unwrap_or_default()
     );
     source
-        .error(target.location.at, found, "one of them")
+        .error(target.location.at, found, "one")
         .with_help("wrong robot model, tool or frame?")
 }
