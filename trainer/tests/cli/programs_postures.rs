@@ -3,7 +3,8 @@
 use std::f64::consts::FRAC_PI_2;
 
 use poegp_calibration::blob::commander::{Commander, Joints, joint_distance, pose_distance};
-use poegp_trainer::robot_programs::correction::posture::{Arm, Convention, Posture};
+use poegp_trainer::robot_programs::correction::posture::Arm;
+use poegp_trainer::robot_programs::correction::program::{Convention, Posture};
 use poegp_trainer::robot_programs::dialect::Orientation;
 
 use crate::program::Folder;

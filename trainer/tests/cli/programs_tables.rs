@@ -40,19 +40,19 @@ fn upper_case_names_are_the_same_columns() {
     assert_ne!(position(&folder), lower);
 }
 
-/// The cells are names of the file of frames, so that the row is not of the flange.
+/// The fields are names of the file of frames, so that the row is not of the flange.
 #[test]
 fn a_column_of_tools_with_another_name_is_refused() {
     let _texts = texts();
     let folder = folder();
-    for (name, cell, expected) in [
+    for (name, field, expected) in [
         ("tool_name", "gun", "column tool with the names gun"),
         ("UTOOL", "GUN", "column tool with the names gun"),
         ("what", "gun", "column tool with the names gun"),
         ("wobj", "2", "column base with the names 2"),
         ("Frame", "2", "column base with the names 2"),
     ] {
-        let (header, row) = (format!("{HEADER},{name}"), format!("{ROW},{cell}"));
+        let (header, row) = (format!("{HEADER},{name}"), format!("{ROW},{field}"));
         let said = correct(&folder, &header, &row, "--payload-kg 2.5 --frames f.toml").refused();
         for text in [format!("t.csv:1: column 8 ({name})"), expected.to_owned()] {
             assert!(said.stderr.contains(&text), "{}", said.stderr);

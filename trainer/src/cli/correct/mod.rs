@@ -17,6 +17,7 @@ use std::path::Path;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
 pub use crate::cli::correct::args::Correct;
+use crate::cli::correct::args::two_payloads;
 use crate::cli::correct::row::{Fields, correct};
 use crate::cli::correct::summary::{Summed, Summing};
 use crate::cli::failure::Failure;
@@ -165,14 +166,6 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     write_with_long(out, json.as_slice())?;
     summary::print(Printer::for_outputs(&outputs), &a.out, &document);
     Ok(())
-}
-
-/// Returns the error for a table with payloads and --payload-kg.
-fn two_payloads(table: &Path) -> Failure {
-    Failure::Usage(format!(
-        "found --payload-kg and the column payload_kg of {}, expected one of them",
-        table.display()
-    ))
 }
 
 /// Returns the payload of the command line, for a file without payloads. Refuses payloads from both, or from neither if

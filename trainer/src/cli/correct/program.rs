@@ -3,13 +3,12 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::cli::correct::args::Correct;
+use crate::cli::correct::args::{Correct, two_payloads};
 use crate::cli::correct::document::{LeftJson, ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
 use crate::cli::correct::record::{
     Corrector, Record, Records, record_path, sha256, warn_of_uncorrected,
 };
-use crate::cli::correct::two_payloads;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};

@@ -1,7 +1,7 @@
 //! Posture of a six-axis arm: which way its wrist, its elbow and its shoulder are turned.
 //!
 //! Where a configuration names each side by a letter, the letter's side depends on the robot, so that the poses of a program
-//! show it. The bits of RAPID's `cfx` and of KRL's `S` say the same of every arm with an elbow and a wrist ([`Posture`]).
+//! show it. The bits of RAPID's `cfx` and of KRL's `S` have one meaning for every arm with an elbow and a wrist ([`Posture`]).
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::commander::{Commander, Joints};
@@ -9,7 +9,7 @@ use poegp_protocol::JointKind;
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::scalar::Scalar;
 
-use crate::robot_programs::correction::program::SLACK;
+use crate::robot_programs::correction::program::{Convention, Posture, SLACK};
 
 /// Number of joints of the arms whose sides are known.
 const JOINTS: usize = 6;
@@ -47,28 +47,6 @@ pub fn sides(commander: &Commander, joints: &Joints) -> Sides {
         side(upper.cross(&lower).dot(&three.1) / (upper.norm() * lower.norm())),
         side(out.dot(&forward) / (upper.norm() + lower.norm())),
     ]
-}
-
-/// Language whose configuration states sides by bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Convention {
-    /// RAPID's `cfx`: 4 for a wrist centre behind axis 1, 2 for one behind the lower arm, 1 for a negative axis 5. ABB's lower
-    /// arm is the link between axes 2 and 3. ("RAPID Instructions, Functions and Data types", 3HAC050917, `confdata`.)
-    Cfx,
-    /// KRL's `S`: bit 0 for a wrist centre behind axis 1 (the overhead area), bit 1 for an axis 3 beyond the angle at which the
-    /// arm is stretched, bit 2 for a negative axis 5. ("Operating and Programming Instructions for System Integrators", KSS 8.)
-    Status,
-}
-
-/// Sides that a number of a configuration states.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Posture {
-    /// Meaning of the bits.
-    pub convention: Convention,
-    /// The number.
-    pub bits: u32,
-    /// Whether the number is stated for sure. `cfx` is 0 also where a controller does not use it.
-    pub is_certain: bool,
 }
 
 /// What is known of the shape of an arm, to read a [`Posture`].

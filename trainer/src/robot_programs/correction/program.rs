@@ -5,7 +5,6 @@ use std::collections::{BTreeSet, HashMap};
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::posture::Posture;
 use crate::robot_programs::correction::seeds::Seeds;
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::dialect::Dialect;
@@ -125,6 +124,28 @@ impl Stated {
             _ => format!("{}", value as i64),
         }
     }
+}
+
+/// Language whose configuration states sides by bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Convention {
+    /// RAPID's `cfx`: 4 for a wrist centre behind axis 1, 2 for one behind the lower arm, 1 for a negative axis 5. ABB's lower
+    /// arm is the link between axes 2 and 3. ("RAPID Instructions, Functions and Data types", 3HAC050917, `confdata`.)
+    Cfx,
+    /// KRL's `S`: bit 0 for a wrist centre behind axis 1 (the overhead area), bit 1 for an axis 3 beyond the angle at which the
+    /// arm is stretched, bit 2 for a negative axis 5. ("Operating and Programming Instructions for System Integrators", KSS 8.)
+    Status,
+}
+
+/// Sides that a number of a configuration states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Posture {
+    /// Meaning of the bits.
+    pub convention: Convention,
+    /// The number.
+    pub bits: u32,
+    /// Whether the number is stated for sure. `cfx` is 0 also where a controller does not use it.
+    pub is_certain: bool,
 }
 
 /// Branch of the inverse kinematics that a controller takes.

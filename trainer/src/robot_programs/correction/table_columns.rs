@@ -18,16 +18,16 @@ const KINDS: [(bool, &str, &[&str]); 2] = [
     ),
 ];
 
-/// A column without a meaning, while the cells are read.
+/// A column without a meaning, while the fields are read.
 struct Column {
     index: usize,
     /// Whether its name is similar to `tool` (true) or `base` (false).
     seems: Option<bool>,
-    /// Whether a cell is not empty.
-    has_cells: bool,
-    /// Whether every cell that is not empty is the name of a tool, and of a base.
+    /// Whether a field is not empty.
+    has_fields: bool,
+    /// Whether every field that is not empty is the name of a tool, and of a base.
     are_all: [bool; 2],
-    /// Whether a cell is a number, which is a name by chance in many columns.
+    /// Whether a field is a number, which is a name by chance in many columns.
     has_numbers: bool,
 }
 
@@ -52,7 +52,7 @@ impl<'a> Check<'a> {
             Column {
                 index,
                 seems: KINDS.iter().find(is_similar).map(|(is_tool, ..)| *is_tool),
-                has_cells: false,
+                has_fields: false,
                 are_all: [true; 2],
                 has_numbers: false,
             }
@@ -67,22 +67,22 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// Notes a cell.
-    pub fn note(&mut self, index: usize, cell: &str) {
-        let cell = cell.trim().to_ascii_lowercase();
-        if cell.is_empty() {
+    /// Notes a field.
+    pub fn note(&mut self, index: usize, field: &str) {
+        let field = field.trim().to_ascii_lowercase();
+        if field.is_empty() {
             return;
         }
         for ((is_tool, ..), read) in KINDS.iter().zip(self.read) {
             if read == Some(index) {
-                self.used.insert((*is_tool, cell.clone()));
+                self.used.insert((*is_tool, field.clone()));
             }
         }
         if let Some(column) = self.columns.iter_mut().find(|column| column.index == index) {
-            column.has_cells = true;
-            column.has_numbers |= cell.parse::<f64>().is_ok();
+            column.has_fields = true;
+            column.has_numbers |= field.parse::<f64>().is_ok();
             for ((is_tool, ..), are_all) in KINDS.iter().zip(&mut column.are_all) {
-                *are_all &= self.frames.named(&cell, *is_tool).is_some();
+                *are_all &= self.frames.named(&field, *is_tool).is_some();
             }
         }
     }
@@ -90,7 +90,7 @@ impl<'a> Check<'a> {
     /// Returns remarks about columns and frames that are not used.
     ///
     /// # Errors
-    /// [`InputError`] for a column whose cells are names of tools or bases, where no column `tool` or `base` is there.
+    /// [`InputError`] for a column whose fields are names of tools or bases, where no column `tool` or `base` is there.
     pub fn finish(
         self,
         file: &Path,
@@ -105,7 +105,7 @@ impl<'a> Check<'a> {
                 false => self.frames.bases().map(given).collect(),
             };
             let open = self.columns.iter().filter(|_| self.read[kind].is_none());
-            for column in open.filter(|column| column.has_cells) {
+            for column in open.filter(|column| column.has_fields) {
                 let title = &titles[column.index];
                 let is_likely = column.seems == Some(is_tool) || !column.has_numbers;
                 if column.are_all[kind] && is_likely {

@@ -21,9 +21,8 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::krl::names::Names;
 use crate::robot_programs::correction::krl::states::{Line, Named, States};
-use crate::robot_programs::correction::posture::{Convention, Posture};
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, Program, Says, Stated, Target, Way, of_sign,
+    Configuration, Convention, Goal, Location, Posture, Program, Says, Stated, Target, Way, of_sign,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};

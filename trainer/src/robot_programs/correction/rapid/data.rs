@@ -5,9 +5,8 @@ use std::collections::HashMap;
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::posture::{Convention, Posture};
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, SLACK, Says, Stated, Target, WRIST, of_sign,
+    Configuration, Convention, Goal, Location, Posture, SLACK, Says, Stated, Target, WRIST, of_sign,
 };
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
