@@ -58,6 +58,8 @@ pub struct Commander {
     limits: Vec<Option<(f64, f64)>>,
     /// The middle of the trained ranges.
     middle: Joints,
+    /// Trained payloads in kg, if the model depends on them.
+    payloads: Option<(f64, f64)>,
 }
 
 impl Commander {
@@ -83,6 +85,8 @@ impl Commander {
             kinds: robot.joints.iter().map(|joint| joint.kind).collect(),
             limits: robot.joints.iter().map(limit).collect(),
             middle,
+            payloads: (blob.blob().ranges.payload_kg)
+                .map(|(light, heavy)| (f64::from(light), f64::from(heavy))),
         })
     }
 
@@ -94,6 +98,11 @@ impl Commander {
     /// Returns the middle of the trained ranges.
     pub fn middle(&self) -> Joints {
         self.middle
+    }
+
+    /// Returns the lightest and the heaviest trained payload in kg; `None` if the model does not depend on the payload.
+    pub fn payloads(&self) -> Option<(f64, f64)> {
+        self.payloads
     }
 
     fn of<'a>(&self, joints: &'a Joints) -> &'a [f64] {

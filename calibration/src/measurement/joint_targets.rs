@@ -144,6 +144,16 @@ impl TargetColumns {
         self.payload.is_some()
     }
 
+    /// Returns the names of the columns that have a pose, which is carried along.
+    pub fn pose_columns(&self) -> Vec<&str> {
+        let of_poses = [
+            "x_mm", "y_mm", "z_mm", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "rx_rad",
+            "ry_rad", "rz_rad",
+        ];
+        let header = self.table.header.iter();
+        header.filter(|name| of_poses.contains(name)).collect()
+    }
+
     /// Returns the columns of the joints, base first.
     pub fn joint_columns(&self) -> &[JointColumn] {
         &self.joint_columns

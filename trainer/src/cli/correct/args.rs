@@ -1,10 +1,11 @@
 //! The arguments of `trainer correct`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use crate::cli::args::heading;
+use crate::cli::failure::Failure;
 
 /// `trainer correct`.
 #[derive(Debug, Args)]
@@ -60,4 +61,12 @@ pub struct Correct {
     /// Write an HTML report: every target before and after, and the remaining errors.
     #[arg(long, value_name = "FILE", help_heading = heading::PROGRAMS)]
     pub report: Option<PathBuf>,
+}
+
+/// Returns the error for a table with payloads and --payload-kg.
+pub fn two_payloads(table: &Path) -> Failure {
+    Failure::Usage(format!(
+        "found --payload-kg and the column payload_kg of {}, expected one of them",
+        table.display()
+    ))
 }

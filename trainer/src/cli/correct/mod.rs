@@ -17,6 +17,7 @@ use std::path::Path;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
 pub use crate::cli::correct::args::Correct;
+use crate::cli::correct::args::two_payloads;
 use crate::cli::correct::row::{Fields, correct};
 use crate::cli::correct::summary::{Summed, Summing};
 use crate::cli::failure::Failure;
@@ -111,6 +112,13 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         "this file was corrected already: correct the original, or take these columns out",
     )?;
     let payload_kg = payload(a, &loaded, columns)?;
+    let poses = columns.pose_columns().join(", ");
+    if !poses.is_empty() {
+        note(format_args!(
+            "{}: only the joints are corrected, and {poses} stay as they are: take out the joints to correct the poses",
+            targets.display()
+        ));
+    }
     let summing = Summing::new(loaded.blob(), columns.joint_columns());
     let mut out = LongOutput::new(&a.out)?;
     let mut text = String::new();
@@ -165,10 +173,7 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
 fn payload(a: &Correct, loaded: &BlobModel, columns: &TargetColumns) -> Result<f64, Failure> {
     let needed = loaded.blob().ranges.payload_kg;
     match (a.payload_kg, columns.has_payload()) {
-        (Some(_), true) => Err(Failure::Usage(format!(
-            "found --payload-kg and the column payload_kg of {}, expected one of them",
-            columns.path().display()
-        ))),
+        (Some(_), true) => Err(two_payloads(columns.path())),
         (Some(kg), _) if !(0.0..=f64::from(MAX_PAYLOAD_KG)).contains(&kg) => Err(Failure::Usage(
             format!("--payload-kg {kg}: expected kilograms, 0 or more"),
         )),

@@ -3,10 +3,12 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::cli::correct::args::Correct;
+use crate::cli::correct::args::{Correct, two_payloads};
 use crate::cli::correct::document::{LeftJson, ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
-use crate::cli::correct::record::{Corrector, Record, Records, record_path, sha256};
+use crate::cli::correct::record::{
+    Corrector, Record, Records, record_path, sha256, warn_of_uncorrected,
+};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -24,7 +26,7 @@ use crate::robot_programs::correction::split::split;
 use crate::signing::unsigned;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_protocol::JointKind;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
 
@@ -74,8 +76,9 @@ pub fn corrected(
         return Err(InputError::new(
             &a.out,
             "no folder",
-            "a folder for the corrected files of several programs",
+            "one for the corrected files of several programs",
         )
+        .with_help("create this folder first")
         .into());
     }
     if is_stdout(&a.out) && files.len() > 1 {
@@ -116,6 +119,11 @@ pub fn corrected(
         )
     })?;
     let payload = payload(a, &loaded)?;
+    if a.payload_kg.is_some()
+        && let Some(table) = a.programs.iter().find(|path| format.has_payloads(path))
+    {
+        return Err(two_payloads(table));
+    }
     if let Some(mm) = a.split.filter(|mm| !(LEAST_SPLIT_MM..=1e3).contains(mm)) {
         return Err(Failure::Usage(format!(
             "--split {mm}: expected millimetres, {LEAST_SPLIT_MM} to 1000"
@@ -149,6 +157,13 @@ pub fn corrected(
         }
         sources.push(source);
     }
+    if direction == Direction::Inverse {
+        let all = files.iter().zip(&hashes).enumerate();
+        warn_of_uncorrected(all.map(|(index, ((path, _), hash))| {
+            let is_found = corrections.iter().any(|(corrected, _)| *corrected == index);
+            (path.as_path(), hash.as_str(), is_found)
+        }));
+    }
     for path in a.with.iter().chain(&beside) {
         sources.push(Source::read(path, false)?);
     }
@@ -177,9 +192,9 @@ pub fn corrected(
         .frames
         .iter()
         .any(|frame| frame.payload_kg.is_some());
-    if let (Format::Table, Payload::Fixed(kg), true) = (format, payload, has_payloads) {
+    if let (Format::Table, Some(kg), true) = (format, a.payload_kg, has_payloads) {
         outcome.remarks.push(format!(
-            "the column payload_kg is not used: all rows have the {kg} kg of --payload-kg"
+            "payload_kg of the file of --frames is not used: all rows have the {kg} kg of --payload-kg"
         ));
     }
     let (ends, split) = ends(a, &program, &commander, &mut outcome);
@@ -343,8 +358,11 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
         false => "corrected",
     };
     report.line(format_args!(
-        "Model `{}`: {} targets {done}, {} of joints and {} of poses; {left}.",
-        d.method, d.targets, d.joint_targets, d.pose_targets,
+        "Model `{}`: {} {done}, {} of joints and {} of poses; {left}.",
+        d.method,
+        counted(d.targets, "target"),
+        d.joint_targets,
+        d.pose_targets,
     ));
     for frame in &d.frames {
         let kg = frame
@@ -373,15 +391,27 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
     }
     if let Some(s) = &d.split {
         report.line(format_args!(
-            "Split {} lines: {} targets are inserted, to keep the tool within {} mm of each line.",
-            s.lines, s.targets, s.tolerance_mm
+            "Split {}: {} inserted, to keep the tool within {} mm of each line.",
+            counted(s.lines, "line"),
+            match s.targets {
+                1 => "one target is".to_owned(),
+                count => format!("{count} targets are"),
+            },
+            s.tolerance_mm
         ));
     }
     if let Some(b) = &d.between {
         report.line(format_args!(
-            "Between the ends of {} lines and arcs, by the model, the tool is off by {:.3} mm at most, computed at {} \
-             points of each ({}:{}).",
-            b.moves, b.largest_mm, b.points, b.file, b.line
+            "Between the ends of {}, by the model, the tool is off by {:.3} mm at most, computed at {} points of each \
+             ({}:{}).",
+            match b.moves {
+                1 => "one line or arc".to_owned(),
+                count => format!("{count} lines and arcs"),
+            },
+            b.largest_mm,
+            b.points,
+            b.file,
+            b.line
         ));
     }
     for remark in &d.remarks {
@@ -410,6 +440,10 @@ fn named(d: &ProgramJson, a: &Correct) -> Result<(), Failure> {
         text += &format!("\n  and {} more, which --json names", groups.len() - NAMED);
     }
     text += match (a.dry_run, a.inverse) {
+        _ if d.targets == 0 => match a.inverse {
+            true => "\nhelp: nothing was restored",
+            false => "\nhelp: nothing was corrected: the output equals the input",
+        },
         (true, false) => "\nhelp: everything else would be corrected",
         (true, true) => "\nhelp: everything else would be restored",
         (false, false) => "\nhelp: everything else was corrected and written",

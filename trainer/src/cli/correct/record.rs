@@ -1,7 +1,7 @@
 //! The record beside a corrected program: which model corrected which source to which result, with the joints before and
 //! after. The program keeps its other bytes unchanged, so that it cannot carry this information itself.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -228,7 +228,7 @@ impl Records {
             Direction::Correct => Err(InputError::new(path, found, "an uncorrected program")
                 .with_help(format!(
                     "correct {} instead, or bring this one back with --inverse",
-                    record.source
+                    original(record, path)
                 ))
                 .into()),
             Direction::Inverse if record.model_sha256 != model => {
@@ -237,6 +237,19 @@ impl Records {
             }
             Direction::Inverse => Ok(Some(record.clone())),
         }
+    }
+}
+
+/// Returns the name of the source of a record; with its place, where the corrected program has the same name.
+fn original(record: &Record, corrected: &Path) -> String {
+    let folder = folder_of(corrected);
+    match file_name(corrected) == record.source {
+        true => format!(
+            "the original {} (not the one in {})",
+            record.source,
+            folder.display()
+        ),
+        false => record.source.clone(),
     }
 }
 
@@ -251,7 +264,7 @@ fn warn_of_change(path: &Path, hash: &str, direction: Direction) -> Result<(), I
         let then = match direction {
             Direction::Correct => format!(
                 "if it is still the corrected one, it is now corrected twice: correct {} instead",
-                record.source
+                original(&record, path)
             ),
             Direction::Inverse => {
                 "which model, payload and frames corrected it is not checked, and inserted targets stay".to_owned()
@@ -264,4 +277,32 @@ fn warn_of_change(path: &Path, hash: &str, direction: Direction) -> Result<(), I
         ));
     }
     Ok(())
+}
+
+/// Warns of programs that are brought back, though no record shows that they were ever corrected. `files` have the hash of
+/// each file, and whether the record of a correction with this result was found. A source and its data list are one program.
+pub fn warn_of_uncorrected<'a>(files: impl Iterator<Item = (&'a Path, &'a str, bool)>) {
+    let mut programs: BTreeMap<PathBuf, (&Path, bool)> = BTreeMap::new();
+    for (path, hash, is_found) in files {
+        // A file whose own record does not fit was changed, which is said; one without targets is as its record says.
+        let own = || Record::read(&record_path(path)).ok();
+        let is_of_correction = |record: Record| {
+            let is_source = record.source_sha256 == hash && record.result_sha256 != hash;
+            !record.is_inverse && !is_source
+        };
+        let is_known = is_found || own().is_some_and(is_of_correction);
+        let entry = programs
+            .entry(path.with_extension(""))
+            .or_insert((path, false));
+        *entry = (path, entry.1 || is_known);
+    }
+    for (path, is_known) in programs.values() {
+        if !is_known {
+            warning(format_args!(
+                "{}: no record shows that this program was corrected; if it was not, --inverse moves every target the \
+                 wrong way",
+                path.display()
+            ));
+        }
+    }
 }

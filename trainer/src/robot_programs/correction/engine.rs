@@ -24,6 +24,9 @@ use crate::robot_programs::correction::replacement::{Replacement, Solved, replac
 
 /// Least trust of a target. Below it, less than half of the correction's prior is explained by the training data.
 pub const TRUSTED: f64 = 0.5;
+/// Part of the reason why a target is left whose payload is not one of the model's.
+const BEYOND_PAYLOADS: &str = "outside the trained payloads";
+
 /// Direction in which a program is converted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
@@ -115,19 +118,32 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
         return InputError::new("", "nothing", "a program");
     };
     let source = &program.sources[first.location.file];
+    let (expected, help) = if first.reason == NO_PAYLOAD {
+        (
+            "a program that states the payloads of its tools",
+            "give --payload-kg KG if all targets have one payload",
+        )
+    } else if first.reason.contains(BEYOND_PAYLOADS) {
+        (
+            "a payload that the model was trained with",
+            "give the payload that the arm carries, or train the model with it",
+        )
+    } else {
+        (
+            "a program of the robot that the model is of",
+            "wrong robot model, tool or frame?",
+        )
+    };
     source
         .error(
             first.location.at,
-            format!("no target that can be corrected; the reason for the first: {}", first.reason),
-            match first.reason == NO_PAYLOAD {
-                true => "a program that states the payloads of its tools",
-                false => "a program of the robot that the model is of",
-            },
+            format!(
+                "no target that can be corrected; the reason for the first: {}",
+                first.reason
+            ),
+            expected,
         )
-        .with_help(match first.reason == NO_PAYLOAD {
-            true => "give --payload-kg KG if all targets have one payload",
-            false => "check that this is the model of the robot that runs the program, and that tool and base are right",
-        })
+        .with_help(help)
 }
 
 /// Returns the corrected joints of a target, or why the target is left as it is.
@@ -162,7 +178,8 @@ pub fn corrected(
     let corrected = commander.correct_target(&wanted, kg);
     let status = corrected.status;
     if status.contains(Status::CORRECTION_LIMITED) || status.contains(Status::BAD_INPUT) {
-        return Err(format!("the model does not answer for it ({status})"));
+        return Err(beyond_payloads(commander, &wanted, kg)
+            .unwrap_or_else(|| format!("the model does not answer for it ({status})")));
     }
     let now = commander.evaluate(&wanted, kg);
     if now.trust < TRUSTED {
@@ -207,6 +224,18 @@ pub fn corrected(
         is_complete: !status.contains(Status::PARTLY_CORRECTED),
         status: now.status,
     })
+}
+
+/// Returns the reason why a target is left that the model would correct with a trained payload.
+fn beyond_payloads(commander: &Commander, wanted: &Joints, kg: f64) -> Option<String> {
+    let (light, heavy) = commander.payloads()?;
+    let trained = kg.clamp(light, heavy);
+    let status = commander.correct_target(wanted, trained).status;
+    let is_answered = ![Status::CORRECTION_LIMITED, Status::BAD_INPUT]
+        .into_iter()
+        .any(|bit| status.contains(bit));
+    (trained != kg && is_answered)
+        .then(|| format!("{kg} kg is {BEYOND_PAYLOADS} {light}–{heavy} kg"))
 }
 
 /// Returns the joint that leaves what the configuration states of it, where no number of the target states it again.

@@ -169,7 +169,7 @@ impl<V: Clone + PartialEq> Certain<V> {
                     match is_computed {
                         true => format!("it is changed at {line}"),
                         false => {
-                            format!("it is set at {line}, but not on every way to this move")
+                            format!("it is set at {line}, but not on every path to this move")
                         }
                     }
                 }

@@ -20,9 +20,11 @@ pub mod program;
 mod rapid;
 pub mod replacement;
 pub mod seeds;
+mod solution;
 pub mod source;
 pub mod split;
 mod table;
+mod table_columns;
 pub mod tokens;
 mod urscript;
 mod val3;
@@ -86,6 +88,11 @@ impl Format {
             .into_iter()
             .find(|format| format.endings().contains(&ending.as_str()))
             .filter(|format| *format != Self::Table || table::has_poses(path))
+    }
+
+    /// Returns whether a file states the payload of each of its targets in a column.
+    pub fn has_payloads(self, path: &Path) -> bool {
+        self == Self::Table && table::has_payloads(path)
     }
 
     /// Returns the path of the data list beside a source, which belongs to the program.

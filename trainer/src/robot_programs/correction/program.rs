@@ -126,6 +126,28 @@ impl Stated {
     }
 }
 
+/// Language whose configuration states sides by bits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Convention {
+    /// RAPID's `cfx`: 4 for a wrist centre behind axis 1, 2 for one behind the lower arm, 1 for a negative axis 5. ABB's lower
+    /// arm is the link between axes 2 and 3. ("RAPID Instructions, Functions and Data types", 3HAC050917, `confdata`.)
+    Cfx,
+    /// KRL's `S`: bit 0 for a wrist centre behind axis 1 (the overhead area), bit 1 for an axis 3 beyond the angle at which the
+    /// arm is stretched, bit 2 for a negative axis 5. ("Operating and Programming Instructions for System Integrators", KSS 8.)
+    Status,
+}
+
+/// Sides that a number of a configuration states.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Posture {
+    /// Meaning of the bits.
+    pub convention: Convention,
+    /// The number.
+    pub bits: u32,
+    /// Whether the number is stated for sure. `cfx` is 0 also where a controller does not use it.
+    pub is_certain: bool,
+}
+
 /// Branch of the inverse kinematics that a controller takes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Configuration {
@@ -138,6 +160,8 @@ pub struct Configuration {
     /// Letters of the sides of wrist, elbow and shoulder, as one of two each. Which side a letter is depends on the robot: the
     /// first pose of a program shows it.
     pub letters: [Option<bool>; 3],
+    /// Sides of wrist, elbow and shoulder that a number states.
+    pub posture: Option<Posture>,
     /// Number of the configuration that limits no joint; targets inserted on the way to this target get it, too.
     pub rest: Option<Number>,
     /// Whether the controller stops where no branch is within `bounds`; otherwise it takes the nearest branch.
@@ -154,10 +178,11 @@ impl Configuration {
         }
     }
 
-    /// Returns whether it states the side of the wrist: a letter, the sum `cfx`, or the sign of joint 5.
+    /// Returns whether it states the side of the wrist: a letter, `cfx`, `S`, or the sign of joint 5.
     pub fn states_wrist(&self) -> bool {
         let is_bound = self.bounds.iter().any(|bound| bound.0 == WRIST);
-        is_bound || self.letters[0].is_some() || self.rest.is_some()
+        let is_stated = self.rest.is_some() || self.posture.is_some();
+        is_bound || self.letters[0].is_some() || is_stated
     }
 }
 

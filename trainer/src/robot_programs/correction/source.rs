@@ -53,6 +53,14 @@ impl Source {
         if bytes.len() >= u32::MAX as usize {
             return Err(InputError::new(path, "more than 4 GB", "a robot program"));
         }
+        // Programs begin with a letter or a sign of ASCII, which UTF-16 writes with a zero.
+        if matches!(
+            bytes.as_slice(),
+            [0xff, 0xfe, ..] | [0xfe, 0xff, ..] | [_, 0, _, 0, ..] | [0, _, 0, ..]
+        ) {
+            let help = "save the file as UTF-8 or ANSI";
+            return Err(InputError::new(path, "UTF-16 text", "UTF-8 or ANSI").with_help(help));
+        }
         Ok(Self::new(path, bytes, is_corrected))
     }
 

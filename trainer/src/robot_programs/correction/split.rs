@@ -13,9 +13,10 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::between::{Between, POINTS, Stretch, at, error};
 use crate::robot_programs::correction::engine::{Direction, corrected};
-use crate::robot_programs::correction::planning::{NEAR, Planned};
+use crate::robot_programs::correction::planning::Planned;
 use crate::robot_programs::correction::program::{Left, Line, Literal, Program, frames_of};
 use crate::robot_programs::correction::replacement::{Replacement, Solved};
+use crate::robot_programs::correction::solution::NEAR;
 use crate::robot_programs::correction::source::{Source, fixed};
 use crate::robot_programs::dialect::Orientation;
 

@@ -9,8 +9,9 @@
 //!                        before
 //! ```
 //!
-//! A file with joint columns (`q1_deg` …) has joint targets, whatever its other columns are. Columns of other names stay as
-//! they are.
+//! Upper and lower case are equal in these names. A file with joint columns (`q1_deg` …) has joint targets, whatever its other
+//! columns are. Columns of other names stay as they are; those that seem to name tools or bases are refused or noted
+//! ([`table_columns`](super::table_columns)).
 
 use std::fs::File;
 use std::io::Read;
@@ -27,26 +28,37 @@ use crate::robot_programs::correction::program::{
 };
 use crate::robot_programs::correction::seeds::Seeds;
 use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::correction::table_columns::Check;
 use crate::robot_programs::dialect::{Dialect, MILLIMETRES, Orientation};
 
 /// Largest number of bytes in which a header is looked for.
 const LONGEST_HEADER: u64 = 1 << 20;
+/// Name of the column of payloads.
+const PAYLOAD: &str = "payload_kg";
 
 /// Returns whether the header of a file has poses and no joints.
 pub fn has_poses(path: &Path) -> bool {
+    let names = header(path);
+    let has = |name: &str| names.iter().any(|found| found == name);
+    let has_joints = names.iter().any(|name| is_joint(name));
+    !has_joints && (has("x_mm") || has("x_m")) && (has("qw") || has("rx_rad"))
+}
+
+/// Returns whether the header of a file has payloads.
+pub fn has_payloads(path: &Path) -> bool {
+    header(path).iter().any(|name| name == PAYLOAD)
+}
+
+/// Returns the names of the columns of a file in lower case; none where it cannot be read.
+fn header(path: &Path) -> Vec<String> {
     let mut bytes = Vec::new();
     let start = File::open(path).and_then(|file| file.take(LONGEST_HEADER).read_to_end(&mut bytes));
     if start.is_err() {
-        return false;
+        return Vec::new();
     }
     let source = Source::new(path, bytes, false);
-    let mut records = records(&source.bytes);
-    records.next().is_some_and(|header| {
-        let names = names(&source, &header);
-        let has = |name: &str| names.iter().any(|found| found == name);
-        let has_joints = names.iter().any(|name| is_joint(name));
-        !has_joints && (has("x_mm") || has("x_m")) && (has("qw") || has("rx_rad"))
-    })
+    let header = records(&source.bytes).next().unwrap_or_default();
+    lower(&names(&source, &header))
 }
 
 /// Returns whether a column is a joint, such as `q1_deg`.
@@ -66,6 +78,8 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     let columns = Columns::of(&copy, &header)?;
     let mut program = Program::new("CSV with poses", columns.dialect, vec![source]);
     let titles = names(&copy, &header);
+    let (line, _) = copy.line_and_column(header.first().map_or(0, |field| field.start));
+    let mut check = Check::new(&lower(&titles), frames);
     for fields in rows {
         // The location of a row is the beginning of its line.
         let first = fields.first().map_or(0, |field| field.start);
@@ -80,6 +94,9 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
             let expected = format!("{}, as many as the header has", header.len());
             let found = counted(fields.len(), "field");
             return Err(InputError::new(&copy.path, found, expected).at_line(line));
+        }
+        for (column, span) in fields.iter().enumerate() {
+            check.note(column, &text(&copy, span));
         }
         let number = |column: usize| -> Result<Number, InputError> {
             let span = &fields[column];
@@ -127,6 +144,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         program.move_to(target, Way::Joints, tool, base);
     }
     program.seeds = columns.seeds;
+    program.remarks = check.finish(&copy.path, line, &titles)?;
     Ok(program)
 }
 
@@ -170,10 +188,22 @@ struct Columns {
 
 impl Columns {
     fn of(source: &Source, header: &[Range<usize>]) -> Result<Self, InputError> {
-        let names = names(source, header);
+        let titles = names(source, header);
+        let names = lower(&titles);
         let find = |name: &str| names.iter().position(|found| found == name);
         let first = header.first().map_or(0, |field| field.start);
         let (line, _) = source.line_and_column(first);
+        for (index, name) in names.iter().enumerate() {
+            if is_known(name)
+                && let Some(other) = find(name).filter(|other| *other < index)
+            {
+                let found = format!("a second column {}", titles[index]);
+                let expected = format!("one, which is column {} ({})", other + 1, titles[other]);
+                return Err(InputError::new(&source.path, found, expected)
+                    .at_line(line)
+                    .at_column(index + 1, &titles[index]));
+            }
+        }
         let needed = |name: &str| {
             find(name).ok_or_else(|| {
                 let found = format!("the columns {}", names.join(", "));
@@ -200,7 +230,7 @@ impl Columns {
                 .collect::<Result<_, _>>()?,
             tool: find("tool"),
             base: find("base"),
-            payload: find("payload_kg"),
+            payload: find(PAYLOAD),
             seeds: Seeds::of(source, line, &names)?,
             dialect: Dialect {
                 metre,
@@ -210,6 +240,19 @@ impl Columns {
             },
         })
     }
+}
+
+/// Returns whether a column has a meaning by its name in lower case.
+fn is_known(name: &str) -> bool {
+    const KNOWN: [&str; 16] = [
+        "x_mm", "y_mm", "z_mm", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz", "rx_rad", "ry_rad",
+        "rz_rad", "tool", "base", PAYLOAD,
+    ];
+    KNOWN.contains(&name) || name.starts_with("seed_q")
+}
+
+fn lower(names: &[String]) -> Vec<String> {
+    names.iter().map(|name| name.to_ascii_lowercase()).collect()
 }
 
 fn names(source: &Source, header: &[Range<usize>]) -> Vec<String> {

@@ -57,7 +57,7 @@ fn payloads_of_a_listing_are_not_guessed() {
         assert_ne!(outcome.code, Some(0), "{outcome:#?}");
         let said = outcome.stdout + &outcome.stderr;
         assert!(
-            said.contains("its tool has no payload in the program"),
+            said.contains("the payload at this move cannot be determined from the program"),
             "{said}"
         );
         folder.run(&format!("{command} --payload-kg 2.5")).ok();

@@ -25,7 +25,7 @@ fn sources_are_followed_on_every_way() {
         (
             format!("IF i==1 THEN\n$BASE=BASE_DATA[5]\nELSE\n$BASE=BASE_DATA[2]\nENDIF\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("IF i==1 THEN\n$BASE=BASE_DATA[5]\nELSE\n$BASE=BASE_DATA[5]\nENDIF\n{go}"),
@@ -35,12 +35,12 @@ fn sources_are_followed_on_every_way() {
         (
             format!("SWITCH i\nCASE 1\n$BASE=BASE_DATA[5]\nENDSWITCH\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("LOOP\n{go}\n$BASE=BASE_DATA[5]\nENDLOOP"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("PUT( )\n{go}\nDEF PUT( )\n$BASE=BASE_DATA[5]"),
@@ -50,17 +50,17 @@ fn sources_are_followed_on_every_way() {
         (
             format!("PUT(5)\n{go}\nDEF PUT(i:IN)\nIF i==5 THEN\n$BASE=BASE_DATA[5]\nENDIF"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("INTERRUPT DECL 3 WHEN $IN[1] DO PUT( )\n{go}\nDEF PUT( )\n$BASE=BASE_DATA[5]"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("IF i==1 THEN\nBASE_DATA[2]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\nENDIF\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (format!("{go} WITH $BASE=BASE_DATA[i]"), 1, "computed"),
         (format!("PTP $AXIS_ACT\n{go}:{{Z 5}}"), 1, "computed"),

@@ -68,7 +68,7 @@ fn modules_are_followed_on_every_way() {
         (
             format!("IF a=1 table.uframe:=[[1,2,3],[1,0,0,0]];\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("IF a THEN\ntable.uframe:={same};\nELSE\ntable.uframe:={same};\nENDIF\n{go}"),
@@ -78,7 +78,7 @@ fn modules_are_followed_on_every_way() {
         (
             format!("WHILE TRUE DO\n{go}\ntable.uframe:=[[1,2,3],[1,0,0,0]];\nENDWHILE"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("WHILE TRUE DO\n{go}\ntable.uframe:={same};\nENDWHILE"),
@@ -88,7 +88,7 @@ fn modules_are_followed_on_every_way() {
         (
             format!("again:\n{go}\ntable.uframe:=[[1,2,3],[1,0,0,0]];\nGOTO again;"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (format!("MoveB;\n{go}\n{}", set(same)), 2, ""),
         (
@@ -99,7 +99,7 @@ fn modules_are_followed_on_every_way() {
         (
             format!("{go}\nERROR\ntable.uframe:=[[1,2,3],[1,0,0,0]];\nRETRY;"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!(

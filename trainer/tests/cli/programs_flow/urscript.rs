@@ -34,24 +34,24 @@ fn scripts_are_followed_on_every_way() {
         ),
         (format!("q[1] = q[1] - 0.3\n{go}"), 1, "computed"),
         (format!("if a: q[i] = 0\n{go}"), 1, "computed"),
-        (format!("if a:\n{long}\nend\n{go}"), 1, "not on every way"),
+        (format!("if a:\n{long}\nend\n{go}"), 1, "not on every path"),
         (format!("if a:\n{TCP}end\n{go}"), 2, ""),
         (
             format!("while a:\n{go}\n{long}\nend"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (format!("{own}\nf()\n{go}"), 2, ""),
         (format!("{own}\nif f():\nend\n{go}"), 2, ""),
         (
             format!("def f():\nif a:\n{long}\nend\nend\nf()\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("thread f():\n{long}\nend\nrun f()\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("track_conveyor_linear(p[1,0,0,0,0,0], 100)\n{go}\nstop_conveyor_tracking()"),
@@ -69,7 +69,7 @@ fn scripts_are_followed_on_every_way() {
                 "f = p[0,0,0,0,0,0]\nif a:\nf = p[0.1,0,0,0,0,0]\nend\nmovel(pose_trans(f, {POINT}))"
             ),
             1,
-            "its feature f: it is set at a.script:8, but not on every way",
+            "its feature f: it is set at a.script:8, but not on every path",
         ),
         // The joints of `qnear` are computed at run time.
         (
@@ -93,7 +93,7 @@ fn scripts_are_followed_on_every_way() {
     let heavy = format!("if a:\nset_payload(5)\nend\n{go}");
     check(
         &folder,
-        &[(&heavy, 1, "that is certain")],
+        &[(&heavy, 1, "the payload at this move cannot be determined")],
         "a.script",
         "--payload-from-program",
         script,

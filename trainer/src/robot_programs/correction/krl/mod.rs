@@ -22,7 +22,7 @@ use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::krl::names::Names;
 use crate::robot_programs::correction::krl::states::{Line, Named, States};
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, Program, Says, Stated, Target, Way, of_sign,
+    Configuration, Convention, Goal, Location, Posture, Program, Says, Stated, Target, Way, of_sign,
 };
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
@@ -214,28 +214,44 @@ impl Reader<'_> {
         }
         let joints: Vec<String> = (1..=6).map(|i| format!("a{i}")).collect();
         let joints: Vec<&str> = joints.iter().map(String::as_str).collect();
-        let (mut configuration, goal);
+        let (configuration, goal);
         if let Some(n) = self.all_of(file, &map, &joints) {
             (configuration, goal) = (None, Goal::Joints(n));
         } else if let Some(n) = self.all_of(file, &map, &["x", "y", "z", "a", "b", "c"]) {
             goal = Goal::pose(&n);
-            configuration = None;
             let turn = map.get("t").and_then(|at| self.bits(file, *at));
-            if let Some((turn, is_binary)) = turn {
-                configuration = Some(Configuration {
-                    stated: vec![Stated {
-                        number: turn,
-                        says: Says::Signs { is_binary },
-                    }],
-                    ..turns(turn.value as u32)
-                });
-            }
+            let status = map.get("s").and_then(|at| self.bits(file, *at));
+            configuration = Some(configured(turn, status.map(|(status, _)| status)));
         } else {
-            return Err(
-                "components that it does not name stay as they are, or are computed".to_owned(),
-            );
+            let is_axes = joints.iter().any(|name| map.contains_key(*name));
+            let pose = ["x", "y", "z", "a", "b", "c"];
+            let needed = if is_axes { &joints[..] } else { &pose };
+            return Err(self.not_whole(file, &map, needed));
         }
         Ok(Target::new(self.location(file, from), goal, configuration))
+    }
+
+    /// Returns the reason why a point without all of these numbers is left.
+    fn not_whole(&self, file: usize, map: &HashMap<String, usize>, needed: &[&str]) -> String {
+        let named = |all: Vec<&str>| all.join(", ").to_ascii_uppercase();
+        let is_missing = |name: &&str| !map.contains_key(*name);
+        let missing: Vec<&str> = needed.iter().copied().filter(is_missing).collect();
+        match missing.len() {
+            0 => {
+                let is_number = |name: &str| self.texts[file].number(map[name]).is_some();
+                let other = needed.iter().copied().find(|name| !is_number(name));
+                let other = other.unwrap_or_default().to_ascii_uppercase();
+                format!("{other} is not a plain number")
+            }
+            1 => format!(
+                "{} is missing, so the controller keeps the previous value",
+                named(missing)
+            ),
+            _ => format!(
+                "{} are missing, so the controller keeps the previous values",
+                named(missing)
+            ),
+        }
     }
 
     /// Returns the index n of an element `NAME[n]`, and the token behind it.
@@ -431,8 +447,21 @@ fn stays(name: &str) -> bool {
     .any(|start| name.starts_with(start))
 }
 
-/// Returns the configuration from the turn bits of a point, which are the signs of the joints.
-fn turns(bits: u32) -> Configuration {
-    let bound = |joint: usize| of_sign(joint, bits >> joint & 1 == 1);
-    Configuration::monitored((0..6).map(bound).collect())
+/// Returns the configuration from the turn bits of a point, which are the signs of the joints, and from its status, which has
+/// the sides. Without them the controller keeps those of the point before.
+fn configured(turn: Option<(Number, bool)>, status: Option<Number>) -> Configuration {
+    let mut out = Configuration::monitored(Vec::new());
+    if let Some((number, is_binary)) = turn {
+        let bits = number.value as u32;
+        let bound = |joint: usize| of_sign(joint, bits >> joint & 1 == 1);
+        out.bounds = (0..6).map(bound).collect();
+        let says = Says::Signs { is_binary };
+        out.stated.push(Stated { number, says });
+    }
+    out.posture = status.map(|status| Posture {
+        convention: Convention::Status,
+        bits: status.value as u32,
+        is_certain: true,
+    });
+    out
 }

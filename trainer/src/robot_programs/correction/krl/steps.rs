@@ -291,7 +291,7 @@ impl Reader<'_> {
                 _ => vec![(MODE, mode)],
             };
         }
-        let unknown = || Named::Unknown(format!("{name} is computed"));
+        let unknown = || Named::Unknown(format!("{} is computed", text.spelling(from)));
         let found = match self.element(file, from + 2) {
             Some((number, behind)) if value == list && behind == end => Named::Number(number),
             _ if key == MODE && is_alone && value.starts_with('#') => {

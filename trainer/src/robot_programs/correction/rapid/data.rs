@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{
-    Configuration, Goal, Location, SLACK, Says, Stated, Target, WRIST, of_sign,
+    Configuration, Convention, Goal, Location, Posture, SLACK, Says, Stated, Target, WRIST, of_sign,
 };
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::tokens::Value;
@@ -241,8 +241,14 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     };
     let mut bounds = [(0, first), (3, fourth), (5, sixth)].map(bound).to_vec();
     // cfx is a sum: 4 behind axis 1, 2 behind the lower arm, 1 for a negative axis 5. Robots that do not use it have 0.
-    if (1..=7).any(|cfx| rest.value == f64::from(cfx)) {
-        bounds.push(of_sign(WRIST, rest.value % 2.0 == 1.0));
+    let posture = (0..=7u32).find(|cfx| rest.value == f64::from(*cfx));
+    let posture = posture.map(|bits| Posture {
+        convention: Convention::Cfx,
+        bits,
+        is_certain: bits != 0,
+    });
+    if let Some(cfx) = posture.filter(|posture| posture.is_certain) {
+        bounds.push(of_sign(WRIST, cfx.bits % 2 == 1));
     }
     let stated = [(0, first), (3, fourth), (5, sixth)].map(|(joint, number)| Stated {
         number,
@@ -251,6 +257,7 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
     let configuration = Configuration {
         stated: stated.to_vec(),
         rest: Some(rest),
+        posture,
         ..Configuration::monitored(bounds)
     };
     Some((goal, Some(configuration)))

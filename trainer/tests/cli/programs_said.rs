@@ -1,0 +1,173 @@
+//! `trainer correct` of robot programs: what it says where it would do the wrong thing, or did nothing.
+
+use crate::program::Folder;
+use crate::programs::folder;
+use crate::texts::texts;
+
+const NO_AXES: &str = "[9E9,9E9,9E9,9E9,9E9,9E9]";
+const NO_RECORD: &str = "no record shows that this program was corrected";
+
+fn rapid(moves: &str) -> String {
+    format!("MODULE M\nPROC main()\n{moves}ENDPROC\nENDMODULE\n")
+}
+
+fn joints() -> String {
+    rapid(&format!(
+        "MoveAbsJ [[8,22,1,-14,46,24],{NO_AXES}],v1,fine,tool0;\n"
+    ))
+}
+
+fn krl(motion: &str) -> String {
+    format!("DEF A( )\n$BASE=$WORLD\n{motion}\nEND\n")
+}
+
+/// Without the record, a program that was never corrected would be moved the wrong way in silence.
+#[test]
+fn the_inverse_of_a_program_without_a_record_is_warned_of() {
+    let folder = folder();
+    folder.write("a.mod", joints());
+    let correct = |line: &str| {
+        let line = format!("correct elas.blob {line} --payload-kg 2.5");
+        folder.run(&line).ok().stderr
+    };
+    let said = correct("a.mod --inverse --out wrong.mod");
+    assert!(
+        said.contains("warning: a.mod: ") && said.contains(NO_RECORD),
+        "{said}"
+    );
+    correct("a.mod --out o.mod");
+    assert!(!correct("o.mod --inverse --out back.mod").contains(NO_RECORD));
+    // It was brought back already.
+    assert!(correct("back.mod --inverse --out twice.mod").contains(NO_RECORD));
+    // A data list without targets has no correction of its own.
+    folder.write(
+        "b.src",
+        krl("$TOOL=$NULLFRAME\nPTP {A1 8,A2 22,A3 1,A4 -14,A5 46,A6 24}"),
+    );
+    folder.write("b.dat", "DEFDAT B\nENDDAT\n");
+    correct("b.src --out c.src");
+    assert!(!correct("c.src --inverse --out d.src").contains(NO_RECORD));
+}
+
+/// Returns what `correct` says of a KRL program that it does not correct completely.
+fn left(folder: &Folder, motion: &str) -> String {
+    folder.write("k.src", krl(motion));
+    let line = "correct elas.blob k.src --payload-kg 2.5 --out l.src";
+    folder.run(line).stderr
+}
+
+#[test]
+fn components_of_a_krl_point_are_said_by_name() {
+    let folder = folder();
+    let motion = |point: &str| format!("$TOOL=$NULLFRAME\nPTP {{{point}}}");
+    for (point, reason) in [
+        (
+            "X 1,Y 2,Z 3",
+            "A, B, C are missing, so the controller keeps the previous values",
+        ),
+        (
+            "A1 1,A2 2,A3 3,A4 4,A5 5",
+            "A6 is missing, so the controller keeps the previous value",
+        ),
+        ("X 1,Y 1.2.3,Z 3,A 0,B 0,C 0", "Y is not a plain number"),
+        ("X 1,Y 1,Z NaN,A 0,B 0,C 0", "Z is not a plain number"),
+    ] {
+        let said = left(&folder, &motion(point));
+        assert!(said.contains(&format!("k.src:4:5: {reason}")), "{said}");
+        let nothing = "help: nothing was corrected: the output equals the input";
+        assert!(said.contains(nothing), "{said}");
+    }
+    let point = "X 1250,Y -180,Z 1320,A 0,B 90,C 0";
+    let said = left(&folder, &format!("$TOOL=Other(1)\nPTP {{{point}}}"));
+    assert!(said.contains("$TOOL is computed"), "{said}");
+}
+
+#[test]
+fn a_payload_beyond_the_trained_ones_is_said() {
+    let _texts = texts();
+    let folder = folder();
+    folder.write("a.mod", joints());
+    let said = folder
+        .refuses("correct elas.blob a.mod --payload-kg 500 --out o.mod")
+        .stderr;
+    let text = "500 kg is outside the trained payloads ";
+    assert!(
+        said.contains(text) && said.contains("expected a payload that"),
+        "{said}"
+    );
+    assert!(!said.contains("tool or frame"), "{said}");
+}
+
+#[test]
+fn a_program_in_utf16_is_refused() {
+    let _texts = texts();
+    let folder = folder();
+    let little = |text: &str| {
+        text.encode_utf16()
+            .flat_map(u16::to_le_bytes)
+            .collect::<Vec<_>>()
+    };
+    let big = |text: &str| {
+        text.encode_utf16()
+            .flat_map(u16::to_be_bytes)
+            .collect::<Vec<_>>()
+    };
+    let marked = format!("\u{feff}{}", joints());
+    for bytes in [
+        little(&joints()),
+        big(&joints()),
+        little(&marked),
+        big(&marked),
+    ] {
+        folder.write("u.mod", bytes);
+        let said = folder
+            .refuses("correct elas.blob u.mod --payload-kg 2.5 --out o.mod")
+            .stderr;
+        for text in [
+            "u.mod: found UTF-16 text, expected UTF-8 or ANSI",
+            "help: save the file as",
+        ] {
+            assert!(said.contains(text), "{said}");
+        }
+    }
+}
+
+/// Both files have one name: which is to be corrected is not clear from the name alone.
+#[test]
+fn the_original_of_a_corrected_program_is_said_with_its_folder() {
+    let _texts = texts();
+    let folder = folder();
+    std::fs::create_dir(folder.path("f")).unwrap();
+    folder.write("a.mod", joints());
+    folder
+        .run("correct elas.blob a.mod --payload-kg 2.5 --out f/a.mod")
+        .ok();
+    let said = folder
+        .refuses("correct elas.blob f/a.mod --payload-kg 2.5 --out g.mod")
+        .stderr;
+    assert!(
+        said.contains("correct the original a.mod (not the one in f) instead"),
+        "{said}"
+    );
+}
+
+#[test]
+fn one_is_no_plural() {
+    let folder = folder();
+    folder.write("a.mod", joints());
+    let said = folder
+        .run("correct elas.blob a.mod --payload-kg 2.5 --out o.mod")
+        .ok()
+        .stdout;
+    assert!(said.contains(": 1 target corrected"), "{said}");
+    folder.write("b.src", krl(
+        "$TOOL=$NULLFRAME\nPTP {A1 8,A2 22,A3 1,A4 -14,A5 46,A6 24}\nLIN {X 1250,Y -180,Z 1320,A 0,B 90,C 0}",
+    ));
+    let said = folder
+        .run("correct elas.blob b.src --payload-kg 2.5 --out c.src")
+        .stdout;
+    assert!(
+        said.contains("Between the ends of one line or arc, by the model"),
+        "{said}"
+    );
+}
