@@ -54,6 +54,11 @@ impl Rsi {
         self.sequence.cycle_ms()
     }
 
+    /// Ends the session: the correction begins at zero with the next packet.
+    pub fn end_session(&mut self) {
+        self.sequence.end();
+    }
+
     /// Lets the correction go to zero.
     pub fn stop(&mut self) {
         self.stops = true;

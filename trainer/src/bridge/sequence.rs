@@ -85,6 +85,14 @@ impl Sequence {
         self.thins
     }
 
+    /// Ends the session: the next packet is the first of another one.
+    pub fn end(&mut self) {
+        *self = Self {
+            lost_before: self.lost(),
+            ..Self::default()
+        };
+    }
+
     /// Takes the next packet, and returns its relation to those before.
     pub fn take(&mut self, ipoc: u64) -> Order {
         let Some(last) = self.last else {

@@ -12,10 +12,13 @@ use crate::bridge::statistics::{Counts, Spread, Times};
 
 /// Longest wait for a packet before `stop` is checked.
 const WAIT: Duration = Duration::from_millis(100);
-/// Silence after which another controller may take over.
-const SILENCE: Duration = Duration::from_secs(1);
+/// Time without an answer after which every controller has ended its session: 100 cycles of 12 ms. Another controller may
+/// then take over, and the correction of the same one begins at zero again.
+const SILENCE: Duration = Duration::from_millis(1_200);
 /// Silence after which a correction that is being withdrawn is left to the controller.
 const PATIENCE: Duration = Duration::from_secs(3);
+/// Longest time for withdrawing a correction, which packets without axes hold.
+const WITHDRAWAL: Duration = Duration::from_secs(10);
 /// Time between two reports.
 const INTERVAL: Duration = Duration::from_secs(10);
 
@@ -55,12 +58,15 @@ pub fn serve(
     let mut reported = heard;
     let mut cpu = cpu_time();
     let mut cycles_before = 0;
+    let mut stopped: Option<Instant> = None;
     loop {
         let stops =
             stop.load(Ordering::Relaxed) || cycles.is_some_and(|most| cycles_before >= most);
         if stops {
             rsi.stop();
-            if rsi.is_at_zero() || heard.elapsed() >= PATIENCE {
+            let since = *stopped.get_or_insert_with(Instant::now);
+            let is_given_up = heard.elapsed() >= PATIENCE || since.elapsed() >= WITHDRAWAL;
+            if rsi.is_at_zero() || is_given_up {
                 break;
             }
         }
@@ -71,6 +77,9 @@ pub fn serve(
                 rsi.count_foreign();
             }
             Ok((length, from)) => {
+                if heard.elapsed() >= SILENCE {
+                    rsi.end_session();
+                }
                 if let Some(answer) = rsi.answer(&buffer[..length]) {
                     // The queue is full or the cable is out: for the controller, the answer is lost.
                     let _ = socket.send_to(answer, from);

@@ -83,3 +83,16 @@ fn a_connection_that_loses_half_is_noticed() {
     assert!(advance(&mut sequence, 100, 8));
     assert!(!advance(&mut sequence, 100, 4));
 }
+
+/// After a silence in which every controller ends its session, the next packet begins another one, whatever its time stamp.
+#[test]
+fn an_ended_session_is_not_continued() {
+    let mut sequence = Sequence::new();
+    assert_eq!(sequence.take(1_000), Order::First);
+    for ipoc in (1_004..1_100).step_by(4) {
+        assert!(matches!(sequence.take(ipoc), Order::Next(_)));
+    }
+    sequence.end();
+    assert_eq!(sequence.take(1_104), Order::First);
+    assert_eq!(sequence.lost(), 0);
+}

@@ -21,7 +21,7 @@ use crate::bridge::server::{Report, serve};
 use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::interrupt::stoppable;
-use crate::cli::terminal::print::{Printer, note};
+use crate::cli::terminal::print::{Printer, note, warning};
 
 /// `trainer bridge rsi`.
 #[derive(Debug, Args)]
@@ -156,7 +156,7 @@ fn check_axes(path: &Path, loaded: &BlobModel) -> Result<(), Failure> {
 fn payload(a: &RsiArgs, loaded: &BlobModel) -> Result<f64, Failure> {
     match (a.payload_kg, loaded.blob().ranges.payload_kg) {
         (Some(kg), _) if !(0.0..=f64::from(MAX_PAYLOAD_KG)).contains(&kg) => Err(Failure::Usage(
-            format!("--payload-kg {kg}: expected kilograms, 0 or more"),
+            format!("--payload-kg {kg}: expected kilograms, 0 to {MAX_PAYLOAD_KG}"),
         )),
         (None, Some((light, heavy))) => Err(InputError::new(
             &a.blob,
@@ -177,6 +177,13 @@ fn introduce(
 ) {
     if let (Some(_), None) = (a.payload_kg, loaded.blob().ranges.payload_kg) {
         note("the model does not depend on the payload: --payload-kg changes nothing");
+    }
+    if let Some((light, heavy)) = loaded.blob().ranges.payload_kg
+        && !(f64::from(light)..=f64::from(heavy)).contains(&payload_kg)
+    {
+        warning(format_args!(
+            "{payload_kg} kg is outside the trained payloads, {light} to {heavy} kg: the correction is extrapolated"
+        ));
     }
     let robot = &loaded.blob().robot;
     let serial = match robot.serial_number {

@@ -1,4 +1,5 @@
-//! Ctrl-C: the program ends with exit code 130, and no file is left half-written.
+//! Ctrl-C, or the request of another program to end (SIGTERM, SIGHUP): the program ends with exit code 130, and no file is
+//! left half-written.
 //!
 //! A fit is cancelled, and its command ends as after an error. A bridge withdraws its correction and ends. A second Ctrl-C
 //! does not wait for that. Everything else ends at once, except for outputs, which are written to temporary files and then
