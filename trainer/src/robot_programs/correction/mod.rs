@@ -11,6 +11,7 @@ mod fanuc_configuration;
 mod fanuc_frames;
 mod flow;
 pub mod frames;
+mod held;
 mod inform;
 mod inform_conditions;
 mod krl;
