@@ -12,6 +12,9 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::fanuc_configuration::configuration;
 use crate::robot_programs::correction::fanuc_frames;
+use crate::robot_programs::correction::fanuc_settings::{
+    Sensors, changed_frames, conveyor, has_payloads,
+};
 use crate::robot_programs::correction::frames::{FrameFile, Numbered};
 use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
 use crate::robot_programs::correction::source::{Number, Source};
@@ -25,7 +28,7 @@ const LEXICON: Lexicon = Lexicon {
 };
 
 /// Options of a motion that make its end no target.
-const MODIFIED: [&str; 9] = [
+const MODIFIED: [&str; 10] = [
     "inc",
     "offset",
     "tool_offset",
@@ -35,6 +38,7 @@ const MODIFIED: [&str; 9] = [
     "coord",
     "pspi",
     "path",
+    "search",
 ];
 
 /// Reads a listing.
@@ -83,6 +87,11 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
     };
     let changed = changed_frames(&instructions, &program);
     leave_set_positions(&instructions, &taught, &mut program);
+    if let Some(reason) = conveyor(&copy, motions) {
+        for target in taught.values().filter_map(|taught| taught.target) {
+            program.leave(program.targets[target].location, reason.clone());
+        }
+    }
     let has_payloads = has_payloads(&instructions, &mut program);
     find_motions(
         &instructions,
@@ -162,62 +171,6 @@ struct Known<'a> {
     changed: BTreeMap<(bool, Option<String>), String>,
     /// Whether the listing sets payloads, so that those of the tools are not certain.
     has_payloads: bool,
-}
-
-/// Returns whether the instructions set other payloads than one before all motions: `PAYLOAD[2]`. Which mass a number stands
-/// for is in the controller, and what one run of the listing sets holds when the next one begins.
-fn has_payloads(text: &Text<'_>, program: &mut Program) -> bool {
-    let is_set = |at: &usize| text.name(*at) == "payload" && text.is(at + 1, b'[');
-    let set: Vec<usize> = (0..text.tokens.len()).filter(is_set).collect();
-    let Some(first) = set.first() else {
-        return false;
-    };
-    let is_motion = |at: usize| {
-        matches!(text.name(at).as_str(), "j" | "l" | "c" | "a")
-            && matches!(text.name(at + 1).as_str(), "p" | "pr")
-            && text.is(at + 2, b'[')
-    };
-    let is_same = |at: &usize| {
-        let close = |at: usize| text.find(at + 2, text.tokens.len(), b"]");
-        let shown = |at: usize| {
-            (at..close(at))
-                .map(|at| text.spelling(at))
-                .collect::<String>()
-        };
-        text.number(at + 2).is_some() && shown(*at) == shown(*first)
-    };
-    if set.iter().all(is_same) && !(0..*first).any(is_motion) {
-        return false;
-    }
-    let line = program.line_of(Location {
-        file: 0,
-        at: text.byte(*first),
-    });
-    program.remarks.push(format!(
-        "{line}: PAYLOAD selects a mass that is stored in the controller: state it with --payload-kg"
-    ));
-    true
-}
-
-/// Returns the tools and user frames that the instructions set: `UFRAME[2]=PR[1]`.
-fn changed_frames(text: &Text<'_>, program: &Program) -> BTreeMap<(bool, Option<String>), String> {
-    let mut out = BTreeMap::new();
-    for at in 0..text.tokens.len() {
-        let name = text.name(at);
-        let is_frame = matches!(name.as_str(), "uframe" | "utool") && text.is(at + 1, b'[');
-        if !is_frame {
-            continue;
-        }
-        let close = text.find(at + 2, text.tokens.len(), b"]");
-        if text.is(close + 1, b'=') {
-            let number = text.number(at + 2).filter(|_| close == at + 3);
-            let number = number.map(|n| n.value.to_string());
-            let at = text.byte(at);
-            let line = program.line_of(Location { file: 0, at });
-            out.entry((name == "utool", number)).or_insert(line);
-        }
-    }
-    out
 }
 
 /// Leaves the positions that the instructions set as they are: `P[2]=LPOS`, `P[R[1]]=PR[3]`.
@@ -357,13 +310,16 @@ fn find_motions(
     given: &Known<'_>,
 ) -> Result<(), InputError> {
     let end = text.tokens.len();
+    let mut sensors = Sensors::new(text, program);
     let mut from = 0;
     while from < end {
         let stop = (from..end).find(|at| text.is(*at, b';')).unwrap_or(end);
         // A line begins with its number and a colon.
         let start =
             from + usize::from(text.number(from).is_some()) + usize::from(text.is(from + 1, b':'));
-        motion(text, start, stop, taught, program, given)?;
+        sensors.note(text, start, program);
+        let shift = sensors.reason();
+        motion(text, (start, stop), taught, program, (given, shift))?;
         from = stop + 1;
     }
     Ok(())
@@ -371,11 +327,10 @@ fn find_motions(
 
 fn motion(
     text: &Text<'_>,
-    start: usize,
-    stop: usize,
+    (start, stop): (usize, usize),
     taught: &BTreeMap<u32, Taught>,
     program: &mut Program,
-    given: &Known<'_>,
+    (given, shift): (&Known<'_>, Option<String>),
 ) -> Result<(), InputError> {
     let way = match text.name(start).as_str() {
         "j" => Way::Joints,
@@ -406,8 +361,10 @@ fn motion(
     // A register behind the positions is an offset, in whatever language of the controller, unless it is set: PR[3]=LPOS.
     let is_offset = |at: &usize| !text.is(text.find(*at + 2, stop, b"]") + 1, b'=');
     let modified = (start..stop).find(is_modified);
-    if let Some(at) = modified.or_else(|| others.into_iter().find(is_offset)) {
-        program.leave(location, format!("{} changes its end", text.spelling(at)));
+    let modified = modified.or_else(|| others.into_iter().find(is_offset));
+    let modified = modified.map(|at| format!("{} changes its end", text.spelling(at)));
+    if let Some(reason) = modified.or(shift) {
+        program.leave(location, reason);
         let numbers = goals.iter().filter_map(|at| text.number(at + 2));
         let targets = numbers.filter_map(|number| taught.get(&(number.value as u32))?.target);
         program.reached_otherwise.extend(targets);

@@ -7,6 +7,7 @@
 use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 
+use crate::robot_programs::correction::held::{Held, State, either, joined, lead};
 use crate::robot_programs::correction::program::{Location, Program};
 
 /// One step of a routine.
@@ -14,6 +15,8 @@ use crate::robot_programs::correction::program::{Location, Program};
 pub enum Step<V> {
     /// Gives a key a value; `None` stands for a value that the controller computes.
     Set(usize, Option<V>),
+    /// Gives the first key what the second one holds, which gets its values from no other.
+    Copy(usize, usize),
     /// Calls one of these routines.
     Call(Vec<usize>),
     /// Begins a loop.
@@ -28,6 +31,8 @@ pub enum Step<V> {
     Evaluated,
     /// Ends a loop or a condition.
     End,
+    /// Ends a loop whose condition stands here, so that its body runs at least once.
+    Until,
     /// Leaves the innermost loop.
     Break,
     /// Begins the next pass of the innermost loop.
@@ -39,80 +44,6 @@ pub enum Step<V> {
     Return,
     /// Changes nothing.
     Other,
-}
-
-/// Contents of a key at a step.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Held<V> {
-    /// The same value on every way, and the last step that sets it.
-    Known(V, Option<usize>),
-    /// No value that is certain.
-    Unknown {
-        /// The last step that may have set it.
-        set_at: Option<usize>,
-        /// Whether the controller computes it there; otherwise it differs by the way.
-        is_computed: bool,
-    },
-}
-
-impl<V: Clone + PartialEq> Held<V> {
-    fn new(value: Option<V>, set_at: Option<usize>) -> Self {
-        let is_computed = true;
-        value.map_or(
-            Self::Unknown {
-                set_at,
-                is_computed,
-            },
-            |value| Self::Known(value, set_at),
-        )
-    }
-
-    /// Returns what is certain if either may hold.
-    fn or(&self, other: &Self) -> Self {
-        let last = |held: &Self| match held {
-            Self::Known(_, set_at) => (*set_at, false),
-            Self::Unknown {
-                set_at,
-                is_computed,
-            } => (*set_at, *is_computed),
-        };
-        let (set_at, is_computed) = last(self).max(last(other));
-        match (self, other) {
-            (Self::Known(a, _), Self::Known(b, _)) if a == b => Self::Known(a.clone(), set_at),
-            _ => Self::Unknown {
-                set_at,
-                is_computed,
-            },
-        }
-    }
-}
-
-/// Contents of all keys; shared until a step changes them.
-type State<V> = Rc<Vec<Held<V>>>;
-
-/// Returns what is certain if either state may hold; `None` is the state of a step to which no way leads.
-fn joined<V: Clone + PartialEq>(a: Option<State<V>>, b: Option<&State<V>>) -> Option<State<V>> {
-    match (a, b) {
-        (Some(a), Some(b)) if !Rc::ptr_eq(&a, b) && a != *b => {
-            let both = a.iter().zip(b.iter()).map(|(a, b)| a.or(b));
-            Some(Rc::new(both.collect()))
-        }
-        (None, b) => b.cloned(),
-        (a, _) => a,
-    }
-}
-
-/// Adds a state to the ways that lead to a slot, and returns whether that changed what is certain there.
-fn lead<V: Clone + PartialEq>(slot: &mut Option<State<V>>, state: Option<&State<V>>) -> bool {
-    let both = joined(slot.clone(), state);
-    let is_same = match (&both, &*slot) {
-        (Some(both), Some(old)) => Rc::ptr_eq(both, old) || both == old,
-        (both, old) => both.is_none() && old.is_none(),
-    };
-    if !is_same {
-        *slot = both;
-    }
-    !is_same
 }
 
 /// The steps of a program by routine. Routine 0 always exists.
@@ -242,7 +173,7 @@ impl<V: Clone + PartialEq> Flow<V> {
 
     /// Returns the values that a routine sets, with their steps, in further calls too.
     fn settings(&self) -> Vec<BTreeSet<usize>> {
-        let sets = |step: &&usize| matches!(self.steps[**step], Step::Set(..));
+        let sets = |step: &&usize| matches!(self.steps[**step], Step::Set(..) | Step::Copy(..));
         let own = |steps: &Vec<usize>| steps.iter().filter(sets).copied().collect();
         let mut all: Vec<BTreeSet<usize>> = self.routines.iter().map(own).collect();
         loop {
@@ -304,12 +235,26 @@ impl<V: Clone + PartialEq> Flow<V> {
         for (key, held) in (0..self.steps.len()).filter_map(set) {
             anywhere[key] = anywhere[key].or(&held);
         }
+        let copy = |step: usize| match &self.steps[step] {
+            Step::Copy(key, from) => Some((*key, *from)),
+            _ => None,
+        };
+        for (key, from) in (0..self.steps.len()).filter_map(copy) {
+            anywhere[key] = anywhere[key].or(&anywhere[from]);
+        }
         let anywhere = Rc::new(anywhere);
+        let set = |step: usize| {
+            let copied = || copy(step).map(|(key, from)| (key, anywhere[from].clone()));
+            set(step).or_else(copied)
+        };
         let mut interrupting = vec![None; self.initial.len()];
         let by_interrupt = self.interrupts.iter().flat_map(|r| &settings[*r]);
         for (key, held) in by_interrupt.filter_map(|step| set(*step)) {
-            let other: &mut Option<Held<V>> = &mut interrupting[key];
-            *other = Some(other.as_ref().map_or(held.clone(), |other| other.or(&held)));
+            interrupting[key] = either(interrupting[key].take(), Some(held));
+        }
+        // What interrupts do to a value, they do to its copies.
+        for (key, from) in (0..self.steps.len()).filter_map(copy) {
+            interrupting[key] = either(interrupting[key].take(), interrupting[from].clone());
         }
         let none = || vec![None; self.routines.len()];
         let mut arrivals = Arrivals {
@@ -372,6 +317,12 @@ impl<V: Clone + PartialEq> Flow<V> {
                         Rc::make_mut(state)[*key] = Held::new(value.clone(), Some(at));
                     }
                 }
+                Step::Copy(key, from) => {
+                    if let Some(state) = &mut state {
+                        let held = state[*from].clone();
+                        Rc::make_mut(state)[*key] = held;
+                    }
+                }
                 Step::Call(callees) => {
                     let mut behind = None;
                     for callee in callees {
@@ -416,13 +367,15 @@ impl<V: Clone + PartialEq> Flow<V> {
                         block.before.clone_from(&state);
                     }
                 }
-                Step::End => {
+                end @ (Step::End | Step::Until) => {
                     if let Some(block) = open.pop() {
                         state = match block.head {
                             Some(head) => {
                                 let head = arrivals.heads.entry(head).or_default();
                                 arrivals.is_changed |= lead(head, state.as_ref());
-                                joined(block.behind, head.as_ref())
+                                let is_until = matches!(end, Step::Until);
+                                let last = if is_until { &state } else { &*head };
+                                joined(block.behind, last.as_ref())
                             }
                             None if block.is_complete => joined(block.behind, state.as_ref()),
                             None => {
@@ -476,7 +429,7 @@ impl<V: Clone + PartialEq> Flow<V> {
         let (before, exit) = (before?, exit?);
         let mut behind = before.clone();
         for step in settings {
-            if let Step::Set(key, _) = &self.steps[*step]
+            if let Step::Set(key, _) | Step::Copy(key, _) = &self.steps[*step]
                 && behind[*key] != exit[*key]
             {
                 Rc::make_mut(&mut behind)[*key] = exit[*key].clone();

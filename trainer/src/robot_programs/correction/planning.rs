@@ -58,6 +58,11 @@ pub fn plan(
     let mut doubtful: Vec<(String, f64)> = Vec::new();
     for step in &program.moves {
         let target = &program.targets[step.target];
+        if let (true, Goal::Joints(numbers)) = (program.fixed.contains(&step.target), &target.goal)
+        {
+            last = in_radians(program, commander, numbers).or(last);
+            continue;
+        }
         if std::mem::replace(&mut is_done[step.target], true) || refused.contains(&target.location)
         {
             continue;
@@ -152,7 +157,8 @@ pub fn plan(
     for (index, target) in program.targets.iter().enumerate() {
         let is_named = is_done[index]
             || refused.contains(&target.location)
-            || program.reached_otherwise.contains(&index);
+            || program.reached_otherwise.contains(&index)
+            || program.fixed.contains(&index);
         if !is_named {
             unused.push(Left {
                 location: target.location,

@@ -353,6 +353,8 @@ pub struct Program {
     pub loaded_differently: BTreeSet<usize>,
     /// Indices of targets to which a move goes that is left as it is: the move is named, and they are not.
     pub reached_otherwise: BTreeSet<usize>,
+    /// Indices of joint targets in files that are not corrected: the arm goes there, and they stay.
+    pub fixed: BTreeSet<usize>,
     /// Parts that the reader leaves as they are.
     pub left: Vec<Left>,
     /// Other remarks for the user.
@@ -375,6 +377,7 @@ impl Program {
             lines: Vec::new(),
             loaded_differently: BTreeSet::new(),
             reached_otherwise: BTreeSet::new(),
+            fixed: BTreeSet::new(),
             left: Vec::new(),
             remarks: Vec::new(),
         }

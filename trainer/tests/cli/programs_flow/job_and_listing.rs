@@ -22,6 +22,18 @@ fn remarks_of_a_listing_hide_no_instruction() {
     }
     for (line, corrected, reason) in [
         ("UFRAME[2]=PR[1]", 2, "its frame or tool is set at b.ls:"),
+        (
+            "$MNUFRAME[1,2]=PR[5]",
+            2,
+            "its frame or tool is set at b.ls:",
+        ),
+        (
+            "$MNUTOOL[1,R[2]]=PR[5]",
+            2,
+            "its frame or tool is set at b.ls:",
+        ),
+        ("$MNUFRAME[1,7]=PR[5]", 5, ""),
+        ("$MNUFRAME[2,2]=PR[5]", 5, ""),
         ("P[2]=LPOS", 4, "the program changes it"),
         ("P[R[1]]=PR[3]", 0, "the program changes it"),
         // In whatever language of the controller.
@@ -30,6 +42,67 @@ fn remarks_of_a_listing_hide_no_instruction() {
     ] {
         let text = text.replace("   4:J", &format!("   4:  {line} ;\n   4:J"));
         check_whole(&folder, "b.ls", &text, corrected, reason);
+    }
+}
+
+/// The positions of a listing that tracks a conveyor are in a frame that moves.
+#[test]
+fn positions_on_a_conveyor_are_left() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    let with = |schedule: u32| {
+        let header = format!(
+            "/APPL\n  LINE_TRACK;\nLINE_TRACK_SCHEDULE_NUMBER      : {schedule} ;\n\
+             LINE_TRACK_BOUNDARY_NUMBER      : 0 ;\n/MN"
+        );
+        text.replace("/MN", &header)
+    };
+    check_whole(&folder, "b.ls", &with(0), 5, "");
+    folder.write("b.ls", with(1));
+    let command = "correct elas.blob b.ls --payload-kg 2.5 --frames frames.toml --out out.ls";
+    let outcome = folder.run(command);
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let said = outcome.stdout + &outcome.stderr;
+    let reason = "the listing follows a conveyor (LINE_TRACK_SCHEDULE_NUMBER 1)";
+    assert!(said.contains(reason), "{said}");
+    assert!(folder.read("out.ls") == with(1).into_bytes());
+}
+
+/// Motions that a sensor shifts do not end at their positions.
+#[test]
+fn motions_under_a_sensor_are_left() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    let text = text.replace("   4:J", "   4:  A ;\n   4:J");
+    let (before, behind) = text.split_once("   4:  A ;\n").unwrap();
+    let last = |line: &str| behind.replace("/POS", &format!("   9:  {line} ;\n/POS"));
+    let at = |first: &str| format!("{before}   4:  {first} ;\n{behind}");
+    let plain = format!("{before}{behind}");
+    let all = run(&folder, "a.ls", &plain, "").0;
+    for (text, reason) in [
+        (at("Touch Offset PR[1]"), "Touch Offset at b.ls:"),
+        (at("Track TAST[1]"), "Track at b.ls:"),
+        (at("TRACK AVC[1]"), "Track at b.ls:"),
+        (at("MP Offset PR[1] RPM[1]"), "MP Offset at b.ls:"),
+        // A jump goes round what ends it.
+        (
+            at("LBL[1] ;\n   4:  Touch Offset PR[1] ;\n   4:  Touch Offset End"),
+            "Touch Offset at b.ls:",
+        ),
+        (
+            at("L P[2] 5mm/sec FINE Search[-X]"),
+            "Search changes its end",
+        ),
+    ] {
+        let (corrected, left) = run(&folder, "b.ls", &text, "");
+        assert!(left.contains(reason), "{text}\n{left}");
+        assert!(corrected < all || reason.starts_with("Search"), "{text}");
+    }
+    for text in [
+        at("Touch Offset PR[1] ;\n   4:  Touch Offset End"),
+        format!("{before}{}", last("Touch Offset PR[1]")),
+    ] {
+        assert_eq!(run(&folder, "b.ls", &text, ""), (all, String::new()));
     }
 }
 

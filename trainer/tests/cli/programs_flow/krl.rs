@@ -58,7 +58,9 @@ fn sources_are_followed_on_every_way() {
             "not on every path",
         ),
         (
-            format!("IF i==1 THEN\nBASE_DATA[2]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\nENDIF\n{go}"),
+            format!(
+                "IF i==1 THEN\nBASE_DATA[2]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\nENDIF\n$BASE=BASE_DATA[2]\n{go}"
+            ),
             1,
             "not on every path",
         ),
@@ -121,7 +123,7 @@ fn sources_are_followed_on_every_way() {
         (format!("SEE($TOOL)\n{go}\n{see}"), 1, "it is changed at"),
         (
             format!(
-                "IF SEE(TOOL_DATA[3]) THEN\nHALT\nELSE\n{go}\nENDIF\nDEF X( )\nEND\nDEFFCT BOOL SEE(F:OUT)\nF.X=5\nENDFCT\nDEF Y( )"
+                "IF SEE(TOOL_DATA[3]) THEN\nHALT\nELSE\n$TOOL=TOOL_DATA[3]\n{go}\nENDIF\nDEF X( )\nEND\nDEFFCT BOOL SEE(F:OUT)\nF.X=5\nENDFCT\nDEF Y( )"
             ),
             1,
             "TOOL_DATA[3]: it is changed at",
@@ -132,21 +134,68 @@ fn sources_are_followed_on_every_way() {
             "BASE_DATA[2]: it is set at",
         ),
         (
-            format!("SEE(BASE_DATA[i])\n{go}\n{see}"),
+            format!("SEE(BASE_DATA[i])\n$BASE=BASE_DATA[2]\n{go}\n{see}"),
             1,
             "it is changed at",
         ),
         (
-            format!("BASE_DATA[i]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\n{go}"),
+            format!("BASE_DATA[i]={{X 1,Y 0,Z 0,A 0,B 0,C 0}}\n$BASE=BASE_DATA[2]\n{go}"),
             1,
             "it is changed at",
         ),
         (
-            format!("SEE(BASE_DATA[2])\nDEF SEE(F:OUT)\nF.X=5\n{go}"),
+            format!("SEE(BASE_DATA[2])\nDEF SEE(F:OUT)\nF.X=5\n$BASE=BASE_DATA[2]\n{go}"),
             1,
             "BASE_DATA[2]: it is changed at",
         ),
         (format!("SEE(BASE_DATA[5])\n{go}\n{see}"), 2, ""),
+        // Without IN, a parameter is that of the caller.
+        (
+            format!("SEE($TOOL)\n{go}\n{}", see.replace(":OUT", "")),
+            1,
+            "it is changed at",
+        ),
+        (
+            format!(
+                "DECL E6POS XP1={{{}\nLIN XP1\nLIFT(5,XP1)\nDEF LIFT(I:IN,P)\nP.Z=5",
+                &go[5..]
+            ),
+            1,
+            "the program changes it",
+        ),
+        // A point that a routine gets, and goes to with its own frames.
+        (
+            format!(
+                "DECL E6POS XP1={{{}\nLIN XP1\nGO(XP1)\nDEF GO(P:IN)\n$BASE=BASE_DATA[5]\nLIN P",
+                &go[5..]
+            ),
+            1,
+            "GO at a.src:10 gets it, too",
+        ),
+        (
+            format!(
+                "DECL E6POS XP1={{{}\nLIN XP1\nGO(XP1.X)\nDEF GO(X:IN)\nY=X",
+                &go[5..]
+            ),
+            2,
+            "",
+        ),
+        // The body of REPEAT runs at least once.
+        (
+            format!("REPEAT\n$BASE=BASE_DATA[5]\nUNTIL i==1\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("REPEAT\n{go}\n$BASE=BASE_DATA[5]\nUNTIL i==1"),
+            1,
+            "not on every way",
+        ),
+        (
+            format!("REPEAT\nIF i==1 THEN\nEXIT\nENDIF\n$BASE=BASE_DATA[5]\nUNTIL i==2\n{go}"),
+            1,
+            "not on every way",
+        ),
         (
             format!("SEE(BASE_DATA[2])\n{go}\n{}", see.replace("OUT", "IN")),
             2,
@@ -166,6 +215,76 @@ fn sources_are_followed_on_every_way() {
         x(&format!("PTP $AXIS_ACT WITH $BASE=BASE_DATA[5]\n{go}")),
         x(go)
     );
+}
+
+/// Returns X behind `start` in the corrected program.
+fn x_of(folder: &super::Folder, part: &str, start: &str) -> f64 {
+    run(folder, "b.src", &source(part), "");
+    numbers_after(&folder.read("out_b.src"), start, 1)[0]
+}
+
+/// What a spline sets holds for its points; behind the spline it is not certain.
+#[test]
+fn a_spline_sets_its_own_frames() {
+    let folder = folder();
+    let to = "{X 701.088,Y 449.848,Z 513.922,A 178.5291,B 23.3121,C -159.0124}";
+    let data = "FDAT FP5={TOOL_NO 3,BASE_NO 5,IPO_FRAME #BASE}";
+    for (head, point) in [("SPLINE", "SPL"), ("PTP_SPLINE", "SPTP")] {
+        let x = |before: &str, with: &str| {
+            let part = format!("{before}\n{head} {with}\n{point} {to}\nENDSPLINE\n");
+            x_of(&folder, &part, &format!("{point} {{X "))
+        };
+        let expected = x("$BASE=BASE_DATA[5]", "");
+        assert_ne!(x("", ""), expected, "{head}");
+        assert_eq!(x("", "WITH $BASE=BASE_DATA[5]"), expected, "{head}");
+        let of_data = "WITH $TOOL=STOOL2(FP5),$BASE=SBASE(FP5)";
+        assert_eq!(x(data, of_data), expected, "{head}");
+        let open = |with: &str| format!("{head} {with}\n{point} {to}");
+        let cases = [
+            (open("WITH $BASE=BASE_DATA[i]"), 1, "computed"),
+            (
+                format!("{}\nENDSPLINE\nLIN {to}", open("WITH $BASE=BASE_DATA[5]")),
+                2,
+                "a spline sets it, and ends at a.src:10",
+            ),
+            (
+                format!(
+                    "{}\nENDSPLINE\n$BASE=BASE_DATA[2]\nLIN {to}",
+                    open("WITH $BASE=BASE_DATA[5]")
+                ),
+                3,
+                "",
+            ),
+            (format!("{}\nENDSPLINE\nLIN {to}", open("")), 3, ""),
+        ];
+        check(&folder, &cases, "a.src", "", source);
+    }
+}
+
+/// `$TOOL` and `$BASE` are copies: what the data are set to afterwards does not reach them.
+#[test]
+fn a_tool_in_use_keeps_its_value() {
+    let folder = folder();
+    let go = "LIN {X 701.088,Y 449.848,Z 513.922,A 178.5291,B 23.3121,C -159.0124}";
+    let x = |part: &str| x_of(&folder, &format!("{part}\n{go}\n"), "LIN {X ");
+    for (data, name, value) in [
+        ("TOOL_DATA[3]", "$TOOL", "{X 30,Y -45,Z 250,A 0,B 0,C 25}"),
+        ("BASE_DATA[2]", "$BASE", "{X 910,Y -300,Z 420,A 20,B 0,C 0}"),
+    ] {
+        let (new, again) = (format!("{data}={value}"), format!("{name}={data}"));
+        assert_eq!(x(&new), x(""), "{data}");
+        let other = x(&format!("{name}={value}"));
+        assert_ne!(other, x(""), "{data}");
+        assert_eq!(x(&format!("{new}\n{again}")), other, "{data}");
+        let routine = format!("PUT( )\n{go}\nDEF PUT( )\n{new}\n{again}");
+        assert_eq!(x_of(&folder, &routine, "LIN {X "), other, "{data}");
+        let cases = [(
+            format!("IF i==1 THEN\n{new}\n{again}\nENDIF\n{go}"),
+            1,
+            "not on every way",
+        )];
+        check(&folder, &cases, "a.src", "", source);
+    }
 }
 
 /// Each module uses the points and frames of its own data list.
@@ -200,4 +319,38 @@ fn modules_of_krl_have_their_own_points() {
         assert!(folder.read(&format!("both/{name}.dat")) == alone, "{name}");
         assert!(alone != folder.read(&format!("{name}.dat")));
     }
+}
+
+/// Joints in a data list that is only read show where the arm is; they stay as they are.
+#[test]
+fn home_in_the_data_of_the_controller_is_known() {
+    let folder = folder();
+    let home = "PTP {A1 8,A2 22,A3 1,A4 -14,A5 46,A6 24}";
+    let go = "LIN {X 701.088,Y 449.848,Z 513.922,A 178.5291,B 23.3121,C -159.0124}";
+    let text = source(&format!("{go}\n"));
+    let mut found = Vec::new();
+    for (name, text) in [
+        ("written", text.clone()),
+        ("named", text.replace(home, "PTP XHOME")),
+    ] {
+        folder.write(&format!("{name}.src"), text);
+        let list = home.replace("PTP ", "DEFDAT $CONFIG PUBLIC\nGLOBAL E6AXIS XHOME=");
+        folder.write("$config.dat", format!("{list}\nENDDAT\n"));
+        let outcome = folder.run(&format!(
+            "correct elas.blob {name}.src --with $config.dat --payload-kg 2.5 --out out.src"
+        ));
+        assert_eq!(outcome.code, Some(0), "{outcome:#?}");
+        let said = outcome.stdout + &outcome.stderr;
+        assert_eq!(said.contains("joints XHOME are in a file"), name == "named");
+        assert!(!said.contains("no joints are known"), "{said}");
+        found.push(numbers_after(&folder.read("out.src"), "LIN {", 6));
+    }
+    assert_eq!(found[0], found[1]);
+    // Joints that the program changes are not known.
+    folder.write("named.src", text.replace(home, "XHOME.A1=5\nPTP XHOME"));
+    let outcome =
+        folder.run("correct elas.blob named.src --with $config.dat --payload-kg 2.5 --out o.src");
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    let said = outcome.stdout + &outcome.stderr;
+    assert!(said.contains("the program changes it"), "{said}");
 }

@@ -1,7 +1,7 @@
 //! RAPID: tools, work objects, loads and data that a module changes on some path.
 
-use super::check;
-use crate::programs::{file, folder};
+use super::{check, run};
+use crate::programs::{file, folder, numbers_after};
 
 /// Returns a module with two points, two tools and a work object; `part` has the statements and routines that follow
 /// `main`.
@@ -339,4 +339,138 @@ fn local_data_are_of_their_module() {
         folder.read(&format!("out{}.mod", with.len()))
     };
     assert!(run("--with c.mod --with b.mod") == run("--with b.mod"));
+}
+
+/// A point to which something else goes, too: it is corrected only for the frames of all.
+#[test]
+fn points_of_other_instructions_are_shared() {
+    let folder = folder();
+    let go = "MoveL p10,v200,fine,gun\\WObj:=table;";
+    let long = "PERS tooldata long:=[TRUE,[[0,0,300],[1,0,0,0]],[2.5,[0,0,1],[1,0,0,0],0,0,0]];";
+    let whole = |part: &str| module(part).replace("MODULE M\n", &format!("MODULE M\n{long}\n"));
+    let differ = "its moves use different frames: gun in table, and at";
+    let (apart, pass) = (
+        "PROC mvx(robtarget p)\nMoveL p,v200,fine,",
+        "PROC on(robtarget p)\nmvx p;\nENDPROC",
+    );
+    let cases = [
+        (
+            format!("{go}\nSearchL di1,sp,p10,v100,long\\WObj:=table;"),
+            1,
+            differ,
+        ),
+        (
+            format!("{go}\nSearchL\\Stop,di1,sp,p10,v100,gun;"),
+            1,
+            differ,
+        ),
+        (
+            format!("SearchL di1,sp,p10,v100,gun\\WObj:=table;\n{go}"),
+            2,
+            "",
+        ),
+        (
+            format!("SpotL p10,gun1,spot1,long\\WObj:=table;\n{go}"),
+            1,
+            differ,
+        ),
+        (format!("{go}\nPaintL p10,v100,z1,long;"), 1, differ),
+        (format!("{go}\nTriggLIOs p10,v100,z1,long;"), 1, differ),
+        (format!("{go}\nj:=CalcJointT(p10,long);"), 1, differ),
+        (format!("{go}\nj:=CalcJointT(p10,gun\\WObj:=table);"), 2, ""),
+        (
+            format!("{go}\nSpotL p10,gun1,spot1,unseen;"),
+            1,
+            "goes to it, too, with a tool or frame that is not certain",
+        ),
+        // A point that a routine gets, in further calls too.
+        (format!("{go}\nmvx p10;\n{apart}long;\nENDPROC"), 1, differ),
+        (
+            format!("{go}\non p10;\n{pass}\n{apart}long;\nENDPROC"),
+            1,
+            differ,
+        ),
+        (
+            format!("{go}\nmvx p10;\n{apart}gun\\WObj:=table;\nENDPROC"),
+            2,
+            "its target p is a parameter",
+        ),
+        (
+            format!(
+                "{go}\nmvt p10,long;\nPROC mvt(robtarget p,PERS tooldata t)\nMoveL p,v200,fine,t;\nENDPROC"
+            ),
+            1,
+            "goes to it, too, with a tool or frame that is not certain",
+        ),
+        (
+            format!(
+                "{go}\ntell p10;\nPROC tell(robtarget p)\nx:=Distance(p.trans,p.trans);\nENDPROC"
+            ),
+            2,
+            "",
+        ),
+    ];
+    check(&folder, &cases, "a.mod", "", whole);
+    // Of a module that is only read.
+    folder.write(
+        "other.mod",
+        format!("MODULE O\n{long}\nPROC far()\nMoveL p10,v200,fine,long;\nENDPROC\nENDMODULE\n"),
+    );
+    let cases = [(go.to_owned(), 1, "its moves use different frames")];
+    check(
+        &folder,
+        &cases,
+        "b.mod",
+        "--payload-kg 2.5 --with other.mod",
+        module,
+    );
+}
+
+/// Loads that the program writes or names are known.
+#[test]
+fn loads_of_moves_and_tools_are_followed() {
+    let folder = folder();
+    let go = "MoveL p10,v200,fine,gun\\WObj:=table";
+    let piece = "PERS loaddata piece:=[1.5,[0,0,1],[1,0,0,0],0,0,0];";
+    let whole = |part: &str| module(part).replace("MODULE M\n", &format!("MODULE M\n{piece}\n"));
+    let point = || numbers_after(&folder.read("out_a.mod"), "p10:=", 7);
+    let with = |kg: &str| {
+        run(&folder, "a.mod", &whole(&format!("{go};")), kg);
+        point()
+    };
+    let [light, own, heavy] = ["--payload-kg 1.5", "--payload-kg 2.5", "--payload-kg 4"].map(with);
+    assert!(light != own && own != heavy);
+    let none = "its tool has no payload in the program";
+    for (part, corrected, reason, expected) in [
+        (format!("{go}\\TLoad:=piece;"), 2, "", Some(&light)),
+        (format!("{go}\\TLoad:=load0;"), 2, "", Some(&own)),
+        (format!("{go}\\TLoad:=unseen;"), 1, none, None),
+        (
+            format!("GripLoad piece;\n{go}\\TLoad:=piece;\nGripLoad load0;"),
+            1,
+            none,
+            None,
+        ),
+        // The next run begins with what this one sets.
+        (
+            format!("gun.tload:=[4,[0,0,1],[1,0,0,0],0,0,0];\n{go};"),
+            1,
+            none,
+            Some(&heavy),
+        ),
+        (format!("gun.tload:=piece;\n{go};"), 1, none, Some(&light)),
+        (format!("gun.tload.mass:=4;\n{go};"), 1, none, Some(&heavy)),
+        (format!("gun.tload.cog:=[0,0,2];\n{go};"), 2, "", Some(&own)),
+    ] {
+        let text = whole(&part);
+        let (targets, left) = run(&folder, "a.mod", &text, "--payload-from-program");
+        assert_eq!(targets, corrected, "{part}\n{left}");
+        assert!(
+            left.contains(reason) && reason.is_empty() == left.is_empty(),
+            "{part}\n{left}"
+        );
+        if let Some(expected) = expected {
+            assert_eq!(&point(), expected, "{part}");
+        }
+    }
 }

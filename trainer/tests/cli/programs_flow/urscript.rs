@@ -208,3 +208,84 @@ fn statements_of_one_line_are_all_read() {
         assert!(left.contains(reason), "{part}\n{left}");
     }
 }
+
+/// Moves of newer controllers, and calls that get a pose and may go there.
+#[test]
+fn no_call_that_gets_a_target_is_silent() {
+    let folder = folder();
+    let long = "set_tcp(p[0, 0, 0.6, 0, 0, 0])";
+    let cases = [
+        (format!("optimovel({POINT})"), 2, ""),
+        (format!("optimovej({POINT}, a=0.3, v=0.3)"), 2, ""),
+        (
+            format!("movel(q)\n{long}\noptimovel(q)"),
+            1,
+            "its moves use different frames",
+        ),
+        (
+            format!("movel(q)\n{long}\nmc_add_linear(q, 0.1, 0.5, 0.01)"),
+            1,
+            "mc_add_linear at a.script:8 gets it, too",
+        ),
+        (
+            format!("mc_add_linear({POINT}, 0.1, 0.5, 0.01)"),
+            1,
+            "mc_add_linear is not corrected",
+        ),
+        (
+            format!("mc_add_circular({POINT}, {POINT}, 0.1, 0.5, 0.01)"),
+            1,
+            "mc_add_circular is not corrected",
+        ),
+        (
+            format!("weld_to({POINT})"),
+            1,
+            "weld_to gets a pose, and is not corrected",
+        ),
+        (
+            format!("a = weld_to(pose_trans(p[0,0,0,0,0,0], {POINT}))"),
+            1,
+            "weld_to gets a pose",
+        ),
+        (
+            "movel(q)\nweld_to(q)".to_owned(),
+            1,
+            "weld_to at a.script:7 gets it, too",
+        ),
+        (
+            "movel(q)\nservoc(q, 1, 1)".to_owned(),
+            1,
+            "servoc at a.script:7 gets it, too",
+        ),
+        (
+            "def go(t):\nmovel(t)\nend\nmovel(q)\ngo(q)".to_owned(),
+            1,
+            "go at a.script:10 gets it, too",
+        ),
+        (
+            "def go(t):\non(t)\nend\ndef on(t):\nmovel(t)\nend\nmovel(q)\ngo(q)".to_owned(),
+            1,
+            "go at a.script:13 gets it, too",
+        ),
+        // What only computes or tells something.
+        (
+            "def far(t):\nreturn pose_dist(t, get_actual_tcp_pose())\nend\nmovel(q)\nif far(q) > 0.1:\nhalt\nend"
+                .to_owned(),
+            2,
+            "",
+        ),
+        (
+            "textmsg(\"at \", q)\nmovel(q)\nx = pose_dist(q, q)\nweld(q[0], 3)".to_owned(),
+            2,
+            "",
+        ),
+        ("rpc = 1\nrpc.report(q)\nmovel(q)".to_owned(), 2, ""),
+        // A named argument.
+        (
+            "set_tcp(pose=p[0.03, -0.045, 0.21, 0.436332, 0, 0])\nmovel(q)".to_owned(),
+            2,
+            "",
+        ),
+    ];
+    check(&folder, &cases, "a.script", "", script);
+}

@@ -5,6 +5,12 @@ use std::ops::Range;
 
 use crate::robot_programs::correction::krl::states::{BASE, Line, Named, TOOL};
 use crate::robot_programs::correction::krl::{Point, Reader};
+use crate::robot_programs::correction::program::Goal;
+
+/// Words before a bracket that compute or tell something of a point, and do not go there.
+const READING: [&str; 9] = [
+    "and", "forward", "if", "inv_pos", "inverse", "not", "or", "varstate", "while",
+];
 
 impl Reader<'_> {
     /// Notes the points and frame data that a line changes.
@@ -30,6 +36,34 @@ impl Reader<'_> {
                 (data.tool, data.base) = (unknown.clone(), unknown);
             } else if let Some(pose) = self.named_frames.find_mut(&name, line.file) {
                 *pose = None;
+            }
+        }
+        self.leave_passed(line);
+    }
+
+    /// Leaves the points that a line passes to a routine, which may go to them with other frames.
+    fn leave_passed(&mut self, line: Line) {
+        let text = self.texts[line.file];
+        let is_call = |at: &usize| {
+            let name = text.name(*at);
+            !name.is_empty() && text.is(at + 1, b'(') && !READING.contains(&name.as_str())
+        };
+        for call in (line.from..line.end).filter(is_call) {
+            let close = text.find(call + 2, line.end, b")");
+            for (from, _) in text
+                .arguments(call + 2, close)
+                .into_iter()
+                .filter(|(from, end)| *end == from + 1)
+            {
+                let found = self.points.find(&text.name(from), line.file).copied();
+                if let Some(Point::Target(index)) = found
+                    && matches!(self.program.targets[index].goal, Goal::Pose { .. })
+                {
+                    let line = self.program.line_of(self.location(line.file, call));
+                    let reason = format!("{} at {line} gets it, too", text.spelling(call));
+                    let location = self.program.targets[index].location;
+                    self.program.leave(location, reason);
+                }
             }
         }
     }

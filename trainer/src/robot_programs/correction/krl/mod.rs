@@ -276,9 +276,16 @@ impl Reader<'_> {
         let text = self.texts[file];
         let (at, is_global) = self.declared(line);
         let kind = text.name(at);
-        if matches!(kind.as_str(), "def" | "deffct") && (at..end).any(|at| text.name(at) == "out") {
-            self.changing
-                .insert(text.name(text.find(at, end, b"(") - 1));
+        if matches!(kind.as_str(), "def" | "deffct") {
+            let open = text.find(at, end, b"(");
+            let parameters = text.arguments(open + 1, text.find(open + 1, end, b")"));
+            // A parameter is that of the caller (OUT), unless IN is written.
+            let is_in = |(from, end): &(usize, usize)| {
+                (*from..*end).any(|at| text.is(at, b':') && text.name(at + 1) == "in")
+            };
+            if !parameters.iter().all(is_in) {
+                self.changing.insert(text.name(open - 1));
+            }
             return;
         }
         let is_type = matches!(
@@ -299,6 +306,12 @@ impl Reader<'_> {
                     let pose = self.pose(file, at + 3, end);
                     self.named_frames.add(name.clone(), file, is_global, pose);
                     Point::Unset
+                }
+                Ok(point) if !text.source.is_corrected && matches!(point.goal, Goal::Joints(_)) => {
+                    self.program.targets.push(point);
+                    let index = self.program.targets.len() - 1;
+                    self.program.fixed.insert(index);
+                    Point::Target(index)
                 }
                 _ if !text.source.is_corrected => Point::Elsewhere,
                 Ok(point) => {
@@ -407,7 +420,7 @@ impl Reader<'_> {
             "spl" => _ = self.motion(line, Way::Joints, states)?,
             "circ" | "scirc" => *state = self.motion(line, Way::Arc, states)?,
             "ptp_rel" | "lin_rel" | "circ_rel" | "sptp_rel" | "slin_rel" | "scirc_rel"
-            | "asyptp" => {
+            | "spl_rel" | "asyptp" => {
                 let location = self.location(file, from);
                 self.program.leave(
                     location,

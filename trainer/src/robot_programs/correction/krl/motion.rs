@@ -3,7 +3,9 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::krl::states::{BASE, Line, MODE, Named, States, TOOL};
+use crate::robot_programs::correction::krl::states::{
+    BASE, COPIES, Line, MODE, Named, States, TOOL,
+};
 use crate::robot_programs::correction::krl::{Point, Reader};
 use crate::robot_programs::correction::program;
 use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Way};
@@ -25,12 +27,13 @@ impl Reader<'_> {
         let own = self.settings_with(line);
         let held = |key: usize| {
             let own = own.iter().rev().find(|(k, _)| *k == key);
-            match own {
+            let value = match own {
                 Some((_, value)) => Ok(value.clone()),
                 None => states.certain.value(step, key, &self.program),
-            }
+            };
+            (value, own.is_some())
         };
-        let (tool, base, mode) = (held(TOOL), held(BASE), held(MODE));
+        let (tool, base, (mode, _)) = (held(TOOL), held(BASE), held(MODE));
         let points = if way == Way::Arc { 2 } else { 1 };
         let is_monitored = matches!(text.name(from).as_str(), "ptp" | "sptp");
         let first = self.program.moves.len();
@@ -71,11 +74,16 @@ impl Reader<'_> {
             };
             match found {
                 Ok(Some(target)) => {
+                    if self.program.fixed.contains(&target) {
+                        self.note_fixed(&name, target);
+                    }
                     let is_joints = matches!(self.program.targets[target].goal, Goal::Joints(_));
                     let location = self.program.targets[target].location;
                     if mode != Ok(Named::HoldsPart(false)) && !is_joints {
                         let reason = match &mode {
-                            Err(reason) => format!("$IPO_MODE: {reason}"),
+                            Err(reason) | Ok(Named::Unknown(reason)) => {
+                                format!("$IPO_MODE: {reason}")
+                            }
                             Ok(_) => "the robot holds the part (IPO_FRAME #TCP)".to_owned(),
                         };
                         self.program.leave(location, reason);
@@ -92,6 +100,18 @@ impl Reader<'_> {
         }
         let last = self.program.moves.len();
         Ok((last == first + points).then(|| last - 1))
+    }
+
+    /// Tells that a motion goes to joints which stay as they are.
+    fn note_fixed(&mut self, name: &str, target: usize) {
+        let line = self.program.line_of(self.program.targets[target].location);
+        let name = name.to_ascii_uppercase();
+        let remark = format!(
+            "{line}: joints {name} are in a file that is not corrected: they show where the arm is, and stay as they are"
+        );
+        if !self.program.remarks.contains(&remark) {
+            self.program.remarks.push(remark);
+        }
     }
 
     /// Notes that moves can be inserted before a line, if the move before it is known.
@@ -135,11 +155,11 @@ impl Reader<'_> {
         self.program.move_in(target, way, tool, base);
     }
 
-    /// Returns a tool or base; joint targets need none.
+    /// Returns a tool or base by its name, and whether the motion itself states it; joint targets need none.
     fn frame(
         &self,
         location: Location,
-        named: &Result<Named, String>,
+        (named, is_own): &(Result<Named, String>, bool),
         (states, step): (&States, usize),
         is_tool: bool,
         is_joints: bool,
@@ -177,11 +197,22 @@ impl Reader<'_> {
         let given = self.given.named(&key, is_tool);
         let kg = given.and_then(|given| given.payload_kg);
         let value = match states.numbered.get(&(is_tool, number)) {
-            Some(key) => Some(match states.certain.value(step, *key, &self.program) {
-                Ok(Named::Written(pose)) => Ok(pose),
-                Ok(Named::Unknown(reason)) | Err(reason) => Err(reason),
-                Ok(_) => Err("it is computed".to_owned()),
-            }),
+            Some(key) => Some(
+                match states.certain.value(
+                    step,
+                    // $TOOL is a copy of TOOL_DATA[n].
+                    if *is_own {
+                        *key
+                    } else {
+                        COPIES[usize::from(!is_tool)]
+                    },
+                    &self.program,
+                ) {
+                    Ok(Named::Written(pose)) => Ok(pose),
+                    Ok(Named::Unknown(reason)) | Err(reason) => Err(reason),
+                    Ok(_) => Err("it is computed".to_owned()),
+                },
+            ),
             None => self.numbered.get(&(is_tool, number)).cloned(),
         };
         match (value, given) {

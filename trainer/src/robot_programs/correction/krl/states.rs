@@ -18,6 +18,9 @@ pub struct Line {
 pub const TOOL: usize = 0;
 pub const BASE: usize = 1;
 pub const MODE: usize = 2;
+/// Keys of the values that tool and base had in `TOOL_DATA[n]` and `BASE_DATA[n]` when they were set: later changes of these
+/// do not reach them.
+pub const COPIES: [usize; 2] = [3, 4];
 
 /// A value as a line names it.
 #[derive(Clone, Debug, PartialEq)]

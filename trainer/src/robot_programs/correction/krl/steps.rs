@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::krl::Reader;
-use crate::robot_programs::correction::krl::states::{BASE, Line, MODE, Named, States, TOOL};
+use crate::robot_programs::correction::krl::states::{
+    BASE, COPIES, Line, MODE, Named, States, TOOL,
+};
 use crate::robot_programs::correction::tokens::Kind;
 
 /// The routines of all files: file, name, whether other modules see it, and its index.
@@ -19,6 +21,9 @@ impl Reader<'_> {
             flow.key(Some(Named::Unknown(reason)), true);
         }
         flow.key(Some(Named::HoldsPart(false)), true);
+        for _ in COPIES {
+            flow.key(None, true);
+        }
         let numbered = self.numbered_keys(&mut flow, all);
         let mut begins: HashMap<(usize, usize), usize> = HashMap::new();
         let mut routines = Routines::new();
@@ -34,6 +39,8 @@ impl Reader<'_> {
         let aside = flow.routine();
         flow.interrupts(aside);
         let mut own = 0;
+        // What the spline around a line sets.
+        let mut of_spline = Vec::new();
         let mut steps = Vec::with_capacity(all.len());
         for line in all {
             let begin = begins.get(&(line.file, line.from)).copied();
@@ -77,8 +84,28 @@ impl Reader<'_> {
             if is_loop {
                 evaluate(&mut flow);
             }
-            for (key, value) in self.set(*line, &word, &numbered) {
+            let mut set = self.set(*line, &word, &numbered);
+            match word.as_str() {
+                "spline" | "ptp_spline" => of_spline.extend(set.iter().map(|(key, _)| *key)),
+                // What holds behind a spline that sets it is not certain.
+                "endspline" => {
+                    let line = self.program.line_of(location);
+                    let value = Named::Unknown(format!("a spline sets it, and ends at {line}"));
+                    set.extend(of_spline.drain(..).map(|key| (key, value.clone())));
+                }
+                "end" | "endfct" => of_spline.clear(),
+                _ => {}
+            }
+            for (key, value) in set {
+                let data = match value {
+                    Named::Number(number) if key == TOOL => numbered.get(&(true, number)),
+                    Named::Number(number) if key == BASE => numbered.get(&(false, number)),
+                    _ => None,
+                };
                 push(&mut flow, Step::Set(key, Some(value)));
+                if let Some(data) = data {
+                    push(&mut flow, Step::Copy(COPIES[key], *data));
+                }
             }
             if matches!(word.as_str(), "end" | "endfct" | "enddat") {
                 own = 0;
@@ -176,7 +203,8 @@ impl Reader<'_> {
             "else" | "default" => Step::Next(true),
             "case" => Step::Next(false),
             "for" | "while" | "loop" | "repeat" => Step::Loop,
-            "endif" | "endswitch" | "endfor" | "endwhile" | "endloop" | "until" => Step::End,
+            "endif" | "endswitch" | "endfor" | "endwhile" | "endloop" => Step::End,
+            "until" => Step::Until,
             "exit" => Step::Break,
             "return" => Step::Return,
             "goto" => Step::Jump(text.name(line.from + 1)),
@@ -237,15 +265,7 @@ impl Reader<'_> {
                     _ => vec![(TOOL, value.clone()), (BASE, value)],
                 }
             }
-            // What a spline sets holds within it, and what holds behind it is not certain.
-            "spline" | "endspline" => {
-                let set = self.settings_with(line).into_iter();
-                set.map(|(key, value)| match word {
-                    "spline" => (key, value),
-                    _ => (key, Named::Unknown("a spline sets it".to_owned())),
-                })
-                .collect()
-            }
+            "spline" | "ptp_spline" => self.settings_with(line),
             _ if self.is_code(file) => {
                 let found = self.numbered_frame(line);
                 let set = found.and_then(|(is_tool, number, found)| {

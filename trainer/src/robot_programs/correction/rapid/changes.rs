@@ -247,6 +247,47 @@ impl Reader<'_> {
         out
     }
 
+    /// Returns the names that a statement gives to parameters of routines, each with the indices of routine and parameter.
+    pub(super) fn given_by_value_too(&self, s: &Statement) -> Vec<((usize, usize), String)> {
+        let text = self.texts[s.file];
+        let is_call = |at: &usize| {
+            let is_name = text.at(*at).is_some_and(|t| t.kind == Kind::Name);
+            is_name && (*at == s.from && self.assignment(s).is_none() || text.is(at + 1, b'('))
+        };
+        let mut out = Vec::new();
+        for at in (s.from..s.end).filter(is_call) {
+            let Some(index) = self.routine(&text.name(at), text.file) else {
+                continue;
+            };
+            let (from, end) = match text.is(at + 1, b'(') {
+                true => (at + 2, text.find(at + 2, s.end, b")")),
+                false => (at + 1, s.end),
+            };
+            let mut position = 0;
+            for piece in pieces(&text, from, end) {
+                let found = self.parameter(index, &piece, position);
+                position += usize::from(piece.switch.is_none());
+                let name = datum(&text, &piece);
+                out.extend(
+                    found
+                        .zip(name)
+                        .map(|(number, name)| ((index, number), name)),
+                );
+            }
+        }
+        out
+    }
+
+    /// Returns the index of the parameter to which an argument belongs; positional ones are counted.
+    fn parameter(&self, routine: usize, piece: &Piece, position: usize) -> Option<usize> {
+        let mut all = self.routines[routine].parameters.iter().enumerate();
+        let found = match &piece.switch {
+            Some(switch) => all.find(|(_, p)| p.is_optional && p.name == *switch),
+            None => all.filter(|(_, p)| !p.is_optional).nth(position),
+        };
+        found.map(|(number, _)| number)
+    }
+
     /// Adds the names that a call gives to what it calls; `None` for a name that the program computes.
     fn give(
         &self,
@@ -275,13 +316,8 @@ impl Reader<'_> {
                 continue;
             };
             let parameters = &self.routines[index].parameters;
-            let mut all = parameters.iter().enumerate();
-            let found = match &piece.switch {
-                Some(switch) => all.find(|(_, p)| p.is_optional && p.name == *switch),
-                None => all.filter(|(_, p)| !p.is_optional).nth(position),
-            };
-            match found {
-                Some((number, p)) if p.is_reference => {
+            match self.parameter(index, &piece, position) {
+                Some(number) if parameters[number].is_reference => {
                     out.push((Receiver::Parameter(index, number), name));
                 }
                 Some(_) => {}

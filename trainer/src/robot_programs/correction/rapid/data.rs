@@ -73,6 +73,11 @@ pub enum FrameData {
 }
 
 impl FrameData {
+    /// Returns whether the data are a tool.
+    pub fn is_tool(&self) -> bool {
+        matches!(self, Self::Tool { .. })
+    }
+
     /// Reads a written `tooldata`.
     pub fn tool(value: &Value) -> Option<Self> {
         let [is_held, pose, load] = value.list(3)? else {
@@ -127,11 +132,21 @@ impl FrameData {
         }
     }
 
-    /// Returns the parts that the assignment `name.component := value` sets, and their value unless it is computed.
-    pub fn assigned(&self, component: &str, value: &Value) -> Vec<(Part, Option<Setting>)> {
+    /// Returns the parts that the assignment `name.component := value` sets, and their value unless it is computed; `mass` is
+    /// that of a load or number.
+    pub fn assigned(
+        &self,
+        component: &str,
+        value: &Value,
+        mass: Option<f64>,
+    ) -> Vec<(Part, Option<Setting>)> {
         let pose = || pose_of(value).map(Setting::Pose);
         match (self, component.split('.').next().unwrap_or("")) {
-            (Self::Tool { .. }, "tload") => vec![(Part::Mass, None)],
+            (Self::Tool { .. }, "tload") if matches!(component, "tload" | "tload.mass") => {
+                vec![(Part::Mass, mass.map(Setting::Load))]
+            }
+            // Other components of a load leave its mass.
+            (Self::Tool { .. }, "tload") => Vec::new(),
             (_, "tframe" | "uframe") if component.contains('.') => vec![(Part::Outer, None)],
             (_, "oframe") if component.contains('.') => vec![(Part::Object, None)],
             (_, "tframe" | "uframe") => vec![(Part::Outer, pose())],
@@ -158,8 +173,14 @@ impl FrameData {
     pub fn put(&mut self, part: Part, value: Known<Setting>) {
         let pose = match value {
             Ok(Setting::Pose(pose)) => Ok(pose),
+            Ok(Setting::Load(kg)) => {
+                if let Self::Tool { mass, .. } = self {
+                    *mass = Some(kg);
+                }
+                return;
+            }
             // The part is as declared.
-            Ok(Setting::Is(_) | Setting::Load(_)) => return,
+            Ok(Setting::Is(_)) => return,
             Err(reason) => Err(reason),
         };
         match (self, part) {

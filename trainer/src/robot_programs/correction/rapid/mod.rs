@@ -7,6 +7,7 @@
 mod changes;
 mod data;
 mod motion;
+mod others;
 mod statements;
 mod states;
 mod steps;
@@ -21,6 +22,7 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Location, Program};
 use crate::robot_programs::correction::rapid::data::{Change, FrameData, Names, Read, target};
+use crate::robot_programs::correction::rapid::others::Other;
 use crate::robot_programs::correction::rapid::statements::{
     Routine, Statement, is_instruction, statements,
 };
@@ -60,6 +62,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         frames: Names::default(),
         routines: Vec::new(),
         by_name: HashMap::new(),
+        others: Vec::new(),
     };
     let mut all = Vec::new();
     for text in &reader.texts {
@@ -78,6 +81,7 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     }
     let states = reader.states(&all);
     reader.run(&all, &states)?;
+    reader.leave_shared(&all);
     Ok(reader.program)
 }
 
@@ -95,6 +99,8 @@ struct Reader<'a> {
     routines: Vec<Routine>,
     /// Indices of the routines of each name.
     by_name: HashMap<String, Vec<usize>>,
+    /// Moves besides those that are corrected.
+    others: Vec<Other>,
 }
 
 /// State of the program at a statement.
@@ -313,6 +319,7 @@ impl Reader<'_> {
                 state.step = *step;
                 self.statement(s, &mut state)?;
             }
+            self.note_others(s, states, *step);
         }
         Ok(())
     }

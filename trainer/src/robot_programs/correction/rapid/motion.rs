@@ -71,13 +71,8 @@ impl Reader<'_> {
                 return Ok(());
             }
         };
-        let load = match switched(LOADED) {
-            Ok(Setting::Load(kg)) => Some(kg),
-            _ => None,
-        };
-        // The motion may state another load than that of the tool.
-        let own = tool.payload_kg.filter(|_| switch("tload").is_none());
-        tool.payload_kg = own.zip(load).map(|(own, load)| own + load);
+        let added = switched(LOADED).ok();
+        tool.payload_kg = self.payload(s, tool.payload_kg, switch("tload"), added);
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
         let first = self.program.moves.len();
         for (i, point) in goals.iter().enumerate() {
@@ -189,7 +184,7 @@ impl Reader<'_> {
     }
 
     /// Returns the tool of an argument, or the reason why it is not known.
-    fn tool(
+    pub(super) fn tool(
         &self,
         s: &Statement,
         (from, end): (usize, usize),
@@ -240,7 +235,7 @@ impl Reader<'_> {
     }
 
     /// Returns the work object of an argument, or the reason why it is not known.
-    fn object(
+    pub(super) fn object(
         &self,
         s: &Statement,
         (from, end): (usize, usize),

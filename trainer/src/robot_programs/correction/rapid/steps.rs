@@ -10,7 +10,7 @@ use crate::robot_programs::correction::rapid::statements::Statement;
 use crate::robot_programs::correction::rapid::states::{
     DISPLACED, LOADED, MONITORED, Slot, States,
 };
-use crate::robot_programs::correction::tokens::Kind;
+use crate::robot_programs::correction::tokens::{Kind, Value};
 
 impl Reader<'_> {
     /// Follows the statements of all routines.
@@ -117,7 +117,9 @@ impl Reader<'_> {
         let Some((index, data)) = self.frames.find_with_index(&name, s.file, s.routine) else {
             return Vec::new();
         };
-        let parts = data.assigned(&component, &text.value(from, s.end));
+        let value = text.value(from, s.end);
+        let mass = self.mass(s, (from, s.end)).or(value.number());
+        let parts = data.assigned(&component, &value, mass);
         let slot = |(part, value)| ((name.clone(), index, part), value);
         parts.into_iter().map(slot).collect()
     }
@@ -139,13 +141,37 @@ impl Reader<'_> {
         if text.name(s.from) != "gripload" {
             return None;
         }
-        let name = text.name(s.from + 1);
-        let found = self.loads.find(&name, s.file, s.routine).copied().flatten();
-        let is_name = s.end == s.from + 2;
-        Some(match name.as_str() {
-            "load0" => Some(0.0),
-            _ => found.filter(|mass| is_name && *mass >= 0.0),
-        })
+        Some(self.mass(s, (s.from + 1, s.end)))
+    }
+
+    /// Returns the mass in kg of a load, which is written or a name; `None` where it is not known.
+    fn mass(&self, s: &Statement, (from, end): (usize, usize)) -> Option<f64> {
+        let text = self.texts[s.file];
+        let found = match text.value(from, end) {
+            Value::Name(name) if name == "load0" => Some(0.0),
+            Value::Name(name) => self.loads.find(&name, s.file, s.routine).copied().flatten(),
+            value => value.list(6)?.first().and_then(Value::number),
+        };
+        found.filter(|mass| *mass >= 0.0)
+    }
+
+    /// Returns the payload in kg of a motion whose tool has this mass, under a load that GripLoad has added.
+    pub(super) fn payload(
+        &self,
+        s: &Statement,
+        mass: Option<f64>,
+        total: Option<(usize, usize)>,
+        added: Option<Setting>,
+    ) -> Option<f64> {
+        let added = match added {
+            Some(Setting::Load(kg)) => kg,
+            _ => return None,
+        };
+        // \TLoad states tool and part together, load0 none; GripLoad cannot be used with it.
+        match total.map(|total| self.mass(s, total)) {
+            None | Some(Some(0.0)) => mass.map(|mass| mass + added),
+            Some(total) => total.filter(|_| added == 0.0),
+        }
     }
 
     /// Returns the switch that an instruction sets.

@@ -4,6 +4,7 @@
 //! of `set_tcp`, features and offsets are no targets: only what reaches a move is. ("The URScript Programming Language",
 //! module motion.)
 
+mod calls;
 mod lines;
 mod states;
 mod steps;
@@ -20,6 +21,7 @@ use crate::robot_programs::correction::program;
 use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Program, Way};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, tokens};
+use crate::robot_programs::correction::urscript::calls::Other;
 use crate::robot_programs::correction::urscript::lines::{Line, lines_of};
 use crate::robot_programs::correction::urscript::states::{
     DISPLACED, PAYLOAD, Setting, States, TOOL,
@@ -33,7 +35,10 @@ const LEXICON: Lexicon = Lexicon {
 };
 
 /// Motions whose targets are not corrected.
-const OTHER_MOTIONS: [&str; 8] = [
+const OTHER_MOTIONS: [&str; 11] = [
+    "mc_add_circular",
+    "mc_add_linear",
+    "mc_add_path",
     "servoj",
     "servol",
     "servoc",
@@ -86,10 +91,12 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         set: HashMap::new(),
         reached: HashSet::new(),
         lines: lines_of(&text),
+        others: Vec::new(),
     };
     reader.find_variables();
     let states = reader.states();
     reader.run(&states)?;
+    reader.leave_shared();
     reader.program.remarks.push(
         "the controller of a Universal Robots arm has a calibration of its own: the correction would count twice, \
          unless the model was calibrated against the controller's parameters"
@@ -113,7 +120,7 @@ enum Variable {
 }
 
 /// Instructions whose targets are corrected.
-const MOTIONS: [&str; 4] = ["movej", "movel", "movep", "movec"];
+const MOTIONS: [&str; 6] = ["movej", "movel", "movep", "movec", "optimovej", "optimovel"];
 
 struct Reader<'a> {
     program: Program,
@@ -123,6 +130,8 @@ struct Reader<'a> {
     /// Variables to which moves go: they change with the correction.
     reached: HashSet<String>,
     lines: Vec<Line>,
+    /// Calls besides the moves that get targets.
+    others: Vec<Other>,
 }
 
 impl Reader<'_> {
@@ -220,6 +229,7 @@ impl Reader<'_> {
         let text = self.text;
         let mut function = usize::MAX;
         let mut before: Option<(usize, Vec<usize>)> = None;
+        let own = self.moving_parameters();
         for (line, step) in self.lines.clone().into_iter().zip(&states.steps) {
             let first = self.program.moves.len();
             let is_same = before.as_ref().is_some_and(|(step, blocks)| {
@@ -232,8 +242,10 @@ impl Reader<'_> {
             let name = text.name(line.from);
             let is_motion = MOTIONS.contains(&name.as_str());
             match name.as_str() {
-                "movej" => self.motion(&line, Way::Joints, (states, *step))?,
-                "movel" | "movep" => self.motion(&line, Way::Line, (states, *step))?,
+                "movej" | "optimovej" => self.motion(&line, Way::Joints, (states, *step))?,
+                "movel" | "movep" | "optimovel" => {
+                    self.motion(&line, Way::Line, (states, *step))?
+                }
                 "movec" => self.motion(&line, Way::Arc, (states, *step))?,
                 name if OTHER_MOTIONS.contains(&name) => {
                     let location = self.location(line.from);
@@ -253,6 +265,7 @@ impl Reader<'_> {
                     }
                 }
             }
+            self.note_calls(&line, &own);
             let last = self.program.moves.len();
             if name == "movel" && last == first + 1 && before.is_some() {
                 self.note_line(&line, first);

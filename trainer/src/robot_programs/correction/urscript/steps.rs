@@ -100,6 +100,13 @@ impl Reader<'_> {
             // Within a line of something else it may be under a condition.
             let is_alone = at == line.from;
             let first = self.first(line).first().copied().filter(|_| is_alone);
+            // An argument may be named: set_tcp(pose=p[…]).
+            let first = first.and_then(|(from, end)| {
+                let is_named = text.is(from + 1, b'=');
+                let is_first = matches!(text.name(from).as_str(), "pose" | "m" | "mass");
+                let value = from + 2 * usize::from(is_named);
+                (!is_named || is_first).then_some((value, end))
+            });
             match text.name(at).as_str() {
                 "set_tcp" => {
                     let pose = first.and_then(|(from, end)| self.pose_of(from, end).ok());
