@@ -72,6 +72,11 @@ impl Fit {
         (&self.values[from..to], covariance.into_owned())
     }
 
+    /// Returns the number of fitted values.
+    pub fn count(&self) -> usize {
+        self.values.len()
+    }
+
     /// Returns the fitted effect of what has moved, in rows of the check.
     pub fn effect(&self) -> Mat<f64> {
         self.rows(self.starts[0], self.values.len())
@@ -238,12 +243,34 @@ pub fn changes(
     choices.iter().enumerate().map(of).collect()
 }
 
+/// Returns the length of the target's displacement in row `k`, with this `unit` of positions.
+pub(super) fn displacement(rows: &Mat<f64>, k: usize, unit: f64) -> f64 {
+    length_of(rows, ROWS * k, unit)
+}
+
+fn length_of(rows: &Mat<f64>, from: usize, unit: f64) -> f64 {
+    let squares = (from..from + 3).map(|i| (unit * rows[(i, 0)]).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
 /// Summarises the lengths of the target's displacements, mm.
 pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: NoiseScales) -> Summary {
     let of = |(k, sample): (usize, &InstrumentSample)| {
-        let unit = 1e3 * scales.of(sample).position;
-        let squares = (0..3).map(|i| (unit * rows[(ROWS * k + i, 0)]).powi(2));
-        squares.sum::<f64>().sqrt()
+        displacement(rows, k, 1e3 * scales.of(sample).position)
     };
     Summary::new(&samples.iter().enumerate().map(of).collect::<Vec<_>>())
+}
+
+/// Summarises the angles of the target's rotations, mrad; `None` if no rotation was measured.
+pub fn angles(
+    rows: &Mat<f64>,
+    samples: &[InstrumentSample],
+    scales: NoiseScales,
+) -> Option<Summary> {
+    let measured = samples.iter().enumerate();
+    let measured = measured.filter(|(_, s)| s.observation.has_orientation());
+    let all: Vec<f64> = measured
+        .map(|(k, s)| length_of(rows, ROWS * k + 3, 1e3 * scales.of(s).orientation))
+        .collect();
+    (!all.is_empty()).then(|| Summary::new(&all))
 }
