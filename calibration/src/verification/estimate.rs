@@ -7,7 +7,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::Summary;
-use crate::verification::columns::columns;
+use crate::verification::columns::{columns, length_of};
 use crate::verification::drift_test::{Choice, DriftTest};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
@@ -243,20 +243,10 @@ pub fn changes(
     choices.iter().enumerate().map(of).collect()
 }
 
-/// Returns the length of the target's displacement in row `k`, with this `unit` of positions.
-pub(super) fn displacement(rows: &Mat<f64>, k: usize, unit: f64) -> f64 {
-    length_of(rows, ROWS * k, unit)
-}
-
-fn length_of(rows: &Mat<f64>, from: usize, unit: f64) -> f64 {
-    let squares = (from..from + 3).map(|i| (unit * rows[(i, 0)]).powi(2));
-    squares.sum::<f64>().sqrt()
-}
-
 /// Summarises the lengths of the target's displacements, mm.
 pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: NoiseScales) -> Summary {
     let of = |(k, sample): (usize, &InstrumentSample)| {
-        displacement(rows, k, 1e3 * scales.of(sample).position)
+        length_of(rows, ROWS * k, 1e3 * scales.of(sample).position)
     };
     Summary::new(&samples.iter().enumerate().map(of).collect::<Vec<_>>())
 }

@@ -14,11 +14,12 @@
 use serde::Serialize;
 
 use crate::blob::predict::BlobModel;
+use crate::identification::parametric::state::ROWS;
 use crate::identification::touch::left_out::as_normal;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::numeric::matrix::Mat;
-use crate::verification::estimate::displacement;
+use crate::verification::columns::length_of;
 
 /// How many components of a model's own error count as one.
 const ALIKE: f64 = 6.0;
@@ -76,7 +77,7 @@ impl Unexplained {
             if variance.is_nan() || variance <= 0.0 {
                 return None;
             }
-            let own = displacement(left, k, scales.of(sample).position);
+            let own = length_of(left, ROWS * k, scales.of(sample).position);
             chi_squared += own.powi(2) / variance;
             expected += variance / samples.len() as f64;
             of_noise += noise / samples.len() as f64;

@@ -69,7 +69,7 @@ pub fn warning(r: &Report) -> Option<String> {
     };
     Some(format!(
         "{errors}: something changed that neither joint zeros nor base nor tool explain, such as links that grew with \
-         temperature, a bent link, the instrument's scale or noise, or the payload. Measure anew and calibrate again"
+         temperature, a bent link, the instrument's scale or noise, or the payload. Measure and calibrate again"
     ))
 }
 
