@@ -23,6 +23,12 @@ pub fn columns(x: &Mat<f64>) -> Columns {
         .collect()
 }
 
+/// Returns the length of the three rows of a column from `from` on, in this `unit`.
+pub(super) fn length_of(column: &Mat<f64>, from: usize, unit: f64) -> f64 {
+    let squares = (from..from + 3).map(|i| (unit * column[(i, 0)]).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
 /// Returns a column without its components along an orthonormal basis.
 pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
     let mut out = column.to_vec();

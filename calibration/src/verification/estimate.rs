@@ -7,7 +7,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::Summary;
-use crate::verification::columns::columns;
+use crate::verification::columns::{columns, length_of};
 use crate::verification::drift_test::{Choice, DriftTest};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
@@ -70,6 +70,11 @@ impl Fit {
         let (from, to) = (self.starts[index], self.starts[index + 1]);
         let covariance = self.covariance.view((from, from), (to - from, to - from));
         (&self.values[from..to], covariance.into_owned())
+    }
+
+    /// Returns the number of fitted values.
+    pub fn count(&self) -> usize {
+        self.values.len()
     }
 
     /// Returns the fitted effect of what has moved, in rows of the check.
@@ -241,9 +246,21 @@ pub fn changes(
 /// Summarises the lengths of the target's displacements, mm.
 pub fn lengths(rows: &Mat<f64>, samples: &[InstrumentSample], scales: NoiseScales) -> Summary {
     let of = |(k, sample): (usize, &InstrumentSample)| {
-        let unit = 1e3 * scales.of(sample).position;
-        let squares = (0..3).map(|i| (unit * rows[(ROWS * k + i, 0)]).powi(2));
-        squares.sum::<f64>().sqrt()
+        length_of(rows, ROWS * k, 1e3 * scales.of(sample).position)
     };
     Summary::new(&samples.iter().enumerate().map(of).collect::<Vec<_>>())
+}
+
+/// Summarises the angles of the target's rotations, mrad; `None` if no rotation was measured.
+pub fn angles(
+    rows: &Mat<f64>,
+    samples: &[InstrumentSample],
+    scales: NoiseScales,
+) -> Option<Summary> {
+    let measured = samples.iter().enumerate();
+    let measured = measured.filter(|(_, s)| s.observation.has_orientation());
+    let all: Vec<f64> = measured
+        .map(|(k, s)| length_of(rows, ROWS * k + 3, 1e3 * scales.of(s).orientation))
+        .collect();
+    (!all.is_empty()).then(|| Summary::new(&all))
 }

@@ -1,8 +1,10 @@
 //! Checks whether a calibration still holds: ten to twenty fresh measurements are compared with the blob's predictions.
 //!
-//! The check answers two separate questions:
+//! The check answers three separate questions:
 //!
 //! - **How large is the error now?** Mean, 95 % and largest error, as `evaluate` reports them.
+//! - **Are the errors those that the model expects?** What no drift explains is compared with what the blob states
+//!   ([`unexplained`]).
 //! - **Has something moved?** A change of the base, the tool, the zero of one joint or the mass of the payload is fitted to
 //!   the residuals. These are weighted by their covariance, which has three parts: the noise of the measurements, found from
 //!   the residuals whatever has moved ([`noise`]); what the calibration did not know, from the blob itself ([`arm`]); and
@@ -24,6 +26,7 @@ mod payload;
 pub mod result;
 pub mod touches;
 mod unchanged;
+pub mod unexplained;
 pub mod unknown_frames;
 mod whitened;
 
@@ -43,9 +46,10 @@ use crate::validation::held_out::HeldOutPose;
 use crate::verification::arm::BlobArm;
 use crate::verification::columns::{Columns, columns};
 use crate::verification::drift_test::DriftTest;
-use crate::verification::estimate::{Fit, can_be_found, changes, lengths, sensitivity};
+use crate::verification::estimate::{Fit, angles, can_be_found, changes, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Moved, Report, RowError};
+use crate::verification::unexplained::Unexplained;
 use crate::verification::whitened::Whitened;
 
 pub use crate::verification::options::Options;
@@ -253,6 +257,8 @@ fn check_rows(
         is_searched: true,
         effect_mm: lengths(&effect, samples, scales),
         without_mm: lengths(&left, samples, scales),
+        without_mrad: angles(&left, samples, scales),
+        unexplained: Unexplained::new(loaded, samples, (&left, scales), fit.count()),
         noise_mm: arm.knows_its_error.then_some(noise_mm),
         scatter_mm: (noise_mm * noise_mm + weighed.model_mm * weighed.model_mm).sqrt(),
         noise_mrad: samples

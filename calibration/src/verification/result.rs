@@ -6,6 +6,7 @@ use crate::blob::fitted_frames::FrameError;
 use crate::numeric::statistics::{ErrorSummary, Summary};
 use crate::validation::held_out::HeldOutPose;
 use crate::verification::hypotheses::Part;
+use crate::verification::unexplained::Unexplained;
 
 /// One component of a change, with half the width of its 95 % interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -157,6 +158,13 @@ pub struct Report {
     pub effect_mm: Summary,
     /// Position errors once these changes are removed, mm.
     pub without_mm: Summary,
+    /// Rotation errors once these changes are removed, mrad; absent if no rotation was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub without_mrad: Option<Summary>,
+    /// Position errors once these changes are removed, beside what the model expects; absent if the blob does not state that,
+    /// and if no change was searched for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unexplained: Option<Unexplained>,
     /// Standard deviation of one position component of a measurement, mm, as the residuals have it; absent if the model does
     /// not know its own error, which cannot be separated from the noise then.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -201,6 +209,8 @@ impl Report {
             searched_lines: Vec::new(),
             effect_mm: Summary::new(&vec![0.0; self.rows.len()]),
             without_mm: self.errors.position_mm,
+            without_mrad: None,
+            unexplained: None,
             is_searched: false,
             ..self
         }

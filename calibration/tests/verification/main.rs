@@ -13,3 +13,4 @@ mod during;
 mod few_poses;
 mod named;
 mod study;
+mod unexplained;

@@ -12,6 +12,7 @@ mod bridge;
 #[cfg(unix)]
 mod browser;
 mod check;
+mod check_unexplained;
 mod choice;
 mod conformity;
 mod controller;

@@ -221,17 +221,16 @@ fn verdict(
     scatter: Option<f64>,
 ) -> (String, Option<String>) {
     let method = task.calibration.config.method.name();
-    let unknown = "The gain of further measurements is not known".to_owned();
     let count = task.samples.len();
     if !is_paid && (count < UNCERTAIN || task.warnings.iter().any(|w| w.cause == Cause::Few)) {
         let why = format!("{count} poses are too few to know what is missing: measure more");
-        return (unknown, Some(why));
+        return ("No forecast from so few poses".to_owned(), Some(why));
     }
     let Some(expected) = expected else {
         let why = format!(
             "A `{method}` model does not estimate its own uncertainty; `poe` and `elastic` do"
         );
-        return (unknown, Some(why));
+        return ("No forecast for this method".to_owned(), Some(why));
     };
     let percent = 100.0 * LEAST_SHARE;
     if is_paid {

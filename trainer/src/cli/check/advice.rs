@@ -1,5 +1,6 @@
 //! What `trainer check` advises to do next.
 
+use crate::cli::check::unexplained::{Rest, doubtful};
 use crate::cli::check::wording::part;
 use crate::cli::failure::Failure;
 use poegp_calibration::identification::identifiability::list;
@@ -24,6 +25,8 @@ pub struct Outcome<'a> {
     pub changes: &'a [Change],
     /// Error after these changes are taken out, in the statistic that the tolerance is for, mm.
     pub without_mm: f64,
+    /// How the errors without these changes compare with what the model expects.
+    pub rest: Rest<'a>,
     /// Lines of measurements that stand out from the others.
     pub odd_lines: &'a [usize],
     /// What moved while the rows were measured.
@@ -54,10 +57,11 @@ const MEAN_LENGTH: f64 = 1.6;
 /// Returns what a new calibration needs: a richer model if this one is the cause of the error, and otherwise more poses.
 pub fn new_calibration(r: &Report) -> String {
     let is_of_model = 2.0 * MEAN_LENGTH * r.model_mm >= r.without_mm.mean;
-    match r.model_knows_its_error || !is_of_model {
+    let is_excess = matches!(Rest::of(r), Rest::Excess(_));
+    match r.model_knows_its_error || !is_of_model || is_excess {
         true => "measure 100 poses or more and calibrate again".to_owned(),
         false => format!(
-            "the model itself is expected to be off by {:.3} mm per axis; calibrate with a richer one (--method elastic, or auto)",
+            "the model error estimated from these rows is {:.3} mm per axis; calibrate with a richer model (--method elastic, or auto)",
             r.model_mm
         ),
     }
@@ -73,17 +77,28 @@ pub fn advice(
     let Outcome {
         changes,
         without_mm,
+        rest,
         odd_lines,
         during,
         payloads,
         is_searched,
         more,
     } = *found;
+    let doubt = match rest {
+        Rest::Excess(rest) => Some(match changes.is_empty() {
+            true => format!("find out what changed; {more}"),
+            false => doubtful(rest, more),
+        }),
+        _ => None,
+    };
     if tolerance_met && !drift_matters {
+        if let Some(doubt) = doubt {
+            return vec![doubt];
+        }
         let parts: Vec<String> = changes.iter().map(|c| part(c.part)).collect();
         let leave = || {
             format!(
-                "the drift of {} is within what is allowed: change nothing, and check again soon",
+                "the drift of {} is within what is allowed for positions: the calibration can stay in use, with this drift in its errors",
                 list(&parts)
             )
         };
@@ -105,8 +120,12 @@ pub fn advice(
     if !changes.is_empty() && !odd_lines.is_empty() {
         out.push("first measure the outliers again and repeat the check".to_owned());
     }
-    for change in changes {
-        let alone = if changes.len() == 1 && without_mm <= max_mm {
+    let is_doubtful = doubt.is_some() && !changes.is_empty();
+    out.extend(doubt.filter(|_| is_doubtful));
+    let is_sure = matches!(rest, Rest::AsExpected) && odd_lines.is_empty() && payloads.is_none();
+    let is_advised = |change: &&Change| !is_doubtful || change.part == Part::Payload;
+    for change in changes.iter().filter(is_advised) {
+        let alone = if changes.len() == 1 && is_sure {
             "; the rest of the calibration is as it was"
         } else {
             ""
@@ -150,8 +169,13 @@ pub fn advice(
         } else {
             "measure the outliers again and repeat the check".to_owned()
         });
-    } else if !tolerance_met && without_mm > max_mm {
-        out.push(format!("this does not explain the whole error: {more}"));
+    } else if !tolerance_met && without_mm > max_mm && !is_doubtful {
+        out.push(match rest {
+            Rest::AsExpected => format!(
+                "without this drift, the errors are what the model expects, but more than is allowed: {more}"
+            ),
+            _ => format!("this does not explain the whole error: {more}"),
+        });
     }
     out
 }

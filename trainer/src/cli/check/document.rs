@@ -6,6 +6,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 use crate::cli::check::programs::CorrectedProgram;
+use crate::cli::check::unexplained;
 use crate::cli::inputs::now;
 use crate::report::certificate::Certificate;
 use crate::report::{FileSummary, Provenance};
@@ -82,6 +83,8 @@ pub struct CheckJson<'a> {
     pub programs: Vec<CorrectedProgram>,
     /// Whether the arm conforms to a tolerance.
     pub certificate: Certificate,
+    /// Whether orientations were compared with a tolerance.
+    pub orientation_judged: bool,
     /// Sentence about the frames that were fitted to the measurements before the check.
     #[serde(skip)]
     pub fitted: Option<String>,
@@ -90,6 +93,16 @@ pub struct CheckJson<'a> {
     /// Advice on what to do next.
     pub advice: Vec<String>,
     pub provenance: Provenance,
+}
+
+impl CheckJson<'_> {
+    /// States that orientations were not judged; `None` if they were, or none was measured.
+    pub fn orientation(&self) -> Option<String> {
+        match self.orientation_judged {
+            true => None,
+            false => unexplained::orientation(self.findings),
+        }
+    }
 }
 
 /// The JSON document that `--json` writes of a check by touches.

@@ -6,6 +6,7 @@ mod page;
 mod programs;
 mod touch_page;
 pub mod touches;
+mod unexplained;
 mod wording;
 
 use std::path::{Path, PathBuf};
@@ -19,13 +20,13 @@ use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_texts};
-use crate::cli::terminal::print::{Printer, error_row};
+use crate::cli::terminal::print::{Printer, error_row, warning};
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::report::certificate::{Certificate, Judged, Statement};
 use crate::report::{FileSummary, data, sections};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::numeric::statistics::Summary;
@@ -135,6 +136,9 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     ];
     let found = Findings(found.into_iter().flatten().collect());
     warnings.extend(settled(&a.measurements, found, accept, json)?);
+    if let Some(text) = unexplained::warning(&findings) {
+        warning(format_args!("{}: {text}.", a.measurements.display()));
+    }
     let wanted = data.samples.iter();
     let wanted = wanted.map(|s| (s.joints.clone(), s.payload_kg));
     let commands_move = gauge::commands_moved(a.previous.as_deref(), &loaded, wanted)?;
@@ -171,6 +175,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         drift_matters,
         commands_move,
         programs: programs::compared(&a.programs, &loaded, &a.blob)?,
+        orientation_judged: a.tolerance.tolerance_mrad.is_some(),
         fitted: fitted_frames(
             &loaded,
             findings.base_fitted,
@@ -182,6 +187,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
             &advice::Outcome {
                 changes: &findings.changes,
                 without_mm: a.statistic.of(&findings.without_mm),
+                rest: unexplained::Rest::of(&findings),
                 odd_lines: &findings.odd_lines,
                 during: findings.during.as_ref(),
                 payloads: payloads.as_ref().map(|p| p.advice.as_str()),
@@ -335,7 +341,10 @@ fn refused(a: &Check, names: &[ToolName], error: CheckError) -> Failure {
             needed,
         } => InputError::new(
             path,
-            format!("{poses} different poses ({equations} equations)"),
+            format!(
+                "{} ({equations} equations)",
+                counted(poses, "distinct pose")
+            ),
             format!("at least {needed}: base, tool, joints and noise are all estimated from them"),
         )
         .with_help("measure ten to twenty poses, spread over the joint ranges")
@@ -404,7 +413,7 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     for line in wording::findings(f) {
         report.line(line);
     }
-    for line in wording::sensitivity(&f.sensitivity) {
+    for line in wording::sensitivity(&f.sensitivity, "These poses") {
         report.line(line);
     }
     if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) {
@@ -412,11 +421,18 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     }
     if d.holds {
         report.line(format_args!(
-            "The calibration holds: its {} position error is {:.4} mm, within the {} mm allowed.",
+            "The calibration holds: its {} position error is {:.4} mm, within the {} mm allowed{}.",
             a.statistic.name(),
             a.statistic.of(&f.errors.position_mm),
-            a.max_mm
+            a.max_mm,
+            match f.unexplained.filter(|rest| rest.is_excess) {
+                Some(rest) => format!(", but {:.1} times what the model expects", rest.factor),
+                None => String::new(),
+            }
         ));
+        if let Some(text) = d.orientation() {
+            report.line(text);
+        }
         for advice in &d.advice {
             report.line(format_args!("  {advice}"));
         }

@@ -6,6 +6,7 @@ use maud::{Markup, html};
 
 use crate::cli::check::document::CheckJson;
 use crate::cli::check::programs::CorrectedProgram;
+use crate::cli::check::unexplained;
 use crate::cli::check::wording;
 use crate::report::chart::{Axis, Brush, Plot, Series};
 use crate::report::data::drawn;
@@ -36,14 +37,20 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         sensitivity: &f.sensitivity,
     };
     let noise = html! {
-        @match f.noise_mm {
-            Some(noise_mm) => {
-                "Noise of these measurements: " (Number::new(noise_mm, 4, "/noise_mm")) " mm per axis; the model is expected to be off by "
-                (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
+        @match (f.noise_mm, f.unexplained.as_ref()) {
+            (Some(noise_mm), rest) => {
+                "Scatter that the model does not explain: " (Number::new(noise_mm, 4, "/noise_mm")) " mm per axis"
+                @if let Some(noise_mm) = rest.and_then(|rest| rest.noise_mm) {
+                    " (the model states " (Number::new(noise_mm, 4, "/unexplained/noise_mm")) " mm)"
+                }
+                "; model error estimated from these rows: " (Number::new(f.model_mm, 4, "/model_mm")) " mm per axis."
             }
-            None => {
-                "Noise of these measurements and error of the model together: " (Number::new(f.scatter_mm, 4, "/scatter_mm"))
-                " mm per axis; this model does not determine which is which."
+            (None, rest) => {
+                "Scatter and error of the model together: " (Number::new(f.scatter_mm, 4, "/scatter_mm")) " mm per axis"
+                @if let Some(rest) = rest {
+                    " (the model states " (Number::new(rest.expected_mm, 4, "/unexplained/expected_mm")) " mm)"
+                }
+                "; this model does not determine which is which."
             }
         }
         @if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) { " " b { "Warning: " } (text) "." }
@@ -99,6 +106,8 @@ fn headline(d: &CheckJson<'_>) -> Section {
             @if let Some(moved) = &f.during { "Moved during the check: " (wording::during(moved)) ". " }
             @if f.is_searched { (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the target", "")) }
             @else { (wording::NOT_SEARCHED) }
+            @if let Some(text) = unexplained::warning(f) { " " b { "Warning: " } (text) "." }
+            @if let Some(text) = d.orientation() { " " (sentence(&text)) }
         }
     };
     let tiles = html! {

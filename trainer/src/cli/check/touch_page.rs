@@ -33,8 +33,8 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
         sensitivity: &f.sensitivity,
     };
     let noise = html! {
-        "Noise of these touches: " (Number::new(f.noise_factor, 2, "/touches/noise_factor")) " times the stated one; the model is expected
-        to be off by " (Number::new(f.model_mm, 4, "/touches/model_mm")) " mm per axis. "
+        "Noise of these touches: " (Number::new(f.noise_factor, 2, "/touches/noise_factor")) " times the stated one; model error estimated from
+        these rows: " (Number::new(f.model_mm, 4, "/touches/model_mm")) " mm per axis. "
         @match f.size_ppm {
             Some(ppm) => { "They show a change of the arm's size from " (Number::new(ppm, 0, "/touches/size_ppm")) " ppm. " }
             None => { "They show no change of the arm's size: state one known distance of 200 mm or more. " }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckTouchesJson, provenance};
+use crate::cli::check::unexplained::Rest;
 use crate::cli::check::{Check, advice, options, programs, touch_page, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{file_name, fresh};
@@ -57,6 +58,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let advised = advice::Outcome {
         changes: &found.changes,
         without_mm: a.statistic.of(&found.without_mm),
+        rest: Rest::of_touches(found.noise_factor),
         odd_lines: &found.odd_lines,
         during: None,
         payloads: None,
@@ -145,7 +147,7 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
         report.line(line);
     }
     report.line(format_args!(
-        "Noise of these touches: {:.2} times the stated one; the model is expected to be off by {:.4} mm per axis.",
+        "Noise of these touches: {:.2} times the stated one; model error estimated from these rows: {:.4} mm per axis.",
         f.noise_factor, f.model_mm
     ));
     if !f.model_knows_its_error {
@@ -180,7 +182,7 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
             lines.join(", ")
         ));
     }
-    for line in wording::sensitivity(&f.sensitivity) {
+    for line in wording::sensitivity(&f.sensitivity, "These touches") {
         report.line(line);
     }
     report.line(match f.size_ppm {

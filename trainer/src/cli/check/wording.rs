@@ -1,5 +1,6 @@
 //! The sentences in which `trainer check` states its findings and its advice.
 
+use crate::cli::check::unexplained;
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::{Change, Estimate, Moved, Report, Sensitivity};
@@ -25,23 +26,7 @@ pub fn part(part: Part) -> String {
 /// States the findings of a check.
 pub fn findings(r: &Report) -> Vec<String> {
     let mut out = Vec::new();
-    let noise = match r.noise_mm {
-        Some(noise_mm) => {
-            let rotation =
-                (r.noise_mrad).map_or(String::new(), |mrad| format!(" and {mrad:.4} mrad"));
-            format!(
-                "Noise of these measurements: {noise_mm:.4} mm{rotation} per axis; the model is expected to be off by {:.4} mm \
-                 per axis.",
-                r.model_mm
-            )
-        }
-        None => format!(
-            "Noise of these measurements and error of the model together: {:.4} mm per axis; this model does not determine \
-             which is which.",
-            r.scatter_mm
-        ),
-    };
-    out.extend(r.is_searched.then_some(noise));
+    out.extend(r.is_searched.then(|| unexplained::scatter(r)));
     if !r.model_knows_its_error && r.is_searched {
         out.push(
             "warning: a model without processes of the joints does not know its own error, so the check estimates it \
@@ -251,7 +236,9 @@ fn sentence(c: &Change) -> String {
 }
 
 /// States which changes these poses can show, and which they cannot distinguish.
-pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
+///
+/// `these` are what was measured, as in `These poses`.
+pub fn sensitivity(found: &[Sensitivity], these: &str) -> Vec<String> {
     let shown = |s: &Sensitivity| {
         let smallest = s.smallest?;
         Some(match s.unit {
@@ -263,7 +250,8 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
     let mut out = Vec::new();
     if !all.is_empty() {
         out.push(format!(
-            "Smallest changes that these poses detect in nine cases of ten: {}.",
+            "Smallest changes that {} detect in nine cases of ten: {}.",
+            these.to_lowercase(),
             all.join(", ")
         ));
     }
@@ -271,12 +259,8 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
     let hidden: Vec<String> = hidden.map(|s| part(s.part)).collect();
     if !hidden.is_empty() {
         out.push(format!(
-            "{} detect no change of {}, however large.",
-            match out.is_empty() {
-                true => "These poses",
-                false => "They",
-            },
-            list(&hidden)
+            "{these} cannot reveal a change of {}, however large.",
+            alternatives(&hidden)
         ));
     }
     for owner in [Part::Base, Part::Tool] {
@@ -292,6 +276,22 @@ pub fn sensitivity(found: &[Sensitivity]) -> Vec<String> {
                 part(owner)
             ));
         }
+    }
+    out
+}
+
+/// Joins names by commas and `or`; `joint` is said once, as in `joint 1 or 6`.
+fn alternatives(names: &[String]) -> String {
+    let (mut out, mut was_joint) = (String::new(), false);
+    for (i, name) in names.iter().enumerate() {
+        let joint = name.strip_prefix("joint ");
+        out += match i {
+            0 => "",
+            _ if i + 1 == names.len() => " or ",
+            _ => ", ",
+        };
+        out += joint.filter(|_| was_joint).unwrap_or(name);
+        was_joint = joint.is_some();
     }
     out
 }
@@ -381,15 +381,17 @@ mod tests {
     #[test]
     fn poses_that_detect_nothing_are_named() {
         let joint = of(Part::Joint(2), None);
-        let alone = sensitivity(&[joint]);
+        let (joint_4, base) = (of(Part::Joint(4), None), of(Part::Base, Some(0.1)));
+        let said = |parts: &[Sensitivity]| sensitivity(parts, "These poses");
+        let alone = said(&[joint]);
         assert_eq!(
             alone,
-            ["These poses detect no change of joint 2, however large."]
+            ["These poses cannot reveal a change of joint 2, however large."]
         );
-        let beside = sensitivity(&[of(Part::Base, Some(0.1)), joint]);
-        assert!(
-            beside[1].starts_with("They detect no change of joint 2"),
-            "{beside:?}"
+        let beside = said(&[base, joint, joint_4]);
+        assert_eq!(
+            beside[1],
+            "These poses cannot reveal a change of joint 2 or 4, however large."
         );
     }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::{BlobModel, poses};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::long::{LongFile, is_long};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
@@ -238,7 +238,7 @@ pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Fail
             needed,
         } => InputError::new(
             path,
-            format!("{poses} different poses"),
+            counted(poses, "distinct pose"),
             format!("at least {needed} to fit the {numbers} numbers of the frames"),
         ),
         FrameError::Undetermined => InputError::new(
