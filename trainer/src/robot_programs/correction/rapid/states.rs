@@ -1,8 +1,9 @@
-//! What is certain at the statements of RAPID.
+//! What is certain at the statements of RAPID, and their moves that are not corrected.
 
 use std::collections::HashMap;
 
 use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::program::{Frame, Location};
 use crate::robot_programs::correction::rapid::data::{Part, Setting};
 
 /// Key of a program displacement.
@@ -23,4 +24,20 @@ pub struct States {
     pub keys: HashMap<Slot, usize>,
     /// Step of each statement.
     pub steps: Vec<usize>,
+}
+
+/// What the argument of a move stands for.
+pub enum Goes {
+    /// Index of a target.
+    Target(usize),
+    /// A parameter of a routine, by the indices of both.
+    Parameter((usize, usize)),
+}
+
+/// A move that is not corrected itself.
+pub struct Other {
+    pub to: Goes,
+    /// Tool and work object, where they are certain.
+    pub frames: Option<(Frame, Frame)>,
+    pub location: Location,
 }

@@ -18,7 +18,7 @@ const TRANSPARENT: [&str; 7] = [
     "pose_trans",
 ];
 
-/// Functions that move nothing to the poses that they get. So do those that begin with a word of [`HARMLESS_WORDS`].
+/// Functions that move nothing to the poses that they get. So do those that begin with one of [`HARMLESS_STARTS`].
 const HARMLESS: [&str; 28] = [
     "abs",
     "add_frame",
@@ -49,7 +49,7 @@ const HARMLESS: [&str; 28] = [
     "track_conveyor_linear",
     "wrench_trans",
 ];
-const HARMLESS_WORDS: [&str; 9] = [
+const HARMLESS_STARTS: [&str; 9] = [
     "get_", "is_", "set_", "socket_", "rtde_", "write_", "read_", "str_", "ft_",
 ];
 
@@ -222,5 +222,5 @@ impl Reader<'_> {
 fn is_harmless(name: &str) -> bool {
     HARMLESS.contains(&name)
         || TRANSPARENT.contains(&name)
-        || HARMLESS_WORDS.iter().any(|start| name.starts_with(start))
+        || HARMLESS_STARTS.iter().any(|start| name.starts_with(start))
 }
