@@ -121,7 +121,7 @@ fn what_does_not_fit_is_refused_with_its_place() {
     ));
 }
 
-/// Whoever wrote a project file may not be who runs it.
+/// The author of a project file may be another person than its user.
 #[test]
 fn a_project_replaces_only_what_a_calibration_wrote() {
     let _texts = texts();

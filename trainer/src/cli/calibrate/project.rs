@@ -212,7 +212,7 @@ impl Project {
         }
     }
 
-    /// Returns the path of an output that the file names. Whoever wrote the file may not be who runs it: it replaces only what
+    /// Returns the path of an output that the file names. The author of the file may be another person than its user: it replaces only what
     /// a calibration wrote.
     pub fn output(&self, name: &str, option: &str) -> Result<PathBuf, InputError> {
         let path = self.resolve(name);

@@ -78,7 +78,7 @@ impl Staged {
         let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
         let file = temporary(folder_of(&target), bytes, Readers::All)
             .map_err(|error| Failure::lost(path, error))?;
-        // Whoever could read and write the old file can do so with the new one.
+        // Users who could read and write the old file can read and write the new one.
         if let Ok(there) = std::fs::metadata(&target)
             && there.is_file()
         {

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use crate::robot_programs::correction::program::Goal;
+use crate::robot_programs::correction::program::{Frame, Goal};
 use crate::robot_programs::correction::rapid::data::Setting;
 use crate::robot_programs::correction::rapid::statements::{Routine, Statement, is_instruction};
 use crate::robot_programs::correction::rapid::states::{DISPLACED, Goes, LOADED, Other, States};

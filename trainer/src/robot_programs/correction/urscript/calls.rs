@@ -5,6 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use crate::robot_programs::correction::tokens::Kind;
 use crate::robot_programs::correction::urscript::lines::Line;
+use crate::robot_programs::correction::urscript::states::Other;
 use crate::robot_programs::correction::urscript::{MOTIONS, OTHER_MOTIONS, Reader, Variable};
 
 /// Functions whose result is a pose or joints: what they get, gets the call around them.
@@ -58,14 +59,6 @@ const KEYWORDS: [&str; 15] = [
     "if", "elif", "elsif", "while", "for", "switch", "case", "return", "and", "or", "xor", "not",
     "run", "join", "kill",
 ];
-
-/// A call that gets a target and is not corrected.
-pub(super) struct Other {
-    /// Variable of the target.
-    name: String,
-    /// Token of the call.
-    at: usize,
-}
 
 impl Reader<'_> {
     /// Returns which parameters each function of the script may use as targets.
