@@ -22,11 +22,10 @@ use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Location, Program};
 use crate::robot_programs::correction::rapid::data::{Change, FrameData, Names, Read, target};
-use crate::robot_programs::correction::rapid::others::Other;
 use crate::robot_programs::correction::rapid::statements::{
     Routine, Statement, is_instruction, statements,
 };
-use crate::robot_programs::correction::rapid::states::States;
+use crate::robot_programs::correction::rapid::states::{Other, States};
 use crate::robot_programs::correction::rapid::syntax::{list_starts, stays};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};

@@ -3,10 +3,10 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use crate::robot_programs::correction::program::{Frame, Goal, Location};
+use crate::robot_programs::correction::program::{Frame, Goal};
 use crate::robot_programs::correction::rapid::data::Setting;
 use crate::robot_programs::correction::rapid::statements::{Routine, Statement, is_instruction};
-use crate::robot_programs::correction::rapid::states::{DISPLACED, LOADED, States};
+use crate::robot_programs::correction::rapid::states::{DISPLACED, Goes, LOADED, Other, States};
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
 use crate::robot_programs::correction::rapid::{Reader, State};
 use crate::robot_programs::correction::tokens::Kind;
@@ -26,22 +26,6 @@ const PROCESSES: [&str; 12] = [
     "spotmj",
     "spotml",
 ];
-
-/// What the argument of a move stands for.
-enum Goes {
-    /// Index of a target.
-    Target(usize),
-    /// A parameter of a routine, by the indices of both.
-    Parameter((usize, usize)),
-}
-
-/// A move that is not corrected itself.
-pub(super) struct Other {
-    to: Goes,
-    /// Tool and work object, where they are certain.
-    frames: Option<(Frame, Frame)>,
-    location: Location,
-}
 
 impl Reader<'_> {
     /// Notes the moves of a statement that [`Reader::motion`] does not note.

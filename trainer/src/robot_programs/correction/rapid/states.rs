@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::program::{Frame, Location};
 use crate::robot_programs::correction::rapid::data::{Part, Setting};
 
 /// Key of a program displacement.
@@ -23,4 +24,24 @@ pub struct States {
     pub keys: HashMap<Slot, usize>,
     /// Step of each statement.
     pub steps: Vec<usize>,
+}
+
+/// What the argument of a move stands for.
+#[derive(Clone, Debug)]
+pub enum Goes {
+    /// Index of a target.
+    Target(usize),
+    /// A parameter of a routine, by the indices of both.
+    Parameter((usize, usize)),
+}
+
+/// A move that is not corrected itself.
+#[derive(Clone, Debug)]
+pub struct Other {
+    /// Where it goes.
+    pub to: Goes,
+    /// Tool and work object, where they are certain.
+    pub frames: Option<(Frame, Frame)>,
+    /// Position of the instruction.
+    pub location: Location,
 }

@@ -5,6 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 
 use crate::robot_programs::correction::tokens::Kind;
 use crate::robot_programs::correction::urscript::lines::Line;
+use crate::robot_programs::correction::urscript::states::Other;
 use crate::robot_programs::correction::urscript::{MOTIONS, OTHER_MOTIONS, Reader, Variable};
 
 /// Functions whose result is a pose or joints: what they get, gets the call around them.
@@ -18,7 +19,7 @@ const TRANSPARENT: [&str; 7] = [
     "pose_trans",
 ];
 
-/// Functions that move nothing to the poses that they get. So do those that begin with a word of [`HARMLESS_WORDS`].
+/// Functions that move nothing to the poses that they get. So do those that begin as one of [`HARMLESS_STARTS`].
 const HARMLESS: [&str; 28] = [
     "abs",
     "add_frame",
@@ -49,7 +50,7 @@ const HARMLESS: [&str; 28] = [
     "track_conveyor_linear",
     "wrench_trans",
 ];
-const HARMLESS_WORDS: [&str; 9] = [
+const HARMLESS_STARTS: [&str; 9] = [
     "get_", "is_", "set_", "socket_", "rtde_", "write_", "read_", "str_", "ft_",
 ];
 
@@ -58,14 +59,6 @@ const KEYWORDS: [&str; 15] = [
     "if", "elif", "elsif", "while", "for", "switch", "case", "return", "and", "or", "xor", "not",
     "run", "join", "kill",
 ];
-
-/// A call that gets a target and is not corrected.
-pub(super) struct Other {
-    /// Variable of the target.
-    name: String,
-    /// Token of the call.
-    at: usize,
-}
 
 impl Reader<'_> {
     /// Returns which parameters each function of the script may use as targets.
@@ -222,5 +215,5 @@ impl Reader<'_> {
 fn is_harmless(name: &str) -> bool {
     HARMLESS.contains(&name)
         || TRANSPARENT.contains(&name)
-        || HARMLESS_WORDS.iter().any(|start| name.starts_with(start))
+        || HARMLESS_STARTS.iter().any(|start| name.starts_with(start))
 }

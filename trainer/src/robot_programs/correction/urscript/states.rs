@@ -32,3 +32,12 @@ pub struct States {
     /// Step of each line.
     pub steps: Vec<usize>,
 }
+
+/// A call that gets a target and is not corrected.
+#[derive(Clone, Debug)]
+pub struct Other {
+    /// Variable of the target.
+    pub name: String,
+    /// Token of the call.
+    pub at: usize,
+}
