@@ -245,7 +245,7 @@ fn a_spline_sets_its_own_frames() {
             (
                 format!("{}\nENDSPLINE\nLIN {to}", open("WITH $BASE=BASE_DATA[5]")),
                 2,
-                "a spline sets it, and ends at a.src:10",
+                "$BASE is not certain behind a spline that sets it, which ends at a.src:10",
             ),
             (
                 format!(

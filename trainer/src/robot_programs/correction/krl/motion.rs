@@ -81,9 +81,8 @@ impl Reader<'_> {
                     let location = self.program.targets[target].location;
                     if mode != Ok(Named::HoldsPart(false)) && !is_joints {
                         let reason = match &mode {
-                            Err(reason) | Ok(Named::Unknown(reason)) => {
-                                format!("$IPO_MODE: {reason}")
-                            }
+                            Err(reason) => format!("$IPO_MODE: {reason}"),
+                            Ok(Named::Unknown(reason)) => reason.clone(),
                             Ok(_) => "the robot holds the part (IPO_FRAME #TCP)".to_owned(),
                         };
                         self.program.leave(location, reason);

@@ -90,8 +90,12 @@ impl Reader<'_> {
                 // What holds behind a spline that sets it is not certain.
                 "endspline" => {
                     let line = self.program.line_of(location);
-                    let value = Named::Unknown(format!("a spline sets it, and ends at {line}"));
-                    set.extend(of_spline.drain(..).map(|key| (key, value.clone())));
+                    let value = |key: usize| {
+                        let name = ["$TOOL", "$BASE", "$IPO_MODE"][key];
+                        let reason = "is not certain behind a spline that sets it, which ends at";
+                        Named::Unknown(format!("{name} {reason} {line}"))
+                    };
+                    set.extend(of_spline.drain(..).map(|key| (key, value(key))));
                 }
                 "end" | "endfct" => of_spline.clear(),
                 _ => {}

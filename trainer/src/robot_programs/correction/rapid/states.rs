@@ -1,4 +1,4 @@
-//! What is certain at the statements of RAPID, and their moves that are not corrected.
+//! What is certain at the statements of RAPID.
 
 use std::collections::HashMap;
 
@@ -27,6 +27,7 @@ pub struct States {
 }
 
 /// What the argument of a move stands for.
+#[derive(Clone, Debug)]
 pub enum Goes {
     /// Index of a target.
     Target(usize),
@@ -35,9 +36,12 @@ pub enum Goes {
 }
 
 /// A move that is not corrected itself.
+#[derive(Clone, Debug)]
 pub struct Other {
+    /// Where it goes.
     pub to: Goes,
     /// Tool and work object, where they are certain.
     pub frames: Option<(Frame, Frame)>,
+    /// Position of the instruction.
     pub location: Location,
 }

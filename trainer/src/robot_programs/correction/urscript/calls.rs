@@ -19,7 +19,7 @@ const TRANSPARENT: [&str; 7] = [
     "pose_trans",
 ];
 
-/// Functions that move nothing to the poses that they get. So do those that begin with one of [`HARMLESS_STARTS`].
+/// Functions that move nothing to the poses that they get. So do those that begin as one of [`HARMLESS_STARTS`].
 const HARMLESS: [&str; 28] = [
     "abs",
     "add_frame",

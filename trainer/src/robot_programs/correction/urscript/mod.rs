@@ -22,9 +22,8 @@ use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location,
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, tokens};
 use crate::robot_programs::correction::urscript::lines::{Line, lines_of};
-use crate::robot_programs::correction::urscript::states::Other;
 use crate::robot_programs::correction::urscript::states::{
-    DISPLACED, PAYLOAD, Setting, States, TOOL,
+    DISPLACED, Other, PAYLOAD, Setting, States, TOOL,
 };
 
 const LEXICON: Lexicon = Lexicon {

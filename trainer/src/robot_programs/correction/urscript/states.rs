@@ -34,6 +34,7 @@ pub struct States {
 }
 
 /// A call that gets a target and is not corrected.
+#[derive(Clone, Debug)]
 pub struct Other {
     /// Variable of the target.
     pub name: String,
