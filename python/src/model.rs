@@ -279,8 +279,8 @@ impl NativeModel {
             Ok(path) => (path, None),
             Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
         };
-        let mut line = given(options, &["predictions", "trust", "json"])?;
-        line.extend(["(in memory)".into(), name.into_os_string()]);
+        let mut line = given("evaluate", options, &["predictions", "trust", "json"])?;
+        line.extend(["--".into(), "(in memory)".into(), name.into_os_string()]);
         let model = self.arm.blob();
         let found =
             py.detach(|| embedded::residuals(model, &line, table.as_deref()).map_err(Box::new));
