@@ -1,9 +1,10 @@
 """Types of poegp. Angles are rad, lengths m, masses kg; ``q`` has the controller's joints, base first, rad or m."""
 
+import datetime
 import enum
 import os
-from collections.abc import Iterable, Mapping
-from typing import Any, Literal, NamedTuple, TypedDict, Unpack
+from collections.abc import Iterable
+from typing import Any, Literal, NamedTuple, Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +16,12 @@ _Path = str | os.PathLike[str]
 _Frame = Literal["instrument", "base"]
 _Precision = Literal["f32", "f64"]
 _Method = Literal["auto", "base-tool", "poe", "poe-gp", "poe-gp-load", "parametric", "elastic"]
+
+class _Table(Protocol):
+    """Columns by their names: a DataFrame, a dictionary of arrays."""
+
+    def keys(self) -> Iterable[Any]: ...
+    def __getitem__(self, key: Any, /) -> Any: ...
 
 class Error(Exception):
     """A calibration or a correction that is not possible."""
@@ -31,7 +38,7 @@ class InputError(Error, ValueError):
     help: str | None
 
 class DataRefused(Error):
-    """Measurements that no model should be made of."""
+    """The measurements are not fit for a calibration."""
 
 class Status(enum.IntFlag):
     """What an answer is worth: 0 is as trained, each bit is a remark."""
@@ -78,7 +85,7 @@ class Model:
     """A calibrated arm. It never changes, and any number of threads may use it."""
 
     @classmethod
-    def load(cls, source: _Path | bytes, precision: _Precision = "f32") -> Model: ...
+    def load(cls, source: _Path | bytes | bytearray | memoryview, precision: _Precision = "f32") -> Model: ...
     @property
     def blob(self) -> bytes: ...
     @property
@@ -113,7 +120,7 @@ class Model:
     ) -> NDArray[np.float64]: ...
 
     def residuals(
-        self, data: _Path | Mapping[str, ArrayLike], **options: Unpack[_EvaluateOptions]
+        self, data: _Path | _Table, **options: Unpack[_EvaluateOptions]
     ) -> Residuals: ...
     def export_urdf(
         self,
@@ -140,11 +147,11 @@ class Calibration:
 class _CalibrateOptions(TypedDict, total=False):
     base: str
     tip: str
-    date: str
+    date: str | datetime.date
     per_output: bool
     no_variance: bool
     inducing_points: int
-    gravity: Iterable[float]
+    gravity: str | Iterable[float]
     position_sigma_mm: float
     orientation_sigma_mrad: float
     outliers: Literal["keep", "reject"]
@@ -160,15 +167,16 @@ class _CalibrateOptions(TypedDict, total=False):
     keep_gauge: _Path
     references: _Path
     base_from: _Path | Iterable[float]
-    tool_from: Iterable[float]
+    tool_from: str | Iterable[float]
     previous: _Path
-    accept: list[str]
-    test: list[_Path]
+    accept: str | Iterable[str]
+    test: _Path | Iterable[_Path]
     tolerance_mm: float
     tolerance_mrad: float
     coverage: float
     features: _Path
-    prior: list[_Path]
+    prior: _Path | Iterable[_Path]
+    threads: int
 
 class _CorrectOptions(TypedDict, total=False):
     payload_kg: float
@@ -177,22 +185,25 @@ class _CorrectOptions(TypedDict, total=False):
     split: float
     dry_run: bool
     inverse: bool
+    threads: int
 
 class _EvaluateOptions(TypedDict, total=False):
     fit_base: bool
     fit_tool: bool | int
     correct_drift: bool
-    accept: list[str]
+    accept: str | Iterable[str]
+    threads: int
 
 class _ExportOptions(TypedDict, total=False):
     base: str
     tip: str
+    threads: int
 
 def calibrate(
-    robot: _Path,
-    data: _Path | Mapping[str, ArrayLike],
+    robot: _Path | None = None,
+    data: _Path | _Table | None = None,
     *,
-    method: _Method = "auto",
+    method: _Method | None = None,
     **options: Unpack[_CalibrateOptions],
 ) -> Calibration: ...
 def correct_program(

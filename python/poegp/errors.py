@@ -27,7 +27,7 @@ class InputError(Error, ValueError):
 
 
 class DataRefused(Error):
-    """Measurements that no model should be made of.
+    """The measurements are not fit for a calibration.
 
     Each cause stands in brackets at the end of its line. ``calibrate(..., accept=[cause])`` lowers the refusal to a warning.
     """

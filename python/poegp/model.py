@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from poegp._native import NativeModel, status_flags
 from poegp._native import export as _export
+from poegp.errors import InputError
 
 
 class _Bits(enum.IntFlag):
@@ -45,9 +46,9 @@ class Correction(NamedTuple):
     status: object
     #: How much of the arm's error is corrected, 0 to 1.
     applied: object
-    #: What stays by the model, m.
+    #: Position error that the model expects to remain, m.
     position_error_m: object
-    #: What stays by the model, rad.
+    #: Rotation error that the model expects to remain, rad.
     rotation_error_rad: object
 
 
@@ -82,6 +83,8 @@ class Model:
     """
 
     def __init__(self, native: NativeModel) -> None:
+        if not isinstance(native, NativeModel):
+            raise TypeError(f"Model: found {type(native)}, expected no call: use Model.load(path or bytes)")
         self._native = native
 
     @classmethod
@@ -129,6 +132,7 @@ class Model:
 
         The numbers are those of ``trainer evaluate --predictions``. The target is the first one of the training file; for rows
         of another session or target, use :meth:`residuals`.
+        A row with ``Status.BAD_INPUT`` has NaN as its pose and standard deviation.
         """
         poses, *answer = self._native.predict(q, payload_kg, frame)
         return poses, Answer(*answer)
@@ -138,7 +142,10 @@ class Model:
         return self._native.nominal(q, frame)
 
     def correct(self, q, payload_kg=None):
-        """The joints (n, dof) to command so that the real arm stands at ``nominal(q)``, and their :class:`Correction`."""
+        """The joints (n, dof) to command so that the real arm stands at ``nominal(q)``, and their :class:`Correction`.
+
+        A row with ``Status.BAD_INPUT`` has NaN as its joints and errors.
+        """
         joints, *answer = self._native.correct(q, payload_kg)
         return joints, Correction(*answer)
 
@@ -150,8 +157,13 @@ class Model:
     def inverse(self, T_wanted, seed, payload_kg=None, frame="instrument", tool=None):
         """The joints (n, dof) near ``seed`` at which the real target is at ``T_wanted`` (n, 4, 4), and their :class:`Solution`.
 
-        Commands, too: the controller that is given these joints brings the target there. With ``tool``, flange_from_tool
-        (4, 4) in m, that tool in place of the target.
+        Send these joints to the controller: the real target then stands at ``T_wanted``. With ``tool``, flange_from_tool
+        (4, 4) in m, that tool in place of the target. A row with ``Status.BAD_INPUT`` has NaN as its joints and errors.
+
+        Raises
+        ------
+        ValueError
+            The last row of a matrix is not [0, 0, 0, 1], or its rotation is not orthonormal and right-handed.
         """
         joints, *answer = self._native.inverse(T_wanted, seed, payload_kg, frame, tool)
         return joints, Solution(*answer)
@@ -169,8 +181,8 @@ class Model:
         """What the model leaves of measurements: :class:`Residuals`, a row for each measured pose.
 
         ``data`` is a file or a table as for :func:`poegp.calibrate`; ``options`` are those of ``trainer evaluate`` with
-        underscores: ``fit_base=True``, ``fit_tool=10``, ``correct_drift=True``, ``accept=["drift"]``. Rows that frames were
-        fitted to alone are left out. The predictions are those of the device, whatever the precision of this model.
+        underscores: ``fit_base=True``, ``fit_tool=10``, ``correct_drift=True``, ``accept=["drift"]``. Rows used only
+        to fit frames are left out. The predictions are those of the device, whatever the precision of this model.
         """
         return Residuals(*self._native.residuals(data, **options))
 
@@ -206,14 +218,31 @@ class Model:
         with tempfile.TemporaryDirectory() as folder:
             blob = Path(folder) / "model.blob"
             blob.write_bytes(self.blob)
+            file = Path(folder) / "region.csv"
             if region is not None and not isinstance(region, (str, os.PathLike)):
-                file = Path(folder) / "region.csv"
                 rows = [",".join(f"q{i + 1}_rad" for i in range(self.dof))]
-                rows += [",".join(repr(float(x)) for x in row) for row in region]
+                rows += [",".join(map(repr, row)) for row in self._native.region(region)]
                 file.write_text("\n".join(rows) + "\n")
                 region = file
             given = {"payload_kg": payload_kg, "region": region, "target_link": target_link, "urdf": nominal}
-            return _export(blob, out=out, **given, **options)
+            try:
+                return _export(blob, out=out, **given, **options)
+            except InputError as error:
+                if error.file != str(file):
+                    raise
+                row = "" if error.line is None else f"[{error.line - 2}]"
+                raise ValueError(f"region{row}: found {error.found}, expected {error.expected}") from None
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Model):
+            return NotImplemented
+        return (self.blob, self.precision) == (other.blob, other.precision)
+
+    def __hash__(self) -> int:
+        return hash((self.blob, self.precision))
+
+    def __reduce__(self):
+        return type(self).load, (self.blob, self.precision)
 
     def __repr__(self) -> str:
         return f"<poegp.Model {self.method} of {self.robot}, {self.precision}>"

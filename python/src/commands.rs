@@ -10,7 +10,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use poegp_trainer::cli::embedded::{self, Calibrated};
+use poegp_trainer::cli::embedded::{self, Calibrated, Failure};
 
 use crate::errors::failure;
 use crate::options::given;
@@ -20,12 +20,9 @@ use crate::table;
 const SIGNALS: Duration = Duration::from_millis(20);
 
 /// A calibration; see `poegp.Calibration` in the stubs.
-#[pyclass(frozen, module = "poegp")]
+#[pyclass(frozen, module = "poegp._native")]
 pub struct Calibration {
-    made: Calibrated,
-    /// What it was made with, for the report.
-    options: Vec<OsString>,
-    data: Option<Vec<u8>>,
+    made: Arc<Calibrated>,
 }
 
 #[pymethods]
@@ -36,36 +33,25 @@ impl Calibration {
         PyBytes::new(py, &self.made.blob)
     }
 
-    /// What `trainer calibrate --json` writes, as a dictionary.
+    /// What `trainer calibrate --json` writes, as a dictionary, with the notes.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        loads(py, &self.made.json)
+        let summary = loads(py, &self.made.json)?;
+        summary.set_item("notes", &self.made.notes)?;
+        Ok(summary)
     }
 
-    /// Writes the blob.
-    fn save(&self, path: PathBuf) -> PyResult<()> {
-        Ok(std::fs::write(path, &self.made.blob)?)
-    }
-
-    /// Writes an HTML page with held-out errors: calibrates again, and five times more for cross-validation.
-    fn report(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        let mut options = self.options.clone();
-        options.extend([OsString::from("--report"), path.clone().into()]);
-        let again = calibrated(py, options, self.data.clone())?;
-        if again.blob != self.made.blob {
-            return Err(PyRuntimeError::new_err(
+    /// An HTML page with held-out errors: calibrates again, and five times more for cross-validation.
+    fn report(&self, py: Python<'_>) -> PyResult<String> {
+        let made = Arc::clone(&self.made);
+        let page = cancellable(py, move |cancel| {
+            embedded::report(&made, cancel).map_err(Box::new)
+        })?;
+        page.ok_or_else(|| {
+            PyRuntimeError::new_err(
                 "report: the files of this calibration have changed: calibrate again",
-            ));
-        }
-        let page = again.report.unwrap_or_default();
-        Ok(std::fs::write(path, page)?)
-    }
-
-    fn __repr__(&self) -> String {
-        format!(
-            "<poegp.Calibration: blob of {} bytes>",
-            self.made.blob.len()
-        )
+            )
+        })
     }
 }
 
@@ -74,7 +60,7 @@ impl Calibration {
 #[pyo3(signature = (robot, data, **options))]
 pub fn calibrate(
     py: Python<'_>,
-    robot: PathBuf,
+    robot: Option<PathBuf>,
     data: &Bound<'_, PyAny>,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Calibration> {
@@ -82,19 +68,25 @@ pub fn calibrate(
         Ok(path) => (path, None),
         Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
     };
-    let mut line = vec![OsString::from("--robot"), robot.into()];
-    line.extend(given(
-        options,
-        &["out", "json", "report", "write_project", "controller_csv"],
-    )?);
-    line.extend(["--out", "(in memory)"].map(OsString::from));
-    line.push(name.into());
-    let made = calibrated(py, line.clone(), data.clone())?;
+    let mut line = given("calibrate", options, OUTPUTS)?;
+    line.extend(robot.map(|robot| joined("--robot=", robot)));
+    line.extend(["--".into(), name.into_os_string()]);
+    let made = cancellable(py, move |cancel| {
+        embedded::calibrate(&line, data, cancel).map_err(Box::new)
+    })?;
     Ok(Calibration {
-        made,
-        options: line,
-        data,
+        made: Arc::new(made),
     })
+}
+
+/// Options of `calibrate` that name outputs.
+const OUTPUTS: &[&str] = &["out", "json", "report", "write_project", "controller_csv"];
+
+/// An option with its value.
+fn joined(option: &str, value: PathBuf) -> OsString {
+    let mut text = OsString::from(option);
+    text.push(value);
+    text
 }
 
 /// Corrects a robot program; see `poegp.correct_program` in the stubs.
@@ -107,8 +99,8 @@ pub fn correct_program<'py>(
     blob: PathBuf,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let mut line = given(options, &["out", "json"])?;
-    line.extend([OsString::from("--out"), out.into(), blob.into()]);
+    let mut line = given("correct", options, &["out", "json"])?;
+    line.extend([joined("--out=", out), "--".into(), blob.into()]);
     line.extend(programs.into_iter().map(OsString::from));
     let done = py.detach(|| embedded::correct_program(&line).map_err(Box::new));
     loads(py, &done.map_err(|error| failure(py, *error))?)
@@ -122,8 +114,8 @@ pub fn export<'py>(
     blob: PathBuf,
     options: Option<&Bound<'py, PyDict>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let mut line = given(options, &["json"])?;
-    line.push(blob.into());
+    let mut line = given("export", options, &["json"])?;
+    line.extend(["--".into(), blob.into_os_string()]);
     let done = py.detach(|| embedded::export(&line).map_err(Box::new));
     loads(py, &done.map_err(|error| failure(py, *error))?)
 }
@@ -132,16 +124,14 @@ fn loads<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (json,))
 }
 
-/// Calibrates on a thread of its own, while this one looks for Ctrl-C.
-fn calibrated(
+/// Runs a calibration on a thread of its own, while this one looks for Ctrl-C.
+fn cancellable<R: Send + 'static>(
     py: Python<'_>,
-    options: Vec<OsString>,
-    data: Option<Vec<u8>>,
-) -> PyResult<Calibrated> {
+    work: impl FnOnce(Arc<AtomicBool>) -> Result<R, Box<Failure>> + Send + 'static,
+) -> PyResult<R> {
     let cancel = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&cancel);
-    let work =
-        std::thread::spawn(move || embedded::calibrate(&options, data, flag).map_err(Box::new));
+    let work = std::thread::spawn(move || work(flag));
     let mut stopped = Ok(());
     while !work.is_finished() {
         py.detach(|| std::thread::sleep(SIGNALS));

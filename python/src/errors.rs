@@ -35,6 +35,13 @@ pub fn input_error(py: Python<'_>, error: &InputError) -> PyErr {
     built(exception())
 }
 
+/// The text of an error of the operating system without its number, which Python writes itself.
+fn said(error: &std::io::Error) -> String {
+    let text = error.to_string();
+    let end = text.find(" (os error").unwrap_or(text.len());
+    text[..end].to_owned()
+}
+
 /// The exception of a command that failed.
 pub fn failure(py: Python<'_>, failure: Failure) -> PyErr {
     match failure {
@@ -42,7 +49,10 @@ pub fn failure(py: Python<'_>, failure: Failure) -> PyErr {
         Failure::Usage(text) => PyValueError::new_err(text),
         Failure::Data(_) => built(raised(py, "DataRefused", failure.to_string())),
         Failure::Cancelled(_) => PyKeyboardInterrupt::new_err(failure.to_string()),
-        Failure::LostOutput { .. } => PyOSError::new_err(failure.to_string()),
+        Failure::LostOutput { output, error } => match error.raw_os_error() {
+            Some(code) => PyOSError::new_err((code, said(&error), output)),
+            None => PyOSError::new_err(format!("{output}: not written: {error}")),
+        },
         _ => built(raised(py, "Error", failure.to_string())),
     }
 }

@@ -17,7 +17,7 @@ use poegp_runtime::math::se3::Pose;
 
 use poegp_trainer::cli::embedded;
 
-use crate::arrays::{column, each, one, rows, shaped};
+use crate::arrays::{check_pose, column, each, one, rows, shaped};
 use crate::errors::{failure, input_error};
 use crate::options::given;
 use crate::table;
@@ -47,7 +47,7 @@ pub struct NativeModel {
 impl NativeModel {
     /// From the bytes of a blob.
     #[staticmethod]
-    fn from_bytes(py: Python<'_>, bytes: &[u8], precision: &str) -> PyResult<Self> {
+    fn from_bytes(py: Python<'_>, bytes: &[u8], precision: &Bound<'_, PyAny>) -> PyResult<Self> {
         let precision = precision_of(precision)?;
         let blob = BlobModel::from_bytes(bytes.to_vec()).map_err(|error| {
             let expected = "a model blob written by `trainer calibrate`";
@@ -58,7 +58,7 @@ impl NativeModel {
 
     /// From a file.
     #[staticmethod]
-    fn read(py: Python<'_>, path: PathBuf, precision: &str) -> PyResult<Self> {
+    fn read(py: Python<'_>, path: PathBuf, precision: &Bound<'_, PyAny>) -> PyResult<Self> {
         let precision = precision_of(precision)?;
         let blob = BlobModel::read(&path).map_err(|error| input_error(py, &error))?;
         Self::of(py, blob, precision)
@@ -105,9 +105,9 @@ impl NativeModel {
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         payload_kg: Option<&Bound<'py, PyAny>>,
-        frame: &str,
+        frame: &Bound<'py, PyAny>,
     ) -> PyResult<(Numbers<'py>, Bits<'py>, Column<'py>, Column<'py>)> {
-        let (n, joints, payloads) = self.configurations(q, payload_kg)?;
+        let (n, joints, payloads) = self.configurations("q", q, payload_kg)?;
         let frame = frame_of(frame)?;
         let mut matrices = Vec::with_capacity(MATRIX * n);
         let mut statuses = Vec::with_capacity(n);
@@ -115,10 +115,14 @@ impl NativeModel {
         let answer = |q: &[f64], kg| self.arm.predict(q, kg, frame);
         py.detach(|| {
             self.each_row(&joints, &payloads, answer, |found| {
-                push(&mut matrices, &found.pose);
+                let sigma = found.position_sigma.unwrap_or(f64::NAN);
+                match is_refused(found.status) {
+                    true => matrices.extend([f64::NAN; MATRIX]),
+                    false => push(&mut matrices, &found.pose),
+                }
                 statuses.push(found.status.bits());
                 trusts.push(found.trust);
-                sigmas.push(found.position_sigma.unwrap_or(f64::NAN));
+                sigmas.push(number(found.status, sigma));
             });
         });
         Ok((
@@ -133,7 +137,7 @@ impl NativeModel {
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
-        frame: &str,
+        frame: &Bound<'py, PyAny>,
     ) -> PyResult<Numbers<'py>> {
         let (n, joints) = rows(q, "q", &[self.joints()])?;
         let frame = frame_of(frame)?;
@@ -163,19 +167,19 @@ impl NativeModel {
         Column<'py>,
         Column<'py>,
     )> {
-        let (n, joints, payloads) = self.configurations(q, payload_kg)?;
+        let (n, joints, payloads) = self.configurations("q", q, payload_kg)?;
         let dof = self.joints();
         let (mut commands, mut statuses) = (Vec::with_capacity(dof * n), Vec::with_capacity(n));
         let mut numbers = [(); 3].map(|()| Vec::with_capacity(n));
         let answer = |q: &[f64], kg| self.arm.correct(q, kg);
         py.detach(|| {
             self.each_row(&joints, &payloads, answer, |found| {
-                commands.extend(found.joints.iter().take(dof));
+                let joints = found.joints.iter().take(dof);
+                commands.extend(joints.map(|joint| number(found.status, *joint)));
                 statuses.push(found.status.bits());
-                push_each(
-                    &mut numbers,
-                    [found.applied, found.position_error, found.rotation_error],
-                );
+                let errors = [found.position_error, found.rotation_error];
+                let [position, rotation] = errors.map(|error| number(found.status, error));
+                push_each(&mut numbers, [found.applied, position, rotation]);
             });
         });
         let [applied, position_error, rotation_error] = numbers.map(|numbers| column(py, numbers));
@@ -204,12 +208,21 @@ impl NativeModel {
         poses: &Bound<'py, PyAny>,
         seed: &Bound<'py, PyAny>,
         payload_kg: Option<&Bound<'py, PyAny>>,
-        frame: &str,
+        frame: &Bound<'py, PyAny>,
         tool: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<(Numbers<'py>, Bits<'py>, Column<'py>, Column<'py>)> {
-        let (n, joints, payloads) = self.configurations(seed, payload_kg)?;
+        let (n, joints, payloads) = self.configurations("seed", seed, payload_kg)?;
         let target_from_tool = match tool {
-            Some(tool) => self.flange().inverse() * pose_of(&one(tool, "tool", &[4, 4])?),
+            Some(tool) => {
+                let matrix = one(tool, "tool", &[4, 4])?;
+                if !matrix.iter().all(|x| x.is_finite()) {
+                    return Err(PyValueError::new_err(
+                        "tool: found a number that is not finite, expected a pose",
+                    ));
+                }
+                check_pose(&matrix, "tool")?;
+                self.flange().inverse() * pose_of(&matrix)
+            }
             None => Pose::identity(),
         };
         let (given, matrices) = rows(poses, "T_wanted", &[4, 4])?;
@@ -219,6 +232,9 @@ impl NativeModel {
             )));
         }
         let frame = frame_of(frame)?;
+        for (i, matrix) in matrices.chunks(MATRIX).enumerate() {
+            check_pose(matrix, &format!("T_wanted[{i}]"))?;
+        }
         let wanted: Vec<Pose<f64>> = matrices.chunks(MATRIX).map(pose_of).collect();
         let dof = self.joints();
         let (mut answers, mut statuses) = (Vec::with_capacity(dof * n), Vec::with_capacity(n));
@@ -231,9 +247,14 @@ impl NativeModel {
         };
         py.detach(|| {
             for_numbers(threads(), n, answer, |found| {
-                answers.extend(found.joints.iter().take(dof));
+                let joints = found.joints.iter().take(dof);
+                answers.extend(joints.map(|joint| number(found.status, *joint)));
                 statuses.push(found.status.bits());
-                push_each(&mut numbers, [found.position_error, found.rotation_error]);
+                let errors = [found.position_error, found.rotation_error];
+                push_each(
+                    &mut numbers,
+                    errors.map(|error| number(found.status, error)),
+                );
             });
         });
         let [position_error, rotation_error] = numbers.map(|numbers| column(py, numbers));
@@ -252,7 +273,7 @@ impl NativeModel {
         q: &Bound<'py, PyAny>,
         payload_kg: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Numbers<'py>> {
-        let (n, joints, payloads) = self.configurations(q, payload_kg)?;
+        let (n, joints, payloads) = self.configurations("q", q, payload_kg)?;
         let dof = self.joints();
         let mut numbers = Vec::with_capacity(6 * dof * n);
         let answer = |q: &[f64], kg| self.arm.jacobian(q, kg);
@@ -264,6 +285,22 @@ impl NativeModel {
             });
         });
         shaped(py, numbers, &[n, 6, dof])
+    }
+
+    /// The rows of a region of joints, rad.
+    fn region(&self, joints: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<f64>>> {
+        let dof = self.joints();
+        let (n, joints) = rows(joints, "region", &[dof])?;
+        match joints.iter().position(|joint| !joint.is_finite()) {
+            _ if n == 0 => Err(PyValueError::new_err(
+                "region: found no rows, expected one or more",
+            )),
+            Some(i) => Err(PyValueError::new_err(format!(
+                "region[{}]: found a number that is not finite, expected joints",
+                i / dof
+            ))),
+            None => Ok(joints.chunks(dof).map(<[f64]>::to_vec).collect()),
+        }
     }
 
     /// Residuals of measurements: metres (n, 3), radians (n, 3) and lines (n,).
@@ -279,8 +316,8 @@ impl NativeModel {
             Ok(path) => (path, None),
             Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
         };
-        let mut line = given(options, &["predictions", "trust", "json"])?;
-        line.extend(["(in memory)".into(), name.into_os_string()]);
+        let mut line = given("evaluate", options, &["predictions", "trust", "json"])?;
+        line.extend(["--".into(), "(in memory)".into(), name.into_os_string()]);
         let model = self.arm.blob();
         let found =
             py.detach(|| embedded::residuals(model, &line, table.as_deref()).map_err(Box::new));
@@ -313,10 +350,11 @@ impl NativeModel {
     /// The number of rows, their joints row by row, and the payload of each.
     fn configurations(
         &self,
+        name: &str,
         q: &Bound<'_, PyAny>,
         payload_kg: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<(usize, Vec<f64>, Vec<f64>)> {
-        let (n, joints) = rows(q, "q", &[self.joints()])?;
+        let (n, joints) = rows(q, name, &[self.joints()])?;
         let payloads = match (payload_kg, self.payload_range_kg()) {
             (Some(kg), _) => each(kg, "payload_kg", n)?,
             (None, None) => vec![0.0; n],
@@ -344,23 +382,46 @@ impl NativeModel {
     }
 }
 
-fn precision_of(name: &str) -> PyResult<Precision> {
-    match name {
-        "f32" => Ok(Precision::Single),
-        "f64" => Ok(Precision::Double),
+fn precision_of(name: &Bound<'_, PyAny>) -> PyResult<Precision> {
+    match name.extract::<String>().as_deref() {
+        Ok("f32") => Ok(Precision::Single),
+        Ok("f64") => Ok(Precision::Double),
         _ => Err(PyValueError::new_err(format!(
-            "precision: found {name:?}, expected \"f32\", the device's numbers, or \"f64\""
+            "precision: found {}, expected \"f32\", the device's numbers, or \"f64\"",
+            shown(name)
         ))),
     }
 }
 
-fn frame_of(name: &str) -> PyResult<Frame> {
-    match name {
-        "instrument" => Ok(Frame::Instrument),
-        "base" => Ok(Frame::Base),
+fn frame_of(name: &Bound<'_, PyAny>) -> PyResult<Frame> {
+    match name.extract::<String>().as_deref() {
+        Ok("instrument") => Ok(Frame::Instrument),
+        Ok("base") => Ok(Frame::Base),
         _ => Err(PyValueError::new_err(format!(
-            "frame: found {name:?}, expected \"instrument\", in which poses were measured, or \"base\""
+            "frame: found {}, expected \"instrument\", in which poses were measured, or \"base\"",
+            shown(name)
         ))),
+    }
+}
+
+/// A value for a message: a text in quotation marks.
+fn shown(value: &Bound<'_, PyAny>) -> String {
+    match value.extract::<String>() {
+        Ok(text) => format!("{text:?}"),
+        Err(_) => value.get_type().to_string(),
+    }
+}
+
+/// Whether there is no answer, because numbers that were given are not finite or not possible.
+fn is_refused(status: Status) -> bool {
+    status.contains(Status::BAD_INPUT)
+}
+
+/// A number of an answer; NaN if there is none.
+fn number(status: Status, number: f64) -> f64 {
+    match is_refused(status) {
+        true => f64::NAN,
+        false => number,
     }
 }
 
@@ -377,7 +438,7 @@ fn push_each<const N: usize>(columns: &mut [Vec<f64>; N], numbers: [f64; N]) {
     }
 }
 
-/// The pose of a homogeneous matrix, whose last row is not looked at.
+/// The pose of a homogeneous matrix, which [`check_pose`] has looked at.
 fn pose_of(matrix: &[f64]) -> Pose<f64> {
     let mut rows = [0.0; 12];
     rows.copy_from_slice(&matrix[..12]);

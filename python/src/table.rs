@@ -2,7 +2,7 @@
 
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyList;
+use pyo3::types::{PyDict, PyList};
 
 use poegp_calibration::input_error::InputError;
 
@@ -26,7 +26,7 @@ pub fn csv(data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
     for key in keys.try_iter()? {
         let key = key?;
         let name = key.str()?.to_string();
-        let column = values(&data.get_item(&key)?)?;
+        let column = values(&name, &data.get_item(&key)?)?;
         if let Some(count) = columns.first().map(Vec::len)
             && column.len() != count
         {
@@ -51,7 +51,10 @@ pub fn csv(data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
 }
 
 /// The fields of a column.
-fn values(column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+fn values(name: &str, column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    if name == TIME {
+        return seconds(column);
+    }
     // An array knows which of its values are masked; they become None.
     let list = match column.hasattr("mask")? && column.hasattr("filled")? {
         true => column.call_method0("tolist")?,
@@ -63,6 +66,60 @@ fn values(column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
         PyTypeError::new_err("data: found a single value, expected a column of values")
     })?;
     list.iter().map(|value| field(&value)).collect()
+}
+
+/// The column that counts seconds from any moment.
+const TIME: &str = "time_s";
+
+/// The fields of a column of times: dates, times of NumPy and pandas, and numbers, in seconds. The unit of `datetime64[ns]` is
+/// known, so that no number of nanoseconds is read as one of seconds.
+fn seconds(column: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let numpy = column.py().import("numpy")?;
+    let array = match column.hasattr("mask")? && column.hasattr("filled")? {
+        true => column.clone(),
+        false => numpy.call_method1("asarray", (column,))?,
+    };
+    let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
+    let start = match kind.as_str() {
+        "M" => numpy.call_method1("datetime64", (0, "s"))?,
+        "m" => numpy.call_method1("timedelta64", (0, "s"))?,
+        "O" => {
+            let list = array.call_method0("tolist")?.cast_into::<PyList>()?;
+            return list.iter().map(|value| moment(&value)).collect();
+        }
+        _ => return values("", column),
+    };
+    let elapsed = array.sub(start)?;
+    let second = numpy.call_method1("timedelta64", (1, "s"))?;
+    values("", &elapsed.div(second)?)
+}
+
+/// The field of one time, in seconds.
+fn moment(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    // A time that is missing differs from itself.
+    if value.ne(value).unwrap_or(true) {
+        return Ok(String::new());
+    }
+    if value.hasattr("total_seconds")? {
+        return field(&value.call_method0("total_seconds")?);
+    }
+    if value.hasattr("timestamp")? {
+        let zone = value
+            .py()
+            .import("datetime")?
+            .getattr("timezone")?
+            .getattr("utc")?;
+        let value = match value.getattr("tzinfo")?.is_none() {
+            true => {
+                let zoned = PyDict::new(value.py());
+                zoned.set_item("tzinfo", zone)?;
+                value.call_method("replace", (), Some(&zoned))?
+            }
+            false => value.clone(),
+        };
+        return field(&value.call_method0("timestamp")?);
+    }
+    field(value)
 }
 
 fn field(value: &Bound<'_, PyAny>) -> PyResult<String> {

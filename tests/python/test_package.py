@@ -4,6 +4,8 @@ import ast
 import doctest
 import inspect
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import poegp
@@ -70,8 +72,23 @@ def test_every_option_of_the_stubs_is_one_of_the_command_line(trainer):
         lines = [line.split() for line in trainer(command, "--help").splitlines()]
         known = {w for line in lines for w in line[:2] if w.startswith("--")}
         known = {w.strip(",()[]").removeprefix("--").replace("-", "_") for w in known}
-        outputs = {"out", "json", "report", "write_project", "controller_csv", "robot", "method", "help", "quiet", "threads", "with"}
+        outputs = {"out", "json", "report", "write_project", "controller_csv", "robot", "method", "help", "quiet", "with"}
         assert tables[table] == known - outputs - arguments.get(command, set())
+
+
+def test_a_type_checker_takes_the_documented_uses(tmp_path):
+    """And refuses what is none."""
+    uses = (Path(__file__).parent / "typed.py").read_text()
+
+    def checked(name, text):
+        (tmp_path / name).write_text(text)
+        command = [sys.executable, "-P", "-m", "mypy", "--strict", "--cache-dir", tmp_path / "cache", name]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+
+    done = checked("good.py", uses)
+    assert done.returncode == 0, done.stdout + done.stderr
+    done = checked("bad.py", 'import poegp\npoegp.calibrate("a", 3)\npoegp.calibrate("a", "b", threads="x")\n')
+    assert done.stdout.count("error:") == 2, done.stdout + done.stderr
 
 
 def test_doctests():

@@ -3,75 +3,180 @@
 //! The options are those of the command line, so that a calibration gives the same bytes from both.
 
 use std::ffi::OsString;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
+use clap::ArgAction;
 use clap::error::ErrorKind;
 
 use crate::cli::calibrate::job::Job;
+use crate::cli::calibrate::print::{note_all, note_repeated};
 use crate::cli::calibrate::{make, touches};
 pub use crate::cli::evaluate::Residual;
 pub use crate::cli::failure::Failure;
+use crate::cli::inputs::now;
 use crate::cli::output::json_text;
 use crate::cli::terminal::interrupt::cancelled_by;
 pub use crate::cli::terminal::print::be_silent;
-use crate::cli::{Command, correct, evaluate, export, parse};
+use crate::cli::terminal::print::with_notes;
+use crate::cli::{Arguments, Command, correct, evaluate, export, parse, tolerance};
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::progress::limit_threads;
 
-/// The outputs of a calibration.
+/// The results of a calibration, and what it takes to do it again for a report.
 #[derive(Clone, Debug)]
 pub struct Calibrated {
     /// The bytes of the blob.
     pub blob: Vec<u8>,
     /// The JSON document that `--json` writes.
     pub json: String,
-    /// The HTML report of `--report`, if it is asked for.
-    pub report: Option<String>,
+    /// What the command line prints as notes, and the warm-up that it found.
+    pub notes: Vec<String>,
+    job: Job,
+    /// Working folder at that time; paths of the job are relative to it.
+    folder: PathBuf,
+    threads: Option<NonZeroUsize>,
 }
 
-/// Runs `trainer calibrate` with these options, without writing any output. `table` holds the measurements if the path in
-/// the options is not a file. The fit ends soon after another thread sets `cancel`.
+/// What one run of a job makes.
+struct Run {
+    blob: Vec<u8>,
+    json: String,
+    report: Option<String>,
+}
+
+/// Runs `trainer calibrate` with these options, without writing any output, not even those of a project file. `table` holds
+/// the measurements if the path in the options is not a file. The fit ends soon after another thread sets `cancel`.
 pub fn calibrate(
     options: &[OsString],
     table: Option<Vec<u8>>,
     cancel: Arc<AtomicBool>,
 ) -> Result<Calibrated, Failure> {
-    let Command::Calibrate(arguments) = command("calibrate", options)? else {
+    let parsed = parsed("calibrate", options)?;
+    let Command::Calibrate(arguments) = &parsed.command else {
         return Err(other_command("calibrate"));
     };
-    let mut job = Job::new(&arguments)?;
-    job.table = table;
-    if touches::are_touches(&job) {
-        let made = cancelled_by(cancel, || touches::make(&job))?;
-        return Ok(Calibrated {
+    let folder = std::env::current_dir().unwrap_or_default();
+    let work = || {
+        let mut job = Job::in_memory(arguments)?;
+        job.table = table;
+        // A report of a later day repeats this calibration.
+        job.date.get_or_insert_with(|| now().date().to_string());
+        let run = run(&job)?;
+        Ok((job, run))
+    };
+    let limited = || limited(parsed.threads, || cancelled_by(cancel, work));
+    let (made, notes): (Result<_, Failure>, _) = with_notes(limited);
+    let (job, Run { blob, json, .. }) = made?;
+    Ok(Calibrated {
+        blob,
+        json,
+        notes,
+        job,
+        folder,
+        threads: parsed.threads,
+    })
+}
+
+/// Calibrates again and returns the page of `--report`; `None` if the calibration is another one, because its files have
+/// changed.
+pub fn report(made: &Calibrated, cancel: Arc<AtomicBool>) -> Result<Option<String>, Failure> {
+    let mut job = made.job.clone();
+    job.report = Some(job.out.clone());
+    if std::env::current_dir().is_ok_and(|folder| folder != made.folder) {
+        job.within(&made.folder);
+    }
+    let again = limited(made.threads, || cancelled_by(cancel, || run(&job)))?;
+    Ok(again.report.filter(|_| again.blob == made.blob))
+}
+
+fn run(job: &Job) -> Result<Run, Failure> {
+    if touches::are_touches(job) {
+        let made = touches::make(job)?;
+        if let Some(certificate) = &made.document.certificate {
+            tolerance::note_missing(certificate, &job.statement);
+        }
+        note_repeated(job, made.document.repeats);
+        return Ok(Run {
             json: json_text(&made.document)?,
             blob: made.blob.bytes().to_vec(),
             report: made.report,
         });
     }
-    let made = cancelled_by(cancel, || make(&job))?;
-    Ok(Calibrated {
+    let made = make(job)?;
+    note_all(job, &made);
+    Ok(Run {
         json: json_text(&made.document)?,
         blob: made.found.blob.bytes().to_vec(),
         report: made.report,
     })
 }
 
+/// Runs `work` on at most this number of threads.
+fn limited<R>(threads: Option<NonZeroUsize>, work: impl FnOnce() -> R) -> R {
+    let Some(threads) = threads else {
+        return work();
+    };
+    limit_threads(threads);
+    let out = work();
+    limit_threads(NonZeroUsize::MAX);
+    out
+}
+
+/// How many values an option of the command line takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Takes {
+    /// None: it is a flag.
+    Nothing,
+    /// One, which may be left out.
+    Maybe,
+    /// One.
+    Value,
+}
+
+/// Returns the long options of a command without `--`, each with what it takes.
+pub fn options(command: &str) -> Vec<(String, Takes)> {
+    let whole = crate::cli::command();
+    let Some(command) = whole.find_subcommand(command) else {
+        return Vec::new();
+    };
+    let shared = whole.get_arguments().filter(|a| a.is_global_set());
+    let of = |argument: &clap::Arg| {
+        let name = argument.get_long()?.to_owned();
+        let may_lack = |range: clap::builder::ValueRange| range.min_values() == 0;
+        let takes = match argument.get_action() {
+            ArgAction::SetTrue | ArgAction::SetFalse | ArgAction::Count => Takes::Nothing,
+            _ if argument.get_num_args().is_some_and(may_lack) => Takes::Maybe,
+            _ => Takes::Value,
+        };
+        Some((name, takes))
+    };
+    command
+        .get_arguments()
+        .chain(shared)
+        .filter_map(of)
+        .collect()
+}
+
 /// Runs `trainer correct` with these options, for a robot program; returns the JSON document that `--json` writes. Parts
 /// that stay uncorrected are listed in that document and are not an error.
 pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
-    let Command::Correct(arguments) = command("correct", options)? else {
+    let parsed = parsed("correct", options)?;
+    let Command::Correct(arguments) = &parsed.command else {
         return Err(other_command("correct"));
     };
-    correct::program_document(&arguments)
+    limited(parsed.threads, || correct::program_document(arguments))
 }
 
 /// Runs `trainer export` with these options; returns the JSON document that `--json` writes.
 pub fn export(options: &[OsString]) -> Result<String, Failure> {
-    let Command::Export(arguments) = command("export", options)? else {
+    let parsed = parsed("export", options)?;
+    let Command::Export(arguments) = &parsed.command else {
         return Err(other_command("export"));
     };
-    export::exported(&arguments)
+    limited(parsed.threads, || export::exported(arguments))
 }
 
 /// Returns the residuals that `trainer evaluate` with these options compares, row by row, without writing any output.
@@ -82,16 +187,19 @@ pub fn residuals(
     options: &[OsString],
     table: Option<&[u8]>,
 ) -> Result<Vec<Residual>, Failure> {
-    let Command::Evaluate(arguments) = command("evaluate", options)? else {
+    let parsed = parsed("evaluate", options)?;
+    let Command::Evaluate(arguments) = &parsed.command else {
         return Err(other_command("evaluate"));
     };
-    evaluate::residuals(&arguments, model, table)
+    limited(parsed.threads, || {
+        evaluate::residuals(arguments, model, table)
+    })
 }
 
 /// Parses the command line that consists of `name` and `options`.
-fn command(name: &str, options: &[OsString]) -> Result<Command, Failure> {
+fn parsed(name: &str, options: &[OsString]) -> Result<Arguments, Failure> {
     let start = ["trainer", name].map(OsString::from);
-    let arguments = parse(&[&start, options].concat()).map_err(|error| match error.kind() {
+    parse(&[&start, options].concat()).map_err(|error| match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => other_command(name),
         _ => {
             let text = error.to_string();
@@ -99,8 +207,7 @@ fn command(name: &str, options: &[OsString]) -> Result<Command, Failure> {
             let end = text.find("\n\nUsage:").or(text.find("\n\nFor more"));
             Failure::Usage(text[..end.unwrap_or(text.len())].to_owned())
         }
-    })?;
-    Ok(arguments.command)
+    })
 }
 
 fn other_command(name: &str) -> Failure {

@@ -121,6 +121,21 @@ impl GaugeArgs {
         self.table(|path| path.display().to_string()).is_empty()
     }
 
+    /// Completes relative paths with `folder`.
+    pub fn within(&mut self, folder: &Path) {
+        let files = [
+            &mut self.keep_gauge,
+            &mut self.references,
+            &mut self.previous,
+        ];
+        for path in files.into_iter().flatten() {
+            *path = folder.join(&path);
+        }
+        if let Some(text) = self.base_from.as_mut().filter(|text| !is_pose(text)) {
+            *text = folder.join(&text).display().to_string();
+        }
+    }
+
     /// Returns the files that these options read.
     pub fn inputs(&self) -> impl Iterator<Item = &Path> {
         let base = self.base_from.as_deref().filter(|text| !is_pose(text));

@@ -7,18 +7,20 @@ use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::calibrate::project::{Project, is_project};
 use crate::cli::failure::Failure;
-use crate::cli::terminal::print::note;
+use crate::cli::terminal::print::{note, stated_by};
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::certificate::Statement;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::trust::Cause;
 use poegp_calibration::validation::device_budget::Budget;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
 /// All settings of a calibration. Paths are relative to the working folder.
+#[derive(Clone, Debug)]
 pub struct Job {
     pub robot: String,
     pub chain: ChainArgs,
@@ -55,6 +57,16 @@ pub struct Job {
 impl Job {
     /// Combines the project file with the command line, and notes which settings the command line overrides.
     pub fn new(a: &Calibrate) -> Result<Self, Failure> {
+        Self::of(a, false)
+    }
+
+    /// Creates the job as [`Job::new`] does for a caller that takes the results from memory: the job has no outputs, not even
+    /// those of the project file.
+    pub fn in_memory(a: &Calibrate) -> Result<Self, Failure> {
+        Self::of(a, true)
+    }
+
+    fn of(a: &Calibrate, is_in_memory: bool) -> Result<Self, Failure> {
         let project = match is_project(&a.train) {
             true => Some(Project::read(&a.train)?),
             false => None,
@@ -120,12 +132,32 @@ impl Job {
             blob_sha256: None,
         };
         match project {
-            Some(project) => job.complete(a, &stated, project)?,
+            Some(project) => job.complete(a, &stated, project, is_in_memory)?,
             None if a.robot.is_none() => return Err(missing("--robot")),
-            None if a.out.is_none() => return Err(missing("--out")),
+            None if a.out.is_none() && !is_in_memory => return Err(missing("--out")),
             None => {}
         }
+        if is_in_memory {
+            job.out = PathBuf::from("(in memory)");
+            job.report = None;
+            job.json = None;
+        }
         Ok(job)
+    }
+
+    /// Completes relative paths with `folder`, the working folder at the time when they were given.
+    pub fn within(&mut self, folder: &Path) {
+        if !BUILT_IN.contains(&self.robot.as_str()) {
+            self.robot = folder.join(&self.robot).to_string_lossy().into_owned();
+        }
+        if self.table.is_none() {
+            self.train = folder.join(&self.train);
+        }
+        let one = self.features.iter_mut().chain(&mut self.project);
+        for path in one.chain(&mut self.prior).chain(&mut self.tests) {
+            *path = folder.join(&path);
+        }
+        self.gauge.within(folder);
     }
 
     pub fn outputs(&self) -> [Option<&Path>; 5] {
@@ -150,6 +182,7 @@ impl Job {
         a: &Calibrate,
         stated: &Config,
         project: Project,
+        is_in_memory: bool,
     ) -> Result<(), Failure> {
         let file = &project.file;
         let (robot, data, output) = (&file.robot, &file.data, &file.output);
@@ -209,7 +242,8 @@ impl Job {
         overrides.extend(outputs.iter().filter_map(named));
         if !overrides.is_empty() {
             note(format_args!(
-                "the command line overrides {} of {}",
+                "{} overrides {} of {}",
+                stated_by(),
                 overrides.join(", "),
                 project.path.display()
             ));
@@ -252,18 +286,22 @@ impl Job {
         self.accept.extend(&data.accept);
         self.accept.sort_unstable();
         self.accept.dedup();
-        if a.out.is_none() {
+        if a.out.is_none() && !is_in_memory {
             let name = output.blob.as_ref().ok_or_else(|| {
                 InputError::new(&project.path, "no output.blob", "the path of the blob")
                     .with_help("add `blob = \"arm.blob\"` under [output], or give --out FILE")
             })?;
             self.out = project.output(name, "--out")?;
         }
+        let path = |name: &str, option| match is_in_memory {
+            true => Ok(project.resolve(name)),
+            false => project.output(name, option),
+        };
         if let (None, Some(name)) = (&self.report, &output.report) {
-            self.report = Some(project.output(name, "--report")?);
+            self.report = Some(path(name, "--report")?);
         }
         if let (None, Some(name)) = (&self.json, &output.json) {
-            self.json = Some(project.output(name, "--json")?);
+            self.json = Some(path(name, "--json")?);
         }
         self.blob_sha256 = output.blob_sha256.clone().filter(|_| is_whole);
         self.project = Some(project.path);

@@ -6,7 +6,7 @@ pub mod elastic_summary;
 pub mod gauge;
 pub mod job;
 mod made;
-mod print;
+pub mod print;
 mod project;
 pub mod report_page;
 pub mod touches;

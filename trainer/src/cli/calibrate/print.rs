@@ -216,17 +216,66 @@ fn print(
         1e6 * precision_loss.mean_m,
         1e6 * precision_loss.max_m
     ));
-    if let Some(task_space) = calibration.correction.task_space()
-        && task_space.max_signal_variance < MAX_SIGNAL_VARIANCE
-    {
-        report.line(format_args!(
-            "  note: the signal variance was limited to {} because of single precision",
-            task_space.max_signal_variance
-        ));
+    if let Some(text) = limited_variance(calibration) {
+        report.line(format_args!("  note: {text}"));
     }
     match &document.identifiability {
         Some(identifiability) => report.line(identifiability.lines().join("\n")),
         None => report.line("  identifiability: could not be computed for these poses"),
+    }
+}
+
+/// Returns a note about a signal variance that single precision has limited.
+fn limited_variance(calibration: &Calibration) -> Option<String> {
+    let found = calibration.correction.task_space()?.max_signal_variance;
+    (found < MAX_SIGNAL_VARIANCE)
+        .then(|| format!("the signal variance was limited to {found} because of single precision"))
+}
+
+/// Returns a note about a standard deviation that the blob lacks.
+fn no_deviation(a: &Job, blob: &BlobModel) -> Option<&'static str> {
+    let BlobCorrection::TaskSpace(process) = &blob.blob().correction else {
+        return None;
+    };
+    (process.landmarks == 0 && a.config.device_variance).then_some(
+        "the blob has no standard deviation: a device has no room for it, or no short enough form is close to eq. 7 of the \
+         paper",
+    )
+}
+
+/// Notes what [`all`] prints in other ways, for a caller that reads notes alone.
+pub fn note_all(a: &Job, made: &Made) {
+    let document = &made.document;
+    let CalibratedBlob {
+        calibration, blob, ..
+    } = &made.found;
+    let elastic = document.elastic.as_ref();
+    if let Some(found) = elastic.and_then(|elastic| elastic.warm_up.as_ref()) {
+        note(found.line());
+    }
+    let rest = [
+        limited_variance(calibration),
+        no_deviation(a, blob).map(str::to_owned),
+    ];
+    rest.iter().flatten().for_each(note);
+    if let Some(held_out) = &document.held_out {
+        let tested = &held_out.calibrated.errors;
+        unlike_training(a, document, tested).iter().for_each(note);
+    }
+    if let Some(certificate) = &document.certificate {
+        tolerance::note_missing(certificate, &a.statement);
+    }
+    note_repeated(a, document.repeats);
+}
+
+/// Notes that a blob is not the one that the project file states.
+pub fn note_repeated(a: &Job, repeats: Option<bool>) {
+    if repeats == Some(false) {
+        note(format_args!(
+            "{} differs from the blob that the project file states (output.blob_sha256): the file was changed, or another \
+             version of the trainer wrote it; `trainer evaluate` on held-out poses shows whether it matters",
+            a.out.display()
+        ));
     }
 }
 
@@ -238,31 +287,18 @@ fn print_files(report: Printer, a: &Job, blob: &BlobModel, document: &CalibrateJ
         a.out.display(),
         blob.bytes().len()
     ));
-    if let BlobCorrection::TaskSpace(process) = &blob.blob().correction
-        && process.landmarks == 0
-        && a.config.device_variance
-    {
-        report.line(format_args!(
-            "  note: the blob has no standard deviation: a device has no room for it, or no short enough form is close \
-             to eq. 7 of the paper"
-        ));
+    if let Some(text) = no_deviation(a, blob) {
+        report.line(format_args!("  note: {text}"));
     }
     print_outputs(report, a, document.repeats);
 }
 
 /// Prints whether the project was repeated, and which files were written beside the blob.
 pub fn print_outputs(report: Printer, a: &Job, repeats: Option<bool>) {
-    match repeats {
-        Some(true) => {
-            report.line("The blob is byte for byte the one that the project file states.");
-        }
-        Some(false) => note(format_args!(
-            "{} differs from the blob that the project file states (output.blob_sha256): the file was changed, or another \
-             version of the trainer wrote it; `trainer evaluate` on held-out poses shows whether it matters",
-            a.out.display()
-        )),
-        None => {}
+    if repeats == Some(true) {
+        report.line("The blob is byte for byte the one that the project file states.");
     }
+    note_repeated(a, repeats);
     if let Some(path) = &a.write_project {
         report.line(format_args!(
             "Wrote {}: `trainer calibrate {}` does the same again.",

@@ -5,6 +5,7 @@
 //! because its reader has closed it (`| head`) or the disk is full, the command completes the rest of its work and then
 //! fails ([`finish`]).
 
+use std::cell::RefCell;
 use std::fmt::Display;
 use std::io::{self, Read, Write};
 use std::path::Path;
@@ -23,6 +24,26 @@ static QUIET: AtomicBool = AtomicBool::new(false);
 
 /// Whether nothing is printed at all, because the program's functions are called without a terminal.
 static SILENT: AtomicBool = AtomicBool::new(false);
+
+thread_local! {
+    /// Notes for a caller that embeds this program, in their order.
+    static NOTES: RefCell<Option<Vec<String>>> = const { RefCell::new(None) };
+}
+
+/// Runs `work` on this thread, and returns its result with the notes of this thread.
+pub fn with_notes<R>(work: impl FnOnce() -> R) -> (R, Vec<String>) {
+    NOTES.set(Some(Vec::new()));
+    let out = work();
+    (out, NOTES.take().unwrap_or_default())
+}
+
+/// Names for messages what states the options: the command line or a caller.
+pub fn stated_by() -> &'static str {
+    match SILENT.load(Ordering::Relaxed) {
+        true => "the caller",
+        false => "the command line",
+    }
+}
 
 /// Prints nothing at all from now on.
 pub fn be_silent() {
@@ -47,8 +68,13 @@ pub fn warning(text: impl Display) {
     }
 }
 
-/// Prints a note on standard error about something that is not an error.
+/// Prints a note on standard error about something that is not an error. A caller of [`with_notes`] gets it, too.
 pub fn note(text: impl Display) {
+    NOTES.with_borrow_mut(|notes| {
+        if let Some(notes) = notes {
+            notes.push(text.to_string());
+        }
+    });
     if !is_quiet() {
         let _ = writeln!(io::stderr(), "note: {text}");
     }
