@@ -263,6 +263,7 @@ fn a_secret_that_others_may_read_is_noted() {
 /// A device compares revisions: two models of one revision would replace each other in any order.
 #[test]
 fn a_revision_is_the_time_even_in_a_reproducible_build() {
+    let _texts = texts();
     let folder = folder();
     let revision = || {
         let line = "sign arm.blob --key ours.key --out signed.blob --json -";

@@ -189,12 +189,12 @@ fn sources_are_followed_on_every_way() {
         (
             format!("REPEAT\n{go}\n$BASE=BASE_DATA[5]\nUNTIL i==1"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("REPEAT\nIF i==1 THEN\nEXIT\nENDIF\n$BASE=BASE_DATA[5]\nUNTIL i==2\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         ),
         (
             format!("SEE(BASE_DATA[2])\n{go}\n{}", see.replace("OUT", "IN")),
@@ -281,7 +281,7 @@ fn a_tool_in_use_keeps_its_value() {
         let cases = [(
             format!("IF i==1 THEN\n{new}\n{again}\nENDIF\n{go}"),
             1,
-            "not on every way",
+            "not on every path",
         )];
         check(&folder, &cases, "a.src", "", source);
     }

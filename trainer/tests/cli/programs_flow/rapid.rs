@@ -440,7 +440,7 @@ fn loads_of_moves_and_tools_are_followed() {
     };
     let [light, own, heavy] = ["--payload-kg 1.5", "--payload-kg 2.5", "--payload-kg 4"].map(with);
     assert!(light != own && own != heavy);
-    let none = "its tool has no payload in the program";
+    let none = "the payload at this move cannot be determined";
     for (part, corrected, reason, expected) in [
         (format!("{go}\\TLoad:=piece;"), 2, "", Some(&light)),
         (format!("{go}\\TLoad:=load0;"), 2, "", Some(&own)),
