@@ -9,7 +9,7 @@
 //! ```
 //!
 //! The errors of a model at neighbouring poses are alike: they count as fewer, and those of the training poses, from which the
-//! model knows s_k, do too. If either is the only source of errors, its freedom is a [`ALIKE`]th.
+//! model knows s_k, do too. If either is the only source of errors, its freedom is an `ALIKE`th.
 
 use serde::Serialize;
 

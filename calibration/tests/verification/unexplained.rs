@@ -32,7 +32,7 @@ fn arm(number: usize, method: Method, seed: u64) -> Cell {
 /// Replaces the chain of the arm behind these rows by one that `change` has changed.
 fn with_chain(cell: &Cell, rows: &mut [InstrumentSample], change: impl Fn(&mut Poe<f64>)) {
     let chain = cell.blob.chain();
-    let mut changed = chain.clone();
+    let mut changed = chain;
     change(&mut changed);
     for row in rows {
         let pose = row.observation.pose().unwrap();
@@ -126,7 +126,7 @@ fn a_stated_noise_is_expected() {
     for (k, row) in rows.iter_mut().enumerate() {
         let mut pose = row.observation.pose().unwrap();
         let sign = |bit: usize| {
-            if k * 7 / (bit + 1) % 2 == 0 {
+            if (k * 7 / (bit + 1)).is_multiple_of(2) {
                 1.5e-4
             } else {
                 -1.5e-4

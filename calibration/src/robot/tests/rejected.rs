@@ -492,9 +492,8 @@ fn toml_limits_and_coupling_are_refused_by_name() {
         load("[[0, 1], [1, 0]]"),
         Some(vec![vec![0.0, 1.0], vec![1.0, 0.0]])
     );
-    // The second joint is passive: the controller has no axis for it.
-    let passive = coupled("[[1, 0], [-1, 0]]");
-    let passive = description::parse(Path::new("arm.toml"), &passive).unwrap();
+    // The controller has no axis for the second joint.
+    let passive = description::parse(Path::new("arm.toml"), &coupled("[[1, 0], [-1, 0]]")).unwrap();
     assert!(passive.is_passive(1) && !passive.is_passive(0));
     assert_eq!(passive.joints[1].limits, Some((0.0, 0.0)));
     assert_eq!(passive.serial_joints(&[0.5, 0.0]), [0.5, -0.5]);
