@@ -76,7 +76,7 @@ pub fn warning(r: &Report) -> Option<String> {
 /// Advises not to act on a drift that leaves more than the model expects.
 pub fn doubtful(rest: &Unexplained, more: &str) -> String {
     format!(
-        "the drift that was found does not explain the errors (found {:.4} mm per axis without it, expected {:.4} mm) and is \
+        "the drift that was found does not explain the errors (without it {:.4} mm per axis remain, {:.4} mm are expected) and is \
          perhaps not their cause: do not reset a zero or change a frame because of it; {more}",
         rest.position_mm, rest.expected_mm
     )
