@@ -29,7 +29,7 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
-ROBOTS = pathlib.Path(__file__).parents[2] / "trainer" / "robots"
+ROBOTS = pathlib.Path(__file__).parents[2] / "calibration" / "robots"
 ARMS = ["abb-irb120", "abb-irb4400", "abb-irb4400-serial", "kuka-iiwa7", "ur5", "ur10"]
 
 # The true arms.
