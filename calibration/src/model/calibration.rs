@@ -6,8 +6,10 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tools::{BaseAndTools, UNKNOWN_TOOL};
 use crate::identification::frame_fit::{FrameFit, ResidualFrame, residual_components};
+use crate::learning::elastic::device_variance::around;
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
+use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::warm_up::WarmUp;
 use crate::measurement::folds::different_poses;
 use crate::measurement::sample::{BaseSample, InstrumentSample, Sample, in_base_frame};
@@ -131,7 +133,8 @@ impl Calibration {
     /// Computes the standard deviation of new poses from the residuals of the training `samples` by generalised
     /// cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m components.
     /// Repeats of a pose add no components: what the model does not know of the pose is in all of them. Where it is known how
-    /// many parameters the positions and the rotations determine, each has a factor of its own.
+    /// many parameters the positions and the rotations determine, each has a factor of its own. A model that knows its
+    /// deviation everywhere states no less than its root mean square over the trained ranges: poses may be few, or alike.
     pub(super) fn constant_deviation_of(&self, samples: &[BaseSample]) -> (f64, f64) {
         let poses = different_poses(samples, self.nominal.kinds());
         let components: usize = poses.iter().map(|s| s.observation.equations()).sum();
@@ -164,7 +167,35 @@ impl Calibration {
             }
         };
         let (position, rotation) = self.rms(samples);
-        (factors.0 * position, factors.1 * rotation)
+        let of_residuals = (factors.0 * position, factors.1 * rotation);
+        let (position, rotation) = match &self.estimate {
+            FrameEstimate::Parametric {
+                uncertainty: Some(known),
+                parameters: Some(_),
+            } if self.config.device_variance => self.rms_over_ranges(known, samples),
+            _ => of_residuals,
+        };
+        let is_turned = of_rotations > 0.0;
+        (
+            of_residuals.0.max(position),
+            of_residuals.1.max(if is_turned { rotation } else { 0.0 }),
+        )
+    }
+
+    /// Returns the root mean square of the `known` deviations over the ranges of the samples, in m and rad.
+    fn rms_over_ranges(&self, known: &Uncertainty, samples: &[BaseSample]) -> (f64, f64) {
+        let elastic = self.correction.elastic();
+        let coupling = elastic.and_then(|model| model.coupling.as_ref());
+        let noise = self.config.instrument_noise();
+        let all: Vec<[f64; OUTPUTS]> = around(samples, coupling, 1.0)
+            .into_iter()
+            .map(|pose| known.standard_deviation(&pose.with_noise(noise)))
+            .collect();
+        let rms = |first: usize| {
+            let squares = all.iter().flat_map(|d| &d[first..first + 3]).map(|d| d * d);
+            (squares.sum::<f64>() / (3 * all.len()) as f64).sqrt()
+        };
+        (rms(0), rms(3))
     }
 
     /// Computes the RMS of one position and one rotation component of the residuals of `samples`, in m and rad.

@@ -43,7 +43,7 @@ pub fn prediction_covariance(
                 ..
             },
             _,
-        ) => known.of_predictions(&new),
+        ) => Some(known.of_predictions(&new)),
         (_, Correction::None | Correction::Elastic(_)) if method != Method::BaseTool => {
             let base = &calibration.base_and_tools.instrument_from_base;
             let new = in_base_frame(&new, base);

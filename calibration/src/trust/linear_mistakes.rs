@@ -28,6 +28,8 @@ const LEAST_RATIO: f64 = 1.5e-3;
 const LEAST_SHARE: f64 = 4e-4;
 const LEAST_DISTANCE: f64 = 2e-4;
 const LEAST_TURN: f64 = 3e-3;
+/// Smallest play of a joint in rad or m that is more than the backlash of a gear in order.
+const LEAST_PLAY: f64 = 3.5e-4;
 /// Share of the best mistake's drop of χ² above which another one fits as well.
 const AS_GOOD: f64 = 0.97;
 /// Most other mistakes that are listed.
@@ -50,7 +52,7 @@ enum Mistake {
     Early,
     /// Each position is averaged with those of its neighbours.
     Averaged,
-    /// No mistake: joints with play stop short on the side that they come from.
+    /// The joints stop short on the side that they come from: they have play, or were read before they stood still.
     Play,
 }
 
@@ -95,13 +97,16 @@ impl Mistake {
 
     /// Returns whether a mistake with these coefficients is larger than what honest arms and instruments do.
     fn is_large(self, x: &[f64]) -> bool {
-        let size = Vector3::from_fn(|i, _| x.get(i).copied().unwrap_or(0.0)).norm();
+        let size = match self {
+            Self::Play => x[most(x)].abs(),
+            _ => x.iter().map(|x| x * x).sum::<f64>().sqrt(),
+        };
         size > match self {
             Self::Coupled(..) | Self::Ratio(_) => LEAST_RATIO,
             Self::Axis(_) | Self::Early | Self::Averaged => LEAST_SHARE,
             Self::Distance => LEAST_DISTANCE,
             Self::Turned => LEAST_TURN,
-            Self::Play => return false,
+            Self::Play => LEAST_PLAY,
         }
     }
 
@@ -160,13 +165,29 @@ impl Mistake {
                 percent(x[0]),
                 more("joints", "poses")
             ),
-            Self::Play => "the joints have play".to_owned(),
+            Self::Play => {
+                let joint = most(x);
+                let by = units[joint].from_si(2.0 * x[joint].abs());
+                format!(
+                    "where a joint comes from makes a difference, for joint {} of {} {}: it has play, or was read before the \
+                     arm stood still; wait until it stands, and approach every pose from the same side",
+                    joint + 1,
+                    three_digits(by),
+                    units[joint].symbol()
+                )
+            }
             Self::Averaged => format!(
                 "each position holds {} of the one before and of the one after: export unfiltered positions",
                 percent(x[0])
             ),
         }
     }
+}
+
+/// Returns the index of the largest coefficient.
+fn most(x: &[f64]) -> usize {
+    let larger = |a: &usize, b: &usize| x[*a].abs().total_cmp(&x[*b].abs());
+    (0..x.len()).max_by(larger).unwrap_or(0)
 }
 
 /// Computes the effects of mistakes on the residuals.
@@ -284,7 +305,7 @@ pub fn examine(data: &Data<'_>, base: &Pose<f64>, geometry: &Geometry) -> Option
 
 /// Returns the refusal for a mistake that explains nearly all residuals of rows that were refused without a reason.
 pub fn certain(data: &Data<'_>, base: &Pose<f64>, geometry: &Geometry) -> Option<Finding> {
-    explaining(data, base, geometry, CERTAIN)
+    explaining(data, base, geometry, CERTAIN).filter(|f| f.tier == Tier::Refused)
 }
 
 fn explaining(
@@ -311,7 +332,8 @@ fn explaining(
         .map(|other| other.text(&data.units))
         .collect();
     text += &fits_equally(&others);
-    let tier = Tier::refused_if(share > EXPLAINED.1);
+    // An arm with play can be calibrated; it cannot be better than its play.
+    let tier = Tier::refused_if(share > EXPLAINED.1 && best.mistake != Mistake::Play);
     let rows = geometry.samples.len() as f64;
     let cause = best.mistake.cause();
     Some(Finding::new(cause, tier, text, drop / rows, needed / rows))

@@ -19,6 +19,7 @@ mod numbers;
 mod payloads;
 mod ratio;
 mod readings;
+mod repeated_moves;
 mod residuals;
 #[cfg(test)]
 mod tests;
@@ -139,7 +140,14 @@ pub fn examine(
             let mixed = rest.iter().find(|f| f.cause == Cause::Mixed);
             let arms = two_arms::examine(&data, &geometry);
             // Only the best of them is named, and other residuals are attributed to it.
-            let main = main_cause(step.into_iter().chain(mistake), mixed, arms);
+            let simple = step.into_iter().chain(mistake);
+            let mut main = main_cause(simple, mixed, arms);
+            let is_single = main.as_ref().is_some_and(|f| f.cause != Cause::Lag);
+            main = main.or_else(|| repeated_moves::examine(&geometry));
+            // What limits the accuracy of good rows is no excuse for rows that are refused.
+            if !is_single && let Some(main) = &mut main {
+                main.tier = rest.iter().map(|f| f.tier).fold(main.tier, Tier::max);
+            }
             let is_explained = main.is_some();
             out.0.extend(main);
             out.0.extend(

@@ -94,8 +94,8 @@ pub fn like(row: &InstrumentSample, robot: &Robot, joints: Vec<f64>) -> Instrume
 
 impl ExpectedError {
     /// Estimates the error of `calibration`, which was made from `samples`, from its own standard deviation at random
-    /// configurations. For a model whose standard deviation is the same everywhere, it takes the held-out errors of
-    /// `choice`. Returns `None` without either.
+    /// configurations; but no less than the held-out errors of `choice`, which are of configurations like those of the
+    /// samples. A model whose standard deviation is the same everywhere has these alone. Returns `None` without either.
     pub fn new(
         calibration: &Calibration,
         robot: &Robot,
@@ -103,21 +103,39 @@ impl ExpectedError {
         choice: Option<&Choice>,
     ) -> Option<Self> {
         if !calibration.has_local_deviation() {
-            let chosen = choice?.table.iter().find(|row| row.chosen)?;
-            return Some(Self {
-                mean_mm: chosen.position_mm.mean,
-                p95_mm: chosen.position_mm.p95,
-            });
+            return Self::of_held_out(choice);
         }
         let volume = WorkVolume::new(robot, samples);
-        if let Some(known) = prediction_covariance(calibration, robot, samples, &volume.poses) {
-            return Some(volume.expected(&known.deviations(0..POSES)));
-        }
-        let of = |pose: &InstrumentSample| {
-            let [x, y, z, ..] = calibration.standard_deviation(pose)?;
-            Some([x, y, z])
+        let anywhere = match prediction_covariance(calibration, robot, samples, &volume.poses) {
+            Some(known) => volume.expected(&known.deviations(0..POSES)),
+            None => {
+                let of = |pose: &InstrumentSample| {
+                    let [x, y, z, ..] = calibration.standard_deviation(pose)?;
+                    Some([x, y, z])
+                };
+                let deviations: Option<Vec<[f64; 3]>> = volume.poses.iter().map(of).collect();
+                volume.expected(&deviations?)
+            }
         };
-        let deviations: Option<Vec<[f64; 3]>> = volume.poses.iter().map(of).collect();
-        Some(volume.expected(&deviations?))
+        Some(anywhere.at_least(choice))
+    }
+
+    /// Returns the held-out errors of the chosen method.
+    fn of_held_out(choice: Option<&Choice>) -> Option<Self> {
+        let chosen = choice?.table.iter().find(|row| row.chosen)?;
+        Some(Self {
+            mean_mm: chosen.position_mm.mean,
+            p95_mm: chosen.position_mm.p95,
+        })
+    }
+
+    /// Returns the error that is expected anywhere, with what the folds of `choice` found where that is more.
+    #[must_use]
+    pub fn at_least(self, choice: Option<&Choice>) -> Self {
+        let alike = Self::of_held_out(choice).unwrap_or(self);
+        Self {
+            mean_mm: self.mean_mm.max(alike.mean_mm),
+            p95_mm: self.p95_mm.max(alike.p95_mm),
+        }
     }
 }

@@ -103,6 +103,17 @@ pub fn effective_parameters(
     Some(out)
 }
 
+/// Returns the covariance of the parameters for equations A in units of their noise; `None` when the normal equations cannot
+/// be factored.
+pub fn covariance(a: &Mat<f64>, groups: &[PriorGroup], hyper: &[f64]) -> Option<Mat<f64>> {
+    let sd = prior_sd(groups, hyper);
+    let (_, normal) = normal_equations(a, &sd);
+    let inverse = Factor::new(normal, 1).ok()?.inverse();
+    Some(Mat::from_fn(sd.len(), sd.len(), |i, j| {
+        sd[i] * inverse[(i, j)] * sd[j]
+    }))
+}
+
 /// Returns the shares of the equations of positions and of rotations that the parameters follow. `None` where the equations
 /// are so many that [`FOLLOWED`] is out of reach.
 fn followed_share(

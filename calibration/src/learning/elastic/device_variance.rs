@@ -68,9 +68,9 @@ pub fn device_variance(
     let inflation = inflation.powi(2);
     let noise = inflation * fit.scales.position.powi(2) * libm::exp(fit.hyperparameters[0]);
     let kernels = fit.layout.kernels(&fit.hyperparameters);
-    let around = around(samples, coupling);
+    let around = around(samples, coupling, 2.0);
     let all = [samples, &around].concat();
-    let exact = posterior.of_predictions(&around)?.deviations(0..AROUND);
+    let exact = posterior.of_predictions(&around).deviations(0..AROUND);
     let exact = exact
         .iter()
         .map(|d| d.iter().map(|d| d * d).sum::<f64>() / 3.0);
@@ -147,16 +147,21 @@ struct Known {
     variance: f64,
 }
 
-/// Draws poses from twice the ranges of `samples`, each with the payload and the tool of one of them. Their observations
-/// have no meaning: only the uncertainty of a position at these poses is of interest.
-fn around(samples: &[BaseSample], coupling: Option<&Coupling<f64>>) -> Vec<BaseSample> {
+/// Draws poses from `width` times the ranges of `samples`, each with the payload and the tool of one of them. Their
+/// observations have no meaning: only the uncertainty at these poses is of interest.
+pub(crate) fn around(
+    samples: &[BaseSample],
+    coupling: Option<&Coupling<f64>>,
+    width: f64,
+) -> Vec<BaseSample> {
     let joints = samples.first().map_or(0, |sample| sample.joints.len());
     let range = |joint| extremes(samples.iter().map(|s: &BaseSample| s.joints[joint]));
     let ranges: Vec<(f64, f64)> = (0..joints).map(range).collect();
     let pose = |(index, like): (u32, &BaseSample)| {
         let mut own = [0.0; MAX_JOINTS];
         for (joint, (lower, upper)) in ranges.iter().enumerate() {
-            own[joint] = lower + (upper - lower) * (2.0 * halton(index, joint) - 0.5);
+            own[joint] =
+                0.5 * (lower + upper) + (upper - lower) * width * (halton(index, joint) - 0.5);
         }
         BaseSample {
             joints: own[..joints].to_vec(),

@@ -163,6 +163,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
         position_variance: vec![None; samples.len()],
     };
     let Some(solved) = &fit.solved else {
+        out.inflation = of_many_poses(fit, samples);
         return out;
     };
     let rows_of = |k: &usize| ROWS * k..ROWS * k + samples[*k].observation.equations();
@@ -227,6 +228,22 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     }
     out.inflation = calibration_factor(&mut standardised);
     out
+}
+
+/// Returns the factors for a fit of parameters alone to many poses: with m equations and p parameters, poses that were left
+/// out are off by √(m/(m − p)) times as much as the residuals.
+fn of_many_poses(fit: &ElasticFit, samples: &[BaseSample]) -> [f64; 2] {
+    let parameters = fit.effective_parameters.unwrap_or_default();
+    let whole = samples.iter().filter(|s| s.observation.has_orientation());
+    let equations = [samples.len(), whole.count()].map(|rows| (3 * rows) as f64);
+    std::array::from_fn(|i| {
+        let left = equations[i] - parameters[i];
+        if left > 0.0 {
+            (equations[i] / left).sqrt()
+        } else {
+            1.0
+        }
+    })
 }
 
 /// Returns the distance, in standard deviations, of at most three components of `error` from the beginning of `rows`.

@@ -6,6 +6,8 @@
 //!
 //! Everything is linearised around the same parameters as S. Base and tool have priors of 60 mm: if C were linearised
 //! around parameters that differ by a ten-thousandth, P** − C S⁻¹ Cᵀ would be noise as large as the result.
+//!
+//! Without processes, the same covariance is A* Σ A*ᵀ with that of the parameters, Σ, which is small for any number of rows.
 
 use std::sync::OnceLock;
 
@@ -15,6 +17,7 @@ use poegp_runtime::gp::joint_kernel::{JointKernel, similarity};
 use poegp_runtime::kinematics::poe::JointTrig;
 use poegp_runtime::math::se3::Pose;
 
+use crate::identification::parametric::fit::covariance;
 use crate::identification::parametric::state::{Linearised, ROWS, prior_variance};
 use crate::identification::prediction_covariance::{PredictionCovariance, rows_of};
 use crate::learning::elastic::hyperparameters::DEFLECTION_UNIT;
@@ -42,15 +45,21 @@ pub struct PosteriorCovariance {
     /// Noise assumed for a measurement that states none.
     typical: InstrumentNoise,
     samples: Vec<BaseSample>,
+    /// Covariance of the parameters of a fit without processes.
+    parameters: Option<Mat<f64>>,
     /// Further factors for standard deviations at a payload that was not trained.
     other_payload: OnceLock<[f64; 2]>,
 }
 
 impl PosteriorCovariance {
-    /// Creates the posterior covariance of a fit to `samples`; `None` when the fit has no processes.
+    /// Creates the posterior covariance of a fit to `samples`; `None` when the equations cannot be solved.
     pub fn new(fit: ElasticFit, samples: &[BaseSample]) -> Option<Self> {
-        fit.solved.as_ref()?;
         let linear = fit.origin.linearise(samples, fit.scales);
+        let groups = fit.origin.layout.groups();
+        let parameters = match fit.solved {
+            Some(_) => None,
+            None => Some(covariance(&linear.a, &groups, &fit.hyperparameters)?),
+        };
         let kernels = fit.layout.kernels(&fit.hyperparameters);
         let mut curve = fit.layout.curve_prior(&fit.hyperparameters);
         if let Some(prior) = &mut curve {
@@ -63,6 +72,7 @@ impl PosteriorCovariance {
             curve,
             typical: InstrumentNoise::rms_over(samples),
             samples: samples.to_vec(),
+            parameters,
             other_payload: OnceLock::new(),
         })
     }
@@ -107,20 +117,16 @@ impl PosteriorCovariance {
             observation: Observation::Pose(Pose::identity()),
             ..sample.clone()
         };
-        let Some(found) = self.of_predictions(&[whole]) else {
-            return [f64::NAN; ROWS];
-        };
+        let found = self.of_predictions(&[whole]);
         std::array::from_fn(|a| {
             let variance = found.covariance[(a, a)].max(0.0) + found.noise[a];
             factor[usize::from(a >= 3)] * variance.sqrt()
         })
     }
 
-    /// Returns the covariance of the predictions of `samples`, including rotations where they have orientations; `None`
-    /// without processes.
-    pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> Option<PredictionCovariance> {
+    /// Returns the covariance of the predictions of `samples`, including rotations where they have orientations.
+    pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> PredictionCovariance {
         let fit = &self.fit;
-        let solved = fit.solved.as_ref()?;
         let noisy = |sample: &Sample<F>| {
             sample
                 .clone()
@@ -129,6 +135,48 @@ impl PosteriorCovariance {
         let samples: Vec<Sample<F>> = samples.iter().map(noisy).collect();
         let (rows, first) = rows_of(samples.iter().map(|s| s.observation.equations()));
         let new = fit.origin.linearise(&samples, fit.scales);
+        let covariance = match &self.parameters {
+            Some(parameters) => {
+                let own = Mat::from_fn(rows.len(), new.a.ncols(), |i, j| new.a[(rows[i], j)]);
+                product(&product(&own, parameters), Transposed(&own))
+            }
+            None => self.with_processes(&samples, &new, (&rows, &first)),
+        };
+        let scale = |row: usize| {
+            let scales = fit.scales.of(&samples[row / ROWS]);
+            match row % ROWS {
+                0..3 => scales.position,
+                _ => scales.orientation,
+            }
+        };
+        let scales: Vec<f64> = rows.iter().map(|row| scale(*row)).collect();
+        // The parameters alone are fitted with scales that are the noise already.
+        let h = |row: usize| match self.parameters {
+            Some(_) => 0.0,
+            None => fit.hyperparameters[usize::from(row % ROWS >= 3)],
+        };
+        let noise = |(row, scale): (&usize, &f64)| {
+            let h = h(*row);
+            scale * scale * libm::exp(h) * new.relative_noise(*row, h).powi(2)
+        };
+        PredictionCovariance {
+            covariance: Mat::from_fn(rows.len(), rows.len(), |i, j| {
+                scales[i] * covariance[(i, j)] * scales[j]
+            }),
+            noise: rows.iter().zip(&scales).map(noise).collect(),
+            first,
+        }
+    }
+
+    /// Returns the covariance of some `rows` of new samples by parameters and processes, in units of their scales; `first` are
+    /// those that begin a pose.
+    fn with_processes<F>(
+        &self,
+        samples: &[Sample<F>],
+        new: &Linearised,
+        (rows, first): (&[usize], &[usize]),
+    ) -> Mat<f64> {
+        let fit = &self.fit;
         let points: Vec<Point> = samples
             .iter()
             .map(|s| (fit.origin.features(s), s.payload_kg.unwrap_or(0.0)))
@@ -174,27 +222,11 @@ impl PosteriorCovariance {
                 }
             }
         }
-        let half = solved.factor.half_solve(&cross);
-        covariance -= product(Transposed(&half), &half);
-        let scale = |row: usize| {
-            let scales = fit.scales.of(&samples[row / ROWS]);
-            match row % ROWS {
-                0..3 => scales.position,
-                _ => scales.orientation,
-            }
-        };
-        let scales: Vec<f64> = rows.iter().map(|row| scale(*row)).collect();
-        let noise = |(row, scale): (&usize, &f64)| {
-            let h = fit.hyperparameters[usize::from(row % ROWS >= 3)];
-            scale * scale * libm::exp(h) * new.relative_noise(*row, h).powi(2)
-        };
-        Some(PredictionCovariance {
-            covariance: Mat::from_fn(rows.len(), rows.len(), |i, j| {
-                scales[i] * covariance[(i, j)] * scales[j]
-            }),
-            noise: rows.iter().zip(&scales).map(noise).collect(),
-            first,
-        })
+        if let Some(solved) = &fit.solved {
+            let half = solved.factor.half_solve(&cross);
+            covariance -= product(Transposed(&half), &half);
+        }
+        covariance
     }
 
     /// Returns the covariance of each joint's deflections at two points, in rad² or m².

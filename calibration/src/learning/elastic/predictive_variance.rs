@@ -28,7 +28,7 @@ impl std::fmt::Debug for Uncertainty {
 
 impl Uncertainty {
     /// Creates the uncertainty of a fit to `samples`, scaled by `left_out`, the factors found by leaving single poses
-    /// out. Returns `None` when the fit has no processes.
+    /// out. Returns `None` when the equations cannot be solved.
     pub fn new(fit: ElasticFit, samples: &[BaseSample], left_out: [f64; 2]) -> Option<Self> {
         Some(Self {
             posterior: PosteriorCovariance::new(fit, samples)?,
@@ -77,13 +77,13 @@ impl Uncertainty {
     }
 
     /// Returns the covariance of the predictions of `samples`, scaled as in [`Uncertainty::standard_deviation`].
-    pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> Option<PredictionCovariance> {
+    pub fn of_predictions<F: Clone>(&self, samples: &[Sample<F>]) -> PredictionCovariance {
         let inflation = self.inflation();
         let factor = |pose: usize| {
             let payload = samples[pose].payload_kg;
             let more = self.posterior.payload_factor(payload, self.left_out);
             [inflation[0] * more[0], inflation[1] * more[1]]
         };
-        Some(self.posterior.of_predictions(samples)?.scaled(factor))
+        self.posterior.of_predictions(samples).scaled(factor)
     }
 }

@@ -77,6 +77,7 @@ pub(super) fn fit_elastic(
     let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation);
     let uncertainty = uncertainty.map(|u| Box::new(u.with_refit(refit)));
     if options.device_variance
+        && options.processes
         && let Some(uncertainty) = &uncertainty
     {
         model.sigma = device_variance(

@@ -226,11 +226,11 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     document.drift = drift.map(|d| d.report);
     document.identifiability = of_calibration(calibration, &arm.robot, &samples);
     let knowledge = Knowledge::new(calibration, &arm.robot, &samples);
-    document.expected_error = match calibration.has_local_deviation() {
-        true => knowledge.expected_error(),
-        false => None,
-    }
-    .or_else(|| ExpectedError::new(calibration, &arm.robot, &samples, choice.as_ref()));
+    let choice = choice.as_ref();
+    let own = (knowledge.expected_error()).filter(|_| calibration.has_local_deviation());
+    document.expected_error = own
+        .map(|own| own.at_least(choice))
+        .or_else(|| ExpectedError::new(calibration, &arm.robot, &samples, choice));
     document.next_steps = Some(NextSteps::new(&next_steps::Task {
         calibration,
         robot: &arm.robot,
