@@ -3,6 +3,7 @@
 //! Each test prints what it measured, whether or not it passes. Some simulate only a few arms; `POEGP_SEEDS` sets another
 //! number. The documents use three for `gauge` and four for `next_steps`.
 
+mod along_a_path;
 mod choice;
 mod device_std;
 mod elastic;

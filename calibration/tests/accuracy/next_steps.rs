@@ -30,7 +30,7 @@ const FRESH: usize = 300;
 
 type Ranges = Vec<(f64, f64)>;
 
-fn drawn(ranges: &Ranges, random: &mut ChaCha8Rng) -> Vec<f64> {
+pub fn drawn(ranges: &Ranges, random: &mut ChaCha8Rng) -> Vec<f64> {
     let of = |(least, most): &(f64, f64)| least + (most - least) * random.random::<f64>();
     ranges.iter().map(of).collect()
 }
@@ -39,7 +39,7 @@ fn calibrated(robot: &Robot, train: &[InstrumentSample]) -> CalibratedBlob {
     calibrated_by(Method::Elastic, robot, train)
 }
 
-fn calibrated_by(method: Method, robot: &Robot, train: &[InstrumentSample]) -> CalibratedBlob {
+pub fn calibrated_by(method: Method, robot: &Robot, train: &[InstrumentSample]) -> CalibratedBlob {
     let config = Config::new(method);
     calibrate_to_blob(robot, train, &config, &origin(1), &FitContext::default())
         .unwrap_or_else(|e| panic!("{e}"))

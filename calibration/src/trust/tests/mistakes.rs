@@ -122,21 +122,52 @@ fn a_mistake_in_proportion_is_named_with_its_size() {
     }
 }
 
-/// Play is what honest joints have, and looks like joints that lag.
+/// A little play is what honest joints have. More of it limits the accuracy, as joints do that were read too early.
 #[test]
-fn play_is_no_lag() {
+fn only_much_play_is_named() {
     for seed in 1..=4 {
         let good = measured(Scenario::Paper, 120, seed);
-        let mut poses = good.clone();
-        for (k, pose) in poses.iter_mut().enumerate().skip(1) {
-            let moves = pose.joints.iter_mut().zip(&good[k - 1].joints);
-            moves.for_each(|(q, before)| *q += 2e-4 * (*q - before).signum());
+        for (play, is_named) in [(2e-4, false), (6e-4, true)] {
+            let mut poses = good.clone();
+            for (k, pose) in poses.iter_mut().enumerate().skip(1) {
+                let moves = pose.joints.iter_mut().zip(&good[k - 1].joints);
+                moves.for_each(|(q, before)| *q += play * (*q - before).signum());
+            }
+            let findings = examine(&poses);
+            let lag = findings.0.iter().find(|f| f.cause == Cause::Lag);
+            assert_eq!(lag.is_some(), is_named, "{findings:?}");
+            assert!(lag.is_none_or(|f| f.tier == Tier::Warning), "{lag:?}");
         }
-        let findings = examine(&poses);
-        assert!(
-            findings.0.iter().all(|f| f.cause != Cause::Lag),
-            "{findings:?}"
-        );
+    }
+}
+
+/// One step is a change of few terms. A set-up that is moved again and again has too many, but consecutive rows share it.
+#[test]
+fn a_set_up_that_is_moved_again_and_again_is_named() {
+    for seed in 1..=3 {
+        let good = measured(Scenario::Paper, 160, seed);
+        assert!(examine(&good).0.is_empty());
+        for (rows, by_base, what) in [
+            (20, true, "the instrument or the robot's base moved"),
+            (13, false, "the target or its mounting moved"),
+        ] {
+            let mut poses = good.clone();
+            for (k, pose) in poses.iter_mut().enumerate() {
+                // A direction of its own for each set-up, by the golden angle.
+                let angle = 2.4 * (k / rows) as f64;
+                let shift = 7e-4 * Vector3::new(angle.cos(), angle.sin(), (1.7 * angle).cos());
+                pose.measured.translation += match by_base {
+                    true => shift,
+                    false => pose.measured.rotation * shift,
+                };
+            }
+            let findings = examine(&poses);
+            let [finding] = findings.0.as_slice() else {
+                panic!("{findings:?}");
+            };
+            assert_eq!((finding.cause, finding.tier), (Cause::Step, Tier::Warning));
+            assert!(finding.text.contains(what), "{finding:?}");
+        }
     }
 }
 
