@@ -127,8 +127,8 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     }
     let (name, by) = (a.statistic.name(), findings.effect_mm.mean);
     let error = a.statistic.of(&findings.errors.position_mm);
-    let error = (!document.tolerance_met)
-        .then(|| format!("its {name} position error is {error:.4} mm"));
+    let error =
+        (!document.tolerance_met).then(|| format!("its {name} position error is {error:.4} mm"));
     let drift = (document.drift_matters)
         .then(|| format!("a drift moves the target by {by:.4} mm on average"));
     let reasons = [(error, a.max_mm), (drift, document.max_drift_mm)];

@@ -126,7 +126,6 @@ pub fn checked<'a>(
     Ok((document, set))
 }
 
-
 fn refused(path: &Path, error: CheckError) -> Failure {
     match error {
         CheckError::TooFew {

@@ -100,11 +100,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
 ///
 /// # Errors
 /// [`Failure`] about the inputs.
-pub fn document(
-    a: &Evaluate,
-    loaded: &BlobModel,
-    table: Option<&[u8]>,
-) -> Result<String, Failure> {
+pub fn document(a: &Evaluate, loaded: &BlobModel, table: Option<&[u8]>) -> Result<String, Failure> {
     let input = Input {
         path: &a.test,
         bytes: table,
