@@ -232,7 +232,8 @@ class Model:
         Returns
         -------
         dict
-            What ``trainer evaluate --json`` writes, with ``notes``: the errors are in ``sets[0]``, or in ``touches``.
+            What ``trainer evaluate --json`` writes, with ``notes``: the errors are in ``sets[0]``, or in ``touches``. A note says
+            whether the measurements are in other frames than those of the calibration.
             ``training_data`` is True if the model was calibrated with these rows: its errors elsewhere are larger.
 
         Raises

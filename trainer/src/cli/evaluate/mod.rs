@@ -16,7 +16,7 @@ use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_fail
 use crate::cli::instrument_drift;
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_long};
-use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::terminal::print::{Printer, note, warning};
 use crate::cli::touches::{self, are_touches_in_file};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::BlobModel;
@@ -78,11 +78,8 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     if document.training_data {
         inputs::warn_of_training_data(&a.test, a.blob.display());
     }
-    if !is_same_frame(&result.errors) {
-        warning(format_args!(
-            "{}: these measurements are not in the frames of the calibration, or not of this robot: {FRAMES_HELP}",
-            a.test.display()
-        ));
+    if let Some(text) = in_other_frames(a, result) {
+        warning(text);
     }
     if let Some(line) = fitted_frames(
         &loaded,
@@ -107,8 +104,25 @@ pub fn document(a: &Evaluate, loaded: &BlobModel, table: Option<&[u8]>) -> Resul
     };
     match are_touches_in_file(&input, a.features.as_deref())? {
         true => json_text(&touches::evaluate::evaluated(a, loaded)?),
-        false => json_text(&evaluated(a, loaded, &input)?.document),
+        false => {
+            let found = evaluated(a, loaded, &input)?;
+            // The document does not say it.
+            let [result] = &found.document.sets;
+            in_other_frames(a, result).into_iter().for_each(note);
+            json_text(&found.document)
+        }
     }
+}
+
+/// States that measurements are in other frames than those of the calibration, if they are.
+fn in_other_frames(a: &Evaluate, result: &SetErrors) -> Option<String> {
+    let text = || {
+        format!(
+            "{}: these measurements are not in the frames of the calibration, or not of this robot: {FRAMES_HELP}",
+            a.test.display()
+        )
+    };
+    (!is_same_frame(&result.errors)).then(text)
 }
 
 /// A judged model, before anything is written.
