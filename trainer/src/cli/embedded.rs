@@ -16,11 +16,13 @@ use crate::cli::calibrate::print::{note_all, note_repeated};
 use crate::cli::calibrate::{make, touches};
 pub use crate::cli::evaluate::Residual;
 pub use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs::now;
 use crate::cli::output::json_text;
 use crate::cli::terminal::interrupt::cancelled_by;
 pub use crate::cli::terminal::print::be_silent;
 use crate::cli::terminal::print::with_notes;
+use crate::cli::touches::{self as of_touches, are_touches_in_file};
 use crate::cli::{
     Arguments, Command, check, compare, correct, evaluate, export, parse, plan, tolerance,
 };
@@ -226,7 +228,12 @@ pub fn check(
     let Command::Check(arguments) = &parsed.command else {
         return Err(other_command("check"));
     };
-    let work = || check::document(arguments, model, table);
+    let path = &arguments.measurements;
+    let input = Input { path, bytes: table };
+    let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
+        true => check::touches::document(arguments, model),
+        false => check::document(arguments, model, &input),
+    };
     limited(parsed.threads, || Document::of(work))
 }
 
@@ -240,7 +247,12 @@ pub fn evaluate(
     let Command::Evaluate(arguments) = &parsed.command else {
         return Err(other_command("evaluate"));
     };
-    let work = || evaluate::document(arguments, model, table);
+    let path = &arguments.test;
+    let input = Input { path, bytes: table };
+    let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
+        true => of_touches::evaluate::document(arguments, model),
+        false => evaluate::document(arguments, model, &input),
+    };
     limited(parsed.threads, || Document::of(work))
 }
 
@@ -255,8 +267,15 @@ pub fn compare(
     let Command::Compare(arguments) = &parsed.command else {
         return Err(other_command("compare"));
     };
-    let work = || cancelled_by(cancel, || compare::document(arguments, table));
-    limited(parsed.threads, || Document::of(work))
+    let path = &arguments.train;
+    let input = Input { path, bytes: table };
+    let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
+        true => of_touches::compare::document(arguments),
+        false => compare::document(arguments, &input),
+    };
+    limited(parsed.threads, || {
+        Document::of(|| cancelled_by(cancel, work))
+    })
 }
 
 /// A plan of poses.

@@ -22,7 +22,6 @@ use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row, warning};
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
-use crate::cli::touches::are_touches_in_file;
 use crate::report::certificate::{Certificate, Judged, Statement};
 use crate::report::{FileSummary, data, sections};
 use clap::Args;
@@ -135,20 +134,13 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     Err(advice::does_not_hold(reasons, &document.advice))
 }
 
-/// Checks `loaded`, which takes the place of the blob in `a`, without writing any output; returns the JSON document. `table`
-/// holds the measurements if they are not in a file.
+/// Checks `loaded`, which takes the place of the blob in `a`, by measured poses, without writing any output; returns the JSON
+/// document.
 ///
 /// # Errors
 /// [`Failure`] about the inputs. A calibration that does not hold is no error.
-pub fn document(a: &Check, loaded: &BlobModel, table: Option<&[u8]>) -> Result<String, Failure> {
-    let input = Input {
-        path: &a.measurements,
-        bytes: table,
-    };
-    if are_touches_in_file(&input, a.features.as_deref())? {
-        return json_text(&touches::checked(a, loaded)?.0);
-    }
-    json_text(&checked(a, loaded, &input, &options(a)?)?.0)
+pub fn document(a: &Check, loaded: &BlobModel, input: &Input<'_>) -> Result<String, Failure> {
+    json_text(&checked(a, loaded, input, &options(a)?)?.0)
 }
 
 fn statement(a: &Check) -> Statement {

@@ -74,11 +74,17 @@ fn refuse_others(a: &Check) -> Result<(), Failure> {
     refuse_options(&a.measurements, &given)
 }
 
-/// Checks `loaded`, which takes the place of the blob in `a`, by touches in a file; returns the findings, and the touches.
+/// Checks `loaded`, which takes the place of the blob in `a`, by touches in a file, without writing any output; returns the JSON
+/// document.
 ///
 /// # Errors
-/// [`Failure`] about the inputs.
-pub fn checked<'a>(
+/// [`Failure`] about the inputs. A calibration that does not hold is no error.
+pub fn document(a: &Check, loaded: &BlobModel) -> Result<String, Failure> {
+    json_text(&checked(a, loaded)?.0)
+}
+
+/// Checks a model by touches; returns the findings, and the touches.
+fn checked<'a>(
     a: &Check,
     loaded: &'a BlobModel,
 ) -> Result<(CheckTouchesJson<'a>, TouchSet), Failure> {

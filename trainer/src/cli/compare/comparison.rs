@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::cli::calibrate::report_page;
-use crate::cli::compare::Compare;
+use crate::cli::compare::args::Compare;
 use crate::cli::compare::document::{CompareJson, HeldOutPart};
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};

@@ -1,83 +1,22 @@
 //! `trainer compare`.
 
+mod args;
 mod comparison;
 mod document;
 
 use std::path::{Path, PathBuf};
 
-use clap::Args;
-
-use crate::cli::args::{FitArgs, RobotArgs, heading, method};
+pub use crate::cli::compare::args::Compare;
 use crate::cli::compare::comparison::{Compared, compared, statement};
 pub use crate::cli::compare::document::CompareJson;
-use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::Printer;
-use crate::cli::tolerance::{self, ToleranceArgs};
-use crate::cli::touches::{self, are_touches_in_file};
+use crate::cli::tolerance;
 use crate::report::{never_held_out, sections};
-use poegp_calibration::model::Method;
 use poegp_calibration::validation::cross_validation::ModelComparison;
-
-/// `trainer compare`.
-#[derive(Debug, Args)]
-#[command(
-    after_help = "Examples:\n  trainer compare --robot abb-irb120 train.csv --test test1.csv --test test2.csv --folds 5\n  \
-    trainer compare --robot abb-irb120 touches.csv --blob before.blob --blob after.blob"
-)]
-pub struct Compare {
-    /// Measurements for training and cross-validation; with --blob, touches.
-    pub train: PathBuf,
-    #[command(flatten)]
-    pub robot: RobotArgs,
-    /// Methods, separated by commas (default: all that the data allow).
-    #[arg(long, value_name = "METHOD", value_delimiter = ',', value_parser = method())]
-    pub methods: Vec<Method>,
-    /// Models to compare on touches, without training; may be repeated.
-    #[arg(long = "blob", value_name = "FILE")]
-    pub blobs: Vec<PathBuf>,
-    /// Held-out measurements; may be repeated.
-    #[arg(long = "test", value_name = "FILE")]
-    pub tests: Vec<PathBuf>,
-    /// Number of folds of the cross-validation; 0 for none (default: 10).
-    #[arg(long, value_name = "N")]
-    pub folds: Option<usize>,
-    /// Seed of the division into folds (default: 1).
-    #[arg(long, value_name = "SEED")]
-    pub seed: Option<u64>,
-    /// Write an HTML report with errors and plots of the test sets, otherwise of the folds, or of the
-    /// touches.
-    #[arg(long, value_name = "FILE")]
-    pub report: Option<PathBuf>,
-    /// Write the errors as JSON (`-`: standard output).
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).
-    #[arg(long, value_name = "FILE", help_heading = heading::MEASUREMENTS)]
-    pub features: Option<PathBuf>,
-    /// Remove the instrument's drift from every pose, estimated from reference points (columns ref1_x_mm …).
-    #[arg(long, help_heading = heading::MEASUREMENTS)]
-    pub correct_drift: bool,
-    #[command(flatten, next_help_heading = heading::MEASUREMENTS)]
-    pub accepted: AcceptArgs,
-    #[command(flatten)]
-    pub fit: FitArgs,
-    #[command(flatten, next_help_heading = heading::TOLERANCE)]
-    pub tolerance: ToleranceArgs,
-}
-
-impl Compare {
-    fn folds(&self) -> usize {
-        self.folds.unwrap_or(10)
-    }
-
-    fn seed(&self) -> u64 {
-        self.seed.unwrap_or(1)
-    }
-}
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
     refuse_models(a)?;
@@ -130,21 +69,14 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     tolerance::outcome(certificate, &statement(a))
 }
 
-/// Compares without writing any output, and returns the JSON document. `table` holds the measurements if they are not in a
-/// file. The flag of a caller that embeds this program cancels it.
+/// Compares methods on measured poses without writing any output, and returns the JSON document. The flag of a caller that
+/// embeds this program cancels it.
 ///
 /// # Errors
 /// [`Failure`] about the inputs. A tolerance that is not met is no error.
-pub fn document(a: &Compare, table: Option<&[u8]>) -> Result<String, Failure> {
-    let input = Input {
-        path: &a.train,
-        bytes: table,
-    };
-    if are_touches_in_file(&input, a.features.as_deref())? {
-        return json_text(&touches::compare::compared(a)?);
-    }
+pub fn document(a: &Compare, input: &Input<'_>) -> Result<String, Failure> {
     refuse_models(a)?;
-    json_text(&compared(a, &input)?.document)
+    json_text(&compared(a, input)?.document)
 }
 
 /// Refuses models: they are compared by touches alone.

@@ -17,7 +17,6 @@ use crate::cli::instrument_drift;
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_long};
 use crate::cli::terminal::print::{Printer, note, warning};
-use crate::cli::touches::{self, are_touches_in_file};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::measurement::Measurement;
@@ -92,26 +91,17 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Evaluates `loaded`, which takes the place of the blob in `a`, and returns the JSON document. `table` holds the measurements
-/// if they are not in a file. Nothing is written but what `a` names as predictions.
+/// Evaluates `loaded`, which takes the place of the blob in `a`, on measured poses, and returns the JSON document. Nothing is
+/// written but what `a` names as predictions.
 ///
 /// # Errors
 /// [`Failure`] about the inputs.
-pub fn document(a: &Evaluate, loaded: &BlobModel, table: Option<&[u8]>) -> Result<String, Failure> {
-    let input = Input {
-        path: &a.test,
-        bytes: table,
-    };
-    match are_touches_in_file(&input, a.features.as_deref())? {
-        true => json_text(&touches::evaluate::evaluated(a, loaded)?),
-        false => {
-            let found = evaluated(a, loaded, &input)?;
-            // The document does not say it.
-            let [result] = &found.document.sets;
-            in_other_frames(a, result).into_iter().for_each(note);
-            json_text(&found.document)
-        }
-    }
+pub fn document(a: &Evaluate, loaded: &BlobModel, input: &Input<'_>) -> Result<String, Failure> {
+    let found = evaluated(a, loaded, input)?;
+    // The document does not say it.
+    let [result] = &found.document.sets;
+    in_other_frames(a, result).into_iter().for_each(note);
+    json_text(&found.document)
 }
 
 /// States that measurements are in other frames than those of the calibration, if they are.

@@ -60,11 +60,15 @@ fn refuse_others(a: &Compare) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Compares models by touches in a file.
+/// Compares models by touches in a file, and returns the JSON document.
 ///
 /// # Errors
 /// [`Failure`] about the inputs.
-pub fn compared(a: &Compare) -> Result<CompareTouchesJson, Failure> {
+pub fn document(a: &Compare) -> Result<String, Failure> {
+    json_text(&compared(a)?)
+}
+
+fn compared(a: &Compare) -> Result<CompareTouchesJson, Failure> {
     refuse_others(a)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let set = read(&a.train, a.features.as_deref(), &arm.robot)?;

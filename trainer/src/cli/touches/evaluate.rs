@@ -42,14 +42,15 @@ fn refuse_others(a: &Evaluate) -> Result<(), Failure> {
     refuse_options(&a.test, &given)
 }
 
-/// Evaluates `loaded`, which takes the place of the blob in `a`, with touches in a file.
+/// Evaluates `loaded`, which takes the place of the blob in `a`, with touches in a file; returns the JSON document.
 ///
 /// # Errors
 /// [`Failure`] about the inputs.
-pub fn evaluated<'a>(
-    a: &Evaluate,
-    loaded: &'a BlobModel,
-) -> Result<EvaluateTouchesJson<'a>, Failure> {
+pub fn document(a: &Evaluate, loaded: &BlobModel) -> Result<String, Failure> {
+    json_text(&evaluated(a, loaded)?)
+}
+
+fn evaluated<'a>(a: &Evaluate, loaded: &'a BlobModel) -> Result<EvaluateTouchesJson<'a>, Failure> {
     refuse_others(a)?;
     let robot = drawn_robot(loaded);
     let set = read(&a.test, a.features.as_deref(), &robot)?;
