@@ -22,6 +22,7 @@ from poegp._native import __version__
 from poegp._native import calibrate as _calibrate
 from poegp.errors import DataRefused, Error, InputError
 from poegp.model import Answer, Correction, Model, Residuals, Solution, Status
+from poegp.planning import Plan, compare, plan
 from poegp.programs import correct_program
 
 __all__ = [
@@ -32,12 +33,15 @@ __all__ = [
     "Error",
     "InputError",
     "Model",
+    "Plan",
     "Residuals",
     "Solution",
     "Status",
     "__version__",
     "calibrate",
+    "compare",
     "correct_program",
+    "plan",
 ]
 
 

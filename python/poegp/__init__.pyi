@@ -81,6 +81,16 @@ class Residuals(NamedTuple):
     rotation_rad: NDArray[np.float64]
     line: NDArray[np.uint64]
 
+class Plan(NamedTuple):
+    """Poses to measure: joints (n, dof) and payloads (n,), the same to test with, the CSV table, the document."""
+
+    q: NDArray[np.float64]
+    payload_kg: NDArray[np.float64] | None
+    test_q: NDArray[np.float64]
+    test_payload_kg: NDArray[np.float64] | None
+    table: str
+    summary: dict[str, Any]
+
 class Model:
     """A calibrated arm. It never changes, and any number of threads may use it."""
 
@@ -120,8 +130,14 @@ class Model:
     ) -> NDArray[np.float64]: ...
 
     def residuals(
-        self, data: _Path | _Table, **options: Unpack[_EvaluateOptions]
+        self, data: _Path | _Table, **options: Unpack[_ResidualOptions]
     ) -> Residuals: ...
+    def check(
+        self, data: _Path | _Table, max_mm: float, **options: Unpack[_CheckOptions]
+    ) -> dict[str, Any]: ...
+    def evaluate(
+        self, data: _Path | _Table, **options: Unpack[_EvaluateOptions]
+    ) -> dict[str, Any]: ...
     def export_urdf(
         self,
         out: _Path,
@@ -187,11 +203,62 @@ class _CorrectOptions(TypedDict, total=False):
     inverse: bool
     threads: int
 
-class _EvaluateOptions(TypedDict, total=False):
+class _ResidualOptions(TypedDict, total=False):
     fit_base: bool
     fit_tool: bool | int
     correct_drift: bool
     accept: str | Iterable[str]
+    threads: int
+
+class _EvaluateOptions(_ResidualOptions, total=False):
+    features: _Path
+
+class _CheckOptions(_EvaluateOptions, total=False):
+    statistic: Literal["mean", "p95", "max"]
+    max_drift_mm: float
+    false_alarms: float
+    previous: _Path
+    programs: _Path | Iterable[_Path]
+    position_sigma_mm: float
+    orientation_sigma_mrad: float
+    tolerance_mm: float
+    tolerance_mrad: float
+    coverage: float
+
+class _CompareOptions(TypedDict, total=False):
+    base: str
+    tip: str
+    blob: _Path | Iterable[_Path]
+    seed: int
+    features: _Path
+    correct_drift: bool
+    accept: str | Iterable[str]
+    position_sigma_mm: float
+    orientation_sigma_mrad: float
+    outliers: Literal["keep", "reject"]
+    warm_up: Literal["keep", "remove"]
+    weighting: Literal["none", "noise"]
+    per_output: bool
+    no_variance: bool
+    gravity: str | Iterable[float]
+    inducing_points: int
+    tolerance_mm: float
+    tolerance_mrad: float
+    coverage: float
+    threads: int
+
+class _PlanOptions(TypedDict, total=False):
+    base: str
+    tip: str
+    test_poses: int
+    constraints: _Path
+    v_optimal: bool
+    space_filling: bool
+    prior: _Path
+    gravity: str | Iterable[float]
+    seed: int
+    forecast: int | Iterable[int]
+    no_forecast: bool
     threads: int
 
 class _ExportOptions(TypedDict, total=False):
@@ -206,6 +273,22 @@ def calibrate(
     method: _Method | None = None,
     **options: Unpack[_CalibrateOptions],
 ) -> Calibration: ...
+def compare(
+    robot: _Path,
+    data: _Path | _Table,
+    *,
+    methods: str | Iterable[str] | None = None,
+    test: _Path | Iterable[_Path] | None = None,
+    folds: int | None = None,
+    **options: Unpack[_CompareOptions],
+) -> dict[str, Any]: ...
+def plan(
+    robot: _Path,
+    count: int | None = None,
+    *,
+    payloads: float | Iterable[float] | None = None,
+    **options: Unpack[_PlanOptions],
+) -> Plan: ...
 def correct_program(
     program: _Path | Iterable[_Path],
     out: _Path,

@@ -186,6 +186,67 @@ class Model:
         """
         return Residuals(*self._native.residuals(data, **options))
 
+    def check(self, data, max_mm, **options):
+        """Test with a few new measurements whether the calibration still holds.
+
+        Parameters
+        ----------
+        data : path, DataFrame or dict of arrays
+            Ten to twenty poses, spread over the joints as in training: a file or a table as for :func:`poegp.calibrate`. A file
+            of touches is taken, too, with ``NAME.toml`` beside it or ``features="NAME.toml"``.
+        max_mm : float
+            Tolerance of the position error, including measurement noise.
+        **options
+            Other options of ``trainer check`` with underscores: ``statistic="p95"``, ``max_drift_mm=0.1``, ``fit_base=True``,
+            ``accept=["drift"]``, ``previous="old.blob"``, ``programs=["corrected"]``, ``tolerance_mm=0.3``.
+
+        Returns
+        -------
+        dict
+            What ``trainer check --json`` writes, with ``notes``. ``holds`` says whether the calibration holds; that it does not
+            is no exception. What moved is in ``changes``, what to do in ``advice``. With touches, findings are in ``touches``.
+
+        Raises
+        ------
+        InputError
+            Something in the measurements is wrong, or the model was calibrated with them.
+        DataRefused
+            The measurements are not of this robot.
+        ValueError
+            An option that does not exist, or a value that it does not take.
+        """
+        return self._native.check(data, max_mm=max_mm, **options)
+
+    def evaluate(self, data, **options):
+        """Errors of the model on measurements that it was not trained on.
+
+        Parameters
+        ----------
+        data : path, DataFrame or dict of arrays
+            A file or a table as for :func:`poegp.calibrate`. A file of touches is taken, too, with ``NAME.toml`` beside it or
+            ``features="NAME.toml"``.
+        **options
+            The options of ``trainer evaluate`` with underscores: ``fit_base=True``, ``fit_tool=10``, ``correct_drift=True``,
+            ``accept=["drift"]``.
+
+        Returns
+        -------
+        dict
+            What ``trainer evaluate --json`` writes, with ``notes``: the errors are in ``sets[0]``, or in ``touches``. A note says
+            whether the measurements are in other frames than those of the calibration.
+            ``training_data`` is True if the model was calibrated with these rows: its errors elsewhere are larger.
+
+        Raises
+        ------
+        InputError
+            Something in the measurements is wrong.
+        DataRefused
+            The measurements are not of this robot.
+        ValueError
+            An option that does not exist, or a value that it does not take.
+        """
+        return self._native.evaluate(data, **options)
+
     def export_urdf(self, out, nominal=None, *, payload_kg=None, region=None, target_link=None, **options):
         """Write a URDF of the chain without correction that is nearest to the model, and return what it leaves.
 

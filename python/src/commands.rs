@@ -1,4 +1,4 @@
-//! Calibrations, exports and corrected programs: commands of the trainer without its terminal.
+//! Calibrations, comparisons, plans, exports and corrected programs: commands of the trainer without its terminal.
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -6,17 +6,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
+use numpy::{PyArray1, PyArrayDyn};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
-use poegp_trainer::cli::embedded::{self, Calibrated, Failure};
+use poegp_trainer::cli::embedded::{self, Calibrated, Document, Failure};
 
+use crate::arrays::{column, shaped};
 use crate::errors::failure;
 use crate::options::given;
 use crate::table;
 
-/// How often a calibration looks for Ctrl-C.
+/// How often a fit looks for Ctrl-C.
 const SIGNALS: Duration = Duration::from_millis(20);
 
 /// A calibration; see `poegp.Calibration` in the stubs.
@@ -36,9 +38,7 @@ impl Calibration {
     /// What `trainer calibrate --json` writes, as a dictionary, with the notes.
     #[getter]
     fn summary<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let summary = loads(py, &self.made.json)?;
-        summary.set_item("notes", &self.made.notes)?;
-        Ok(summary)
+        with_notes(py, &self.made.json, &self.made.notes)
     }
 
     /// An HTML page with held-out errors: calibrates again, and five times more for cross-validation.
@@ -64,10 +64,7 @@ pub fn calibrate(
     data: &Bound<'_, PyAny>,
     options: Option<&Bound<'_, PyDict>>,
 ) -> PyResult<Calibration> {
-    let (name, data) = match data.extract::<PathBuf>() {
-        Ok(path) => (path, None),
-        Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
-    };
+    let (name, data) = table::measurements(data)?;
     let mut line = given("calibrate", options, OUTPUTS)?;
     line.extend(robot.map(|robot| joined("--robot=", robot)));
     line.extend(["--".into(), name.into_os_string()]);
@@ -120,11 +117,92 @@ pub fn export<'py>(
     loads(py, &done.map_err(|error| failure(py, *error))?)
 }
 
+/// Compares methods; see `poegp.compare` in the stubs.
+#[pyfunction]
+#[pyo3(signature = (robot, data, **options))]
+pub fn compare<'py>(
+    py: Python<'py>,
+    robot: PathBuf,
+    data: &Bound<'py, PyAny>,
+    options: Option<&Bound<'py, PyDict>>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let (name, table) = table::measurements(data)?;
+    let mut line = given("compare", options, &["json", "report"])?;
+    line.extend([joined("--robot=", robot), "--".into(), name.into()]);
+    let found = cancellable(py, move |cancel| {
+        embedded::compare(&line, table.as_deref(), cancel).map_err(Box::new)
+    })?;
+    dictionary(py, &found)
+}
+
+/// Joints row by row, and the payload of each row; none if payloads are not stated.
+type Poses<'py> = (
+    Bound<'py, PyArrayDyn<f64>>,
+    Option<Bound<'py, PyArray1<f64>>>,
+);
+
+/// Plans poses; see `poegp.plan` in the stubs. Returns the poses for the calibration, those to test it, the table and the
+/// document.
+#[pyfunction]
+#[pyo3(signature = (robot, **options))]
+pub fn plan<'py>(
+    py: Python<'py>,
+    robot: PathBuf,
+    options: Option<&Bound<'py, PyDict>>,
+) -> PyResult<(Poses<'py>, Poses<'py>, String, Bound<'py, PyAny>)> {
+    let mut line = given("plan", options, PLAN_OUTPUTS)?;
+    line.push(joined("--robot=", robot));
+    let made = cancellable(py, move |cancel| {
+        embedded::plan(&line, cancel).map_err(Box::new)
+    })?;
+    let dof = made.poses.first().map_or(0, |pose| pose.joints.len());
+    let poses = |check: bool| -> PyResult<Poses<'py>> {
+        let of = || made.poses.iter().filter(|pose| pose.check == check);
+        let joints: Vec<f64> = of().flat_map(|pose| pose.joints.clone()).collect();
+        let payloads: Option<Vec<f64>> = of().map(|pose| pose.payload_kg).collect();
+        let is_stated = made.poses.iter().all(|pose| pose.payload_kg.is_some());
+        let payloads = payloads.filter(|_| is_stated);
+        Ok((
+            shaped(py, joints, &[of().count(), dof])?,
+            payloads.map(|payloads| column(py, payloads)),
+        ))
+    };
+    Ok((
+        poses(false)?,
+        poses(true)?,
+        made.table.clone(),
+        dictionary(py, &made.document)?,
+    ))
+}
+
+/// Options of `plan` that name outputs.
+const PLAN_OUTPUTS: &[&str] = &[
+    "out",
+    "test_out",
+    "json",
+    "features_out",
+    "rapid",
+    "krl",
+    "urscript",
+    "fanuc",
+];
+
+/// A document as a dictionary, with the notes.
+pub fn dictionary<'py>(py: Python<'py>, document: &Document) -> PyResult<Bound<'py, PyAny>> {
+    with_notes(py, &document.json, &document.notes)
+}
+
+fn with_notes<'py>(py: Python<'py>, json: &str, notes: &[String]) -> PyResult<Bound<'py, PyAny>> {
+    let out = loads(py, json)?;
+    out.set_item("notes", notes)?;
+    Ok(out)
+}
+
 fn loads<'py>(py: Python<'py>, json: &str) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (json,))
 }
 
-/// Runs a calibration on a thread of its own, while this one looks for Ctrl-C.
+/// Runs a fit on a thread of its own, while this one looks for Ctrl-C.
 fn cancellable<R: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(Arc<AtomicBool>) -> Result<R, Box<Failure>> + Send + 'static,
@@ -145,7 +223,7 @@ fn cancellable<R: Send + 'static>(
     match made {
         Ok(made) => made.map_err(|error| failure(py, *error)),
         Err(_) => Err(PyRuntimeError::new_err(
-            "the calibration stopped by an error of the program: please report it",
+            "the work stopped by an error of the program: please report it",
         )),
     }
 }

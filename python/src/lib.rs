@@ -17,7 +17,7 @@ mod _native {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use crate::commands::{Calibration, calibrate, correct_program, export};
+    use crate::commands::{Calibration, calibrate, compare, correct_program, export, plan};
     #[pymodule_export]
     use crate::model::{NativeModel, status_flags};
 

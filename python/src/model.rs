@@ -1,5 +1,6 @@
 //! A model: many configurations at once, on all cores, while other threads of Python run.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use numpy::{PyArray1, PyArrayDyn};
@@ -15,9 +16,10 @@ use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 
-use poegp_trainer::cli::embedded;
+use poegp_trainer::cli::embedded::{self, Failure};
 
 use crate::arrays::{check_pose, column, each, one, rows, shaped};
+use crate::commands::dictionary;
 use crate::errors::{failure, input_error};
 use crate::options::given;
 use crate::table;
@@ -312,16 +314,7 @@ impl NativeModel {
         data: &Bound<'py, PyAny>,
         options: Option<&Bound<'py, PyDict>>,
     ) -> PyResult<(Numbers<'py>, Numbers<'py>, Bound<'py, PyArray1<u64>>)> {
-        let (name, table) = match data.extract::<PathBuf>() {
-            Ok(path) => (path, None),
-            Err(_) => (PathBuf::from(table::NAME), Some(table::csv(data)?)),
-        };
-        let mut line = given("evaluate", options, &["predictions", "trust", "json"])?;
-        line.extend(["--".into(), "(in memory)".into(), name.into_os_string()]);
-        let model = self.arm.blob();
-        let found =
-            py.detach(|| embedded::residuals(model, &line, table.as_deref()).map_err(Box::new));
-        let found = found.map_err(|error| failure(py, *error))?;
+        let found = self.judged(py, "evaluate", data, options, embedded::residuals)?;
         let none = [f64::NAN; 3];
         let positions = found.iter().flat_map(|r| r.position).collect();
         let rotations = found.iter().flat_map(|r| r.rotation.unwrap_or(none));
@@ -333,9 +326,57 @@ impl NativeModel {
             column(py, lines),
         ))
     }
+
+    /// What `trainer check --json` writes; see `poegp.Model.check` in the stubs.
+    #[pyo3(signature = (data, **options))]
+    fn check<'py>(
+        &self,
+        py: Python<'py>,
+        data: &Bound<'py, PyAny>,
+        options: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        dictionary(
+            py,
+            &self.judged(py, "check", data, options, embedded::check)?,
+        )
+    }
+
+    /// What `trainer evaluate --json` writes; see `poegp.Model.evaluate` in the stubs.
+    #[pyo3(signature = (data, **options))]
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        data: &Bound<'py, PyAny>,
+        options: Option<&Bound<'py, PyDict>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        dictionary(
+            py,
+            &self.judged(py, "evaluate", data, options, embedded::evaluate)?,
+        )
+    }
 }
 
+/// Options of the command line that name outputs of the commands that judge a model.
+const OUTPUTS: &[&str] = &["predictions", "trust", "json", "report"];
+
 impl NativeModel {
+    /// What `work` finds with this model and these measurements, while other threads of Python run.
+    fn judged<R: Send>(
+        &self,
+        py: Python<'_>,
+        command: &str,
+        data: &Bound<'_, PyAny>,
+        options: Option<&Bound<'_, PyDict>>,
+        work: impl FnOnce(&BlobModel, &[OsString], Option<&[u8]>) -> Result<R, Failure> + Send,
+    ) -> PyResult<R> {
+        let (name, table) = table::measurements(data)?;
+        let mut line = given(command, options, OUTPUTS)?;
+        line.extend(["--".into(), "(in memory)".into(), name.into_os_string()]);
+        let model = self.arm.blob();
+        let found = py.detach(|| work(model, &line, table.as_deref()).map_err(Box::new));
+        found.map_err(|error| failure(py, *error))
+    }
+
     /// `flange_from_target`.
     fn flange(&self) -> Pose<f64> {
         Pose::from_rows(&self.arm.blob().host().gauge.flange_from_target)

@@ -1,5 +1,7 @@
 //! A table of Python, a DataFrame or a dictionary of columns, as the text of a measurement file.
 
+use std::path::PathBuf;
+
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -9,11 +11,19 @@ use poegp_calibration::input_error::InputError;
 use crate::errors::input_error;
 
 /// What messages call it.
-pub const NAME: &str = "<table>";
+const NAME: &str = "<table>";
+
+/// The path of measurements; of a table its name, and the text of a file with its columns.
+pub fn measurements(data: &Bound<'_, PyAny>) -> PyResult<(PathBuf, Option<Vec<u8>>)> {
+    match data.extract::<PathBuf>() {
+        Ok(path) => Ok((path, None)),
+        Err(_) => Ok((PathBuf::from(NAME), Some(csv(data)?))),
+    }
+}
 
 /// The text of a CSV file with these columns. Numbers are written as `repr` writes them, so that nothing of them is lost; what
 /// is missing (None, NaN) is an empty field. The first row is line 2, as after the header of a file.
-pub fn csv(data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+fn csv(data: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
     let py = data.py();
     let keys = data.call_method0("keys").map_err(|_| {
         let found = data.get_type();

@@ -56,19 +56,24 @@ def test_the_stubs_name_what_there_is():
 def test_every_option_of_the_stubs_is_one_of_the_command_line(trainer):
     """And every option of the command line but outputs is in the stubs."""
     tree = ast.parse((PACKAGE / "__init__.pyi").read_text())
-    tables = {
-        n.name: {a.target.id for a in n.body if isinstance(a, ast.AnnAssign)}
-        for n in tree.body
-        if isinstance(n, ast.ClassDef) and n.name.startswith("_")
-    }
-    stubs = ["_CalibrateOptions", "_CorrectOptions", "_EvaluateOptions", "_ExportOptions"]
+    tables = {}
+    for n in tree.body:
+        if isinstance(n, ast.ClassDef) and n.name.startswith("_"):
+            own = {a.target.id for a in n.body if isinstance(a, ast.AnnAssign)}
+            tables[n.name] = own.union(*(tables.get(base.id, set()) for base in n.bases if isinstance(base, ast.Name)))
     # What functions have as arguments of their own, or write.
     arguments = {
         "export": {"urdf", "payload_kg", "region", "target_link", "mjcf", "ur_kinematics", "dh", "mdh", "poe", "joint_offsets", "c_header"},
-        # Residuals are of poses; touches, which features are of, have none.
-        "evaluate": {"predictions", "trust", "features"},
+        "evaluate": {"predictions", "trust"},
+        "check": {"max_mm"},
+        "compare": {"methods", "test", "folds"},
+        # Touches need a description that is filled in; programs are files.
+        "plan": {"count", "payloads", "test_out", "touch", "features_out", "rapid", "krl", "urscript", "fanuc"},
     }
-    for command, table in zip(["calibrate", "correct", "evaluate", "export"], stubs):
+    # Residuals are of poses; touches, which features are of, have none.
+    assert tables["_ResidualOptions"] == tables["_EvaluateOptions"] - {"features"}
+    for command in ["calibrate", "check", "compare", "correct", "evaluate", "export", "plan"]:
+        table = f"_{command.capitalize()}Options"
         lines = [line.split() for line in trainer(command, "--help").splitlines()]
         known = {w for line in lines for w in line[:2] if w.startswith("--")}
         known = {w.strip(",()[]").removeprefix("--").replace("-", "_") for w in known}

@@ -20,3 +20,8 @@ bits: np.ndarray = answer.status & poegp.Status.OUTSIDE_JOINT_RANGE
 left = model.residuals(table, fit_tool=True, threads=1, accept="frames")
 model.export_urdf("arm.urdf", region=pd.DataFrame(q), payload_kg=2.5)
 one.report(Path("page.html"))
+holds: bool = model.check(table, 0.15, statistic="p95", fit_base=True, programs=["corrected"])["holds"]
+errors = model.evaluate("test.csv", fit_tool=10, features=Path("a.toml"))["sets"][0]["position_mm"]["mean"]
+both = poegp.compare("ur10", table, methods=["elastic", "poe"], test=["a.csv", Path("b.csv")], folds=0, seed=2)
+planned = poegp.plan("ur10", 50, payloads=[0, 5, 10], test_poses=15, no_forecast=True)
+rows, poses_to_measure, csv = len(planned.q), planned.q[0], planned.table.splitlines()

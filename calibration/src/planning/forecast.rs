@@ -7,6 +7,7 @@
 //! has errors of its own.
 
 use std::sync::Mutex;
+use std::sync::atomic::Ordering;
 
 use serde::Serialize;
 
@@ -17,7 +18,7 @@ use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::ErrorSummary;
 use crate::planning::{PlannedPose, Planner, Strategy};
-use crate::progress::FitContext;
+use crate::progress::{FitContext, threads};
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
 
 /// Number of simulated arms of each kind.
@@ -103,11 +104,13 @@ impl Planner<'_> {
             .collect();
         let next = Mutex::new(jobs.iter());
         let errors = Mutex::new(vec![vec![Vec::new(); SCENARIOS.len()]; plans.len()]);
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::scope(|scope| {
-            for _ in 0..threads.min(jobs.len()) {
+            for _ in 0..threads().min(jobs.len()) {
                 scope.spawn(|| {
                     while let Some((p, s, arm)) = take(&next) {
+                        if self.task.cancel.load(Ordering::Relaxed) {
+                            break;
+                        }
                         let found = self.error_of(&plans[p].1, &test, SCENARIOS[s], arm);
                         if let Ok(mut errors) = errors.lock() {
                             errors[p][s].push((arm, found));
@@ -171,7 +174,7 @@ impl Planner<'_> {
             &train,
             &options,
             &origin,
-            &FitContext::default(),
+            &FitContext::new(&(), task.cancel),
         );
         Some(ErrorSummary::new(&found.ok()?.blob.errors(&test)))
     }

@@ -31,6 +31,8 @@ mod tests;
 pub mod touches;
 pub mod wider_range;
 
+use std::sync::atomic::AtomicBool;
+
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
@@ -103,6 +105,8 @@ pub struct Task<'a> {
     pub sister: Option<&'a Sister>,
     /// Seed of all random numbers.
     pub seed: u64,
+    /// Flag that another thread sets to end the plan and its forecast early, with results that are of no use.
+    pub cancel: &'a AtomicBool,
 }
 
 /// One pose to measure.
@@ -272,7 +276,7 @@ impl<'a> Planner<'a> {
             prior,
         );
         let start: Vec<usize> = start.iter().map(|(i, k)| k * pool.len() + i).collect();
-        let chosen = design.exchange(&start);
+        let chosen = design.exchange(&start, task.cancel);
         chosen
             .iter()
             .map(|c| (c % pool.len(), c / pool.len()))

@@ -13,6 +13,8 @@
 //!
 //! The Jacobians are those of the runtime, through [`ParametricModel::linearise`].
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use nalgebra::{SMatrix, Vector3};
 use poegp_runtime::elastic::ripple::ripple_regressors;
 use poegp_runtime::kinematics::poe::Poe;
@@ -199,8 +201,8 @@ impl Design {
     }
 
     /// Exchanges the poses of `start`, given as indices of candidates, each for one of the same payload; no joints are used
-    /// twice.
-    pub fn exchange(&self, start: &[usize]) -> Vec<usize> {
+    /// twice. Ends early if another thread sets `cancel`.
+    pub fn exchange(&self, start: &[usize], cancel: &AtomicBool) -> Vec<usize> {
         let mut chosen = start.to_vec();
         let n = self.of_a_payload;
         let wanted = self.mean_position();
@@ -212,6 +214,9 @@ impl Design {
             let mut gains = Gains::new(self, covariance, &wanted);
             let before = chosen.clone();
             for slot in 0..chosen.len() {
+                if cancel.load(Ordering::Relaxed) {
+                    return chosen;
+                }
                 let old = chosen[slot];
                 let Some(removal) = gains.change(old, -1.0) else {
                     continue;
@@ -418,7 +423,7 @@ mod tests {
         let design = design();
         let variance = |chosen: &[usize]| design.mean_variance(chosen).unwrap();
         let start: Vec<usize> = (0..10).map(|k| JOINTS * (k % 2) + k).collect();
-        let chosen = design.exchange(&start);
+        let chosen = design.exchange(&start, &crate::progress::NEVER);
         let best = variance(&chosen);
         assert!(best < 0.8 * variance(&start), "{best}");
         let payload = |i: &usize| i / JOINTS;

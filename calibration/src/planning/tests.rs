@@ -107,6 +107,7 @@ fn planned_poses_of_built_in_arms_touch_neither_floor_nor_arm() {
             noise: (30e-6, 50e-6),
             sister: None,
             seed: 5,
+            cancel: &crate::progress::NEVER,
         });
         let plan = planner.plan(70, 30, Strategy::SpaceFilling).unwrap();
         let radii = radii(&robot);

@@ -286,7 +286,7 @@ fn planned(
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     let (n, prior) = (candidates.len(), Prior::usual(robot.joints.len()));
     let design = Design::new(&chain, None, gravity, &candidates, n, noise, &prior);
-    let chosen = design.exchange(&start);
+    let chosen = design.exchange(&start, &poegp_calibration::progress::NEVER);
     let is_chosen = |i: &usize| chosen.contains(i);
     let of = |wanted: bool| {
         let rows = (0..all.len()).filter(|i| is_chosen(i) == wanted);

@@ -102,6 +102,7 @@ impl Arm {
                     noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
                     sister: (poses == Poses::LikeASister).then(|| self.sister(scenario)),
                     seed,
+                    cancel: &poegp_calibration::progress::NEVER,
                 });
                 let strategy = strategy.unwrap_or(Strategy::usual(count));
                 let plan = planner.plan(count, 0, strategy).unwrap();

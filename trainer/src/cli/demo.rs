@@ -137,12 +137,12 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let blob = a.out.join("arm.blob");
     write_outputs(&[(&blob, found.blob.bytes())])?;
     let document = crate::cli::compare::CompareJson {
-        warnings: &[],
+        warnings: Vec::new(),
         version: env!("CARGO_PKG_VERSION"),
         seed: a.seed,
         per_output: false,
         weighting: Weighting::None,
-        methods: &models[..PAPER_TABLE_I.len()],
+        methods: models[..PAPER_TABLE_I.len()].to_vec(),
         shown: None,
         drift: None,
         methods_without_correction: None,

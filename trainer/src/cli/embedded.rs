@@ -16,13 +16,18 @@ use crate::cli::calibrate::print::{note_all, note_repeated};
 use crate::cli::calibrate::{make, touches};
 pub use crate::cli::evaluate::Residual;
 pub use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs::now;
 use crate::cli::output::json_text;
 use crate::cli::terminal::interrupt::cancelled_by;
 pub use crate::cli::terminal::print::be_silent;
 use crate::cli::terminal::print::with_notes;
-use crate::cli::{Arguments, Command, correct, evaluate, export, parse, tolerance};
+use crate::cli::touches::{self as of_touches, are_touches_in_file};
+use crate::cli::{
+    Arguments, Command, check, compare, correct, evaluate, export, parse, plan, tolerance,
+};
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::planning::PlannedPose;
 use poegp_calibration::progress::limit_threads;
 
 /// The results of a calibration, and what it takes to do it again for a report.
@@ -195,6 +200,131 @@ pub fn residuals(
         evaluate::residuals(arguments, model, table)
     })
 }
+
+/// A JSON document that `--json` writes, with what the command line prints as notes.
+#[derive(Clone, Debug)]
+pub struct Document {
+    /// The document.
+    pub json: String,
+    /// The notes.
+    pub notes: Vec<String>,
+}
+
+impl Document {
+    fn of(work: impl FnOnce() -> Result<String, Failure>) -> Result<Self, Failure> {
+        let (json, notes) = with_notes(work);
+        Ok(Self { json: json?, notes })
+    }
+}
+
+/// Runs `trainer check` with these options, without writing any output. `table` and `model` are as for [`residuals`]. A
+/// calibration that does not hold is not an error.
+pub fn check(
+    model: &BlobModel,
+    options: &[OsString],
+    table: Option<&[u8]>,
+) -> Result<Document, Failure> {
+    let parsed = parsed("check", options)?;
+    let Command::Check(arguments) = &parsed.command else {
+        return Err(other_command("check"));
+    };
+    let path = &arguments.measurements;
+    let input = Input { path, bytes: table };
+    let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
+        true => check::touches::document(arguments, model),
+        false => check::document(arguments, model, &input),
+    };
+    limited(parsed.threads, || Document::of(work))
+}
+
+/// Runs `trainer evaluate` with these options, without writing any output. `table` and `model` are as for [`residuals`].
+pub fn evaluate(
+    model: &BlobModel,
+    options: &[OsString],
+    table: Option<&[u8]>,
+) -> Result<Document, Failure> {
+    let parsed = parsed("evaluate", options)?;
+    let Command::Evaluate(arguments) = &parsed.command else {
+        return Err(other_command("evaluate"));
+    };
+    let path = &arguments.test;
+    let input = Input { path, bytes: table };
+    let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
+        true => of_touches::evaluate::document(arguments, model),
+        false => evaluate::document(arguments, model, &input),
+    };
+    limited(parsed.threads, || Document::of(work))
+}
+
+/// Runs `trainer compare` with these options, without writing any output. `table` is as for [`calibrate`]. A tolerance that is
+/// not met is not an error. The comparison ends soon after another thread sets `cancel`.
+pub fn compare(
+    options: &[OsString],
+    table: Option<&[u8]>,
+    cancel: Arc<AtomicBool>,
+) -> Result<Document, Failure> {
+    let parsed = parsed("compare", options)?;
+    let Command::Compare(arguments) = &parsed.command else {
+        return Err(other_command("compare"));
+    };
+    let path = &arguments.train;
+    let input = Input { path, bytes: table };
+    let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
+        true => of_touches::compare::document(arguments),
+        false => compare::document(arguments, &input),
+    };
+    limited(parsed.threads, || {
+        Document::of(|| cancelled_by(cancel, work))
+    })
+}
+
+/// A plan of poses.
+#[derive(Clone, Debug)]
+pub struct Planned {
+    /// The poses in the order in which they are to be measured.
+    pub poses: Vec<PlannedPose>,
+    /// The table that `--out` writes.
+    pub table: String,
+    /// What `--json` writes.
+    pub document: Document,
+}
+
+/// Runs `trainer plan` with these options, which name no output, without writing any. It ends soon after another thread sets
+/// `cancel`.
+pub fn plan(options: &[OsString], cancel: Arc<AtomicBool>) -> Result<Planned, Failure> {
+    let mut options = options.to_vec();
+    options.push(format!("--out={IN_MEMORY}").into());
+    let has_checks = |option: &OsString| option.to_string_lossy().starts_with("--test-poses=");
+    if options.iter().any(has_checks) {
+        options.push(format!("--test-out={IN_MEMORY}").into());
+    }
+    let parsed = parsed("plan", &options)?;
+    let Command::Plan(arguments) = &parsed.command else {
+        return Err(other_command("plan"));
+    };
+    if !arguments.touch.is_empty() {
+        return Err(Failure::Usage(
+            "found --touch, expected a plan of measured poses: plan touches with `trainer plan`"
+                .to_owned(),
+        ));
+    }
+    limited(parsed.threads, || {
+        let work = || plan::planned(arguments, |_| Ok(()));
+        let (made, mut notes) = with_notes(|| cancelled_by(cancel, work));
+        let made = made?;
+        notes.extend(made.notes);
+        let json = json_text(&made.document)?;
+        let table = made.files.into_iter().next();
+        Ok(Planned {
+            poses: made.plan.poses,
+            table: table.map_or_else(String::new, |(_, text)| text),
+            document: Document { json, notes },
+        })
+    })
+}
+
+/// Path of an output that is not written.
+const IN_MEMORY: &str = "(in memory)";
 
 /// Parses the command line that consists of `name` and `options`.
 fn parsed(name: &str, options: &[OsString]) -> Result<Arguments, Failure> {

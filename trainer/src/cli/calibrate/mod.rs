@@ -33,6 +33,7 @@ use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use crate::cli::tolerance;
+use crate::cli::touches::features_of_a_table;
 use crate::report::certificate::Certificate;
 use crate::report::controller::ControllerSummary;
 use crate::report::{FileSummary, ReportData};
@@ -89,10 +90,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
 /// [`Failure`] about the inputs or about the result.
 pub fn make(a: &Job) -> Result<Made, Failure> {
     if a.features.is_some() {
-        return Err(Failure::Usage(format!(
-            "found --features with the table {}, expected the touches in a file",
-            a.train.display()
-        )));
+        return Err(features_of_a_table(&a.train));
     }
     if !a.prior.is_empty() {
         return Err(Failure::Usage(format!(

@@ -89,7 +89,7 @@ pub struct CheckJson<'a> {
     #[serde(skip)]
     pub fitted: Option<String>,
     #[serde(flatten)]
-    pub findings: &'a Findings,
+    pub findings: Findings,
     /// Advice on what to do next.
     pub advice: Vec<String>,
     pub provenance: Provenance,
@@ -100,7 +100,7 @@ impl CheckJson<'_> {
     pub fn orientation(&self) -> Option<String> {
         match self.orientation_judged {
             true => None,
-            false => unexplained::orientation(self.findings),
+            false => unexplained::orientation(&self.findings),
         }
     }
 }
@@ -122,7 +122,7 @@ pub struct CheckTouchesJson<'a> {
     pub commands_move: Option<CommandChange>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub programs: Vec<CorrectedProgram>,
-    pub touches: &'a TouchReport,
+    pub touches: TouchReport,
     pub advice: Vec<String>,
     pub provenance: Provenance,
 }

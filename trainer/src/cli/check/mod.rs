@@ -27,6 +27,7 @@ use crate::report::{FileSummary, data, sections};
 use clap::Args;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::{InputError, counted};
+use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::noise::InstrumentNoise;
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::numeric::statistics::Summary;
@@ -110,24 +111,70 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     check_outputs(&outputs, &files)?;
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;
+    let (document, set) = checked(a, &loaded, &Input::file(&a.measurements), &options)?;
+    let json = json_text(&document)?;
+    let (day, kinds) = (loaded.host().provenance.date, loaded.kinds());
+    let page = (a.report.as_ref()).map(|_| page::page(&document, &set, &kinds, day));
+    write_texts(&[
+        (a.report.as_deref(), page.as_deref()),
+        (a.json.as_deref(), Some(&json)),
+    ])?;
+    print(Printer::for_outputs(&outputs), a, &document, day);
+    let findings = &document.findings;
+    if document.holds {
+        return tolerance::outcome(Some(&document.certificate), &statement(a));
+    }
+    let (name, by) = (a.statistic.name(), findings.effect_mm.mean);
+    let error = a.statistic.of(&findings.errors.position_mm);
+    let error =
+        (!document.tolerance_met).then(|| format!("its {name} position error is {error:.4} mm"));
+    let drift = (document.drift_matters)
+        .then(|| format!("a drift moves the target by {by:.4} mm on average"));
+    let reasons = [(error, a.max_mm), (drift, document.max_drift_mm)];
+    Err(advice::does_not_hold(reasons, &document.advice))
+}
+
+/// Checks `loaded`, which takes the place of the blob in `a`, by measured poses, without writing any output; returns the JSON
+/// document.
+///
+/// # Errors
+/// [`Failure`] about the inputs. A calibration that does not hold is no error.
+pub fn document(a: &Check, loaded: &BlobModel, input: &Input<'_>) -> Result<String, Failure> {
+    json_text(&checked(a, loaded, input, &options(a)?)?.0)
+}
+
+fn statement(a: &Check) -> Statement {
+    Statement {
+        tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+        ..Statement::default()
+    }
+}
+
+/// Checks a model by measured poses; returns the findings, and the measurements.
+fn checked<'a>(
+    a: &Check,
+    loaded: &'a BlobModel,
+    input: &Input<'_>,
+    options: &check::Options,
+) -> Result<(CheckJson<'a>, MeasurementSet), Failure> {
     let correction = instrument_drift::correction(a.frames.correct_drift);
-    let data = inputs::read(&loaded, &Input::file(&a.measurements), correction)?;
+    let data = inputs::read(loaded, input, correction)?;
     let sha256 = data.set.sha256;
-    inputs::fresh(&loaded, &a.measurements, sha256, "fresh measurements")?;
+    inputs::fresh(loaded, &a.measurements, sha256, "fresh measurements")?;
     let mut warnings = data.examined(
         &a.measurements,
         a.json.as_deref(),
         &a.accepted.accept,
-        &inputs::robot_of(&loaded),
+        &inputs::robot_of(loaded),
     )?;
-    let tools = data.frames(&loaded, &a.measurements, options.frames)?;
+    let tools = data.frames(loaded, &a.measurements, options.frames)?;
     let lines: Vec<usize> = data.set.measurements.iter().map(|m| m.line).collect();
-    let noise = overstated_noise(&loaded, &data.samples, &tools, &lines, &options);
-    let findings = check::check(&loaded, &data.samples, tools, &lines, &options)
+    let noise = overstated_noise(loaded, &data.samples, &tools, &lines, options);
+    let findings = check::check(loaded, &data.samples, tools, &lines, options)
         .map_err(|error| refused(a, &data.names, error))?;
     let error = a.statistic.of(&findings.errors.position_mm);
     let tolerance_met = error <= a.max_mm;
-    let payloads = untrained_payload(&loaded, &data.samples, &lines, &findings, tolerance_met);
+    let payloads = untrained_payload(loaded, &data.samples, &lines, &findings, tolerance_met);
     let (accept, json) = (&a.accepted.accept, a.json.as_deref());
     let found = [
         payloads.as_ref().map(|p| p.finding.clone()),
@@ -141,15 +188,11 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     }
     let wanted = data.samples.iter();
     let wanted = wanted.map(|s| (s.joints.clone(), s.payload_kg));
-    let commands_move = gauge::commands_moved(a.previous.as_deref(), &loaded, wanted)?;
+    let commands_move = gauge::commands_moved(a.previous.as_deref(), loaded, wanted)?;
     let max_drift_mm = a.max_drift_mm();
     let has_moved = !findings.changes.is_empty() || findings.during.is_some();
     let drift_matters = has_moved && findings.effect_mm.mean > max_drift_mm;
     let blob = loaded.blob();
-    let statement = Statement {
-        tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
-        ..Statement::default()
-    };
     let kinds = loaded.kinds();
     let is_compared = |line: usize| findings.rows.iter().any(|row| row.line == line);
     let mut rows = data::rows(&data.set);
@@ -161,7 +204,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     };
     let drift = instrument_drift::known(data.drift.as_ref(), &data.set);
     let document = CheckJson {
-        certificate: Certificate::new(judged, &statement, drift, blob.robot.serial_number),
+        certificate: Certificate::new(judged, &statement(a), drift, blob.robot.serial_number),
         version: env!("CARGO_PKG_VERSION"),
         warnings,
         method: loaded.host().provenance.method,
@@ -174,15 +217,14 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         is_default_drift: a.max_drift_mm.is_none(),
         drift_matters,
         commands_move,
-        programs: programs::compared(&a.programs, &loaded, &a.blob)?,
+        programs: programs::compared(&a.programs, loaded, &a.blob)?,
         orientation_judged: a.tolerance.tolerance_mrad.is_some(),
         fitted: fitted_frames(
-            &loaded,
+            loaded,
             findings.base_fitted,
             findings.tool_fitted,
             data.samples.len() - findings.errors.poses,
         ),
-        findings: &findings,
         advice: advice::advice(
             &advice::Outcome {
                 changes: &findings.changes,
@@ -199,27 +241,13 @@ pub fn run(a: &Check) -> Result<(), Failure> {
             a.max_mm,
         ),
         provenance: provenance(
-            &loaded,
+            loaded,
             &a.blob,
             vec![FileSummary::of_set("fresh measurements", &data.set)],
         ),
+        findings,
     };
-    let json = json_text(&document)?;
-    let day = loaded.host().provenance.date;
-    let page = (a.report.as_ref()).map(|_| page::page(&document, &data.set, &kinds, day));
-    write_texts(&[
-        (a.report.as_deref(), page.as_deref()),
-        (a.json.as_deref(), Some(&json)),
-    ])?;
-    print(Printer::for_outputs(&outputs), a, &document, day);
-    if document.holds {
-        return tolerance::outcome(Some(&document.certificate), &statement);
-    }
-    let (name, by) = (a.statistic.name(), findings.effect_mm.mean);
-    let error = (!tolerance_met).then(|| format!("its {name} position error is {error:.4} mm"));
-    let drift = drift_matters.then(|| format!("a drift moves the target by {by:.4} mm on average"));
-    let reasons = [(error, a.max_mm), (drift, max_drift_mm)];
-    Err(advice::does_not_hold(reasons, &document.advice))
+    Ok((document, data.set))
 }
 
 /// Returns the finding that the stated noise is larger than the one that the residuals show, under which drift hides.
@@ -376,7 +404,7 @@ fn refused(a: &Check, names: &[ToolName], error: CheckError) -> Failure {
 }
 
 fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
-    let f = d.findings;
+    let f = &d.findings;
     report.line(format_args!(
         "Model `{}` of {date} on {} new poses: position in mm, orientation in mrad.\n",
         d.method, f.errors.poses

@@ -23,7 +23,7 @@ use poegp_protocol::JointKind;
 ///
 /// `set` holds the measured rows, `kinds` the kinds of the model's joints, and `date` the day of the calibration.
 pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: &str) -> String {
-    let f = d.findings;
+    let f = &d.findings;
     let found = Changes {
         at: "",
         looked_at: "base, tool, a joint or the payload",
@@ -92,7 +92,7 @@ pub(super) fn titled(p: &Provenance, method: &str, date: &str) -> Page {
 }
 
 fn headline(d: &CheckJson<'_>) -> Section {
-    let f = d.findings;
+    let f = &d.findings;
     let s = &f.errors.position_mm;
     let error = Number::mm(
         d.statistic.of(s),
@@ -165,7 +165,7 @@ pub(super) fn advised(section: Section, advice: &[String]) -> Section {
 }
 
 fn errors(d: &CheckJson<'_>) -> Section {
-    let f = d.findings;
+    let f = &d.findings;
     let row = |row: &RowError| (row.line, row.position_mm);
     let rows: Vec<(usize, f64)> = f.rows.iter().map(row).collect();
     let axes = [

@@ -20,7 +20,7 @@ use poegp_protocol::JointKind;
 ///
 /// `set` holds the touches, `kinds` the kinds of the model's joints, and `date` the day of the calibration.
 pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date: &str) -> String {
-    let f = d.touches;
+    let f = &d.touches;
     let found = Changes {
         at: "/touches",
         looked_at: "a joint, the payload or the size",
@@ -53,7 +53,7 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
 }
 
 fn touch_headline(d: &CheckTouchesJson<'_>) -> Section {
-    let (f, s) = (d.touches, &d.touches.miss_mm);
+    let (f, s) = (&d.touches, &d.touches.miss_mm);
     let miss = Number::mm(
         d.statistic.of(s),
         format!("/touches/miss_mm/{}", d.statistic.key()),
@@ -81,7 +81,7 @@ fn touch_headline(d: &CheckTouchesJson<'_>) -> Section {
 }
 
 fn misses(d: &CheckTouchesJson<'_>) -> Section {
-    let f = d.touches;
+    let f = &d.touches;
     let rows = lengths(&f.misses);
     let axes = ["new touch, in the order of the rows", "miss (mm)"];
     let (plot, above) = drawn_rows(&rows, axes, &f.odd_lines, d.max_mm);

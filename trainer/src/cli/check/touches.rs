@@ -14,7 +14,7 @@ use crate::cli::touches::{drawn_robot, read, refuse_options, with_payload};
 use crate::report::FileSummary;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::measurement::touch::features_beside;
+use poegp_calibration::measurement::touch::{TouchSet, features_beside};
 use poegp_calibration::verification::CheckError;
 use poegp_calibration::verification::touches::check_touches;
 
@@ -23,6 +23,41 @@ use poegp_calibration::verification::touches::check_touches;
 /// # Errors
 /// [`Failure`]; [`Failure::Quality`] if the calibration does not hold.
 pub fn run(a: &Check) -> Result<(), Failure> {
+    refuse_others(a)?;
+    options(a)?;
+    let features = a.features.as_deref();
+    let beside = features_beside(&a.measurements);
+    let mut files: Vec<&Path> = vec![&a.blob, &a.measurements, features.unwrap_or(&beside)];
+    files.extend(a.previous.as_deref());
+    let outputs = [a.json.as_deref(), a.report.as_deref()];
+    check_outputs(&outputs, &files)?;
+    let loaded = BlobModel::read(&a.blob)?;
+    let (document, set) = checked(a, &loaded)?;
+    let day = loaded.host().provenance.date;
+    let json = json_text(&document)?;
+    let kinds = loaded.kinds();
+    let page = a
+        .report
+        .as_ref()
+        .map(|_| touch_page::page(&document, &set, &kinds, day));
+    write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
+    print(Printer::for_outputs(&outputs), a, &document, day);
+    if document.holds {
+        return Ok(());
+    }
+    let found = &document.touches;
+    let (name, by) = (a.statistic.name(), found.effect_mm.mean);
+    let error = a.statistic.of(&found.miss_mm);
+    let error =
+        (!document.tolerance_met).then(|| format!("touches miss by {error:.4} mm ({name})"));
+    let drift =
+        (document.drift_matters).then(|| format!("a drift moves the tip by {by:.4} mm on average"));
+    let reasons = [(error, a.max_mm), (drift, document.max_drift_mm)];
+    Err(advice::does_not_hold(reasons, &document.advice))
+}
+
+/// Refuses options that have no meaning for touches.
+fn refuse_others(a: &Check) -> Result<(), Failure> {
     let noise = a.noise.instrument_noise();
     let given = [
         (a.frames.fit_base, "--fit-base"),
@@ -36,21 +71,32 @@ pub fn run(a: &Check) -> Result<(), Failure> {
             "--tolerance-mm, --tolerance-mrad or --coverage",
         ),
     ];
-    refuse_options(&a.measurements, &given)?;
+    refuse_options(&a.measurements, &given)
+}
+
+/// Checks `loaded`, which takes the place of the blob in `a`, by touches in a file, without writing any output; returns the JSON
+/// document.
+///
+/// # Errors
+/// [`Failure`] about the inputs. A calibration that does not hold is no error.
+pub fn document(a: &Check, loaded: &BlobModel) -> Result<String, Failure> {
+    json_text(&checked(a, loaded)?.0)
+}
+
+/// Checks a model by touches; returns the findings, and the touches.
+fn checked<'a>(
+    a: &Check,
+    loaded: &'a BlobModel,
+) -> Result<(CheckTouchesJson<'a>, TouchSet), Failure> {
+    refuse_others(a)?;
     let (options, max_drift_mm) = (options(a)?, a.max_drift_mm());
     let features = a.features.as_deref();
-    let beside = features_beside(&a.measurements);
-    let mut files: Vec<&Path> = vec![&a.blob, &a.measurements, features.unwrap_or(&beside)];
-    files.extend(a.previous.as_deref());
-    let outputs = [a.json.as_deref(), a.report.as_deref()];
-    check_outputs(&outputs, &files)?;
-    let loaded = BlobModel::read(&a.blob)?;
-    let robot = drawn_robot(&loaded);
+    let robot = drawn_robot(loaded);
     let set = read(&a.measurements, features, &robot)?;
-    with_payload(&loaded, &set)?;
-    fresh(&loaded, &a.measurements, set.sha256[0], "fresh touches")?;
+    with_payload(loaded, &set)?;
+    fresh(loaded, &a.measurements, set.sha256[0], "fresh touches")?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
-    let found = check_touches(&loaded, &set, &robot, &nominal, options.false_alarms)
+    let found = check_touches(loaded, &set, &robot, &nominal, options.false_alarms)
         .map_err(|error| refused(&a.measurements, error))?;
     let error = a.statistic.of(&found.miss_mm);
     let tolerance_met = error <= a.max_mm;
@@ -77,29 +123,13 @@ pub fn run(a: &Check) -> Result<(), Failure> {
         tolerance_met,
         max_drift_mm,
         drift_matters,
-        commands_move: gauge::commands_moved(a.previous.as_deref(), &loaded, wanted)?,
-        programs: programs::compared(&a.programs, &loaded, &a.blob)?,
-        touches: &found,
+        commands_move: gauge::commands_moved(a.previous.as_deref(), loaded, wanted)?,
+        programs: programs::compared(&a.programs, loaded, &a.blob)?,
         advice: advice::advice(&advised, tolerance_met, drift_matters, a.max_mm),
-        provenance: provenance(&loaded, &a.blob, FileSummary::of_touches(&set).into()),
+        provenance: provenance(loaded, &a.blob, FileSummary::of_touches(&set).into()),
+        touches: found,
     };
-    let day = loaded.host().provenance.date;
-    let json = json_text(&document)?;
-    let kinds = loaded.kinds();
-    let page = a
-        .report
-        .as_ref()
-        .map(|_| touch_page::page(&document, &set, &kinds, day));
-    write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
-    print(Printer::for_outputs(&outputs), a, &document, day);
-    if document.holds {
-        return Ok(());
-    }
-    let (name, by) = (a.statistic.name(), found.effect_mm.mean);
-    let error = (!tolerance_met).then(|| format!("touches miss by {error:.4} mm ({name})"));
-    let drift = drift_matters.then(|| format!("a drift moves the tip by {by:.4} mm on average"));
-    let reasons = [(error, a.max_mm), (drift, max_drift_mm)];
-    Err(advice::does_not_hold(reasons, &document.advice))
+    Ok((document, set))
 }
 
 fn refused(path: &Path, error: CheckError) -> Failure {
@@ -128,7 +158,7 @@ fn refused(path: &Path, error: CheckError) -> Failure {
 }
 
 fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
-    let f = d.touches;
+    let f = &d.touches;
     report.line(format_args!(
         "Model `{}` of {date} on {} new touches: what each misses by, as all others predict it, in mm.\n",
         d.method, f.rows

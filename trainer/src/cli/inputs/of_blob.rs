@@ -50,15 +50,17 @@ pub fn read(
     complete(loaded, input.path, names, (None, file))
 }
 
-/// Reads a file as [`read`] does, but only some rows of a long one; [`TestData::each_chunk`] visits all. The drift of the
+/// Reads measurements as [`read`] does, but only some rows of a long file; [`TestData::each_chunk`] visits all. The drift of the
 /// instrument depends on all rows, so that its correction needs the whole file in memory.
 pub fn read_long(
     loaded: &BlobModel,
-    path: &Path,
+    input: &Input<'_>,
     correction: DriftCorrection,
 ) -> Result<TestData, Failure> {
-    if !matches!(correction, DriftCorrection::None) || !is_long(path) {
-        return read(loaded, &Input::file(path), correction);
+    let path = input.path;
+    let is_held = input.bytes.is_some() || !matches!(correction, DriftCorrection::None);
+    if is_held || !is_long(path) {
+        return read(loaded, input, correction);
     }
     let robot = robot_of(loaded);
     let mut names = tools_of(loaded);

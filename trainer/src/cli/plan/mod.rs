@@ -5,6 +5,7 @@ mod document;
 mod touch;
 
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 use clap::Args;
@@ -14,7 +15,8 @@ use crate::cli::args::{Gravity, RobotArgs, gravity, heading};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
 use crate::cli::output::{check_not_filled_in, check_outputs, json_text, write_outputs};
-use crate::cli::terminal::print::Printer;
+use crate::cli::terminal::interrupt::cancellable_by_caller;
+use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
 use crate::robot_programs::{Language, program};
 use constraint_failure::too_tight;
@@ -98,7 +100,7 @@ pub struct Plan {
         "payloads", "test_poses", "v_optimal", "space_filling", "prior", "gravity", "forecast", "no_forecast", "rapid", "krl", "urscript",
         "fanuc"
     ])]
-    touch: Vec<Goal>,
+    pub touch: Vec<Goal>,
     /// Write the description of the touched features, to be completed (TOML).
     #[arg(long, help_heading = heading::TOUCHES, value_name = "FILE", requires = "touch")]
     features_out: Option<PathBuf>,
@@ -138,7 +140,7 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
     }
 }
 
-/// Plans poses for a tracker.
+/// Plans poses for a tracker, writes the outputs and prints the result.
 fn of_poses(a: &Plan) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
     let mut outputs = vec![
@@ -151,6 +153,57 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
     inputs.extend(a.constraints.as_deref());
     inputs.extend(a.prior.as_deref());
     check_outputs(&outputs, &inputs)?;
+    let planned = planned(a, check_not_filled_in)?;
+    let json = json_text(&planned.document)?;
+    let mut files = planned.outputs();
+    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
+    write_outputs(&files)?;
+    let report = Printer::for_outputs(&outputs);
+    print(report, a, &planned);
+    report.written(&outputs);
+    Ok(())
+}
+
+/// A plan of poses, before anything is written.
+pub struct Planned<'a> {
+    pub plan: planning::Plan,
+    pub document: PlanJson,
+    /// Paths and texts of the tables and robot programs; the first is the table of `--out`.
+    pub files: Vec<(&'a Path, String)>,
+    /// Notes about the choice.
+    pub notes: Vec<String>,
+    /// Sentence about the bodies that the arm must not touch.
+    bodies: String,
+}
+
+impl Planned<'_> {
+    fn outputs(&self) -> Vec<(&Path, &[u8])> {
+        outputs(&self.files)
+    }
+}
+
+fn outputs<'a>(files: &'a [(&'a Path, String)]) -> Vec<(&'a Path, &'a [u8])> {
+    let files = files.iter();
+    files.map(|(path, text)| (*path, text.as_bytes())).collect()
+}
+
+/// Plans poses for a tracker. `check` gets the files before the forecast begins, which takes minutes. The flag of a caller that
+/// embeds this program cancels it.
+///
+/// # Errors
+/// Those of `check`, and [`Failure`] about the inputs.
+pub fn planned(
+    a: &Plan,
+    check: impl FnOnce(&[(&Path, &[u8])]) -> Result<(), Failure>,
+) -> Result<Planned<'_>, Failure> {
+    cancellable_by_caller(|cancel| planned_until(a, check, cancel))?
+}
+
+fn planned_until<'a>(
+    a: &'a Plan,
+    check: impl FnOnce(&[(&Path, &[u8])]) -> Result<(), Failure>,
+    cancel: &AtomicBool,
+) -> Result<Planned<'a>, Failure> {
     let payloads = payloads(&a.payloads)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let (count, checks) = (
@@ -180,6 +233,7 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         noise: (POSITION_NOISE_M, ORIENTATION_NOISE_RAD),
         sister: sister.as_ref(),
         seed: a.seed,
+        cancel,
     });
     let spinner = progress::spinner("choosing poses");
     let plan = planner.plan(count, checks, asked.unwrap_or(Strategy::usual(count)));
@@ -192,7 +246,7 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         Language::Fanuc,
     ]
     .into_iter()
-    .zip(programs)
+    .zip([&a.rapid, &a.krl, &a.urscript, &a.fanuc])
     .filter_map(|(language, path)| path.as_deref().map(|path| (language, path)))
     .map(|(language, path)| {
         let name = path
@@ -204,16 +258,11 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         Ok((path, text))
     })
     .collect::<Result<Vec<_>, InputError>>()?;
-    let csv = to_csv(&arm.robot, &plan, false);
-    let check_csv = to_csv(&arm.robot, &plan, true);
-    let mut files = vec![(a.out.as_path(), csv.as_bytes())];
-    files.extend(
-        a.test_out
-            .as_deref()
-            .map(|path| (path, check_csv.as_bytes())),
-    );
-    files.extend(written.iter().map(|(path, text)| (*path, text.as_bytes())));
-    check_not_filled_in(&files)?;
+    let mut files = vec![(a.out.as_path(), to_csv(&arm.robot, &plan, false))];
+    let checks = |path| (path, to_csv(&arm.robot, &plan, true));
+    files.extend(a.test_out.as_deref().map(checks));
+    files.extend(written);
+    check(&outputs(&files))?;
     let forecast = (!a.no_forecast).then(|| forecast(&planner, &a.forecast, count, asked));
     let document = document(
         a.seed,
@@ -224,20 +273,37 @@ fn of_poses(a: &Plan) -> Result<(), Failure> {
         sister.as_ref(),
         forecast,
     );
-    let json = json_text(&document)?;
-    files.extend(a.json.as_deref().map(|path| (path, json.as_bytes())));
-    write_outputs(&files)?;
-    let report = Printer::for_outputs(&outputs);
-    print(
-        report,
-        a,
-        &document,
-        &plan,
-        &constraints,
-        planner.candidates(),
-    );
-    report.written(&outputs);
-    Ok(())
+    Ok(Planned {
+        bodies: capsules(&document, &constraints),
+        notes: notes(&document, &plan, &constraints, planner.candidates()),
+        plan,
+        document,
+        files,
+    })
+}
+
+/// Returns the notes about what limits a plan.
+fn notes(
+    d: &PlanJson,
+    plan: &planning::Plan,
+    constraints: &Constraints,
+    candidates: &Candidates,
+) -> Vec<String> {
+    let mut out = Vec::new();
+    if candidates.joints.len() < CHOICE * plan.poses.len() {
+        out.push(format!(
+            "only {} configurations are allowed, so the plan takes a large part of them; {}",
+            candidates.joints.len(),
+            constraint_failure::releases(constraints, &candidates.refusals)
+        ));
+    }
+    if d.payloads_kg.len() <= 1 {
+        out.push(
+            "one payload does not determine the effect of others; --payloads 0,5,10 spreads the poses over three"
+                .to_owned(),
+        );
+    }
+    out
 }
 
 fn forecast_count(text: &str) -> Result<usize, String> {
@@ -351,14 +417,8 @@ fn capsules(d: &PlanJson, constraints: &Constraints) -> String {
     format!("Links are capsules with a radius of {range} ({from}); {floor}.")
 }
 
-fn print(
-    report: Printer,
-    a: &Plan,
-    d: &PlanJson,
-    plan: &planning::Plan,
-    constraints: &Constraints,
-    candidates: &Candidates,
-) {
+fn print(report: Printer, a: &Plan, planned: &Planned<'_>) {
+    let (d, plan) = (&planned.document, &planned.plan);
     let mut line = format!("Planned {} {} poses", d.poses, d.strategy);
     if d.test_poses > 0 {
         line += &format!(" and {} to test with", d.test_poses);
@@ -381,7 +441,7 @@ fn print(
             prior.frames_mrad
         ));
     }
-    report.line(format_args!("  {}", capsules(d, constraints)));
+    report.line(format_args!("  {}", planned.bodies));
     let removed: Vec<String> = d
         .configurations
         .removed
@@ -394,18 +454,7 @@ fn print(
         d.configurations.allowed,
         removed.join(", ")
     ));
-    if candidates.joints.len() < CHOICE * plan.poses.len() {
-        crate::cli::terminal::print::note(format_args!(
-            "only {} configurations are allowed, so the plan takes a large part of them; {}",
-            candidates.joints.len(),
-            constraint_failure::releases(constraints, &candidates.refusals)
-        ));
-    }
-    if d.payloads_kg.len() == 1 || d.payloads_kg.is_empty() {
-        crate::cli::terminal::print::note(format_args!(
-            "one payload does not determine the effect of others; --payloads 0,5,10 spreads the poses over three"
-        ));
-    }
+    planned.notes.iter().for_each(note);
     report.line(format_args!(
         "  The slowest joint moves {:.0} times through its range, {:.2} ranges per move.",
         d.travel,

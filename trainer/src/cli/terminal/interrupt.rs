@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use poegp_calibration::progress::Cancelled;
+use poegp_calibration::progress::{Cancelled, NEVER};
 
 use crate::cli::failure::CANCELLED_CODE;
 use crate::cli::output::transaction::hold;
@@ -94,5 +94,16 @@ pub fn cancellable<R>(fit: impl FnOnce(&AtomicBool) -> R) -> Result<R, Cancelled
     match CANCELLED.load(Ordering::Relaxed) {
         true => Err(Cancelled),
         false => Ok(out),
+    }
+}
+
+/// Runs fits that only the flag of [`cancelled_by`] cancels. Without one, Ctrl-C ends the program at once.
+///
+/// # Errors
+/// [`Cancelled`] if the flag was set, however far the fits have come.
+pub fn cancellable_by_caller<R>(fits: impl FnOnce(&AtomicBool) -> R) -> Result<R, Cancelled> {
+    match own_flag() {
+        Some(_) => cancellable(fits),
+        None => Ok(fits(&NEVER)),
     }
 }

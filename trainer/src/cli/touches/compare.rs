@@ -19,6 +19,24 @@ use poegp_calibration::validation::touches::evaluate_touches;
 
 /// Compares models, writes the outputs and prints the result.
 pub fn run(a: &Compare) -> Result<(), Failure> {
+    refuse_others(a)?;
+    let features = a.features.as_deref();
+    let beside = features_beside(&a.train);
+    let mut inputs = vec![a.train.as_path(), features.unwrap_or(&beside)];
+    inputs.push(Path::new(&a.robot.robot));
+    inputs.extend(a.blobs.iter().map(PathBuf::as_path));
+    let outputs = [a.json.as_deref(), a.report.as_deref()];
+    check_outputs(&outputs, &inputs)?;
+    let document = compared(a)?;
+    let json = json_text(&document)?;
+    let page = a.report.as_ref().map(|_| compare_page::page(&document));
+    write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
+    print(Printer::for_outputs(&outputs), a, &document);
+    Ok(())
+}
+
+/// Refuses options that have no meaning for touches, and touches without models.
+fn refuse_others(a: &Compare) -> Result<(), Failure> {
     let given = [
         (!a.tests.is_empty(), "--test"),
         (!a.methods.is_empty(), "--methods"),
@@ -39,15 +57,21 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
             a.train.display()
         )));
     }
-    let features = a.features.as_deref();
-    let beside = features_beside(&a.train);
-    let mut inputs = vec![a.train.as_path(), features.unwrap_or(&beside)];
-    inputs.push(Path::new(&a.robot.robot));
-    inputs.extend(a.blobs.iter().map(PathBuf::as_path));
-    let outputs = [a.json.as_deref(), a.report.as_deref()];
-    check_outputs(&outputs, &inputs)?;
+    Ok(())
+}
+
+/// Compares models by touches in a file, and returns the JSON document.
+///
+/// # Errors
+/// [`Failure`] about the inputs.
+pub fn document(a: &Compare) -> Result<String, Failure> {
+    json_text(&compared(a)?)
+}
+
+fn compared(a: &Compare) -> Result<CompareTouchesJson, Failure> {
+    refuse_others(a)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
-    let set = read(&a.train, features, &arm.robot)?;
+    let set = read(&a.train, a.features.as_deref(), &arm.robot)?;
     let mut loaded = Vec::new();
     for path in &a.blobs {
         let blob = BlobModel::read(path)?;
@@ -68,17 +92,12 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         training_data: is_training_data(loaded, set.sha256[0]),
         touches,
     });
-    let document = CompareTouchesJson {
+    Ok(CompareTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         name: file_name(&a.train),
         models: models.collect(),
         provenance: provenance(a, &arm.robot.name, &set, &loaded),
-    };
-    let json = json_text(&document)?;
-    let page = a.report.as_ref().map(|_| compare_page::page(&document));
-    write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
-    print(Printer::for_outputs(&outputs), a, &document);
-    Ok(())
+    })
 }
 
 fn provenance(a: &Compare, robot: &str, set: &TouchSet, loaded: &[BlobModel]) -> Provenance {

@@ -7,18 +7,18 @@ use poegp_calibration::validation::touches::TouchEvaluation;
 
 /// The JSON document of `trainer evaluate`.
 #[derive(Serialize)]
-pub(super) struct EvaluateTouchesJson<'a> {
+pub struct EvaluateTouchesJson<'a> {
     pub version: &'static str,
     pub method: &'a str,
     /// Whether the model was calibrated with these touches.
     pub training_data: bool,
     pub name: String,
-    pub touches: &'a TouchEvaluation,
+    pub touches: TouchEvaluation,
 }
 
 /// The JSON document of `trainer compare`.
 #[derive(Serialize)]
-pub(super) struct CompareTouchesJson {
+pub struct CompareTouchesJson {
     pub version: &'static str,
     pub name: String,
     pub models: Vec<ModelJson>,
@@ -27,7 +27,7 @@ pub(super) struct CompareTouchesJson {
 
 /// A model of [`CompareTouchesJson`].
 #[derive(Serialize)]
-pub(super) struct ModelJson {
+pub struct ModelJson {
     pub file: String,
     pub method: String,
     /// Whether the model was calibrated with these touches.

@@ -17,6 +17,21 @@ use poegp_calibration::validation::touches::evaluate_touches;
 
 /// Evaluates a model, writes the outputs and prints the result.
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
+    refuse_others(a)?;
+    let json = a.json.as_deref();
+    let beside = features_beside(&a.test);
+    let features = a.features.as_deref();
+    check_outputs(&[json], &[&a.blob, &a.test, features.unwrap_or(&beside)])?;
+    let loaded = BlobModel::read(&a.blob)?;
+    let document = evaluated(a, &loaded)?;
+    let text = json_text(&document)?;
+    write_texts(&[(json, Some(&text))])?;
+    print(Printer::for_outputs(&[json]), a, &document);
+    Ok(())
+}
+
+/// Refuses options that have no meaning for touches.
+fn refuse_others(a: &Evaluate) -> Result<(), Failure> {
     let given = [
         (a.predictions.is_some(), "--predictions"),
         (a.frames.fit_base, "--fit-base"),
@@ -24,35 +39,36 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
         (a.frames.correct_drift, "--correct-drift"),
         (!a.accepted.accept.is_empty(), "--accept"),
     ];
-    refuse_options(&a.test, &given)?;
-    let json = a.json.as_deref();
-    let beside = features_beside(&a.test);
-    let features = a.features.as_deref();
-    check_outputs(&[json], &[&a.blob, &a.test, features.unwrap_or(&beside)])?;
-    let loaded = BlobModel::read(&a.blob)?;
-    let robot = drawn_robot(&loaded);
-    let set = read(&a.test, features, &robot)?;
-    with_payload(&loaded, &set)?;
+    refuse_options(&a.test, &given)
+}
+
+/// Evaluates `loaded`, which takes the place of the blob in `a`, with touches in a file; returns the JSON document.
+///
+/// # Errors
+/// [`Failure`] about the inputs.
+pub fn document(a: &Evaluate, loaded: &BlobModel) -> Result<String, Failure> {
+    json_text(&evaluated(a, loaded)?)
+}
+
+fn evaluated<'a>(a: &Evaluate, loaded: &'a BlobModel) -> Result<EvaluateTouchesJson<'a>, Failure> {
+    refuse_others(a)?;
+    let robot = drawn_robot(loaded);
+    let set = read(&a.test, a.features.as_deref(), &robot)?;
+    with_payload(loaded, &set)?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
-    let found = evaluate_touches(&set, &nominal, robot.coupling.as_ref(), &[&loaded]);
-    let Some(found) = found.first() else {
-        return Ok(());
-    };
-    let document = EvaluateTouchesJson {
+    let found = evaluate_touches(&set, &nominal, robot.coupling.as_ref(), &[loaded]);
+    let nothing = || Failure::Usage("no model was evaluated".to_owned());
+    Ok(EvaluateTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         method: loaded.host().provenance.method,
-        training_data: is_training_data(&loaded, set.sha256[0]),
+        training_data: is_training_data(loaded, set.sha256[0]),
         name: file_name(&a.test),
-        touches: found,
-    };
-    let text = json_text(&document)?;
-    write_texts(&[(json, Some(&text))])?;
-    print(Printer::for_outputs(&[json]), a, &document);
-    Ok(())
+        touches: found.into_iter().next().ok_or_else(nothing)?,
+    })
 }
 
 fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
-    let found = document.touches;
+    let found = &document.touches;
     report.line(format_args!(
         "Model `{}` on {} touches ({} equations, {} states of the arm): root mean square of one component.\n",
         document.method, found.rows, found.equations, found.states

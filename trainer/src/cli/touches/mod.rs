@@ -8,6 +8,7 @@ pub mod evaluate;
 use std::path::Path;
 
 use crate::cli::failure::Failure;
+use crate::cli::input::Input;
 use crate::cli::inputs::robot_of;
 use crate::cli::terminal::print::{Printer, note};
 use poegp_calibration::blob::predict::BlobModel;
@@ -20,6 +21,26 @@ use poegp_calibration::validation::touches::drawing;
 /// Whether a file contains touches: a features file is given, or the header of the file is that of touches.
 pub fn are_touches(path: &Path, features: Option<&Path>) -> bool {
     features.is_some() || is_touch_file(path)
+}
+
+/// Whether the measurements of a caller that embeds this program are touches.
+///
+/// # Errors
+/// [`Failure::Usage`] for a features file with a table in memory.
+pub fn are_touches_in_file(input: &Input<'_>, features: Option<&Path>) -> Result<bool, Failure> {
+    match (input.bytes, features) {
+        (None, _) => Ok(are_touches(input.path, features)),
+        (Some(_), None) => Ok(false),
+        (Some(_), Some(_)) => Err(features_of_a_table(input.path)),
+    }
+}
+
+/// Creates the error about a features file with a table of poses.
+pub fn features_of_a_table(table: &Path) -> Failure {
+    Failure::Usage(format!(
+        "found --features with the table {}, expected the touches in a file",
+        table.display()
+    ))
 }
 
 /// Refuses the first given option that has no meaning for touches.

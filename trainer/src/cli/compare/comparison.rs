@@ -1,0 +1,294 @@
+//! The comparison itself: methods that are calibrated with the same data and judged by held-out poses.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::cli::calibrate::report_page;
+use crate::cli::compare::args::Compare;
+use crate::cli::compare::document::{CompareJson, HeldOutPart};
+use crate::cli::examination::Examined;
+use crate::cli::failure::{Failure, calibration_failure, device_failure};
+use crate::cli::input::Input;
+use crate::cli::inputs;
+use crate::cli::inputs::{Arm, KnownRows, enough_poses, equations, file_name, origin};
+use crate::cli::instrument_drift;
+use crate::cli::terminal::interrupt::cancellable_by_caller;
+use crate::cli::terminal::print::note;
+use crate::cli::terminal::progress;
+use crate::cli::tolerance::ToleranceTable;
+use crate::report::certificate::{Certificate, Statement};
+use crate::report::{HoldOutMethod, ReportData};
+use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::instrument_drift::Drift;
+use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
+use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
+use poegp_calibration::model::{CalibrationError, Method};
+use poegp_calibration::progress::threads;
+use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
+use poegp_calibration::validation::learning_curve as learning;
+
+/// Compared methods, before anything is written.
+pub struct Compared {
+    pub document: CompareJson,
+    /// The HTML report, if it is asked for.
+    pub report: Option<String>,
+    /// Drift that was removed from the training data.
+    pub drift: Option<Drift>,
+    /// Number of training rows.
+    pub rows: usize,
+}
+
+/// Compares methods on measured poses.
+///
+/// # Errors
+/// [`Failure`] about the inputs.
+pub fn compared(a: &Compare, input: &Input<'_>) -> Result<Compared, Failure> {
+    cancellable_by_caller(|cancel| compared_until(a, input, cancel))?
+}
+
+/// Returns what the arm must meet, and the noise of the instrument.
+pub fn statement(a: &Compare) -> Statement {
+    Statement {
+        tolerances: a.tolerance.completed(&ToleranceTable::default()).0,
+        noise: a.fit.config(Method::Elastic).instrument_noise(),
+        ..Statement::default()
+    }
+}
+
+fn compared_until(
+    a: &Compare,
+    input: &Input<'_>,
+    cancel: &AtomicBool,
+) -> Result<Compared, Failure> {
+    if a.folds() == 1 {
+        return Err(Failure::Usage(
+            "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
+        ));
+    }
+    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    let mut tools = Vec::new();
+    let SampleFile {
+        set,
+        samples: train,
+        ..
+    } = arm.read(input, &mut tools, DriftCorrection::None)?;
+    let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
+    let trained_tools = tools.len();
+    if a.folds() > train.len() {
+        return Err(Failure::Usage(format!(
+            "--folds {}: expected at most the {} poses of the file",
+            a.folds(),
+            train.len()
+        )));
+    }
+    let mut known = KnownRows::new(&set);
+    let (mut tests, mut corrected_tests, mut test_files) = (Vec::new(), Vec::new(), Vec::new());
+    for path in &a.tests {
+        let none = DriftCorrection::None;
+        let SampleFile {
+            set: test, samples, ..
+        } = inputs::read_test(&arm, path, &mut known, &mut tools, trained_tools, none)?;
+        let name = file_name(path);
+        if let Some(drift) = &drift {
+            let samples = Drift::estimate_as(&test, drift)?.correct(&samples);
+            let name = name.clone();
+            corrected_tests.push(TestSet { name, samples });
+        }
+        tests.push(TestSet { name, samples });
+        test_files.push(test);
+    }
+    let methods = methods(a, &train, &tests)?;
+    a.fit.note_unused(&methods);
+    if a.fit.no_variance {
+        note("--no-variance has no effect: a comparison writes no blob");
+    }
+    // A fold may exceed its share by one group of equal configurations; the calibration itself checks its number of poses.
+    let held_out = |rows: usize| {
+        if a.folds() == 0 {
+            0
+        } else {
+            rows.div_ceil(a.folds())
+        }
+    };
+    let smallest = |rows: usize| rows - held_out(rows);
+    let poses = smallest(different_poses(&train));
+    for method in &methods {
+        enough_poses(
+            &a.train,
+            (poses, smallest(train.len())),
+            equations(&train),
+            *method,
+            arm.robot.joints.len(),
+        )?;
+    }
+    let examined = Examined {
+        path: &a.train,
+        robot: &arm.robot,
+        set: &set,
+        samples: &train,
+        json: a.json.as_deref(),
+        accept: &a.accepted.accept,
+    };
+    let mut warnings = examined.for_training(&methods, &a.fit.config(Method::Elastic))?;
+    let of_tests = (a.tests.iter().zip(&test_files).zip(&tests))
+        .map(|((path, set), test)| (path.as_path(), set, test.samples.as_slice()));
+    let accept = &a.accepted.accept;
+    warnings.extend(inputs::examine_tests(
+        &arm,
+        of_tests,
+        a.json.as_deref(),
+        accept,
+    )?);
+    if a.folds() == 0 && a.tests.is_empty() {
+        return Err(Failure::Usage(
+            "--folds 0 without --test leaves no held-out errors to compare: give --test, or at least --folds 2"
+                .into(),
+        ));
+    }
+    let corrected = drift.as_ref().map(|drift| drift.correct(&train));
+    let origin = origin(set.sha256, "", tools);
+    let task = Task {
+        robot: &arm.robot,
+        train: &train,
+        tests: &tests,
+        folds: a.folds(),
+        seed: a.seed(),
+        origin: &origin,
+        cancel,
+        threads: threads(),
+    };
+    let rounds = 1 + usize::from(drift.is_some());
+    let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
+    let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
+        let run_one = |method: &Method| {
+            bar.set_message(method.name());
+            task.run(&a.fit.config(*method), &mut || bar.inc(1))
+                .map_err(|e| device_failure(&a.train, e.error))
+        };
+        methods.iter().map(run_one).collect()
+    };
+    let mut models = run(&task)?;
+    let mut uncorrected = None;
+    let mut last_task = task;
+    if let Some(train) = &corrected {
+        let tests = &corrected_tests;
+        uncorrected = Some(models);
+        last_task = Task {
+            train,
+            tests,
+            ..last_task
+        };
+        models = run(&last_task)?;
+    }
+    bar.finish_and_clear();
+    let statement = statement(a);
+    let (mut shown, mut html) = (None, None);
+    if a.report.is_some() || statement.tolerances.is_stated() {
+        let sets = if a.tests.is_empty() {
+            vec![&set]
+        } else {
+            test_files.iter().collect()
+        };
+        let evidence = evidence(a, &last_task, &models, &sets)?;
+        let from = &a.robot.robot;
+        let seed = Some(a.seed());
+        let provenance = report_page::provenance(from, &arm, &origin, seed, &set, &test_files);
+        let part = HeldOutPart {
+            held_out: evidence.summary(),
+            certificate: Certificate::new(
+                evidence.judged(),
+                &statement,
+                instrument_drift::known(drift.as_ref().map(|d| &d.report), &set),
+                &provenance.serial_number,
+            ),
+            provenance,
+        };
+        html = a.report.is_some().then(|| {
+            report_page::of_comparison(
+                &part.provenance,
+                &evidence,
+                &part.held_out,
+                &part.certificate,
+                &warnings,
+            )
+        });
+        shown = Some(part);
+    }
+    let document = CompareJson {
+        version: env!("CARGO_PKG_VERSION"),
+        seed: a.seed(),
+        per_output: a.fit.per_output,
+        weighting: a.fit.weighting.unwrap_or_default(),
+        warnings,
+        methods: models,
+        shown,
+        drift: drift.as_ref().map(|d| d.report.clone()),
+        methods_without_correction: uncorrected,
+    };
+    Ok(Compared {
+        document,
+        report: html,
+        drift,
+        rows: train.len(),
+    })
+}
+
+/// Collects what the report shows: `models`, the base-tool fit for comparison if it is not among them, and the learning
+/// curve of the best model.
+fn evidence(
+    a: &Compare,
+    task: &Task,
+    models: &[ModelComparison],
+    sets: &[&MeasurementSet],
+) -> Result<ReportData, Failure> {
+    let mut all = models.to_vec();
+    if !models.iter().any(|m| m.model == Method::BaseTool.name()) {
+        let first = task.run(&a.fit.config(Method::BaseTool), &mut || ());
+        all.insert(0, first.map_err(|e| device_failure(&a.train, e.error))?);
+    }
+    let how = if a.tests.is_empty() {
+        HoldOutMethod::CrossValidation {
+            folds: a.folds(),
+            seed: a.seed(),
+        }
+    } else {
+        HoldOutMethod::TestSets
+    };
+    let kinds = task.robot.kinds();
+    let nothing = || Failure::Usage("the report has no held-out pose to show".into());
+    let mut evidence = ReportData::new(how, sets, &all, &kinds, false).ok_or_else(nothing)?;
+    let best = evidence.calibrated().name.clone();
+    if let Ok(method) = best.parse::<Method>() {
+        let options = a.fit.config(method);
+        let bar = progress::bar(learning::sizes(task, &options).len(), "learning curve");
+        let poses = evidence.calibrated().poses.clone();
+        evidence.learning = learning::curve(task, &options, &poses, &mut || bar.inc(1));
+        bar.finish_and_clear();
+    }
+    Ok(evidence)
+}
+
+/// Returns the methods that were asked for, or all that the data allow. Refuses a file without payloads if a method needs
+/// them.
+fn methods(
+    a: &Compare,
+    train: &[InstrumentSample],
+    tests: &[TestSet],
+) -> Result<Vec<Method>, Failure> {
+    let mut methods: Vec<Method> = a.methods.clone();
+    if methods.is_empty() {
+        methods = applicable(train);
+    }
+    if methods.contains(&Method::PoeGpLoad) {
+        let sets = std::iter::once((&a.train, train)).chain(
+            a.tests
+                .iter()
+                .zip(tests.iter().map(|test| test.samples.as_slice())),
+        );
+        for (path, samples) in sets {
+            if samples.iter().any(|sample| sample.payload_kg.is_none()) {
+                return Err(calibration_failure(path, &CalibrationError::NoPayload));
+            }
+        }
+    }
+    Ok(methods)
+}
