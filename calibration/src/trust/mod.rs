@@ -34,7 +34,7 @@ pub use poegp_protocol::cause::{Cause, Causes};
 
 pub(crate) use crate::trust::change_points::{AS_GOOD, BLIND, SPLITS, drop_among};
 pub use crate::trust::finding::{Finding, Findings, Tier};
-pub use crate::trust::residuals::overstated_noise;
+pub use crate::trust::residuals::{computed_by_model, overstated_noise};
 
 use crate::measurement::MeasurementSet;
 use crate::measurement::sample::InstrumentSample;

@@ -6,7 +6,7 @@ use poegp_protocol::cause::Cause;
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
-use crate::numeric::statistics::extremes;
+use crate::numeric::statistics::{ErrorSummary, extremes};
 use crate::trust::change_points::{Part, changes};
 use crate::trust::digits::{positions_mm, step};
 use crate::trust::finding::{Finding, Tier};
@@ -27,6 +27,9 @@ const LEFT: f64 = 0.0035;
 const NOMINAL: f64 = 1.12;
 /// Residual of the nominal arm above which the poses were not computed by a controller, in m.
 const COMPUTED: f64 = 0.12e-3;
+/// Largest error in mm of positions that no instrument measured, and the number of poses of which this is certain.
+const UNMEASURED_MM: f64 = 1e-3;
+const FEW: usize = 5;
 /// Deviation of a frame from the drawing above which a warning is given, in m and rad.
 const FRAME: (f64, f64) = (6.5e-3, 35e-3);
 /// Ratio of the scatter to the stated standard deviation above which the latter is understated, and the smallest scatter in
@@ -106,6 +109,19 @@ pub fn overstated_noise(stated: f64, scatter: f64) -> Option<Finding> {
     let ratio = stated / scatter;
     let verdict = "is sigma in another unit?";
     (ratio > OVERSTATED).then(|| noise(stated, scatter, verdict, ratio, OVERSTATED))
+}
+
+/// Returns the refusal that a model is judged by its own predictions: no arm repeats so well, and no instrument measures so.
+pub fn computed_by_model(errors: &ErrorSummary) -> Option<Finding> {
+    let largest = errors.position_mm.max;
+    (errors.poses >= FEW && largest < UNMEASURED_MM).then(|| {
+        let text = format!(
+            "the model predicts all {} positions to {}: these poses were computed by it, not measured",
+            errors.poses,
+            length(1e-3 * largest)
+        );
+        Finding::new(Cause::Readout, Tier::Refused, text, largest, UNMEASURED_MM)
+    })
 }
 
 fn noise(stated: f64, scatter: f64, verdict: &str, value: f64, threshold: f64) -> Finding {

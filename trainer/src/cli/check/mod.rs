@@ -180,6 +180,7 @@ fn checked<'a>(
         payloads.as_ref().map(|p| p.finding.clone()),
         noise,
         findings.during.as_ref().map(moved_during),
+        trust::computed_by_model(&findings.errors),
     ];
     let found = Findings(found.into_iter().flatten().collect());
     warnings.extend(settled(&a.measurements, found, accept, json)?);

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use crate::cli::args::{FrameArgs, heading};
 use crate::cli::evaluate::document::{EvaluateJson, SetErrors, TrustSummary};
 use crate::cli::evaluate::judge::{FLAGS, Judge, Judged};
-use crate::cli::examination::AcceptArgs;
+use crate::cli::examination::{AcceptArgs, settled};
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
@@ -19,10 +19,12 @@ use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_lon
 use crate::cli::terminal::print::{Printer, note, warning};
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::input_error::counted;
 use poegp_calibration::measurement::Measurement;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 use poegp_calibration::verification::is_same_frame;
 
 /// `trainer evaluate`.
@@ -137,7 +139,8 @@ fn evaluated<'a>(
     let data = inputs::read_long(loaded, input, correction)?;
     let (set, samples, which) = (&data.set, &data.samples, a.frames.frames());
     let robot = inputs::robot_of(loaded);
-    let warnings = data.examined(&a.test, a.json.as_deref(), &a.accepted.accept, &robot)?;
+    let (accept, json) = (&a.accepted.accept, a.json.as_deref());
+    let mut warnings = data.examined(&a.test, json, accept, &robot)?;
     let tools = data.frames(loaded, &a.test, which)?;
     let frames = FittedFrames::new(loaded, samples, tools, which)
         .map_err(|error| frame_failure(&a.test, &data.names, error))?;
@@ -175,11 +178,23 @@ fn evaluated<'a>(
             least: all.least_trust.unwrap_or(1.0),
         },
     };
+    let training_data = inputs::is_training_data(loaded, set.sha256);
+    let found = match training_data {
+        true => Vec::new(),
+        false => [
+            trust::computed_by_model(&result.errors),
+            unexpected(&result, all.flags[1]),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
+    };
+    warnings.extend(settled(&a.test, Findings(found), accept, json)?);
     let document = EvaluateJson {
         version: env!("CARGO_PKG_VERSION"),
         warnings,
         method: loaded.host().provenance.method,
-        training_data: inputs::is_training_data(loaded, set.sha256),
+        training_data,
         base_fitted: frames.is_base_fitted,
         tool_fitted: frames.is_tool_fitted.contains(&true),
         sets: [result],
@@ -190,6 +205,33 @@ fn evaluated<'a>(
         poses,
         left_out: frames.left_out.len(),
         predictions: out,
+    })
+}
+
+/// Fewest poses whose errors are compared with what the model expects, and the ratio from which they are unexpected.
+const UNEXPECTED: (usize, f64) = (10, 2.0);
+/// Mean length of three normal components of standard deviation 1.
+const MEAN_LENGTH: f64 = 1.596;
+
+/// Returns the warning that the errors are larger than the model expects; `untrained` is the number of rows with a payload
+/// outside the trained range.
+fn unexpected(result: &SetErrors, untrained: usize) -> Option<Finding> {
+    let expected = MEAN_LENGTH * result.predictive_std.as_ref()?.mean_mm;
+    let mean = result.errors.position_mm.mean;
+    let (poses, ratio) = (result.errors.poses, mean / expected);
+    let (few, most) = UNEXPECTED;
+    (poses >= few && ratio > most && is_same_frame(&result.errors)).then(|| {
+        let why = match untrained {
+            0 => "the robot, its payload, the target or the instrument changed since the calibration, or rows are wrong; \
+                  `trainer check` names a change"
+                .to_owned(),
+            rows => format!("the payload of {} is outside the trained range", counted(rows, "row")),
+        };
+        let text = format!(
+            "the position errors are {ratio:.1} times what the model expects, {mean:.3} mm on average instead of \
+             {expected:.3} mm: {why}"
+        );
+        Finding::new(Cause::Model, Tier::Warning, text, ratio, most)
     })
 }
 
