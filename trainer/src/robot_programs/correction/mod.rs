@@ -28,6 +28,7 @@ pub mod split;
 mod table;
 mod table_columns;
 pub mod tokens;
+mod unfound;
 mod urscript;
 mod val3;
 

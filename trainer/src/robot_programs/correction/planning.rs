@@ -202,7 +202,11 @@ fn payload_of(program: &Program, target: usize, payload: Payload) -> Result<f64,
             let tool = tool.and_then(|index| program.frames.get(index));
             tool.and_then(|tool| tool.payload_kg)
                 .filter(|kg| *kg >= 0.0)
-                .ok_or_else(|| Refused::Left(NO_PAYLOAD.to_owned()))
+                .ok_or_else(|| {
+                    let why = program.unknown_payloads.get(&target);
+                    let why = why.map_or_else(String::new, |why| format!(": {why}"));
+                    Refused::Left(format!("{NO_PAYLOAD}{why}"))
+                })
         }
     }
 }

@@ -57,8 +57,8 @@ pub enum Says {
     Turn(usize),
     /// Signs of the joints as bits, of joint 1 as the lowest.
     Signs {
-        /// Whether the bits are written as digits.
-        is_binary: bool,
+        /// Base in which the bits are written.
+        radix: u32,
     },
 }
 
@@ -120,7 +120,8 @@ impl Stated {
     pub fn text(&self, value: f64) -> String {
         let width = self.number.span().len();
         match self.says {
-            Says::Signs { is_binary: true } => format!("{:0width$b}", value as u32),
+            Says::Signs { radix: 2 } => format!("{:0width$b}", value as u32),
+            Says::Signs { radix: 16 } => format!("{:0width$X}", value as u32),
             _ => format!("{}", value as i64),
         }
     }
@@ -351,6 +352,8 @@ pub struct Program {
     pub lines: Vec<Line>,
     /// Indices of the targets to which moves with different payloads go.
     pub loaded_differently: BTreeSet<usize>,
+    /// Reasons why the payload of targets is not known, by index.
+    pub unknown_payloads: HashMap<usize, String>,
     /// Indices of targets to which a move goes that is left as it is: the move is named, and they are not.
     pub reached_otherwise: BTreeSet<usize>,
     /// Indices of joint targets in files that are not corrected: the arm goes there, and they stay.
@@ -376,6 +379,7 @@ impl Program {
             moves: Vec::new(),
             lines: Vec::new(),
             loaded_differently: BTreeSet::new(),
+            unknown_payloads: HashMap::new(),
             reached_otherwise: BTreeSet::new(),
             fixed: BTreeSet::new(),
             left: Vec::new(),

@@ -3,6 +3,7 @@
 
 mod job_and_listing;
 mod krl;
+mod krl_data;
 mod rapid;
 mod urscript;
 mod val3;
