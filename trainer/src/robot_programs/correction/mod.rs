@@ -9,6 +9,7 @@ pub mod engine;
 mod fanuc;
 mod fanuc_configuration;
 mod fanuc_frames;
+mod fanuc_numbers;
 mod fanuc_settings;
 mod flow;
 pub mod frames;
