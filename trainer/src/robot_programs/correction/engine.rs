@@ -17,10 +17,9 @@ use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 
 use crate::robot_programs::correction::planning::{NO_PAYLOAD, Payload, Planned, plan};
-use crate::robot_programs::correction::program::{
-    Bound, Left, Program, SLACK, Target, WRIST, frames_of,
-};
+use crate::robot_programs::correction::program::{Bound, Left, Program, SLACK, Target, WRIST};
 use crate::robot_programs::correction::replacement::{Replacement, Solved, replace};
+use crate::robot_programs::correction::target_poses::frames_of;
 
 /// Least trust of a target. Below it, less than half of the correction's prior is explained by the training data.
 pub const TRUSTED: f64 = 0.5;

@@ -28,6 +28,7 @@ pub mod source;
 pub mod split;
 mod table;
 mod table_columns;
+pub mod target_poses;
 pub mod tokens;
 mod unfound;
 mod urscript;

@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::seeds::Seeds;
@@ -319,10 +318,16 @@ pub struct Line {
     pub step: usize,
     /// Index of the file.
     pub file: usize,
+    /// Byte before which moves are inserted.
+    pub at: usize,
+    /// Lines that prepare the inserted moves.
+    pub before: Vec<Vec<u8>>,
     /// First byte of the instruction, and the byte behind its last.
     pub instruction: (usize, usize),
     /// First byte of the target, and the byte behind its last.
     pub target: (usize, usize),
+    /// Span behind the target by which the arm stops at its end, and what the inserted moves have there to pass theirs.
+    pub blend: Option<((usize, usize), &'static str)>,
     /// Notation of the target.
     pub literal: Literal,
 }
@@ -470,31 +475,4 @@ impl Program {
             }
         }
     }
-}
-
-/// Returns the written pose of a target; `None` where the numbers are no orientation.
-pub fn written_pose(program: &Program, target: &Target) -> Option<Pose<f64>> {
-    let Goal::Pose {
-        position,
-        orientation,
-    } = &target.goal
-    else {
-        return None;
-    };
-    let dialect = &program.dialect;
-    let numbers: Vec<f64> = orientation.iter().map(|n| n.value).collect();
-    let [x, y, z] = position.map(|n| dialect.metre * n.value);
-    Some(Pose {
-        rotation: dialect.orientation.rotation(&numbers)?,
-        translation: Vector3::new(x, y, z),
-    })
-}
-
-/// Returns `flange_from_tool` and `base_from_frame` of a target.
-pub fn frames_of(program: &Program, target: &Target) -> (Pose<f64>, Pose<f64>) {
-    let of = |index: Option<usize>| {
-        let frame = index.and_then(|index| program.frames.get(index));
-        frame.map_or_else(Pose::identity, |frame| frame.pose)
-    };
-    (of(target.tool), of(target.base))
 }

@@ -11,8 +11,8 @@ use crate::robot_programs::correction::between::at;
 use crate::robot_programs::correction::posture::{Arm, Sides, sides};
 use crate::robot_programs::correction::program::{
     Bound, Configuration, Convention, NOISE, Posture, Program, SLACK, Says, Stated, Target, Way,
-    frames_of, written_pose,
 };
+use crate::robot_programs::correction::target_poses::{frames_of, written_pose};
 
 /// A search that ends farther than this from its start, in rad or m, may be on another branch.
 pub const NEAR: f64 = 0.6;

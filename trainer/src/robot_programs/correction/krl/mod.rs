@@ -7,6 +7,7 @@
 
 mod changes;
 mod data;
+mod folds;
 mod motion;
 mod names;
 mod points;

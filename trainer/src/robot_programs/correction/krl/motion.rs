@@ -3,6 +3,7 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
+use crate::robot_programs::correction::krl::folds::inline_form;
 use crate::robot_programs::correction::krl::states::{
     BASE, COPIES, LOAD, Line, MODE, Named, States, TOOL,
 };
@@ -10,6 +11,9 @@ use crate::robot_programs::correction::krl::{Point, Reader};
 use crate::robot_programs::correction::program;
 use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Way};
 use crate::robot_programs::correction::tokens::Kind;
+
+/// Words by which a motion passes its point without a stop.
+const BLENDING: [&str; 5] = ["c_dis", "c_ori", "c_ptp", "c_spl", "c_vel"];
 
 impl Reader<'_> {
     /// Notes a motion and the points to which it goes. Returns the index of its last move, if all its points are known.
@@ -140,11 +144,22 @@ impl Reader<'_> {
         if let Some(step) = before.map(|before| before + 1)
             && step + 1 == self.program.moves.len()
         {
+            let instruction = (text.byte(from), text.end_of(end - 1));
+            let is_blended = (behind..end).any(|at| BLENDING.contains(&text.name(at).as_str()));
+            let word = match text.name(from).as_str() {
+                "slin" => " C_SPL",
+                _ => " C_DIS",
+            };
+            let form = inline_form(text.source, instruction.0);
+            let (at, before) = form.unwrap_or((instruction.0, Vec::new()));
             self.program.lines.push(program::Line {
                 step,
                 file,
-                instruction: (text.byte(from), text.end_of(end - 1)),
+                at,
+                before,
+                instruction,
                 target: (text.byte(from + 1), text.end_of(behind - 1)),
+                blend: (!is_blended).then_some(((instruction.1, instruction.1), word)),
                 literal: Literal::Frame,
             });
         }

@@ -9,7 +9,7 @@ use crate::robot_programs::correction::tokens::Kind;
 pub type Routines = Vec<(usize, String, bool, usize)>;
 
 /// Words before a bracket that are keywords, or routines of every controller.
-const OWN: [&str; 71] = [
+const OWN: [&str; 74] = [
     "abs",
     "acos",
     "and",
@@ -52,6 +52,7 @@ const OWN: [&str; 71] = [
     "return",
     "sacc_cp",
     "sacc_jnt",
+    "sacc_joint",
     "sapo",
     "sapo_ptp",
     "sbase",
@@ -78,9 +79,11 @@ const OWN: [&str; 71] = [
     "strlen",
     "svel_cp",
     "svel_jnt",
+    "svel_joint",
     "swrite",
     "switch",
     "tan",
+    "use_cm_pro_values",
 ];
 /// More keywords before a bracket.
 const KEYWORDS: [&str; 5] = ["to", "until", "varstate", "when", "while"];

@@ -101,11 +101,18 @@ impl Reader<'_> {
                 (is_line, before, positional.first())
                 && step + 1 == first
             {
+                let is_stop =
+                    |zone: &&(usize, usize)| text.name(zone.0) == "fine" && zone.1 == zone.0 + 1;
+                let stop = positional.get(2).filter(is_stop);
+                let zone = stop.map(|(from, _)| (text.byte(*from), text.end_of(*from)));
                 self.program.lines.push(Line {
                     step: first,
                     file: s.file,
+                    at: text.byte(s.from),
+                    before: Vec::new(),
                     instruction: (text.byte(s.from), text.byte(s.end) + 1),
                     target: (text.byte(*from), text.end_of(*end - 1)),
+                    blend: zone.map(|zone| (zone, "z1")),
                     literal: Literal::Robtarget,
                 });
             }

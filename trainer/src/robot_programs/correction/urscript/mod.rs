@@ -321,8 +321,11 @@ impl Reader<'_> {
         self.program.lines.push(program::Line {
             step,
             file: 0,
+            at: text.byte(line.from),
+            before: Vec::new(),
             instruction: (text.byte(line.from), text.end_of(line.end - 1)),
             target: (text.byte(from), text.end_of(end - 1)),
+            blend: None,
             literal: Literal::Pose,
         });
     }
