@@ -4,21 +4,10 @@ use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::krl::states::{Line, Named};
+use crate::robot_programs::correction::krl::states::{Declared, Line, Named};
 use crate::robot_programs::correction::krl::{FrameData, Reader};
 use crate::robot_programs::correction::program::Location;
 use crate::robot_programs::dialect::Orientation;
-
-/// A value that a data list declares.
-#[derive(Clone, Debug)]
-pub struct Declared<T> {
-    /// The value, or the reason why it is not known.
-    pub value: Result<T, String>,
-    /// First declaration.
-    pub at: Location,
-    /// Declaration of another value in a second file, where neither file is part of the program.
-    pub other: Option<Location>,
-}
 
 impl Reader<'_> {
     /// Notes the tool, base or load of a number that a line declares, or that an external kinematic moves a base.

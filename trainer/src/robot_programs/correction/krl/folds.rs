@@ -1,4 +1,4 @@
-//! Inline forms of KRL: folds whose lines the controller writes anew when somebody changes the form.
+//! Inline forms of KRL: folds whose lines the controller writes again when somebody changes the form.
 
 use crate::robot_programs::correction::source::Source;
 

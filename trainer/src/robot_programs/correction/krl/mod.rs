@@ -22,9 +22,8 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
-use crate::robot_programs::correction::krl::data::Declared;
 use crate::robot_programs::correction::krl::names::Names;
-use crate::robot_programs::correction::krl::states::{Line, Named, States};
+use crate::robot_programs::correction::krl::states::{Declared, Line, Named, States};
 use crate::robot_programs::correction::program::{Goal, Location, Program, Target, Way};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};

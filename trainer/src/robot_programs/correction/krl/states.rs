@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::program::Location;
 
 /// A line of a file: its tokens from the first to the one behind the last.
 #[derive(Clone, Copy, Debug)]
@@ -64,6 +65,17 @@ impl Named {
             false => Self::Unknown(format!("there is no tool or base {number}")),
         }
     }
+}
+
+/// A value that a data list declares.
+#[derive(Clone, Debug)]
+pub struct Declared<T> {
+    /// The value, or the reason why it is not known.
+    pub value: Result<T, String>,
+    /// First declaration.
+    pub at: Location,
+    /// Declaration of another value in a second file, where neither file is part of the program.
+    pub other: Option<Location>,
 }
 
 /// What is certain at each line.

@@ -41,15 +41,15 @@ enum Block {
 /// does not show whether each case has one.
 pub fn lines_of(text: &Text<'_>) -> Result<Vec<Line>, usize> {
     let statements = statements(text);
-    let count = |words: &[&str]| {
-        let is_one = |(from, _): &&(usize, usize)| words.contains(&text.name(*from).as_str());
+    let count = |starts: &[&str]| {
+        let is_one = |(from, _): &&(usize, usize)| starts.contains(&text.name(*from).as_str());
         statements.iter().filter(is_one).count()
     };
     let begun = count(&FUNCTIONS) + count(&["if", "while", "for", "switch"]);
     let (cases, ends) = (count(&["case", "default"]), count(&["end"]));
     let are_cases_ended = cases > 0 && ends == begun + cases;
-    let mut words = statements.iter().map(|(from, _)| *from);
-    if let Some(switch) = words.find(|at| text.name(*at) == "switch")
+    let mut starts = statements.iter().map(|(from, _)| *from);
+    if let Some(switch) = starts.find(|at| text.name(*at) == "switch")
         && !are_cases_ended
         && ends != begun
     {
