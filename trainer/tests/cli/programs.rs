@@ -413,7 +413,7 @@ fn what_is_left_is_named() {
     let more = "  MoveL Offs(p10,0,0,50),v200,z1,gun\\WObj:=table;\n\
         \x20 MoveL RelTool(p10,0,0,-10),v200,z1,gun\\WObj:=table;\n\
         \x20 MoveL p10,v200,z1,gun\\WObj:=table\\Corr;\n\
-        \x20 MoveAbsJ [[0,10,10,0,30,0],[100,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
+        \x20 MoveAbsJ [[0,10,10,0,30,0],[0,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
         \x20 MoveAbsJ [[0,10,reg1,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
         \x20 MoveAbsJ [[0,10,200,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\
         \x20 MoveAbsJ [[0,10,10,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v200,z1,gun;\n\

@@ -103,7 +103,7 @@ fn inserted_targets_keep_the_real_tool_on_its_line() {
     assert!(count >= 2, "{document}");
     // An inserted target has its own line and indentation, or a blank if it is within a line.
     assert!(text(&spans[0]).ends_with(",v200,z1,gun\\WObj:=table;\r\n      "));
-    assert!(text(spans.last().unwrap()).ends_with(",v200,fine,gun\\WObj:=table; "));
+    assert!(text(spans.last().unwrap()).ends_with(",v200,z1,gun\\WObj:=table; "));
 
     // Recomputed without the program: the arm on the lines between the written targets.
     let of = |bytes: &[u8], start: &str| {
@@ -234,7 +234,7 @@ fn lines_whose_start_is_not_certain_are_named() {
             let text = String::from_utf8_lossy(&written[start..end]).into_owned();
             // Only the lines before and after it are split.
             assert!(
-                text.contains("fine") || text.contains("[0,-1,0,0]"),
+                text.ends_with("table; ") || text.contains("[0,-1,0,0]"),
                 "{middle}: {text}"
             );
             assert!(
@@ -246,5 +246,75 @@ fn lines_whose_start_is_not_certain_are_named() {
         let is_named =
             reasons.contains("no target can be inserted") || reasons.contains("computed");
         assert!(is_named, "{middle}: {reasons}");
+    }
+}
+
+/// Where a line of KRL ends in a stop, the inserted ones pass. They stand before the inline form, with what prepares them.
+#[test]
+fn inserted_lines_of_krl_pass_outside_the_inline_form() {
+    let folder = folder();
+    let to = "{X 712.804,Y 226.655,Z 475.801,A 151.7021,B 21.9799,C -150.8560}";
+    let preparing = "$BWDSTART=FALSE\n LDAT_ACT=LCPDAT2\n BAS(#VEL_CP,2)\n ";
+    let form =
+        |motion: &str| format!(";FOLD LIN P2 Vel=2 m/s;%{{PE}}\n {preparing}{motion}\n;ENDFOLD");
+    for (seam, before, ending, behind) in [
+        (
+            form(&format!("LIN {to}")),
+            "$BWDSTART=FALSE\nLDAT_ACT=LCPDAT2\nBAS(#VEL_CP,2)\nLIN {",
+            "} C_DIS\n",
+            ";FOLD LIN P2",
+        ),
+        (
+            form(&format!("LIN {to} C_DIS")),
+            "$BWDSTART=FALSE\nLDAT_ACT=LCPDAT2\nBAS(#VEL_CP,2)\nLIN {",
+            "} C_DIS\n",
+            ";FOLD LIN P2",
+        ),
+        (
+            format!(
+                ";FOLD SLIN P2;%{{PE}}\n;FOLD Parameters;%{{h}}\n;x\n;ENDFOLD\nSLIN {to} WITH $APO=SAPO(A)\n;ENDFOLD"
+            ),
+            "SLIN {",
+            "} WITH $APO=SAPO(A) C_SPL\n",
+            ";FOLD SLIN P2",
+        ),
+        (
+            format!(";FOLD seam\n$VEL.CP=1\n  LIN {to}\n;ENDFOLD"),
+            "LIN {",
+            "} C_DIS\n  ",
+            "LIN {",
+        ),
+    ] {
+        let text = format!(
+            "DEF A( )\n$TOOL={{X 30,Y -45,Z 210,A 0,B 0,C 25}}\n$BASE={{X 900,Y -300,Z 420,A 20,B 0,C 0}}\n\
+             PTP {{A1 12.5,A2 20.25,A3 -4.125,A4 -18.5,A5 48,A6 31.75}}\n\
+             LIN {{X 701.088,Y 449.848,Z 513.922,A 178.5291,B 23.3121,C -159.0124}}\n{seam}\nEND\n"
+        );
+        folder.write("a.src", &text);
+        let line = "correct elas.blob a.src --payload-kg 2.5 --split 0.02 --out b.src";
+        folder.run(line).ok();
+        let split = folder.read("b.src");
+        let (start, end) = *inserted(&folder, "b.src").last().unwrap();
+        let text = String::from_utf8_lossy(&split[start..end]).into_owned();
+        assert!(
+            text.starts_with(before) && text.ends_with(ending),
+            "{seam}\n{text}"
+        );
+        assert_eq!(
+            text.matches(ending.trim()).count(),
+            text.matches("LIN {").count(),
+            "{text}"
+        );
+        assert!(
+            split[end..].starts_with(behind.as_bytes()),
+            "{seam}\n{text}"
+        );
+        let line = "correct elas.blob b.src --payload-kg 2.5 --inverse --out c.src";
+        folder.run(line).ok();
+        let back = folder.read("c.src");
+        assert!(
+            skeleton(&back).1 == skeleton(&folder.read("a.src")).1,
+            "{seam}"
+        );
     }
 }

@@ -70,7 +70,8 @@ fn the_turn_of_a_krl_point_has_the_signs_of_the_corrected_joints() {
         };
         let plain = |bits: u32| format!("T {bits}}}");
         let binary = |bits: u32| format!("T 'B{bits:06b}'}}");
-        for turn in [plain, binary].map(|of| [of(old), of(new)]) {
+        let hexadecimal = |bits: u32| format!("T 'H{bits:02X}'}}");
+        for turn in [plain, binary, hexadecimal].map(|of| [of(old), of(new)]) {
             let [old, new] = turn.map(|turn| turn.trim_end_matches('}').to_owned());
             let after = corrected(&folder, "a.src", &program("PTP", &old), &old);
             assert!(after.contains(&format!("{new}}}")), "{new}\n{after}");

@@ -94,6 +94,20 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         a.split.is_some(),
         a.dry_run,
     ];
+    let is_table = |path: &Path| {
+        let ending = path.extension();
+        ending.is_some_and(|ending| ending.eq_ignore_ascii_case("csv"))
+    };
+    if !is_table(targets) && targets.as_os_str() != "-" && of_programs.contains(&true) {
+        return Err(InputError::new(
+            targets,
+            "a file whose ending is that of no known program",
+            "one of .mod .prg .sys (RAPID), .src .dat (KRL), .ls (Fanuc), .script (URScript), .jbi (INFORM), .dtx (VAL3) \
+             or .csv",
+        )
+        .with_help("save a program of PolyScope (.urp) as a script (.script)")
+        .into());
+    }
     if of_programs.contains(&true) {
         return Err(Failure::Usage(format!(
             "{}: --inverse, --payload-from-program, --frames, --with, --split, --dry-run and --report are for robot programs",

@@ -10,8 +10,9 @@ use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::{Pose, Twist};
 
-use crate::robot_programs::correction::program::{Program, Way, frames_of};
+use crate::robot_programs::correction::program::{Program, Way};
 use crate::robot_programs::correction::replacement::Solved;
+use crate::robot_programs::correction::target_poses::frames_of;
 
 /// Largest number of points of a move, and below it that of all moves together.
 pub const POINTS: usize = 20;

@@ -17,10 +17,9 @@ use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 
 use crate::robot_programs::correction::planning::{NO_PAYLOAD, Payload, Planned, plan};
-use crate::robot_programs::correction::program::{
-    Bound, Left, Program, SLACK, Target, WRIST, frames_of,
-};
+use crate::robot_programs::correction::program::{Bound, Left, Program, SLACK, Target, WRIST};
 use crate::robot_programs::correction::replacement::{Replacement, Solved, replace};
+use crate::robot_programs::correction::target_poses::frames_of;
 
 /// Least trust of a target. Below it, less than half of the correction's prior is explained by the training data.
 pub const TRUSTED: f64 = 0.5;
@@ -80,7 +79,9 @@ pub fn solve(
         }
     }
     let is_any_tried = out.left.len() > program.left.len();
-    if out.solved.is_empty() && is_any_tried && !program.moves.is_empty() {
+    // Where the payload is known up to something that the program does, the parts are named one by one.
+    let is_explained = !program.unknown_payloads.is_empty();
+    if out.solved.is_empty() && is_any_tried && !program.moves.is_empty() && !is_explained {
         return Err(other_robot(program, &out.left));
     }
     out.left.extend(unused);
@@ -118,7 +119,7 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
         return InputError::new("", "nothing", "a program");
     };
     let source = &program.sources[first.location.file];
-    let (expected, help) = if first.reason == NO_PAYLOAD {
+    let (expected, help) = if first.reason.starts_with(NO_PAYLOAD) {
         (
             "a program that states the payloads of its tools",
             "give --payload-kg KG if all targets have one payload",

@@ -12,13 +12,16 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::fanuc_configuration::configuration;
 use crate::robot_programs::correction::fanuc_frames;
+use crate::robot_programs::correction::fanuc_numbers;
+use crate::robot_programs::correction::fanuc_numbers::{InUse, instructions};
 use crate::robot_programs::correction::fanuc_settings::{
-    Sensors, changed_frames, conveyor, has_payloads,
+    Sensors, changed_frames, conveyor, has_payloads, sets_payload,
 };
 use crate::robot_programs::correction::frames::{FrameFile, Numbered};
 use crate::robot_programs::correction::program::{Frame, Goal, Location, Program, Target, Way};
 use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
+use crate::robot_programs::correction::unfound;
 
 const LEXICON: Lexicon = Lexicon {
     comment: 0,
@@ -46,55 +49,52 @@ const MODIFIED: [&str; 10] = [
 /// # Errors
 /// [`InputError`] for a frame that is in none of the `others`, nor in the frame file.
 pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Program, InputError> {
-    let section = |name: &[u8]| {
-        let is_start = |at: &usize| {
-            let begins = *at == 0 || matches!(source.bytes.get(at - 1), Some(b'\n' | b'\r'));
-            begins && source.bytes[*at..].starts_with(name)
-        };
-        (0..source.bytes.len())
-            .find(is_start)
-            .unwrap_or(source.bytes.len())
-    };
-    let (motions, positions) = (section(b"/MN"), section(b"/POS"));
-    let mut all = tokens(
-        &without_remarks(&source.bytes, motions, positions),
-        &LEXICON,
-    );
-    all.retain(|token| token.kind != Kind::LineEnd);
-    let copy = source.clone();
-    let mut program = Program::new("Fanuc TP", Language::Fanuc.dialect(), vec![source]);
-    let within = |from: usize, to: usize| -> Vec<Token> {
-        let is_inside = |token: &&Token| (from..to).contains(&(token.start as usize));
-        all.iter().filter(is_inside).copied().collect()
-    };
-    let (code, data) = (
-        // Behind the name of the section.
-        within(motions + 3, positions),
-        within(positions, copy.bytes.len()),
-    );
+    let mut sources = vec![source];
+    // Listings that this one calls may set frames and payloads; other files have the variables of the controller.
+    sources.extend(others.iter().filter(|other| is_listing(other)).cloned());
+    let copies = sources.clone();
+    let mut program = Program::new("Fanuc TP", Language::Fanuc.dialect(), sources);
+    let copy = &copies[0];
+    let (code, data): (Vec<_>, Vec<_>) = copies.iter().map(parts).unzip();
+    let texts = Text::of_files(&copies, &code);
+    let listing = texts[0];
     let taught = find_positions(
         &Text {
             file: 0,
-            source: &copy,
-            tokens: &data,
+            source: copy,
+            tokens: &data[0],
         },
         &mut program,
     );
-    let instructions = Text {
-        file: 0,
-        source: &copy,
-        tokens: &code,
-    };
-    let changed = changed_frames(&instructions, &program);
-    leave_set_positions(&instructions, &taught, &mut program);
-    if let Some(reason) = conveyor(&copy, motions) {
+    let mut changed = BTreeMap::new();
+    for text in &texts {
+        let own = changed_frames(text, &program);
+        changed = own.into_iter().chain(changed).collect();
+    }
+    leave_set_positions(&listing, &taught, &mut program);
+    if let Some(reason) = conveyor(copy, section(copy, b"/MN")) {
         for target in taught.values().filter_map(|taught| taught.target) {
             program.leave(program.targets[target].location, reason.clone());
         }
     }
-    let has_payloads = has_payloads(&instructions, &mut program);
+    let mut has_payloads = has_payloads(&listing, &mut program);
+    let mut called = Sensors::default();
+    for text in &texts[1..] {
+        has_payloads |= sets_payload(text, &mut program);
+        called.note_called(text, &program);
+    }
+    let names: Vec<String> = texts.iter().map(fanuc_numbers::name_of).collect();
+    let unfound = texts.iter().flat_map(|text| {
+        let calls = fanuc_numbers::calls(text).into_iter();
+        let other = calls.filter(|at| !names.contains(&text.name(*at)));
+        other.map(|at| {
+            let (file, at_byte) = (text.file, text.byte(at));
+            (text.spelling(at), Location { file, at: at_byte })
+        })
+    });
+    unfound::note(&mut program, unfound.collect::<Vec<_>>());
     find_motions(
-        &instructions,
+        &listing,
         &taught,
         &mut program,
         &Known {
@@ -102,9 +102,42 @@ pub fn read(source: Source, others: &[Source], frames: &FrameFile) -> Result<Pro
             file: frames,
             changed,
             has_payloads,
+            called,
+            in_use: InUse::new(&texts),
         },
     )?;
     Ok(program)
+}
+
+/// Returns whether a file is a listing.
+fn is_listing(source: &Source) -> bool {
+    let ending = source.path.extension();
+    ending.is_some_and(|ending| ending.eq_ignore_ascii_case("ls"))
+}
+
+/// Returns the first byte of a section of a listing, or the end of the file.
+fn section(source: &Source, name: &[u8]) -> usize {
+    let is_start = |at: &usize| {
+        let begins = *at == 0 || matches!(source.bytes.get(at - 1), Some(b'\n' | b'\r'));
+        begins && source.bytes[*at..].starts_with(name)
+    };
+    let end = source.bytes.len();
+    (0..end).find(is_start).unwrap_or(end)
+}
+
+/// Returns the tokens of the instructions of a listing, and those of its positions.
+fn parts(source: &Source) -> (Vec<Token>, Vec<Token>) {
+    let (motions, positions) = (section(source, b"/MN"), section(source, b"/POS"));
+    let bytes = without_remarks(&source.bytes, motions, positions);
+    let mut all = tokens(&bytes, &LEXICON);
+    all.retain(|token| token.kind != Kind::LineEnd);
+    let within = |from: usize, to: usize| -> Vec<Token> {
+        let is_inside = |token: &&Token| (from..to).contains(&(token.start as usize));
+        all.iter().filter(is_inside).copied().collect()
+    };
+    // Behind the name of the section.
+    let code = within(motions + 3, positions);
+    (code, within(positions, source.bytes.len()))
 }
 
 /// Returns the bytes of a listing with blanks instead of the remarks, messages and names among the instructions: an apostrophe
@@ -171,6 +204,10 @@ struct Known<'a> {
     changed: BTreeMap<(bool, Option<String>), String>,
     /// Whether the listing sets payloads, so that those of the tools are not certain.
     has_payloads: bool,
+    /// Sensors that a called listing leaves on.
+    called: Sensors,
+    /// User frame and tool in use at each motion.
+    in_use: InUse,
 }
 
 /// Leaves the positions that the instructions set as they are: `P[2]=LPOS`, `P[R[1]]=PR[3]`.
@@ -309,18 +346,11 @@ fn find_motions(
     program: &mut Program,
     given: &Known<'_>,
 ) -> Result<(), InputError> {
-    let end = text.tokens.len();
     let mut sensors = Sensors::new(text, program);
-    let mut from = 0;
-    while from < end {
-        let stop = (from..end).find(|at| text.is(*at, b';')).unwrap_or(end);
-        // A line begins with its number and a colon.
-        let start =
-            from + usize::from(text.number(from).is_some()) + usize::from(text.is(from + 1, b':'));
+    for (start, stop) in instructions(text) {
         sensors.note(text, start, program);
-        let shift = sensors.reason();
+        let shift = sensors.reason().or(given.called.reason());
         motion(text, (start, stop), taught, program, (given, shift))?;
-        from = stop + 1;
     }
     Ok(())
 }
@@ -335,18 +365,20 @@ fn motion(
     let way = match text.name(start).as_str() {
         "j" => Way::Joints,
         "l" => Way::Line,
-        "c" | "a" => Way::Arc,
+        "c" | "a" | "s" => Way::Arc,
         _ => return Ok(()),
     };
     let is_position =
         |at: &usize| matches!(text.name(*at).as_str(), "p" | "pr") && text.is(at + 1, b'[');
-    if !is_position(&(start + 1)) {
-        return Ok(());
-    }
     let location = Location {
         file: 0,
         at: text.byte(start),
     };
+    if !is_position(&(start + 1)) {
+        let end = text.spelling(start + 1);
+        program.leave(location, format!("its end {end} is not P[n]"));
+        return Ok(());
+    }
     let points = 1 + usize::from(text.name(start) == "c");
     let (mut goals, mut others): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
     for at in (start + 1..stop).filter(is_position) {
@@ -363,6 +395,8 @@ fn motion(
     let modified = (start..stop).find(is_modified);
     let modified = modified.or_else(|| others.into_iter().find(is_offset));
     let modified = modified.map(|at| format!("{} changes its end", text.spelling(at)));
+    let is_spline = text.name(start) == "s";
+    let modified = modified.or(is_spline.then(|| "a spline move is not corrected".to_owned()));
     if let Some(reason) = modified.or(shift) {
         program.leave(location, reason);
         let numbers = goals.iter().filter_map(|at| text.number(at + 2));
@@ -401,6 +435,11 @@ fn motion(
             });
         if let Some(line) = changed.filter(|_| !is_joints) {
             let reason = format!("its frame or tool is set at {line}");
+            program.leave(taught_at, reason);
+            continue;
+        }
+        let other = given.in_use.other(start, (user, tool), program);
+        if let Some(reason) = other.filter(|_| !is_joints) {
             program.leave(taught_at, reason);
             continue;
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::robot_programs::correction::fanuc_numbers::instructions;
 use crate::robot_programs::correction::program::{Location, Program};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::Text;
@@ -31,14 +32,28 @@ pub fn has_payloads(text: &Text<'_>, program: &mut Program) -> bool {
     if set.iter().all(is_same) && !(0..*first).any(is_motion) {
         return false;
     }
+    note_payload(text, *first, program);
+    true
+}
+
+/// Returns whether a listing that is called sets a payload.
+pub fn sets_payload(text: &Text<'_>, program: &mut Program) -> bool {
+    let mut all = 0..text.tokens.len();
+    let set = all.find(|at| text.name(*at) == "payload" && text.is(at + 1, b'['));
+    if let Some(at) = set {
+        note_payload(text, at, program);
+    }
+    set.is_some()
+}
+
+fn note_payload(text: &Text<'_>, at: usize, program: &mut Program) {
     let line = program.line_of(Location {
-        file: 0,
-        at: text.byte(*first),
+        file: text.file,
+        at: text.byte(at),
     });
     program.remarks.push(format!(
         "{line}: PAYLOAD selects a mass that is stored in the controller: state it with --payload-kg"
     ));
-    true
 }
 
 /// Returns the tools and user frames that the instructions set, by number, each with the line: `UFRAME[2]=PR[1]`,
@@ -75,7 +90,10 @@ pub fn changed_frames(
         let number = indices.get(usize::from(is_variable)).copied();
         let number = number.and_then(value).map(|n| n.to_string());
         let at = text.byte(at);
-        let line = program.line_of(Location { file: 0, at });
+        let line = program.line_of(Location {
+            file: text.file,
+            at,
+        });
         out.entry((is_tool, number)).or_insert(line);
     }
     out
@@ -123,6 +141,15 @@ impl Sensors {
         out
     }
 
+    /// Notes the sensors that a called listing leaves on.
+    pub fn note_called(&mut self, text: &Text<'_>, program: &Program) {
+        let mut own = Self::new(text, program);
+        for (start, _) in instructions(text) {
+            own.note(text, start, program);
+        }
+        self.on.extend(own.on);
+    }
+
     /// Notes the sensor that an instruction switches on or off.
     pub fn note(&mut self, text: &Text<'_>, start: usize, program: &Program) {
         let Some((sensor, is_on)) = sensor(text, start).filter(|_| !self.has_labels) else {
@@ -130,7 +157,10 @@ impl Sensors {
         };
         if is_on {
             let at = text.byte(start);
-            let line = program.line_of(Location { file: 0, at });
+            let line = program.line_of(Location {
+                file: text.file,
+                at,
+            });
             self.on.entry(sensor).or_insert(line);
         } else {
             self.on.remove(sensor);

@@ -15,7 +15,7 @@ use crate::robot_programs::correction::program::{Location, Program};
 pub enum Step<V> {
     /// Gives a key a value; `None` stands for a value that the controller computes.
     Set(usize, Option<V>),
-    /// Gives the first key what the second one holds, which gets its values from no other.
+    /// Gives the first key what the second one holds.
     Copy(usize, usize),
     /// Calls one of these routines.
     Call(Vec<usize>),
@@ -239,8 +239,13 @@ impl<V: Clone + PartialEq> Flow<V> {
             Step::Copy(key, from) => Some((*key, *from)),
             _ => None,
         };
-        for (key, from) in (0..self.steps.len()).filter_map(copy) {
-            anywhere[key] = anywhere[key].or(&anywhere[from]);
+        // Copies of copies take several passes.
+        let mut before = None;
+        while before.as_ref() != Some(&anywhere) {
+            before = Some(anywhere.clone());
+            for (key, from) in (0..self.steps.len()).filter_map(copy) {
+                anywhere[key] = anywhere[key].or(&anywhere[from]);
+            }
         }
         let anywhere = Rc::new(anywhere);
         let set = |step: usize| {
@@ -253,8 +258,12 @@ impl<V: Clone + PartialEq> Flow<V> {
             interrupting[key] = either(interrupting[key].take(), Some(held));
         }
         // What interrupts do to a value, they do to its copies.
-        for (key, from) in (0..self.steps.len()).filter_map(copy) {
-            interrupting[key] = either(interrupting[key].take(), interrupting[from].clone());
+        let mut before = None;
+        while before.as_ref() != Some(&interrupting) {
+            before = Some(interrupting.clone());
+            for (key, from) in (0..self.steps.len()).filter_map(copy) {
+                interrupting[key] = either(interrupting[key].take(), interrupting[from].clone());
+            }
         }
         let none = || vec![None; self.routines.len()];
         let mut arrivals = Arrivals {

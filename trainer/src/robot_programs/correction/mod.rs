@@ -9,6 +9,7 @@ pub mod engine;
 mod fanuc;
 mod fanuc_configuration;
 mod fanuc_frames;
+mod fanuc_numbers;
 mod fanuc_settings;
 mod flow;
 pub mod frames;
@@ -27,7 +28,9 @@ pub mod source;
 pub mod split;
 mod table;
 mod table_columns;
+pub mod target_poses;
 pub mod tokens;
+mod unfound;
 mod urscript;
 mod val3;
 

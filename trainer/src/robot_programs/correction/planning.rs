@@ -8,11 +8,12 @@ use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::posture::{Arm, sides};
-use crate::robot_programs::correction::program::{Goal, Left, Program, Target, Way, frames_of};
+use crate::robot_programs::correction::program::{Goal, Left, Program, Target, Way};
 use crate::robot_programs::correction::solution::{
     Meaning, Refused, Solution, has_new_letter, pose_joints,
 };
 use crate::robot_programs::correction::source::Number;
+use crate::robot_programs::correction::target_poses::frames_of;
 
 /// Corrections that differ by less than this, in m, leave no doubt worth a word.
 const SAME_CORRECTION: f64 = 5e-5;
@@ -202,7 +203,11 @@ fn payload_of(program: &Program, target: usize, payload: Payload) -> Result<f64,
             let tool = tool.and_then(|index| program.frames.get(index));
             tool.and_then(|tool| tool.payload_kg)
                 .filter(|kg| *kg >= 0.0)
-                .ok_or_else(|| Refused::Left(NO_PAYLOAD.to_owned()))
+                .ok_or_else(|| {
+                    let why = program.unknown_payloads.get(&target);
+                    let why = why.map_or_else(String::new, |why| format!(": {why}"));
+                    Refused::Left(format!("{NO_PAYLOAD}{why}"))
+                })
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeSet, HashMap};
 
-use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::seeds::Seeds;
@@ -57,8 +56,8 @@ pub enum Says {
     Turn(usize),
     /// Signs of the joints as bits, of joint 1 as the lowest.
     Signs {
-        /// Whether the bits are written as digits.
-        is_binary: bool,
+        /// Base in which the bits are written.
+        radix: u32,
     },
 }
 
@@ -120,7 +119,8 @@ impl Stated {
     pub fn text(&self, value: f64) -> String {
         let width = self.number.span().len();
         match self.says {
-            Says::Signs { is_binary: true } => format!("{:0width$b}", value as u32),
+            Says::Signs { radix: 2 } => format!("{:0width$b}", value as u32),
+            Says::Signs { radix: 16 } => format!("{:0width$X}", value as u32),
             _ => format!("{}", value as i64),
         }
     }
@@ -318,10 +318,16 @@ pub struct Line {
     pub step: usize,
     /// Index of the file.
     pub file: usize,
+    /// Byte before which moves are inserted.
+    pub at: usize,
+    /// Lines that prepare the inserted moves.
+    pub before: Vec<Vec<u8>>,
     /// First byte of the instruction, and the byte behind its last.
     pub instruction: (usize, usize),
     /// First byte of the target, and the byte behind its last.
     pub target: (usize, usize),
+    /// Span behind the target by which the arm stops at its end, and what the inserted moves have there to pass theirs.
+    pub blend: Option<((usize, usize), &'static str)>,
     /// Notation of the target.
     pub literal: Literal,
 }
@@ -351,6 +357,8 @@ pub struct Program {
     pub lines: Vec<Line>,
     /// Indices of the targets to which moves with different payloads go.
     pub loaded_differently: BTreeSet<usize>,
+    /// Reasons why the payload of targets is not known, by index.
+    pub unknown_payloads: HashMap<usize, String>,
     /// Indices of targets to which a move goes that is left as it is: the move is named, and they are not.
     pub reached_otherwise: BTreeSet<usize>,
     /// Indices of joint targets in files that are not corrected: the arm goes there, and they stay.
@@ -376,6 +384,7 @@ impl Program {
             moves: Vec::new(),
             lines: Vec::new(),
             loaded_differently: BTreeSet::new(),
+            unknown_payloads: HashMap::new(),
             reached_otherwise: BTreeSet::new(),
             fixed: BTreeSet::new(),
             left: Vec::new(),
@@ -466,31 +475,4 @@ impl Program {
             }
         }
     }
-}
-
-/// Returns the written pose of a target; `None` where the numbers are no orientation.
-pub fn written_pose(program: &Program, target: &Target) -> Option<Pose<f64>> {
-    let Goal::Pose {
-        position,
-        orientation,
-    } = &target.goal
-    else {
-        return None;
-    };
-    let dialect = &program.dialect;
-    let numbers: Vec<f64> = orientation.iter().map(|n| n.value).collect();
-    let [x, y, z] = position.map(|n| dialect.metre * n.value);
-    Some(Pose {
-        rotation: dialect.orientation.rotation(&numbers)?,
-        translation: Vector3::new(x, y, z),
-    })
-}
-
-/// Returns `flange_from_tool` and `base_from_frame` of a target.
-pub fn frames_of(program: &Program, target: &Target) -> (Pose<f64>, Pose<f64>) {
-    let of = |index: Option<usize>| {
-        let frame = index.and_then(|index| program.frames.get(index));
-        frame.map_or_else(Pose::identity, |frame| frame.pose)
-    };
-    (of(target.tool), of(target.base))
 }

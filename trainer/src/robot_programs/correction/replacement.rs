@@ -4,8 +4,9 @@ use poegp_calibration::blob::commander::{Commander, Joints};
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::program::{Goal, Program, frames_of};
+use crate::robot_programs::correction::program::{Goal, Program};
 use crate::robot_programs::correction::source::{Decimals, Number, rewritten};
+use crate::robot_programs::correction::target_poses::frames_of;
 
 /// A corrected target with its joints.
 #[derive(Clone, Copy, Debug, PartialEq)]

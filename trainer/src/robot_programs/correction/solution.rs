@@ -10,8 +10,9 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::between::at;
 use crate::robot_programs::correction::posture::{Arm, Sides, sides};
 use crate::robot_programs::correction::program::{
-    Bound, Configuration, NOISE, Program, SLACK, Says, Stated, Target, Way, frames_of, written_pose,
+    Bound, Configuration, Convention, NOISE, Posture, Program, SLACK, Says, Stated, Target, Way,
 };
+use crate::robot_programs::correction::target_poses::{frames_of, written_pose};
 
 /// A search that ends farther than this from its start, in rad or m, may be on another branch.
 pub const NEAR: f64 = 0.6;
@@ -330,14 +331,20 @@ pub fn pose_joints(
             "the arm does not reach it within its joint limits".to_owned(),
         ));
     }
-    match nearest(&mut branches.iter()) {
+    let nearest = nearest(&mut branches.iter());
+    match nearest {
         Some(joints) if !configuration.is_monitored => Ok(Solution {
             solutions: solutions(branches.len()),
             is_letter_guessed,
             is_line_lost: is_line && branches.len() > 1,
             ..Solution::certain(joints)
         }),
-        _ => Err(Refused::Program(unmatched(program, target, branches.len()))),
+        _ => {
+            let nearest =
+                nearest.and_then(|joints| written(commander, arm, &configuration, &joints));
+            let error = unmatched(program, target, branches.len(), nearest);
+            Err(Refused::Program(error))
+        }
     }
 }
 
@@ -361,21 +368,78 @@ fn seed(
     Ok(joints)
 }
 
-/// Returns the error for a target none of whose solutions has its configuration.
-fn unmatched(program: &Program, target: &Target, solutions: usize) -> InputError {
+/// Returns the numbers that a configuration would state at joints: `[0,-1,0,0]` or `S 2,T 35`.
+fn written(
+    commander: &Commander,
+    arm: &Arm,
+    configuration: &Configuration,
+    joints: &Joints,
+) -> Option<String> {
+    let number = |says: Says| match says {
+        Says::Quarter(joint) => (joints[joint] / std::f64::consts::FRAC_PI_2).floor(),
+        Says::Turn(joint) => (joints[joint] / std::f64::consts::TAU).round(),
+        Says::Signs { .. } => {
+            let sign = |joint: usize| f64::from(u32::from(joints[joint] < 0.0) << joint);
+            (0..6).map(sign).sum()
+        }
+    };
+    let posture = configuration.posture.and_then(|own| {
+        let is_it = |bits: &u32| {
+            let stated = arm.stated(&Posture { bits: *bits, ..own });
+            is_on(commander, joints, &stated)
+        };
+        Some((own.convention, (0..8).find(is_it)?))
+    });
+    let numbers = configuration
+        .stated
+        .iter()
+        .map(|stated| number(stated.says));
+    let numbers: Vec<String> = numbers.map(|number| number.to_string()).collect();
+    match posture {
+        Some((Convention::Status, bits)) => {
+            let turn = numbers.first().map(|turn| format!(",T {turn}"));
+            Some(format!("S {bits}{}", turn.unwrap_or_default()))
+        }
+        Some((Convention::Cfx, bits)) if numbers.len() == 3 => {
+            Some(format!("[{},{bits}]", numbers.join(",")))
+        }
+        _ => None,
+    }
+}
+
+/// Returns the error for a target none of whose solutions has its configuration. `nearest` is the configuration of one that
+/// it has.
+fn unmatched(
+    program: &Program,
+    target: &Target,
+    solutions: usize,
+    nearest: Option<String>,
+) -> InputError {
     let source = &program.sources[target.location.file];
     let configuration = target.configuration.as_ref();
     let ends = configuration.and_then(|c| Some((c.stated.first()?.number, c.rest?)));
-    let written = ends.map(|(first, last)| {
+    let of_span = ends.map(|(first, last)| {
         let span = first.span().start..last.span().end;
         format!(" [{}]", String::from_utf8_lossy(source.slice(&span)))
     });
+    let of_bits = || {
+        let bits = configuration?.posture.map(|posture| posture.bits)?;
+        let turn = configuration?.stated.first();
+        let turn = turn.map(|stated| format!(",T {}", stated.number.value));
+        Some(format!(" S {bits}{}", turn.unwrap_or_default()))
+    };
     let found = format!(
         "none of this target's {} in its stated configuration{}",
         counted(solutions, "joint solution"),
-        written.unwrap_or_default()
+        of_span.or_else(of_bits).unwrap_or_default()
+    );
+    let nearest =
+        nearest.map(|nearest| format!(" The solution nearest to the joints before has {nearest}."));
+    let help = format!(
+        "wrong robot model, tool or frame?{}",
+        nearest.unwrap_or_default()
     );
     source
         .error(target.location.at, found, "one")
-        .with_help("wrong robot model, tool or frame?")
+        .with_help(help)
 }

@@ -1,7 +1,8 @@
 //! Inserts targets on straight lines where the real tool would leave the path between the corrected ends.
 //!
-//! Each inserted target is a copy of the line's instruction with another target, before the instruction; speed and zone are
-//! those of the copied instruction. No other byte changes, so that removing the copies restores the file.
+//! Each inserted target is a copy of the line's instruction with another target, before the instruction or the inline form
+//! around it. Its speed and zone are those of the copied instruction; where this one stops, the copy passes with a small zone.
+//! No other byte changes, so that removing the copies restores the file.
 
 use std::collections::HashMap;
 
@@ -14,10 +15,11 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::between::{Between, POINTS, Stretch, at, error};
 use crate::robot_programs::correction::engine::{Direction, corrected};
 use crate::robot_programs::correction::planning::Planned;
-use crate::robot_programs::correction::program::{Left, Line, Literal, Program, frames_of};
+use crate::robot_programs::correction::program::{Left, Line, Literal, Program};
 use crate::robot_programs::correction::replacement::{Replacement, Solved};
 use crate::robot_programs::correction::solution::NEAR;
 use crate::robot_programs::correction::source::{Source, fixed};
+use crate::robot_programs::correction::target_poses::frames_of;
 use crate::robot_programs::dialect::Orientation;
 
 /// Largest number of pieces of one line.
@@ -166,17 +168,24 @@ fn insertion(
     let source = &program.sources[line.file];
     let (start, end) = line.instruction;
     let before = source.slice(&(start..line.target.0));
-    let behind = source.slice(&(line.target.1..end));
+    let ((stop, stop_end), blend) = line.blend.unwrap_or(((end, end), ""));
+    let [behind, rest] = [line.target.1..stop, stop_end..end].map(|span| source.slice(&span));
     let mut text = Vec::new();
+    for preparing in &line.before {
+        text.extend_from_slice(preparing);
+        text.extend(separator(source, line.at));
+    }
     for solved in targets {
         text.extend_from_slice(before);
         text.extend(literal(program, commander, line, solved).bytes());
-        text.extend_from_slice(behind);
-        text.extend(separator(source, start));
+        for part in [behind, blend.as_bytes(), rest] {
+            text.extend_from_slice(part);
+        }
+        text.extend(separator(source, line.at));
     }
     Replacement {
         file: line.file,
-        span: (start, start),
+        span: (line.at, line.at),
         text,
     }
 }

@@ -36,6 +36,53 @@ fn remarks_of_a_listing_hide_no_instruction() {
         ("$MNUFRAME[2,2]=PR[5]", 5, ""),
         ("P[2]=LPOS", 4, "the program changes it"),
         ("P[R[1]]=PR[3]", 0, "the program changes it"),
+        // Ends that are no positions, and splines.
+        (
+            "L PAL_1[BTM] 100mm/sec FINE",
+            5,
+            "its end PAL_1 is not P[n]",
+        ),
+        ("S P[2] 100mm/sec FINE", 5, "a spline move is not corrected"),
+        // Frames in use that are not those of the positions.
+        (
+            "UFRAME_NUM=5",
+            2,
+            "UFRAME_NUM is 5 at the motion to it, and it was taught in UF 2",
+        ),
+        (
+            "UTOOL_NUM[GP1]=4",
+            2,
+            "UTOOL_NUM is 4 at the motion to it, and it was taught in UT 3",
+        ),
+        (
+            "$MNUFRAMENUM[1]=5",
+            2,
+            "UFRAME_NUM is 5 at the motion to it",
+        ),
+        ("UFRAME_NUM=R[1]", 2, "UFRAME_NUM: it is changed at b.ls:"),
+        (
+            "IF (R[1]=1),UFRAME_NUM=5",
+            2,
+            "not on every path to this move",
+        ),
+        ("IF (R[1]=1) THEN ;\n UFRAME_NUM=2 ;\n ENDIF", 5, ""),
+        (
+            "IF (R[1]=1) THEN ;\n UFRAME_NUM=5 ;\n ENDIF",
+            2,
+            "not on every path to this move",
+        ),
+        ("JMP LBL[1] ;\n UFRAME_NUM=5 ;\n LBL[1]", 5, ""),
+        (
+            "IF R[1]=1,JMP LBL[1] ;\n UFRAME_NUM=5 ;\n LBL[1]",
+            2,
+            "not on every path",
+        ),
+        (
+            "JMP LBL[R[1]] ;\n UFRAME_NUM=5 ;\n LBL[1]",
+            2,
+            "not on every path",
+        ),
+        ("UFRAME_NUM=5 ;\n UFRAME_NUM=2", 5, ""),
         // In whatever language of the controller.
         ("L P[2] 5mm/sec FINE VERSATZ,PR[1]", 5, "changes its end"),
         ("L P[2] 5mm/sec FINE Skip,LBL[1],PR[3]=LPOS", 5, ""),
@@ -221,4 +268,49 @@ fn positions_of_a_job_that_something_moves_are_left() {
     let end = text.replace("MOVJ C00004", "SFTON P001\nJUMP *A\nMOVJ C00004");
     let end = end.replace("NOP\n", "NOP\n*A\n");
     check_whole(&folder, "b.jbi", &end, 0, "a shift may be active");
+}
+
+/// A listing that is called sets frames, payloads and sensors; one that is in no file is named.
+#[test]
+fn called_listings_are_read() {
+    let folder = folder();
+    let text = String::from_utf8_lossy(&file("part.ls")).replace("\r\n", "\n");
+    folder.write(
+        "b.ls",
+        text.replace("   4:J", "   4:  CALL SETF(1) ;\n   4:J"),
+    );
+    let run = |rest: &str| {
+        let command = "correct elas.blob b.ls --frames frames.toml --json - --out out.ls";
+        let outcome = folder.run(&format!("{command} {rest}"));
+        assert!(matches!(outcome.code, Some(0 | 1)), "{outcome:#?}");
+        let targets = outcome.json()["targets"].as_u64();
+        (targets, outcome.stdout)
+    };
+    let (targets, said) = run("--payload-kg 2.5");
+    assert_eq!(targets, Some(5));
+    let note = "b.ls:10: routines in none of the files: SETF: it is assumed that they set no tool";
+    assert!(said.contains(note), "{said}");
+    for (line, corrected, reason) in [
+        ("R[1]=2", 5, ""),
+        (
+            "UFRAME[2]=PR[5]",
+            2,
+            "its frame or tool is set at setf.ls:3",
+        ),
+        ("UTOOL_NUM=5", 2, "UTOOL_NUM is 5 at the motion to it"),
+        (
+            "Touch Offset PR[1]",
+            0,
+            "Touch Offset at setf.ls:3 shifts its end",
+        ),
+        ("Touch Offset PR[1] ;\n Touch Offset End", 5, ""),
+        ("PAYLOAD[3]", 5, "setf.ls:3: PAYLOAD selects a mass"),
+    ] {
+        let listing = format!("/PROG  SETF\n/MN\n   1:  {line} ;\n/POS\n/END\n");
+        folder.write("setf.ls", listing);
+        let (targets, said) = run("--payload-kg 2.5 --with setf.ls");
+        assert_eq!(targets, Some(corrected), "{line}\n{said}");
+        assert!(said.contains(reason), "{line}\n{said}");
+        assert!(!said.contains("in none of the files"), "{line}\n{said}");
+    }
 }

@@ -18,6 +18,7 @@ fn sources_are_followed_on_every_way() {
     let folder = folder();
     let go = "LIN {X 701.088,Y 449.848,Z 513.922,A 178.5291,B 23.3121,C -159.0124}";
     let see = "DEF SEE(F:OUT)\nFRAME F\nF.X=F.X+100";
+    let with = |more: &str| go.replace('}', &format!(",{more}}}"));
     let cases = [
         (go.to_owned(), 2, ""),
         (format!("BAS(#BASE,i)\n{go}"), 1, "computed"),
@@ -78,9 +79,40 @@ fn sources_are_followed_on_every_way() {
             "",
         ),
         (
-            format!("FDAT_ACT={{TOOL_NO -1,BASE_NO 2,IPO_FRAME #BASE}}\n{go}"),
+            format!("FDAT_ACT={{TOOL_NO -1,BASE_NO 2,IPO_FRAME #BASE}}\nBAS(#CP_PARAMS,1)\n{go}"),
             1,
             "there is no tool or base -1",
+        ),
+        // A configuration that is a variable, or no number of bits.
+        (with("S N,T M"), 1, "its T is not a plain number"),
+        (with("S N,T 40"), 1, "its S is not a plain number"),
+        (with("S 2,T 'X28'"), 1, "its T is not a plain number"),
+        (with("S 2,T -1"), 1, "its T is not a plain number"),
+        // An external axis that something moves from zero.
+        (
+            format!("PTP {{E1 500}}\n{go}"),
+            1,
+            "E1 is missing, so the controller keeps",
+        ),
+        (
+            format!("ASYPTP {{E1 800}}\n{go}"),
+            1,
+            "E1 is missing, so the controller keeps",
+        ),
+        (format!("{go}\nXP9.E1=X"), 1, "which a.src:9 sets"),
+        (format!("{go}\nXP9.E1=0"), 2, ""),
+        (format!("{}\nASYPTP {{E1 800}}", with("E1 0")), 2, "ASYPTP"),
+        (
+            format!("{}\nASYPTP {{E2 800}}", with("E1 0")),
+            1,
+            "E2 is missing",
+        ),
+        (format!("{}\n{go}", with("E1 0")), 3, ""),
+        // An array of points.
+        (
+            format!("DECL E6POS P[2]\nLIN P[i]\n{go}"),
+            2,
+            "its point is computed: P[i]",
         ),
         // A base by its name.
         (

@@ -3,7 +3,9 @@
 
 mod job_and_listing;
 mod krl;
+mod krl_data;
 mod rapid;
+mod rapid_data;
 mod urscript;
 mod val3;
 

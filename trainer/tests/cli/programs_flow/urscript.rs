@@ -58,6 +58,43 @@ fn scripts_are_followed_on_every_way() {
             1,
             "the controller moves it",
         ),
+        // With and without an end for each case.
+        (
+            format!("switch a:\ncase 1:\n{long}\ncase 2:\n{TCP}default:\n{go}\nend\n{go}"),
+            1,
+            "not on every path",
+        ),
+        (
+            format!("switch a:\ncase 1:\n{long}\nend\ncase 2:\n{TCP}end\ndefault:\n{go}\nend\nend"),
+            2,
+            "",
+        ),
+        (
+            format!("switch a:\ncase 1:\n{long}\nend\nend\n{go}"),
+            1,
+            "not on every path",
+        ),
+        (
+            format!("switch a:\ncase 1:\n{long}\nend\ndefault:\n{long}\nend\nend\n{TCP}{go}"),
+            2,
+            "",
+        ),
+        // A computed tool, and features within features.
+        (
+            format!("set_tcp(f(q))\n{go}"),
+            1,
+            "tool tcp: it is computed at a.script:6",
+        ),
+        (
+            format!("movel(pose_trans(pose_trans(p[0.1,0,0,0,0,0], p[-0.1,0,0,0,0,0]), {POINT}))"),
+            2,
+            "",
+        ),
+        (
+            format!("movel(pose_trans(pose_trans(p[0,0,0,0,0,0], g), {POINT}))"),
+            1,
+            "its feature g is computed",
+        ),
         // A feature that is set again has the value that holds at the move.
         (
             format!("f = p[0,0,0,0,0,0]\nf = p[0.1,0,0,0,0,0]\nmovel(pose_trans(f, {POINT}))"),
@@ -97,6 +134,45 @@ fn scripts_are_followed_on_every_way() {
         "a.script",
         "--payload-from-program",
         script,
+    );
+}
+
+/// A product of features or tools is what it is worth; a script whose switch does not end is refused.
+#[test]
+fn products_of_poses_are_computed() {
+    let folder = folder();
+    let numbers = |part: &str| {
+        let left = run(&folder, "a.script", &script(part), "");
+        assert_eq!(left, (2, String::new()), "{part}");
+        numbers_after(&folder.read("out_a.script"), ", p[1.", 6)
+    };
+    let turned = "p[0, 0, 0.1, 0, 0, 0.3]";
+    let of = |feature: &str| format!("movel(pose_trans({feature}, {POINT}))");
+    let plain = numbers(&of(turned));
+    let product = "pose_trans(p[0, 0, 0.1, 0, 0, 0], p[0, 0, 0, 0, 0, 0.3])";
+    assert_eq!(numbers(&of(product)), plain);
+    let inner = of("pose_trans(f, p[0, 0, 0, 0, 0, 0.3])");
+    let two = format!("f = p[1, 0, 0, 0, 0, 0]\nf = p[0, 0, 0.1, 0, 0, 0]\n{inner}");
+    assert_eq!(numbers(&two), plain);
+    let tool = |tool: &str| numbers(&format!("set_tcp({tool})\n{}", of("p[0, 0, 0, 0, 0, 0]")));
+    let short = "pose_trans(p[0.03, -0.045, 0, 0, 0, 0], p[0, 0, 0.2, 0, 0, 0])";
+    assert_eq!(tool(short), tool("p[0.03, -0.045, 0.2, 0, 0, 0]"));
+    let refused = |text: String, found: &str| {
+        folder.write("a.script", text);
+        let outcome = folder.run("correct elas.blob a.script --payload-kg 1 --out out.script");
+        assert_eq!(outcome.code, Some(2), "{outcome:#?}");
+        assert!(outcome.stderr.contains(found), "{outcome:#?}");
+    };
+    for cut in [
+        "switch a:\ncase 1:\nend\ndefault:\nx=1\nend",
+        "switch a:\ncase 1:\nx=1",
+    ] {
+        let text = script(&format!("{cut}\nmovel(q)"));
+        refused(text, "a switch in a script whose blocks do not end");
+    }
+    refused(
+        script("movel(q)").replace(TCP, ""),
+        "found a move without a tool",
     );
 }
 

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use crate::robot_programs::correction::krl::states::{BASE, Line, Named, TOOL};
-use crate::robot_programs::correction::krl::{Point, Reader};
+use crate::robot_programs::correction::krl::Reader;
+use crate::robot_programs::correction::krl::states::{BASE, LOAD, Line, Named, TOOL};
 use crate::robot_programs::correction::program::Goal;
 
 /// Words before a bracket that compute or tell something of a point, and do not go there.
@@ -21,17 +21,27 @@ impl Reader<'_> {
             return;
         }
         let is_set = text.is(at + 1, b'=') || text.is(at + 1, b'.');
-        let mut changed = vec![at; usize::from(is_set)];
+        let is_element_set = text.is(at + 1, b'[') && self.is_code(line.file);
+        let mut changed = vec![at; usize::from(is_set || is_element_set)];
         changed.extend(self.given(line).into_iter().flatten());
+        for at in changed.iter().filter(|at| text.name(**at) == "load_data") {
+            self.forget_load(line.file, *at);
+        }
         let reason = format!(
             "the program changes it at {}",
             self.program.line_of(self.location(line.file, at))
         );
-        for name in changed.into_iter().map(|at| text.name(at)) {
-            if let Some(Point::Target(index)) = self.points.find(&name, line.file).copied() {
-                let location = self.program.targets[index].location;
+        for at in changed {
+            let name = text.name(at);
+            let targets = self.targets_at(line.file, at);
+            for index in &targets {
+                let location = self.program.targets[*index].location;
                 self.program.leave(location, reason.clone());
-            } else if let Some(data) = self.frame_data.find_mut(&name, line.file) {
+            }
+            if !targets.is_empty() {
+                continue;
+            }
+            if let Some(data) = self.frame_data.find_mut(&name, line.file) {
                 let unknown = Named::Unknown(format!("frame data {name}: {reason}"));
                 (data.tool, data.base) = (unknown.clone(), unknown);
             } else if let Some(pose) = self.named_frames.find_mut(&name, line.file) {
@@ -50,15 +60,15 @@ impl Reader<'_> {
         };
         for call in (line.from..line.end).filter(is_call) {
             let close = text.find(call + 2, line.end, b")");
-            for (from, _) in text
-                .arguments(call + 2, close)
-                .into_iter()
-                .filter(|(from, end)| *end == from + 1)
-            {
-                let found = self.points.find(&text.name(from), line.file).copied();
-                if let Some(Point::Target(index)) = found
-                    && matches!(self.program.targets[index].goal, Goal::Pose { .. })
-                {
+            for (from, end) in text.arguments(call + 2, close) {
+                let is_element = text.is(from + 1, b'[') && text.is(end - 1, b']');
+                if end != from + 1 && !is_element {
+                    continue;
+                }
+                for index in self.targets_at(line.file, from) {
+                    if !matches!(self.program.targets[index].goal, Goal::Pose { .. }) {
+                        continue;
+                    }
                     let line = self.program.line_of(self.location(line.file, call));
                     let reason = format!("{} at {line} gets it, too", text.spelling(call));
                     let location = self.program.targets[index].location;
@@ -115,6 +125,7 @@ impl Reader<'_> {
             match text.name(at).as_str() {
                 "$tool" => keys.push(TOOL),
                 "$base" => keys.push(BASE),
+                "$load" => keys.push(LOAD),
                 _ => {}
             }
         }

@@ -6,27 +6,28 @@
 //! Programming Instructions for System Integrators", KSS 8.)
 
 mod changes;
+mod data;
+mod folds;
 mod motion;
 mod names;
+mod points;
+mod routines;
 mod states;
 mod steps;
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::krl::names::Names;
-use crate::robot_programs::correction::krl::states::{Line, Named, States};
-use crate::robot_programs::correction::program::{
-    Configuration, Convention, Goal, Location, Posture, Program, Says, Stated, Target, Way, of_sign,
-};
-use crate::robot_programs::correction::source::{Number, Source};
+use crate::robot_programs::correction::krl::states::{Declared, Line, Named, States};
+use crate::robot_programs::correction::program::{Goal, Location, Program, Target, Way};
+use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, tokens};
-use crate::robot_programs::dialect::Orientation;
+use crate::robot_programs::correction::unfound;
 
 const LEXICON: Lexicon = Lexicon {
     comment: b';',
@@ -52,7 +53,12 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         named_frames: Names::new(&copies),
         changing: BTreeSet::new(),
         numbered: BTreeMap::new(),
+        loads: BTreeMap::new(),
+        moved: BTreeMap::new(),
+        has_loads: false,
+        external: BTreeMap::new(),
     };
+    reader.external = reader.external_axes();
     let mut all = Vec::new();
     for (file, text) in reader.texts.iter().enumerate() {
         let lines = lines(text).into_iter();
@@ -64,6 +70,8 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
     for line in &all {
         reader.note_change(*line);
     }
+    let unfound = reader.unfound(&all);
+    unfound::note(&mut reader.program, unfound);
     let states = reader.states(&all);
     let mut before = None;
     for (line, step) in all.iter().zip(&states.steps) {
@@ -108,6 +116,8 @@ enum Point {
     Elsewhere,
     /// Its declaration has no value.
     Unset,
+    /// An array, whose elements have names of their own: `p[1]`.
+    Array,
 }
 
 struct Reader<'a> {
@@ -121,7 +131,15 @@ struct Reader<'a> {
     /// Routines that change what their caller gives them.
     changing: BTreeSet<String>,
     /// Values of `TOOL_DATA` (true) and `BASE_DATA` (false) by number, as data lists declare them.
-    numbered: BTreeMap<(bool, u32), Result<Pose<f64>, String>>,
+    numbered: BTreeMap<(bool, u32), Declared<Pose<f64>>>,
+    /// Masses of `LOAD_DATA` in kg by number.
+    loads: BTreeMap<u32, Declared<f64>>,
+    /// Bases that an external kinematic moves, each with the line that says so.
+    moved: BTreeMap<u32, String>,
+    /// Whether the code sets `$LOAD`.
+    has_loads: bool,
+    /// External axes that anything moves from zero, each with a line.
+    external: BTreeMap<String, String>,
 }
 
 impl Reader<'_> {
@@ -129,128 +147,6 @@ impl Reader<'_> {
         Location {
             file,
             at: self.texts[file].byte(token),
-        }
-    }
-
-    /// Returns the components of a list in braces: the token of each value by the component's name.
-    fn components(&self, file: usize, from: usize, end: usize) -> Option<HashMap<String, usize>> {
-        let text = self.texts[file];
-        if !text.is(from, b'{') || text.find(from + 1, end, b"}") + 1 != end {
-            return None;
-        }
-        // The type may come first: {E6POS: X 1, …}
-        let colon = (from + 1..end).find(|at| text.is(*at, b':'));
-        let first = colon
-            .filter(|at| *at <= from + 2)
-            .map_or(from + 1, |at| at + 1);
-        let mut out = HashMap::new();
-        for (a, b) in text.arguments(first, end - 1) {
-            if b >= a + 2 {
-                // A component of more than one token is computed, or a list.
-                let is_bits = text.is(a + 1, b'\'') && text.is(b - 1, b'\'');
-                let at = if b == a + 2 || is_bits {
-                    a + 1
-                } else {
-                    usize::MAX
-                };
-                out.insert(text.name(a), at);
-            }
-        }
-        Some(out)
-    }
-
-    /// Returns a number of bits, and whether it is written as such: `35` or `'B100011'`.
-    fn bits(&self, file: usize, at: usize) -> Option<(Number, bool)> {
-        let text = self.texts[file];
-        if !text.is(at, b'\'') {
-            return text.number(at).map(|number| (number, false));
-        }
-        let start = text.byte(at + 1);
-        let written = start..text.byte(text.find(at + 1, at + 4, b"'"));
-        let written = text.source.slice(&written).trim_ascii_end();
-        let digits = written.strip_prefix(b"B").or(written.strip_prefix(b"b"))?;
-        let digits = std::str::from_utf8(digits).ok()?.trim_start();
-        let end = start + written.len();
-        let number = Number {
-            file: file as u32,
-            start: (end - digits.len()) as u32,
-            end: end as u32,
-            value: u32::from_str_radix(digits, 2).ok()?.into(),
-        };
-        Some((number, true))
-    }
-
-    fn all_of(
-        &self,
-        file: usize,
-        map: &HashMap<String, usize>,
-        names: &[&str],
-    ) -> Option<Vec<Number>> {
-        let number = |name: &&str| map.get(*name).and_then(|at| self.texts[file].number(*at));
-        names.iter().map(number).collect()
-    }
-
-    fn pose(&self, file: usize, from: usize, end: usize) -> Option<Pose<f64>> {
-        let map = self.components(file, from, end)?;
-        let n = self.all_of(file, &map, &["x", "y", "z", "a", "b", "c"])?;
-        let n: Vec<f64> = n.iter().map(|n| n.value).collect();
-        Some(Pose {
-            rotation: Orientation::TurnedZyx.rotation(&n[3..])?,
-            translation: Vector3::new(n[0], n[1], n[2]) / 1000.0,
-        })
-    }
-
-    /// Reads a written point; the error says why it cannot be corrected.
-    fn point(&self, file: usize, from: usize, end: usize) -> Result<Target, String> {
-        let map = self
-            .components(file, from, end)
-            .ok_or("a part of it is computed")?;
-        for (name, at) in &map {
-            let is_external = name.len() == 2 && name.starts_with('e');
-            let value = self.texts[file].number(*at).map(|n| n.value);
-            if is_external && value != Some(0.0) {
-                return Err("it has external axes".to_owned());
-            }
-        }
-        let joints: Vec<String> = (1..=6).map(|i| format!("a{i}")).collect();
-        let joints: Vec<&str> = joints.iter().map(String::as_str).collect();
-        let (configuration, goal);
-        if let Some(n) = self.all_of(file, &map, &joints) {
-            (configuration, goal) = (None, Goal::Joints(n));
-        } else if let Some(n) = self.all_of(file, &map, &["x", "y", "z", "a", "b", "c"]) {
-            goal = Goal::pose(&n);
-            let turn = map.get("t").and_then(|at| self.bits(file, *at));
-            let status = map.get("s").and_then(|at| self.bits(file, *at));
-            configuration = Some(configured(turn, status.map(|(status, _)| status)));
-        } else {
-            let is_axes = joints.iter().any(|name| map.contains_key(*name));
-            let pose = ["x", "y", "z", "a", "b", "c"];
-            let needed = if is_axes { &joints[..] } else { &pose };
-            return Err(self.not_whole(file, &map, needed));
-        }
-        Ok(Target::new(self.location(file, from), goal, configuration))
-    }
-
-    /// Returns the reason why a point without all of these numbers is left.
-    fn not_whole(&self, file: usize, map: &HashMap<String, usize>, needed: &[&str]) -> String {
-        let named = |all: Vec<&str>| all.join(", ").to_ascii_uppercase();
-        let is_missing = |name: &&str| !map.contains_key(*name);
-        let missing: Vec<&str> = needed.iter().copied().filter(is_missing).collect();
-        match missing.len() {
-            0 => {
-                let is_number = |name: &str| self.texts[file].number(map[name]).is_some();
-                let other = needed.iter().copied().find(|name| !is_number(name));
-                let other = other.unwrap_or_default().to_ascii_uppercase();
-                format!("{other} is not a plain number")
-            }
-            1 => format!(
-                "{} is missing, so the controller keeps the previous value",
-                named(missing)
-            ),
-            _ => format!(
-                "{} are missing, so the controller keeps the previous values",
-                named(missing)
-            ),
         }
     }
 
@@ -299,101 +195,104 @@ impl Reader<'_> {
                 self.frame_data.add(name, file, is_global, data);
                 return;
             }
-            let point = self.point(file, at + 3, end);
-            let location = self.location(file, at + 3);
-            let point = match point {
-                _ if kind == "frame" => {
-                    let pose = self.pose(file, at + 3, end);
-                    self.named_frames.add(name.clone(), file, is_global, pose);
-                    Point::Unset
-                }
-                Ok(point) if !text.source.is_corrected && matches!(point.goal, Goal::Joints(_)) => {
-                    self.program.targets.push(point);
-                    let index = self.program.targets.len() - 1;
-                    self.program.fixed.insert(index);
-                    Point::Target(index)
-                }
-                _ if !text.source.is_corrected => Point::Elsewhere,
-                Ok(point) => {
-                    self.program.targets.push(point);
-                    Point::Target(self.program.targets.len() - 1)
-                }
-                Err(reason) => {
-                    self.program.leave(location, reason);
-                    Point::Left
-                }
-            };
-            self.points.add(name, file, is_global, point);
+            if kind == "frame" {
+                let pose = self.pose(file, at + 3, end);
+                self.named_frames.add(name.clone(), file, is_global, pose);
+                self.points.add(name, file, is_global, Point::Unset);
+            } else {
+                self.declare_point(name, (file, is_global), at + 3, end);
+            }
         } else if is_type && kind != "fdat" {
-            // DECL E6POS XP1, XP2
+            // DECL E6POS XP1, XP2[5]
             for (from, _) in text.arguments(at + 1, end) {
-                self.points
-                    .add(text.name(from), file, is_global, Point::Unset);
+                let point = match text.is(from + 1, b'[') && kind != "frame" {
+                    true => Point::Array,
+                    false => Point::Unset,
+                };
+                self.points.add(text.name(from), file, is_global, point);
             }
         } else if !self.is_code(file)
-            && let Some((is_tool, number, found)) = self.numbered_frame(line)
+            && let Some((number, behind)) = self.element(file, at)
+            && text.is(behind, b'=')
+            && matches!(self.points.find(&kind, file), Some(Point::Array))
         {
-            let line = self.program.line_of(self.location(file, at));
-            match self.numbered.get(&(is_tool, number)) {
-                // The values of the program itself take precedence.
-                Some(old) if *old != found && text.source.is_corrected => {
-                    let again = Err(format!("it is set again at {line}"));
-                    self.numbered.insert((is_tool, number), again);
-                }
-                Some(_) => {}
-                None => {
-                    self.numbered.insert((is_tool, number), found);
-                }
-            }
+            self.declare_point(
+                format!("{kind}[{number}]"),
+                (file, is_global),
+                behind + 1,
+                end,
+            );
+        } else {
+            self.declare_numbered(line);
         }
     }
 
-    /// Returns the number and the value of the tool (true) or base that a line `TOOL_DATA[n]=…` sets.
-    fn numbered_frame(&self, line: Line) -> Option<(bool, u32, Result<Pose<f64>, String>)> {
-        let text = self.texts[line.file];
-        let (at, _) = self.declared(line);
-        let is_tool = match text.name(at).as_str() {
-            "tool_data" => true,
-            "base_data" => false,
-            _ => return None,
+    /// Notes a point with its value.
+    fn declare_point(
+        &mut self,
+        name: String,
+        (file, is_global): (usize, bool),
+        from: usize,
+        end: usize,
+    ) {
+        let is_corrected = self.texts[file].source.is_corrected;
+        let point = match self.point(file, from, end) {
+            Ok(point) if is_corrected => self.add_target(point),
+            Ok(point) if matches!(point.goal, Goal::Joints(_)) => {
+                let point = self.add_target(point);
+                self.program.fixed.insert(self.program.targets.len() - 1);
+                point
+            }
+            _ if !is_corrected => Point::Elsewhere,
+            Ok(_) => Point::Unset,
+            Err(reason) => {
+                let location = self.location(file, from);
+                self.program.leave(location, reason);
+                Point::Left
+            }
         };
-        let (number, behind) = self.element(line.file, at)?;
-        let pose = match text.is(behind, b'=') {
-            true => self.pose(line.file, behind + 1, line.end),
-            false => None,
+        self.points.add(name, file, is_global, point);
+    }
+
+    fn add_target(&mut self, target: Target) -> Point {
+        self.program.targets.push(target);
+        Point::Target(self.program.targets.len() - 1)
+    }
+
+    /// Returns the name of the point at a token, `p[1]` for an element of an array, and the token behind it. An element
+    /// whose index is computed has no name.
+    fn point_name(&self, file: usize, at: usize) -> Option<(String, usize)> {
+        let text = self.texts[file];
+        match text.is(at + 1, b'[') {
+            true => {
+                let (number, behind) = self.element(file, at)?;
+                Some((format!("{}[{number}]", text.name(at)), behind))
+            }
+            false => Some((text.name(at), at + 1)),
+        }
+    }
+
+    /// Returns the targets that the datum at a token may be, each of an array whose index is computed.
+    fn targets_at(&self, file: usize, at: usize) -> Vec<usize> {
+        let array = || self.points.elements(&self.texts[file].name(at));
+        let names = match self.point_name(file, at) {
+            Some((name, _)) if !matches!(self.points.find(&name, file), Some(Point::Array)) => {
+                vec![name]
+            }
+            _ => array(),
         };
-        let at_line = self.program.line_of(self.location(line.file, at));
-        Some((
-            is_tool,
-            number,
-            pose.ok_or(format!("it is computed at {at_line}")),
-        ))
+        let found = names.iter().filter_map(|name| self.points.find(name, file));
+        let target = |point: &Point| match point {
+            Point::Target(index) => Some(*index),
+            _ => None,
+        };
+        found.filter_map(target).collect()
     }
 
     /// Returns whether a file has instructions; others declare data.
     fn is_code(&self, file: usize) -> bool {
         let ending = self.texts[file].source.path.extension();
         ending.is_some_and(|ending| ending.eq_ignore_ascii_case("src"))
-    }
-
-    fn frame_data_of(&self, file: usize, from: usize, end: usize) -> FrameData {
-        let text = self.texts[file];
-        let map = self.components(file, from, end).unwrap_or_default();
-        let number = |name: &str| {
-            let found = map.get(name).and_then(|at| text.number(*at));
-            found.map_or(
-                Named::Unknown("its frame data are computed".to_owned()),
-                |n| Named::number(n.value),
-            )
-        };
-        let is_fixed_tool = map
-            .get("ipo_frame")
-            .is_some_and(|at| text.name(*at) == "#tcp");
-        FrameData {
-            tool: number("tool_no"),
-            base: number("base_no"),
-            is_fixed_tool,
-        }
     }
 
     fn line(
@@ -458,23 +357,4 @@ fn stays(name: &str) -> bool {
     ]
     .iter()
     .any(|start| name.starts_with(start))
-}
-
-/// Returns the configuration from the turn bits of a point, which are the signs of the joints, and from its status, which has
-/// the sides. Without them the controller keeps those of the point before.
-fn configured(turn: Option<(Number, bool)>, status: Option<Number>) -> Configuration {
-    let mut out = Configuration::monitored(Vec::new());
-    if let Some((number, is_binary)) = turn {
-        let bits = number.value as u32;
-        let bound = |joint: usize| of_sign(joint, bits >> joint & 1 == 1);
-        out.bounds = (0..6).map(bound).collect();
-        let says = Says::Signs { is_binary };
-        out.stated.push(Stated { number, says });
-    }
-    out.posture = status.map(|status| Posture {
-        convention: Convention::Status,
-        bits: status.value as u32,
-        is_certain: true,
-    });
-    out
 }

@@ -3,13 +3,17 @@
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
+use crate::robot_programs::correction::krl::folds::inline_form;
 use crate::robot_programs::correction::krl::states::{
-    BASE, COPIES, Line, MODE, Named, States, TOOL,
+    BASE, COPIES, LOAD, Line, MODE, Named, States, TOOL,
 };
 use crate::robot_programs::correction::krl::{Point, Reader};
 use crate::robot_programs::correction::program;
 use crate::robot_programs::correction::program::{Frame, Goal, Literal, Location, Way};
 use crate::robot_programs::correction::tokens::Kind;
+
+/// Words by which a motion passes its point without a stop.
+const BLENDING: [&str; 5] = ["c_dis", "c_ori", "c_ptp", "c_spl", "c_vel"];
 
 impl Reader<'_> {
     /// Notes a motion and the points to which it goes. Returns the index of its last move, if all its points are known.
@@ -34,6 +38,7 @@ impl Reader<'_> {
             (value, own.is_some())
         };
         let (tool, base, (mode, _)) = (held(TOOL), held(BASE), held(MODE));
+        let payload_kg = self.payload(&held(LOAD).0, &tool.0);
         let points = if way == Way::Arc { 2 } else { 1 };
         let is_monitored = matches!(text.name(from).as_str(), "ptp" | "sptp");
         let first = self.program.moves.len();
@@ -42,13 +47,24 @@ impl Reader<'_> {
             // Approximation follows the point: C_PTP, C_DIS.
             let stop = match text.is(a, b'{') {
                 true => (text.find(a + 1, b, b"}") + 1).min(b),
-                false => (a + 1).min(b),
+                false => self
+                    .point_name(file, a)
+                    .map_or(b, |(_, behind)| behind)
+                    .min(b),
             };
             let is_alone = text
                 .at(stop)
                 .is_none_or(|t| stop >= b || t.kind == Kind::Name);
-            let name = text.name(a);
-            let computed = || format!("its point is computed: {}", text.spelling(a));
+            let name = self.point_name(file, a).map(|(name, _)| name);
+            let is_alone = is_alone && name.is_some();
+            let name = name.unwrap_or_default();
+            let shown = match text.is(a + 1, b'[') {
+                true => text.find(a + 2, b, b"]").min(b - 1),
+                false => a,
+            };
+            let shown = text.source.slice(&(text.byte(a)..text.end_of(shown)));
+            let shown = String::from_utf8_lossy(shown);
+            let computed = || format!("its point is computed: {shown}");
             let found = match text.is(a, b'{') {
                 true if !is_alone => Err(computed()),
                 true => self.point(file, a, stop).map(|point| {
@@ -65,11 +81,8 @@ impl Reader<'_> {
                         "its point {} is in a file that is not corrected",
                         text.spelling(a)
                     )),
-                    Some(Point::Unset) => Err(computed()),
-                    None => Err(format!(
-                        "its point {} is in none of the files",
-                        text.spelling(a)
-                    )),
+                    Some(Point::Unset | Point::Array) => Err(computed()),
+                    None => Err(format!("its point {shown} is in none of the files")),
                 },
             };
             match found {
@@ -90,6 +103,7 @@ impl Reader<'_> {
                     }
                     let at = (states, step);
                     let tool = self.frame(location, &tool, at, true, is_joints)?;
+                    let tool = tool.map(|tool| Frame { payload_kg, ..tool });
                     let base = self.frame(location, &base, at, false, is_joints)?;
                     self.move_to(target, is_monitored, way, tool, base);
                 }
@@ -123,16 +137,29 @@ impl Reader<'_> {
         let text = self.texts[file];
         let behind = match text.is(from + 1, b'{') {
             true => text.find(from + 2, end, b"}") + 1,
-            false => from + 2,
+            false => self
+                .point_name(file, from + 1)
+                .map_or(end, |(_, behind)| behind),
         };
         if let Some(step) = before.map(|before| before + 1)
             && step + 1 == self.program.moves.len()
         {
+            let instruction = (text.byte(from), text.end_of(end - 1));
+            let is_blended = (behind..end).any(|at| BLENDING.contains(&text.name(at).as_str()));
+            let word = match text.name(from).as_str() {
+                "slin" => " C_SPL",
+                _ => " C_DIS",
+            };
+            let form = inline_form(text.source, instruction.0);
+            let (at, before) = form.unwrap_or((instruction.0, Vec::new()));
             self.program.lines.push(program::Line {
                 step,
                 file,
-                instruction: (text.byte(from), text.end_of(end - 1)),
+                at,
+                before,
+                instruction,
                 target: (text.byte(from + 1), text.end_of(behind - 1)),
+                blend: (!is_blended).then_some(((instruction.1, instruction.1), word)),
                 literal: Literal::Frame,
             });
         }
@@ -154,6 +181,15 @@ impl Reader<'_> {
         self.program.move_in(target, way, tool, base);
     }
 
+    /// Returns where a value comes from: the program, or another file by its path.
+    fn origin(&self, file: usize) -> String {
+        let source = &self.program.sources[file];
+        match source.is_corrected {
+            true => "the program".to_owned(),
+            false => source.path.display().to_string(),
+        }
+    }
+
     /// Returns a tool or base by its name, and whether the motion itself states it; joint targets need none.
     fn frame(
         &self,
@@ -168,33 +204,33 @@ impl Reader<'_> {
         } else {
             ("base", "BASE_DATA")
         };
-        let frame = |name: String, pose, payload_kg, origin: &str| {
+        let frame = |name: String, pose, origin: String| {
             Ok(Ok(Frame {
                 name,
                 is_tool,
                 pose,
-                payload_kg,
-                origin: origin.to_owned(),
+                payload_kg: None,
+                origin,
             }))
         };
         let (number, name) = match named {
             Ok(Named::Number(number)) => (*number, format!("{data}[{number}]")),
             Ok(Named::Written(pose)) => {
-                return frame(
-                    format!("${}", kind.to_ascii_uppercase()),
-                    *pose,
-                    None,
-                    "the program",
-                );
+                let name = format!("${}", kind.to_ascii_uppercase());
+                return frame(name, *pose, "the program".to_owned());
             }
             _ if is_joints => return Ok(Ok(Frame::own("none", is_tool))),
             Ok(Named::Unknown(reason)) => return Ok(Err(reason.clone())),
-            Ok(Named::HoldsPart(_)) => return Ok(Err(format!("its {kind} is computed"))),
+            Ok(_) => return Ok(Err(format!("its {kind} is computed"))),
             Err(reason) => return Ok(Err(format!("its {kind}: {reason}"))),
         };
         let key = number.to_string();
         let given = self.given.named(&key, is_tool);
-        let kg = given.and_then(|given| given.payload_kg);
+        let declared = self.numbered.get(&(is_tool, number));
+        let moved = self.moved.get(&number).filter(|_| !(is_tool || is_joints));
+        if let Some(line) = moved {
+            return Ok(Err(format!("an external kinematic moves {name} ({line})")));
+        }
         let value = match states.numbered.get(&(is_tool, number)) {
             Some(key) => Some(
                 match states.certain.value(
@@ -212,13 +248,22 @@ impl Reader<'_> {
                     Ok(_) => Err("it is computed".to_owned()),
                 },
             ),
-            None => self.numbered.get(&(is_tool, number)).cloned(),
+            None => {
+                self.contradiction(&name, declared)?;
+                declared.map(|declared| declared.value.clone())
+            }
+        };
+        let origin = || match declared {
+            Some(declared) if !states.numbered.contains_key(&(is_tool, number)) => {
+                self.origin(declared.at.file)
+            }
+            _ => "the program".to_owned(),
         };
         match (value, given) {
-            (Some(Ok(pose)), _) => frame(name, pose, kg, "the program"),
-            (Some(Err(_)), _) if is_joints => frame(name, Pose::identity(), kg, "the program"),
+            (Some(Ok(pose)), _) => frame(name, pose, origin()),
+            (Some(Err(_)), _) if is_joints => frame(name, Pose::identity(), origin()),
             (Some(Err(reason)), _) => Ok(Err(format!("{name}: {reason}"))),
-            (None, Some(given)) => frame(name, given.pose, kg, &self.given.origin()),
+            (None, Some(given)) => frame(name, given.pose, self.given.origin()),
             (None, None) if number == 0 || is_joints => Ok(Ok(Frame::own(name, is_tool))),
             (None, None) => {
                 let source = &self.program.sources[location.file];

@@ -56,6 +56,13 @@ impl<T> Names<T> {
         Some(&mut named.value)
     }
 
+    /// Returns the names of all known elements of an array.
+    pub fn elements(&self, array: &str) -> Vec<String> {
+        let start = format!("{array}[");
+        let names = self.all.keys().filter(|name| name.starts_with(&start));
+        names.cloned().collect()
+    }
+
     /// Returns the index of the data of the file's own module, or of the only ones of other modules.
     fn index(&self, name: &str, file: usize) -> Option<usize> {
         let all = self.all.get(name)?;

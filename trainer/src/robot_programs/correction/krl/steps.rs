@@ -2,27 +2,46 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
+use poegp_runtime::math::se3::Pose;
+
 use crate::robot_programs::correction::flow::{Flow, Step};
 use crate::robot_programs::correction::krl::Reader;
+use crate::robot_programs::correction::krl::routines::Routines;
 use crate::robot_programs::correction::krl::states::{
-    BASE, COPIES, Line, MODE, Named, States, TOOL,
+    ACTIVE, BASE, COPIES, LOAD, Line, MODE, Named, PENDING, States, TOOL, variable,
 };
-use crate::robot_programs::correction::tokens::Kind;
 
-/// The routines of all files: file, name, whether other modules see it, and its index.
-type Routines = Vec<(usize, String, bool, usize)>;
+/// Commands of `BAS` that set speeds, accelerations and outputs alone.
+const SETS_NO_FRAME: [&str; 10] = [
+    "#acc_cp",
+    "#acc_glue",
+    "#acc_ptp",
+    "#cp_dat",
+    "#group",
+    "#out_async",
+    "#out_sync",
+    "#ptp_dat",
+    "#vel_cp",
+    "#vel_ptp",
+];
 
 impl Reader<'_> {
     /// Follows the lines of all routines.
     pub(super) fn states(&self, all: &[Line]) -> States {
         let mut flow = Flow::new();
         for kind in ["tool", "base"] {
-            let reason = format!("no {kind} is set before it");
+            let variable = kind.to_ascii_uppercase();
+            let reason = format!("no {kind} is set before it: set ${variable} in the program");
             flow.key(Some(Named::Unknown(reason)), true);
         }
         flow.key(Some(Named::HoldsPart(false)), true);
         for _ in COPIES {
             flow.key(None, true);
+        }
+        flow.key(Some(Named::OfTool), true);
+        for _ in PENDING {
+            let reason = "no FDAT_ACT is set before it".to_owned();
+            flow.key(Some(Named::Unknown(reason)), true);
         }
         let numbered = self.numbered_keys(&mut flow, all);
         let mut begins: HashMap<(usize, usize), usize> = HashMap::new();
@@ -91,7 +110,7 @@ impl Reader<'_> {
                 "endspline" => {
                     let line = self.program.line_of(location);
                     let value = |key: usize| {
-                        let name = ["$TOOL", "$BASE", "$IPO_MODE"][key];
+                        let name = variable(key);
                         let reason = "is not certain behind a spline that sets it, which ends at";
                         Named::Unknown(format!("{name} {reason} {line}"))
                     };
@@ -101,14 +120,34 @@ impl Reader<'_> {
                 _ => {}
             }
             for (key, value) in set {
+                // The key of the value that the data have here, and whether it is that of a tool.
+                let copied = match (ACTIVE.iter().position(|own| *own == key), &value) {
+                    (Some(kind @ (TOOL | BASE)), Named::Number(_)) => Some((COPIES[kind], kind)),
+                    _ => None,
+                };
+                let pending = PENDING[..2].iter().position(|own| *own == key);
+                let copied = copied.or(pending.map(|kind| (PENDING[3 + kind], kind)));
                 let data = match value {
-                    Named::Number(number) if key == TOOL => numbered.get(&(true, number)),
-                    Named::Number(number) if key == BASE => numbered.get(&(false, number)),
+                    Named::Number(number) => {
+                        copied.and_then(|(_, kind)| numbered.get(&(kind == TOOL, number)))
+                    }
                     _ => None,
                 };
                 push(&mut flow, Step::Set(key, Some(value)));
-                if let Some(data) = data {
-                    push(&mut flow, Step::Copy(COPIES[key], *data));
+                if let (Some((copy, _)), Some(data)) = (copied, data) {
+                    push(&mut flow, Step::Copy(copy, *data));
+                }
+                // BAS copies the data as they are then, not as they were when FDAT_ACT was set.
+                if let Some(((is_tool, _), _)) = numbered.iter().find(|(_, own)| **own == key) {
+                    push(
+                        &mut flow,
+                        Step::Set(PENDING[3 + usize::from(!is_tool)], None),
+                    );
+                }
+            }
+            if self.loads_frame_data(*line) {
+                for (to, from) in ACTIVE.into_iter().zip(PENDING) {
+                    push(&mut flow, Step::Copy(to, from));
                 }
             }
             if matches!(word.as_str(), "end" | "endfct" | "enddat") {
@@ -144,7 +183,7 @@ impl Reader<'_> {
             }
         }
         let key = |(name, values): ((bool, u32), Vec<Named>)| {
-            let declared = self.numbered.get(&name).cloned();
+            let declared = self.numbered.get(&name).map(|d| d.value.clone());
             let initial = match declared {
                 Some(found) => Some(found.map_or_else(Named::Unknown, Named::Written)),
                 None => {
@@ -166,36 +205,6 @@ impl Reader<'_> {
         };
         let given = names.iter().filter_map(|name| name.parse().ok());
         declared.map(|key| key.1).chain(given).collect()
-    }
-
-    /// Returns the name of the routine that begins at a line, and whether it is global.
-    fn defined(&self, line: Line) -> Option<(String, bool)> {
-        let text = self.texts[line.file];
-        let (at, is_global) = self.declared(line);
-        if !matches!(text.name(at).as_str(), "def" | "deffct") {
-            return None;
-        }
-        let open = text.find(at, line.end, b"(");
-        Some((text.name(open - 1), is_global))
-    }
-
-    fn called(&self, line: Line, routines: &Routines) -> Vec<usize> {
-        let text = self.texts[line.file];
-        let is_call = |at: &usize| {
-            let is_name = text.at(*at).is_some_and(|t| t.kind == Kind::Name);
-            is_name && text.is(at + 1, b'(')
-        };
-        let named = |at: usize| {
-            let name = text.name(at);
-            let all = || routines.iter().filter(|(_, own, ..)| *own == name);
-            let own = all().find(|(file, ..)| *file == line.file);
-            let found = own.or_else(|| all().find(|(_, _, is_seen, _)| *is_seen));
-            found.map(|(.., index)| *index)
-        };
-        (line.from..line.end)
-            .filter(is_call)
-            .filter_map(named)
-            .collect()
     }
 
     /// Returns what the first word of a line does to the order of the lines.
@@ -235,7 +244,10 @@ impl Reader<'_> {
                 let data = match (equals, text.is(from + 2, b'{')) {
                     (true, true) => Some(self.frame_data_of(file, from + 2, end)),
                     (true, false) => self.frame_data.find(&text.name(from + 2), file).cloned(),
-                    (false, _) => return vec![(TOOL, in_part()), (BASE, in_part())],
+                    (false, _) => {
+                        let keys = PENDING[..3].iter();
+                        return keys.map(|key| (*key, in_part())).collect();
+                    }
                 };
                 let unknown =
                     || Named::Unknown("its frame data are in none of the files".to_owned());
@@ -243,32 +255,18 @@ impl Reader<'_> {
                     Some(data) => (data.tool, data.base, data.is_fixed_tool),
                     None => (unknown(), unknown(), false),
                 };
-                vec![
-                    (TOOL, tool),
-                    (BASE, base),
-                    (MODE, Named::HoldsPart(is_fixed)),
-                ]
+                let values = [tool, base, Named::HoldsPart(is_fixed)];
+                PENDING.into_iter().zip(values).collect()
             }
-            "$tool" | "$base" | "$ipo_mode" if equals => self.assigned(file, from, end),
+            "$tool" | "$base" | "$ipo_mode" | "$load" if equals => self.assigned(file, from, end),
             "$tool" => vec![(TOOL, in_part())],
             "$base" => vec![(BASE, in_part())],
-            "bas" if text.is(from + 1, b'(') => {
-                let number = text.number(from + 4).filter(|_| text.is(from + 5, b')'));
-                let value = number.map_or(
-                    Named::Unknown("BAS gets a computed number".to_owned()),
-                    |n| Named::number(n.value),
-                );
-                match text.name(from + 2).as_str() {
-                    "#tool" => vec![(TOOL, value)],
-                    "#base" => vec![(BASE, value)],
-                    "#initmov" => [(TOOL, "$TOOL"), (BASE, "$BASE")]
-                        .map(|(key, name)| (key, format!("BAS(#INITMOV) may reset {name}")))
-                        .map(|(key, reason)| (key, Named::Unknown(reason)))
-                        .to_vec(),
-                    command if command.starts_with('#') => Vec::new(),
-                    _ => vec![(TOOL, value.clone()), (BASE, value)],
-                }
+            "$load" if text.is(from + 1, b'.') && text.name(from + 2) == "m" => {
+                let number = text.number(from + 4).filter(|_| end == from + 5);
+                let mass = number.map(|number| Named::Mass(number.value));
+                vec![(LOAD, mass.unwrap_or_else(in_part))]
             }
+            "bas" if text.is(from + 1, b'(') => self.set_by_command(line),
             "spline" | "ptp_spline" => self.settings_with(line),
             _ if self.is_code(file) => {
                 let found = self.numbered_frame(line);
@@ -280,6 +278,48 @@ impl Reader<'_> {
             }
             _ => Vec::new(),
         }
+    }
+
+    /// Returns whether a line copies `FDAT_ACT` to the frames in use.
+    fn loads_frame_data(&self, line: Line) -> bool {
+        let text = self.texts[line.file];
+        let command = text.name(line.from + 2);
+        text.name(line.from) == "bas"
+            && text.is(line.from + 1, b'(')
+            && matches!(command.as_str(), "#ptp_params" | "#cp_params" | "#frames")
+    }
+
+    /// Returns the keys that `BAS(…)` sets, with their values.
+    fn set_by_command(&self, Line { file, from, .. }: Line) -> Vec<(usize, Named)> {
+        let text = self.texts[file];
+        let number = text.number(from + 4).filter(|_| text.is(from + 5, b')'));
+        let value = number.map_or(
+            Named::Unknown("BAS gets a computed number".to_owned()),
+            |n| Named::number(n.value),
+        );
+        let command = text.name(from + 2);
+        let unknown = |key: usize| {
+            let command = command.to_ascii_uppercase();
+            let reason = format!("BAS({command}) may reset {}", variable(key));
+            (key, Named::Unknown(reason))
+        };
+        let mut out = match command.as_str() {
+            "#tool" => vec![(TOOL, value)],
+            "#base" => vec![(BASE, value)],
+            "#load" => return vec![(LOAD, value)],
+            "#ptp_params" | "#cp_params" | "#frames" => Vec::new(),
+            command if SETS_NO_FRAME.contains(&command) => return Vec::new(),
+            command if command.starts_with('#') => vec![unknown(TOOL), unknown(BASE)],
+            _ => {
+                let computed = || Named::Unknown("BAS gets a computed command".to_owned());
+                [TOOL, BASE, MODE].map(|key| (key, computed())).to_vec()
+            }
+        };
+        // With a tool, BAS may set its load in place of the one that the program has set.
+        if self.has_loads && command != "#base" {
+            out.push(unknown(LOAD));
+        }
+        out
     }
 
     /// Returns the keys that a motion sets for itself: `SPTP XP1 WITH $TOOL = STOOL2(FP1), …`.
@@ -299,6 +339,7 @@ impl Reader<'_> {
             "$tool" => (TOOL, "tool_data"),
             "$base" => (BASE, "base_data"),
             "$ipo_mode" => (MODE, ""),
+            "$load" => (LOAD, "load_data"),
             _ => return Vec::new(),
         };
         let is_alone = end == from + 3;
@@ -315,19 +356,31 @@ impl Reader<'_> {
                 _ => vec![(MODE, mode)],
             };
         }
+        // $LOAD=SLOAD(FP1.TOOL_NO)
+        if key == LOAD
+            && value == "sload"
+            && text.name(from + 6) == "tool_no"
+            && let Some(data) = data()
+        {
+            return vec![(LOAD, data.tool)];
+        }
         let unknown = || Named::Unknown(format!("{} is computed", text.spelling(from)));
         let found = match self.element(file, from + 2) {
             Some((number, behind)) if value == list && behind == end => Named::Number(number),
             _ if key == MODE && is_alone && value.starts_with('#') => {
                 Named::HoldsPart(value == "#tcp")
             }
+            _ if key == LOAD => {
+                let mass = self.mass(file, from + 2, end);
+                mass.map_or_else(unknown, Named::Mass)
+            }
             _ if value == "$nullframe" && is_alone => Named::Number(0),
             _ if is_alone && let Some(Some(pose)) = self.named_frames.find(&value, file) => {
                 Named::Written(*pose)
             }
-            _ if key == BASE && is_alone && matches!(value.as_str(), "$world" | "$robroot") => {
-                Named::Number(0)
-            }
+            _ if key == BASE && is_alone && value == "$world" => Named::Number(0),
+            // The frames of bases are seen from the robot.
+            _ if key == BASE && is_alone && value == "$robroot" => Named::Written(Pose::identity()),
             _ => self
                 .pose(file, from + 2, end)
                 .map_or_else(unknown, Named::Written),

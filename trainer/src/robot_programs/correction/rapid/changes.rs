@@ -8,18 +8,24 @@ use std::collections::HashMap;
 
 use crate::robot_programs::correction::flow::Step;
 use crate::robot_programs::correction::rapid::Reader;
-use crate::robot_programs::correction::rapid::data::Change;
+use crate::robot_programs::correction::rapid::names::Change;
 use crate::robot_programs::correction::rapid::statements::{Statement, is_instruction};
 use crate::robot_programs::correction::rapid::syntax::{Piece, pieces, shape};
 use crate::robot_programs::correction::tokens::{Kind, Text};
 
 /// Instructions and functions of the controller that get points, tools, frames or loads, or their numbers, and leave them as
 /// they are.
-const READING: &[&str] = &[
+pub(super) const READING: &[&str] = &[
     // Motions besides those that are corrected, displacements, loads and areas.
     "capc",
     "capl",
     "moveextj",
+    "egmmovec",
+    "egmmovel",
+    "fcpress1lstart",
+    "fcpressc",
+    "fcpressend",
+    "fcpressl",
     "paintc",
     "paintl",
     "spotj",
@@ -117,7 +123,7 @@ const READING: &[&str] = &[
 ];
 
 /// Words after which a bracket encloses an expression.
-const KEYWORDS: [&str; 20] = [
+pub(super) const KEYWORDS: [&str; 20] = [
     "and", "case", "connect", "default", "div", "do", "else", "elseif", "exit", "for", "from",
     "goto", "if", "mod", "not", "or", "raise", "return", "test", "while",
 ];

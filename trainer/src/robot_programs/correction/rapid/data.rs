@@ -1,6 +1,4 @@
-//! RAPID's data by name: targets, tools and work objects, with what the code assigns to them.
-
-use std::collections::HashMap;
+//! RAPID's data: targets, tools and work objects, with what the code assigns to them.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -27,6 +25,8 @@ pub enum Setting {
     Is(bool),
     /// Mass of a load in kg.
     Load(f64),
+    /// It is not known, for this reason.
+    Unknown(String),
 }
 
 /// A part of a tool or work object that the code may assign.
@@ -48,7 +48,7 @@ impl Part {
 }
 
 /// A tool or work object.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum FrameData {
     /// `tooldata`.
     Tool {
@@ -132,6 +132,25 @@ impl FrameData {
         }
     }
 
+    /// Returns the tool or work object that every controller has by this name.
+    pub fn own(name: &str) -> Option<Self> {
+        let pose = Ok(Pose::identity());
+        match name {
+            "tool0" => Some(Self::Tool {
+                is_held: true,
+                pose,
+                mass: Some(0.0),
+            }),
+            "wobj0" => Some(Self::Object {
+                is_held: false,
+                is_moved: false,
+                user: pose.clone(),
+                object: pose,
+            }),
+            _ => None,
+        }
+    }
+
     /// Returns the parts that the assignment `name.component := value` sets, and their value unless it is computed; `mass` is
     /// that of a load or number.
     pub fn assigned(
@@ -151,8 +170,40 @@ impl FrameData {
             (_, "oframe") if component.contains('.') => vec![(Part::Object, None)],
             (_, "tframe" | "uframe") => vec![(Part::Outer, pose())],
             (_, "oframe") => vec![(Part::Object, pose())],
-            (_, "") => Part::ALL.map(|part| (part, None)).to_vec(),
+            (_, "") => {
+                let written = match self {
+                    Self::Tool { .. } => Self::tool(value),
+                    Self::Object { .. } => Self::object(value),
+                };
+                self.replaced(written.as_ref())
+            }
             _ => vec![(Part::Kind, None)],
+        }
+    }
+
+    /// Returns all parts with the values of another tool or work object that replaces this one.
+    pub fn replaced(&self, by: Option<&Self>) -> Vec<(Part, Option<Setting>)> {
+        let part = |part: Part| {
+            let by = by.filter(|by| by.is_tool() == self.is_tool())?;
+            match part {
+                Part::Kind => (by.kind() == self.kind()).then_some(Setting::Is(true)),
+                Part::Mass => match by {
+                    Self::Tool { mass, .. } => mass.map(Setting::Load),
+                    Self::Object { .. } => Some(Setting::Is(true)),
+                },
+                part => by.declared(part),
+            }
+        };
+        Part::ALL.map(|own| (own, part(own))).to_vec()
+    }
+
+    /// Returns whether the robot holds it, and whether a mechanical unit moves it.
+    fn kind(&self) -> (bool, bool) {
+        match self {
+            Self::Tool { is_held, .. } => (*is_held, false),
+            Self::Object {
+                is_held, is_moved, ..
+            } => (*is_held, *is_moved),
         }
     }
 
@@ -181,7 +232,7 @@ impl FrameData {
             }
             // The part is as declared.
             Ok(Setting::Is(_)) => return,
-            Err(reason) => Err(reason),
+            Ok(Setting::Unknown(reason)) | Err(reason) => Err(reason),
         };
         match (self, part) {
             (Self::Tool { mass, .. }, Part::Mass) => *mass = None,
@@ -211,7 +262,7 @@ pub fn pose_of(value: &Value) -> Option<Pose<f64>> {
 pub enum Read {
     Target(Box<Target>),
     /// A target that cannot be corrected, and the reason.
-    Left(&'static str),
+    Left(String),
     /// The list is no target.
     Nothing,
 }
@@ -236,15 +287,32 @@ pub fn target(value: &Value, location: Location) -> Read {
         _ => return Read::Nothing,
     };
     let Some((goal, configuration)) = goal else {
-        return Read::Left("a part of it is computed");
+        return Read::Left("a part of it is computed".to_owned());
     };
     let Some(axes) = parts.last().and_then(|axes| axes.numbers::<6>()) else {
-        return Read::Left("an external axis of it is computed");
+        return Read::Left("an external axis of it is computed".to_owned());
     };
     if axes.iter().any(|axis| axis.value.abs() < NO_AXIS) {
-        return Read::Left("it has external axes");
+        return Read::Left("it has external axes".to_owned());
     }
     Read::Target(Box::new(Target::new(location, goal, configuration)))
+}
+
+/// Returns whether a value has an external axis that is not at zero: a target, a list of axes, or one of them. `None` for a
+/// value that is computed.
+pub fn moves_axes(value: &Value) -> Option<bool> {
+    let is_moved = |axis: f64| axis != 0.0 && axis.abs() < NO_AXIS;
+    match value {
+        Value::Number(axis) => Some(is_moved(axis.value)),
+        Value::List(parts) => match parts.last()? {
+            axes @ Value::List(_) => moves_axes(axes),
+            _ => {
+                let mut axes = parts.iter().map(Value::number);
+                axes.try_fold(false, |any, axis| Some(any || is_moved(axis?)))
+            }
+        },
+        _ => None,
+    }
 }
 
 fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
@@ -282,111 +350,6 @@ fn pose_goal(parts: &[Value]) -> Option<(Goal, Option<Configuration>)> {
         ..Configuration::monitored(bounds)
     };
     Some((goal, Some(configuration)))
-}
-
-/// Data that a statement may change.
-pub struct Change {
-    /// Name in lower case; `None` for all data.
-    pub name: Option<String>,
-    /// Whether it may be data of any module and routine, as it is named in a string.
-    pub is_anywhere: bool,
-    /// Whether the change is in the files; otherwise it may be.
-    pub is_certain: bool,
-}
-
-impl Change {
-    /// Creates a change of the data to which a name refers where it stands.
-    pub fn of(name: String, is_certain: bool) -> Self {
-        Self {
-            name: Some(name),
-            is_anywhere: false,
-            is_certain,
-        }
-    }
-}
-
-/// Data of one name.
-#[derive(Clone, Debug)]
-struct Named<T> {
-    file: usize,
-    routine: usize,
-    is_local: bool,
-    value: T,
-}
-
-/// Data by module file, routine and name. Data of a routine hide those of its module, which hide those of other modules;
-/// local ones are seen in their own module alone.
-#[derive(Clone, Debug)]
-pub struct Names<T>(HashMap<String, Vec<Named<T>>>);
-
-impl<T> Default for Names<T> {
-    fn default() -> Self {
-        Self(HashMap::new())
-    }
-}
-
-impl<T> Names<T> {
-    /// Adds data of a file and routine; routine 0 is the module.
-    pub fn add(&mut self, name: &str, file: usize, routine: usize, is_local: bool, value: T) {
-        self.0.entry(name.to_owned()).or_default().push(Named {
-            file,
-            routine,
-            is_local,
-            value,
-        });
-    }
-
-    /// Returns whether a name refers to data of the file `other`.
-    pub fn is_of(&self, name: &str, file: usize, routine: usize, other: usize) -> bool {
-        let found = self.find_with_index(name, file, routine);
-        found.is_some_and(|(index, _)| self.0[name][index].file == other)
-    }
-
-    /// Returns the data that a statement in a routine of a file changes: names, and indices among the data of the name.
-    pub fn changed(&self, change: &Change, file: usize, routine: usize) -> Vec<(String, usize)> {
-        let names = match &change.name {
-            Some(name) => vec![name],
-            None => {
-                let mut names: Vec<&String> = self.0.keys().collect();
-                names.sort();
-                names
-            }
-        };
-        let mut out = Vec::new();
-        for name in names {
-            let found = self.find_with_index(name, file, routine);
-            let all = 0..self.0.get(name).map_or(0, Vec::len);
-            let is_it = |index: &usize| {
-                change.is_anywhere || found.is_some_and(|(found, _)| found == *index)
-            };
-            out.extend(all.filter(is_it).map(|index| (name.clone(), index)));
-        }
-        out
-    }
-
-    /// Returns data by their index among the data of their name.
-    pub fn at(&self, name: &str, index: usize) -> Option<&T> {
-        Some(&self.0.get(name)?.get(index)?.value)
-    }
-
-    /// Returns the same, to be changed.
-    pub fn at_mut(&mut self, name: &str, index: usize) -> Option<&mut T> {
-        Some(&mut self.0.get_mut(name)?.get_mut(index)?.value)
-    }
-
-    /// Returns the data to which a name refers in a routine of a file.
-    pub fn find(&self, name: &str, file: usize, routine: usize) -> Option<&T> {
-        self.find_with_index(name, file, routine).map(|(_, v)| v)
-    }
-
-    /// Returns the same, and its index among the data of its name.
-    pub fn find_with_index(&self, name: &str, file: usize, routine: usize) -> Option<(usize, &T)> {
-        let all = self.0.get(name)?;
-        let in_file = |r: usize| all.iter().position(|n| n.file == file && n.routine == r);
-        let others = || all.iter().position(|n| n.routine == 0 && !n.is_local);
-        let index = in_file(routine).or_else(|| in_file(0)).or_else(others)?;
-        all.get(index).map(|named| (index, &named.value))
-    }
 }
 
 #[cfg(test)]

@@ -6,14 +6,17 @@
 
 mod changes;
 mod data;
+mod external;
+mod instructions;
 mod motion;
+mod names;
 mod others;
 mod statements;
 mod states;
 mod steps;
 mod syntax;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
@@ -21,7 +24,8 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::Language;
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::program::{Location, Program};
-use crate::robot_programs::correction::rapid::data::{Change, FrameData, Names, Read, target};
+use crate::robot_programs::correction::rapid::data::{FrameData, Read, target};
+use crate::robot_programs::correction::rapid::names::{Change, Names};
 use crate::robot_programs::correction::rapid::statements::{
     Routine, Statement, is_instruction, statements,
 };
@@ -29,6 +33,7 @@ use crate::robot_programs::correction::rapid::states::{Other, States};
 use crate::robot_programs::correction::rapid::syntax::{list_starts, stays};
 use crate::robot_programs::correction::source::Source;
 use crate::robot_programs::correction::tokens::{Kind, Lexicon, Text, Token, Value, tokens};
+use crate::robot_programs::correction::unfound;
 
 const LEXICON: Lexicon = Lexicon {
     comment: b'!',
@@ -62,6 +67,9 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         routines: Vec::new(),
         by_name: HashMap::new(),
         others: Vec::new(),
+        external: None,
+        changed_frames: HashSet::new(),
+        contradictions: HashMap::new(),
     };
     let mut all = Vec::new();
     for text in &reader.texts {
@@ -70,14 +78,18 @@ pub fn read(sources: Vec<Source>, frames: &FrameFile) -> Result<Program, InputEr
         reader.routines.extend(routines);
     }
     reader.note_routines();
+    reader.external = reader.external_axes(&all);
     for statement in &all {
         reader.declare(statement);
     }
     reader.add_given_frames();
     reader.note_changed_parameters(&all);
+    reader.changed_frames = reader.all_changed_frames(&all);
     for statement in &all {
         reader.note_change(statement);
     }
+    let unfound = reader.unfound(&all);
+    unfound::note(&mut reader.program, unfound);
     let states = reader.states(&all);
     reader.run(&all, &states)?;
     reader.leave_shared(&all);
@@ -100,6 +112,12 @@ struct Reader<'a> {
     by_name: HashMap<String, Vec<usize>>,
     /// Moves besides those that are corrected.
     others: Vec<Other>,
+    /// A line that moves an external axis from zero.
+    external: Option<String>,
+    /// Tools and work objects that any statement changes, by name and index.
+    changed_frames: HashSet<(String, usize)>,
+    /// Tools and work objects that two files declare differently, neither of which is corrected.
+    contradictions: HashMap<String, (Location, Location)>,
 }
 
 /// State of the program at a statement.
@@ -158,16 +176,16 @@ impl Reader<'_> {
                     list_starts(&text, equals + 2, s.end, usize::from(text.is(at + 3, b'{')));
                 for (from, end) in starts {
                     let location = self.location(s, from);
-                    let index = match target(&text.value(from, end), location) {
+                    let index = match self.read_target(&text.value(from, end), location) {
                         Read::Target(found) => {
                             self.program.targets.push(*found);
                             Ok(self.program.targets.len() - 1)
                         }
                         Read::Left(reason) => Err(reason),
-                        Read::Nothing => Err("a part of it is computed"),
+                        Read::Nothing => Err("a part of it is computed".to_owned()),
                     };
-                    if let Err(reason) = index {
-                        self.program.leave(location, reason);
+                    if let Err(reason) = &index {
+                        self.program.leave(location, reason.clone());
                     }
                     indices.push(index.ok());
                 }
@@ -187,6 +205,9 @@ impl Reader<'_> {
                     _ => FrameData::object(&value),
                 };
                 if let Some(found) = found {
+                    if !is_local && s.routine == 0 {
+                        self.note_contradiction(&name, &found, self.location(s, at));
+                    }
                     self.frames.add(&name, s.file, s.routine, is_local, found);
                 }
             }
@@ -260,11 +281,48 @@ impl Reader<'_> {
         }
     }
 
+    /// Notes that files which are only read declare a tool or work object differently.
+    fn note_contradiction(&mut self, name: &str, new: &FrameData, at: Location) {
+        let is_read = |file: usize| !self.texts[file].source.is_corrected;
+        let mut others = self.frames.seen(name);
+        let other = others.find(|(file, old)| is_read(*file) && *file != at.file && *old != new);
+        if let Some((file, _)) = other.filter(|_| is_read(at.file)) {
+            let text = self.texts[file];
+            let is_kind = |at: usize| matches!(text.name(at).as_str(), "tooldata" | "wobjdata");
+            let mut tokens = 1..text.tokens.len();
+            let first = tokens.find(|at| text.name(*at) == name && is_kind(at - 1));
+            let at_first = text.byte(first.unwrap_or(0));
+            let first = Location { file, at: at_first };
+            let key = name.to_owned();
+            self.contradictions.entry(key).or_insert((first, at));
+        }
+    }
+
+    /// Returns the error for a tool or work object that a move takes from files which declare it differently.
+    fn contradiction(&self, name: &str, s: &Statement) -> Result<(), InputError> {
+        let file = self.frames.file_of(name, s.file, s.routine);
+        let is_read = file.and_then(|file| self.texts.get(file));
+        let is_read = is_read.is_some_and(|text| !text.source.is_corrected);
+        let Some((first, other)) = self.contradictions.get(name).filter(|_| is_read) else {
+            return Ok(());
+        };
+        let first = self.program.line_of(*first);
+        Err(self.program.sources[other.file]
+            .error(
+                other.at,
+                format!("another {name} than at {first}"),
+                "the same value in all files of --with",
+            )
+            .with_help("give the files of one task of one controller alone"))
+    }
+
     /// Returns where the values of a tool or work object come from.
     fn origin(&self, name: &str, s: &Statement) -> String {
-        match self.frames.is_of(name, s.file, s.routine, self.texts.len()) {
-            true => self.given.origin(),
-            false => "the program".to_owned(),
+        let file = self.frames.file_of(name, s.file, s.routine);
+        match file.and_then(|file| self.program.sources.get(file)) {
+            Some(source) if source.is_corrected => "the program".to_owned(),
+            Some(source) => source.path.display().to_string(),
+            None => self.given.origin(),
         }
     }
 

@@ -4,7 +4,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::program::{Frame, Line, Literal, Way};
-use crate::robot_programs::correction::rapid::data::{FrameData, Read, Setting, target};
+use crate::robot_programs::correction::rapid::data::{FrameData, Read, Setting};
 use crate::robot_programs::correction::rapid::statements::Statement;
 use crate::robot_programs::correction::rapid::states::{DISPLACED, LOADED, MONITORED};
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
@@ -22,10 +22,14 @@ impl Reader<'_> {
         let text = self.texts[s.file];
         let Some((way, points, tool_at)) = shape(name) else {
             let location = self.location(s, s.from);
-            self.program.leave(
-                location,
-                format!("{} is not corrected", text.spelling(s.from)),
-            );
+            let word = text.spelling(s.from);
+            let reason = match name {
+                "moveextj" => format!("{word} is not corrected"),
+                _ => format!(
+                    "{word} is not read: a target of it is corrected only if another move goes there"
+                ),
+            };
+            self.program.leave(location, reason);
             return Ok(());
         };
         let (positional, switches) = arguments(&text, s.from + 1, s.end);
@@ -71,6 +75,7 @@ impl Reader<'_> {
                 return Ok(());
             }
         };
+        let why = self.unknown_mass(s, &text.name(tool_from), state);
         let added = switched(LOADED).ok();
         tool.payload_kg = self.payload(s, tool.payload_kg, switch("tload"), added);
         let (tool, base) = (self.program.frame(tool), self.program.frame(base));
@@ -82,6 +87,9 @@ impl Reader<'_> {
                     configuration.is_monitored = is_monitored != Ok(Setting::Is(false));
                 }
                 self.program.move_to(target, way, tool, base);
+                if let Some(why) = &why {
+                    self.program.unknown_payloads.insert(target, why.clone());
+                }
             }
         }
         let last = self.program.moves.len();
@@ -93,11 +101,18 @@ impl Reader<'_> {
                 (is_line, before, positional.first())
                 && step + 1 == first
             {
+                let is_stop =
+                    |zone: &&(usize, usize)| text.name(zone.0) == "fine" && zone.1 == zone.0 + 1;
+                let stop = positional.get(2).filter(is_stop);
+                let zone = stop.map(|(from, _)| (text.byte(*from), text.end_of(*from)));
                 self.program.lines.push(Line {
                     step: first,
                     file: s.file,
+                    at: text.byte(s.from),
+                    before: Vec::new(),
                     instruction: (text.byte(s.from), text.byte(s.end) + 1),
                     target: (text.byte(*from), text.end_of(*end - 1)),
+                    blend: zone.map(|zone| (zone, "z1")),
                     literal: Literal::Robtarget,
                 });
             }
@@ -130,7 +145,7 @@ impl Reader<'_> {
         let text = self.texts[s.file];
         let location = self.location(s, from);
         if text.is(from, b'[') {
-            match target(&text.value(from, end), location) {
+            match self.read_target(&text.value(from, end), location) {
                 Read::Target(found) => {
                     self.program.targets.push(*found);
                     return vec![self.program.targets.len() - 1];
@@ -203,6 +218,9 @@ impl Reader<'_> {
         if end != from + 1 {
             return Ok(Err("its tool is computed".to_owned()));
         }
+        if !is_joints {
+            self.contradiction(&name, s)?;
+        }
         match &self.frame_at(&name, s, state.states, state.step) {
             Some(FrameData::Tool { is_held: false, .. }) => Ok(Err(format!(
                 "{name} stands still, and the robot holds the part"
@@ -246,6 +264,7 @@ impl Reader<'_> {
         if end != from + 1 {
             return Ok(Err("its work object is computed".to_owned()));
         }
+        self.contradiction(&name, s)?;
         Ok(match &self.frame_at(&name, s, state.states, state.step) {
             Some(FrameData::Object { is_held: true, .. }) => {
                 Err(format!("the robot holds work object {name}"))

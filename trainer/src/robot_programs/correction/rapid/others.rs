@@ -12,10 +12,16 @@ use crate::robot_programs::correction::rapid::{Reader, State};
 use crate::robot_programs::correction::tokens::Kind;
 
 /// Instructions and functions that go to their target with their tool, and are not corrected.
-const PROCESSES: [&str; 12] = [
+pub(super) const PROCESSES: [&str; 18] = [
     "calcjointt",
     "capc",
     "capl",
+    "egmmovec",
+    "egmmovel",
+    "fcpress1lstart",
+    "fcpressc",
+    "fcpressend",
+    "fcpressl",
     "paintc",
     "paintl",
     "searchc",

@@ -1,15 +1,16 @@
 //! Follows the statements of RAPID: tools and work objects as the code assigns them, program displacements, and
 //! whether configurations are monitored.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use crate::robot_programs::correction::flow::{Flow, Step};
-use crate::robot_programs::correction::rapid::Reader;
 use crate::robot_programs::correction::rapid::data::{FrameData, Part, Setting};
+use crate::robot_programs::correction::rapid::names::Change;
 use crate::robot_programs::correction::rapid::statements::Statement;
 use crate::robot_programs::correction::rapid::states::{
     DISPLACED, LOADED, MONITORED, Slot, States,
 };
+use crate::robot_programs::correction::rapid::{Reader, State};
 use crate::robot_programs::correction::tokens::{Kind, Value};
 
 impl Reader<'_> {
@@ -119,17 +120,48 @@ impl Reader<'_> {
         };
         let value = text.value(from, s.end);
         let mass = self.mass(s, (from, s.end)).or(value.number());
-        let parts = data.assigned(&component, &value, mass);
+        let parts = match value.name().filter(|_| component.is_empty()) {
+            Some(other) => data.replaced(self.constant(other, s).as_ref()),
+            None => data.assigned(&component, &value, mass),
+        };
         let slot = |(part, value)| ((name.clone(), index, part), value);
         parts.into_iter().map(slot).collect()
+    }
+
+    /// Returns a tool or work object by its name, if no statement changes it.
+    fn constant(&self, name: &str, s: &Statement) -> Option<FrameData> {
+        match self.frames.find_with_index(name, s.file, s.routine) {
+            Some((index, data)) => {
+                let is_changed = self.changed_frames.contains(&(name.to_owned(), index));
+                Some(data.clone()).filter(|_| !is_changed)
+            }
+            None => FrameData::own(name),
+        }
+    }
+
+    /// Returns the tools and work objects that any statement changes, by name and index.
+    pub(super) fn all_changed_frames(&self, all: &[Statement]) -> HashSet<(String, usize)> {
+        let mut out = HashSet::new();
+        for s in all {
+            let assigned = self.assignment(s).map(|(name, ..)| Change::of(name, true));
+            for change in self.changes(s).into_iter().chain(assigned) {
+                out.extend(self.frames.changed(&change, s.file, s.routine));
+            }
+        }
+        out
     }
 
     /// Returns the parts of tools and work objects that a statement changes by what it calls.
     fn changed_parts(&self, s: &Statement) -> Vec<(Slot, Option<Setting>)> {
         let mut out = Vec::new();
         for change in self.changes(s) {
+            let value = (!change.is_certain).then(|| {
+                let line = self.program.line_of(self.location(s, s.from));
+                Setting::Unknown(format!("it may be changed at {line}"))
+            });
             for (name, index) in self.frames.changed(&change, s.file, s.routine) {
-                out.extend(Part::ALL.map(|part| ((name.clone(), index, part), None)));
+                let part = |part| ((name.clone(), index, part), value.clone());
+                out.extend(Part::ALL.map(part));
             }
         }
         out
@@ -171,6 +203,24 @@ impl Reader<'_> {
         match total.map(|total| self.mass(s, total)) {
             None | Some(Some(0.0)) => mass.map(|mass| mass + added),
             Some(total) => total.filter(|_| added == 0.0),
+        }
+    }
+
+    /// Returns the reason why the mass of a tool is not known at a step, if that is what the program does before.
+    pub(super) fn unknown_mass(
+        &self,
+        s: &Statement,
+        tool: &str,
+        state: &State<'_>,
+    ) -> Option<String> {
+        let (index, _) = self.frames.find_with_index(tool, s.file, s.routine)?;
+        let key = *state
+            .states
+            .keys
+            .get(&(tool.to_owned(), index, Part::Mass))?;
+        match state.states.certain.value(state.step, key, &self.program) {
+            Ok(Setting::Unknown(reason)) | Err(reason) => Some(reason),
+            Ok(_) => None,
         }
     }
 

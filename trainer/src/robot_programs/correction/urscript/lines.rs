@@ -21,14 +21,85 @@ pub struct Line {
     pub step: Step<Setting>,
 }
 
+/// Words that begin a function.
+const FUNCTIONS: [&str; 3] = ["def", "thread", "sec"];
+
 /// Words between or before two operands of an expression.
 const OPERATORS: [&str; 4] = ["and", "or", "xor", "not"];
 
-/// Returns all lines of a script that are not empty.
-pub fn lines_of(text: &Text<'_>) -> Vec<Line> {
+/// What an `end` closes.
+#[derive(Clone, Copy, PartialEq)]
+enum Block {
+    Function,
+    /// A condition, a loop or a list of cases.
+    Inner,
+    /// A case that has an `end` of its own.
+    Case,
+}
+
+/// Returns all lines of a script that are not empty; the error is the token of a list of cases, where the number of `end`
+/// does not show whether each case has one.
+pub fn lines_of(text: &Text<'_>) -> Result<Vec<Line>, usize> {
+    let statements = statements(text);
+    let count = |starts: &[&str]| {
+        let is_one = |(from, _): &&(usize, usize)| starts.contains(&text.name(*from).as_str());
+        statements.iter().filter(is_one).count()
+    };
+    let begun = count(&FUNCTIONS) + count(&["if", "while", "for", "switch"]);
+    let (cases, ends) = (count(&["case", "default"]), count(&["end"]));
+    let are_cases_ended = cases > 0 && ends == begun + cases;
+    let mut starts = statements.iter().map(|(from, _)| *from);
+    if let Some(switch) = starts.find(|at| text.name(*at) == "switch")
+        && !are_cases_ended
+        && ends != begun
+    {
+        return Err(switch);
+    }
     let mut lines = Vec::new();
     let (mut functions, mut count) = (vec![0], 0);
-    let mut blocks: Vec<(usize, bool)> = Vec::new();
+    let mut blocks: Vec<(usize, Block)> = Vec::new();
+    for (from, end) in statements {
+        let word = text.name(from);
+        let is_definition = FUNCTIONS.contains(&word.as_str());
+        let mut step = step_of(&word);
+        if matches!(word.as_str(), "end" | "else" | "elif" | "elsif") {
+            match blocks.pop() {
+                Some((_, Block::Function)) => {
+                    functions.pop();
+                    step = Step::Other;
+                }
+                Some((_, Block::Inner)) => {}
+                Some((_, Block::Case)) | None => step = Step::Other,
+            }
+        }
+        count += 1;
+        if is_definition {
+            functions.push(count);
+            blocks.push((count, Block::Function));
+        }
+        let inner = blocks.iter().filter(|block| block.1 == Block::Inner);
+        lines.push(Line {
+            from,
+            end,
+            function: functions.last().copied().unwrap_or(0),
+            is_definition,
+            blocks: inner.map(|block| block.0).collect(),
+            step,
+        });
+        match word.as_str() {
+            "if" | "while" | "for" | "switch" | "else" | "elif" | "elsif" => {
+                blocks.push((count, Block::Inner));
+            }
+            "case" | "default" if are_cases_ended => blocks.push((count, Block::Case)),
+            _ => {}
+        }
+    }
+    Ok(lines)
+}
+
+/// Returns the statements that are not empty: tokens up to the one behind the last.
+fn statements(text: &Text<'_>) -> Vec<(usize, usize)> {
+    let mut out = Vec::new();
     let mut from = 0;
     let mut next = call_end(text, from);
     for at in 0..=text.tokens.len() {
@@ -38,43 +109,12 @@ pub fn lines_of(text: &Text<'_>) -> Vec<Line> {
             continue;
         }
         if at > from {
-            let word = text.name(from);
-            let is_definition = matches!(word.as_str(), "def" | "thread" | "sec");
-            let mut step = step_of(&word);
-            if matches!(word.as_str(), "end" | "else" | "elif" | "elsif") {
-                match blocks.pop() {
-                    Some((_, true)) => {
-                        functions.pop();
-                        step = Step::Other;
-                    }
-                    Some(_) => {}
-                    None => step = Step::Other,
-                }
-            }
-            count += 1;
-            if is_definition {
-                functions.push(count);
-                blocks.push((count, true));
-            }
-            lines.push(Line {
-                from,
-                end: at,
-                function: functions.last().copied().unwrap_or(0),
-                is_definition,
-                blocks: blocks.iter().filter(|b| !b.1).map(|b| b.0).collect(),
-                step,
-            });
-            if matches!(
-                word.as_str(),
-                "if" | "while" | "for" | "switch" | "else" | "elif" | "elsif"
-            ) {
-                blocks.push((count, false));
-            }
+            out.push((from, at));
         }
         from = at + usize::from(is_mark);
         next = call_end(text, from);
     }
-    lines
+    out
 }
 
 /// Returns the token behind a call that begins a statement, if it begins the next statement.

@@ -83,13 +83,18 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         source: &copy,
         tokens: &all,
     };
+    let lines = lines_of(&text).map_err(|switch| {
+        let found = "a switch in a script whose blocks do not end";
+        let expected = "an end for each function, condition, loop and switch, and for none or all of the cases";
+        source.error(text.byte(switch), found, expected)
+    })?;
     let mut reader = Reader {
         program: Program::new("URScript", Language::UrScript.dialect(), vec![source]),
         text,
         given: frames,
         set: HashMap::new(),
         reached: HashSet::new(),
-        lines: lines_of(&text),
+        lines,
         others: Vec::new(),
     };
     reader.find_variables();
@@ -316,8 +321,11 @@ impl Reader<'_> {
         self.program.lines.push(program::Line {
             step,
             file: 0,
+            at: text.byte(line.from),
+            before: Vec::new(),
             instruction: (text.byte(line.from), text.end_of(line.end - 1)),
             target: (text.byte(from), text.end_of(end - 1)),
+            blend: None,
             literal: Literal::Pose,
         });
     }
@@ -369,10 +377,19 @@ impl Reader<'_> {
                     self.program.leave(location, format!("tool tcp: {reason}"));
                     continue;
                 }
+                Ok(Setting::Unknown(reason)) => {
+                    self.program.leave(location, format!("tool tcp: {reason}"));
+                    continue;
+                }
                 Ok(_) => {
+                    let expected = "set_tcp before it, or [tool.tcp] in a file of --frames";
                     let at = self.text.byte(line.from);
-                    let (source, given) = (self.text.source, self.given);
-                    return Err(given.unknown(source, at, "tool", "tcp", "set_tcp of"));
+                    let error = self
+                        .text
+                        .source
+                        .error(at, "a move without a tool", expected);
+                    let help = "add set_tcp(p[…]) to the script, or give the numbers with --frames FILE.toml";
+                    return Err(error.with_help(help));
                 }
             };
             if let Some(reason) = &displaced {

@@ -22,6 +22,8 @@ pub enum Setting {
     Payload(f64),
     /// A switch.
     Is(bool),
+    /// It is not known, for this reason.
+    Unknown(String),
 }
 
 /// What is certain at each line.

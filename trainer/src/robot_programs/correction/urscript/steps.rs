@@ -78,7 +78,10 @@ impl Reader<'_> {
                 && !text.is(name_at + 2, b'=')
             {
                 let pose = self.pose_of(name_at + 2, line.end).ok();
-                push(&mut flow, Step::Set(*key, pose.map(Setting::Pose)));
+                let at = self.program.line_of(location);
+                let unknown = Setting::Unknown(format!("it is computed at {at}"));
+                let value = pose.map_or(unknown, Setting::Pose);
+                push(&mut flow, Step::Set(*key, Some(value)));
             }
             steps.push(first.unwrap_or(0));
         }
@@ -110,7 +113,9 @@ impl Reader<'_> {
             match text.name(at).as_str() {
                 "set_tcp" => {
                     let pose = first.and_then(|(from, end)| self.pose_of(from, end).ok());
-                    out.push((TOOL, pose.map(Setting::Pose)));
+                    let line = self.program.line_of(self.location(at));
+                    let unknown = Setting::Unknown(format!("it is computed at {line}"));
+                    out.push((TOOL, Some(pose.map_or(unknown, Setting::Pose))));
                 }
                 "set_payload" | "set_target_payload" | "set_payload_mass" => {
                     let kg = first

@@ -53,6 +53,9 @@ impl Reader<'_> {
             return Err(format!("{name} is a target of this program"));
         }
         let (from, end) = self.tokens_of(from, end);
+        if let Some([outer, inner]) = self.product(from, end) {
+            return Ok(self.pose_of(outer.0, outer.1)? * self.pose_of(inner.0, inner.1)?);
+        }
         let numbers = self.numbers(from, end);
         let pose = numbers.and_then(|numbers| {
             let n = numbers.map(|n| n.value);
@@ -64,12 +67,23 @@ impl Reader<'_> {
         pose.ok_or_else(|| format!("{name} is computed"))
     }
 
+    /// Returns the two poses of `pose_trans(…, …)`.
+    fn product(&self, from: usize, end: usize) -> Option<[(usize, usize); 2]> {
+        let is_product = self.text.name(from) == "pose_trans";
+        let arguments = self.arguments_of(from, end).filter(|_| is_product)?;
+        arguments.try_into().ok()
+    }
+
     /// Returns the pose of a feature as it is at a step.
     fn feature(
         &self,
         (from, end): (usize, usize),
         (states, step): (&States, usize),
     ) -> Result<Pose<f64>, String> {
+        if let Some([outer, inner]) = self.product(from, end) {
+            let at = (states, step);
+            return Ok(self.feature(outer, at)? * self.feature(inner, at)?);
+        }
         let name = self.text.spelling(from);
         let key = states.variables.get(&name).filter(|_| end == from + 1);
         let Some(key) = key else {
@@ -77,6 +91,7 @@ impl Reader<'_> {
         };
         match states.certain.value(step, *key, &self.program) {
             Ok(Setting::Pose(pose)) => Ok(pose),
+            Ok(Setting::Unknown(reason)) => Err(format!("{name}: {reason}")),
             Ok(_) => Err(format!("{name} is not set before it")),
             Err(reason) => Err(format!("{name}: {reason}")),
         }
@@ -96,7 +111,8 @@ impl Reader<'_> {
                 let [feature, (a, b)] = *all else {
                     return Err("its pose is computed".to_owned());
                 };
-                let mut name = text.spelling(feature.0);
+                let span = text.byte(feature.0)..text.end_of(feature.1 - 1);
+                let mut name = text.source.quoted(&span).replace('"', "");
                 let pose = self
                     .feature(feature, at)
                     .map_err(|reason| format!("its feature {reason}"))?;
