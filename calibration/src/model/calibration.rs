@@ -130,6 +130,14 @@ impl Calibration {
         }
     }
 
+    /// Returns whether processes describe what the geometry cannot, so that the noise is that of the measurement alone.
+    pub fn has_processes(&self) -> bool {
+        match &self.estimate {
+            FrameEstimate::Parametric { parameters, .. } => parameters.is_none(),
+            _ => matches!(self.correction, Correction::TaskSpace(_)),
+        }
+    }
+
     /// Computes the standard deviation of new poses from the residuals of the training `samples` by generalised
     /// cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m components.
     /// Repeats of a pose add no components: what the model does not know of the pose is in all of them. Where it is known how

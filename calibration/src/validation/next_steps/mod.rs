@@ -57,8 +57,7 @@ impl NextSteps {
     pub fn new(task: &Task) -> Self {
         let mut steps = rows::steps(task);
         let pool = &task.knowledge.pool;
-        // A model without processes does not know what it cannot describe, so its statements on poses unlike these are not to
-        // be believed.
+        // A model that does not know its deviation at each pose is not to be believed on poses unlike these.
         let is_own = task.calibration.has_local_deviation();
         let known = task.knowledge.covariance.as_ref().filter(|_| is_own);
         let mut gains: Vec<Step> = Vec::new();
@@ -89,7 +88,7 @@ impl NextSteps {
             why,
             steps,
             expected_mm: expected,
-            noise_mm: scatter.filter(|_| is_own),
+            noise_mm: scatter.filter(|_| task.calibration.has_processes()),
             poses: is_known.then_some(pool.count),
         }
     }
@@ -243,15 +242,16 @@ fn verdict(
     }
     let count = task.knowledge.pool.count;
     let is_settled = method == Method::Elastic.name() || task.samples.len() >= SETTLED;
-    let richer = match is_settled {
-        true => "",
-        false => "; with more poses, a richer method may be chosen",
+    let nothing = match is_settled {
+        true => format!(
+            "More poses would not help this model: {count} of them would lower its expected error by less than {percent:.0} %"
+        ),
+        false => format!(
+            "{count} more poses would lower the expected error of this model by less than {percent:.0} %; this leaves \
+             out that a richer method may be chosen then"
+        ),
     };
-    let nothing = format!(
-        "More poses would not help this model: {count} of them would lower its expected error by less than {percent:.0} \
-         %{richer}"
-    );
-    let why = scatter.map(|scatter| match task.calibration.has_local_deviation() {
+    let why = scatter.map(|scatter| match task.calibration.has_processes() {
         true => format!(
             "Of the {expected:.3} mm expected, even a perfect model would show {scatter:.3} mm: the noise of the \
              measurement"

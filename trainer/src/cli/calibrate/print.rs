@@ -94,6 +94,13 @@ fn print_expected(report: Printer, calibration: &Calibration, document: &Calibra
             "    it is larger because the measured poses combine the joints in few ways: they may all turn the tool one way",
         );
     }
+    let conformity = (document.certificate.as_ref()).and_then(|c| c.conformity.as_ref());
+    let allowed = conformity.and_then(|found| found.position.tolerance);
+    if let Some(allowed) = allowed.filter(|allowed| anywhere.p95_mm > *allowed) {
+        report.line(format_args!(
+            "    beyond the {allowed:.3} mm allowed: the verdict holds for poses like the measured ones"
+        ));
+    }
 }
 
 fn print_budget(report: Printer, rows: &[BudgetTrial]) {

@@ -183,7 +183,7 @@ fn evaluated<'a>(
         true => Vec::new(),
         false => [
             trust::computed_by_model(&result.errors),
-            unexpected(&result, all.flags[1]),
+            unexpected(&result, [all.flags[0], all.flags[1]]),
         ]
         .into_iter()
         .flatten()
@@ -213,19 +213,21 @@ const UNEXPECTED: (usize, f64) = (10, 2.0);
 /// Mean length of three normal components of standard deviation 1.
 const MEAN_LENGTH: f64 = 1.596;
 
-/// Returns the warning that the errors are larger than the model expects; `untrained` is the number of rows with a payload
-/// outside the trained range.
-fn unexpected(result: &SetErrors, untrained: usize) -> Option<Finding> {
+/// Returns the warning that the errors are larger than the model expects; `outside` are the numbers of rows with joints and
+/// with payloads outside the trained ranges.
+fn unexpected(result: &SetErrors, outside: [usize; 2]) -> Option<Finding> {
     let expected = MEAN_LENGTH * result.predictive_std.as_ref()?.mean_mm;
     let mean = result.errors.position_mm.mean;
     let (poses, ratio) = (result.errors.poses, mean / expected);
     let (few, most) = UNEXPECTED;
     (poses >= few && ratio > most && is_same_frame(&result.errors)).then(|| {
-        let why = match untrained {
-            0 => "the robot, its payload, the target or the instrument changed since the calibration, or rows are wrong; \
-                  `trainer check` names a change"
+        let rows = |count| counted(count, "row");
+        let why = match outside {
+            [0, 0] => "the robot, its payload, the target or the instrument changed since the calibration, or rows are wrong; \
+                       `trainer check` names a change"
                 .to_owned(),
-            rows => format!("the payload of {} is outside the trained range", counted(rows, "row")),
+            [joints, 0] => format!("the joints of {} are outside the trained ranges", rows(joints)),
+            [_, payloads] => format!("the payload of {} is outside the trained range", rows(payloads)),
         };
         let text = format!(
             "the position errors are {ratio:.1} times what the model expects, {mean:.3} mm on average instead of \

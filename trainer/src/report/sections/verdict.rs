@@ -59,7 +59,8 @@ pub fn verdict(
         "How sure: "
         @match conformity.evidence {
             Evidence::HeldOutPoses => {
-                "the error is that of all poses, estimated from those that were held out; the range behind ± holds the true value in "
+                "the error is that of all poses like those that were held out, and estimated from them; the range behind ± holds \
+                 the true value in "
                 (coverage) " of 100 such calibrations. "
             }
             Evidence::Touches => { "in " (coverage) " of 100 such calibrations the true value is within the range behind ± or below it. " }
@@ -293,10 +294,14 @@ pub fn line(conformity: &Conformity) -> Option<String> {
         Verdict::Undecided => "undecided",
         Verdict::DoesNotConform => "does not conform",
     };
+    let poses = match conformity.evidence {
+        Evidence::HeldOutPoses => "poses like the held-out ones",
+        Evidence::Touches => "poses",
+    };
     let of = |found: &Characteristic| {
         let tolerance = found.tolerance?;
         Some(format!(
-            "95 of 100 poses within {:.3} ± {:.3} {unit}, {:.3} {unit} allowed",
+            "95 of 100 {poses} within {:.3} ± {:.3} {unit}, {:.3} {unit} allowed",
             found.error,
             found.expanded,
             tolerance,
