@@ -7,6 +7,8 @@ use crate::numeric::matrix::Mat;
 /// Factor by which the stated errors count the unexplained noise of loud rows: the shape of a plate or play of a joint is the
 /// same at neighbouring touches, so it does not average as noise does.
 const LOUD: f64 = 2.0;
+/// Fewest degrees of freedom that show that rows are loud.
+const LEAST_FREEDOM: f64 = 20.0;
 
 /// How many times farther from its drawing an arm is than its class, judged by its touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +85,8 @@ impl TouchFit {
     pub fn is_loud(&self, problem: &TouchProblem, kind: Noise) -> bool {
         let limit = |stated: f64| stated.max(kind.usual());
         let is_above = |stated| self.tau[kind as usize] > limit(stated);
-        kind.is_length() && problem.stated_noise(kind).is_some_and(is_above)
+        let is_known = self.freedom[kind as usize] >= LEAST_FREEDOM;
+        kind.is_length() && is_known && problem.stated_noise(kind).is_some_and(is_above)
     }
 
     /// Returns the fit with the priors that are stated where the arm is beyond its class, times `by`, and with the noise that

@@ -54,6 +54,9 @@ pub const USUAL_CLASS: ClassPrior = ClassPrior {
     joint_zero: 1e-3,
 };
 
+/// Share of the noise that a length in doubt leaves, as a variance, below which a step must leave it to be believed instead.
+const CLEARER: f64 = 0.25;
+
 /// A calibration by touches.
 #[derive(Debug)]
 pub struct TouchCalibration {
@@ -131,14 +134,15 @@ pub fn calibrate_beside_sisters(
     }
     // A false length looks like a step, and a step like a false length: what explains more of the scatter is believed.
     let (doubt, step) = match (doubt(&problem, &drawing, &fit), step(&problem, &fit)) {
-        (Some((doubt, left)), step) => match step.filter(|step| step.fall.powi(2) < left) {
+        (Some((doubt, left)), step) => match step.filter(|step| step.fall.powi(2) < CLEARER * left)
+        {
             Some(step) => (None, Some(step)),
             None => (Some(doubt), None),
         },
         (None, step) => {
             let is_more = |step: &Step| {
                 let left = left_without_distances(&problem, &fit);
-                left.is_none_or(|left| step.fall.powi(2) < left)
+                left.is_none_or(|left| step.fall.powi(2) < CLEARER * left)
             };
             (None, step.filter(is_more))
         }
