@@ -215,14 +215,14 @@ pub fn sensitivity(test: &DriftTest, all: &[Hypothesis], false_alarms: f64) -> V
     out
 }
 
-/// Returns whether a check may report a change of `hypothesis`. It may not where it shows no change of a joint or payload,
-/// however large: what little these rows see of it would be multiplied by any number. Base and tool may be seen in some of
-/// their directions.
+/// Returns whether a check may report a change of `hypothesis`. It may not where it shows no change of a joint, the payload or
+/// the arm's size, however large: what little these rows see of it would be multiplied by any number. Base and tool may be
+/// seen in some of their directions.
 pub fn can_be_found(hypothesis: &Hypothesis, sensitivity: &[Sensitivity]) -> bool {
     let is_shown = |s: &Sensitivity| s.part == hypothesis.part && s.smallest.is_some();
     match hypothesis.part {
-        Part::Joint(_) | Part::Payload => sensitivity.iter().any(is_shown),
-        Part::Base | Part::Tool | Part::Size => true,
+        Part::Joint(_) | Part::Payload | Part::Size => sensitivity.iter().any(is_shown),
+        Part::Base | Part::Tool => true,
     }
 }
 

@@ -249,6 +249,9 @@ pub enum CheckError {
     /// No part can change in a way that these measurements would show.
     #[error("poses that show no change of any part")]
     NothingShown,
+    /// Touches of angles alone, which have no error in mm.
+    #[error("touches none of which measures a position")]
+    NoPosition,
     /// A matrix could not be factored.
     #[error("residuals that cannot be weighed: are these measurements of this robot?")]
     Unsolvable,

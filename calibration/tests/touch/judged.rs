@@ -9,7 +9,7 @@ use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::identification::touch::fit::{TouchFit, TouchProblem};
 use poegp_calibration::identification::touch::volume::WorkVolume;
 use poegp_calibration::measurement::sample::BaseSample;
-use poegp_calibration::measurement::touch::TouchSet;
+use poegp_calibration::measurement::touch::{FeatureKind, TouchSet};
 use poegp_calibration::model::touches::USUAL_CLASS;
 use poegp_calibration::model::touches::summary::tips_mm;
 use poegp_calibration::progress::FitContext;
@@ -17,6 +17,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::touches::TouchTask;
 use poegp_calibration::simulation::{Scenario, Simulator};
 use poegp_calibration::validation::touches::{TouchEvaluation, evaluate_touches, flanges};
+use poegp_calibration::verification::CheckError;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::touches::{TouchReport, check_touches};
 use poegp_runtime::math::se3::Pose;
@@ -336,6 +337,70 @@ fn flanges_of(blob: &BlobModel, states: &[BaseSample]) -> Vec<Pose<f64>> {
         .into_iter()
         .map(|(pose, _)| pose)
         .collect()
+}
+
+/// Touches that contain no length say nothing of the arm's size: an arm that has not changed raises no alarm, and a lost zero
+/// is found.
+#[test]
+fn touches_without_a_length_raise_no_alarm() {
+    let robot = robot();
+    let (mut alarms, mut all) = (0, 0);
+    for seed in 0..4 {
+        let mut simulator = simulator(&robot, 40 + seed);
+        let blob = model(
+            &robot,
+            &touched(&robot, &mut simulator, &[("socket", 4)], 80),
+        );
+        for (kinds, rows) in [(("socket", 3), 24), (("sphere", 2), 40), (("plane", 3), 40)] {
+            let mut set = touched(&robot, &mut simulator, &[kinds], rows);
+            set.distances.clear();
+            for feature in &mut set.features {
+                if let FeatureKind::Sphere { radius, .. } = &mut feature.kind {
+                    *radius = None;
+                }
+            }
+            let found = checked(&robot, &set, &blob);
+            assert_eq!(found.size_ppm, None, "{kinds:?}");
+            (alarms, all) = (alarms + usize::from(!found.changes.is_empty()), all + 1);
+            if kinds.0 == "socket" {
+                let moved = checked(&robot, &shifted(&set, 2, 5e-3), &blob);
+                let parts: Vec<Part> = moved.changes.iter().map(|c| c.part).collect();
+                assert!(parts.contains(&Part::Joint(3)), "{:?}", moved.changes);
+                assert!(!parts.contains(&Part::Size), "{:?}", moved.changes);
+            }
+        }
+    }
+    assert!(alarms <= 1, "{alarms} of {all}");
+}
+
+/// Images alone judge a model: a corner's error is that of its image at the corner's depth. Angles alone do not.
+#[test]
+fn images_alone_judge_a_model_and_angles_do_not() {
+    let robot = robot();
+    let mut simulator = simulator(&robot, 7);
+    let blob = model(
+        &robot,
+        &touched(&robot, &mut simulator, &[("camera", 1)], 40),
+    );
+    let set = touched(&robot, &mut simulator, &[("camera", 1)], 20);
+    let found = checked(&robot, &set, &blob);
+    assert!(found.changes.is_empty(), "{:?}", found.changes);
+    assert!(found.misses.iter().all(|miss| miss.mm.is_some()));
+    let evaluated = evaluated(&robot, &set, &blob);
+    // A millimetre at a depth of some hundred millimetres is some pixels.
+    let per_mm = evaluated.features[0].rms[1] / found.miss_mm.mean;
+    assert!((0.5..10.0).contains(&per_mm), "{per_mm} pixels for each mm");
+    let moved = checked(&robot, &shifted(&set, 2, 5e-3), &blob);
+    let parts: Vec<Part> = moved.changes.iter().map(|c| c.part).collect();
+    assert!(parts.contains(&Part::Joint(3)), "{:?}", moved.changes);
+    assert!(moved.miss_mm.mean > found.miss_mm.mean);
+    let level = touched(&robot, &mut simulator, &[("level", 1)], 20);
+    let chain = robot.chain().unwrap();
+    let refused = check_touches(&blob, &level, &robot, &chain, 0.01);
+    assert!(
+        matches!(refused, Err(CheckError::NoPosition)),
+        "{refused:?}"
+    );
 }
 
 /// A mistyped distance is reported as the size, not as a joint that has lost its zero.

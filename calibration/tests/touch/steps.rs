@@ -133,6 +133,41 @@ fn a_step_is_named_with_its_line() {
     }
 }
 
+/// A socket that was moved is named, and not the distances from it, which the touches then contradict: with four sockets, or
+/// with two and a long step. It is the first finding.
+#[test]
+fn a_moved_socket_is_no_wrong_distance() {
+    let robot = built_in("abb-irb120");
+    for (features, count) in [(2, 40), (4, 80)] {
+        for by in [1.5e-3, 6e-3] {
+            let clean = set(&robot, ("socket", features), count, 33);
+            let own = count / features;
+            let moved = |q: &[f64]| beside(&robot, q, |_| Vector3::new(0.6 * by, 0.0, 0.8 * by));
+            let set = with_joints(&robot, &clean, |row| (own / 2..own).contains(&row), moved);
+            let found = calibrated(&robot, &set);
+            let first = &found.findings.0[0];
+            assert_eq!(
+                (first.cause, first.tier),
+                (Cause::Step, Tier::Refused),
+                "{features} sockets, {by}: {:#?}",
+                found.findings
+            );
+            let name = format!("\"{}\" was moved by", set.features[0].name);
+            assert!(first.text.contains(&name), "{first:#?}");
+            assert!(found.contradiction(&set).is_none());
+        }
+    }
+    // Without a step, a wrong distance is one.
+    let mut wrong = set(&robot, ("socket", 4), 80, 33);
+    wrong.distances[0].distance += 5e-3;
+    let found = calibrated(&robot, &wrong);
+    assert!(
+        found.contradiction(&wrong).is_some(),
+        "{:#?}",
+        found.findings
+    );
+}
+
 /// In a file that is sorted by feature, what happened while the features were touched in turn is found, too.
 #[test]
 fn a_step_is_found_in_a_sorted_file() {
@@ -183,7 +218,7 @@ fn one_wrong_row_among_few_is_left_out() {
     }
 }
 
-/// A reversed joint, exchanged columns, a wrong zero, another robot and readings of other rows are named.
+/// A reversed joint, a column in another unit, exchanged columns, a wrong zero, another robot and readings of other rows are named.
 #[test]
 fn mistakes_of_a_whole_file_are_named() {
     let robot = built_in("abb-irb120");
@@ -217,6 +252,16 @@ fn mistakes_of_a_whole_file_are_named() {
             changed(|q| q[3] = -q[3]),
             Cause::Sign,
             "joint 4 looks reversed",
+        ),
+        (
+            changed(|q| q[5] = q[5].to_radians()),
+            Cause::Unit,
+            "the column of joint 6 looks like radians where the header says degrees",
+        ),
+        (
+            changed(|q| q[1] = q[1].to_radians()),
+            Cause::Unit,
+            "the column of joint 2 looks like radians where the header says degrees",
         ),
         (
             changed(|q| q.swap(1, 2)),

@@ -65,8 +65,9 @@ impl Examined<'_> {
         ))
     }
 
-    /// Examines whether measurements that a model is judged by are of its robot, and returns the warnings. Of many rows some
-    /// are examined, evenly spread: the time grows with the square of their number.
+    /// Examines whether measurements that a model is judged by are of its robot, and returns the warnings. An arm far from its
+    /// drawing is a warning: the model may know that. Of many rows some are examined, evenly spread: the time grows with the
+    /// square of their number.
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
@@ -78,7 +79,9 @@ impl Examined<'_> {
         set.measurements
             .retain(|_| rows.next().is_some_and(|row| row % step == 0));
         let gravity = Vector3::from(GRAVITY);
-        self.settle(trust::identify(self.robot, &set, &samples, gravity))
+        let mut findings = trust::identify(self.robot, &set, &samples, gravity);
+        findings.accept(&[Cause::Frames]);
+        self.settle(findings)
     }
 
     /// Reports the findings, and returns the warnings.

@@ -262,7 +262,7 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     }
     if let Correction::Elastic(elastic) = &blob.correction {
         report.line(format_args!(
-            "  correction: elastic joints, {} inducing points, limited to {:.3} mm and {:.3} mrad",
+            "  correction: elastic joints, {} inducing points; what it adds to the calibrated chain is limited to {:.3} mm and {:.3} mrad",
             loaded.model().inducing_points(),
             1e3 * elastic.limit.position_m,
             1e3 * elastic.limit.angle_rad

@@ -1,8 +1,14 @@
 //! Arms that are farther from their drawing than their class is stated to be, and the wider errors that are then stated.
 
 use crate::identification::touch::fit::{Scales, TouchFit, TouchProblem};
-use crate::identification::touch::noise::COMMON_COUNTS;
+use crate::identification::touch::noise::{COMMON_COUNTS, Noise};
 use crate::numeric::matrix::Mat;
+
+/// Factor by which the stated errors count the unexplained noise of loud rows: the shape of a plate or play of a joint is the
+/// same at neighbouring touches, so it does not average as noise does.
+const LOUD: f64 = 2.0;
+/// Fewest degrees of freedom that show that rows are loud.
+const LEAST_FREEDOM: f64 = 20.0;
 
 /// How many times farther from its drawing an arm is than its class, judged by its touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,7 +21,7 @@ pub struct Beyond {
 
 impl Beyond {
     /// Returns whether the touches determine enough parameters to tell.
-    fn says(self) -> bool {
+    pub(super) fn says(self) -> bool {
         self.determined > 1.0
     }
 
@@ -47,6 +53,7 @@ impl TouchFit {
         let class = Scales::new(&problem.class);
         let columns: Vec<usize> = (0..self.arm.columns.len())
             .filter(|j| self.arm.columns[*j].group.is_of_class())
+            .filter(|j| !problem.is_lost(&self.arm.columns[*j]))
             .collect();
         let unit = |j: usize| class.of(self.arm.columns[j].group).unwrap_or(1.0);
         let (sum, determined) = match &problem.sisters {
@@ -74,13 +81,27 @@ impl TouchFit {
         }
     }
 
-    /// Returns the fit with the priors that are stated where the arm is beyond its class, times `by`.
+    /// Returns whether the rows of a length miss by more, beyond what is stated, than is stated and than gears usually add.
+    pub fn is_loud(&self, problem: &TouchProblem, kind: Noise) -> bool {
+        let limit = |stated: f64| stated.max(kind.usual());
+        let is_above = |stated| self.tau[kind as usize] > limit(stated);
+        let is_known = self.freedom[kind as usize] >= LEAST_FREEDOM;
+        kind.is_length() && is_known && problem.stated_noise(kind).is_some_and(is_above)
+    }
+
+    /// Returns the fit with the priors that are stated where the arm is beyond its class, times `by`, and with the noise that
+    /// is stated of loud rows.
     pub(super) fn widened(&self, problem: &TouchProblem, beyond: Beyond, by: f64) -> Self {
         let mut wide = self.clone();
         let least = match beyond.says() {
             true => beyond.stated(),
             false => 0.0,
         };
+        for kind in Noise::ALL {
+            if self.is_loud(problem, kind) {
+                wide.tau[kind as usize] *= LOUD;
+            }
+        }
         wide.width = by * self.width;
         if problem.sisters.is_some() {
             wide.width = by * self.width.max(least);

@@ -195,6 +195,17 @@ impl Solved {
         )
     }
 
+    /// Returns the logarithm of the determinant of the equations.
+    pub fn log_determinant(&self) -> f64 {
+        let groups = self.groups.iter().map(|group| &group.factor);
+        let of = |factor: &Factor| {
+            let lower = factor.lower();
+            let diagonal = (0..lower.nrows()).map(|i| libm::log(lower[(i, i)]));
+            2.0 * diagonal.sum::<f64>()
+        };
+        groups.chain(&self.factor).map(of).sum()
+    }
+
     /// Returns the covariance of the arm's unknowns in units of their priors.
     pub fn covariance(&self) -> Mat<f64> {
         self.factor

@@ -53,6 +53,8 @@ pub struct TouchFit {
 
 /// Standard deviation of the size of an arm of any size, relative to its drawing.
 pub(super) const ANY_SIZE: f64 = 0.1;
+/// Standard deviation of a joint zero of which nothing is known, rad or m.
+pub(super) const ANY_ZERO: f64 = 0.1;
 /// Most rounds over noise, priors and parameters.
 const ROUNDS: usize = 25;
 /// Most steps in a round.
@@ -178,6 +180,7 @@ impl TouchFit {
             Group::Tip => problem.set.tips.get(column.index).map_or(0.0, |t| t.sigma),
             Group::Turn => 1.0,
             Group::Size if self.moves => ANY_SIZE,
+            Group::Zero if self.moves && problem.is_lost(column) => ANY_ZERO,
             group if self.moves && group.is_of_class() && problem.sisters.is_none() => {
                 self.width * self.scales.of(group).unwrap_or(0.0)
             }
@@ -229,7 +232,7 @@ impl TouchFit {
     }
 
     /// Returns −2 log of the posterior density, up to terms that do not depend on the parameters.
-    fn cost(&self, problem: &TouchProblem) -> f64 {
+    pub(super) fn cost(&self, problem: &TouchProblem) -> f64 {
         let poses = self.arm.poses(&problem.states);
         let mut sum = 0.0;
         for (row, state) in problem.state_of.iter().enumerate() {
@@ -444,7 +447,8 @@ impl TouchFit {
         // First the factor that all scales of the class have in common, then each scale by itself.
         let (mut sum, mut known) = (COMMON_COUNTS, COMMON_COUNTS);
         for (j, column) in self.arm.columns.iter().enumerate() {
-            if let (true, Some(sd)) = (column.group.is_of_class(), class.of(column.group)) {
+            let is_of_class = column.group.is_of_class() && !problem.is_lost(column);
+            if let (true, Some(sd)) = (is_of_class, class.of(column.group)) {
                 sum += (self.arm.theta[j] / sd).powi(2);
                 known += (1.0 - covariance[(j, j)]).max(0.0);
             }
@@ -463,7 +467,7 @@ impl TouchFit {
             };
             let (mut sum, mut known) = (counts * start * start, counts);
             for (j, column) in self.arm.columns.iter().enumerate() {
-                if column.group == group {
+                if column.group == group && !problem.is_lost(column) {
                     sum += self.arm.theta[j].powi(2);
                     known += (1.0 - covariance[(j, j)]).max(0.0);
                 }

@@ -22,6 +22,13 @@ pub struct RowJet {
 }
 
 impl RowJet {
+    /// Returns by how much a component changes for each metre that the tip is displaced, in the direction in which it changes
+    /// most; zero for angles.
+    pub fn per_metre(&self, component: usize) -> f64 {
+        let by_position = &self.tip[component][..3];
+        by_position.iter().map(|x| x * x).sum::<f64>().sqrt()
+    }
+
     /// Creates a row of `count` components, all zero.
     pub fn new(count: usize) -> Self {
         Self {

@@ -10,8 +10,6 @@ pub const LEFT_OUT_RATIO: f64 = 0.7;
 pub const EXPECTED_RATIO: f64 = 0.9;
 /// Probability of a worse arm than as drawn from which on the calibration is not worth the risk.
 pub const WORSE: f64 = 0.05;
-/// Thresholds above which play or slipping is suspected: τ over the stated noise, and τ in metres.
-pub const PLAY: (f64, f64) = (10.0, 0.5e-3);
 
 /// Evidence for and against a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,8 +25,6 @@ pub struct Verdict {
     pub expected: f64,
     /// Probability that the arm is worse off as calibrated than as drawn.
     pub worse: f64,
-    /// Largest τ of a length, in m, if it deserves a warning.
-    pub play: Option<f64>,
 }
 
 impl Verdict {
@@ -59,24 +55,12 @@ impl Verdict {
             .into_iter()
             .max_by(|a, b| of_kind[*a as usize][2].total_cmp(&of_kind[*b as usize][2]))?;
         let most = &of_kind[kind as usize];
-        let play = Noise::ALL
-            .into_iter()
-            .filter(|k| k.is_length())
-            .filter_map(|kind| {
-                let tau = fit.tau[kind as usize];
-                let stated = problem.set.rows.iter().filter_map(|row| {
-                    (Noise::of(&row.reading, 0) == kind).then(|| problem.set.sigma(row))?
-                });
-                let stated = stated.fold(f64::INFINITY, f64::min);
-                (tau > PLAY.0 * stated && tau > PLAY.1).then_some(tau)
-            });
         Some(Self {
             left_out: sums[1] / sums[0].max(1e-12),
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
             kind,
             expected: known.after.mean_mm / known.before.mean_mm,
             worse: known.worse,
-            play: play.max_by(f64::total_cmp),
         })
     }
 }

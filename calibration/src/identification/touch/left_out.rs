@@ -10,7 +10,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
 /// Error in robust standard deviations above which a row does not belong.
-const GROSS: f64 = 5.0;
+pub(super) const GROSS: f64 = 5.0;
 
 impl TouchFit {
     /// Leaves out each state of the arm in turn, using the normal equations of all rows. Returns `None` when they cannot

@@ -216,9 +216,25 @@ fn noise(problem: &TouchProblem, fit: &TouchFit) -> f64 {
     all.iter().sum::<f64>() / all.len().max(1) as f64
 }
 
-/// Returns what is stated and in doubt, if anything is: of several, that without which the noise is least.
-pub fn doubt(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Option<Doubt> {
-    let limit = EXPLAINED * noise(problem, fit);
+/// Returns the share of the noise, as a variance, that is left without the known distances; `None` if they do not explain the
+/// noise.
+pub fn left_without_distances(problem: &TouchProblem, fit: &TouchFit) -> Option<f64> {
+    let mut set = problem.set.clone();
+    set.distances.clear();
+    let loose = TouchProblem {
+        set: &set,
+        ..problem.clone()
+    };
+    let without = TouchFit::new(&loose, &TouchFit::on_drawing(&loose, 0));
+    let left = noise(&loose, &without) / noise(problem, fit).max(f64::MIN_POSITIVE);
+    (left < EXPLAINED).then_some(left)
+}
+
+/// Returns what is stated and in doubt, if anything is, and the share of the noise, as a variance, that is left without it:
+/// of several, that without which the noise is least.
+pub fn doubt(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Option<(Doubt, f64)> {
+    let given = noise(problem, fit);
+    let limit = EXPLAINED * given;
     let mut found: Vec<(Doubt, f64)> = Vec::new();
     for (doubts, loose) in own(problem) {
         let most = doubts
@@ -235,5 +251,5 @@ pub fn doubt(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Opti
         found.push((doubt, EXPLAINED * noise(problem, &fit)));
     }
     let least = found.into_iter().min_by(|a, b| a.1.total_cmp(&b.1));
-    least.map(|(doubt, _)| doubt)
+    least.map(|(doubt, left)| (doubt, left / given.max(f64::MIN_POSITIVE)))
 }

@@ -1,7 +1,9 @@
 //! Mistakes of a whole touch file: each is tried by a refit, and named only if the touches scatter much less with it.
 
+use poegp_protocol::JointKind;
+
 use crate::identification::touch::arm::Group;
-use crate::identification::touch::fit::{TouchFit, TouchProblem};
+use crate::identification::touch::fit::{ANY_ZERO, TouchFit, TouchProblem};
 use crate::identification::touch::noise::Noise;
 use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
 use crate::robot::{BUILT_IN, LoadOptions, Robot};
@@ -15,6 +17,8 @@ pub enum Mistake {
     Swap(usize, usize),
     /// The joints are in radians where degrees are stated.
     Unit,
+    /// The column of one joint is in radians or metres where degrees or millimetres are stated.
+    UnitOf(usize),
     /// The zero of a joint differs by so much, rad or m.
     Offset(usize, f64),
     /// The touches are of this other robot.
@@ -29,7 +33,9 @@ impl Mistake {
     /// Returns whether the mistake is one of this robot's joints.
     pub fn is_of_joints(&self) -> bool {
         match self {
-            Self::Sign(_) | Self::Swap(..) | Self::Unit | Self::Offset(..) => true,
+            Self::Sign(_) | Self::Swap(..) | Self::Unit | Self::UnitOf(_) | Self::Offset(..) => {
+                true
+            }
             Self::Robot(_) | Self::Rows(_) | Self::Pixels => false,
         }
     }
@@ -56,8 +62,6 @@ const LEFT: (f64, f64) = (0.5, 0.25);
 const AS_GOOD: f64 = 2.0;
 /// Mistakes that are compared on the fitted arm.
 const TRIED: usize = 4;
-/// Standard deviation of a joint zero of which nothing is known, rad or m.
-const ANY_ZERO: f64 = 0.1;
 /// Smallest and largest zero that is named, rad or m.
 const ZERO: std::ops::Range<f64> = 0.01..0.7;
 
@@ -152,6 +156,14 @@ fn with_pixels_exchanged(set: &TouchSet) -> TouchSet {
     out
 }
 
+/// Returns how many of the smaller unit of a joint, a degree or a millimetre, make one radian or metre.
+fn smaller_units(robot: &Robot, joint: usize) -> f64 {
+    match robot.joints[joint].kind {
+        JointKind::Revolute => 1_f64.to_degrees(),
+        JointKind::Prismatic => 1e3,
+    }
+}
+
 /// Returns the set as it is without a mistake.
 fn without(robot: &Robot, set: &TouchSet, mistake: &Mistake) -> TouchSet {
     match mistake {
@@ -163,6 +175,7 @@ fn without(robot: &Robot, set: &TouchSet, mistake: &Mistake) -> TouchSet {
         Mistake::Sign(joint) => q[*joint] = -q[*joint],
         Mistake::Swap(a, b) => q.swap(*a, *b),
         Mistake::Unit => q.iter_mut().for_each(|q| *q = q.to_degrees()),
+        Mistake::UnitOf(joint) => q[*joint] *= smaller_units(robot, *joint),
         Mistake::Offset(joint, by) => q[*joint] += by,
         Mistake::Robot(_) | Mistake::Rows(_) | Mistake::Pixels => {}
     })
@@ -220,6 +233,7 @@ pub fn explained(
     let all = signs
         .chain(swaps)
         .chain([Mistake::Unit])
+        .chain((0..joints).map(Mistake::UnitOf))
         .chain(offsets(problem))
         .chain(robots.map(|name| Mistake::Robot((*name).to_owned())))
         .chain(of_readings(problem.set));

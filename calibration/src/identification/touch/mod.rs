@@ -11,6 +11,7 @@ pub mod jet;
 pub mod judge;
 pub mod left_out;
 pub mod lengths;
+pub mod lost_zero;
 pub mod mistakes;
 pub mod noise;
 pub mod problem;

@@ -5,12 +5,12 @@ use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tools::fit_base_and_tools;
-use crate::identification::touch::arm::{Terms, TipStart, TouchArm};
+use crate::identification::touch::arm::{Column, Group, Terms, TipStart, TouchArm};
 use crate::identification::touch::noise::{Noise, TRACKER_NOISE};
 use crate::identification::touch::sisters::SisterPrior;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
-use crate::measurement::touch::{ClassPrior, Reading, TouchSet};
+use crate::measurement::touch::{ClassPrior, Reading, TouchRow, TouchSet};
 
 /// Everything that a fit to touches starts from.
 #[derive(Clone, Debug)]
@@ -27,6 +27,8 @@ pub struct TouchProblem<'a> {
     pub class: ClassPrior,
     /// Prior by sister arms of the same drawing.
     pub sisters: Option<SisterPrior>,
+    /// Joint whose zero is not believed to be that of the class.
+    pub lost_zero: Option<usize>,
     /// States of the arm: joints and payload, at rest with one tip.
     pub states: Vec<BaseSample>,
     /// Index into `states` of every row.
@@ -107,6 +109,7 @@ impl<'a> TouchProblem<'a> {
             gravity,
             class,
             sisters: None,
+            lost_zero: None,
             states,
             state_of,
             tips,
@@ -134,6 +137,25 @@ impl<'a> TouchProblem<'a> {
             None => row.declared_noise.orientation.unwrap_or(TRACKER_NOISE.1),
         };
         sigma * sigma
+    }
+
+    /// Returns whether a parameter is the zero that is not believed to be that of the class.
+    pub fn is_lost(&self, column: &Column) -> bool {
+        column.group == Group::Zero && self.lost_zero == Some(column.index)
+    }
+
+    /// Returns the root mean square of the stated noise of a kind; `None` if no row has it.
+    pub fn stated_noise(&self, kind: Noise) -> Option<f64> {
+        let rows = self.set.rows.iter().enumerate();
+        let of_row = |(row, touch): (usize, &TouchRow)| {
+            let own = 0..touch.reading.equations();
+            let own = own.filter(move |i| Noise::of(&touch.reading, *i) == kind);
+            own.map(move |i| self.stated_variance(row, i))
+                .collect::<Vec<_>>()
+        };
+        let all: Vec<f64> = rows.flat_map(of_row).collect();
+        let count = all.len() as f64;
+        (!all.is_empty()).then(|| (all.iter().sum::<f64>() / count).sqrt())
     }
 
     /// Creates the arm as drawn; `orders` is the number of orders of own-joint errors.

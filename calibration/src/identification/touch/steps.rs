@@ -23,6 +23,8 @@ pub struct Step {
     pub displacement: f64,
     /// Drop of χ², and the drop that is needed.
     pub drop: (f64, f64),
+    /// Ratio by which the scatter falls once the step is taken out.
+    pub fall: f64,
     /// Other parts whose change explains the rows as well.
     pub others: Vec<Part>,
 }
@@ -173,6 +175,7 @@ fn named(problem: &TouchProblem, searched: &Searched, needed: f64) -> Step {
         moved,
         displacement,
         drop: (best.drop, needed),
+        fall: searched.fall,
         others: others.map(|f| f.part).collect(),
     }
 }

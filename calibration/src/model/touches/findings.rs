@@ -1,6 +1,6 @@
 //! The findings against a calibration by touches, as text for the user.
 
-use crate::identification::touch::judge::{EXPECTED_RATIO, LEFT_OUT_RATIO, PLAY, WORSE};
+use crate::identification::touch::judge::{EXPECTED_RATIO, LEFT_OUT_RATIO, WORSE};
 use crate::model::touches::summary::{TouchOutlier, TouchSummary};
 use crate::trust::{Finding, Findings, Tier};
 use poegp_protocol::cause::Cause;
@@ -48,12 +48,22 @@ pub fn findings(summary: &TouchSummary) -> Findings {
         );
         out.push(refused(text, summary.worse_probability, WORSE));
     }
-    if let Some(tau) = summary.play_mm {
+    for noise in summary.noise.iter().filter(|noise| noise.is_loud) {
         let text = format!(
-            "touches scatter by {tau:.2} mm beyond their stated noise: look for joints with play or a tool that \
-             slipped"
+            "rows of kind {} miss by {:.2} mm beyond the stated {:.2} mm: {}, or the joints have play, or the tool slips; the expected error is \
+             enlarged to match",
+            noise.kind,
+            noise.beyond,
+            noise.stated,
+            suspected(noise.kind)
         );
-        let found = Finding::new(Cause::Noise, Tier::Warning, text, tau, 1e3 * PLAY.1);
+        let found = Finding::new(
+            Cause::Noise,
+            Tier::Warning,
+            text,
+            noise.beyond,
+            noise.stated,
+        );
         out.push(found);
     }
     if let Some(factor) = summary.beyond_class.filter(|f| *f > BEYOND) {
@@ -90,6 +100,17 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     let mut out = Findings(out);
     out.accept(&[]);
     out
+}
+
+/// Returns what may be worse than stated where rows of this kind miss by more than their noise.
+fn suspected(kind: &str) -> &'static str {
+    match kind {
+        "plane" => "the plates are not as flat as stated (flatness_mm)",
+        "sphere" => "the balls are not as round, or the bar not as stiff, as stated (roundness_mm)",
+        "anchor" => "the wire is not as linear as stated (scale_sigma_ppm)",
+        "point" => "the ball does not lie in its socket alike each time (seat_mm)",
+        _ => "the instrument is noisier than stated",
+    }
 }
 
 /// Largest number of rows that a sentence lists.

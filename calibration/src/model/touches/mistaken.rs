@@ -3,6 +3,7 @@
 use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
 
+use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::mistakes::{Explained, Mistake};
 use crate::model::touches::summary::unit;
 use crate::robot::Robot;
@@ -22,7 +23,7 @@ pub fn mistaken(robot: &Robot, explained: &Explained) -> Finding {
     let cause = match explained.mistake {
         Mistake::Sign(_) => Cause::Sign,
         Mistake::Swap(..) => Cause::Swap,
-        Mistake::Unit => Cause::Unit,
+        Mistake::Unit | Mistake::UnitOf(_) => Cause::Unit,
         Mistake::Offset(..) => Cause::Offset,
         Mistake::Robot(_) => Cause::Robot,
         Mistake::Rows(_) => Cause::Rows,
@@ -30,6 +31,27 @@ pub fn mistaken(robot: &Robot, explained: &Explained) -> Finding {
     };
     let [given, left] = explained.scatter;
     Finding::new(cause, Tier::Refused, text, left / given.max(1e-12), 1.0)
+}
+
+/// Returns the finding about a joint zero that has a prior of its own.
+pub fn lost(robot: &Robot, problem: &TouchProblem, fit: &TouchFit) -> Option<Finding> {
+    let columns = fit.arm.columns.iter().zip(&fit.arm.theta);
+    let (column, zero) = columns
+        .into_iter()
+        .find(|(column, _)| problem.is_lost(column))?;
+    let stated = problem.class.joint_zero;
+    let times = zero.abs() / stated;
+    let by = match robot.joints[column.index].kind {
+        JointKind::Revolute => format!("{} mrad", three_digits(1e3 * zero.abs())),
+        JointKind::Prismatic => format!("{} mm", three_digits(1e3 * zero.abs())),
+    };
+    let joint = column.index + 1;
+    let text = format!(
+        "the zero of joint {joint} is {by} from the drawing, {times:.0} times the {} of joint_zero_mrad: it was fitted without \
+         that prior; master joint {joint} again, or state a larger [prior] joint_zero_mrad",
+        three_digits(1e3 * stated)
+    );
+    Some(Finding::new(Cause::Frames, Tier::Warning, text, times, 1.0))
 }
 
 fn named(robot: &Robot, mistake: &Mistake) -> String {
@@ -41,6 +63,14 @@ fn named(robot: &Robot, mistake: &Mistake) -> String {
             b + 1
         ),
         Mistake::Unit => "the joints look like radians where the header says degrees".to_owned(),
+        Mistake::UnitOf(joint) => {
+            let (found, stated) = match robot.joints[*joint].kind {
+                JointKind::Revolute => ("radians", "degrees"),
+                JointKind::Prismatic => ("metres", "millimetres"),
+            };
+            let joint = joint + 1;
+            format!("the column of joint {joint} looks like {found} where the header says {stated}")
+        }
         Mistake::Offset(joint, by) => {
             let by = match robot.joints[*joint].kind {
                 JointKind::Revolute => format!("{}°", three_digits(by.to_degrees().abs())),

@@ -19,11 +19,13 @@ use crate::identification::base_tool::with_base_and_tool;
 use crate::identification::base_tools::BaseAndTools;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::judge::Verdict;
-use crate::identification::touch::lengths::{StatedLength, doubt};
+use crate::identification::touch::lengths::{StatedLength, doubt, left_without_distances};
+use crate::identification::touch::lost_zero::lost_zero;
 use crate::identification::touch::mistakes::explained;
-use crate::identification::touch::steps::{contradicting, step};
+use crate::identification::touch::steps::{Step, contradicting, step};
 use crate::identification::touch::unseen::unseen;
 use crate::identification::touch::volume::{Knowledge, WorkVolume};
+use crate::input_error::InputError;
 use crate::learning::elastic::reduced_model::ElasticModel;
 use crate::learning::elastic::solution::FitError;
 use crate::measurement::observation::Observation;
@@ -38,12 +40,12 @@ use crate::model::methods::Method;
 use crate::model::methods::problem::{FrameEstimate, seen_from_first};
 use crate::model::touches::doubted::doubted;
 use crate::model::touches::findings::findings;
-use crate::model::touches::mistaken::mistaken;
+use crate::model::touches::mistaken::{lost, mistaken};
 use crate::model::touches::record::{ArmRecord, NotASisterArm, by_sisters};
 use crate::model::touches::stepped::stepped;
 use crate::model::touches::summary::TouchSummary;
 use crate::robot::Robot;
-use crate::trust::Findings;
+use crate::trust::{Cause, Finding, Findings, Tier};
 
 /// Standard deviations of an arm from its drawing if neither file nor robot description states them, in m, rad and rad.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {
@@ -51,6 +53,9 @@ pub const USUAL_CLASS: ClassPrior = ClassPrior {
     tilt: 0.5e-3,
     joint_zero: 1e-3,
 };
+
+/// Share of the noise that a length in doubt leaves, as a variance, below which a step must leave it to be believed instead.
+const CLEARER: f64 = 0.25;
 
 /// A calibration by touches.
 #[derive(Debug)]
@@ -68,6 +73,22 @@ pub struct TouchCalibration {
     pub summary: TouchSummary,
     /// The findings against the calibration.
     pub findings: Findings,
+}
+
+impl TouchCalibration {
+    /// Returns the error about a stated distance of `set` that the touches contradict, unless a refusal explains why: a step,
+    /// or a file that has to be read differently.
+    pub fn contradiction(&self, set: &TouchSet) -> Option<InputError> {
+        let is_explained = |f: &Finding| f.cause == Cause::Step || f.cause.is_a_reading();
+        if self.findings.of(Tier::Refused).any(is_explained) {
+            return None;
+        }
+        let measured = self.summary.distances.iter().map(|d| {
+            d.measured_mm
+                .map(|[found, sigma]| (1e-3 * found, 1e-3 * sigma))
+        });
+        set.contradiction(&measured.collect::<Vec<_>>())
+    }
 }
 
 /// Returns the standard deviations of an arm from its drawing: those of the features file, otherwise those of the robot's
@@ -108,11 +129,23 @@ pub fn calibrate_beside_sisters(
     }
     let drawing = TouchFit::on_drawing(&problem, 0);
     let mut fit = TouchFit::new(&problem, &drawing);
-    // A false length looks like a step, or like rows that contradict the others.
-    let doubt = doubt(&problem, &drawing, &fit);
-    let step = match doubt {
-        Some(_) => None,
-        None => step(&problem, &fit),
+    if let Some((joint, without)) = lost_zero(&problem, &drawing, &fit) {
+        (problem.lost_zero, fit) = (Some(joint), without);
+    }
+    // A false length looks like a step, and a step like a false length: what explains more of the scatter is believed.
+    let (doubt, step) = match (doubt(&problem, &drawing, &fit), step(&problem, &fit)) {
+        (Some((doubt, left)), step) => match step.filter(|step| step.fall.powi(2) < CLEARER * left)
+        {
+            Some(step) => (None, Some(step)),
+            None => (Some(doubt), None),
+        },
+        (None, step) => {
+            let is_more = |step: &Step| {
+                let left = left_without_distances(&problem, &fit);
+                left.is_none_or(|left| step.fall.powi(2) < CLEARER * left)
+            };
+            (None, step.filter(is_more))
+        }
     };
     if doubt.is_none() && step.is_none() {
         fit = without_single(&problem, fit);
@@ -133,10 +166,16 @@ pub fn calibrate_beside_sisters(
         Some(mistake) => Findings(vec![mistaken(robot, &mistake)]),
         None => {
             let mut findings = findings(&summary);
+            findings.0.extend(lost(robot, &problem, &fit));
             findings.0.extend(doubt.map(|doubt| doubted(set, &doubt)));
             let drawn = summary.before.mean_mm;
-            let step = step.map(|step| stepped(set, &step, drawn));
-            findings.0.extend(step);
+            if let Some(step) = step.map(|step| stepped(set, &step, drawn)) {
+                if step.tier == Tier::Refused {
+                    // What else is remarkable follows from the step.
+                    findings.0.retain(|f| f.tier == Tier::Refused);
+                }
+                findings.0.insert(0, step);
+            }
             findings.accept(&[]);
             findings
         }

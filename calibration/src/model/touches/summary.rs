@@ -57,7 +57,7 @@ pub struct TouchSummary {
     pub outliers: Vec<TouchOutlier>,
     /// What the touches cannot determine.
     pub unseen: Vec<Unseen>,
-    /// The largest τ of a length, in mm, if it is so large that joints may have play or the tool may slip.
+    /// The largest τ of a length, in mm, if it is more than what is stated and what gears usually add.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play_mm: Option<f64>,
 }
@@ -136,6 +136,9 @@ pub struct NoiseSummary {
     pub stated: f64,
     /// τ: noise that was found beyond the stated noise.
     pub beyond: f64,
+    /// Whether `beyond` is more than what is stated and what gears usually add.
+    #[serde(skip)]
+    pub is_loud: bool,
 }
 
 /// A row that is an outlier.
@@ -191,6 +194,7 @@ impl TouchSummary {
         let class = Scales::new(&problem.class);
         let scales = |s: &Scales| [1e3 * s.length, 1e3 * s.tilt, 1e3 * s.zero];
         let (left_out_unit, factor) = unit(verdict.kind);
+        let noise = noise(problem, fit);
         Self {
             rows: set.rows.len(),
             equations: problem.equations(),
@@ -208,12 +212,18 @@ impl TouchSummary {
             tracker: tracker(problem, fit, &residuals),
             distances: distances(problem, fit),
             tips_mm: tips_mm(problem, fit),
-            noise: noise(problem, fit),
             outliers: outliers(problem, fit, &residuals[1]),
             unseen,
-            play_mm: verdict.play.map(|tau| 1e3 * tau),
+            play_mm: loud_mm(&noise),
+            noise,
         }
     }
+}
+
+/// Returns the largest noise of a length that is loud, in mm.
+fn loud_mm(noise: &[NoiseSummary]) -> Option<f64> {
+    let loud = noise.iter().filter(|noise| noise.is_loud);
+    loud.map(|noise| noise.beyond).max_by(f64::total_cmp)
 }
 
 /// Returns the length of a residual; for a tracker's row that of its position.
@@ -392,24 +402,14 @@ fn distances(problem: &TouchProblem, fit: &TouchFit) -> Vec<DistanceSummary> {
 
 /// Summarises the noise of every kind of reading that occurs.
 pub fn noise(problem: &TouchProblem, fit: &TouchFit) -> Vec<NoiseSummary> {
-    let set = problem.set;
     let of = |kind: Noise| {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for (k, row) in set.rows.iter().enumerate() {
-            for i in 0..row.reading.equations() {
-                if Noise::of(&row.reading, i) == kind {
-                    let tau = fit.tau[kind as usize];
-                    sum += fit.variance(problem, k, i) - tau * tau;
-                    count += 1.0;
-                }
-            }
-        }
         let (unit, factor) = unit(kind);
-        (count > 0.0).then(|| NoiseSummary {
+        problem.stated_noise(kind).map(|stated| NoiseSummary {
             kind: name(kind),
             unit,
-            stated: factor * f64::max(sum / count, 0.0).sqrt(),
+            stated: factor * stated,
             beyond: factor * fit.tau[kind as usize],
+            is_loud: fit.is_loud(problem, kind),
         })
     };
     Noise::ALL.into_iter().filter_map(of).collect()

@@ -56,7 +56,7 @@ pub fn to_toml(goals: &[Goal], tip: &Vector3<f64>) -> String {
         );
         if let Goal::Wire(anchor) = goal {
             out += &format!(
-                "position_mm = {}\nposition_sigma_mm = 20\nzero_sigma_mm = 20\n",
+                "position_mm = {}\nposition_sigma_mm = 20\nzero_sigma_mm = 20\nscale_sigma_ppm = 500\n",
                 mm(anchor)
             );
         }

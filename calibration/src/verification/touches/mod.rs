@@ -23,7 +23,7 @@ use serde::Serialize;
 
 use crate::blob::predict::BlobModel;
 use crate::identification::parametric::state::ROWS;
-use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
+use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::volume::WorkVolume;
 use crate::measurement::sample::BaseSample;
@@ -49,7 +49,7 @@ pub struct TouchReport {
     pub rows: usize,
     /// Number of scalar equations left beside what is fitted to them.
     pub freedom: usize,
-    /// Errors of the touches of a length, each as all other touches predict it, mm.
+    /// Errors of the touches, each as all other touches predict it, mm; without those of angles alone.
     pub miss_mm: Summary,
     /// Error of every row, in the order of the file.
     pub misses: Vec<TouchMiss>,
@@ -61,9 +61,10 @@ pub struct TouchReport {
     pub effect_mm: Summary,
     /// Errors of the touches once these changes are removed, mm.
     pub without_mm: Summary,
-    /// Ratio of the noise's standard deviation, as the residuals have it, to the stated one.
+    /// Ratio of the noise's standard deviation, as the residuals have it, to the stated one: that of lengths, or of images if
+    /// there are no lengths.
     pub noise_factor: f64,
-    /// Root mean square of the calibration's expected error in one component of a length, mm.
+    /// Root mean square of the calibration's expected error in one component of a position, mm.
     pub model_mm: f64,
     /// Whether the model knows how wrong it is.
     pub model_knows_its_error: bool,
@@ -83,7 +84,7 @@ pub struct TouchMiss {
     pub line: usize,
     /// Name of the touched feature; `None` for a tracker's row.
     pub feature: Option<String>,
-    /// Error in mm; `None` for angles and images.
+    /// Error in mm, of an image at the depth of its corner; `None` for angles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mm: Option<f64>,
 }
@@ -107,6 +108,10 @@ pub fn check_touches(
         .collect();
     let fit = TouchFit::on_known(&problem, &poses);
     let left_out = fit.left_out(&problem).ok_or(CheckError::Unsolvable)?;
+    let misses = misses(&problem, &fit, &left_out);
+    if misses.iter().all(Option::is_none) {
+        return Err(CheckError::NoPosition);
+    }
     let rows = Rows::new(&problem, &fit);
     let arm = ArmAtTouches::new(loaded, &problem, &fit);
     let weighed = Weighed::new(&rows, &arm)?;
@@ -147,10 +152,6 @@ pub fn check_touches(
             moved += arm.all[*hypothesis].effect.column(j) * *value;
         }
     }
-    let misses = misses(&problem, &left_out);
-    if misses.iter().all(Option::is_none) {
-        return Err(CheckError::NothingShown);
-    }
     let miss_mm = summary(&misses, &fit.weights);
     let without_mm = match taken.is_empty() {
         true => miss_mm,
@@ -160,7 +161,7 @@ pub fn check_touches(
             let poses = moved_flanges(loaded, &problem, &parts.collect::<Vec<_>>());
             let fit = TouchFit::on_known(&problem, &poses);
             let left_out = fit.left_out(&problem).ok_or(CheckError::Unsolvable)?;
-            summary(&self::misses(&problem, &left_out), &fit.weights)
+            summary(&self::misses(&problem, &fit, &left_out), &fit.weights)
         }
     };
     let belongs = |row: &usize| fit.weights[*row] > 0.0;
@@ -182,7 +183,7 @@ pub fn check_touches(
         changes: changes(&test, &weighed.all, &choices, &found, false_alarms),
         effect_mm: lengths(&moved, &arm.samples, arm.scales),
         without_mm,
-        noise_factor: weighed.factors.noise[0].sqrt(),
+        noise_factor: weighed.factors.noise[rows.main_kind()].sqrt(),
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.arm.knows_its_error,
         sensitivity,
@@ -194,15 +195,18 @@ pub fn check_touches(
     })
 }
 
-/// Returns the error of every row, mm; `None` for angles and images.
-fn misses(problem: &TouchProblem, left_out: &[LeftOut]) -> Vec<Option<f64>> {
-    let rows = &problem.set.rows;
-    let mut out: Vec<Option<f64>> = vec![None; rows.len()];
+/// Returns the error of every row as a displacement of the tip, mm; `None` for angles.
+fn misses(problem: &TouchProblem, fit: &TouchFit, left_out: &[LeftOut]) -> Vec<Option<f64>> {
+    let jets = fit.residuals(problem);
+    let mut out: Vec<Option<f64>> = vec![None; jets.len()];
     for left in left_out {
         for (row, errors) in left.rows.iter().zip(&left.errors) {
-            let is_length = Noise::of(&rows[*row].reading, 0).is_length();
-            let square: f64 = errors.iter().take(3).map(|e| e * e).sum();
-            out[*row] = is_length.then(|| 1e3 * square.sqrt());
+            let jet = &jets[*row];
+            let is_position = jet.per_metre(0) > 0.0;
+            let metres = |(i, error): (usize, &f64)| error / jet.per_metre(i);
+            let each = errors.iter().enumerate().take(3).map(metres);
+            let square: f64 = each.map(|e| e * e).sum();
+            out[*row] = is_position.then(|| 1e3 * square.sqrt());
         }
     }
     out

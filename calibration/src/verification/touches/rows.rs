@@ -21,6 +21,8 @@ const UNKNOWN: f64 = 1.0;
 pub(super) struct Rows {
     /// −e: negative residuals, with stated unknowns at their stated values.
     pub(super) y: Mat<f64>,
+    /// e: residuals of the fitted features and tips; zero for angles and known distances.
+    pub(super) missed: Mat<f64>,
     /// P: what each row sees of the poses of all states, as displacement and rotation of the tip in the axes of the base, m
     /// and rad.
     pub(super) seen: Mat<f64>,
@@ -32,7 +34,7 @@ pub(super) struct Rows {
     pub(super) kind: Vec<Option<usize>>,
     /// Share of a row's variance that no factor of the noise changes: 1 for a known distance.
     pub(super) fixed: Vec<f64>,
-    /// σ of the row, m; `None` for angles, images and known distances.
+    /// σ of the row as a displacement of the tip, m; `None` for angles and known distances.
     pub(super) sigma: Vec<Option<f64>>,
 }
 
@@ -42,6 +44,13 @@ type Sparse = Vec<(usize, f64)>;
 type Equation = (f64, Sparse, Sparse);
 
 impl Rows {
+    /// Returns the kind of noise that is stated of all rows: that of lengths, if there are any.
+    pub(super) fn main_kind(&self) -> usize {
+        let touched = self.kind.iter().zip(&self.fixed);
+        let mut own = touched.filter(|(_, fixed)| **fixed == 0.0);
+        usize::from(own.all(|(kind, _)| *kind == Some(1)))
+    }
+
     pub(super) fn new(problem: &TouchProblem, fit: &TouchFit) -> Self {
         let set = problem.set;
         let jets = fit.arm.linearise(&problem.states);
@@ -72,7 +81,8 @@ impl Rows {
                 ));
                 kind.push(Some(usize::from(!is_length)));
                 fixed.push(0.0);
-                sigma.push(is_length.then_some(own));
+                let per_metre = jet.per_metre(i);
+                sigma.push((per_metre > 0.0).then(|| own / per_metre));
             }
         }
         for known in &set.distances {
@@ -102,6 +112,10 @@ impl Rows {
         let free: Vec<usize> = (0..tips + unknowns).filter(is_free).collect();
         let stated: Vec<usize> = (0..tips + unknowns).filter(is_stated).collect();
         let mut out = Self {
+            missed: Mat::from_fn(all.len(), 1, |k, _| match sigma[k] {
+                Some(_) => all[k].0,
+                None => 0.0,
+            }),
             y: Mat::zeros(all.len(), 1),
             seen: Mat::zeros(all.len(), ROWS * problem.states.len()),
             free: Mat::zeros(all.len(), free.len()),

@@ -5,7 +5,7 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::verification::columns::{Columns, basis, columns};
-use crate::verification::hypotheses::Hypothesis;
+use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::noise::{Factors, Parts};
 use crate::verification::result::CheckError;
 use crate::verification::touches::rows::{ArmAtTouches, Rows};
@@ -41,9 +41,17 @@ impl Weighed {
         let all: Vec<Hypothesis> = arm
             .all
             .iter()
-            .map(|h| Hypothesis {
-                effect: product(&by_pose, &h.effect),
-                ..h.clone()
+            .map(|h| {
+                let mut effect = product(&by_pose, &h.effect);
+                if h.part == Part::Size {
+                    // The tip is where a row says it is, plus the row's error: an effect with that error in it would explain all
+                    // errors wherever no length is stated.
+                    effect -= &rows.missed;
+                }
+                Hypothesis {
+                    effect,
+                    ..h.clone()
+                }
             })
             .collect();
         let parts = Parts {

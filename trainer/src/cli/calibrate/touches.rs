@@ -29,7 +29,6 @@ use poegp_calibration::measurement::touch::{TouchSet, features_beside, is_touch_
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::touches::record::ArmRecord;
-use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::model::touches::{TouchCalibration, calibrate_beside_sisters};
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::touches::evaluate_touches;
@@ -98,6 +97,14 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let arm = Arm::load(&a.robot, &a.chain)?;
     let set = read(&a.train, a.features.as_deref(), &arm.robot)?;
     let known = Known::read(&a.gauge, &arm.robot.name)?;
+    let found = calibrate_beside_sisters(&arm.robot, &set, &a.config, &known.choice, &sisters(a)?)
+        .map_err(|error| calibration_failure(&a.train, &error))?
+        .map_err(|(index, error)| {
+            not_a_sister(&a.prior[index], &arm.robot.name, error.to_string())
+        })?;
+    if let Some(error) = found.contradiction(&set) {
+        return Err(error.into());
+    }
     let TouchCalibration {
         calibration,
         samples,
@@ -105,12 +112,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         summary,
         findings,
         ..
-    } = calibrate_beside_sisters(&arm.robot, &set, &a.config, &known.choice, &sisters(a)?)
-        .map_err(|error| calibration_failure(&a.train, &error))?
-        .map_err(|(index, error)| {
-            not_a_sister(&a.prior[index], &arm.robot.name, error.to_string())
-        })?;
-    contradictions(&set, &summary)?;
+    } = found;
     let warnings = settled(&a.train, findings, &a.accept, a.json.as_deref())?;
     let origin = provenance(a, &set, &warnings);
     let found = progress::calibrating(|context| {
@@ -230,18 +232,6 @@ fn no_other_options(a: &Job) -> Result<(), Failure> {
         ),
     ];
     touches::refuse_options(&a.train, &given)
-}
-
-/// Refuses stated distances that the calibrated touches contradict.
-fn contradictions(set: &TouchSet, summary: &TouchSummary) -> Result<(), Failure> {
-    let measured = summary.distances.iter();
-    let measured = measured.map(|d| {
-        d.measured_mm
-            .map(|[found, sigma]| (1e-3 * found, 1e-3 * sigma))
-    });
-    let measured: Vec<_> = measured.collect();
-    let error = set.contradiction(&measured).map(Failure::from);
-    error.map_or(Ok(()), Err)
 }
 
 fn provenance(a: &Job, set: &TouchSet, warnings: &[Finding]) -> Provenance {

@@ -398,7 +398,7 @@ fn refused(a: &Check, names: &[ToolName], error: CheckError) -> Failure {
         )
         .with_help("measure ten to twenty poses, spread over the joint ranges")
         .into(),
-        CheckError::Unsolvable | CheckError::UnknownTool(_) => {
+        CheckError::Unsolvable | CheckError::UnknownTool(_) | CheckError::NoPosition => {
             InputError::new(path, error.to_string(), "new measurements of this robot").into()
         }
     }

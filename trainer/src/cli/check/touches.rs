@@ -152,6 +152,14 @@ fn refused(path: &Path, error: CheckError) -> Failure {
             "more touches than features and tips have unknowns, in other orientations",
         )
         .with_help("touch ten to twenty times, in orientations that differ"),
+        CheckError::NoPosition => InputError::new(
+            path,
+            "rows of a level alone, whose errors are angles",
+            "rows of another kind as well: --max-mm limits errors in mm",
+        )
+        .with_help(
+            "touch a socket, a plate, a ball or a wire, or look at a board, ten to twenty times",
+        ),
         other => InputError::new(path, other.to_string(), "new touches of this robot"),
     }
     .into()

@@ -18,6 +18,9 @@ use crate::cli::measure::plan::Asked;
 use crate::cli::terminal::print::{Printer, is_stdout, note, to_stdout};
 use crate::cli::terminal::snippet;
 
+/// Share of the error from which on a row's forecast is shown before the rows are enough for a fit.
+const LEAST: f64 = 0.01;
+
 /// The reason why a measurement ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
@@ -129,9 +132,9 @@ impl Show {
             .payload_kg
             .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
         // Without a fit, most rows seem worth nothing.
-        let percent = format!("{:.1}", 100.0 * (1.0 - next.share));
-        let forecast = match is_fitted || percent != "0.0" {
-            true => format!("forecast: {percent} % less error"),
+        let less = 1.0 - next.share;
+        let forecast = match is_fitted || less >= LEAST {
+            true => format!("forecast: {:.1} % less error", 100.0 * less),
             false => "no forecast yet".to_owned(),
         };
         self.report.line(format_args!(

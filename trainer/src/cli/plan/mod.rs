@@ -95,7 +95,7 @@ pub struct Plan {
     #[arg(long, help_heading = heading::CHOICE, default_value_t = 1)]
     seed: u64,
     /// Plan touches of a feature: socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z, its approximate position in mm in
-    /// the base frame; may be repeated. The tip is the [target] of --constraints.
+    /// the base frame, plane=X,Y,Z,NX,NY,NZ with the normal of a plane that is not level; may be repeated. The tip is the [target] of --constraints.
     #[arg(long, help_heading = heading::TOUCHES, value_name = "KIND=X,Y,Z", value_parser = touch::goal, conflicts_with_all = [
         "payloads", "test_poses", "v_optimal", "space_filling", "prior", "gravity", "forecast", "no_forecast", "rapid", "krl", "urscript",
         "fanuc"
