@@ -13,6 +13,7 @@ pub mod summary;
 
 use nalgebra::Vector3;
 use poegp_protocol::blob::FrameSource;
+use poegp_protocol::cause::Cause;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tool::with_base_and_tool;
@@ -45,7 +46,7 @@ use crate::model::touches::record::{ArmRecord, NotASisterArm, by_sisters};
 use crate::model::touches::stepped::stepped;
 use crate::model::touches::summary::TouchSummary;
 use crate::robot::Robot;
-use crate::trust::{Cause, Finding, Findings, Tier};
+use crate::trust::{Finding, Findings, Tier};
 
 /// Standard deviations of an arm from its drawing if neither file nor robot description states them, in m, rad and rad.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {
