@@ -1,6 +1,6 @@
 //! The predictions file has one row for each input row, in order, and the errors recomputed from it are the reported ones.
 
-use crate::program::{Folder, SERIAL, simulated};
+use crate::program::{Folder, SERIAL, changed, simulated};
 use crate::texts::texts;
 
 /// Returns the columns `names` of a CSV text, row by row.
@@ -107,5 +107,41 @@ fn the_status_says_what_a_prediction_is_worth() {
     for status in status {
         assert!(status.contains("limited"), "{status:?}");
         assert!(!status.contains(','), "one field: {status:?}");
+    }
+}
+
+/// A cell whose controller evaluates the model may export its prediction as the pose: that judges nothing.
+#[test]
+fn own_predictions_are_no_measurements() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 60));
+    let test = simulated("test2", 40);
+    folder.write("test.csv", &test);
+    for line in [
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob"),
+        "evaluate arm.blob test.csv --predictions out.csv".to_owned(),
+    ] {
+        folder.run(&line).ok();
+    }
+    let predicted = folder.text("out.csv");
+    let mut predicted = predicted.lines().skip(1);
+    let pose = ["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"];
+    let own = changed(&test, |names, fields| {
+        let values = predicted.next().unwrap().split(',');
+        for (name, value) in pose.iter().zip(values) {
+            let at = names.iter().position(|n| n == name).unwrap();
+            fields[at] = value.to_owned();
+        }
+    });
+    folder.write("own.csv", own);
+    for command in [
+        "evaluate arm.blob own.csv",
+        "check arm.blob own.csv --max-mm 0.5",
+    ] {
+        let found = folder.run(command);
+        assert_eq!(found.code, Some(3), "{found:#?}");
+        let text = "these poses were computed by it, not measured [readout]";
+        assert!(found.stderr.contains(text), "{found:#?}");
+        folder.run(&format!("{command} --accept readout")).ok();
     }
 }

@@ -248,6 +248,14 @@ impl<'a> Text<'a> {
         }
     }
 
+    /// Returns whether a token is this name, which is in lower case.
+    pub fn has_name(&self, at: usize, name: &str) -> bool {
+        self.at(at).is_some_and(|token| {
+            let bytes = self.source.slice(&token.span());
+            token.kind == Kind::Name && bytes.eq_ignore_ascii_case(name.as_bytes())
+        })
+    }
+
     /// Returns the text of a token as it is written.
     pub fn spelling(&self, at: usize) -> String {
         let span = self.at(at).map_or(0..0, Token::span);

@@ -181,6 +181,11 @@ impl Reader<'_> {
         let text = self.texts[s.file];
         let word = text.name(s.from);
         let is_own = || self.routine(&word, s.file).is_some();
+        // Most statements are moves that call no function.
+        let is_move = is_instruction(&word) && shape(&word).is_some();
+        if is_move && !(s.from..s.end).any(|at| text.is(at, b'(')) && !is_own() {
+            return Vec::new();
+        }
         // SearchL gives the point that it finds to its second argument.
         if word.starts_with("search") && !is_own() {
             let given = pieces(&text, s.from + 1, s.end).into_iter();

@@ -6,19 +6,29 @@ use crate::robot_programs::correction::program::{Goal, Location};
 use crate::robot_programs::correction::rapid::Reader;
 use crate::robot_programs::correction::rapid::data::{Read, moves_axes, target};
 use crate::robot_programs::correction::rapid::statements::Statement;
-use crate::robot_programs::correction::tokens::Value;
+use crate::robot_programs::correction::tokens::{Text, Value};
 
 /// Instructions that move external axes besides the moves to targets.
 const MOVING: [&str; 6] = [
     "eoffson", "eoffsset", "indamove", "indcmove", "inddmove", "indrmove",
 ];
 
+/// Returns whether a list of lists that ends before a token ends with six numbers 9E9, as most targets do: it need not be read.
+fn has_no_axes(text: &Text<'_>, end: usize) -> bool {
+    let is_unset = |k: usize| {
+        let at = end.checked_sub(3 + 2 * k);
+        at.and_then(|at| text.number(at))
+            .is_some_and(|n| n.value == 9e9)
+    };
+    (0..6).all(is_unset)
+}
+
 impl Reader<'_> {
     /// Returns the first line that moves an external axis from zero.
     pub(super) fn external_axes(&self, all: &[Statement]) -> Option<String> {
         let joints: HashSet<String> = (self.texts.iter())
             .flat_map(|text| {
-                let is_type = |at: &usize| text.name(*at) == "jointtarget";
+                let is_type = |at: &usize| text.has_name(*at, "jointtarget");
                 let names = (0..text.tokens.len()).filter(is_type);
                 names.map(|at| text.name(at + 1))
             })
@@ -57,6 +67,9 @@ impl Reader<'_> {
                 let mut lists = starts.filter(|at| text.is(at + 1, b'['));
                 lists.any(|at| {
                     let end = (text.find(at + 1, s.end, b"]") + 1).min(s.end);
+                    if has_no_axes(&text, end) {
+                        return false;
+                    }
                     let value = text.value(at, end);
                     let location = Location {
                         file: s.file,

@@ -57,10 +57,10 @@ impl Reader<'_> {
     /// Returns the calls of routines that are in none of the files, with their names.
     pub(super) fn unfound(&self, all: &[Statement]) -> Vec<(String, Location)> {
         let is_known = |name: &str| {
-            READING.contains(&name)
+            is_instruction(name)
+                || READING.contains(&name)
                 || KEYWORDS.contains(&name)
                 || PROCESSES.contains(&name)
-                || is_instruction(name)
                 || name.starts_with("search")
                 || name.starts_with("trigg")
                 || OWN.split_whitespace().any(|own| own == name)
@@ -80,6 +80,7 @@ impl Reader<'_> {
             let is_procedure = s.from < s.end
                 && !is_declaration
                 && matches!(s.step, Step::Other)
+                && !is_instruction(&first)
                 && text.at(s.from).is_some_and(|t| t.kind == Kind::Name)
                 && self.assignment(s).is_none();
             let calls = (s.from..s.end).filter(is_call);
