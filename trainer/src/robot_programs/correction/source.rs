@@ -4,6 +4,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::decimal::push_decimal;
 
 /// Largest number of characters of a file that an error quotes.
 const QUOTED: usize = 40;
@@ -189,7 +190,8 @@ fn decimals_of(text: &[u8]) -> usize {
 
 /// Formats a number with this many decimals; a number that rounds to zero has no sign.
 pub fn fixed(value: f64, decimals: usize) -> String {
-    let text = format!("{value:.decimals$}");
+    let mut text = String::new();
+    push_decimal(&mut text, value, decimals);
     match text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.')) {
         true => text.trim_start_matches('-').to_owned(),
         false => text,
