@@ -155,7 +155,8 @@ fn a_set_up_that_is_moved_again_and_again_is_named() {
             for (k, pose) in poses.iter_mut().enumerate() {
                 // A direction of its own for each set-up, by the golden angle.
                 let angle = 2.4 * (k / rows) as f64;
-                let shift = 7e-4 * Vector3::new(angle.cos(), angle.sin(), (1.7 * angle).cos());
+                let shift =
+                    7e-4 * Vector3::new(libm::cos(angle), libm::sin(angle), libm::cos(1.7 * angle));
                 pose.measured.translation += match by_base {
                     true => shift,
                     false => pose.measured.rotation * shift,
