@@ -169,7 +169,7 @@ impl Mistake {
                 let joint = most(x);
                 let by = units[joint].from_si(2.0 * x[joint].abs());
                 format!(
-                    "where a joint comes from makes a difference, for joint {} of {} {}: it has play, or was read before the \
+                    "joint {} ends {} {} apart, depending on the side that it comes from: it has play, or was read before the \
                      arm stood still; wait until it stands, and approach every pose from the same side",
                     joint + 1,
                     three_digits(by),

@@ -221,13 +221,18 @@ fn unexpected(result: &SetErrors, outside: [usize; 2]) -> Option<Finding> {
     let (poses, ratio) = (result.errors.poses, mean / expected);
     let (few, most) = UNEXPECTED;
     (poses >= few && ratio > most && is_same_frame(&result.errors)).then(|| {
+        let most_of = |count: usize| 2 * count > poses;
         let rows = |count| counted(count, "row");
         let why = match outside {
-            [0, 0] => "the robot, its payload, the target or the instrument changed since the calibration, or rows are wrong; \
-                       `trainer check` names a change"
+            [_, payloads] if most_of(payloads) => {
+                format!("the payload of {} is outside the trained range", rows(payloads))
+            }
+            [joints, _] if most_of(joints) => {
+                format!("the joints of {} are outside the trained ranges", rows(joints))
+            }
+            _ => "the robot, its payload, the target or the instrument changed since the calibration, or rows are wrong; \
+                  `trainer check` names a change"
                 .to_owned(),
-            [joints, 0] => format!("the joints of {} are outside the trained ranges", rows(joints)),
-            [_, payloads] => format!("the payload of {} is outside the trained range", rows(payloads)),
         };
         let text = format!(
             "the position errors are {ratio:.1} times what the model expects, {mean:.3} mm on average instead of \
