@@ -4,6 +4,9 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
 
+/// Mean length of a vector of three independent standard normal components, √(8/π).
+pub const MEAN_LENGTH: f64 = 1.595_769_121_605_730_7;
+
 /// Mean, median, RMS, 95th percentile and maximum of a list of errors.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {

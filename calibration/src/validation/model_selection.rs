@@ -16,7 +16,7 @@ use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::config::{Config, Weighting};
 use crate::model::{Method, without_gross_outliers};
-use crate::numeric::statistics::Summary;
+use crate::numeric::statistics::{MEAN_LENGTH, Summary};
 use crate::robot::Robot;
 use crate::trust::{Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task, applicable};
@@ -46,8 +46,6 @@ const CONTRADICTORY_MM: f64 = 1.0;
 /// Number of poses from which on a mean held-out error above the second number, in mm, and above the third times that of the
 /// stated noise, is more than good rows show. Public sets of six arms have at most 0.29 mm.
 const SCATTERED: (usize, f64, f64) = (60, 0.5, 2.0);
-/// Mean length of three normal components of standard deviation 1.
-const MEAN_LENGTH: f64 = 1.596;
 /// Share of the poses that may be left out without a warning.
 const UNEXPLAINED: f64 = 0.05;
 

@@ -45,6 +45,7 @@ use crate::model::touches::mistaken::{lost, mistaken};
 use crate::model::touches::record::{ArmRecord, NotASisterArm, by_sisters};
 use crate::model::touches::stepped::stepped;
 use crate::model::touches::summary::TouchSummary;
+use crate::numeric::statistics::MEAN_LENGTH;
 use crate::robot::Robot;
 use crate::trust::{Finding, Findings, Tier};
 
@@ -305,6 +306,3 @@ fn stated(
     }
     Ok((out, samples))
 }
-
-/// Mean length of a vector of three independent standard normal components, √(8/π).
-const MEAN_LENGTH: f64 = 1.595_769_121_605_730_7;

@@ -4,6 +4,7 @@ use crate::cli::check::unexplained::{Rest, doubtful};
 use crate::cli::check::wording::part;
 use crate::cli::failure::Failure;
 use poegp_calibration::identification::identifiability::list;
+use poegp_calibration::numeric::statistics::MEAN_LENGTH;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::{Change, Moved, Report};
 
@@ -50,9 +51,6 @@ pub fn unknown_payload(carried: &str) -> String {
         "first make sure that the training poses had a payload of {carried}; if not, check with theirs"
     )
 }
-
-/// Mean length of a normal displacement over its standard deviation along one axis, √(8/π).
-const MEAN_LENGTH: f64 = 1.6;
 
 /// Returns what a new calibration needs: a richer model if this one is the cause of the error, and otherwise more poses.
 pub fn new_calibration(r: &Report) -> String {

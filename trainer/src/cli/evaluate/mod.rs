@@ -23,7 +23,7 @@ use poegp_calibration::input_error::counted;
 use poegp_calibration::measurement::Measurement;
 use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
-use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::numeric::statistics::{ErrorSummary, MEAN_LENGTH};
 use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 use poegp_calibration::verification::is_same_frame;
 
@@ -210,8 +210,6 @@ fn evaluated<'a>(
 
 /// Fewest poses whose errors are compared with what the model expects, and the ratio from which they are unexpected.
 const UNEXPECTED: (usize, f64) = (10, 2.0);
-/// Mean length of three normal components of standard deviation 1.
-const MEAN_LENGTH: f64 = 1.596;
 
 /// Returns the warning that the errors are larger than the model expects; `outside` are the numbers of rows with joints and
 /// with payloads outside the trained ranges.

@@ -2,13 +2,15 @@
 //! instructions.
 //!
 //! A routine of the files changes what it assigns, or gives to another one that changes it. Of instructions and functions
-//! that are in none of the files, those of [`READING`] leave their arguments as they are; any other may change them.
+//! that are in none of the files, those of [`READING`] and [`PROCESSES`] leave their arguments as they are; any other may
+//! change them.
 
 use std::collections::HashMap;
 
 use crate::robot_programs::correction::flow::Step;
 use crate::robot_programs::correction::rapid::Reader;
 use crate::robot_programs::correction::rapid::names::Change;
+use crate::robot_programs::correction::rapid::others::PROCESSES;
 use crate::robot_programs::correction::rapid::statements::{Statement, is_instruction};
 use crate::robot_programs::correction::rapid::syntax::{Piece, pieces, shape};
 use crate::robot_programs::correction::tokens::{Kind, Text};
@@ -17,21 +19,7 @@ use crate::robot_programs::correction::tokens::{Kind, Text};
 /// they are.
 pub(super) const READING: &[&str] = &[
     // Motions besides those that are corrected, displacements, loads and areas.
-    "capc",
-    "capl",
     "moveextj",
-    "egmmovec",
-    "egmmovel",
-    "fcpress1lstart",
-    "fcpressc",
-    "fcpressend",
-    "fcpressl",
-    "paintc",
-    "paintl",
-    "spotj",
-    "spotl",
-    "spotmj",
-    "spotml",
     "triggjios",
     "trigglios",
     "eoffson",
@@ -67,7 +55,6 @@ pub(super) const READING: &[&str] = &[
     "writebin",
     "writestrbin",
     // Functions of points and frames.
-    "calcjointt",
     "calcrobt",
     "calcrotaxframez",
     "calcrotaxisframe",
@@ -310,7 +297,9 @@ impl Reader<'_> {
         let routine = called.and_then(|name| self.routine(name, text.file));
         let is_reading = |name: &str| {
             let is_motion = is_instruction(name) && shape(name).is_some();
-            is_motion || READING.contains(&name)
+            // SearchL changes the point that it finds.
+            let is_process = PROCESSES.contains(&name) && !name.starts_with("search");
+            is_motion || is_process || READING.contains(&name)
         };
         if routine.is_none() && called.is_some_and(is_reading) {
             return;
