@@ -14,8 +14,6 @@
 //! than the training poses, which the inducing points of each joint cover. A model without such processes does not know the shape of its
 //! own error: it gets a smooth deflection of every joint, whose size the check itself estimates.
 
-use std::ops::Range;
-
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{Blob, Correction};
@@ -44,6 +42,10 @@ use crate::verification::unknown_frames::{TrainingSet, UnknownFrames};
 const MAX_POSES: usize = 100;
 /// Variance of the smooth deflection of a model without joint processes, rad² or m², before its size is fitted.
 const SMOOTH_VARIANCE: f64 = 1e-8;
+/// Share of a smooth deflection that rounding needs.
+const ROUNDING: f64 = 1e-9;
+/// Variance of the scatter of a joint, rad² or m², before its size is fitted.
+const SCATTER_VARIANCE: f64 = 1e-9;
 /// Number of poses in all sets of training poses that are drawn for a model without processes, and the fewest and the most
 /// sets: the fewer poses, the more sets differ.
 const DRAWN: usize = 2000;
@@ -141,12 +143,14 @@ impl BlobArm {
     }
 
     /// Computes the covariance of the errors of the blob's predictions at `samples`, in units of the scales of the rows. For
-    /// a blob that does not know its own error, it is that of the frames alone. `None` if it cannot be computed.
+    /// a blob that does not know its own error, it is that of the frames alone. `scatter` are the sizes of the joints' scatter,
+    /// which the training poses had as well; none may be given. `None` if the covariance cannot be computed.
     pub fn error_covariance(
         &self,
         samples: &[InstrumentSample],
         at: &Linearised,
         scales: NoiseScales,
+        scatter: &[f64],
     ) -> Option<Mat<f64>> {
         let observation = seen_as(samples);
         let with = |s: &BaseSample| Sample {
@@ -163,6 +167,13 @@ impl BlobArm {
         let noise = (self.unexplained).map_or(1.0, |u| (u / scales.position).powi(2).max(1.0));
         for i in 0..s.nrows() {
             s[(i, i)] += noise / self.repeats;
+            let pose = ROWS * (i / ROWS);
+            for j in pose..pose + ROWS {
+                let of = |(c, size): (usize, &f64)| {
+                    size * SCATTER_VARIANCE * seen.jacobian[(i, c)] * seen.jacobian[(j, c)]
+                };
+                s[(i, j)] += scatter.iter().enumerate().map(of).sum::<f64>() / self.repeats;
+            }
         }
         let c = self.prior((at, &here), (&seen, &there));
         let p = self.prior((at, &here), (at, &here));
@@ -209,12 +220,31 @@ impl BlobArm {
         })
     }
 
-    /// Computes the covariance of the smooth deflection of each joint, of unit size.
-    pub fn smooth_of_joints<F>(&self, samples: &[Sample<F>], at: &Linearised) -> Vec<Mat<f64>> {
+    /// Returns a root of the covariance of each joint's smooth deflection, of unit size. `None` if it has none.
+    pub fn smooth_of_joints<F>(
+        &self,
+        samples: &[Sample<F>],
+        at: &Linearised,
+    ) -> Option<Vec<Mat<f64>>> {
         let here = Inputs::new(&self.state, samples);
-        let joints = 0..self.kernels.len();
-        joints
-            .map(|c| self.processes_of(c..c + 1, (at, &here), (at, &here)))
+        let of = |joint: usize| {
+            let mut gram = self.gram(joint, &here, &here);
+            for i in 0..gram.nrows() {
+                gram[(i, i)] *= 1.0 + ROUNDING;
+            }
+            let root = Factor::new(gram, 1).ok()?.lower();
+            Some(moved_by(at, joint, &root))
+        };
+        (0..self.kernels.len()).map(of).collect()
+    }
+
+    /// Returns a root of the covariance of each joint's scatter, of unit size: what it repeats badly, and what changes within
+    /// a few degrees (gear errors beyond those that the model has).
+    pub fn scatter_of_joints(&self, at: &Linearised) -> Vec<Mat<f64>> {
+        let poses = at.a.nrows() / ROWS;
+        let unit = Mat::identity(poses, poses) * libm::sqrt(SCATTER_VARIANCE);
+        (0..self.state.layout.joints)
+            .map(|joint| moved_by(at, joint, &unit))
             .collect()
     }
 
@@ -240,17 +270,8 @@ impl BlobArm {
     }
 
     fn processes(&self, a: (&Linearised, &Inputs), b: (&Linearised, &Inputs)) -> Mat<f64> {
-        self.processes_of(0..self.kernels.len(), a, b)
-    }
-
-    fn processes_of(
-        &self,
-        joints: Range<usize>,
-        a: (&Linearised, &Inputs),
-        b: (&Linearised, &Inputs),
-    ) -> Mat<f64> {
         let mut out = Mat::zeros(a.0.a.nrows(), b.0.a.nrows());
-        for c in joints {
+        for c in 0..self.kernels.len() {
             let gram = self.gram(c, a.1, b.1);
             for i in 0..gram.nrows() {
                 for j in 0..gram.ncols() {
@@ -276,6 +297,13 @@ impl BlobArm {
             kernel(k, kinds, (&fa, ma), (&fb, mb))
         })
     }
+}
+
+/// Returns what deflections of one joint, one column each, do to the rows; `root` is poses × columns.
+fn moved_by(at: &Linearised, joint: usize, root: &Mat<f64>) -> Mat<f64> {
+    Mat::from_fn(at.a.nrows(), root.ncols(), |row, j| {
+        at.jacobian[(row, joint)] * root[(row / ROWS, j)]
+    })
 }
 
 /// Returns an observation of the kind of `samples`.

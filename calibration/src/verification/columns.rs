@@ -1,6 +1,8 @@
 //! Columns of matrices as vectors, orthonormal bases of them, and residuals that are drawn in such a basis.
 
+use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
+use crate::numeric::product::{Transposed, product};
 use crate::numeric::vectors::dot;
 
 /// Number of draws of an arm that has not changed: at a rate of 1 %, the critical value is known to 1 % of itself.
@@ -9,6 +11,11 @@ pub(super) const DRAWS: usize = 20_000;
 const INDEPENDENT: f64 = 1e-6;
 /// Effects below this many standard deviations for a whole metre, radian or kilogram are treated as rounding.
 const VISIBLE: f64 = 1e-3;
+
+/// Share of a part's effect below which what another part cannot produce is too little to distinguish the two.
+pub(super) const OWN_SHARE: f64 = 0.05;
+/// Share of an effect that is rounding.
+const ROUNDING: f64 = 1e-10;
 
 /// Residuals of an arm that has not changed: Qᵀ y and |y − Q Qᵀ y|².
 pub(super) type Draw = (Vec<f64>, f64);
@@ -42,6 +49,72 @@ pub fn without(column: &[f64], basis: &[Vec<f64>]) -> Vec<f64> {
         }
     }
     out
+}
+
+/// What effects have beside others that look almost alike.
+pub(super) struct Own {
+    /// Orthonormal basis of what is left beside the others.
+    pub(super) basis: Columns,
+    /// Projector of the effects' coefficients onto the combinations that are left; `None` if all are.
+    pub(super) projector: Option<Mat<f64>>,
+}
+
+impl Own {
+    /// Finds the combinations of `effects` of which at least `OWN_SHARE` is left beside an orthonormal `known`: the solutions of
+    /// Eᵀ (I − Q Qᵀ) E x = λ Eᵀ E x with λ ≥ `OWN_SHARE`².
+    pub(super) fn new(effects: &Columns, known: &Columns) -> Self {
+        let all = || Self {
+            basis: basis(effects, known),
+            projector: None,
+        };
+        let count = effects.len();
+        let scale: Vec<f64> = (effects.iter())
+            .map(|x| match dot(x, x) {
+                0.0 => 1.0,
+                square => 1.0 / square.sqrt(),
+            })
+            .collect();
+        let left: Columns = effects.iter().map(|x| without(x, known)).collect();
+        let gram = |x: &Columns, ridge: f64| {
+            Mat::from_fn(count, count, |i, j| {
+                scale[i] * dot(&x[i], &x[j]) * scale[j] + if i == j { ridge } else { 0.0 }
+            })
+        };
+        let Ok(factor) = Factor::new(gram(effects, ROUNDING), 1) else {
+            return all();
+        };
+        let half = factor.half_solve(&gram(&left, ROUNDING));
+        let eigen = factor.half_solve(&half.transpose()).symmetric_eigen();
+        let is_own = |i: &usize| eigen.eigenvalues[*i] >= OWN_SHARE * OWN_SHARE;
+        let kept: Vec<usize> = (0..count).filter(is_own).collect();
+        if known.is_empty() || kept.len() == count {
+            return all();
+        }
+        let vectors = Mat::from_fn(count, kept.len(), |i, j| eigen.eigenvectors[(i, kept[j])]);
+        // L⁻ᵀ W: coefficients of the combinations, in units of the scales.
+        let inverse = factor.half_solve(&Mat::identity(count, count));
+        let combinations = product(Transposed(&inverse), &vectors);
+        let back = product(Transposed(&vectors), Transposed(&factor.lower()));
+        let of_kept = product(&combinations, &back);
+        let own: Columns = (0..kept.len())
+            .map(|j| {
+                let rows = 0..left.first().map_or(0, Vec::len);
+                let each = |row: usize| (0..count).map(move |i| (i, row));
+                rows.map(|row| {
+                    each(row)
+                        .map(|(i, row)| left[i][row] * scale[i] * combinations[(i, j)])
+                        .sum()
+                })
+                .collect()
+            })
+            .collect();
+        Self {
+            basis: basis(&own, known),
+            projector: Some(Mat::from_fn(count, count, |i, j| {
+                scale[i] * of_kept[(i, j)] / scale[j]
+            })),
+        }
+    }
 }
 
 /// Returns an orthonormal basis of the columns beside an orthonormal `known`.

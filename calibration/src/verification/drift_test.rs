@@ -13,6 +13,10 @@
 //! components explain what one does, and a little noise besides. The test is then repeated on what this hypothesis leaves
 //! unexplained; if something is left, the best two hypotheses take its place, then the best three. One that is not
 //! significant beside the others is dropped: the best alone may follow two others and explain nothing beside them.
+//!
+//! Two parts that look almost alike, as the base and the vertical joint of a SCARA do, could explain anything by large changes
+//! that cancel. What the parts taken before it produce almost whole
+//! is therefore left out of a part's effects.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -21,7 +25,7 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::quantile;
 use crate::numeric::vectors::dot;
-use crate::verification::columns::{Columns, DRAWS, Draw, basis, without};
+use crate::verification::columns::{Columns, DRAWS, Draw, Own, basis, without};
 use crate::verification::unchanged::Unchanged;
 
 const SEED: u64 = 20_261_120;
@@ -240,7 +244,7 @@ impl DriftTest {
             return;
         }
         for (i, h) in allowed.iter().enumerate() {
-            let own = self.beside(*h, basis);
+            let own = self.own(*h, basis);
             if own.is_empty() || taken.iter().any(|t| self.parts[*t] == self.parts[*h]) {
                 continue;
             }
@@ -350,6 +354,11 @@ impl DriftTest {
     fn beside(&self, hypothesis: usize, known: &Columns) -> Columns {
         basis(&self.effects[hypothesis], known)
     }
+
+    /// Same as [`DriftTest::beside`], without what `known` produces almost whole.
+    fn own(&self, hypothesis: usize, known: &Columns) -> Columns {
+        Own::new(&self.effects[hypothesis], known).basis
+    }
 }
 
 /// Hypotheses that may be chosen beside others.
@@ -371,7 +380,7 @@ impl Candidates {
         let known = test.columns(taken);
         let is_free = |h: &&usize| taken.iter().all(|t| test.parts[*t] != test.parts[**h]);
         let of = |h: &usize| {
-            let beside = test.beside(*h, &known);
+            let beside = test.own(*h, &known);
             (!beside.is_empty()).then(|| Candidate {
                 hypothesis: *h,
                 quantile: test.quantile(&beside, false_alarms),

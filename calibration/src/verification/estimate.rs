@@ -7,37 +7,50 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::Summary;
-use crate::verification::columns::{columns, length_of};
+use crate::verification::columns::{Columns, OWN_SHARE, Own, basis, columns, length_of, without};
 use crate::verification::drift_test::{Choice, DriftTest};
 use crate::verification::hypotheses::{Hypothesis, Part};
 use crate::verification::result::{Change, Estimate, Sensitivity};
 
-/// Share of a part's effect below which what another part cannot produce is too little to distinguish the two.
-const OWN_SHARE: f64 = 0.05;
-
 /// Estimates of one hypothesis: its values and their covariance.
-pub type ChangeEstimate<'a> = (&'a [f64], Mat<f64>);
+pub type ChangeEstimate = (Vec<f64>, Mat<f64>);
 
 /// Generalised least-squares fit of everything that has moved together with what is free.
 pub struct Fit {
     x: Mat<f64>,
     values: Vec<f64>,
     covariance: Mat<f64>,
+    /// What is left of each hypothesis beside those before it.
+    projectors: Vec<Option<Mat<f64>>>,
     /// Index of the first column of each hypothesis; the columns before the first are those of what is free.
     starts: Vec<usize>,
 }
 
 impl Fit {
-    /// Fits `y` with the factored covariance `factor`; returns `None` if the equations cannot be solved.
+    /// Fits `y` with the factored covariance `factor`; returns `None` if the equations cannot be solved. What the
+    /// hypotheses before it produce almost whole is theirs.
     pub fn new(
         (y, factor): (&Mat<f64>, &Factor),
         nuisance: &Mat<f64>,
         chosen: &[&Hypothesis],
     ) -> Option<Self> {
         let mut starts = vec![nuisance.ncols()];
-        let mut free: Vec<Vec<f64>> = columns(nuisance);
+        let mut free: Columns = columns(nuisance);
+        let whitened = |x: &Mat<f64>| columns(&factor.half_solve(x));
+        let absorbed = basis(&whitened(nuisance), &[]);
+        let (mut known, mut projectors) = (Columns::new(), Vec::new());
         for hypothesis in chosen {
-            free.extend(columns(&hypothesis.effect));
+            let effects = whitened(&hypothesis.effect);
+            let own = Own::new(
+                &effects.iter().map(|x| without(x, &absorbed)).collect(),
+                &known,
+            );
+            free.extend(match &own.projector {
+                None => columns(&hypothesis.effect),
+                Some(projector) => columns(&product(&hypothesis.effect, projector)),
+            });
+            projectors.push(own.projector);
+            known.extend(own.basis);
             starts.push(free.len());
         }
         let x = Mat::from_fn(y.nrows(), free.len(), |i, j| free[j][i]);
@@ -45,6 +58,7 @@ impl Fit {
             return Some(Self {
                 covariance: Mat::zeros(0, 0),
                 values: Vec::new(),
+                projectors,
                 starts,
                 x,
             });
@@ -60,16 +74,25 @@ impl Fit {
         Some(Self {
             covariance: factor.inverse(),
             values: (0..free.len()).map(|i| values[(i, 0)]).collect(),
+            projectors,
             starts,
             x,
         })
     }
 
     /// Returns the estimate of the hypothesis at this index among the chosen ones.
-    pub fn of(&self, index: usize) -> ChangeEstimate<'_> {
+    pub fn of(&self, index: usize) -> ChangeEstimate {
         let (from, to) = (self.starts[index], self.starts[index + 1]);
         let covariance = self.covariance.view((from, from), (to - from, to - from));
-        (&self.values[from..to], covariance.into_owned())
+        let values = Mat::from_column_slice(to - from, 1, &self.values[from..to]);
+        let (values, covariance) = match &self.projectors[index] {
+            None => (values, covariance.into_owned()),
+            Some(p) => (
+                product(p, &values),
+                product(&product(p, &covariance.into_owned()), Transposed(p)),
+            ),
+        };
+        (values.column(0).iter().copied().collect(), covariance)
     }
 
     /// Returns the number of fitted values.
@@ -109,7 +132,7 @@ const HEAVIEST_KG: f64 = 1000.0;
 /// Returns an estimated change in display units; `reach` is half the width of a 95 % interval in standard deviations.
 fn change(
     hypothesis: &Hypothesis,
-    (values, covariance): ChangeEstimate<'_>,
+    (values, covariance): ChangeEstimate,
     reach: f64,
     p_value: f64,
 ) -> Change {

@@ -206,7 +206,7 @@ fn check_rows(
     let y = &weighed.y;
     let (white, free) = (weighed.whiten(y), columns(&weighed.whiten(&nuisance)));
     let test = DriftTest::with_unchanged(
-        (&white, weighed.unchanged.as_ref()),
+        (&white, Some(&weighed.unchanged)),
         &free,
         &effects,
         numbers,
@@ -230,7 +230,7 @@ fn check_rows(
         Some(moved) => fit.effect() + moved,
         None => fit.effect(),
     };
-    let noise_mm = 1e3 * scales.position * weighed.factors.noise[0].sqrt();
+    let noise_mm = weighed.noise_mm;
     Ok(Report {
         errors: summary,
         base_fitted: frames.is_base_fitted,
@@ -264,7 +264,7 @@ fn check_rows(
         noise_mrad: samples
             .iter()
             .any(|s| arm.knows_its_error && s.observation.has_orientation())
-            .then_some(1e3 * scales.orientation * weighed.factors.noise[1].sqrt()),
+            .then_some(weighed.noise_mrad),
         model_mm: weighed.model_mm,
         model_knows_its_error: arm.knows_its_error,
         sensitivity,

@@ -4,12 +4,16 @@
 //! freedom that this costs are counted:
 //!
 //! ```text
-//! y = X β + e,   cov e = M + Σ_i v_i D_i,   v_i ← v_i √(yᵀP D_i P y / tr(P D_i)),   P y = V⁻¹(y − X β̂)
+//! y = X β + e,   cov e = M + Σ_i v_i D_i,   P y = V⁻¹(y − X β̂)
+//! v_i ← (√(a² + A (B v_i² + 2 a c_i)) − a) / A,   A = tr(P D_i),   B = yᵀP D_i P y
 //! ```
 //!
-//! M is the covariance of what the calibration leaves unknown. The D_i are the rows of position, those of rotation and, for
-//! a blob that does not know its own error, smooth deflections. The update never lowers the likelihood (a minorisation) and
-//! needs no step length.
+//! Few rows leave the variances uncertain, so each has an inverse-gamma prior about its expected value c_i that counts as 2a
+//! degrees of freedom; without one, a = 0.
+//!
+//! M is the covariance of what the calibration leaves unknown. The D_i are the rows of position, those of rotation and further
+//! components: for a blob that knows its own error the scatter of each joint, for another one smooth deflections. The update
+//! never lowers the likelihood (a minorisation) and needs no step length.
 
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
@@ -19,8 +23,11 @@ use crate::numeric::product::{Transposed, product};
 const ROUNDS: usize = 16;
 /// Largest relative change of a row's variance in the last round.
 const SETTLED: f64 = 1e-5;
-/// Least variance of the smooth deflection, as a share of its unit.
+/// Least variance of a component, as a share of its unit.
 const NOTHING: f64 = 1e-6;
+
+/// a: half the degrees of freedom that the prior of a variance counts as.
+pub const PRIOR: f64 = 1.0;
 
 /// The parts of a covariance.
 pub struct Parts<'a> {
@@ -30,8 +37,10 @@ pub struct Parts<'a> {
     pub stated: &'a [f64],
     /// Index of each row's noise: 0 for position, 1 for rotation; `None` for an absent row.
     pub kind: &'a [Option<usize>],
-    /// Covariances of the smooth deflections whose sizes have to be estimated.
-    pub smooth: &'a [Mat<f64>],
+    /// Covariances of unit size of further components.
+    pub components: &'a [Mat<f64>],
+    /// Expected factors, if the factors have a prior.
+    pub expected: Option<&'a Factors>,
 }
 
 /// Factors of the variances.
@@ -39,16 +48,16 @@ pub struct Parts<'a> {
 pub struct Factors {
     /// Factors of position and rotation.
     pub noise: [f64; 2],
-    /// Factors of the smooth deflections.
-    pub smooth: Vec<f64>,
+    /// Factors of the further components.
+    pub components: Vec<f64>,
 }
 
 impl Factors {
     /// Creates factors of 1.
-    pub fn ones(smooth: usize) -> Self {
+    pub fn ones(components: usize) -> Self {
         Self {
             noise: [1.0; 2],
-            smooth: vec![1.0; smooth],
+            components: vec![1.0; components],
         }
     }
 }
@@ -57,8 +66,8 @@ impl Parts<'_> {
     /// Returns V, the covariance with these factors.
     pub fn covariance(&self, factors: &Factors) -> Mat<f64> {
         let mut v = self.fixed.clone();
-        for (smooth, factor) in self.smooth.iter().zip(&factors.smooth) {
-            v += *factor * smooth;
+        for (component, factor) in self.components.iter().zip(&factors.components) {
+            v += *factor * component;
         }
         for (i, kind) in self.kind.iter().enumerate() {
             // An absent row is a zero in y and X, so any variance will do.
@@ -72,7 +81,7 @@ impl Parts<'_> {
     /// Fits the factors to `y` when everything in `x` (independent columns) is free; `least` bounds those of the noise below.
     /// Returns `None` if a matrix cannot be factored.
     pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: [f64; 2]) -> Option<Factors> {
-        let mut factors = Factors::ones(self.smooth.len());
+        let mut factors = Factors::ones(self.components.len());
         let mut variances: Option<Vec<f64>> = None;
         for _ in 0..ROUNDS {
             let covariance = self.covariance(&factors);
@@ -97,19 +106,33 @@ impl Parts<'_> {
                     expected += share * p[(i, i)];
                 }
                 if expected > 0.0 {
+                    let prior = self.expected.map(|e| e.noise[kind]);
                     let factor = &mut factors.noise[kind];
-                    *factor = (*factor * (found / expected).sqrt()).max(least);
+                    *factor = updated(*factor, (found, expected), prior).max(least);
                 }
             }
-            for (smooth, factor) in self.smooth.iter().zip(&mut factors.smooth) {
-                let expected = smooth.dot(&p);
-                let found = py.dot(&product(smooth, &py));
+            for (c, component) in self.components.iter().enumerate() {
+                let expected = component.dot(&p);
+                let found = py.dot(&product(component, &py));
                 if expected > 0.0 {
-                    *factor = (*factor * (found / expected).sqrt()).max(NOTHING);
+                    let prior = self.expected.map(|e| e.components[c]);
+                    let factor = &mut factors.components[c];
+                    *factor = updated(*factor, (found, expected), prior).max(NOTHING);
                 }
             }
         }
-        let all = factors.noise.iter().chain(&factors.smooth);
+        let all = factors.noise.iter().chain(&factors.components);
         all.clone().all(|f| f.is_finite()).then(|| factors.clone())
+    }
+}
+
+/// Returns the next value of a factor v: B and A are what was found and expected, and `prior` is its expected value.
+fn updated(v: f64, (found, expected): (f64, f64), prior: Option<f64>) -> f64 {
+    match prior {
+        None => v * (found / expected).sqrt(),
+        Some(c) => {
+            let sum = found * v * v + 2.0 * PRIOR * c;
+            ((PRIOR * PRIOR + expected * sum).sqrt() - PRIOR) / expected
+        }
     }
 }

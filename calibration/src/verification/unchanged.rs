@@ -18,6 +18,7 @@
 //!
 //! All traces are quadratic in the sizes, so that one matrix of each joint is projected once, however many sets there are.
 
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
@@ -26,15 +27,23 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::vectors::dot;
 use crate::verification::columns::{Columns, DRAWS, Draw, basis, columns, without};
+use crate::verification::noise::PRIOR;
+use crate::verification::unknown_frames::UnknownFrames;
+
+const SEED: u64 = 20_261_129;
+/// Number of sets of sizes that are drawn.
+const SETS: usize = 128;
 
 /// The covariances that an arm which has not changed may have, in units of the estimated one.
 pub struct Unchanged {
     /// A: effects of the parameters, m × parameters.
     pub frames: Mat<f64>,
-    /// K_c: covariance of each joint's deflection, of unit size, m × m.
-    pub smooth: Vec<Mat<f64>>,
-    /// What each set has more than the estimate: v_cs − v_c of every joint, and C_s − C.
-    pub sets: Vec<(Vec<f64>, Mat<f64>)>,
+    /// Roots B_c of the covariance B_c B_cᵀ of each component, of unit size, m × its numbers; those of the noise are the first.
+    pub roots: Vec<Mat<f64>>,
+    /// v_c: the estimated size of each component.
+    pub sizes: Vec<f64>,
+    /// What a model without processes does not know of its frames, and C, the mean covariance of the parameters.
+    pub unknown: Option<(UnknownFrames, Mat<f64>)>,
 }
 
 /// What one set leaves: a root of the covariance of Bᵀ y, and g with f of yᵀ P y.
@@ -73,22 +82,26 @@ impl Unchanged {
         let f = Mat::from_fn(self.frames.nrows(), known.len(), |i, j| known[j][i]);
         let frames = product(Transposed(&f), &self.frames);
         let frames = frames.rows(0, inside).into_owned();
-        let sides: Vec<Mat<f64>> = self.smooth.iter().map(|k| product(k, &f)).collect();
+        let sides: Vec<Mat<f64>> = (self.roots.iter())
+            .map(|root| product(Transposed(&f), root))
+            .collect();
         let cores: Vec<Mat<f64>> = (sides.iter())
-            .map(|side| product(Transposed(&f), side))
+            .map(|side| product(side, Transposed(side)))
             .collect();
-        let count = self.smooth.len();
-        // tr(P K_c), and tr(P K_c P K_d).
+        let count = self.roots.len();
+        // tr(P K_c), and tr(P K_c P K_d) = |B_cᵀ P B_d|².
         let means: Vec<f64> = (0..count)
-            .map(|c| self.smooth[c].trace() - cores[c].trace())
+            .map(|c| self.roots[c].norm_squared() - sides[c].norm_squared())
             .collect();
-        let squares = Mat::from_fn(count, count, |c, d| match c <= d {
-            true => {
-                self.smooth[c].dot(&self.smooth[d]) - 2.0 * sides[c].dot(&sides[d])
-                    + cores[c].dot(&cores[d])
+        let mut squares = Mat::zeros(count, count);
+        for c in 0..count {
+            for d in c..count {
+                let between = product(Transposed(&self.roots[c]), &self.roots[d])
+                    - product(Transposed(&sides[c]), &sides[d]);
+                squares[(c, d)] = between.norm_squared();
             }
-            false => 0.0,
-        });
+        }
+        let sets = self.sets(&squares)?;
         let outside = rows.saturating_sub(inside) as f64;
         let of = |(more, covariance): &(Vec<f64>, Mat<f64>)| {
             let mut within = product(&product(&frames, covariance), Transposed(&frames));
@@ -113,6 +126,48 @@ impl Unchanged {
                 },
             })
         };
-        self.sets.iter().map(of).collect()
+        sets.iter().map(of).collect()
+    }
+
+    /// Draws sets: v_cs − v_c of every component, and C_s − C. `squares` are tr(P K_c P K_d) on and above the diagonal. Returns
+    /// `None` if a matrix cannot be factored.
+    fn sets(&self, squares: &Mat<f64>) -> Option<Vec<(Vec<f64>, Mat<f64>)>> {
+        let count = self.sizes.len();
+        let information = Mat::from_fn(count, count, |c, d| {
+            let of_rows = 0.5 * squares[(c.min(d), c.max(d))] * self.sizes[c] * self.sizes[d];
+            of_rows + if c == d { PRIOR } else { 0.0 }
+        });
+        let factor = Factor::new(information, 1).ok()?;
+        let root = factor.half_solve(&Mat::identity(count, count));
+        let mut random = ChaCha8Rng::seed_from_u64(SEED);
+        let draw = |_| -> Vec<f64> {
+            let z: Vec<f64> = (0..count)
+                .map(|_| StandardNormal.sample(&mut random))
+                .collect();
+            let along = |c: usize| (0..count).map(|i| root[(i, c)] * z[i]).sum::<f64>();
+            (0..count)
+                .map(|c| self.sizes[c] * libm::exp(along(c)))
+                .collect()
+        };
+        let wanted = self
+            .unknown
+            .as_ref()
+            .map_or(SETS, |(frames, _)| frames.sets.len());
+        let drawn: Vec<Vec<f64>> = (0..wanted).map(draw).collect();
+        let covariances = match &self.unknown {
+            None => vec![Mat::zeros(0, 0); wanted],
+            Some((frames, mean)) => {
+                let noise = count - frames.components();
+                let own: Vec<Vec<f64>> = drawn.iter().map(|v| v[noise..].to_vec()).collect();
+                frames.drawn(mean, &own)?
+            }
+        };
+        let more = |v: Vec<f64>| {
+            v.iter()
+                .zip(&self.sizes)
+                .map(|(v, mean)| v - mean)
+                .collect()
+        };
+        Some(drawn.into_iter().map(more).zip(covariances).collect())
     }
 }

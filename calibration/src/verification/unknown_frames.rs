@@ -9,24 +9,13 @@
 //!
 //! The blob states how many training poses there were, but not where. Few poses happen to determine some frames badly: the
 //! mean of this covariance over sets of 8 poses is many times that of evenly spread ones. So sets of as many poses are drawn
-//! from the trained ranges, and each has a covariance of its own. The v_c are known with about as many degrees of freedom as
-//! the check has poses. An arm that has not changed is therefore drawn as a mixture: its errors have longer tails than a normal
-//! distribution (`unchanged.rs`).
-
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{ChiSquared, Distribution};
+//! from the trained ranges, and each has a covariance of its own. An arm that has not changed is therefore drawn as a mixture:
+//! its errors have longer tails than a normal distribution (`unchanged.rs`).
 
 use crate::identification::parametric::state::ROWS;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-
-const SEED: u64 = 20_261_128;
-/// Fewest degrees of freedom that are assumed: the mean of 1/χ² is finite from three on.
-const LEAST_FREEDOM: f64 = 3.0;
-/// Degrees of freedom that base, tool and joints cost each joint's deflection.
-const SPENT: f64 = 3.0;
 
 /// A set of training poses, as the weighted fit of the parameters sees it: A and K_c are needed only in products with the
 /// rows of position (0) and of rotation (1).
@@ -140,6 +129,11 @@ impl UnknownFrames {
         }))
     }
 
+    /// Returns the number of smooth deflections.
+    pub fn components(&self) -> usize {
+        self.sets.first().map_or(0, |set| set.smooth.len())
+    }
+
     /// Returns the mean covariance of the parameters.
     pub fn mean(&self, sizes: &[f64]) -> Option<Mat<f64>> {
         let mut sum = Mat::zeros(self.sd.len(), self.sd.len());
@@ -149,26 +143,10 @@ impl UnknownFrames {
         Some(sum)
     }
 
-    /// Returns for each set how the covariance of an arm that has not changed may differ from its estimate, with sizes of the
-    /// deflections that the check of `poses` poses does not exclude: sizes less the estimated `sizes`, and the covariance of
-    /// the parameters less their `mean`.
-    pub fn drawn(
-        &self,
-        sizes: &[f64],
-        mean: &Mat<f64>,
-        poses: usize,
-    ) -> Option<Vec<(Vec<f64>, Mat<f64>)>> {
-        let freedom = (poses as f64 - SPENT).max(LEAST_FREEDOM);
-        let chi_squared = ChiSquared::new(freedom).ok()?;
-        let mut random = ChaCha8Rng::seed_from_u64(SEED);
-        let of = |set: &TrainingSet| {
-            let drawn: Vec<f64> = (sizes.iter())
-                .map(|v| v * freedom / chi_squared.sample(&mut random))
-                .collect();
-            let covariance = self.covariance(set, &drawn)? - mean;
-            let more = drawn.iter().zip(sizes).map(|(v, mean)| v - mean);
-            Some((more.collect(), covariance))
-        };
-        self.sets.iter().map(of).collect()
+    /// Returns for each set the covariance of the parameters less their `mean`, with the sizes that were drawn for it.
+    pub fn drawn(&self, mean: &Mat<f64>, sizes: &[Vec<f64>]) -> Option<Vec<Mat<f64>>> {
+        let of =
+            |(set, sizes): (&TrainingSet, &Vec<f64>)| Some(self.covariance(set, sizes)? - mean);
+        self.sets.iter().zip(sizes).map(of).collect()
     }
 }

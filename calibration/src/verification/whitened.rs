@@ -31,15 +31,17 @@ pub(super) struct Whitened<'a> {
     pub(super) all: Vec<Hypothesis>,
     pub(super) base: Mat<f64>,
     pub(super) tool: Mat<f64>,
-    /// Variances of the noise in units of the scales' squares.
-    pub(super) factors: Factors,
+    /// Root mean square of the noise of one position component, mm, with the scatter of the joints.
+    pub(super) noise_mm: f64,
+    /// Same of one rotation component, mrad.
+    pub(super) noise_mrad: f64,
     /// Root mean square of the calibration's expected error in one position component, mm.
     pub(super) model_mm: f64,
     /// Number of absent rows: orientations of samples that have only a position.
     pub(super) absent: usize,
     pub(super) factor: Factor,
-    /// Covariances that an arm which has not changed may have, in units of `factor`, of a model without processes.
-    pub(super) unchanged: Option<Unchanged>,
+    /// Covariances that an arm which has not changed may have, in units of `factor`.
+    pub(super) unchanged: Unchanged,
 }
 
 impl<'a> Whitened<'a> {
@@ -58,6 +60,7 @@ impl<'a> Whitened<'a> {
                 quietest.orientation.unwrap_or(FIRST_GUESS.1),
             )
         };
+        let guess = (scales.position, scales.orientation);
         let kind = kinds(samples);
         let mut sizes = vec![1.0; arm.state.layout.joints];
         let mut round = 0;
@@ -67,25 +70,38 @@ impl<'a> Whitened<'a> {
             let payload = payload_effect(placed.blob, samples, &placed.frames.tools, scales);
             let all = hypotheses(arm, &at, samples, payload);
             let unknown = arm.unknown_frames(samples, scales);
-            let mean = match &unknown {
+            let posterior = match &unknown {
                 Some(frames) => Some(frames.mean(&sizes).ok_or(CheckError::Unsolvable)?),
                 None => None,
             };
-            let fixed = match &mean {
-                Some(mean) => Some(seen(&at.a, mean)),
-                None => arm.error_covariance(samples, &at, scales),
+            let fixed = match &posterior {
+                Some(posterior) => Some(seen(&at.a, posterior)),
+                None => arm.error_covariance(samples, &at, scales, &sizes),
             };
             let fixed = fixed.ok_or(CheckError::Unsolvable)?;
-            let smooth = match unknown {
-                Some(_) => arm.smooth_of_joints(samples, &at),
-                None => Vec::new(),
+            let roots = match unknown {
+                Some(_) => arm
+                    .smooth_of_joints(samples, &at)
+                    .ok_or(CheckError::Unsolvable)?,
+                None => arm.scatter_of_joints(&at),
             };
+            let components: Vec<Mat<f64>> = (roots.iter())
+                .map(|root| product(root, Transposed(root)))
+                .collect();
             let stated: Vec<f64> = at.common_share.iter().map(|share| 1.0 - share).collect();
+            let expected = Factors {
+                noise: [
+                    (guess.0 / scales.position).powi(2),
+                    (guess.1 / scales.orientation).powi(2),
+                ],
+                ..Factors::ones(components.len())
+            };
             let parts = Parts {
                 fixed: &fixed,
                 stated: &stated,
                 kind: &kind,
-                smooth: &smooth,
+                components: &components,
+                expected: Some(&expected),
             };
             let least = [
                 (quietest.position.unwrap_or(QUIETEST.0) / scales.position).powi(2),
@@ -100,30 +116,42 @@ impl<'a> Whitened<'a> {
             if round < ROUNDS {
                 scales.position *= factors.noise[0].sqrt();
                 scales.orientation *= factors.noise[1].sqrt();
-                sizes = factors.smooth;
+                sizes = factors.components;
                 continue;
             }
             let covariance = parts.covariance(&factors);
-            let known = |i: usize| {
-                let smooth = smooth.iter().zip(&factors.smooth);
-                smooth.fold(fixed[(i, i)], |sum, (s, factor)| sum + factor * s[(i, i)])
+            let of_components = |i: usize| -> f64 {
+                let each = components.iter().zip(&factors.components);
+                each.map(|(component, factor)| factor * component[(i, i)])
+                    .sum()
             };
-            let positions: Vec<usize> = (0..kind.len()).filter(|i| kind[*i] == Some(0)).collect();
-            let variance =
-                positions.iter().map(|i| known(*i)).sum::<f64>() / positions.len() as f64;
+            let mean = |of: &dyn Fn(usize) -> f64, wanted: usize| {
+                let rows = || (0..kind.len()).filter(|i| kind[*i] == Some(wanted));
+                rows().map(of).sum::<f64>() / rows().count().max(1) as f64
+            };
+            let model = |i: usize| match arm.knows_its_error {
+                true => fixed[(i, i)],
+                false => fixed[(i, i)] + of_components(i),
+            };
+            let noise = |kind: usize| match arm.knows_its_error {
+                true => factors.noise[kind] + mean(&of_components, kind),
+                false => factors.noise[kind],
+            };
             let factor = Factor::new(covariance, 1).map_err(|_| CheckError::Unsolvable)?;
-            let unchanged = match unknown.zip(mean) {
-                None => None,
-                Some((frames, mean)) => {
-                    let sets = frames.drawn(&factors.smooth, &mean, samples.len());
-                    let whiten =
-                        |k: &Mat<f64>| factor.half_solve(&factor.half_solve(k).transpose());
-                    Some(Unchanged {
-                        frames: factor.half_solve(&at.a),
-                        smooth: smooth.iter().map(whiten).collect(),
-                        sets: sets.ok_or(CheckError::Unsolvable)?,
-                    })
-                }
+            let of_noise = (0..2).filter(|wanted| kind.contains(&Some(*wanted)));
+            let (sizes, noise_roots): (Vec<f64>, Vec<Mat<f64>>) = of_noise
+                .map(|wanted| (factors.noise[wanted], noise_root(&kind, &stated, wanted)))
+                .unzip();
+            let unchanged = Unchanged {
+                frames: match unknown {
+                    Some(_) => factor.half_solve(&at.a),
+                    None => Mat::zeros(y.nrows(), 0),
+                },
+                roots: (noise_roots.iter().chain(&roots))
+                    .map(|root| factor.half_solve(root))
+                    .collect(),
+                sizes: [sizes, factors.components.clone()].concat(),
+                unknown: unknown.zip(posterior),
             };
             return Ok(Self {
                 samples,
@@ -132,8 +160,9 @@ impl<'a> Whitened<'a> {
                 base: base_effect(&at),
                 tool: tool_effect(arm, &at, samples),
                 all,
-                factors,
-                model_mm: 1e3 * scales.position * variance.max(0.0).sqrt(),
+                noise_mm: 1e3 * scales.position * noise(0).sqrt(),
+                noise_mrad: 1e3 * scales.orientation * noise(1).sqrt(),
+                model_mm: 1e3 * scales.position * mean(&model, 0).max(0.0).sqrt(),
                 unchanged,
                 absent: kind.iter().filter(|k| k.is_none()).count(),
                 factor,
@@ -169,6 +198,18 @@ impl<'a> Whitened<'a> {
         free.extend(during.iter().flat_map(|d| columns(&d.effect(&self.all))));
         Mat::from_fn(self.y.nrows(), free.len(), |i, j| free[j][i])
     }
+}
+
+/// Returns a root of the covariance of the noise of one kind, of unit size.
+fn noise_root(kind: &[Option<usize>], stated: &[f64], wanted: usize) -> Mat<f64> {
+    let own: Vec<usize> = (0..kind.len())
+        .filter(|i| kind[*i] == Some(wanted))
+        .collect();
+    let mut out = Mat::zeros(kind.len(), own.len());
+    for (j, i) in own.iter().enumerate() {
+        out[(*i, j)] = (1.0 - stated[*i]).max(0.0).sqrt();
+    }
+    out
 }
 
 /// Returns A C Aᵀ.

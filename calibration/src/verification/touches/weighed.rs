@@ -31,7 +31,7 @@ impl Weighed {
         let of_poses = |m: &Mat<f64>| product(&product(&by_pose, m), Transposed(&by_pose));
         let unknown = arm
             .arm
-            .error_covariance(&arm.samples, &arm.at, arm.scales)
+            .error_covariance(&arm.samples, &arm.at, arm.scales, &[])
             .ok_or(CheckError::Unsolvable)?;
         let model = of_poses(&unknown);
         let smooth: Vec<Mat<f64>> = (!arm.arm.knows_its_error)
@@ -58,7 +58,8 @@ impl Weighed {
             fixed: &(&model + product(&rows.stated, Transposed(&rows.stated))),
             stated: &rows.fixed,
             kind: &rows.kind,
-            smooth: &smooth,
+            components: &smooth,
+            expected: None,
         };
         let looked_for = all.iter().flat_map(|h| columns(&h.effect));
         let effects: Columns = columns(&rows.free).into_iter().chain(looked_for).collect();
@@ -72,7 +73,7 @@ impl Weighed {
             .fitted(&rows.y, &x, [1.0, 1.0])
             .ok_or(CheckError::Unsolvable)?;
         let variance = |(i, sigma): (usize, &Option<f64>)| {
-            let smooth = smooth.iter().zip(&factors.smooth);
+            let smooth = smooth.iter().zip(&factors.components);
             let smooth: f64 = smooth.map(|(s, factor)| factor * s[(i, i)]).sum();
             sigma.map(|sigma| sigma * sigma * (model[(i, i)] + smooth))
         };
