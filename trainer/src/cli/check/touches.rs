@@ -190,7 +190,8 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
     ));
     if !f.model_knows_its_error {
         report.line(
-            "warning: this model does not know its own error: false alarms are more frequent than stated (up to 1 in 10 at 1 % on \
+            "warning: this model does not contain the covariance of its error: false alarms are more frequent than \
+            stated (up to 1 in 10 at 1 % on \
              simulated arms).",
         );
     }

@@ -192,7 +192,7 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 #[command(
     after_help = "One row per command, in order: the joints in the columns and units of TEST, then position_error_um \
-    (the error that remains, by the model) and status.\n\n\
+    (the remaining error, according to the model) and status.\n\n\
     Example: trainer device correct test.csv --port /dev/ttyUSB0 --out corrected.csv"
 )]
 pub struct Correct {
@@ -317,7 +317,8 @@ pub struct Provision {
 /// `trainer device cycle`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Settings that are not given keep their values; without any setting, the command shows the current ones. The device \
+    after_help = "Settings that are not given keep their values; without any setting, the command shows the current \
+    ones. The device \
     refuses changes while a correction is applied: switch it off first with `trainer device bypass on`.\n\n\
     Example: trainer device cycle --period-us 2000 --port /dev/ttyUSB0"
 )]

@@ -170,7 +170,7 @@ impl TestData {
             Some(name) if !(which.tools || is_the_only_one) => Err(InputError::new(
                 path,
                 format!("{name}, which was mounted after the calibration"),
-                "a tool that the blob knows",
+                "a tool of the blob",
             )
             .with_help(
                 "give --fit-tool to fit its frame to these measurements first, or --fit-tool ROWS to some of its rows, which are then not compared",
@@ -179,7 +179,8 @@ impl TestData {
             new => {
                 if which.tools && new.is_none() && !is_the_only_one {
                     note(format_args!(
-                        "{}: the blob knows all tools, so --fit-tool fits none; give a remounted target a session of its own",
+                        "{}: the blob contains all tools, so --fit-tool fits none; give a remounted target a session \
+                        of its own",
                         path.display()
                     ));
                 }

@@ -104,5 +104,5 @@ fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
 }
 
 /// Note about the fitted parameters.
-pub const FITTED: &str = "Features and tips were fitted to these touches, for the drawing and for the model alike, which flatters both a little. Touches see \
-neither where the base is nor how the tool is turned.";
+pub const FITTED: &str = "Features and tips were fitted to these touches, for the drawing and for the model alike, \
+which flatters both a little. Touches show neither where the base is nor how the tool is turned.";
