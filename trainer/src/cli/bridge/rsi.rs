@@ -66,7 +66,7 @@ pub enum Element {
     /// Axis setpoints, without a correction.
     #[value(name = "ASPos")]
     AsPos,
-    /// Actual axis values; the correction of the cycle before is subtracted.
+    /// Actual axis values; the correction of the previous cycle is subtracted.
     #[value(name = "AIPos")]
     AiPos,
 }

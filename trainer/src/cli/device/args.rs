@@ -51,7 +51,7 @@ pub enum DeviceCommand {
     Restart(Restart),
     /// State that the controller has stopped and sends no more commands.
     Stop(Stop),
-    /// Store the public key that must have signed each model, permanently.
+    /// Store a public key permanently: the device then accepts only models signed with its secret key.
     Provision(Provision),
     /// Set the period and limits of the controller's cycle.
     Cycle(Cycle),
@@ -160,7 +160,7 @@ pub struct Flash {
     pub common: LinkAndJson,
     #[command(flatten)]
     pub authority: Authority,
-    /// Upload even if the device runs the model already, has no room for it or does not trust its signature.
+    /// Upload even if the device runs the model already, has no room for it or would reject its signature.
     #[arg(long)]
     pub force: bool,
     /// The device has moved to another robot: accept that robot's model.

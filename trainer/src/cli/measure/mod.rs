@@ -62,7 +62,7 @@ pub struct Measure {
     /// file that another program appends to.
     #[arg(long, value_name = "SOURCE", default_value = "-")]
     from: Origin,
-    /// End when the expected mean error is not larger than this, with a tracker after 25 poses or more; exit code 1 if
+    /// End when the expected mean error is at most this, with a tracker after 25 poses or more; exit code 1 if
     /// it stays larger. For a verdict on 95 of 100 poses, use `calibrate --tolerance-mm`.
     #[arg(long, value_name = "MM", value_parser = positive)]
     until_mm: Option<f64>,
