@@ -277,7 +277,8 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
             "All {count} answers are the host's, bit for bit."
         )),
         None => report.line(
-            "The device's base frame was fitted to the measurements, which flatters the errors a little; --blob gives \
+            "The device's base frame was fitted to the measurements, which makes the errors look slightly smaller; \
+            --blob gives \
              the calibrated one.",
         ),
     }

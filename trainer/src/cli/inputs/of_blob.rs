@@ -213,7 +213,8 @@ pub fn fitted_frames(
     };
     Some(match left_out {
         0 => format!(
-            "{why}{what} fitted to these measurements, which flatters the errors a little and hides any drift of these \
+            "{why}{what} fitted to these measurements, which makes the errors look slightly smaller and hides any \
+            drift of these \
              frames."
         ),
         rows => format!(

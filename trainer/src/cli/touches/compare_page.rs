@@ -43,8 +43,8 @@ fn result(d: &CompareTouchesJson) -> Section {
     let lead = html! {
         p class="lead" {
             "Of the models compared, " b class="calibrated" { (model.file) } " describes these "
-            (Number::count(touches.rows, at(best, "rows"))) " touches best: over all rows it misses by " b { (ratio) " times" }
-            " what the drawing misses by. "
+            (Number::count(touches.rows, at(best, "rows"))) " touches best: over all rows, its misses are " b { (ratio) " times" }
+            " those of the drawing. "
             @if touches.ratio >= 1.0 { "No model is better than the drawing." }
         }
     };

@@ -182,7 +182,8 @@ pub fn distances(summary: &TouchSummary) -> Section {
             summary.distances.iter().enumerate().map(row).collect(),
         )
         .text(html! {
-            "“Touches alone” is what all touches and the other distances say of it; one that is five standard deviations off is refused."
+            "“Touches alone” is the distance by all touches and the other distances. A stated distance that differs \
+            from it by five standard deviations is refused."
         })
 }
 
