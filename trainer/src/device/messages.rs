@@ -140,7 +140,7 @@ fn model(code: u8) -> String {
                 found: 0,
                 expected: 0,
             },
-            "the correction has not as many inputs as joints and payload make",
+            "the number of inputs of the correction does not match joints and payload",
         ),
         (
             LoadError::PartialRow { bytes: 0 },

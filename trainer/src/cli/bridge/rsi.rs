@@ -243,7 +243,7 @@ fn summarize(printer: Printer, report: &Report) {
         (
             "late",
             counts.late,
-            "no answer: the controller waits no longer",
+            "no answer: the controller no longer waits",
         ),
         ("lost", counts.lost, "cycles without a packet"),
         (

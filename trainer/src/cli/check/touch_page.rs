@@ -96,10 +96,10 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
         table.push(summed("the tip moved by drift", by, "/touches/effect_mm"));
         table.push(summed("miss without drift", left, "/touches/without_mm"));
     }
-    let section = Section::new("errors", "What the touches miss by")
+    let section = Section::new("errors", "Misses of the touches")
         .figure(
             finding,
-            plot.render("what every touch of the check misses by"),
+            plot.render("miss of every touch of the check"),
             &format!(
                 "Each dot is a touch; the other colour marks outliers. The line is the tolerance.{}",
                 left_out(rows.len())

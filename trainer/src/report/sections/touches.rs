@@ -43,7 +43,7 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
         p {
             @if summary.tracker.is_empty() { "No tracker measured this arm. " }
             "The expected errors are computed for poses over the work volume, after the best registration of base
-            and tool: from the stated noise, from what the touches miss by beyond it, and from how far an arm of this class is from its
+            and tool: from the stated noise, from the misses beyond it, and from how far an arm of this class is from its
             drawing. These errors include what the touches do not determine; a verdict states that separately, after ±, so its error is
             smaller. A touch left out is predicted by all others; that error was measured, not computed."
         }
@@ -72,7 +72,7 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
         .chain(tracker.map(|f| row("tracker", f)));
     let mut section = Section::new("features", "What was touched")
         .text(html! {
-            "Root mean square of one component of what the touches miss by, with the arm as drawn and as calibrated. Features and tips are
+            "Root mean square of one component of the misses, with the arm as drawn and as calibrated. Features and tips are
             fitted in both. The share is that of all squares, in units of the noise: one feature with nearly all of it was moved, or is two
             features under one name."
         })
@@ -135,11 +135,12 @@ fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section
         return section;
     }
     let what = html! {
-        "What each touch misses by" @if pairs { ", " span class="key nominal" { "as drawn" } " and " span class="key calibrated" { "calibrated" } }
+        "Miss of each touch" @if pairs { ", " span class="key nominal" { "as drawn" } " and " span class="key \
+        calibrated" { "calibrated" } }
     };
     section.figure(
         what,
-        boxes(&format!("miss ({unit})"), &all, "What the touches of each feature miss by"),
+        boxes(&format!("miss ({unit})"), &all, "Misses of the touches of each feature"),
         "Boxes: the middle half of the touches; whiskers 5 and 95 %, diamond the mean, dot the largest. Computed from \
         the file for the controller, in its single precision.",
     )
