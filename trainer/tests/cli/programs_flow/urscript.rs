@@ -321,7 +321,7 @@ fn no_call_that_gets_a_target_is_silent() {
         (
             format!("a = weld_to(pose_trans(p[0,0,0,0,0,0], {POINT}))"),
             1,
-            "weld_to gets a pose",
+            "weld_to receives a pose",
         ),
         (
             "movel(q)\nweld_to(q)".to_owned(),
