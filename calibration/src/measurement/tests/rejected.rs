@@ -110,7 +110,7 @@ fn columns_that_are_missing_or_twice() {
         "q1,x_mm,y_mm,z_mm",
         &[
             "no column q1_deg",
-            "not known here: \"q1\"",
+            "unknown here: \"q1\"",
             "carries its unit",
         ],
     );
