@@ -111,7 +111,7 @@ fn columns_that_are_missing_or_twice() {
         &[
             "no column q1_deg",
             "unknown here: \"q1\"",
-            "carries its unit",
+            "states its unit",
         ],
     );
     columns("q1_deg,q2_deg", &["no column x_mm, y_mm, z_mm"]);
