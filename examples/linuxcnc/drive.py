@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The operator of the cell, which LinuxCNC starts as its display: switches on, homes, runs [POEGP]PROGRAM, waits.
 
-Beside a singularity it turns the joint away and goes on. Writes outcome.json: whether the program ended, every message of LinuxCNC.
+Near a singularity it turns the joint away and goes on. Writes outcome.json: whether the program ended, every message of LinuxCNC.
 """
 
 import json

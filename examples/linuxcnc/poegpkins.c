@@ -157,7 +157,7 @@ static void look(const double joints[JOINTS])
     probe = (probe + 1) % (2 * JOINTS);
 }
 
-/* The joint that stands beside a singularity, from 1; 0 if none does. */
+/* The joint that stands near a singularity, from 1; 0 if none does. */
 static unsigned singular(void)
 {
     int i;

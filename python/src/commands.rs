@@ -223,7 +223,7 @@ fn cancellable<R: Send + 'static>(
     match made {
         Ok(made) => made.map_err(|error| failure(py, *error)),
         Err(_) => Err(PyRuntimeError::new_err(
-            "the work stopped by an error of the program: please report it",
+            "an internal error stopped the calculation: please report it",
         )),
     }
 }

@@ -428,7 +428,7 @@ fn precision_of(name: &Bound<'_, PyAny>) -> PyResult<Precision> {
         Ok("f32") => Ok(Precision::Single),
         Ok("f64") => Ok(Precision::Double),
         _ => Err(PyValueError::new_err(format!(
-            "precision: found {}, expected \"f32\", the device's numbers, or \"f64\"",
+            "precision: found {}, expected \"f32\", the device's precision, or \"f64\"",
             shown(name)
         ))),
     }

@@ -1,7 +1,6 @@
-"""How well a continuous correction with bounded slope can do beside singularities, and which closed-form law comes close.
+"""How well a continuous correction with bounded slope can do near singularities, and which closed-form law comes close.
 
-The corrected command is q + Δ(q) with J(q) Δ = e(q), e the pose error between the nominal and the true arm. Beside a
-singularity the exact Δ grows without bound. This study asks two things of every built-in arm and each of its
+The corrected command is q + Δ(q) with J(q) Δ = e(q), e the pose error between the nominal and the true arm. Near a singularity the exact Δ grows without bound. This study asks two things of every built-in arm and each of its
 singularities, on paths through and along them:
 
 - the oracle: what constrained least squares (Clarabel) leave over a whole path when the slope |dΔ|/|dq| is bounded.

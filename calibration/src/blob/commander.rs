@@ -378,7 +378,7 @@ mod tests {
             }
             let nearest = branches.iter().map(|b| joint_distance(b, &joints));
             let nearest = nearest.fold(f64::INFINITY, f64::min);
-            // Beside a singularity of the wrist two joints turn against each other.
+            // Near a singularity of the wrist two joints turn against each other.
             let singular = Scalar::sin_cos(joints[4]).0.abs() < 0.05;
             assert!(
                 singular || nearest < 1e-5,
@@ -411,7 +411,7 @@ mod tests {
         assert!(commander.branches(&flange).is_empty());
     }
 
-    /// Also beside singularities, where a path is corrected in part.
+    /// Also near singularities, where a path is corrected in part.
     #[test]
     fn targets_are_reached_and_come_back() {
         let commander = example();

@@ -1,6 +1,6 @@
 //! What a live correction leaves all over the trained ranges.
 //!
-//! A corrected command must not race, so it gives up part of the correction beside singularities
+//! A corrected command must not race, so it gives up part of the correction near singularities
 //! ([`Model::correct`](poegp_runtime::model::Model::correct)). The error of the model's predictions does not show this.
 
 use serde::Serialize;

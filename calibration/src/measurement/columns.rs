@@ -219,7 +219,7 @@ impl Header<'_> {
             return error;
         }
         error.with_help(format!(
-            "a column's name carries its unit, as q1_deg or x_mm; not known here: {}",
+            "a column's name states its unit, as in q1_deg or x_mm; unknown here: {}",
             list(&self.unknown)
         ))
     }

@@ -61,11 +61,11 @@ pub struct Config {
     pub warm_up: WarmUpPolicy,
     /// Gravity in the base frame, m/s².
     pub gravity_m_s2: [f64; 3],
-    /// Standard deviation of one position component as the instrument's maker states it, in mm. `None`: the value that the
+    /// Standard deviation of one position component as the instrument's manufacturer states it, in mm. `None`: the value that the
     /// rows of the measurement file declare; if they declare none, it is estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub position_sigma_mm: Option<f64>,
-    /// Standard deviation of one rotation component as the instrument's maker states it, in mrad. `None`: the value that the
+    /// Standard deviation of one rotation component as the instrument's manufacturer states it, in mrad. `None`: the value that the
     /// rows of the measurement file declare; if they declare none, it is estimated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub orientation_sigma_mrad: Option<f64>,

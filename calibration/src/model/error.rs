@@ -26,7 +26,7 @@ pub enum CalibrationError {
     },
     /// More poses than the method takes.
     #[error(
-        "{found} poses: `{method}` takes at most {most}, because every pose is a point of its Gaussian process"
+        "{found} poses: `{method}` accepts at most {most}, because every pose is a point of its Gaussian process"
     )]
     TooManyPoses {
         /// Poses there.

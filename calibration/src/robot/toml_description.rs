@@ -15,7 +15,7 @@
 //! limits_deg = [-165, 165]          # or limits_rad; limits_mm, limits_m; none: unlimited
 //! gear_ratio = 100                  # optional: turns of the gear's input in one turn of the joint
 //! gear_lines = [200, 240]           # optional: errors that repeat so many times in one turn of the joint
-//! link_radius_mm = 45               # optional: of the link behind this joint, where it differs
+//! link_radius_mm = 45               # optional: of the link after this joint, where it differs
 //! origin = { xyz_mm = [0, 0, 290], rpy_deg = [0, 0, 0] }  # poe: frame in the one before, as in a URDF
 //! axis = [0, 0, 1]                  # poe: in the joint's own frame
 //! # dh, modified-dh instead: a_m | a_mm, d_m | d_mm, alpha_deg | alpha_rad, and where it is not 0

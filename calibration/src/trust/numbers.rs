@@ -293,7 +293,7 @@ impl Scene<'_> {
                 if is_cut {
                     let rows: Vec<usize> = at.iter().map(|k| self.line(own[*k])).collect();
                     let text = format!(
-                        "{name} ends at {} in {} rows ({}) while all other values differ: it looks cut off",
+                        "{name} ends at {} in {} rows ({}) while all other values differ: the values look clipped",
                         three_digits(extreme),
                         rows.len(),
                         lines(&rows)

@@ -58,8 +58,8 @@ pub fn examine(geometry: &Geometry) -> Option<Finding> {
     let displacement = shared.size * geometry.scales.position;
     (shared.correlation > least).then(|| {
         let text = format!(
-            "consecutive rows share an error of {}, although the arm moved far between them: {what} again and again; give \
-             the rows of each set-up a name in a column session, or measure again with a firm one",
+            "consecutive rows share an error of {}, although the arm moved far between them: {what} repeatedly; name \
+            each set-up in a column session, or measure again with a firm set-up",
             length(displacement)
         );
         let tier = Tier::refused_if(displacement > REFUSED);

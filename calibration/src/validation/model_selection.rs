@@ -403,12 +403,12 @@ impl Choice {
             let before = drawing.position_mm.mean;
             let text = format!(
                 "these rows do not show that a calibration helps: the expected error on other rows is {before:.4} mm \
-                 as drawn, with base and tool fitted, and {after:.4} mm with `{}`; {}",
+                for the nominal robot with base and tool fitted, and {after:.4} mm with `{}`; {}",
                 chosen.candidate,
                 match poses >= MANY && after > CONTRADICTORY_MM {
                     true =>
-                        "more poses do not help: the rows contradict each other (two targets, payloads or robots?), or the arm needs a \
-                             richer method",
+                        "more poses do not help: the rows contradict each other (two targets, payloads or robots?), \
+                        or the arm needs a richer method",
                     false => "measure more poses",
                 }
             );
@@ -426,9 +426,10 @@ impl Choice {
         let most = least.max(times * of_noise);
         if has_richest && poses >= many && after > most {
             let text = format!(
-                "the best model misses held-out rows by {after:.3} mm on average, more than an arm and its instrument in order \
-                 scatter: check that base and target were firm, that every row was read with the arm standing still, and that no \
-                 joint has play; if the instrument is that noisy, state it by --position-sigma-mm"
+                "the best model misses held-out rows by {after:.3} mm on average, more than the scatter of an intact \
+                arm and instrument: check that base and target were firmly mounted, that every row was read with the \
+                arm standing still, and that no \
+                 joint has play; if the instrument is that noisy, state its noise with --position-sigma-mm"
             );
             add(Cause::Noise, Tier::Warning, text, after, most);
         }

@@ -61,7 +61,7 @@ impl core::fmt::Display for FrameError {
                 )
             }
             Self::UnknownMessage { .. } => {
-                write!(f, "an intact frame holds a message that is not known")
+                write!(f, "an intact frame contains an unknown message")
             }
         }
     }

@@ -63,7 +63,7 @@ fn texts_of_a_frame_have_its_numbers() {
     assert!(text.contains("version 9") && text.contains(&own), "{text}");
     assert!(FrameError::Damaged.to_string().contains("damaged"));
     let unknown = FrameError::UnknownMessage { sequence: 1 };
-    assert!(unknown.to_string().contains("not known"));
+    assert!(unknown.to_string().contains("unknown message"));
 }
 
 #[test]

@@ -19,12 +19,12 @@ pub const CORRECTED_WITHIN: f64 = 5e-6;
 pub struct Corrected<T> {
     /// Controller joints to command, in rad or m; zero beyond the joints of the arm.
     pub joints: [T; MAX_JOINTS],
-    /// Share of the arm's error that is corrected, from 0 to 1. It is 1 except beside singularities and where a bound acts.
+    /// Share of the arm's error that is corrected, from 0 to 1. It is 1 except near singularities and where a bound acts.
     /// A metre counts as much as a radian.
     pub applied: T,
     /// Distance in metres between the target and where it should be, by the model and at these joints. It includes an
     /// estimate of what the last step's linearisation leaves. What an elastic deflection changes during that step is left
-    /// out: usually below 5 µm, beside singularities up to 11 µm. Zero where nothing is known (no model, bad input).
+    /// out: usually below 5 µm, near singularities up to 11 µm. Zero where nothing is known (no model, bad input).
     pub position_error: T,
     /// Remaining rotation error, in radians.
     pub rotation_error: T,

@@ -6,7 +6,7 @@
 //! d = Jᵀ (J Jᵀ + λ I)⁻¹ e        λ = μ |e|², smaller after a step that helps, larger after one that does not
 //! ```
 //!
-//! With λ proportional to the squared error the last steps are Newton steps, also beside a singularity (Yamashita and
+//! With λ proportional to the squared error the last steps are Newton steps, also near a singularity (Yamashita and
 //! Fukushima, "On the rate of convergence of the Levenberg–Marquardt method"). J is the Jacobian of the chain; the
 //! correction changes it by some thousandths, so that the calibrated arm takes a step or two more than the nominal one.
 //!

@@ -1,7 +1,7 @@
 //! Corrected joints: the command at which the calibrated arm stands where the nominal one would.
 //!
 //! For commanded joints q and a payload m, the answer is q* with T_gp(q*, m)·f(q*) = nominal(q), as far as that is a
-//! continuous function of q and m with a bounded slope: beside singularities part of the error stays. The first step is
+//! continuous function of q and m with a bounded slope: near singularities part of the error stays. The first step is
 //! limited accordingly ([`crate::correct::step_limit`]). Later steps use its J and its damping: they remove what its
 //! linearisation left, but not what it gave up.
 //!

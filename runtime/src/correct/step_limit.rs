@@ -1,6 +1,6 @@
 //! The step that corrects a command, limited so that it is a continuous function of the command with a bounded slope.
 //!
-//! Beside a singularity the exact step d, with J d = e, grows without bound and reverses within a small part of the path.
+//! Near a singularity the exact step d, with J d = e, grows without bound and reverses within a small part of the path.
 //! Let d = Jᵀ x. Where the arm moves in a direction by σ per radian, x = e/σ², and d changes by about |x| radians per radian
 //! of the commanded path. So a bound on |x| is a bound on the slope, and the solution of
 //!

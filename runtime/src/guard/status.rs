@@ -31,7 +31,7 @@ impl Status {
     pub const NO_MODEL: Self = Self(8);
     /// The number of joints is wrong, or a number is not finite or far out of range: nothing was corrected.
     pub const BAD_INPUT: Self = Self(16);
-    /// By an estimate from the model, more than 5 µm or 5 µrad of the arm's error remain: beside a singularity, or because a
+    /// By an estimate from the model, more than 5 µm or 5 µrad of the arm's error remain: near a singularity, or because a
     /// bound acts.
     pub const PARTLY_CORRECTED: Self = Self(32);
     /// The correction is switched off, and the answer is the unchanged command.

@@ -110,11 +110,11 @@ impl FrameArgs {
 /// Noise of the instrument.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct NoiseArgs {
-    /// Standard deviation of one position component, as stated by the instrument's maker (default: `sigma_mm` column,
+    /// Standard deviation of one position component, as stated by the instrument's manufacturer (default: `sigma_mm` column,
     /// otherwise estimated).
     #[arg(long, value_name = "MM", value_parser = positive)]
     pub position_sigma_mm: Option<f64>,
-    /// Standard deviation of one orientation component, as stated by the instrument's maker (default: `sigma_mrad` column,
+    /// Standard deviation of one orientation component, as stated by the instrument's manufacturer (default: `sigma_mrad` column,
     /// otherwise estimated).
     #[arg(long, value_name = "MRAD", value_parser = positive)]
     pub orientation_sigma_mrad: Option<f64>,
@@ -329,7 +329,7 @@ fn warm_up() -> impl TypedValueParser<Value = WarmUpPolicy> {
         ("keep", "Train on the rows as they were measured"),
         (
             "remove",
-            "Remove it from every row: the model is that of the arm at the last row",
+            "Remove it from every row: the model describes the arm at the last row",
         ),
     ])
 }

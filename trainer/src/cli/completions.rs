@@ -14,7 +14,8 @@ use crate::cli::output::{check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
 
 /// Last paragraph of every help text.
-pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met, a signature does not fit or an output was lost, \
+pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met, a signature does not match or an \
+output could not be written, \
     2 usage or input error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
 
 /// `trainer completions`.

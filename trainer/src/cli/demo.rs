@@ -64,7 +64,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
 
     report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that yield under gravity and five");
-    report.line("   payloads, measured by a tracker with 30 µm of noise. 300 poses to train on, 3 × 100 to test.");
+    report.line("   payloads, measured by a tracker with 30 µm of noise. 300 training poses, 3 × 100 test poses.");
     let mut simulator = Simulator::new(&robot, Scenario::Paper, &PAYLOADS, a.seed);
     let comment = format!("simulated {ROBOT} (seed {})", a.seed);
     let sets = simulated_sets(&robot, &mut simulator, 300, (3, 100), &a.out, &comment);
@@ -90,7 +90,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let origin = origin(set.sha256, "demo", tools);
 
     report.line(format_args!(
-        "2. Calibrate with the four methods of the paper, {FOLDS} folds and then all of it, and with the elastic model.\n"
+        "2. Calibrate with the four methods of the paper, {FOLDS} folds and then all poses, and with the elastic model.\n"
     ));
     let task = Task {
         robot: &robot,
@@ -151,7 +151,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         &a.out.join("compare.json"),
         json_text(&document)?.as_bytes(),
     )])?;
-    report.line("\n3. Write the blob, read it back, and predict the first test set like the device (f32):\n");
+    report.line("\n3. Write the blob, read it back, and predict the first test set as the device does (f32):\n");
     evaluate::run(&Evaluate {
         accepted: AcceptArgs::default(),
         blob: blob.clone(),
@@ -168,7 +168,8 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         1e6 * found.precision_loss.max_m
     ));
     report.line(
-        "\n4. Let the folds choose the model, as `calibrate` does by itself; hold out the test sets, and write a report:\n",
+        "\n4. Let cross-validation choose the model, as `calibrate` does by default; hold out the test sets, and \
+        write a report:\n",
     );
     let elastic_path = a.out.join("elastic.blob");
     calibrate_with_report(a, &sets, &elastic_path)?;
@@ -183,7 +184,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
             "the model for the controller (`trainer inspect` shows it)",
         ),
         ("predictions.csv", "its predictions for test1.csv"),
-        ("elastic.blob", "the model that the folds chose"),
+        ("elastic.blob", "the model that cross-validation chose"),
         (
             "report.html",
             "held-out errors with plots: open it in a browser",

@@ -30,7 +30,7 @@ pub struct Keys {
 /// The commands of `trainer keys`.
 #[derive(Debug, Subcommand)]
 pub enum KeysCommand {
-    /// Make a pair of keys, without overwriting files.
+    /// Create a pair of keys, without overwriting files.
     New(NewKeys),
 }
 

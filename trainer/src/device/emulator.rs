@@ -39,7 +39,7 @@ pub enum EmulatorError {
     )]
     Missing,
     /// QEMU cannot keep the flash of this board.
-    #[error("QEMU cannot keep the flash of the board {0} in a file\nhelp: take --board mps2-an386")]
+    #[error("QEMU cannot keep the flash of the board {0} in a file\nhelp: use --board mps2-an386")]
     NoMemory(&'static str),
     /// The operating system reports an error.
     #[error("{PROGRAM} does not start: {0}")]

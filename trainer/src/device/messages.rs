@@ -14,7 +14,7 @@ pub fn refusal(refusal: &Refusal) -> String {
             format!("it speaks link protocol version {expected}, this trainer version {found}")
         }
         Refusal::UnknownMessage => {
-            "it does not know this message: firmware and trainer are of different versions".to_owned()
+            "it does not support this message: firmware and trainer are of different versions".to_owned()
         }
         Refusal::Busy => "it is busy with another service; ask again".to_owned(),
         Refusal::BlobTooLong { length, capacity } => format!(
@@ -75,13 +75,13 @@ pub fn refusal(refusal: &Refusal) -> String {
         }
         Refusal::CycleSetting { code } => cycle_setting(*code),
         Refusal::SelfTest => {
-            "it failed its self-test: its processor or image does not compute what it should, and it corrects nothing; flash the \
+            "it failed its self-test: its processor or image computes wrong results, and it corrects nothing; flash the \
              firmware again, or replace the board"
                 .to_owned()
         }
         Refusal::SlowClock { hz, needed } => format!(
-            "its processor runs at {:.0} MHz instead of {:.0} MHz, too slow for its deadline, and it corrects nothing; look at its \
-             crystal and supply, and restart it",
+            "its processor runs at {:.0} MHz instead of {:.0} MHz, too slow for its deadline, and it corrects \
+            nothing; look at its crystal and supply, and restart it",
             f64::from(*hz) / 1e6,
             f64::from(*needed) / 1e6
         ),
@@ -101,8 +101,8 @@ fn cycle_setting(code: u8) -> String {
         FilterError::Blend,
     ];
     if code == FilterError::Engaged.code() {
-        return "a correction is applied, and other limits would break those in force; switch the bypass on and let \
-                commands come until the weight is 0, or restart the device, and try again"
+        return "a correction is applied, and other limits would break those in force; switch the bypass on and keep \
+        sending commands until the weight is 0, or restart the device, and try again"
             .to_owned();
     }
     match out_of_range.iter().find(|error| error.code() == code) {
@@ -140,7 +140,7 @@ fn model(code: u8) -> String {
                 found: 0,
                 expected: 0,
             },
-            "the correction has not as many inputs as joints and payload make",
+            "the number of inputs of the correction does not match joints and payload",
         ),
         (
             LoadError::PartialRow { bytes: 0 },

@@ -15,7 +15,7 @@ use poegp_calibration::blob::joint_offsets::JointOffsets;
 
 /// Meaning of the numbers, for the comments of a file.
 const MEANING: &str =
-    "Where the controller says q, the arm stands as the drawing does at q + offset.";
+    "Where the controller shows q, the arm has the pose of the drawing at q + offset.";
 
 /// Describes what was fitted and how near it is to the model, in lines.
 pub fn accuracy(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {

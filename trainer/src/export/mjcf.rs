@@ -19,7 +19,7 @@ use crate::export::xml::{comment_lines, escaped};
 pub fn text(chain: &CalibratedChain) -> String {
     let mut about = comments(chain, &chain.not_in_links());
     about.push(
-        "masses and inertias are small ones, because MuJoCo needs some: the calibration knows none"
+        "masses and inertias are small placeholders, because MuJoCo requires them: the calibration determines none"
             .to_owned(),
     );
     let mut out = format!(

@@ -72,7 +72,7 @@ pub fn rewritten(
             let found = format!("a link \"{}\" already", new.link);
             return Err(
                 InputError::new(file, found, "a new name for the link that is added").with_help(
-                    "choose another name for --target-link, or a tip behind a fixed joint",
+                    "choose another name for --target-link, or a tip after a fixed joint",
                 ),
             );
         }

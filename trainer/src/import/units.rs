@@ -155,7 +155,7 @@ pub fn unit_of<U: Unit>(
         return Ok(unit);
     }
     let expected =
-        format!("{key} = \"…\" ({names}) in the map, or the unit in brackets behind the name");
+        format!("{key} = \"…\" ({names}) in the map, or the unit in brackets after the name");
     let Some(header) = &table.header else {
         let found = format!("no {key}, and no header in {}", table.path.display());
         return Err(InputError::new(&map.path, found, expected));

@@ -186,7 +186,7 @@ impl ControllerSummary {
         (!live.is_complete()).then(|| {
             format!(
                 "live corrections: over the trained ranges, the remaining error is at most {COMPLETE_MM} mm at {:.0} % \
-                 of poses, {:.3} mm at 95 % and {:.3} mm at all; near singularities, a complete correction would move \
+                 of poses, {:.3} mm at 95 % and {:.3} mm at the worst; near singularities, a complete correction would move \
                  joints too fast",
                 100.0 * live.complete,
                 live.remaining_mm.p95,

@@ -82,7 +82,7 @@ pub enum NoProgram {
     },
     /// A slide is behind a revolute joint. As an external axis it would leave its place to the next joint: axes are exchanged.
     #[error(
-        "joint {number} (\"{joint}\") of {robot} slides behind a revolute joint, where {language} has no slide"
+        "joint {number} (\"{joint}\") of {robot} slides after a revolute joint, where {language} has no slide"
     )]
     Slide {
         /// Name of the language.

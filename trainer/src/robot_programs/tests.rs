@@ -92,7 +92,7 @@ fn a_slide_behind_a_revolute_joint_is_refused_by_name() {
     for language in Language::ALL {
         let refused = program(language, "scara", &robot, &plan).unwrap_err();
         let name = &robot.joints[2].name;
-        let expected = format!("joint 3 (\"{name}\") of {} slides behind", robot.name);
+        let expected = format!("joint 3 (\"{name}\") of {} slides after", robot.name);
         let refused = refused.to_string();
         assert!(refused.contains(&expected), "{refused}");
         assert!(refused.contains(language.name()), "{refused}");

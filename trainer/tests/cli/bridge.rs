@@ -256,7 +256,8 @@ fn ten_thousand_cycles_take_little_time() {
         judged.answers_lost
     );
     println!(
-        "rsi: at {SPEED} m/s {before:.3} mm without, {after:.4} mm with it ({worst:.4} mm at most; {} cycles beside a singularity)",
+        "rsi: at {SPEED} m/s {before:.3} mm without, {after:.4} mm with it ({worst:.4} mm at most; {} cycles near a \
+        singularity)",
         document["partly_corrected"]
     );
     println!(

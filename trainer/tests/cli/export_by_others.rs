@@ -158,7 +158,10 @@ fn mjcf_has_the_poses_of_the_chain_and_the_joints_of_the_arm() {
             .run(&format!("export arm.blob {nominal} --mjcf arm.xml"))
             .ok();
         let text = folder.text("arm.xml");
-        for part in ["small ones, because MuJoCo needs some", "distance "] {
+        for part in [
+            "small placeholders, because MuJoCo requires them",
+            "distance ",
+        ] {
             assert!(text.contains(part), "{part}: {text}");
         }
         let mjcf = Mjcf::read(&text);

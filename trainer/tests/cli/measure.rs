@@ -376,7 +376,10 @@ fn a_torn_line_is_reported_and_kept_as_a_comment() {
     for cut in [1, 5, 20] {
         folder.write("measured.csv", &whole[..whole.len() - cut]);
         let outcome = folder.run_with_input(MEASURE, &format!("{}\n", arm.lines[5]));
-        assert!(outcome.stderr.contains("torn"), "{outcome:#?}");
+        assert!(
+            outcome.stderr.contains("incomplete and is now a comment"),
+            "{outcome:#?}"
+        );
         assert!(
             outcome.stderr.contains("Continuing with 5 rows"),
             "{outcome:#?}"

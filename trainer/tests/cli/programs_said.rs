@@ -167,7 +167,7 @@ fn one_is_no_plural() {
         .run("correct elas.blob b.src --payload-kg 2.5 --out c.src")
         .stdout;
     assert!(
-        said.contains("Between the ends of one line or arc, by the model"),
+        said.contains("Between the ends of one line or arc, according to the model"),
         "{said}"
     );
 }

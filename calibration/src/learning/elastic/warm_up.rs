@@ -85,8 +85,8 @@ impl WarmUpReport {
             .map(|zero| format!("{:.0}", zero.round() + 0.0))
             .collect();
         let fate = match self.removed {
-            true => "removed: the model is that of the arm at the last row",
-            false => "kept: the model is that of a mean over the rows",
+            true => "removed: the model describes the arm at the last row",
+            false => "kept: the model describes an average over the rows",
         };
         format!(
             "warm-up: targets moved by up to {:.3} mm {course} while they were measured (joint zeros {} µrad; log evidence +{:.0} \

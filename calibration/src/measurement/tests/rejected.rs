@@ -110,8 +110,8 @@ fn columns_that_are_missing_or_twice() {
         "q1,x_mm,y_mm,z_mm",
         &[
             "no column q1_deg",
-            "not known here: \"q1\"",
-            "carries its unit",
+            "unknown here: \"q1\"",
+            "states its unit",
         ],
     );
     columns("q1_deg,q2_deg", &["no column x_mm, y_mm, z_mm"]);

@@ -50,8 +50,8 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     }
     for noise in summary.noise.iter().filter(|noise| noise.is_loud) {
         let text = format!(
-            "rows of kind {} miss by {:.2} mm beyond the stated {:.2} mm: {}, or the joints have play, or the tool slips; the expected error is \
-             enlarged to match",
+            "rows of kind {} miss by {:.2} mm beyond the stated {:.2} mm: {}, or the joints have play, or the tool \
+            slips; the expected error is enlarged to match",
             noise.kind,
             noise.beyond,
             noise.stated,
@@ -108,7 +108,9 @@ fn suspected(kind: &str) -> &'static str {
         "plane" => "the plates are not as flat as stated (flatness_mm)",
         "sphere" => "the balls are not as round, or the bar not as stiff, as stated (roundness_mm)",
         "anchor" => "the wire is not as linear as stated (scale_sigma_ppm)",
-        "point" => "the ball does not lie in its socket alike each time (seat_mm)",
+        "point" => {
+            "the ball does not seat itself in its socket in the same way each time (seat_mm)"
+        }
         _ => "the instrument is noisier than stated",
     }
 }

@@ -83,7 +83,7 @@ fn named(robot: &Robot, mistake: &Mistake) -> String {
             "each reading looks like that of the row {} it",
             match by.is_negative() {
                 true => "before",
-                false => "behind",
+                false => "after",
             }
         ),
         Mistake::Pixels => "the columns u_px and v_px look exchanged".to_owned(),

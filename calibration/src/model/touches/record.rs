@@ -45,7 +45,7 @@ pub struct Parameter {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NotASisterArm {
     /// The record is of an arm with another drawing.
-    #[error("an arm of another drawing")]
+    #[error("an arm with another nominal geometry")]
     Drawing,
     /// The calibration of the record itself depends on sister arms.
     #[error("an arm that was calibrated with --prior itself")]

@@ -138,7 +138,7 @@ pub fn of_touches(standard_uncertainty: f64) -> Vec<Contribution> {
         row(
             Source::Instrument,
             Evaluation::B,
-            "included in the model's row, in what the touches miss by",
+            "included in the model's row, in the misses of the touches",
         )
         .of(0.0),
         row(

@@ -26,11 +26,12 @@ use crate::cli::terminal::print::{Printer, note, warning};
 /// `trainer bridge rsi`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The correction begins at zero. Ctrl-C withdraws it smoothly while packets come, and the command ends with exit code 0. A \
+    after_help = "The correction begins at zero. Ctrl-C withdraws it smoothly while packets come, and the command \
+    ends with exit code 0. A \
     second Ctrl-C ends it at once (130), and the controller keeps the last correction. The correction is held for packets \
     that cannot be used, and withdrawn while more than half of the packets are lost.\n\n\
-    The limits of the RSI configuration on the controller stay in force. Start in T1. The guide \"Correct a robot while it moves\" \
-    (docs/guide/live-correction.md) has the files that the controller needs.\n\n\
+    The limits of the RSI configuration on the controller stay in force. Start in T1. The guide \"Correct a robot \
+    while it moves\" (docs/guide/live-correction.md) has the files that the controller needs.\n\n\
     Example: trainer bridge rsi arm.blob --listen 192.168.1.10:59152 --payload-kg 5"
 )]
 pub struct RsiArgs {
@@ -65,7 +66,7 @@ pub enum Element {
     /// Axis setpoints, without a correction.
     #[value(name = "ASPos")]
     AsPos,
-    /// Actual axis values; the correction of the cycle before is subtracted.
+    /// Actual axis values; the correction of the previous cycle is subtracted.
     #[value(name = "AIPos")]
     AiPos,
 }
@@ -242,7 +243,7 @@ fn summarize(printer: Printer, report: &Report) {
         (
             "late",
             counts.late,
-            "no answer: the controller waits no longer",
+            "no answer: the controller no longer waits",
         ),
         ("lost", counts.lost, "cycles without a packet"),
         (
@@ -262,7 +263,7 @@ fn summarize(printer: Printer, report: &Report) {
         (
             "in part",
             counts.partly,
-            "beside a singularity, or at a bound of the model",
+            "near a singularity, or at a bound of the model",
         ),
         (
             "withdrawn",

@@ -60,7 +60,7 @@ pub struct Calibrate {
     pub gauge: GaugeArgs,
     #[command(flatten)]
     pub fit: FitArgs,
-    /// Prior for a touch file: the --json files of touch calibrations of other arms of the same drawing. The
+    /// Prior for a touch file: the --json files of touch calibrations of other arms of the same type. The
     /// gain is small.
     #[arg(long, value_name = "JSON", value_delimiter = ',', help_heading = heading::MODEL)]
     pub prior: Vec<PathBuf>,

@@ -251,7 +251,7 @@ impl Job {
         if let Some(then) = file.trainer.as_ref().filter(|then| *then != VERSION) {
             note(format_args!(
                 "{} was written by trainer {then}, this is {VERSION}: results may differ, and the blob's bytes do, \
-                 because a blob names its trainer; install {then} to repeat them",
+                 because a blob contains the version of its trainer; install {then} to repeat them",
                 project.path.display()
             ));
         }

@@ -60,7 +60,8 @@ fn unlike_training(a: &Job, document: &CalibrateJson, tested: &ErrorSummary) -> 
     let is_unlike = !a.tests.is_empty() && tested.poses >= UNLIKE.0 && ratio > UNLIKE.1;
     is_unlike.then(|| {
         format!(
-            "the error of the test files is {ratio:.1} times the {:.3} mm that the folds expect: between training and test, \
+            "the error of the test files is {ratio:.1} times the {:.3} mm that cross-validation expects: between \
+            training and test, \
              the robot, its payload, the target or the instrument changed, or the test poses are unlike the measured ones; \
              `trainer check` names a change",
             expected
@@ -91,7 +92,8 @@ fn print_expected(report: Printer, calibration: &Calibration, document: &Calibra
     ));
     if alike.is_some_and(|alike| anywhere.mean_mm > MUCH_LARGER * alike.mean) {
         report.line(
-            "    it is larger because the measured poses combine the joints in few ways: they may all turn the tool one way",
+            "    it is larger because the measured poses combine the joints in few ways: the tool may have nearly the \
+            same orientation in all of them",
         );
     }
     let conformity = (document.certificate.as_ref()).and_then(|c| c.conformity.as_ref());

@@ -186,7 +186,7 @@ const SISTER: &str = "the JSON of a calibration by touches, from `trainer calibr
 
 fn not_a_sister(path: &Path, robot: &str, found: String) -> Failure {
     let expected =
-        format!("a calibration by touches of the same drawing as \"{robot}\", without --prior");
+        format!("a calibration by touches of the same type of arm as \"{robot}\", without --prior");
     InputError::new(path, found, expected).into()
 }
 

@@ -110,8 +110,8 @@ pub fn advice(
                 "find out what moved before line {line} was measured, and measure these rows again; a base, tool or zero from \
                  rows before and after it would be an average of two"
             ),
-            None => "find out what creeps, let instrument and arm settle, and measure these rows again; reference points \
-                 beside the robot and --correct-drift remove a creep of the instrument"
+            None => "find out what moved slowly, let instrument and arm settle, and measure these rows again; reference points \
+                 beside the robot and --correct-drift remove a slow motion of the instrument"
                 .to_owned(),
         });
     }

@@ -50,7 +50,7 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
                 @if let Some(rest) = rest {
                     " (the model states " (Number::new(rest.expected_mm, 4, "/unexplained/expected_mm")) " mm)"
                 }
-                "; this model does not determine which is which."
+                "; this model does not separate the two."
             }
         }
         @if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) { " " b { "Warning: " } (text) "." }
@@ -275,7 +275,7 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
     };
     let shown = drawn(&all).into_iter().map(row).collect();
     Section::new("all-poses", "Pose by pose")
-        .text(html! { "What the plot says of a dot: its line in the file, its error and its joints." (left_out(all.len())) })
+        .text(html! { "What the plot shows for a dot: its line in the file, its error and its joints." (left_out(all.len())) })
         .poses(&columns, shown, Some("The poses of the check"))
 }
 

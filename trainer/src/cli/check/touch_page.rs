@@ -27,7 +27,8 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
         unknown_error: (!f.model_knows_its_error).then_some(
-            "This model does not know its own error, so false alarms are more frequent than stated: up to 1 in 10 at 1 % on simulated \
+            "This model does not contain the covariance of its error, so false alarms are more frequent than stated: \
+            up to 1 in 10 at 1 % on simulated \
              arms.",
         ),
         sensitivity: &f.sensitivity,
@@ -95,10 +96,10 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
         table.push(summed("the tip moved by drift", by, "/touches/effect_mm"));
         table.push(summed("miss without drift", left, "/touches/without_mm"));
     }
-    let section = Section::new("errors", "What the touches miss by")
+    let section = Section::new("errors", "Misses of the touches")
         .figure(
             finding,
-            plot.render("what every touch of the check misses by"),
+            plot.render("miss of every touch of the check"),
             &format!(
                 "Each dot is a touch; the other colour marks outliers. The line is the tolerance.{}",
                 left_out(rows.len())
@@ -139,6 +140,6 @@ fn rows_of_touches(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind]
     };
     let shown = drawn(&all).into_iter().map(row).collect();
     Section::new("all-poses", "Touch by touch")
-        .text(html! { "What the plot says of a dot: its line in the file, its feature, its miss and its joints." (left_out(all.len())) })
+        .text(html! { "What the plot shows for a dot: its line in the file, its feature, its miss and its joints." (left_out(all.len())) })
         .poses(&columns, shown, Some("The touches of the check"))
 }

@@ -168,7 +168,7 @@ fn refused(path: &Path, error: CheckError) -> Failure {
 fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
     let f = &d.touches;
     report.line(format_args!(
-        "Model `{}` of {date} on {} new touches: what each misses by, as all others predict it, in mm.\n",
+        "Model `{}` of {date} on {} new touches: the miss of each, predicted from all others, in mm.\n",
         d.method, f.rows
     ));
     let mut rows = vec![error_row("miss now", &f.miss_mm)];
@@ -190,7 +190,8 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
     ));
     if !f.model_knows_its_error {
         report.line(
-            "warning: this model does not know its own error: false alarms are more frequent than stated (up to 1 in 10 at 1 % on \
+            "warning: this model does not contain the covariance of its error: false alarms are more frequent than \
+            stated (up to 1 in 10 at 1 % on \
              simulated arms).",
         );
     }
@@ -224,7 +225,7 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
         report.line(line);
     }
     report.line(match f.size_ppm {
-        Some(ppm) => format!("They show a change of the arm's size from {ppm:.0} ppm."),
+        Some(ppm) => format!("They show a change of the arm's size of {ppm:.0} ppm or more."),
         None => {
             "They show no change of the arm's size: state one known distance of 200 mm or more."
                 .to_owned()

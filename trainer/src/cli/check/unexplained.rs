@@ -48,7 +48,7 @@ pub fn scatter(r: &Report) -> String {
             )
         }
         None => format!(
-            "Scatter and error of the model together: {:.4} mm per axis{}; this model does not determine which is which.",
+            "Scatter and error of the model together: {:.4} mm per axis{}; this model does not separate the two.",
             r.scatter_mm,
             (r.unexplained).map_or(String::new(), |u| states(u.expected_mm))
         ),
@@ -76,8 +76,8 @@ pub fn warning(r: &Report) -> Option<String> {
 /// Advises not to act on a drift that leaves more than the model expects.
 pub fn doubtful(rest: &Unexplained, more: &str) -> String {
     format!(
-        "the drift that was found does not explain the errors (without it {:.4} mm per axis remain, {:.4} mm are expected) and is \
-         perhaps not their cause: do not reset a zero or change a frame because of it; {more}",
+        "the drift that was found does not explain the errors (without it {:.4} mm per axis remain, {:.4} mm are \
+        expected) and is perhaps not their cause: do not reset a zero or change a frame because of it; {more}",
         rest.position_mm, rest.expected_mm
     )
 }

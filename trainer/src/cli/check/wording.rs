@@ -29,9 +29,9 @@ pub fn findings(r: &Report) -> Vec<String> {
     out.extend(r.is_searched.then(|| unexplained::scatter(r)));
     if !r.model_knows_its_error && r.is_searched {
         out.push(
-            "warning: a model without processes of the joints does not know its own error, so the check estimates it \
-             from these measurements. False alarms are more frequent than stated if fewer than 12 poses trained the \
-             model. A model calibrated with `--method elastic` knows its error."
+            "warning: a model without Gaussian processes of the joints does not contain the covariance of its error, \
+            so the check estimates it from these measurements. False alarms are more frequent than stated if the \
+            model was trained on fewer than 12 poses. A model calibrated with `--method elastic` contains the covariance."
                 .to_owned(),
         );
     }
@@ -128,16 +128,16 @@ pub fn during(moved: &Moved) -> String {
 /// States that rows have payloads that the model was not trained with.
 pub fn untrained_payload(count: usize, rows: usize, carried: &str, trained: &str) -> String {
     format!(
-        "{count} of {rows} measurements have a payload of {carried}, but the model was trained with {trained}: it does not know \
-         how the arm sags under another payload, and no drift is searched for in these measurements"
+        "{count} of {rows} measurements have a payload of {carried}, but the model was trained with {trained}: it \
+        does not describe how the arm sags under another payload, so the check searches for no drift in these measurements"
     )
 }
 
 /// States that a model does not know which payloads it was trained with.
 pub fn unknown_payload(carried: &str) -> String {
     format!(
-        "these measurements have a payload of {carried}, and this model does not know which payloads it was trained with: under \
-         another one the arm sags, which looks like a change of joints"
+        "these measurements have a payload of {carried}, and this model has no record of its training payloads: under \
+        another payload the arm sags differently, which looks like a change of joints"
     )
 }
 
@@ -341,8 +341,8 @@ pub fn hidden_joint(found: &[Sensitivity], max_drift_mm: f64) -> Option<String> 
 }
 
 /// States which changes no touch shows.
-pub const TOUCHES_DO_NOT_SHOW: &str = "Touches show neither a moved base nor a remounted tool: features and tips were fitted to them. The \
-     zero of the first joint goes with the base, that of the last with the tool.";
+pub const TOUCHES_DO_NOT_SHOW: &str = "Touches show neither a moved base nor a remounted tool: features and tips were \
+fitted to them. A changed zero of the first joint looks like a moved base, one of the last joint like a remounted tool.";
 
 #[cfg(test)]
 mod tests {

@@ -10,15 +10,17 @@ use crate::cli::failure::Failure;
 /// `trainer correct`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "In a robot program, the command changes the numbers of targets and nothing else. The controller then moves the real \
+    after_help = "In a robot program, the command changes the numbers of targets and nothing else. The controller \
+    then moves the real \
     tool to the poses that the program was written for. Tools and frames come from the program, from the files of --with or \
-    from --frames. Targets are corrected completely, also beside singularities, unless a joint would move by more than 0.1 rad \
+    from --frames. Targets are corrected completely, also near singularities, unless a joint would move by more than 0.1 rad \
     (or 0.1 m). The command lists each target that it cannot correct, or only in part, and ends with exit code 1. It writes a \
     record, OUT.poegp.json, beside the program.\n\n\
-    In a CSV file of joint targets, it changes the joint columns and adds five: position_error_um and rotation_error_urad (the \
-    error that remains, by the model), applied (the share of the error that is corrected, 0 to 1), status (ok, or the reason) \
+    In a CSV file of joint targets, it changes the joint columns and adds five: position_error_um and \
+    rotation_error_urad (the remaining error, according to the model), applied (the share of the error that is \
+    corrected, 0 to 1), status (ok, or the reason) \
     and trust (1 within the trained ranges, falling to 0 far outside). It corrects each row alone, as the device does before \
-    its filter. Beside a singularity it corrects a row in part, so that the correction changes smoothly from row to row.\n\n\
+    its filter. Near a singularity it corrects a row in part, so that the correction changes smoothly from row to row.\n\n\
     Examples:\n  trainer correct arm.blob program.csv --payload-kg 2.5 --out corrected.csv\n  \
     trainer correct arm.blob weld.mod --payload-from-program --out corrected.mod"
 )]

@@ -123,13 +123,13 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     let limits = columns.limits(&robot)?;
     columns.refuse_columns(
         &ADDED,
-        "this file was corrected already: correct the original, or take these columns out",
+        "this file was corrected already: correct the original, or remove these columns",
     )?;
     let payload_kg = payload(a, &loaded, columns)?;
     let poses = columns.pose_columns().join(", ");
     if !poses.is_empty() {
         note(format_args!(
-            "{}: only the joints are corrected, and {poses} stay as they are: take out the joints to correct the poses",
+            "{}: only the joints are corrected, and {poses} stay as they are: remove the joint columns to correct the poses",
             targets.display()
         ));
     }

@@ -151,7 +151,7 @@ fn headline(d: &ProgramJson) -> Section {
         });
     }
     section = section.text(html! {
-        "All errors are distances of the tool by the model, not measured ones. Check some of the corrected targets on the robot."
+        "All errors are computed from the model, not measured. Check some of the corrected targets on the robot."
     });
     if let Some(split) = &d.split {
         section = section.text(html! {
@@ -213,7 +213,7 @@ fn targets(rows: &[Row]) -> Section {
     let table: Vec<Vec<Markup>> = table.collect();
     let section = section
         .figure(
-            html! { "What the correction takes away, and what stays between the targets" },
+            html! { "What the correction removes, and what remains between the targets" },
             plot.render("distance of the tool from each target without correction, and on the way there with it"),
             "Each target has a dot: the distance of the tool from it without correction. Where a line or an arc leads to it, the \
              dot of the other colour is the largest distance on the way there, between corrected ends.",
@@ -239,8 +239,8 @@ fn left(d: &ProgramJson) -> Section {
     }
     section
         .text(html! {
-            "These parts are not corrected, or only partially. Where no remaining error is stated, the tool is off as \
-             it was before."
+            "These parts are not corrected, or only partially. Where no remaining error is stated, the error is the \
+            same as before."
             @if d.left.len() > SHOWN { " The first " (SHOWN) " of " (d.left.len()) " are shown." }
         })
         .block(html! {

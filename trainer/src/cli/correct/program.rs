@@ -383,9 +383,9 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
     }
     if let (Some(before), Some(after), false) = (&d.before_mm, &d.after_um, a.inverse) {
         report.line(format_args!(
-            "By the model, the tool error at the corrected targets is {:.3} mm on average and {:.3} mm at most without \
-             the correction, {:.2} µm on average and {:.2} µm at most with it, and up to {:.2} µm more from the \
-             decimals of the file.",
+            "According to the model, the tool error at the corrected targets is {:.3} mm on average and {:.3} mm at \
+             most without the correction, {:.2} µm on average and {:.2} µm at most with it, and up to {:.2} µm more \
+             from the decimals of the file.",
             before.mean, before.max, after.mean, after.max, d.rounding_um
         ));
     }
@@ -402,8 +402,8 @@ fn print(report: Printer, a: &Correct, files: &[(PathBuf, PathBuf)], d: &Program
     }
     if let Some(b) = &d.between {
         report.line(format_args!(
-            "Between the ends of {}, by the model, the tool is off by {:.3} mm at most, computed at {} points of each \
-             ({}:{}).",
+            "Between the ends of {}, according to the model, the tool is off by {:.3} mm at most, computed at {} \
+             points of each ({}:{}).",
             match b.moves {
                 1 => "one line or arc".to_owned(),
                 count => format!("{count} lines and arcs"),

@@ -300,8 +300,8 @@ pub fn warn_of_uncorrected<'a>(files: impl Iterator<Item = (&'a Path, &'a str, b
     for (path, is_known) in programs.values() {
         if !is_known {
             warning(format_args!(
-                "{}: no record shows that this program was corrected; if it was not, --inverse moves every target the \
-                 wrong way",
+                "{}: no record shows that this program was corrected; if it was not, --inverse moves every target in \
+                the wrong direction",
                 path.display()
             ));
         }

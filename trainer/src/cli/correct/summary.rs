@@ -233,7 +233,7 @@ impl<'a> Summing<'a> {
 fn meaning(status: &str) -> &'static str {
     match status {
         "partly-corrected" => {
-            "corrected in part: beside a singularity, where a full correction would move joints too quickly"
+            "corrected in part: near a singularity, where a full correction would move joints too quickly"
         }
         "correction-limited" => "corrected by no more than the bound of the blob",
         "outside-joint-range" => "corrected by extrapolation: joints outside the trained ranges",
@@ -266,7 +266,7 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     }
     let s = &d.shift_mm;
     report.line(format_args!(
-        "By the model, the target is off by {:.3} mm on average, {:.3} mm for 95 % and {:.3} mm at most if \
+        "According to the model, the target is off by {:.3} mm on average, {:.3} mm for 95 % and {:.3} mm at most if \
          uncorrected; by {:.2} µm on average and {:.2} µm at most if corrected.",
         s.mean, s.p95, s.max, d.remaining_um.mean, d.remaining_um.max
     ));

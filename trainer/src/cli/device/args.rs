@@ -51,7 +51,7 @@ pub enum DeviceCommand {
     Restart(Restart),
     /// State that the controller has stopped and sends no more commands.
     Stop(Stop),
-    /// Store the public key that must have signed each model, permanently.
+    /// Store a public key permanently: the device then accepts only models signed with its secret key.
     Provision(Provision),
     /// Set the period and limits of the controller's cycle.
     Cycle(Cycle),
@@ -160,7 +160,7 @@ pub struct Flash {
     pub common: LinkAndJson,
     #[command(flatten)]
     pub authority: Authority,
-    /// Upload even if the device runs the model already, has no room for it or does not trust its signature.
+    /// Upload even if the device runs the model already, has no room for it or would reject its signature.
     #[arg(long)]
     pub force: bool,
     /// The device has moved to another robot: accept that robot's model.
@@ -192,7 +192,7 @@ pub struct Evaluate {
 #[derive(Debug, Args)]
 #[command(
     after_help = "One row per command, in order: the joints in the columns and units of TEST, then position_error_um \
-    (the error that remains, by the model) and status.\n\n\
+    (the remaining error, according to the model) and status.\n\n\
     Example: trainer device correct test.csv --port /dev/ttyUSB0 --out corrected.csv"
 )]
 pub struct Correct {
@@ -317,7 +317,8 @@ pub struct Provision {
 /// `trainer device cycle`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "Settings that are not given keep their values; without any setting, the command shows the current ones. The device \
+    after_help = "Settings that are not given keep their values; without any setting, the command shows the current \
+    ones. The device \
     refuses changes while a correction is applied: switch it off first with `trainer device bypass on`.\n\n\
     Example: trainer device cycle --period-us 2000 --port /dev/ttyUSB0"
 )]

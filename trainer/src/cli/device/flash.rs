@@ -48,7 +48,7 @@ pub fn run(a: &Flash) -> Result<(), Failure> {
         report.line(format_args!("Before  {}", show::active(&before)));
         report.line(format_args!("Now     {}", show::active(&after)));
         report.line(format_args!(
-            "Stored in slot {}: it runs after the next start, too.",
+            "Stored in slot {}: the device also runs it after the next start.",
             stored.slot
         ));
         (after, stored)

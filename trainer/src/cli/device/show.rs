@@ -104,7 +104,7 @@ pub fn start(reason: StartReason) -> String {
             format!("after a fault of the processor at address {address:08x}; please report this")
         }
         StartReason::Unexplained => {
-            "by the watchdog because everything stood still, or by the reset line".to_owned()
+            "by the watchdog because the whole firmware hung, or by the reset line".to_owned()
         }
     }
 }

@@ -74,7 +74,7 @@ impl Commands {
                             "{}, which was mounted after the calibration",
                             data.names[known]
                         ),
-                        "a tool that the blob knows",
+                        "a tool of the blob",
                     )
                     .with_help("`trainer evaluate --fit-tool` fits its frame first")
                     .into());
@@ -228,7 +228,7 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
         return Err(InputError::new(
             test,
             format!("{} sessions and targets", names.len()),
-            "one: the device knows one tool",
+            "one: the device has only one tool",
         )
         .with_help("give --blob, which has the others")
         .into());
@@ -277,7 +277,8 @@ pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
             "All {count} answers are the host's, bit for bit."
         )),
         None => report.line(
-            "The device's base frame was fitted to the measurements, which flatters the errors a little; --blob gives \
+            "The device's base frame was fitted to the measurements, which makes the errors look slightly smaller; \
+            --blob gives \
              the calibrated one.",
         ),
     }

@@ -30,8 +30,8 @@ use poegp_calibration::verification::is_same_frame;
 /// `trainer evaluate`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "With touches, the command keeps the arm of the blob and fits features and tips to it. It prints by how much the touches \
-    miss each feature, with this arm and with the arm as drawn.\n\n\
+    after_help = "With touches, the command keeps the arm of the blob and fits features and tips to it. It prints by \
+    how much the touches miss each feature, with this arm and with the nominal arm.\n\n\
     Examples:\n  trainer evaluate arm.blob test.csv --predictions predicted.csv --json -\n  \
     trainer evaluate arm.blob touches.csv --features touches.toml"
 )]

@@ -170,7 +170,7 @@ impl TestData {
             Some(name) if !(which.tools || is_the_only_one) => Err(InputError::new(
                 path,
                 format!("{name}, which was mounted after the calibration"),
-                "a tool that the blob knows",
+                "a tool of the blob",
             )
             .with_help(
                 "give --fit-tool to fit its frame to these measurements first, or --fit-tool ROWS to some of its rows, which are then not compared",
@@ -179,7 +179,8 @@ impl TestData {
             new => {
                 if which.tools && new.is_none() && !is_the_only_one {
                     note(format_args!(
-                        "{}: the blob knows all tools, so --fit-tool fits none; give a remounted target a session of its own",
+                        "{}: the blob contains all tools, so --fit-tool fits none; give a remounted target a session \
+                        of its own",
                         path.display()
                     ));
                 }
@@ -212,7 +213,8 @@ pub fn fitted_frames(
     };
     Some(match left_out {
         0 => format!(
-            "{why}{what} fitted to these measurements, which flatters the errors a little and hides any drift of these \
+            "{why}{what} fitted to these measurements, which makes the errors look slightly smaller and hides any \
+            drift of these \
              frames."
         ),
         rows => format!(

@@ -34,9 +34,10 @@ use poegp_calibration::robot::ClassPrior;
 /// `trainer measure`.
 #[derive(Debug, Args)]
 #[command(
-    after_help = "The program says which row of the plan to measure next: the one that reduces the expected error over the work \
-    volume most. It takes what was measured as a line of CSV, in the columns of OUT: the joints are those that the controller shows, \
-    and need not be the planned ones. The line \"skip\" leaves out what cannot be measured, \"undo\" takes back the last row, \
+    after_help = "The program names the row of the plan to measure next: the one that most reduces the expected error \
+    over the work volume. Enter what you measured as a line of CSV with the columns of OUT. The joints are those that \
+    the controller shows; they need not be the planned ones. The line \"skip\" leaves out what cannot be measured, \
+    \"undo\" takes back the last row, \
     \"undo 5\" row 5, and \"help\" shows the columns. A row is on disk before it is confirmed; start the same command again to \
     continue.\n\n\
     The expected error is a mean over the work volume, of a model without processes and with the noise that the rows show.\n\n\
@@ -61,7 +62,7 @@ pub struct Measure {
     /// file that another program appends to.
     #[arg(long, value_name = "SOURCE", default_value = "-")]
     from: Origin,
-    /// End when the expected mean error is not larger than this, with a tracker after 25 poses or more; exit code 1 if
+    /// End when the expected mean error is at most this, with a tracker after 25 poses or more; exit code 1 if
     /// it stays larger. For a verdict on 95 of 100 poses, use `calibrate --tolerance-mm`.
     #[arg(long, value_name = "MM", value_parser = positive)]
     until_mm: Option<f64>,
@@ -93,7 +94,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     let (journal, torn) = Journal::open(&a.out)?;
     if let Some(torn) = torn {
         warning(format_args!(
-            "{}: the last line was torn and is a comment now: {torn}",
+            "{}: the last line was incomplete and is now a comment: {torn}",
             a.out.display()
         ));
     }

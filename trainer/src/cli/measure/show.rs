@@ -104,8 +104,8 @@ impl Show {
     /// Shows what an answer may be.
     pub fn columns(&mut self, columns: &str) -> Result<(), Failure> {
         self.report.line(format_args!(
-            "answer with a row: {columns}\n  or with a word: skip (leave out what cannot be measured), undo (take back the last row), \
-             undo 5 (row 5), help"
+            "answer with a row: {columns}\n  or with a word: skip (leave out what cannot be measured), undo (take \
+            back the last row), undo 5 (row 5), help"
         ));
         let columns: Vec<&str> = columns.split(',').map(str::trim).collect();
         self.document(json!({"event": "columns", "columns": columns}))
@@ -291,7 +291,7 @@ impl Show {
     ) -> Result<(), Failure> {
         let why = match end {
             End::Within => "The expected error is small enough".to_owned(),
-            End::UsedUp => "The plan is used up".to_owned(),
+            End::UsedUp => "The plan has no more rows".to_owned(),
             End::NoMore => "The source has no more rows".to_owned(),
         };
         let expected = found.map_or_else(String::new, |found| {

@@ -421,7 +421,7 @@ fn print(report: Printer, a: &Plan, planned: &Planned<'_>) {
     let (d, plan) = (&planned.document, &planned.plan);
     let mut line = format!("Planned {} {} poses", d.poses, d.strategy);
     if d.test_poses > 0 {
-        line += &format!(" and {} to test with", d.test_poses);
+        line += &format!(" and {} test poses", d.test_poses);
     }
     match d.payloads_kg.len() {
         0 => line += ", no payload stated",
@@ -483,14 +483,14 @@ fn print_forecast(report: Printer, forecast: &Forecast, planned: usize) {
         })
         .collect();
     report.line(format_args!(
-        "\nExpected error at poses that were not measured, mean / 95th percentile in mm, for arms like the simulated ones:\n\
-         {} arms each with this robot's joints and frames off by a millimetre, compliant joints, noise of {} mm and\n\
-         {} mrad per axis, which is part of every number; wild ones also with gears and links that no formula describes.",
+        "\nExpected error at poses that were not measured, mean / 95th percentile in mm, from {} simulated arms of each kind:\n\
+         this robot with frames off by a millimetre, compliant joints, and noise of {} mm and {} mrad per axis, which\n\
+         every number includes. Wild arms also have errors of gears and links that no formula describes.",
         ARMS, forecast.position_noise_mm, forecast.orientation_noise_mrad
     ));
     report.table(&["  poses", "chosen", "regular arm", "wild arm"], &rows);
     report.line(format_args!(
-        "Your robot differs: only its own measurements can show its error. (Simulated in {:.0} s.)\n",
+        "Your robot differs: only its own measurements show its error. (Simulated in {:.0} s.)\n",
         forecast.seconds
     ));
 }

@@ -36,7 +36,7 @@ pub(super) struct Asked<'a> {
 /// Parses a feature, such as `socket=400,0,100` or `plane=400,0,50,0,0,1`.
 pub(super) fn goal(text: &str) -> Result<Goal, String> {
     let expected = "expected socket=X,Y,Z, plane=X,Y,Z or wire=X,Y,Z in mm of the base frame; of a plane that is not level \
-                    its normal behind them, plane=X,Y,Z,NX,NY,NZ";
+                    its normal after them, plane=X,Y,Z,NX,NY,NZ";
     let refused = || expected.to_owned();
     let (word, numbers) = text.split_once('=').ok_or_else(refused)?;
     let numbers: Vec<f64> = numbers

@@ -68,7 +68,7 @@ pub fn warning(text: impl Display) {
     }
 }
 
-/// Prints a note on standard error about something that is not an error. A caller of [`with_notes`] gets it, too.
+/// Prints a note on standard error about something that is not an error. A caller of [`with_notes`] also receives it.
 pub fn note(text: impl Display) {
     NOTES.with_borrow_mut(|notes| {
         if let Some(notes) = notes {

@@ -161,7 +161,7 @@ fn print(report: Printer, a: &Compare, document: &CompareTouchesJson) {
     }
     for model in &document.models {
         report.line(format_args!(
-            "  over all rows {} misses by {:.2} times what the drawing misses by",
+            "  over all rows, the misses of {} are {:.2} times those of the drawing",
             model.file, model.touches.ratio
         ));
     }

@@ -43,8 +43,8 @@ fn result(d: &CompareTouchesJson) -> Section {
     let lead = html! {
         p class="lead" {
             "Of the models compared, " b class="calibrated" { (model.file) } " describes these "
-            (Number::count(touches.rows, at(best, "rows"))) " touches best: over all rows it misses by " b { (ratio) " times" }
-            " what the drawing misses by. "
+            (Number::count(touches.rows, at(best, "rows"))) " touches best: over all rows, its misses are " b { (ratio) " times" }
+            " those of the drawing. "
             @if touches.ratio >= 1.0 { "No model is better than the drawing." }
         }
     };
@@ -107,7 +107,7 @@ fn features(d: &CompareTouchesJson) -> Section {
         .map(|(k, f)| row("features", k, f))
         .chain(tracker.map(|(k, f)| row("tracker", k, f)));
     let mut section = Section::new("features", "What was touched")
-        .text(html! { "Root mean square of one component of what the touches miss by, for the arm as drawn and for each model." })
+        .text(html! { "Root mean square of one component of the misses, for the arm as drawn and for each model." })
         .table(&header, rows.collect());
     for unit in sections::units(&first.residuals) {
         section = plotted(section, d, unit);
@@ -137,8 +137,8 @@ fn plotted(section: Section, d: &CompareTouchesJson, unit: &str) -> Section {
         return section;
     }
     section.figure(
-        html! { "What each touch misses by, " span class="key nominal" { "as drawn" } " and by each model" },
-        boxes(&format!("miss ({unit})"), &all, "What the touches miss by, for each model"),
+        html! { "Miss of each touch, " span class="key nominal" { "as drawn" } " and by each model" },
+        boxes(&format!("miss ({unit})"), &all, "Misses of the touches, for each model"),
         "Box: the middle half of the touches, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
     )
 }

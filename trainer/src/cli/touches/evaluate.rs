@@ -78,7 +78,7 @@ fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
     print_distances(report, &found.distances, "by the model");
     print_noise(report, &found.noise);
     report.line(format_args!(
-        "  over all rows the model misses by {:.2} times what the drawing misses by",
+        "  over all rows, the misses of the model are {:.2} times those of the drawing",
         found.ratio
     ));
     report.line(FITTED);
@@ -104,5 +104,5 @@ fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
 }
 
 /// Note about the fitted parameters.
-pub const FITTED: &str = "Features and tips were fitted to these touches, for the drawing and for the model alike, which flatters both a little. Touches see \
-neither where the base is nor how the tool is turned.";
+pub const FITTED: &str = "Features and tips were fitted to these touches, for the drawing and for the model alike, \
+which makes both look slightly better. Touches show neither where the base is nor how the tool is turned.";

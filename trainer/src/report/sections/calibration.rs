@@ -163,9 +163,9 @@ pub fn parameters(
                 "steadily. "
             }
             @if found.removed {
-                "It was removed from the measurements: the model is that of the arm at the last row."
+                "It was removed from the measurements: the model describes the arm at the last row."
             } @else {
-                "The model is that of a mean over the rows."
+                "The model describes an average over the rows."
             }
         });
     }

@@ -73,7 +73,7 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
         })
         .table(&header, rows.collect())
         .text(html! {
-            "How much of the model these numbers hold: over the trained joint ranges this table is on average "
+            "How close these numbers come to the model: over the trained joint ranges, this table is on average "
             (Number::mm(distance.dh_mm, "/controller/distance/dh_mm")) " mm from the whole model, joint zeros alone "
             (Number::mm(distance.joint_zeros_mm, "/controller/distance/joint_zeros_mm")) " mm, and the drawing "
             (Number::mm(distance.drawing_mm, "/controller/distance/drawing_mm")) " mm."
@@ -105,7 +105,8 @@ fn zeros(section: Section, summary: &ControllerSummary) -> Section {
     });
     section
         .text(html! {
-            "Joint zeros alone: where the controller says q, the arm stands as the drawing does at q + offset. The first and the "
+            "Joint zeros alone: where the controller shows q, the arm has the pose of the drawing at q + offset. The \
+            first and the "
             "last joint have none, because base and tool do the same. " code { "trainer export --joint-offsets" }
             " writes them with the base and the tool that belong to them."
         })

@@ -51,7 +51,7 @@ pub fn joints(evidence: &ReportData) -> Section {
         .small_figures()
         .text(html! {
             (keys(both)) ". Dots are held-out poses, lines the means over an eighth of the joint's range. A line that rises "
-            "and falls with a joint is an effect of that joint that is left." (left_out(evidence.rows.len()))
+            "and falls with a joint is an effect of that joint that remains." (left_out(evidence.rows.len()))
         })
         .answers();
     let drawn = evidence.drawn();

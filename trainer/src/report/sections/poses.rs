@@ -89,6 +89,6 @@ pub fn poses(evidence: &ReportData) -> Section {
         format!("All {all} poses")
     };
     Section::new("all-poses", "Pose by pose")
-        .text(html! { "What the plots say of a dot: its line in the file, its errors and its joints." (left_out(all)) })
+        .text(html! { "What the plots show for a dot: its line in the file, its errors and its joints." (left_out(all)) })
         .poses(&columns, rows, Some(&title))
 }

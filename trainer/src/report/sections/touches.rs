@@ -41,11 +41,11 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
     };
     let how = html! {
         p {
-            @if summary.tracker.is_empty() { "No tracker saw this arm. " }
+            @if summary.tracker.is_empty() { "No tracker measured this arm. " }
             "The expected errors are computed for poses over the work volume, after the best registration of base
-            and tool: from the stated noise, from what the touches miss by beyond it, and from how far an arm of this class is from its
+            and tool: from the stated noise, from the misses beyond it, and from how far an arm of this class is from its
             drawing. These errors include what the touches do not determine; a verdict states that separately, after ±, so its error is
-            smaller. A touch left out is predicted by all others; that error was seen, not computed."
+            smaller. A touch left out is predicted by all others; that error was measured, not computed."
         }
     };
     section.block(lead).block(tiles).block(how)
@@ -72,7 +72,7 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
         .chain(tracker.map(|f| row("tracker", f)));
     let mut section = Section::new("features", "What was touched")
         .text(html! {
-            "Root mean square of one component of what the touches miss by, with the arm as drawn and as calibrated. Features and tips are
+            "Root mean square of one component of the misses, with the arm as drawn and as calibrated. Features and tips are
             fitted in both. The share is that of all squares, in units of the noise: one feature with nearly all of it was moved, or is two
             features under one name."
         })
@@ -135,13 +135,14 @@ fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section
         return section;
     }
     let what = html! {
-        "What each touch misses by" @if pairs { ", " span class="key nominal" { "as drawn" } " and " span class="key calibrated" { "calibrated" } }
+        "Miss of each touch" @if pairs { ", " span class="key nominal" { "as drawn" } " and " span class="key \
+        calibrated" { "calibrated" } }
     };
     section.figure(
         what,
-        boxes(&format!("miss ({unit})"), &all, "What the touches of each feature miss by"),
-        "Boxes: the middle half of the touches; whiskers 5 and 95 %, diamond the mean, dot the largest. Computed from the file for the \
-         controller, in its single precision.",
+        boxes(&format!("miss ({unit})"), &all, "Misses of the touches of each feature"),
+        "Boxes: the middle half of the touches; whiskers 5 and 95 %, diamond the mean, dot the largest. Computed from \
+        the file for the controller, in its single precision.",
     )
 }
 
@@ -182,7 +183,8 @@ pub fn distances(summary: &TouchSummary) -> Section {
             summary.distances.iter().enumerate().map(row).collect(),
         )
         .text(html! {
-            "“Touches alone” is what all touches and the other distances say of it; one that is five standard deviations off is refused."
+            "“Touches alone” is the distance by all touches and the other distances. A stated distance that differs \
+            from it by five standard deviations is refused."
         })
 }
 
@@ -190,9 +192,9 @@ pub fn distances(summary: &TouchSummary) -> Section {
 pub fn unseen(summary: &TouchSummary) -> Section {
     let section = Section::new("unseen", "What touches do not show");
     let always = html! {
-        "No touch sees where the base frame is, nor the zero of the first joint, which goes with the base. None sees how the tool is turned,
-        nor the zero of the last joint, which goes with the tool. A tracker that saw the arm, too, does. Programs that are taught in their
-        own frames need none of these."
+        "Touches show neither where the base frame is nor the zero of the first joint, which has the same effect. They show neither how the
+        tool is turned nor the zero of the last joint, which has the same effect. Measurements of a tracker show all of these. Programs that
+        are taught in their own frames need none of them."
     };
     if summary.unseen.is_empty() {
         return section
@@ -247,7 +249,7 @@ pub fn class(summary: &TouchSummary) -> Section {
     );
     match summary.beyond_class {
         Some(factor) => section.text(html! {
-            "The touches find it " (Number::new(factor, 1, "/touches/beyond_class")) " times as far from its drawing as its class."
+            "By these touches, it is " (Number::new(factor, 1, "/touches/beyond_class")) " times as far from its drawing as its class."
         }),
         None => section.missing("The touches determine too few parameters to say whether it is one of its class."),
     }

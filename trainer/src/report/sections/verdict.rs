@@ -59,11 +59,12 @@ pub fn verdict(
         "How sure: "
         @match conformity.evidence {
             Evidence::HeldOutPoses => {
-                "the error is that of all poses like those that were held out, and estimated from them; the range behind ± holds \
+                "the error is estimated for all poses like the held-out ones; the range after ± contains \
                  the true value in "
                 (coverage) " of 100 such calibrations. "
             }
-            Evidence::Touches => { "in " (coverage) " of 100 such calibrations the true value is within the range behind ± or below it. " }
+            Evidence::Touches => { "in " (coverage) " of 100 such calibrations the true value is within the range \
+            after ± or below it. " }
         }
         @match conformity.verdict {
             Some(Verdict::Undecided) => {

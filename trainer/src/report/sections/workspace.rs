@@ -45,7 +45,8 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         .text(html! {
             (keys(both)) ". Dots are poses, where they were measured; x, y, z are the axes of the robot's base. Each view is "
             "divided into squares. An arrow is the mean error of the poses of a square, through the whole depth: from where the "
-            "model says that the tool is to where it was seen, enlarged. What errors have in common stays in it; noise averages "
+            "model says that the tool is to where it was measured, enlarged. Errors that the poses share remain in \
+            the arrow; noise averages "
             "out. A square with fewer than " (cubes::FEWEST) " poses has no arrow."
             (left_out(evidence.rows.len()))
         })

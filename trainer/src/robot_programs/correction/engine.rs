@@ -105,7 +105,7 @@ fn in_part(program: &Program, solved: &[Solved]) -> Vec<Left> {
     let left = all.map(|s| Left {
         location: program.targets[s.target].location,
         reason: format!(
-            "corrected in part, beside a singularity: {:.3} mm and {:.3} mrad of its error stay",
+            "corrected in part, near a singularity: {:.3} mm and {:.3} mrad of its error stay",
             1e3 * s.after,
             1e3 * s.after_turned
         ),

@@ -94,7 +94,7 @@ pub fn plan(
                 if found.is_letter_guessed {
                     remarks.push(format!(
                         "{line}: nothing shows on which side its configuration has wrist, elbow and shoulder; the \
-                         sides of the joints before are assumed: if that is wrong, begin the program with joints near \
+                        sides of the preceding joints are assumed: if that is wrong, begin the program with joints near \
                          this pose, or with a line to it"
                     ));
                 }
@@ -141,7 +141,7 @@ pub fn plan(
         let apart = doubtful.iter().map(|(_, apart)| *apart).fold(0.0, f64::max);
         remarks.push(format!(
             "{first}{}: nothing states on which side the target has the wrist, the elbow or the shoulder; the side \
-             nearest to the joints before is taken, and another side's correction differs by up to {:.3} mm: if that is \
+             nearest to the preceding joints is taken, and another side's correction differs by up to {:.3} mm: if that is \
              wrong, insert a joint target near it before the move",
             more(doubtful.len()),
             1e3 * apart
@@ -151,7 +151,7 @@ pub fn plan(
         let more = more(lost.len());
         remarks.push(format!(
             "{first}{more}: the arm does not keep its configuration on the line to it; of its solutions, the one \
-             nearest to the joints before is taken: if that is wrong, insert a joint target near it before the line"
+             nearest to the preceding joints is taken: if that is wrong, insert a joint target near it before the line"
         ));
     }
     let mut unused = Vec::new();

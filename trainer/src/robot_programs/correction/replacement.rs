@@ -27,7 +27,7 @@ pub struct Solved {
     pub after: f64,
     /// Rotation that remains with correction, predicted by the model, in rad.
     pub after_turned: f64,
-    /// Whether the correction is complete, as it is except beside singularities.
+    /// Whether the correction is complete, as it is except near singularities.
     pub is_complete: bool,
     /// Status of the model's evaluation at the joints.
     pub status: Status,

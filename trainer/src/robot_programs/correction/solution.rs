@@ -1,5 +1,4 @@
-//! Finds the joints of a pose on the branch that the controller takes: within its configuration, along a line, or nearest to
-//! the joints before.
+//! Finds the joints of a pose on the branch that the controller takes: within its configuration, along a line, or nearest to the preceding joints.
 
 use poegp_calibration::blob::commander::{Commander, Joints, joint_distance, pose_distance};
 use poegp_calibration::input_error::{InputError, counted};
@@ -433,8 +432,8 @@ fn unmatched(
         counted(solutions, "joint solution"),
         of_span.or_else(of_bits).unwrap_or_default()
     );
-    let nearest =
-        nearest.map(|nearest| format!(" The solution nearest to the joints before has {nearest}."));
+    let nearest = nearest
+        .map(|nearest| format!(" The solution nearest to the preceding joints has {nearest}."));
     let help = format!(
         "wrong robot model, tool or frame?{}",
         nearest.unwrap_or_default()

@@ -202,7 +202,7 @@ fn sources_are_followed_on_every_way() {
                 &go[5..]
             ),
             1,
-            "GO at a.src:10 gets it, too",
+            "GO at a.src:10 also receives it",
         ),
         (
             format!(
@@ -277,7 +277,7 @@ fn a_spline_sets_its_own_frames() {
             (
                 format!("{}\nENDSPLINE\nLIN {to}", open("WITH $BASE=BASE_DATA[5]")),
                 2,
-                "$BASE is not certain behind a spline that sets it, which ends at a.src:10",
+                "$BASE is not certain after a spline that sets it, which ends at a.src:10",
             ),
             (
                 format!(

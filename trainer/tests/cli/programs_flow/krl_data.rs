@@ -185,7 +185,7 @@ fn points_of_an_array_are_corrected() {
         (
             "LIN P[1]\nGO(P[1])\nLIN P[2]",
             2,
-            "GO at a.src:6 gets it, too",
+            "GO at a.src:6 also receives it",
         ),
     ] {
         check(&folder, &[(part, corrected, reason)], "a.src", "", source);

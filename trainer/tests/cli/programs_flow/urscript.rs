@@ -301,7 +301,7 @@ fn no_call_that_gets_a_target_is_silent() {
         (
             format!("movel(q)\n{long}\nmc_add_linear(q, 0.1, 0.5, 0.01)"),
             1,
-            "mc_add_linear at a.script:8 gets it, too",
+            "mc_add_linear at a.script:8 also receives it",
         ),
         (
             format!("mc_add_linear({POINT}, 0.1, 0.5, 0.01)"),
@@ -316,32 +316,32 @@ fn no_call_that_gets_a_target_is_silent() {
         (
             format!("weld_to({POINT})"),
             1,
-            "weld_to gets a pose, and is not corrected",
+            "weld_to receives a pose, and is not corrected",
         ),
         (
             format!("a = weld_to(pose_trans(p[0,0,0,0,0,0], {POINT}))"),
             1,
-            "weld_to gets a pose",
+            "weld_to receives a pose",
         ),
         (
             "movel(q)\nweld_to(q)".to_owned(),
             1,
-            "weld_to at a.script:7 gets it, too",
+            "weld_to at a.script:7 also receives it",
         ),
         (
             "movel(q)\nservoc(q, 1, 1)".to_owned(),
             1,
-            "servoc at a.script:7 gets it, too",
+            "servoc at a.script:7 also receives it",
         ),
         (
             "def go(t):\nmovel(t)\nend\nmovel(q)\ngo(q)".to_owned(),
             1,
-            "go at a.script:10 gets it, too",
+            "go at a.script:10 also receives it",
         ),
         (
             "def go(t):\non(t)\nend\ndef on(t):\nmovel(t)\nend\nmovel(q)\ngo(q)".to_owned(),
             1,
-            "go at a.script:13 gets it, too",
+            "go at a.script:13 also receives it",
         ),
         // What only computes or tells something.
         (

@@ -70,7 +70,7 @@ impl Reader<'_> {
                         continue;
                     }
                     let line = self.program.line_of(self.location(line.file, call));
-                    let reason = format!("{} at {line} gets it, too", text.spelling(call));
+                    let reason = format!("{} at {line} also receives it", text.spelling(call));
                     let location = self.program.targets[index].location;
                     self.program.leave(location, reason);
                 }

@@ -111,7 +111,7 @@ impl Reader<'_> {
                     let line = self.program.line_of(location);
                     let value = |key: usize| {
                         let name = variable(key);
-                        let reason = "is not certain behind a spline that sets it, which ends at";
+                        let reason = "is not certain after a spline that sets it, which ends at";
                         Named::Unknown(format!("{name} {reason} {line}"))
                     };
                     set.extend(of_spline.drain(..).map(|key| (key, value(key))));

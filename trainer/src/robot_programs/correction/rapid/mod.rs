@@ -402,7 +402,7 @@ impl Reader<'_> {
             "const" | "pers" | "var" | "local" | "task" => {}
             _ if is_motion => self.motion(s, &name, state)?,
             _ if self.assignment(s).is_some() => {}
-            _ => self.leave_literals(s, "it stands in an instruction that is not corrected"),
+            _ => self.leave_literals(s, "it is used in an instruction that is not corrected"),
         }
         Ok(())
     }

@@ -122,7 +122,10 @@ impl Reader<'_> {
             let is_pose = |at: &usize| self.name_of(*at).is_none_or(|name| self.is_pose(&name));
             if !OTHER_MOTIONS.contains(&name.as_str()) && poses.iter().any(is_pose) {
                 let location = self.location(at);
-                let reason = format!("{} gets a pose, and is not corrected", text.spelling(at));
+                let reason = format!(
+                    "{} receives a pose, and is not corrected",
+                    text.spelling(at)
+                );
                 self.program.leave(location, reason);
             }
         }
@@ -141,7 +144,7 @@ impl Reader<'_> {
             let location = self.program.targets[*target].location;
             let line = self.program.line_of(self.location(at));
             let call = self.text.spelling(at);
-            let reason = format!("{call} at {line} gets it, too, and is not corrected");
+            let reason = format!("{call} at {line} also receives it, and is not corrected");
             self.program.leave(location, reason);
         }
     }

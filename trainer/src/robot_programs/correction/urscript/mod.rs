@@ -102,7 +102,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
     reader.run(&states)?;
     reader.leave_shared();
     reader.program.remarks.push(
-        "the controller of a Universal Robots arm has a calibration of its own: the correction would count twice, \
+        "the controller of a Universal Robots arm has a calibration of its own: the targets would be corrected twice, \
          unless the model was calibrated against the controller's parameters"
             .to_owned(),
     );

@@ -366,6 +366,6 @@ impl Reader<'_> {
             pose = own * pose;
             next = data.father.clone();
         }
-        Ok(Err(format!("{key} stands in too many frames")))
+        Ok(Err(format!("{key} is nested in too many frames")))
     }
 }
