@@ -94,7 +94,8 @@ impl Chain {
     }
 }
 
-/// Returns the rotation by the smallest angle that takes z to `axis`; half a turn about x if the axis is −z.
+/// Returns a rotation that takes z to `axis`: by the smallest angle if the axis points up, otherwise that to the mirrored axis
+/// and half a turn about x.
 pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
     let a = axis / norm(axis);
     if a[2] < 0.0 {

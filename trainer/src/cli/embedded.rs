@@ -121,13 +121,8 @@ fn run(job: &Job) -> Result<Run, Failure> {
 
 /// Runs `work` on at most this number of threads.
 fn limited<R>(threads: Option<NonZeroUsize>, work: impl FnOnce() -> R) -> R {
-    let Some(threads) = threads else {
-        return work();
-    };
-    limit_threads(threads);
-    let out = work();
-    limit_threads(NonZeroUsize::MAX);
-    out
+    let _limit = threads.map(limit_threads);
+    work()
 }
 
 /// How many values an option of the command line takes.

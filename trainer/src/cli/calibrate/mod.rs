@@ -102,7 +102,8 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     if a.auto {
         config.method = Method::BaseTool;
     }
-    let arm = Arm::load(&a.robot, &a.chain)?;
+    let mut arm = Arm::load(&a.robot, &a.chain)?;
+    arm.gravity = config.gravity_m_s2.into();
     let known = Known::read(&a.gauge, &arm.robot.name)?;
     let mut tools = Vec::new();
     let input = Input {
@@ -127,6 +128,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         robot: &arm.robot,
         set: &set,
         samples: &samples,
+        gravity: arm.gravity,
         json: a.json.as_deref(),
         accept: &a.accept,
     };

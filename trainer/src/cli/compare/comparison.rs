@@ -64,7 +64,8 @@ fn compared_until(
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
         ));
     }
-    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    let mut arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    arm.gravity = a.fit.config(Method::Elastic).gravity_m_s2.into();
     let mut tools = Vec::new();
     let SampleFile {
         set,
@@ -125,6 +126,7 @@ fn compared_until(
         robot: &arm.robot,
         set: &set,
         samples: &train,
+        gravity: arm.gravity,
         json: a.json.as_deref(),
         accept: &a.accepted.accept,
     };

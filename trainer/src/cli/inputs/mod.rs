@@ -6,10 +6,11 @@ mod of_blob;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 
 use crate::cli::args::ChainArgs;
-use crate::cli::examination::{Examined, explained};
+use crate::cli::examination::{Examined, GRAVITY, explained};
 use crate::cli::failure::{Failure, calibration_failure};
 use crate::cli::input::Input;
 use crate::cli::terminal::print::{note, warning};
@@ -28,13 +29,16 @@ use poegp_calibration::validation::cross_validation::TestSet;
 pub use known_rows::KnownRows;
 pub use of_blob::{FRAMES_HELP, fitted_frames, frame_failure, read, read_long, robot_of};
 
-/// A robot with its nominal chain.
+/// A robot with its nominal chain, as it is mounted.
 pub struct Arm {
     pub robot: Robot,
     pub nominal: Poe<f64>,
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
 }
 
 impl Arm {
+    /// Loads an arm that stands upright.
     pub fn load(description: &str, chain: &ChainArgs) -> Result<Self, Failure> {
         let options = LoadOptions {
             base: chain.base.clone(),
@@ -42,7 +46,11 @@ impl Arm {
         };
         let robot = Robot::load(description, &options)?;
         let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
-        Ok(Self { robot, nominal })
+        Ok(Self {
+            robot,
+            nominal,
+            gravity: GRAVITY.into(),
+        })
     }
 
     /// Reads and checks measurements of this robot; notes go to standard error. New tools are appended to `tools`.
@@ -52,14 +60,14 @@ impl Arm {
         tools: &mut Vec<ToolName>,
         correction: DriftCorrection,
     ) -> Result<SampleFile, Failure> {
-        read_samples(input, &self.robot, tools, correction)
+        read_samples(input, (&self.robot, self.gravity), tools, correction)
     }
 }
 
-/// Reads and checks measurements of `robot`; notes go to standard error.
+/// Reads and checks measurements of a robot, with gravity in its base frame; notes go to standard error.
 fn read_samples(
     input: &Input<'_>,
-    robot: &Robot,
+    (robot, gravity): (&Robot, Vector3<f64>),
     tools: &mut Vec<ToolName>,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
@@ -68,7 +76,7 @@ fn read_samples(
         Some(bytes) => SampleFile::parse(path, bytes, robot, tools, correction),
         None => SampleFile::read(path, robot, tools, correction),
     };
-    let file = file.map_err(|error| explained(input, robot, error))?;
+    let file = file.map_err(|error| explained(input, robot, gravity, error))?;
     for text in &file.notes {
         note(format_args!("{}: {text}", path.display()));
     }
@@ -235,6 +243,7 @@ pub fn examine_tests<'a>(
             robot: &arm.robot,
             set,
             samples,
+            gravity: arm.gravity,
             json,
             accept,
         };
