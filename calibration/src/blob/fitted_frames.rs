@@ -14,6 +14,7 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::rotation::{aligned, nearest_rotation};
 use crate::numeric::statistics::PoseError;
+pub use crate::numeric::statistics::evenly_spaced;
 
 /// Number of Gauss–Newton steps that refine base and tools; from a start within a milliradian two are enough.
 const STEPS: usize = 6;
@@ -176,12 +177,6 @@ impl FittedFrames {
         }
         Ok(())
     }
-}
-
-/// Returns so many of the rows, evenly spread; all, if there are no more.
-pub fn evenly_spaced(rows: &[usize], count: usize) -> Vec<usize> {
-    let count = count.min(rows.len());
-    (0..count).map(|i| rows[i * rows.len() / count]).collect()
 }
 
 /// The predictions of a blob at samples, for one base and one set of tools.

@@ -47,6 +47,13 @@ impl Summary {
     }
 }
 
+/// Returns `count` of the items, evenly spread; all, if there are no more.
+pub fn evenly_spaced<T: Clone>(items: &[T], count: usize) -> Vec<T> {
+    let count = count.min(items.len());
+    let of = |i: usize| items[i * items.len() / count].clone();
+    (0..count).map(of).collect()
+}
+
 /// Returns the value below which a share (0…1) of `sorted` lies, interpolated linearly; `sorted` must be ascending and not
 /// empty.
 pub fn percentile(sorted: &[f64], share: f64) -> f64 {

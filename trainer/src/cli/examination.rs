@@ -16,6 +16,7 @@ use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::measurement::{self, MeasurementSet};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::statistics::evenly_spaced;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 
@@ -73,12 +74,9 @@ impl Examined<'_> {
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
     pub fn for_judging(&self) -> Result<Vec<Finding>, Failure> {
-        let step = self.samples.len().div_ceil(MOST_KEPT).max(1);
-        let samples: Vec<_> = self.samples.iter().step_by(step).cloned().collect();
+        let samples = evenly_spaced(self.samples, MOST_KEPT);
         let mut set = self.set.clone();
-        let mut rows = 0..;
-        set.measurements
-            .retain(|_| rows.next().is_some_and(|row| row % step == 0));
+        set.measurements = evenly_spaced(&set.measurements, MOST_KEPT);
         let mut findings = trust::identify(self.robot, &set, &samples, self.gravity);
         findings.accept(&[Cause::Frames]);
         self.settle(findings)
