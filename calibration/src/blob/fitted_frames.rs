@@ -20,8 +20,8 @@ pub use crate::numeric::statistics::evenly_spaced;
 const STEPS: usize = 6;
 /// Damping as a share of the largest diagonal element: what the poses do not identify stays unchanged.
 const DAMPING: f64 = 1e-12;
-/// Position error in m and rotation error in rad that have the same weight: a tracker's noise.
-const WEIGHTS: NoiseScales = NoiseScales::uniform(30e-6, 50e-6);
+/// Position error in m and rotation error in rad that have the same weight.
+const WEIGHTS: NoiseScales = NoiseScales::TRACKER;
 /// A prediction component whose standard deviation exceeds the measurements' by more than this factor is undetermined.
 const UNDETERMINED: f64 = 30.0;
 /// Equations that are required beyond the number of fitted parameters if the fitted rows are also compared: one pose.
