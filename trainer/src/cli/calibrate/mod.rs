@@ -26,7 +26,7 @@ use crate::cli::calibrate::written_project::Read;
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::input::Input;
-use crate::cli::inputs::{Arm, Tests, enough_poses, equations, examine_tests, origin};
+use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_not_signed, check_outputs, json_text, write_with_blob};
 use crate::cli::terminal::interrupt::cancellable;
@@ -139,9 +139,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     };
     let mut warnings = examined.for_training(methods, &config)?;
     let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
-    let of_tests = (a.tests.iter().zip(&tests.files).zip(&tests.sets))
-        .map(|((path, set), test)| (path.as_path(), set, test.samples.as_slice()));
-    let of_tests = examine_tests(&arm, of_tests, a.json.as_deref(), &a.accept)?;
+    let of_tests = tests.examine(&arm, &a.tests, a.json.as_deref(), &a.accept)?;
     report_page::check(a, &samples, config.method, arm.robot.joints.len())?;
     let mut origin = origin(set.sha256, &a.serial_number, tools);
     if let Some(date) = &a.date {

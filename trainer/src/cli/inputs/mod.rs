@@ -26,7 +26,7 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::trust::{Cause, Finding};
 use poegp_calibration::validation::cross_validation::TestSet;
 
-pub use known_rows::KnownRows;
+use known_rows::KnownRows;
 pub use of_blob::{FRAMES_HELP, fitted_frames, frame_failure, read, read_long, robot_of};
 
 /// A robot with its nominal chain, as it is mounted.
@@ -204,7 +204,7 @@ pub fn file_name(path: &Path) -> String {
 }
 
 /// Reads a test file of the same arm. Its rows must be new to `known`, its tools among the first `trained_tools`.
-pub fn read_test(
+fn read_test(
     arm: &Arm,
     path: &Path,
     known: &mut KnownRows,
@@ -224,32 +224,6 @@ pub fn read_test(
         .into());
     }
     Ok(file)
-}
-
-/// Examines whether the rows of each test file are measurements of `arm`, and returns the warnings.
-///
-/// # Errors
-/// [`Failure::Data`] if they are of another robot, or written in another way.
-pub fn examine_tests<'a>(
-    arm: &Arm,
-    tests: impl IntoIterator<Item = (&'a Path, &'a MeasurementSet, &'a [InstrumentSample])>,
-    json: Option<&Path>,
-    accept: &[Cause],
-) -> Result<Vec<Finding>, Failure> {
-    let mut warnings = Vec::new();
-    for (path, set, samples) in tests {
-        let examined = Examined {
-            path,
-            robot: &arm.robot,
-            set,
-            samples,
-            gravity: arm.gravity,
-            json,
-            accept,
-        };
-        warnings.extend(examined.for_judging()?);
-    }
-    Ok(warnings)
 }
 
 /// Test files; their drift is removed if it was removed from the training data.
@@ -281,5 +255,32 @@ impl Tests {
             sets.push(TestSet { name, samples });
         }
         Ok(Self { files, sets })
+    }
+
+    /// Examines whether the rows of each file, read from `paths`, are measurements of `arm`, and returns the warnings.
+    ///
+    /// # Errors
+    /// [`Failure::Data`] if they are of another robot, or written in another way.
+    pub fn examine(
+        &self,
+        arm: &Arm,
+        paths: &[PathBuf],
+        json: Option<&Path>,
+        accept: &[Cause],
+    ) -> Result<Vec<Finding>, Failure> {
+        let mut warnings = Vec::new();
+        for ((path, set), test) in paths.iter().zip(&self.files).zip(&self.sets) {
+            let examined = Examined {
+                path,
+                robot: &arm.robot,
+                set,
+                samples: &test.samples,
+                gravity: arm.gravity,
+                json,
+                accept,
+            };
+            warnings.extend(examined.for_judging()?);
+        }
+        Ok(warnings)
     }
 }
