@@ -102,6 +102,13 @@ pub fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{s}")
 }
 
+/// Joins the first `most` items with commas, and shows that there are more.
+pub fn some_of<T: ToString>(items: &[T], most: usize) -> String {
+    let shown: Vec<String> = items.iter().take(most).map(T::to_string).collect();
+    let more = if items.len() > most { ", …" } else { "" };
+    shown.join(", ") + more
+}
+
 /// Returns whether a terminal and a line of a file show a text as it is: it has no control characters, and none that change
 /// the direction of the text after them.
 pub fn is_printable(text: &str) -> bool {

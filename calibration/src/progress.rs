@@ -6,21 +6,42 @@
 
 use std::cell::Cell;
 use std::num::NonZeroUsize;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 
-/// The limit that [`limit_threads`] set.
-static LIMIT: AtomicUsize = AtomicUsize::new(usize::MAX);
+thread_local! {
+    /// The limit that [`limit_threads`] set.
+    static LIMIT: Cell<NonZeroUsize> = const { Cell::new(NonZeroUsize::MAX) };
+}
 
-/// Limits the number that [`threads`] returns from now on, in the whole process.
-pub fn limit_threads(most: NonZeroUsize) {
-    LIMIT.store(most.get(), Ordering::Relaxed);
+/// A limit of the number of threads; it ends when this value is dropped.
+#[must_use]
+#[derive(Debug)]
+pub struct ThreadLimit {
+    before: NonZeroUsize,
+}
+
+impl Drop for ThreadLimit {
+    fn drop(&mut self) {
+        LIMIT.set(self.before);
+    }
+}
+
+/// Limits the number that [`threads`] returns on this thread, and on those that it has work for it in parallel.
+pub fn limit_threads(most: NonZeroUsize) -> ThreadLimit {
+    let before = LIMIT.replace(most);
+    ThreadLimit { before }
+}
+
+/// Returns the limit of this thread, for the threads that it starts.
+pub(crate) fn thread_limit() -> NonZeroUsize {
+    LIMIT.get()
 }
 
 /// Returns the number of threads to work with: one for each core that this process may use, but at most the limit of
 /// [`limit_threads`].
 pub fn threads() -> usize {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    cores.min(LIMIT.load(Ordering::Relaxed))
+    cores.min(LIMIT.get().get())
 }
 
 /// A listener for the progress of a fit.
@@ -126,6 +147,7 @@ mod tests {
     use std::cell::RefCell;
 
     use super::*;
+    use crate::numeric::parallel::map_all;
 
     #[derive(Default)]
     struct Log(RefCell<Vec<(u64, u64)>>);
@@ -149,6 +171,25 @@ mod tests {
         assert!(log.windows(2).all(|w| w[0].0 <= w[1].0), "{log:?}");
         assert!(log.contains(&(1, 5)) && log.contains(&(3, 5)));
         assert_eq!(log.last(), Some(&(5, 5)));
+    }
+
+    #[test]
+    fn a_limit_is_of_one_thread_and_its_workers_and_ends_with_its_value() {
+        let most = |n| NonZeroUsize::new(n).unwrap();
+        let outer = limit_threads(most(2));
+        let caught = std::panic::catch_unwind(|| {
+            let _inner = limit_threads(most(1));
+            assert_eq!(threads(), 1);
+            panic!("as a fit may");
+        });
+        assert!(caught.is_err());
+        assert_eq!(thread_limit(), most(2));
+        let of_workers = map_all(2, &[(); 1000], |()| thread_limit());
+        assert!(of_workers.iter().all(|limit| *limit == most(2)));
+        let other = std::thread::spawn(thread_limit).join().unwrap();
+        assert_eq!(other, NonZeroUsize::MAX);
+        drop(outer);
+        assert_eq!(thread_limit(), NonZeroUsize::MAX);
     }
 
     #[test]

@@ -8,6 +8,7 @@ use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 use embedded_io::{ErrorType, Read, ReadReady, Write, WriteReady};
+use poegp_protocol::link::cyclic::{answer_length, command_length};
 use poegp_protocol::link::frame::{self, Received};
 use poegp_protocol::link::{Request, Response};
 
@@ -20,15 +21,15 @@ use crate::uart::{CHUNK, Line};
 
 const RING: usize = 256;
 /// Length of a cyclic command and of its answer for six joints, in bytes.
-const COMMAND: usize = 37;
-const ANSWER: usize = 46;
+const COMMAND: usize = command_length(6);
+const ANSWER: usize = answer_length(6);
 const ROUNDS: usize = 32;
 
 static POSITION: AtomicUsize = AtomicUsize::new(0);
 /// Whether the simulated hardware accepts a byte.
 static CAN_WRITE: AtomicBool = AtomicBool::new(true);
 
-/// Returns byte `at` of an endless sequence of frames of 37 bytes.
+/// Returns byte `at` of an endless sequence of commands.
 fn byte(at: usize) -> u8 {
     u8::from(at % COMMAND != COMMAND - 1)
 }

@@ -23,12 +23,12 @@ pub fn given(
     let known = embedded::options(command);
     for (key, value) in options {
         let key: String = key.extract()?;
-        if refused.contains(&key.as_str()) {
+        let name = key.replace('_', "-");
+        if refused.iter().any(|output| output.replace('_', "-") == name) {
             return Err(PyTypeError::new_err(format!(
                 "{key}: found an output of the command line, expected an option that names none"
             )));
         }
-        let name = key.replace('_', "-");
         let Some((_, takes)) = known.iter().find(|(option, _)| *option == name) else {
             return Err(unknown(options.py(), &key, &known));
         };

@@ -158,6 +158,7 @@ def test_options_are_refused_by_their_names(arm):
     for options, error, said in [
         ({"help": True}, ValueError, "^unknown option `help`$"),
         ({"inducing_point": 5}, ValueError, "^unknown option `inducing_point`; did you mean `inducing_points`"),
+        ({"write-project": "a.toml"}, TypeError, "^write-project: found an output of the command line"),
         ({"no_variance": 1}, ValueError, "^no_variance: found 1, expected True or False"),
         ({"inducing_points": True}, ValueError, "^inducing_points: found True, expected a value"),
         ({"test": table}, TypeError, "^test: found .*DataFrame.*, expected text, a number or a path"),

@@ -17,6 +17,7 @@ use poegp_runtime::model::{Evaluation, Model, words_for};
 
 use crate::blob::predict::{BlobModel, orthonormal};
 use crate::learning::task_space::MAX_POINTS;
+use crate::numeric::rotation::angle_between;
 
 /// One value for each joint; zeros after the last joint.
 pub type Joints = [f64; MAX_JOINTS];
@@ -338,8 +339,7 @@ pub fn joint_distance(a: &Joints, b: &Joints) -> f64 {
 /// Returns the displacement in metres and the angle in radians between two poses.
 pub fn pose_distance(a: &Pose<f64>, b: &Pose<f64>) -> (f64, f64) {
     let moved: Vector3<f64> = a.translation - b.translation;
-    let turned = (a.inverse() * *b).log().angular;
-    (moved.norm(), turned.norm())
+    (moved.norm(), angle_between(a, b))
 }
 
 #[cfg(test)]

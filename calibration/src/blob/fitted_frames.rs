@@ -14,13 +14,14 @@ use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::rotation::{aligned, nearest_rotation};
 use crate::numeric::statistics::PoseError;
+pub use crate::numeric::statistics::evenly_spaced;
 
 /// Number of Gauss–Newton steps that refine base and tools; from a start within a milliradian two are enough.
 const STEPS: usize = 6;
 /// Damping as a share of the largest diagonal element: what the poses do not identify stays unchanged.
 const DAMPING: f64 = 1e-12;
-/// Position error in m and rotation error in rad that have the same weight: a tracker's noise.
-const WEIGHTS: NoiseScales = NoiseScales::uniform(30e-6, 50e-6);
+/// Position error in m and rotation error in rad that have the same weight.
+const WEIGHTS: NoiseScales = NoiseScales::TRACKER;
 /// A prediction component whose standard deviation exceeds the measurements' by more than this factor is undetermined.
 const UNDETERMINED: f64 = 30.0;
 /// Equations that are required beyond the number of fitted parameters if the fitted rows are also compared: one pose.
@@ -176,12 +177,6 @@ impl FittedFrames {
         }
         Ok(())
     }
-}
-
-/// Returns so many of the rows, evenly spread; all, if there are no more.
-pub fn evenly_spaced(rows: &[usize], count: usize) -> Vec<usize> {
-    let count = count.min(rows.len());
-    (0..count).map(|i| rows[i * rows.len() / count]).collect()
 }
 
 /// The predictions of a blob at samples, for one base and one set of tools.

@@ -1,6 +1,5 @@
 //! Writes a calibration to the bytes of a blob, and predicts from these bytes what a device predicts.
 
-pub mod batch;
 pub mod chain_deviation;
 pub mod commander;
 pub mod evaluator;

@@ -87,6 +87,8 @@ impl NoiseOfFits {
 impl NoiseScales {
     /// Unit scales: metres and radians have the same weight.
     pub const ONE: Self = Self::uniform(1.0, 1.0);
+    /// Noise of a laser tracker, where none is stated.
+    pub const TRACKER: Self = Self::uniform(30e-6, 50e-6);
 
     /// Creates scales that are the same for all rows, in m and rad.
     pub const fn uniform(position: f64, orientation: f64) -> Self {

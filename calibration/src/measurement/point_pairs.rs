@@ -8,12 +8,13 @@ use poegp_runtime::math::se3::Pose;
 use crate::input_error::InputError;
 use crate::measurement::column_names::Unit;
 use crate::measurement::columns::Column;
+use crate::measurement::noise::NoiseScales;
 use crate::measurement::rows::Row;
 use crate::measurement::table::{MEASURED_POSE, Table};
-use crate::numeric::rotation::aligned;
+use crate::numeric::rotation::{aligned, centroid};
 
 /// Standard uncertainty of one coordinate if the file states none, in m: that of a laser tracker.
-const USUAL_SIGMA: f64 = 30e-6;
+const USUAL_SIGMA: f64 = NoiseScales::TRACKER.position;
 /// Number of standard deviations beyond which a point counts as moved.
 const MOST_SIGMAS: f64 = 3.0;
 /// Smallest number of points: three determine a frame, a fourth reveals one that moved.
@@ -166,7 +167,7 @@ fn column(path: &Path, table: &Table, name: &str) -> Result<Column, InputError> 
 
 /// Returns whether the points lie on a line or coincide.
 fn are_on_a_line(points: &[Vector3<f64>]) -> bool {
-    let mean = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let mean = centroid(points);
     let spread = points
         .iter()
         .fold(nalgebra::Matrix3::zeros(), |sum, point| {

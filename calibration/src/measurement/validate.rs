@@ -15,18 +15,15 @@ use crate::measurement::rows::Listed;
 use crate::measurement::set::{JointColumn, JointUnit, Measurement, MeasurementSet};
 use crate::numeric::statistics::extremes;
 use crate::robot::Robot;
+use crate::robot::still_span;
 
 /// Fraction of a joint's range by which a value may exceed the limits …
 const MARGIN: f64 = 0.1;
 /// … plus one degree or one millimetre: controllers overshoot, and descriptions round.
 const MARGIN_REVOLUTE: f64 = std::f64::consts::PI / 180.0;
 const MARGIN_PRISMATIC: f64 = 1e-3;
-/// Span of values below which a joint counts as not moving: half a degree in rad, or a millimetre in m.
-const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
-const STILL_PRISMATIC: f64 = 1e-3;
-/// Payload in kg for a square metre of an arm's squared length that no arm carries; the strongest industrial robots carry
-/// 120.
-const HEAVIEST: f64 = 300.0;
+/// Multiple of the largest payload of an arm's reach from which a payload is refused.
+const REFUSED: f64 = 3.0;
 /// No robot cell is this small, m: positions that are all nearer to the instrument are metres in a column of millimetres.
 const SMALLEST_WORKSPACE: f64 = 0.01;
 
@@ -176,8 +173,7 @@ impl<'a> JointLimits<'a> {
 
     /// Refuses a payload that no arm of this size carries.
     pub(super) fn check_payload(&self, line: usize, kg: Option<f64>) -> Result<(), InputError> {
-        let reach = self.robot.reach();
-        let most = HEAVIEST * reach * reach;
+        let most = REFUSED * self.robot.most_payload_kg();
         let Some(kg) = kg.filter(|kg| *kg > most) else {
             return Ok(());
         };
@@ -300,7 +296,7 @@ impl MeasurementSet {
         let mut notes = Vec::new();
         if let Some((w, v)) = self.measurements.first().and_then(|m| m.orientation) {
             // |q · q'| is the cosine of half the angle between them.
-            let closest = libm::cos(0.5 * STILL_REVOLUTE);
+            let closest = libm::cos(0.5 * still_span(JointKind::Revolute));
             let same = |m: &Measurement| {
                 m.orientation
                     .is_some_and(|(a, b)| (w * a + dot(&v, &b)).abs() > closest)
@@ -335,11 +331,7 @@ pub(super) fn still_joints<'a, I: Iterator<Item = &'a [f64]>>(
     let mut notes = Vec::new();
     for (i, (joint, column)) in robot.joints.iter().zip(columns).enumerate() {
         let (low, high) = extremes(rows().filter_map(|joints| joints.get(i).copied()));
-        let still = match joint.kind {
-            JointKind::Revolute => STILL_REVOLUTE,
-            JointKind::Prismatic => STILL_PRISMATIC,
-        };
-        if high - low < still && !robot.is_passive(i) {
+        if high - low < still_span(joint.kind) && !robot.is_passive(i) {
             notes.push(format!(
                 "joint \"{}\" ({}) does not move: its values span {} {}",
                 joint.name,

@@ -188,6 +188,11 @@ fn solve(lower: &[&[f64]], right: &mut [&mut [f64]]) {
     solve_upper(lower, right);
 }
 
+fn half_log_determinant(lower: &Mat<f64>) -> f64 {
+    let logarithms = (0..lower.nrows()).map(|i| libm::log(lower[(i, i)]));
+    logarithms.sum()
+}
+
 /// The Cholesky factorization of a matrix.
 #[derive(Clone, Debug)]
 pub struct Factor {
@@ -208,6 +213,11 @@ impl Factor {
     /// Returns the factor L.
     pub fn lower(&self) -> Mat<f64> {
         self.lower.lower_triangle()
+    }
+
+    /// Returns ½ log|matrix|.
+    pub fn half_log_determinant(&self) -> f64 {
+        half_log_determinant(&self.lower)
     }
 
     /// Returns matrix⁻¹ `right`.
@@ -304,11 +314,7 @@ impl CholeskyWorkspace {
 
     /// Returns ½ log|matrix|, computed from the factor.
     pub fn half_log_determinant(&self) -> f64 {
-        let mut sum = 0.0;
-        for i in 0..self.matrix.nrows() {
-            sum += libm::log(self.matrix[(i, i)]);
-        }
-        sum
+        half_log_determinant(&self.matrix)
     }
 
     /// Replaces the columns of `right` by matrix⁻¹ `right`, using the factor.

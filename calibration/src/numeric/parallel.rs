@@ -4,6 +4,8 @@
 use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
+use crate::progress::{limit_threads, thread_limit};
+
 /// Capacity, for each thread, of the queue of items to process and of the queue of results to take.
 const WAITING: usize = 2;
 
@@ -29,12 +31,14 @@ pub fn in_order<I: Send, O: Send, E>(
         }
         return Ok(());
     }
+    let limit = thread_limit();
     std::thread::scope(|scope| {
         let work = &work;
         let worker = |_| -> (SyncSender<I>, Receiver<O>) {
             let (give, items) = sync_channel(WAITING);
             let (done, results) = sync_channel(WAITING);
             scope.spawn(move || {
+                let _limit = limit_threads(limit);
                 // After an error no more results are taken, and sending fails.
                 let _ = items.into_iter().try_for_each(|item| done.send(work(item)));
             });
@@ -81,7 +85,9 @@ pub fn for_each<T: Send>(threads: usize, tasks: Vec<T>, work: impl Fn(T) + Sync)
     let queue = Mutex::new(tasks.into_iter());
     // The lock fails only after a panic of another thread, which ends the scope anyway.
     let next = || queue.lock().ok().and_then(|mut tasks| tasks.next());
+    let limit = thread_limit();
     let take_all = || {
+        let _limit = limit_threads(limit);
         while let Some(task) = next() {
             work(task);
         }

@@ -1,5 +1,6 @@
 //! Summaries of errors, and the errors of a set of poses.
 
+use crate::numeric::rotation::angle_between;
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 use serde::Serialize;
@@ -45,6 +46,13 @@ impl Summary {
             max: sorted[sorted.len() - 1],
         }
     }
+}
+
+/// Returns `count` of the items, evenly spread; all, if there are no more.
+pub fn evenly_spaced<T: Clone>(items: &[T], count: usize) -> Vec<T> {
+    let count = count.min(items.len());
+    let of = |i: usize| items[i * items.len() / count].clone();
+    (0..count).map(of).collect()
 }
 
 /// Returns the value below which a share (0…1) of `sorted` lies, interpolated linearly; `sorted` must be ascending and not
@@ -116,9 +124,8 @@ pub struct PoseError {
 impl PoseError {
     /// Computes the error between a measured and a predicted pose in the same frame.
     pub fn between(measured: &Pose<f64>, predicted: &Pose<f64>) -> Self {
-        let turned = measured.inverse() * *predicted;
         Self {
-            orientation_mrad: Some(1e3 * turned.log().angular.norm()),
+            orientation_mrad: Some(1e3 * angle_between(measured, predicted)),
             ..Self::of_position(&measured.translation, &predicted.translation)
         }
     }

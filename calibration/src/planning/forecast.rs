@@ -18,7 +18,7 @@ use crate::model::Method;
 use crate::model::config::Config;
 use crate::numeric::statistics::ErrorSummary;
 use crate::planning::{PlannedPose, Planner, Strategy};
-use crate::progress::{FitContext, threads};
+use crate::progress::{FitContext, limit_threads, thread_limit, threads};
 use crate::simulation::{Scenario, SimulatedPose, Simulator};
 
 /// Number of simulated arms of each kind.
@@ -104,9 +104,11 @@ impl Planner<'_> {
             .collect();
         let next = Mutex::new(jobs.iter());
         let errors = Mutex::new(vec![vec![Vec::new(); SCENARIOS.len()]; plans.len()]);
+        let limit = thread_limit();
         std::thread::scope(|scope| {
             for _ in 0..threads().min(jobs.len()) {
                 scope.spawn(|| {
+                    let _limit = limit_threads(limit);
                     while let Some((p, s, arm)) = take(&next) {
                         if self.task.cancel.load(Ordering::Relaxed) {
                             break;

@@ -194,12 +194,6 @@ impl Design {
         product(Transposed(&positions), &positions) * (1.0 / count as f64)
     }
 
-    /// Returns the mean variance of predicted positions over all candidates after measuring some poses, in units of the
-    /// noise.
-    pub fn mean_variance(&self, chosen: &[usize]) -> Option<f64> {
-        Some(product(&self.covariance(chosen)?, &self.mean_position()).trace())
-    }
-
     /// Exchanges the poses of `start`, given as indices of candidates, each for one of the same payload; no joints are used
     /// twice. Ends early if another thread sets `cancel`.
     pub fn exchange(&self, start: &[usize], cancel: &AtomicBool) -> Vec<usize> {
@@ -417,11 +411,18 @@ mod tests {
         )
     }
 
+    /// Returns the mean variance of predicted positions over all candidates after measuring some poses, in units of the
+    /// noise.
+    fn mean_variance(design: &Design, chosen: &[usize]) -> f64 {
+        let covariance = design.covariance(chosen).unwrap();
+        product(&covariance, &design.mean_position()).trace()
+    }
+
     /// No exchange of one pose for any other of its payload is better, by the variance computed again.
     #[test]
     fn no_single_exchange_is_left_that_is_better() {
         let design = design();
-        let variance = |chosen: &[usize]| design.mean_variance(chosen).unwrap();
+        let variance = |chosen: &[usize]| mean_variance(&design, chosen);
         let start: Vec<usize> = (0..10).map(|k| JOINTS * (k % 2) + k).collect();
         let chosen = design.exchange(&start, &crate::progress::NEVER);
         let best = variance(&chosen);
@@ -443,7 +444,7 @@ mod tests {
     #[test]
     fn a_gain_is_the_fall_of_the_variance() {
         let design = design();
-        let variance = |chosen: &[usize]| design.mean_variance(chosen).unwrap();
+        let variance = |chosen: &[usize]| mean_variance(&design, chosen);
         let mut chosen: Vec<usize> = (0..12).map(|k| JOINTS * (k % 2) + k).collect();
         let wanted = design.mean_position();
         let covariance = design.covariance(&chosen).unwrap();

@@ -33,7 +33,7 @@ use poegp_runtime::math::se3::Pose;
 
 pub use crate::robot::builtin::BUILT_IN;
 pub use crate::robot::description::{
-    ClassPrior, Joint, LoadOptions, Robot, coupled, in_file_units, own_motion,
+    ClassPrior, Joint, LoadOptions, Robot, coupled, in_file_units, own_motion, still_span,
 };
 
 use crate::input_error::InputError;

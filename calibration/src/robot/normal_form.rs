@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::se3::Pose;
 
+use crate::numeric::rotation::rotated;
 use crate::robot::description::{Joint, Robot};
 
 /// A chain under construction. Fixed frames are multiplied together until a moving joint follows.
@@ -94,7 +95,8 @@ impl Chain {
     }
 }
 
-/// Returns the rotation by the smallest angle that takes z to `axis`; half a turn about x if the axis is −z.
+/// Returns a rotation that takes z to `axis`: by the smallest angle if the axis points up, otherwise that to the mirrored axis
+/// and half a turn about x.
 pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
     let a = axis / norm(axis);
     if a[2] < 0.0 {
@@ -102,14 +104,11 @@ pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
         // about x.
         let half_turn = Matrix3::new(1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, -1.0);
         let smallest = rotation_to_axis(&(half_turn * a)).rotation;
-        return Pose {
-            rotation: half_turn * smallest,
-            translation: Vector3::zeros(),
-        };
+        return rotated(half_turn * smallest);
     }
     let (x, y, z) = (a[0], a[1], a[2]);
     let k = 1.0 / (1.0 + z);
-    let rotation = Matrix3::new(
+    rotated(Matrix3::new(
         1.0 - k * x * x,
         -k * x * y,
         x,
@@ -119,11 +118,7 @@ pub fn rotation_to_axis(axis: &Vector3<f64>) -> Pose<f64> {
         -x,
         -y,
         z,
-    );
-    Pose {
-        rotation,
-        translation: Vector3::zeros(),
-    }
+    ))
 }
 
 /// Returns the length of a vector, without overflow for any values a file can contain.
@@ -134,15 +129,11 @@ pub(super) fn norm(v: &Vector3<f64>) -> f64 {
 /// Returns the rotation by `angle` (rad) about the coordinate axis 0, 1 or 2.
 pub fn rotation_about(axis: usize, angle: f64) -> Pose<f64> {
     let (s, c) = libm::sincos(angle);
-    let rotation = match axis {
+    rotated(match axis {
         0 => Matrix3::new(1.0, 0.0, 0.0, 0.0, c, -s, 0.0, s, c),
         1 => Matrix3::new(c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c),
         _ => Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0),
-    };
-    Pose {
-        rotation,
-        translation: Vector3::zeros(),
-    }
+    })
 }
 
 /// Returns a pure translation, in m.

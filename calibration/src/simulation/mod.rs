@@ -10,19 +10,20 @@ mod true_arm;
 
 use std::fmt::Write as _;
 
-use nalgebra::Vector3;
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::measurement::noise::NoiseScales;
+use crate::numeric::rotation::turn;
 use crate::robot::{Robot, in_file_units};
 use crate::simulation::true_arm::normal_vector;
 pub use crate::simulation::true_arm::{Disturbance, Scenario, TrueArm};
 
 /// Standard deviation of one position component of the tracker, in m.
-pub const POSITION_NOISE_M: f64 = 30e-6;
+pub const POSITION_NOISE_M: f64 = NoiseScales::TRACKER.position;
 /// Standard deviation of one rotation component of the tracker, in rad.
-pub const ORIENTATION_NOISE_RAD: f64 = 50e-6;
+pub const ORIENTATION_NOISE_RAD: f64 = NoiseScales::TRACKER.orientation;
 
 /// Joint ranges in degrees of a robot cell in which the target stays visible: of the first six joints, and of any further
 /// joint.
@@ -128,12 +129,9 @@ impl Simulator {
     pub fn measure_at(&mut self, joints: &[f64], payload_kg: f64) -> SimulatedPose {
         let random = &mut self.random;
         let truth = self.arm.instrument_from_target(joints, payload_kg, random);
-        let turn = Twist {
-            linear: Vector3::zeros(),
-            angular: normal_vector(ORIENTATION_NOISE_RAD, random),
-        };
+        let turn = turn(normal_vector(ORIENTATION_NOISE_RAD, random));
         let mut measured = truth;
-        measured.rotation = Pose::exp(&turn).rotation * truth.rotation;
+        measured.rotation = turn.rotation * truth.rotation;
         measured.translation += normal_vector(POSITION_NOISE_M, random);
         SimulatedPose {
             joints: joints.to_vec(),

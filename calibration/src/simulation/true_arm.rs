@@ -8,6 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::numeric::rotation::turn;
 use crate::robot::{Robot, coupled};
 
 /// Standard deviation of the error of each fixed frame, in m and rad per component.
@@ -222,11 +223,7 @@ impl TrueArm {
         }
         let mut chain = self.chain;
         for (frame, angular) in chain.frames_mut().iter_mut().zip(bending) {
-            *frame = *frame
-                * Pose::exp(&Twist {
-                    linear: Vector3::zeros(),
-                    angular,
-                });
+            *frame = *frame * turn(angular);
         }
         chain.forward(&deflected)
     }

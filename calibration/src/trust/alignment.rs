@@ -5,7 +5,7 @@
 //! linear fit. Gauss–Newton steps with weights against outliers refine both.
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -15,6 +15,7 @@ use crate::measurement::observation::Observation;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::{aligned, nearest_rotation};
+use crate::numeric::rotation::{rotated, turn};
 use crate::numeric::statistics::{median, quantile};
 use crate::numeric::svd::Svd;
 
@@ -363,11 +364,8 @@ fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
             let turned = best.base.rotation * row.flange.rotation;
             let position = row.seen.position() - predicted.translation;
             let turn = row.seen.pose().map(|pose| {
-                let rest = Pose {
-                    rotation: pose.rotation * predicted.rotation.transpose(),
-                    translation: Vector3::zeros(),
-                };
-                rest.log().angular * LEVER
+                let rest = pose.rotation * predicted.rotation.transpose();
+                rotated(rest).log().angular * LEVER
             });
             let square = position.norm_squared() + turn.map_or(0.0, |t| t.norm_squared());
             let weight = 1.0 / (1.0 + square / (width * width));
@@ -408,23 +406,17 @@ fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
         let x = factor.solve(&right);
         let vector =
             |first: usize| Vector3::new(x[(first, 0)], x[(first + 1, 0)], x[(first + 2, 0)]);
-        let turned_by = |turn: Vector3<f64>, rotation: &Matrix3<f64>| {
-            let twist = Twist {
-                linear: Vector3::zeros(),
-                angular: turn,
-            };
-            Pose::exp(&twist).rotation * rotation
-        };
         let mut next = best.clone();
         next.base.translation += vector(0);
-        next.base.rotation = turned_by(vector(3), &best.base.rotation);
+        next.base.rotation = turn(vector(3)).rotation * best.base.rotation;
         for (t, tool) in next.tools.iter_mut().enumerate() {
             tool.translation += vector(6 + 6 * t);
-            tool.rotation = turned_by(vector(9 + 6 * t), &tool.rotation);
+            tool.rotation = turn(vector(9 + 6 * t)).rotation * tool.rotation;
         }
         let next = next.with_medians(rows);
         let gain = best.length() - next.length();
         let settled = gain.abs() < 1e-4 * best.length();
+        // A robust fit passes worse medians on its way: a step may lose a tenth.
         if gain > -0.1 * best.length() {
             best = next;
         }

@@ -1,7 +1,8 @@
 //! Other readings of orientations: quaternions with another order or other signs, and angles of another convention.
 
+use crate::numeric::rotation::{self, rotated};
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 
 /// Converts a rotation to its value in another reading.
 pub type OfRotation = Box<dyn Fn(&Matrix3<f64>) -> Matrix3<f64>>;
@@ -11,11 +12,7 @@ pub fn other_orientations() -> Vec<(String, OfRotation)> {
     let mut out: Vec<(String, OfRotation)> = Vec::new();
     let rebuilt = |map: Box<dyn Fn([f64; 4]) -> [f64; 4]>| -> OfRotation {
         Box::new(move |r: &Matrix3<f64>| {
-            let pose = Pose {
-                rotation: *r,
-                translation: Vector3::zeros(),
-            };
-            let (w, v) = pose.quaternion();
+            let (w, v) = rotated(*r).quaternion();
             let q = map([w, v[0], v[1], v[2]]);
             let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-12);
             let q = q.map(|x| x / norm);
@@ -147,11 +144,7 @@ impl Convention {
     fn angles(self, r: &Matrix3<f64>) -> [f64; 3] {
         match self {
             Self::Vector => {
-                let pose = Pose {
-                    rotation: *r,
-                    translation: Vector3::zeros(),
-                };
-                let v = pose.log().angular;
+                let v = rotated(*r).log().angular;
                 [v[0], v[1], v[2]]
             }
             Self::Intrinsic([i, j, k]) if i == k => {
@@ -174,11 +167,7 @@ impl Convention {
 }
 
 fn turn(vector: &Vector3<f64>) -> Matrix3<f64> {
-    let twist = Twist {
-        linear: Vector3::zeros(),
-        angular: *vector,
-    };
-    Pose::exp(&twist).rotation
+    rotation::turn(*vector).rotation
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use poegp_protocol::cause::Cause;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::{NoiseScales, QUIETEST};
 use crate::measurement::sample::InstrumentSample;
+use crate::numeric::rotation::angle_between;
 use crate::numeric::statistics::{extremes, median};
 use crate::trust::digits::{positions_mm, step};
 use crate::trust::finding::{Finding, Tier};
@@ -140,7 +141,7 @@ impl<'a> Search<'a> {
             let (positions, rotations) = &mut apart[usize::from(count > 1)];
             positions.push((last.observation.position() - own.observation.position()).norm());
             if let (Some(a), Some(b)) = (last.observation.pose(), own.observation.pose()) {
-                rotations.push((a.inverse() * b).log().angular.norm());
+                rotations.push(angle_between(&a, &b));
             }
         }
         let [second, mut apart] = apart;
@@ -182,7 +183,7 @@ impl<'a> Search<'a> {
         let of_position = chance(apart, noise, self.steps.0);
         match (a.observation.pose(), b.observation.pose()) {
             (Some(a), Some(b)) if of_position * of_position < CHANCE => {
-                let turned = (a.inverse() * b).log().angular.norm();
+                let turned = angle_between(&a, &b);
                 let noise = stated(
                     |s| s.declared_noise.orientation,
                     self.noise.1,

@@ -8,6 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::observation::Observation;
+use crate::numeric::statistics::evenly_spaced;
 use crate::trust::alignment::{Alignment, Row, align, align_with_outliers, rough};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
@@ -218,9 +219,8 @@ impl Scene<'_> {
     /// Returns the refusal of a file that another reading explains.
     fn other_reading(&self, given: &Fit) -> Option<Finding> {
         let all = readings(self.data, self.has_orientation);
-        let which = spread_rows(self.rows.len(), RANKED);
         let single = (0..all.len()).map(|i| vec![i]).collect();
-        self.best_of(given, &all, single, &which)
+        self.best_of(given, &all, single, RANKED)
     }
 
     /// Returns the refusal of a file that two simultaneous mistakes explain, at least one of them in the joints.
@@ -240,17 +240,19 @@ impl Scene<'_> {
             pairs.extend(of_joints[k + 1..].iter().map(|j| vec![*i, *j]));
         }
         pairs.truncate(MOST_PAIRS);
-        self.best_of(given, &all, pairs, &spread_rows(self.rows.len(), 30))
+        self.best_of(given, &all, pairs, RANKED / 3)
     }
 
-    /// Returns the refusal that names the best of some combinations of readings, if it explains the file.
+    /// Returns the refusal that names the best of some combinations of readings, if it explains the file, by at most `most` rows.
     fn best_of(
         &self,
         given: &Fit,
         all: &[Reading],
         combinations: Vec<Vec<usize>>,
-        which: &[usize],
+        most: usize,
     ) -> Option<Finding> {
+        let every: Vec<usize> = (0..self.rows.len()).collect();
+        let which = &evenly_spaced(&every, most);
         let changes = |c: &[usize]| -> Vec<&Reading> { c.iter().map(|i| &all[*i]).collect() };
         let mut ranked: Vec<(f64, Vec<usize>)> = combinations
             .into_iter()
@@ -472,12 +474,6 @@ impl Scene<'_> {
 
 fn refused(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {
     Finding::new(cause, Tier::Refused, text, value, threshold)
-}
-
-/// Returns the indices of some rows, evenly spread over the file.
-fn spread_rows(count: usize, most: usize) -> Vec<usize> {
-    let taken = count.min(most);
-    (0..taken).map(|i| i * count / taken).collect()
 }
 
 /// Returns sets of rows from which a population may start: windows of the file, and groups of five in a fixed sequence, so

@@ -12,15 +12,13 @@ use crate::measurement::elapsed::LEAST_SORTED;
 use crate::measurement::folds::different_poses;
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::{extremes, median};
-use crate::robot::Robot;
+use crate::robot::{Robot, still_span};
 use crate::trust::copies::Copies;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::wording::{lines, three_digits};
 
 /// Equations per unknown below which nothing is fitted, and below which the user is warned.
 const FEW: (f64, f64) = (1.25, 2.9);
-/// Range of a joint below which it counts as not moving, in rad and m.
-const STILL: (f64, f64) = (8.73e-3, 1e-3);
 /// Motion of the flange between two rows, in m and rad, beyond which they cannot have the same pose.
 const MOVED: (f64, f64) = (2e-3, 5e-3);
 /// Number of rows, and share of all rows, at the extreme value of a column from which it counts as cut off.
@@ -33,8 +31,6 @@ const MANY: usize = 10;
 const DIFFERENT: f64 = 0.75;
 /// Distance from the median beyond which a value may stand for a missing one, in units of the median distance.
 const FAR: f64 = 12.0;
-/// Largest payload of an arm of 1 m, in kg; it grows with the cube of the reach.
-const HEAVIEST: f64 = 40.0;
 
 /// Returns the findings from the numbers alone.
 pub fn examine(
@@ -97,8 +93,8 @@ fn standing(robot: &Robot, still: &[(usize, f64)]) -> Option<Finding> {
         within.join(" and ")
     );
     let (value, threshold) = match turned {
-        Some(range) => (range, STILL.0),
-        None => (moved?, STILL.1),
+        Some(range) => (range, still_span(JointKind::Revolute)),
+        None => (moved?, still_span(JointKind::Prismatic)),
     };
     let (cause, tier) = (Cause::Still, Tier::Warning);
     Some(Finding::new(cause, tier, text, value, threshold))
@@ -135,10 +131,7 @@ impl Scene<'_> {
         };
         let joints = self.robot.joints.iter().enumerate();
         let still = joints.filter_map(|(j, joint)| {
-            let least = match joint.kind {
-                JointKind::Revolute => STILL.0,
-                JointKind::Prismatic => STILL.1,
-            };
+            let least = still_span(joint.kind);
             Some((j, range(j))).filter(|(_, range)| *range < least && !self.robot.is_passive(j))
         });
         still.collect()
@@ -355,7 +348,7 @@ impl Scene<'_> {
 
     /// Finds payloads that no arm of this reach carries.
     fn payload(&self, reach: f64) -> Option<Finding> {
-        let heaviest = HEAVIEST * reach.powi(3);
+        let heaviest = self.robot.most_payload_kg();
         let rows: Vec<usize> = (0..self.samples.len())
             .filter(|k| self.samples[*k].payload_kg.is_some_and(|m| m > heaviest))
             .map(|k| self.line(k))

@@ -1,5 +1,7 @@
 //! Formats numbers and lines for the findings.
 
+use crate::input_error::some_of;
+
 /// Formats position and rotation, for example "1.06 mm and 2.2 mrad", or only the position.
 pub fn lengths(metres: f64, radians: f64, with_rotation: bool) -> String {
     let position = length(metres);
@@ -55,16 +57,11 @@ pub fn lines(lines: &[usize]) -> String {
     }
     let shown: Vec<String> = ranges
         .iter()
-        .take(RANGES)
-        .map(|(first, last)| {
-            if first == last {
-                first.to_string()
-            } else {
-                format!("{first}–{last}")
-            }
+        .map(|(first, last)| match first == last {
+            true => first.to_string(),
+            false => format!("{first}–{last}"),
         })
         .collect();
-    let more = if ranges.len() > RANGES { ", …" } else { "" };
     let plural = if lines.len() == 1 { "line" } else { "lines" };
-    format!("{plural} {}{more}", shown.join(", "))
+    format!("{plural} {}", some_of(&shown, RANGES))
 }

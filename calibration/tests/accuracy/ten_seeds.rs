@@ -11,7 +11,13 @@ use crate::{arm, compare, mean, per_output, say};
 
 const SEEDS: u64 = 10;
 const PAYLOADS_KG: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
-const METHODS: [Method; 4] = Method::PAPER;
+/// The methods that the paper compares.
+const METHODS: [Method; 4] = [
+    Method::BaseTool,
+    Method::Poe,
+    Method::PoeGp,
+    Method::PoeGpLoad,
+];
 /// Least reduction in percent compared with base-tool, POE and POE + GP.
 const SHARED: [f64; 3] = [83.0, 65.0, 55.0];
 const PER_OUTPUT: [f64; 3] = [88.0, 73.0, 65.0];

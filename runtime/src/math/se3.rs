@@ -413,14 +413,8 @@ impl<T: Scalar> Twist<T> {
     }
 }
 
-/// Computes the left Jacobian of SO(3), 3×3.
-pub fn left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
-    let k = Coefficients::new(dot(omega, omega));
-    polynomial_of_skew(omega, k.b, k.c)
-}
-
 /// Computes the inverse of the left Jacobian of SO(3), 3×3, for angles up to π: `I − ½[ω] + d[ω]²`.
-pub fn inverse_left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
+fn inverse_left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
     let theta_squared = dot(omega, omega);
     let k = Coefficients::new(theta_squared);
     // d = (1 − a/2b)/θ² = (2b − a)/θ² / 2b.
@@ -431,42 +425,6 @@ pub fn inverse_left_jacobian_so3<T: Scalar>(omega: &Vector3<T>) -> Matrix3<T> {
         (k.b + k.b - k.a) / theta_squared
     };
     polynomial_of_skew(omega, -T::from_f64(0.5), difference / (k.b + k.b))
-}
-
-/// Computes the left Jacobian of SE(3), 6×6, in the order (v, ω): [[J, Q], [0, J]] (Barfoot, "State Estimation for
-/// Robotics", §7.1.5, whose twists have the same order).
-pub fn left_jacobian<T: Scalar>(twist: &Twist<T>) -> Matrix6<T> {
-    let omega = &twist.angular;
-    let z = dot(omega, omega);
-    let k = Coefficients::new(z);
-    let (second, third) = if z <= T::from_f64(4.0) {
-        // (θ² + 2 cos θ − 2)/(2θ⁴) = Σ (−1)^k z^k/(2k+4)!; (2θ − 3 sin θ + θ cos θ)/(2θ⁵) = Σ (−1)^k z^k (k+1)/(2k+5)!.
-        (
-            alternating_series(z, 4, |_| 1.0),
-            alternating_series(z, 5, |k| (k + 1) as f64),
-        )
-    } else {
-        let half = T::from_f64(0.5);
-        let second = (half - k.b) / z;
-        (second, half * (T::from_f64(3.0) * k.c - k.b) / z)
-    };
-    let (w, v) = (skew(omega), skew(&twist.linear));
-    let (wv, vw) = (product(&w, &v), product(&v, &w));
-    let wvw = product(&wv, &w);
-    let (wwv, vww) = (product(&w, &wv), product(&vw, &w));
-    let (wvww, wwvw) = (product(&wvw, &w), product(&w, &wvw));
-    let mut q = Matrix3::from_element(T::ZERO);
-    for i in 0..3 {
-        for j in 0..3 {
-            let at = (i, j);
-            q[at] = T::from_f64(0.5) * v[at]
-                + k.c * (wv[at] + vw[at] + wvw[at])
-                + second * (wwv[at] + vww[at] - T::from_f64(3.0) * wvw[at])
-                + third * (wvww[at] + wwvw[at]);
-        }
-    }
-    let j = polynomial_of_skew(omega, k.b, k.c);
-    blocks(&j, &q, &j)
 }
 
 /// Returns [[upper_left, upper_right], [0, lower_right]].

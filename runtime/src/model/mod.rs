@@ -84,7 +84,7 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
     }
 
     /// Loads the model in the bytes of a blob. All or nothing: after an error the previous model is unchanged. Does not
-    /// verify a signature; see [`Model::load_signed`].
+    /// verify a signature; see [`signature::verify`].
     ///
     /// # Errors
     /// [`ModelError::Decode`], [`ModelError::Load`].
@@ -94,17 +94,6 @@ impl<T: Scalar, const WORDS: usize> Model<T, WORDS> {
             Ok(blob) => Ok(self.load_decoded(blob)?),
             Err(error) => Err(ModelError::Decode(*error)),
         }
-    }
-
-    /// Loads the model in the bytes of a blob that the holder of `public_key` (Ed25519) has signed. All or nothing.
-    ///
-    /// # Errors
-    /// [`ModelError`].
-    // Not inlined: the large stack frames of the two steps must not lie on top of each other.
-    #[inline(never)]
-    pub fn load_signed(&mut self, bytes: &[u8], public_key: &[u8; 32]) -> Result<(), ModelError> {
-        signature::verify(bytes, public_key)?;
-        self.load(bytes)
     }
 
     /// Loads the model of a decoded blob. All or nothing: after an error the previous model is unchanged.

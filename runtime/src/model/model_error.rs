@@ -5,7 +5,6 @@ use core::fmt;
 use poegp_protocol::blob::DecodeError;
 
 use super::load_error::LoadError;
-use super::signature::SignatureError;
 
 /// Why bytes are not a model. The previous model is unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,8 +13,6 @@ pub enum ModelError {
     Decode(DecodeError),
     /// The blob is intact, but a robot must not be moved by a number in it.
     Load(LoadError),
-    /// The signature is missing or wrong.
-    Signature(SignatureError),
 }
 
 impl fmt::Display for ModelError {
@@ -23,7 +20,6 @@ impl fmt::Display for ModelError {
         match self {
             Self::Decode(error) => error.fmt(f),
             Self::Load(error) => error.fmt(f),
-            Self::Signature(error) => error.fmt(f),
         }
     }
 }
@@ -33,11 +29,5 @@ impl core::error::Error for ModelError {}
 impl From<LoadError> for ModelError {
     fn from(error: LoadError) -> Self {
         Self::Load(error)
-    }
-}
-
-impl From<SignatureError> for ModelError {
-    fn from(error: SignatureError) -> Self {
-        Self::Signature(error)
     }
 }

@@ -8,24 +8,29 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use clap::ArgAction;
 use clap::error::ErrorKind;
+use clap::{ArgAction, FromArgMatches};
 
+use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::print::{note_all, note_repeated};
 use crate::cli::calibrate::{make, touches};
+use crate::cli::check::Check;
+use crate::cli::compare::Compare;
+use crate::cli::correct::Correct;
+use crate::cli::evaluate::Evaluate;
 pub use crate::cli::evaluate::Residual;
+use crate::cli::export::Export;
 pub use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::now;
 use crate::cli::output::json_text;
+use crate::cli::plan::Plan;
 use crate::cli::terminal::interrupt::cancelled_by;
 pub use crate::cli::terminal::print::be_silent;
 use crate::cli::terminal::print::with_notes;
 use crate::cli::touches::{self as of_touches, are_touches_in_file};
-use crate::cli::{
-    Arguments, Command, check, compare, correct, evaluate, export, parse, plan, tolerance,
-};
+use crate::cli::{check, command, compare, correct, evaluate, export, plan, tolerance};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::planning::PlannedPose;
 use poegp_calibration::progress::limit_threads;
@@ -59,20 +64,17 @@ pub fn calibrate(
     table: Option<Vec<u8>>,
     cancel: Arc<AtomicBool>,
 ) -> Result<Calibrated, Failure> {
-    let parsed = parsed("calibrate", options)?;
-    let Command::Calibrate(arguments) = &parsed.command else {
-        return Err(other_command("calibrate"));
-    };
+    let (arguments, threads): (Calibrate, _) = parsed("calibrate", options)?;
     let folder = std::env::current_dir().unwrap_or_default();
     let work = || {
-        let mut job = Job::in_memory(arguments)?;
+        let mut job = Job::in_memory(&arguments)?;
         job.table = table;
         // A report of a later day repeats this calibration.
         job.date.get_or_insert_with(|| now().date().to_string());
         let run = run(&job)?;
         Ok((job, run))
     };
-    let limited = || limited(parsed.threads, || cancelled_by(cancel, work));
+    let limited = || limited(threads, || cancelled_by(cancel, work));
     let (made, notes): (Result<_, Failure>, _) = with_notes(limited);
     let (job, Run { blob, json, .. }) = made?;
     Ok(Calibrated {
@@ -81,7 +83,7 @@ pub fn calibrate(
         notes,
         job,
         folder,
-        threads: parsed.threads,
+        threads,
     })
 }
 
@@ -121,13 +123,8 @@ fn run(job: &Job) -> Result<Run, Failure> {
 
 /// Runs `work` on at most this number of threads.
 fn limited<R>(threads: Option<NonZeroUsize>, work: impl FnOnce() -> R) -> R {
-    let Some(threads) = threads else {
-        return work();
-    };
-    limit_threads(threads);
-    let out = work();
-    limit_threads(NonZeroUsize::MAX);
-    out
+    let _limit = threads.map(limit_threads);
+    work()
 }
 
 /// How many values an option of the command line takes.
@@ -168,20 +165,14 @@ pub fn options(command: &str) -> Vec<(String, Takes)> {
 /// Runs `trainer correct` with these options, for a robot program; returns the JSON document that `--json` writes. Parts
 /// that stay uncorrected are listed in that document and are not an error.
 pub fn correct_program(options: &[OsString]) -> Result<String, Failure> {
-    let parsed = parsed("correct", options)?;
-    let Command::Correct(arguments) = &parsed.command else {
-        return Err(other_command("correct"));
-    };
-    limited(parsed.threads, || correct::program_document(arguments))
+    let (arguments, threads): (Correct, _) = parsed("correct", options)?;
+    limited(threads, || correct::program_document(&arguments))
 }
 
 /// Runs `trainer export` with these options; returns the JSON document that `--json` writes.
 pub fn export(options: &[OsString]) -> Result<String, Failure> {
-    let parsed = parsed("export", options)?;
-    let Command::Export(arguments) = &parsed.command else {
-        return Err(other_command("export"));
-    };
-    limited(parsed.threads, || export::exported(arguments))
+    let (arguments, threads): (Export, _) = parsed("export", options)?;
+    limited(threads, || export::exported(&arguments))
 }
 
 /// Returns the residuals that `trainer evaluate` with these options compares, row by row, without writing any output.
@@ -192,13 +183,8 @@ pub fn residuals(
     options: &[OsString],
     table: Option<&[u8]>,
 ) -> Result<Vec<Residual>, Failure> {
-    let parsed = parsed("evaluate", options)?;
-    let Command::Evaluate(arguments) = &parsed.command else {
-        return Err(other_command("evaluate"));
-    };
-    limited(parsed.threads, || {
-        evaluate::residuals(arguments, model, table)
-    })
+    let (arguments, threads): (Evaluate, _) = parsed("evaluate", options)?;
+    limited(threads, || evaluate::residuals(&arguments, model, table))
 }
 
 /// A JSON document that `--json` writes, with what the command line prints as notes.
@@ -224,17 +210,14 @@ pub fn check(
     options: &[OsString],
     table: Option<&[u8]>,
 ) -> Result<Document, Failure> {
-    let parsed = parsed("check", options)?;
-    let Command::Check(arguments) = &parsed.command else {
-        return Err(other_command("check"));
-    };
+    let (arguments, threads): (Check, _) = parsed("check", options)?;
     let path = &arguments.measurements;
     let input = Input { path, bytes: table };
     let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
-        true => check::touches::document(arguments, model),
-        false => check::document(arguments, model, &input),
+        true => check::touches::document(&arguments, model),
+        false => check::document(&arguments, model, &input),
     };
-    limited(parsed.threads, || Document::of(work))
+    limited(threads, || Document::of(work))
 }
 
 /// Runs `trainer evaluate` with these options, without writing any output. `table` and `model` are as for [`residuals`].
@@ -243,17 +226,14 @@ pub fn evaluate(
     options: &[OsString],
     table: Option<&[u8]>,
 ) -> Result<Document, Failure> {
-    let parsed = parsed("evaluate", options)?;
-    let Command::Evaluate(arguments) = &parsed.command else {
-        return Err(other_command("evaluate"));
-    };
+    let (arguments, threads): (Evaluate, _) = parsed("evaluate", options)?;
     let path = &arguments.test;
     let input = Input { path, bytes: table };
     let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
-        true => of_touches::evaluate::document(arguments, model),
-        false => evaluate::document(arguments, model, &input),
+        true => of_touches::evaluate::document(&arguments, model),
+        false => evaluate::document(&arguments, model, &input),
     };
-    limited(parsed.threads, || Document::of(work))
+    limited(threads, || Document::of(work))
 }
 
 /// Runs `trainer compare` with these options, without writing any output. `table` is as for [`calibrate`]. A tolerance that is
@@ -263,19 +243,14 @@ pub fn compare(
     table: Option<&[u8]>,
     cancel: Arc<AtomicBool>,
 ) -> Result<Document, Failure> {
-    let parsed = parsed("compare", options)?;
-    let Command::Compare(arguments) = &parsed.command else {
-        return Err(other_command("compare"));
-    };
+    let (arguments, threads): (Compare, _) = parsed("compare", options)?;
     let path = &arguments.train;
     let input = Input { path, bytes: table };
     let work = || match are_touches_in_file(&input, arguments.features.as_deref())? {
-        true => of_touches::compare::document(arguments),
-        false => compare::document(arguments, &input),
+        true => of_touches::compare::document(&arguments),
+        false => compare::document(&arguments, &input),
     };
-    limited(parsed.threads, || {
-        Document::of(|| cancelled_by(cancel, work))
-    })
+    limited(threads, || Document::of(|| cancelled_by(cancel, work)))
 }
 
 /// A plan of poses.
@@ -298,18 +273,15 @@ pub fn plan(options: &[OsString], cancel: Arc<AtomicBool>) -> Result<Planned, Fa
     if options.iter().any(has_checks) {
         options.push(format!("--test-out={IN_MEMORY}").into());
     }
-    let parsed = parsed("plan", &options)?;
-    let Command::Plan(arguments) = &parsed.command else {
-        return Err(other_command("plan"));
-    };
+    let (arguments, threads): (Plan, _) = parsed("plan", &options)?;
     if !arguments.touch.is_empty() {
         return Err(Failure::Usage(
             "found --touch, expected a plan of measured poses: plan touches with `trainer plan`"
                 .to_owned(),
         ));
     }
-    limited(parsed.threads, || {
-        let work = || plan::planned(arguments, |_| Ok(()));
+    limited(threads, || {
+        let work = || plan::planned(&arguments, |_| Ok(()));
         let (made, mut notes) = with_notes(|| cancelled_by(cancel, work));
         let made = made?;
         notes.extend(made.notes);
@@ -326,10 +298,20 @@ pub fn plan(options: &[OsString], cancel: Arc<AtomicBool>) -> Result<Planned, Fa
 /// Path of an output that is not written.
 const IN_MEMORY: &str = "(in memory)";
 
-/// Parses the command line that consists of `name` and `options`.
-fn parsed(name: &str, options: &[OsString]) -> Result<Arguments, Failure> {
+/// Parses the command line that consists of `name` and `options`; returns the command's arguments, and the limit of threads.
+fn parsed<A: FromArgMatches>(
+    name: &str,
+    options: &[OsString],
+) -> Result<(A, Option<NonZeroUsize>), Failure> {
     let start = ["trainer", name].map(OsString::from);
-    parse(&[&start, options].concat()).map_err(|error| match error.kind() {
+    let read = || {
+        let matches = command().try_get_matches_from([&start, options].concat())?;
+        match matches.subcommand_matches(name) {
+            Some(own) => Ok((A::from_arg_matches(own)?, own.get_one("threads").copied())),
+            None => Err(clap::Error::new(ErrorKind::DisplayHelp)),
+        }
+    };
+    read().map_err(|error: clap::Error| match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => other_command(name),
         _ => {
             let text = error.to_string();

@@ -16,10 +16,11 @@ use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::measurement::{self, MeasurementSet};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
+use poegp_calibration::numeric::statistics::evenly_spaced;
 use poegp_calibration::robot::Robot;
 use poegp_calibration::trust::{self, Cause, Finding, Findings, Tier};
 
-/// Gravity in the base frame for commands without an option for it, m/s².
+/// Gravity in the base frame of an upright arm, m/s².
 pub const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// Causes that the user has looked into.
@@ -37,14 +38,15 @@ pub struct Examined<'a> {
     pub robot: &'a Robot,
     pub set: &'a MeasurementSet,
     pub samples: &'a [InstrumentSample],
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
     /// Path of the command's JSON output.
     pub json: Option<&'a Path>,
     pub accept: &'a [Cause],
 }
 
 impl Examined<'_> {
-    /// Examines measurements that `methods` are fitted to with the gravity and the stated noise of `config`, and returns the
-    /// warnings.
+    /// Examines measurements that `methods` are fitted to with the stated noise of `config`, and returns the warnings.
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
@@ -60,7 +62,7 @@ impl Examined<'_> {
             self.robot,
             self.set,
             &samples,
-            config.gravity_m_s2.into(),
+            self.gravity,
             fits_geometry,
         ))
     }
@@ -72,14 +74,10 @@ impl Examined<'_> {
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.
     pub fn for_judging(&self) -> Result<Vec<Finding>, Failure> {
-        let step = self.samples.len().div_ceil(MOST_KEPT).max(1);
-        let samples: Vec<_> = self.samples.iter().step_by(step).cloned().collect();
+        let samples = evenly_spaced(self.samples, MOST_KEPT);
         let mut set = self.set.clone();
-        let mut rows = 0..;
-        set.measurements
-            .retain(|_| rows.next().is_some_and(|row| row % step == 0));
-        let gravity = Vector3::from(GRAVITY);
-        let mut findings = trust::identify(self.robot, &set, &samples, gravity);
+        set.measurements = evenly_spaced(&set.measurements, MOST_KEPT);
+        let mut findings = trust::identify(self.robot, &set, &samples, self.gravity);
         findings.accept(&[Cause::Frames]);
         self.settle(findings)
     }
@@ -139,7 +137,12 @@ struct RefusedJson {
 
 /// Adds to an error of the reader the mistake that explains it, if one does: a joint beyond its limits may be reversed,
 /// for instance.
-pub fn explained(input: &Input<'_>, robot: &Robot, error: InputError) -> InputError {
+pub fn explained(
+    input: &Input<'_>,
+    robot: &Robot,
+    gravity: Vector3<f64>,
+    error: InputError,
+) -> InputError {
     let explanation = || {
         let set = match input.bytes {
             Some(bytes) => measurement::parse(input.path, bytes),
@@ -150,7 +153,7 @@ pub fn explained(input: &Input<'_>, robot: &Robot, error: InputError) -> InputEr
             return None;
         }
         let samples = samples(&set, robot, &mut Vec::new()).ok()?;
-        let findings = trust::identify(robot, &set, &samples, Vector3::from(GRAVITY));
+        let findings = trust::identify(robot, &set, &samples, gravity);
         let mut refused = findings.of(Tier::Refused);
         let finding = refused.find(|f| f.cause.is_a_reading())?;
         Some(finding.text.clone())

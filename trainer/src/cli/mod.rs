@@ -141,9 +141,7 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     if arguments.quiet {
         terminal::print::be_quiet();
     }
-    if let Some(threads) = arguments.threads {
-        poegp_calibration::progress::limit_threads(threads);
-    }
+    let _limit = (arguments.threads).map(poegp_calibration::progress::limit_threads);
     if let Err(failure) = inputs::source_date() {
         return ended(Err(failure));
     }

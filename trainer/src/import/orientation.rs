@@ -1,12 +1,13 @@
 //! Rotations in the notations of measurement files: quaternions, Euler angles, rotation vectors, matrices.
 
 use nalgebra::{Matrix3, Vector3};
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 
 use crate::import::column_map::{AngleUnit, EulerAxes, MatrixLayout, QuaternionOrder};
 use crate::import::value::RowValues;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::rotation::nearest_rotation;
+use poegp_calibration::numeric::rotation::turn;
 use poegp_calibration::robot::normal_form::rotation_about;
 
 /// Largest deviation of a quaternion's norm from 1, or of a matrix from an orthonormal one;
@@ -56,12 +57,8 @@ impl Reader {
                 for (x, column) in angular.iter_mut().zip(columns) {
                     *x = fields.radians(*column, *unit)?;
                 }
-                let twist = Twist {
-                    linear: Vector3::zeros(),
-                    angular,
-                };
                 Ok(ReadOrientation {
-                    rotation: Pose::exp(&twist).rotation,
+                    rotation: turn(angular).rotation,
                     off: 0.0,
                 })
             }

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use poegp_runtime::math::se3::Pose;
 
 use crate::import::column_map::JointUnit;
+use poegp_calibration::numeric::rotation::rotated;
 
 /// One measurement in the units of the measurement file.
 #[derive(Clone, Debug, Default)]
@@ -67,10 +68,7 @@ impl Row {
             push(format!("{axis}_mm"), decimal(*value, LENGTH));
         }
         if let Some(rotation) = &self.orientation {
-            let pose = Pose {
-                rotation: *rotation,
-                translation: Vector3::zeros(),
-            };
+            let pose = rotated(*rotation);
             for (name, text) in ["qw", "qx", "qy", "qz"].iter().zip(quaternion(&pose)) {
                 push((*name).to_owned(), text);
             }

@@ -4,7 +4,7 @@ use poegp_protocol::JointKind;
 use serde::Serialize;
 
 use poegp_calibration::measurement::MeasurementSet;
-use poegp_calibration::numeric::statistics::{ErrorSummary, distinct};
+use poegp_calibration::numeric::statistics::{ErrorSummary, distinct, evenly_spaced};
 use poegp_calibration::validation::cross_validation::ModelComparison;
 use poegp_calibration::validation::held_out::{Coverage, HeldOutPose, coverage, summary};
 use poegp_calibration::validation::learning_curve::Point;
@@ -142,8 +142,7 @@ pub fn drawn(errors: &[f64]) -> Vec<usize> {
     let (largest, others) = order.split_at_mut(DRAWN / 10);
     others.sort_unstable();
     let rest = DRAWN - largest.len();
-    let evenly = (0..rest).map(|i| others[i * others.len() / rest]);
-    let mut out: Vec<usize> = largest.iter().copied().chain(evenly).collect();
+    let mut out = [largest.to_vec(), evenly_spaced(others, rest)].concat();
     out.sort_unstable();
     out
 }

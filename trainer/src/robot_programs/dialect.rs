@@ -1,6 +1,7 @@
 //! Units and orientations of the controllers' languages, for writing programs and for correcting them.
 
 use nalgebra::{Matrix3, Vector3};
+use poegp_calibration::numeric::rotation::rotated;
 use poegp_calibration::robot::normal_form::{roll_pitch_yaw, rotation_about};
 use poegp_runtime::math::se3::{Pose, Twist};
 
@@ -57,17 +58,13 @@ impl Orientation {
     /// Turns the orientation `old` by the small rotation `turn` in the tool's frame, and returns its numbers. Angles stay on
     /// their turn, a quaternion keeps its sign and length; without a rotation the numbers are the old ones to the bit.
     pub fn turned(self, old: &[f64], turn: &Matrix3<f64>) -> Option<Vec<f64>> {
-        let as_pose = |rotation| Pose {
-            rotation,
-            translation: Vector3::zeros(),
-        };
-        if as_pose(*turn).log().angular.norm() < NOT_TURNED {
+        if rotated(*turn).log().angular.norm() < NOT_TURNED {
             return Some(old.to_vec());
         }
         let new = self.rotation(old)? * turn;
         Some(match (self, old) {
             (Self::Quaternion, [w0, x0, y0, z0]) => {
-                let (w, v) = as_pose(new).quaternion();
+                let (w, v) = rotated(new).quaternion();
                 let same = w * w0 + v[0] * x0 + v[1] * y0 + v[2] * z0;
                 let norm = (w0 * w0 + x0 * x0 + y0 * y0 + z0 * z0).sqrt();
                 let factor = if same < 0.0 { -norm } else { norm };
@@ -75,7 +72,7 @@ impl Orientation {
             }
             (Self::RotationVector, [x0, y0, z0]) => {
                 let old = Vector3::new(*x0, *y0, *z0);
-                let vector = as_pose(new).log().angular;
+                let vector = rotated(new).log().angular;
                 let angle = vector.norm();
                 // Candidates: the same rotation a whole turn on, either way, or about the opposite axis.
                 let axis = match angle > 1e-9 {
@@ -107,10 +104,7 @@ impl Orientation {
 
     /// Returns the numbers of a rotation in this notation.
     pub fn numbers(self, rotation: &Matrix3<f64>) -> Vec<f64> {
-        let pose = Pose {
-            rotation: *rotation,
-            translation: Vector3::zeros(),
-        };
+        let pose = rotated(*rotation);
         match self {
             Self::Quaternion => {
                 let (w, v) = pose.quaternion();
@@ -229,11 +223,7 @@ mod tests {
         match orientation {
             Orientation::Quaternion => {
                 let rotation = Orientation::FixedXyz.rotation(&[a, b, c]).unwrap();
-                let pose = Pose {
-                    rotation,
-                    translation: Vector3::zeros(),
-                };
-                let (w, v) = pose.quaternion();
+                let (w, v) = rotated(rotation).quaternion();
                 vec![-w, -v[0], -v[1], -v[2]]
             }
             Orientation::RotationVector => vec![a / 60.0, b / 60.0, c / 60.0],

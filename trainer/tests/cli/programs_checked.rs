@@ -95,7 +95,7 @@ fn programs_of_another_model_are_named_with_their_moves() {
 }
 
 #[test]
-fn what_has_no_record_is_refused() {
+fn what_has_no_record_or_is_an_output_is_refused() {
     let _texts = texts();
     let folder = checked();
     std::fs::create_dir(folder.path("empty")).unwrap();
@@ -105,6 +105,11 @@ fn what_has_no_record_is_refused() {
     for path in ["one.mod", "empty", "missing", "spoilt.mod", "ur.mod"] {
         folder.refuses(format!(
             "check elas.blob fresh.csv --max-mm 0.2 --programs {path}"
+        ));
+    }
+    for output in ["one.mod", "two.mod.poegp.json"] {
+        folder.refuses(format!(
+            "check elas.blob fresh.csv --max-mm 0.2 --programs out --json out/{output}"
         ));
     }
 }

@@ -203,7 +203,7 @@ fn a_split_program_comes_back() {
 }
 
 /// Lines after a condition, a call, a label or an unknown instruction, with a time of their own, with a trigger, or to a
-/// computed element of an array: each is named, and none gets inserted targets.
+/// computed or missing element of an array: each is named, and none gets inserted targets.
 #[test]
 fn lines_whose_start_is_not_certain_are_named() {
     let folder = folder();
@@ -218,6 +218,8 @@ fn lines_whose_start_is_not_certain_are_named() {
         "TriggL row{1},v200,trigger,z1,gun\\WObj:=table;".to_owned(),
         "MoveLDO row{1},v200,z1,gun\\WObj:=table,do1,1;".to_owned(),
         "MoveL row{reg1},v200,z1,gun\\WObj:=table;".to_owned(),
+        "MoveL row{0},v200,z1,gun\\WObj:=table;".to_owned(),
+        "MoveL row{1.9},v200,z1,gun\\WObj:=table;".to_owned(),
         format!("MoveL Offs(p10,0,0,9),v200,z1,gun\\WObj:=table;\n {to}"),
     ]
     .iter()

@@ -8,13 +8,10 @@ use poegp_runtime::math::se3::{Pose, Twist};
 use crate::identification::identifiability::frames::{Frame, Role, Task};
 use crate::identification::identifiability::wording::{list, numbers};
 use crate::numeric::matrix::Mat;
+use crate::numeric::rotation::angle_between;
 use crate::numeric::statistics::extremes;
-use crate::robot::own_motion;
+use crate::robot::{own_motion, still_span};
 
-/// Span below which a revolute joint stands still: half a degree, in rad (as in the notes of the reader).
-pub const STILL_REVOLUTE: f64 = 0.5 * std::f64::consts::PI / 180.0;
-/// Span below which a slide stands still: a millimetre, in m.
-pub const STILL_PRISMATIC: f64 = 1e-3;
 /// Largest rotation from the first orientation, in rad, at which all orientations count as one.
 const ONE_ORIENTATION: f64 = 0.5 * std::f64::consts::PI / 180.0;
 /// Absolute correlation above which a payload and a joint change together.
@@ -33,11 +30,7 @@ pub struct Cause {
 /// Returns the span of a joint's values, and whether the joint stands still.
 fn span(values: impl Iterator<Item = f64>, kind: JointKind) -> (f64, bool) {
     let (low, high) = extremes(values);
-    let still = match kind {
-        JointKind::Revolute => STILL_REVOLUTE,
-        JointKind::Prismatic => STILL_PRISMATIC,
-    };
-    (high - low, high - low < still)
+    (high - low, high - low < still_span(kind))
 }
 
 /// Returns the joints of the serial chain that stand still, numbered from 1, and the widest of their spans.
@@ -178,7 +171,7 @@ fn one_orientation(task: &Task, frames: &[Frame]) -> Option<Cause> {
     let first = poses.first()?;
     let widest = poses
         .iter()
-        .map(|p| (first.inverse() * *p).log().angular.norm())
+        .map(|p| angle_between(first, p))
         .fold(0.0, f64::max);
     if widest > ONE_ORIENTATION {
         return None;

@@ -43,7 +43,6 @@ use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::numeric::matrix::Mat;
 
-pub use crate::identification::identifiability::causes::{STILL_PRISMATIC, STILL_REVOLUTE};
 pub use crate::identification::identifiability::frames::Task;
 pub(crate) use crate::identification::identifiability::frames::frames;
 pub use crate::identification::identifiability::report::{

@@ -198,11 +198,7 @@ impl Solved {
     /// Returns the logarithm of the determinant of the equations.
     pub fn log_determinant(&self) -> f64 {
         let groups = self.groups.iter().map(|group| &group.factor);
-        let of = |factor: &Factor| {
-            let lower = factor.lower();
-            let diagonal = (0..lower.nrows()).map(|i| libm::log(lower[(i, i)]));
-            2.0 * diagonal.sum::<f64>()
-        };
+        let of = |factor: &Factor| 2.0 * factor.half_log_determinant();
         groups.chain(&self.factor).map(of).sum()
     }
 

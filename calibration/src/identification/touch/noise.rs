@@ -52,11 +52,10 @@ impl Noise {
     }
 
     /// Returns the usual τ: the errors of gears and joints that no parameter describes, for an arm of which nothing is
-    /// known yet.
+    /// known yet, in m or rad, of boards in pixels.
     pub fn usual(self) -> f64 {
         match self {
             Self::Board => 0.2,
-            Self::Level | Self::Rotation => 1e-4,
             _ => 1e-4,
         }
     }

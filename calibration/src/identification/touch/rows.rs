@@ -7,6 +7,7 @@ use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::scene::{Figure, Scene, across};
 use crate::measurement::observation::Observation;
 use crate::measurement::touch::{FeatureKind, Mount, Reading, TouchSet};
+use crate::numeric::rotation::rotated;
 
 impl Scene {
     /// Linearises a row at base_from_tip of its tip; for levels and boards, at base_from_flange.
@@ -259,11 +260,8 @@ impl Scene {
         out.residual[..3].copy_from_slice(seen.as_slice());
         let whole = observation.pose();
         if let Some(pose) = &whole {
-            let between = Pose {
-                rotation: instrument.rotation * tip.rotation * pose.rotation.transpose(),
-                translation: Vector3::zeros(),
-            };
-            let turn = between.log().angular;
+            let between = instrument.rotation * tip.rotation * pose.rotation.transpose();
+            let turn = rotated(between).log().angular;
             out.residual[3..].copy_from_slice(turn.as_slice());
         }
         let by_turn = -skew(&turned_tip);

@@ -1,10 +1,11 @@
 //! The scene: unknowns of every feature that was touched or seen, of the camera and of the instrument, during a fit.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 
 use crate::identification::touch::form::Form;
 use crate::measurement::touch::{Board, Camera, Reading, TouchSet};
+use crate::numeric::rotation::turn;
 
 /// Prior standard deviation of an unknown pose: of a position in m, of a direction or rotation in rad.
 const ANYWHERE: f64 = 3.0;
@@ -86,11 +87,7 @@ pub struct Scene {
 }
 
 fn turned(rotation: &Matrix3<f64>, by: &Vector3<f64>) -> Matrix3<f64> {
-    let twist = Twist {
-        linear: Vector3::zeros(),
-        angular: *by,
-    };
-    Pose::exp(&twist).rotation * rotation
+    turn(*by).rotation * rotation
 }
 
 fn vector(step: &[f64]) -> Vector3<f64> {

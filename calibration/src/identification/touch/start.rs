@@ -1,13 +1,15 @@
 //! Initial estimates: where features are, roughly, on the arm as drawn. The fit starts from these.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 
 use crate::identification::touch::form::Form;
+use crate::identification::touch::scene::across;
 use crate::identification::touch::scene::{Figure, in_plane};
 use crate::measurement::touch::{Board, Camera, FeatureKind, Mount, Reading, TouchRow, TouchSet};
 use crate::numeric::matrix::Mat;
 use crate::numeric::rotation::nearest_rotation;
+use crate::numeric::rotation::{centroid, turn};
 
 /// Estimates the figure of a feature from the poses of its rows: base_from_tip, or base_from_flange for levels and
 /// boards.
@@ -21,7 +23,7 @@ pub fn figure(
     let values: Vec<f64> = rows.iter().map(|(row, _)| value(&row.reading)).collect();
     match &set.features[feature].kind {
         FeatureKind::Point { seat } => Figure::Point {
-            centre: mean(&points),
+            centre: centroid(&points),
             seat: (*seat > 0.0).then(|| {
                 let form = Form::directions();
                 let count = 3 * form.count();
@@ -30,7 +32,7 @@ pub fn figure(
         },
         FeatureKind::Plane { flatness } => {
             let (normal, offset) = plane(&points, &values);
-            let origin = mean(&points);
+            let origin = centroid(&points);
             let axes = axes_of(&normal);
             let form = || {
                 let at: Vec<Vector2<f64>> =
@@ -66,11 +68,7 @@ pub fn figure(
             scale: 0.0,
         },
         FeatureKind::Level { rotation, .. } => Figure::Level {
-            sensor_from_flange: Pose::exp(&Twist {
-                linear: Vector3::zeros(),
-                angular: *rotation,
-            })
-            .rotation,
+            sensor_from_flange: turn(*rotation).rotation,
             gravity: gravity.normalize(),
         },
         FeatureKind::Board(board) => Figure::Board {
@@ -91,22 +89,15 @@ fn value(reading: &Reading) -> f64 {
     }
 }
 
-fn mean(points: &[Vector3<f64>]) -> Vector3<f64> {
-    points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64
-}
-
 /// Returns two directions perpendicular to a normal, and the normal, as columns.
 fn axes_of(normal: &Vector3<f64>) -> Matrix3<f64> {
-    let least = normal.iamin();
-    let mut unit = Vector3::zeros();
-    unit[least] = 1.0;
-    let a = normal.cross(&unit).normalize();
-    Matrix3::from_columns(&[a, normal.cross(&a), *normal])
+    let (a, b) = across(normal);
+    Matrix3::from_columns(&[a, b, *normal])
 }
 
 /// Returns n and d of the least-squares plane n·x = d + value.
 fn plane(points: &[Vector3<f64>], values: &[f64]) -> (Vector3<f64>, f64) {
-    let middle = mean(points);
+    let middle = centroid(points);
     let mut scatter = Matrix3::zeros();
     let mut along = Vector3::zeros();
     let mean_value = values.iter().sum::<f64>() / values.len().max(1) as f64;
@@ -136,7 +127,7 @@ fn plane(points: &[Vector3<f64>], values: &[f64]) -> (Vector3<f64>, f64) {
 
 /// Returns centre and radius of |x − c| = r + value by linear least squares; a known radius is not fitted.
 fn sphere(points: &[Vector3<f64>], values: &[f64], known: Option<f64>) -> (Vector3<f64>, f64) {
-    let middle = mean(points);
+    let middle = centroid(points);
     // |x|² − value² = 2 c·x + 2 r value + k with k = r² − |c|².
     let travels = values.iter().any(|v| *v != 0.0) && known.is_none_or(|r| r == 0.0);
     let mut a = Mat::zeros(points.len(), 5);

@@ -8,7 +8,6 @@
 //! Base, tool and joints have one variance each. With S of a fitted model, W the columns times e, u = Wᵀ S⁻¹ y, M = Wᵀ
 //! S⁻¹ W and the variances Λ, the log evidence rises by ½ uᵀ (Λ⁻¹ + M)⁻¹ u − ½ log |I + Λ M|; Λ and τ maximise this rise.
 
-use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, Twist};
 use serde::Serialize;
 
@@ -21,6 +20,7 @@ use crate::measurement::sample::BaseSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
+use crate::numeric::rotation::turn;
 
 /// Least rise of the log evidence for a warm-up: as for an own-joint curve, far above what three variances and a time
 /// constant can gain from noise.
@@ -186,10 +186,7 @@ fn moved_back(observation: &Observation, moved: &Twist<f64>) -> Observation {
     match observation {
         Observation::Position(_) => Observation::Position(position),
         Observation::Pose(pose) => {
-            let back = Pose::exp(&Twist {
-                linear: Vector3::zeros(),
-                angular: -moved.angular,
-            });
+            let back = turn(-moved.angular);
             Observation::Pose(Pose {
                 translation: position,
                 ..back * *pose

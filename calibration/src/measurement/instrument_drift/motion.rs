@@ -1,7 +1,8 @@
 //! Estimates the motion of the instrument from the apparent motion of its reference points.
 
+use crate::numeric::rotation::turn;
 use nalgebra::{Matrix6, Vector3, Vector6};
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 
 /// Candidate standard deviations of the Gaussian window, in poses; infinite means no motion at all.
 const WINDOWS: [f64; 9] = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, f64::INFINITY];
@@ -73,11 +74,7 @@ impl Motion {
     /// Returns for each pose the transform that takes a point from its true position to where it was seen.
     pub fn poses(&self, centre: &Vector3<f64>) -> Vec<Pose<f64>> {
         let pose = |(t, r): (&Vector3<f64>, &Vector3<f64>)| {
-            let twist = Twist {
-                linear: Vector3::zeros(),
-                angular: *r,
-            };
-            let rotation = Pose::exp(&twist).rotation;
+            let rotation = turn(*r).rotation;
             Pose {
                 rotation,
                 translation: centre + t - rotation * centre,

@@ -16,6 +16,7 @@ use crate::measurement::column_names::FEATURE;
 use crate::measurement::table::quoted;
 use crate::measurement::touch::features::on_a_line;
 use crate::measurement::touch::set::{FeatureKind, KnownDistance, Reading, TouchRow, TouchSet};
+use crate::numeric::rotation::centroid;
 
 /// Smallest number of touches of a point: with fewer, its three coordinates leave no information about the arm.
 const LEAST_OF_POINT: usize = 3;
@@ -416,7 +417,7 @@ fn angle_between(a: &Pose<f64>, b: &Pose<f64>) -> f64 {
 /// Returns the mean, and the root mean square of one component about it.
 fn mean_and_spread(points: &[Vector3<f64>]) -> (Vector3<f64>, f64) {
     let count = points.len() as f64;
-    let mean = points.iter().sum::<Vector3<f64>>() / count;
+    let mean = centroid(points);
     let square: f64 = points.iter().map(|p| (p - mean).norm_squared()).sum();
     (mean, (square / (3.0 * count)).sqrt())
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 
 use crate::input_error::InputError;
 use crate::measurement::joint_targets::OwnTarget;
@@ -15,6 +15,7 @@ use crate::measurement::table::quoted;
 use crate::measurement::touch::rows::TIP_ANYWHERE;
 use crate::measurement::touch::set::{FeatureKind, Reading, Tip, TouchRow, TouchSet};
 use crate::measurement::touch::{FEATURE, chain};
+use crate::numeric::rotation::turn;
 use crate::robot::Robot;
 
 impl TouchSet {
@@ -82,10 +83,7 @@ impl TouchSet {
                 let FeatureKind::Level { rotation, .. } = self.features[feature].kind else {
                     return Ok(row.reading);
                 };
-                let sensor_from_flange: Pose<f64> = Pose::exp(&Twist {
-                    linear: Vector3::zeros(),
-                    angular: rotation,
-                });
+                let sensor_from_flange = turn(rotation);
                 let down = flange.rotation.transpose() * -Vector3::z();
                 Reading::Level {
                     feature,

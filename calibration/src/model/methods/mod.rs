@@ -51,8 +51,6 @@ impl Method {
         }
         all
     };
-    /// The four methods that the paper compares.
-    pub const PAPER: [Self; 4] = [Self::BaseTool, Self::Poe, Self::PoeGp, Self::PoeGpLoad];
 
     /// Returns the name of the method on the command line, in TOML and in JSON.
     pub fn name(self) -> &'static str {

@@ -34,6 +34,7 @@ use crate::measurement::sample::{Base, BaseSample, Sample};
 use crate::measurement::touch::{ClassPrior, Reading, TouchRow, TouchSet};
 use crate::numeric::matrix::{Mat, column};
 use crate::numeric::product::{Transposed, product};
+use crate::numeric::statistics::evenly_spaced;
 use crate::robot::Robot;
 
 /// Most positions over the work volume whose variance is to be lowered.
@@ -131,8 +132,7 @@ impl<'a> Chooser<'a> {
             true => out.problem.states.clone(),
             false => WorkVolume::new(robot, &out.problem).states,
         };
-        let every = states.len().div_ceil(WANTED).max(1);
-        let states: Vec<BaseSample> = states.into_iter().step_by(every).collect();
+        let states = evenly_spaced(&states, WANTED);
         out.wanted = states.iter().map(|state| out.seen(state, None)).collect();
         if !is_tracked {
             out.gauge = Some(registered(&out.drawing.arm.poses(&states)));

@@ -7,6 +7,7 @@ use super::{
     OutOfReach, SimulatedTouches, TIP, TIP_ERROR, TOUCH_NOISE, Touching, description_of_tip,
 };
 use crate::measurement::touch::{Feature, FeatureKind, TouchRow, TouchSet};
+use crate::numeric::rotation::centroid;
 use crate::robot::Robot;
 use crate::robot::settle::Surface;
 use crate::simulation::Simulator;
@@ -106,7 +107,7 @@ impl Touching<'_> {
                 let rows = plan.rows.iter();
                 let rows = rows.filter(|row| row.reading.feature() == Some(feature));
                 let tips: Vec<Vector3<f64>> = rows.map(|row| self.tip_at(&row.joints)).collect();
-                let middle = tips.iter().sum::<Vector3<f64>>() / tips.len() as f64;
+                let middle = centroid(&tips);
                 let spread: Matrix3<f64> = tips
                     .iter()
                     .map(|tip| (tip - middle) * (tip - middle).transpose())

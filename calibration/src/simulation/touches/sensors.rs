@@ -3,10 +3,11 @@
 use std::fmt::Write as _;
 
 use nalgebra::Vector3;
-use poegp_runtime::math::se3::{Pose, Twist};
+use poegp_runtime::math::se3::Pose;
 use rand::RngExt;
 
 use super::{OutOfReach, TIP_ERROR, TOUCH_NOISE, Touching, milli};
+use crate::numeric::rotation::turn;
 use crate::robot::settle::Surface;
 use crate::simulation::true_arm::normal_vector;
 
@@ -75,10 +76,7 @@ impl Touching<'_> {
 
     /// Draws a small unknown rotation.
     fn turn(&mut self) -> Pose<f64> {
-        Pose::exp(&Twist {
-            linear: Vector3::zeros(),
-            angular: normal_vector(MOUNTING_ERROR, self.random()),
-        })
+        turn(normal_vector(MOUNTING_ERROR, self.random()))
     }
 
     pub(super) fn level(&mut self, name: &str, count: usize) {

@@ -26,7 +26,7 @@ use crate::cli::calibrate::written_project::Read;
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::input::Input;
-use crate::cli::inputs::{Arm, Tests, enough_poses, equations, examine_tests, origin};
+use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
 use crate::cli::instrument_drift;
 use crate::cli::output::{check_not_signed, check_outputs, json_text, write_with_blob};
 use crate::cli::terminal::interrupt::cancellable;
@@ -102,7 +102,8 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     if a.auto {
         config.method = Method::BaseTool;
     }
-    let arm = Arm::load(&a.robot, &a.chain)?;
+    let mut arm = Arm::load(&a.robot, &a.chain)?;
+    arm.gravity = config.gravity_m_s2.into();
     let known = Known::read(&a.gauge, &arm.robot.name)?;
     let mut tools = Vec::new();
     let input = Input {
@@ -127,6 +128,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         robot: &arm.robot,
         set: &set,
         samples: &samples,
+        gravity: arm.gravity,
         json: a.json.as_deref(),
         accept: &a.accept,
     };
@@ -137,9 +139,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     };
     let mut warnings = examined.for_training(methods, &config)?;
     let tests = Tests::read(&arm, &a.tests, &set, &tools, drift.as_ref())?;
-    let of_tests = (a.tests.iter().zip(&tests.files).zip(&tests.sets))
-        .map(|((path, set), test)| (path.as_path(), set, test.samples.as_slice()));
-    let of_tests = examine_tests(&arm, of_tests, a.json.as_deref(), &a.accept)?;
+    let of_tests = tests.examine(&arm, &a.tests, a.json.as_deref(), &a.accept)?;
     report_page::check(a, &samples, config.method, arm.robot.joints.len())?;
     let mut origin = origin(set.sha256, &a.serial_number, tools);
     if let Some(date) = &a.date {

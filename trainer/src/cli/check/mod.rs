@@ -108,6 +108,8 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     let mut files: Vec<&Path> = vec![&a.blob, &a.measurements];
     files.extend(a.previous.as_deref());
+    let programs = programs::files(&a.programs);
+    files.extend(programs.iter().map(PathBuf::as_path));
     check_outputs(&outputs, &files)?;
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;

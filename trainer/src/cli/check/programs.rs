@@ -112,6 +112,17 @@ pub fn compared(
     Ok(out)
 }
 
+/// Returns the files that [`compared`] reads: records, and their programs.
+pub fn files(paths: &[PathBuf]) -> Vec<PathBuf> {
+    let records = paths
+        .iter()
+        .flat_map(|path| records(path).unwrap_or_default());
+    records
+        .flat_map(|record| [program_of(&record), Some(record)])
+        .flatten()
+        .collect()
+}
+
 /// Returns the record of a program, or those of all programs in a folder.
 fn records(path: &Path) -> Result<Vec<PathBuf>, InputError> {
     let expected =

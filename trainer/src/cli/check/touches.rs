@@ -1,6 +1,6 @@
 //! `trainer check` with touches: tests whether the model still describes the arm, by features at unknown positions.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::cli::calibrate::gauge;
 use crate::cli::check::document::{CheckTouchesJson, provenance};
@@ -29,6 +29,8 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let beside = features_beside(&a.measurements);
     let mut files: Vec<&Path> = vec![&a.blob, &a.measurements, features.unwrap_or(&beside)];
     files.extend(a.previous.as_deref());
+    let programs = programs::files(&a.programs);
+    files.extend(programs.iter().map(PathBuf::as_path));
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     check_outputs(&outputs, &files)?;
     let loaded = BlobModel::read(&a.blob)?;

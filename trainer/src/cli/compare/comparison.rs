@@ -8,8 +8,7 @@ use crate::cli::compare::document::{CompareJson, HeldOutPart};
 use crate::cli::examination::Examined;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::input::Input;
-use crate::cli::inputs;
-use crate::cli::inputs::{Arm, KnownRows, enough_poses, equations, file_name, origin};
+use crate::cli::inputs::{Arm, Tests, enough_poses, equations, origin};
 use crate::cli::instrument_drift;
 use crate::cli::terminal::interrupt::cancellable_by_caller;
 use crate::cli::terminal::print::note;
@@ -64,7 +63,8 @@ fn compared_until(
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
         ));
     }
-    let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    let mut arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+    arm.gravity = a.fit.config(Method::Elastic).gravity_m_s2.into();
     let mut tools = Vec::new();
     let SampleFile {
         set,
@@ -72,7 +72,6 @@ fn compared_until(
         ..
     } = arm.read(input, &mut tools, DriftCorrection::None)?;
     let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
-    let trained_tools = tools.len();
     if a.folds() > train.len() {
         return Err(Failure::Usage(format!(
             "--folds {}: expected at most the {} poses of the file",
@@ -80,23 +79,15 @@ fn compared_until(
             train.len()
         )));
     }
-    let mut known = KnownRows::new(&set);
-    let (mut tests, mut corrected_tests, mut test_files) = (Vec::new(), Vec::new(), Vec::new());
-    for path in &a.tests {
-        let none = DriftCorrection::None;
-        let SampleFile {
-            set: test, samples, ..
-        } = inputs::read_test(&arm, path, &mut known, &mut tools, trained_tools, none)?;
-        let name = file_name(path);
-        if let Some(drift) = &drift {
-            let samples = Drift::estimate_as(&test, drift)?.correct(&samples);
-            let name = name.clone();
-            corrected_tests.push(TestSet { name, samples });
+    let read = Tests::read(&arm, &a.tests, &set, &tools, None)?;
+    let mut corrected_tests = read.sets.clone();
+    if let Some(drift) = &drift {
+        for (file, test) in read.files.iter().zip(&mut corrected_tests) {
+            test.samples = Drift::estimate_as(file, drift)?.correct(&test.samples);
         }
-        tests.push(TestSet { name, samples });
-        test_files.push(test);
     }
-    let methods = methods(a, &train, &tests)?;
+    let (test_files, tests) = (&read.files, &read.sets);
+    let methods = methods(a, &train, tests)?;
     a.fit.note_unused(&methods);
     if a.fit.no_variance {
         note("--no-variance has no effect: a comparison writes no blob");
@@ -125,19 +116,13 @@ fn compared_until(
         robot: &arm.robot,
         set: &set,
         samples: &train,
+        gravity: arm.gravity,
         json: a.json.as_deref(),
         accept: &a.accepted.accept,
     };
     let mut warnings = examined.for_training(&methods, &a.fit.config(Method::Elastic))?;
-    let of_tests = (a.tests.iter().zip(&test_files).zip(&tests))
-        .map(|((path, set), test)| (path.as_path(), set, test.samples.as_slice()));
-    let accept = &a.accepted.accept;
-    warnings.extend(inputs::examine_tests(
-        &arm,
-        of_tests,
-        a.json.as_deref(),
-        accept,
-    )?);
+    let (json, accept) = (a.json.as_deref(), &a.accepted.accept);
+    warnings.extend(read.examine(&arm, &a.tests, json, accept)?);
     if a.folds() == 0 && a.tests.is_empty() {
         return Err(Failure::Usage(
             "--folds 0 without --test leaves no held-out errors to compare: give --test, or at least --folds 2"
@@ -149,7 +134,7 @@ fn compared_until(
     let task = Task {
         robot: &arm.robot,
         train: &train,
-        tests: &tests,
+        tests,
         folds: a.folds(),
         seed: a.seed(),
         origin: &origin,
@@ -191,7 +176,7 @@ fn compared_until(
         let evidence = evidence(a, &last_task, &models, &sets)?;
         let from = &a.robot.robot;
         let seed = Some(a.seed());
-        let provenance = report_page::provenance(from, &arm, &origin, seed, &set, &test_files);
+        let provenance = report_page::provenance(from, &arm, &origin, seed, &set, test_files);
         let part = HeldOutPart {
             held_out: evidence.summary(),
             certificate: Certificate::new(

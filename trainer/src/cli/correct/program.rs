@@ -26,6 +26,7 @@ use crate::robot_programs::correction::split::split;
 use crate::signing::unsigned;
 use poegp_calibration::blob::commander::Commander;
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::input_error::some_of;
 use poegp_calibration::input_error::{InputError, counted};
 use poegp_protocol::JointKind;
 use poegp_runtime::model::MAX_PAYLOAD_KG;
@@ -480,20 +481,12 @@ fn listed(group: &[&LeftJson]) -> String {
             left.file, left.line, left.column, left.reason
         );
     }
-    let lines: Vec<String> = group
-        .iter()
-        .take(MANY)
-        .map(|left| left.line.to_string())
-        .collect();
-    let more = match group.len() > MANY {
-        true => ", …",
-        false => "",
-    };
+    let lines: Vec<_> = group.iter().map(|left| left.line).collect();
     format!(
-        "{}: {} parts in lines {}{more}: {}",
+        "{}: {} parts in lines {}: {}",
         first.file,
         group.len(),
-        lines.join(", "),
+        some_of(&lines, MANY),
         first.reason
     )
 }

@@ -17,6 +17,7 @@ use crate::robot_programs::correction::replacement::{Rewritten, Solved};
 use crate::robot_programs::correction::target_poses::frames_of;
 use poegp_calibration::blob::commander::{Commander, Joints, pose_distance};
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::numeric::statistics::evenly_spaced;
 use poegp_protocol::limits::MAX_JOINTS;
 
 /// Ending of a record's file name.
@@ -81,7 +82,7 @@ impl Record {
     ) -> Self {
         let is_inverse = corrector.direction == Direction::Inverse;
         let own = targets_of(program, solved, index);
-        let some = evenly(&own);
+        let some = evenly_spaced(&own, MOST_TARGETS).into_iter();
         let joints = |q: &Joints| q[..corrector.joints].iter().map(|q| nanos(*q)).collect();
         let target = |solved: &Solved| Target {
             joints: joints(&solved.joints),
@@ -129,7 +130,8 @@ impl Record {
             let [found, before] = [&found.command, &joints].map(|q| commander.nominal_flange(q));
             pose_distance(&found, &before).0 < BROUGHT_BACK
         };
-        evenly(&own).zip(&self.targets).all(is_same)
+        let some = evenly_spaced(&own, MOST_TARGETS);
+        some.into_iter().zip(&self.targets).all(is_same)
     }
 
     /// Reads a record.
@@ -149,12 +151,6 @@ impl Record {
 fn targets_of<'a>(program: &Program, solved: &'a [Solved], index: usize) -> Vec<&'a Solved> {
     let is_here = |solved: &&Solved| program.targets[solved.target].location.file == index;
     solved.iter().filter(is_here).collect()
-}
-
-/// Returns the targets that a record has.
-fn evenly<'a>(own: &[&'a Solved]) -> impl Iterator<Item = &'a Solved> {
-    let count = own.len().min(MOST_TARGETS);
-    (0..count).map(move |i| own[i * own.len() / count])
 }
 
 /// Rounds to nine decimals: nanometres or nanoradians.

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::cli::correct::row::Row;
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::robot_programs::correction::engine::TRUSTED;
+use poegp_calibration::input_error::some_of;
 use poegp_calibration::measurement::{JointColumn, JointUnit};
 use poegp_calibration::numeric::statistics::Summary;
 
@@ -299,8 +300,6 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
 
 /// Formats line numbers: "line 4", "lines 4, 7, …".
 fn listed(lines: &[u32]) -> String {
-    let shown: Vec<String> = lines.iter().take(SHOWN).map(ToString::to_string).collect();
-    let more = if lines.len() > SHOWN { ", …" } else { "" };
     let word = if lines.len() == 1 { "line" } else { "lines" };
-    format!("{word} {}{more}", shown.join(", "))
+    format!("{word} {}", some_of(lines, SHOWN))
 }

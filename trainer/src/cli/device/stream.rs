@@ -25,6 +25,7 @@ use crate::device::client::Client;
 use crate::device::error::ClientError;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::some_of;
 use poegp_calibration::measurement as measurements;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::reader::DriftCorrection;
@@ -176,16 +177,15 @@ impl Commands {
             }
             seen.push(*status);
             let rows = statuses.iter().zip(&self.set.measurements);
-            let lines: Vec<String> = rows
+            let lines: Vec<usize> = rows
                 .filter(|(other, _)| *other == status)
-                .map(|(_, m)| m.line.to_string())
+                .map(|(_, m)| m.line)
                 .collect();
-            let more = if lines.len() > SHOWN { ", …" } else { "" };
             report.line(format_args!(
-                "{} of {} are flagged `{status}`: lines {}{more}.",
+                "{} of {} are flagged `{status}`: lines {}.",
                 lines.len(),
                 statuses.len(),
-                lines[..lines.len().min(SHOWN)].join(", ")
+                some_of(&lines, SHOWN)
             ));
         }
         report.line(format_args!(

@@ -6,10 +6,11 @@ mod of_blob;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use poegp_runtime::kinematics::poe::Poe;
 
 use crate::cli::args::ChainArgs;
-use crate::cli::examination::{Examined, explained};
+use crate::cli::examination::{Examined, GRAVITY, explained};
 use crate::cli::failure::{Failure, calibration_failure};
 use crate::cli::input::Input;
 use crate::cli::terminal::print::{note, warning};
@@ -25,16 +26,19 @@ use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::trust::{Cause, Finding};
 use poegp_calibration::validation::cross_validation::TestSet;
 
-pub use known_rows::KnownRows;
+use known_rows::KnownRows;
 pub use of_blob::{FRAMES_HELP, fitted_frames, frame_failure, read, read_long, robot_of};
 
-/// A robot with its nominal chain.
+/// A robot with its nominal chain, as it is mounted.
 pub struct Arm {
     pub robot: Robot,
     pub nominal: Poe<f64>,
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
 }
 
 impl Arm {
+    /// Loads an arm that stands upright.
     pub fn load(description: &str, chain: &ChainArgs) -> Result<Self, Failure> {
         let options = LoadOptions {
             base: chain.base.clone(),
@@ -42,7 +46,11 @@ impl Arm {
         };
         let robot = Robot::load(description, &options)?;
         let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
-        Ok(Self { robot, nominal })
+        Ok(Self {
+            robot,
+            nominal,
+            gravity: GRAVITY.into(),
+        })
     }
 
     /// Reads and checks measurements of this robot; notes go to standard error. New tools are appended to `tools`.
@@ -52,14 +60,14 @@ impl Arm {
         tools: &mut Vec<ToolName>,
         correction: DriftCorrection,
     ) -> Result<SampleFile, Failure> {
-        read_samples(input, &self.robot, tools, correction)
+        read_samples(input, (&self.robot, self.gravity), tools, correction)
     }
 }
 
-/// Reads and checks measurements of `robot`; notes go to standard error.
+/// Reads and checks measurements of a robot, with gravity in its base frame; notes go to standard error.
 fn read_samples(
     input: &Input<'_>,
-    robot: &Robot,
+    (robot, gravity): (&Robot, Vector3<f64>),
     tools: &mut Vec<ToolName>,
     correction: DriftCorrection,
 ) -> Result<SampleFile, Failure> {
@@ -68,7 +76,7 @@ fn read_samples(
         Some(bytes) => SampleFile::parse(path, bytes, robot, tools, correction),
         None => SampleFile::read(path, robot, tools, correction),
     };
-    let file = file.map_err(|error| explained(input, robot, error))?;
+    let file = file.map_err(|error| explained(input, robot, gravity, error))?;
     for text in &file.notes {
         note(format_args!("{}: {text}", path.display()));
     }
@@ -196,7 +204,7 @@ pub fn file_name(path: &Path) -> String {
 }
 
 /// Reads a test file of the same arm. Its rows must be new to `known`, its tools among the first `trained_tools`.
-pub fn read_test(
+fn read_test(
     arm: &Arm,
     path: &Path,
     known: &mut KnownRows,
@@ -216,31 +224,6 @@ pub fn read_test(
         .into());
     }
     Ok(file)
-}
-
-/// Examines whether the rows of each test file are measurements of `arm`, and returns the warnings.
-///
-/// # Errors
-/// [`Failure::Data`] if they are of another robot, or written in another way.
-pub fn examine_tests<'a>(
-    arm: &Arm,
-    tests: impl IntoIterator<Item = (&'a Path, &'a MeasurementSet, &'a [InstrumentSample])>,
-    json: Option<&Path>,
-    accept: &[Cause],
-) -> Result<Vec<Finding>, Failure> {
-    let mut warnings = Vec::new();
-    for (path, set, samples) in tests {
-        let examined = Examined {
-            path,
-            robot: &arm.robot,
-            set,
-            samples,
-            json,
-            accept,
-        };
-        warnings.extend(examined.for_judging()?);
-    }
-    Ok(warnings)
 }
 
 /// Test files; their drift is removed if it was removed from the training data.
@@ -272,5 +255,32 @@ impl Tests {
             sets.push(TestSet { name, samples });
         }
         Ok(Self { files, sets })
+    }
+
+    /// Examines whether the rows of each file, read from `paths`, are measurements of `arm`, and returns the warnings.
+    ///
+    /// # Errors
+    /// [`Failure::Data`] if they are of another robot, or written in another way.
+    pub fn examine(
+        &self,
+        arm: &Arm,
+        paths: &[PathBuf],
+        json: Option<&Path>,
+        accept: &[Cause],
+    ) -> Result<Vec<Finding>, Failure> {
+        let mut warnings = Vec::new();
+        for ((path, set), test) in paths.iter().zip(&self.files).zip(&self.sets) {
+            let examined = Examined {
+                path,
+                robot: &arm.robot,
+                set,
+                samples: &test.samples,
+                gravity: arm.gravity,
+                json,
+                accept,
+            };
+            warnings.extend(examined.for_judging()?);
+        }
+        Ok(warnings)
     }
 }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use nalgebra::Vector3;
 use poegp_calibration::blob::fitted_frames::{FrameError, FramesToFit};
 use poegp_calibration::blob::predict::{BlobModel, poses};
 use poegp_calibration::input_error::{InputError, counted};
@@ -14,9 +15,10 @@ use poegp_calibration::numeric::parallel::in_order;
 use poegp_calibration::progress::threads;
 use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::trust::{Cause, Finding};
+use poegp_protocol::blob::Correction;
 use poegp_runtime::math::se3::Pose;
 
-use crate::cli::examination::Examined;
+use crate::cli::examination::{Examined, GRAVITY};
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::read_samples;
@@ -30,6 +32,8 @@ pub const FRAMES_HELP: &str = "give --fit-base if the instrument was moved; give
 pub struct TestData {
     pub set: MeasurementSet,
     pub samples: Vec<InstrumentSample>,
+    /// Gravity in the base frame, m/s².
+    gravity: Vector3<f64>,
     /// Names of the tools: those of the blob first, then those that only the file has.
     pub names: Vec<ToolName>,
     /// Drift that was removed from the samples.
@@ -46,7 +50,7 @@ pub fn read(
 ) -> Result<TestData, Failure> {
     let robot = robot_of(loaded);
     let mut names = tools_of(loaded);
-    let file = read_samples(input, &robot, &mut names, correction)?;
+    let file = read_samples(input, (&robot, gravity_of(loaded)), &mut names, correction)?;
     complete(loaded, input.path, names, (None, file))
 }
 
@@ -100,6 +104,7 @@ fn complete(
     Ok(TestData {
         set,
         samples,
+        gravity: gravity_of(loaded),
         names,
         drift: drift.map(|drift| drift.report),
         long,
@@ -149,6 +154,7 @@ impl TestData {
             robot,
             set: &self.set,
             samples: &self.samples,
+            gravity: self.gravity,
             json,
             accept,
         }
@@ -253,6 +259,14 @@ pub fn frame_failure(path: &Path, names: &[ToolName], error: FrameError) -> Fail
         .with_help("fit to more rows, or to rows whose joints differ more"),
     }
     .into()
+}
+
+/// Returns gravity in the base frame, m/s²; that of an upright arm if the model has none.
+fn gravity_of(loaded: &BlobModel) -> Vector3<f64> {
+    match &loaded.blob().correction {
+        Correction::Elastic(elastic) => Vector3::from(elastic.gravity).cast(),
+        _ => GRAVITY.into(),
+    }
 }
 
 /// Returns the robot of a blob, with the parts that a measurement file is checked against.

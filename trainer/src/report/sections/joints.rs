@@ -1,15 +1,14 @@
 //! Errors against each joint, and against the payload.
 
 use maud::html;
-use poegp_protocol::JointKind;
 
 use crate::report::chart::{Axis, Brush, Plot, Series, boxes};
 use crate::report::sections::methods::keys;
 use crate::report::sections::poses::{joint_unit, left_out};
 use crate::report::sections::{BOX, boxes_of, mean_and_error};
 use crate::report::{HeldOutSummary, Number, ReportData, Section};
-use poegp_calibration::identification::identifiability::{STILL_PRISMATIC, STILL_REVOLUTE};
 use poegp_calibration::numeric::statistics::extremes;
+use poegp_calibration::robot::still_span;
 
 /// Number of bins of a joint's range.
 const BINS: usize = 8;
@@ -65,13 +64,9 @@ pub fn joints(evidence: &ReportData) -> Section {
     let mut unmoved = Vec::new();
     for (joint, kind) in evidence.kinds.iter().enumerate() {
         let (unit, factor, _) = joint_unit(*kind);
-        let still = match kind {
-            JointKind::Revolute => STILL_REVOLUTE,
-            JointKind::Prismatic => STILL_PRISMATIC,
-        };
         let x = value(joint, factor);
         let (low, high) = extremes(x.iter().copied());
-        if high - low <= still * factor {
+        if high - low <= still_span(*kind) * factor {
             unmoved.push(joint + 1);
             continue;
         }

@@ -180,12 +180,15 @@ impl Reader<'_> {
                 .number(from + 2)
                 .filter(|_| is_element && end == from + 4)
             {
-                Some(number) => all
-                    .get(number.value as usize - usize::from(number.value >= 1.0))
-                    .copied()
-                    .flatten()
-                    .into_iter()
-                    .collect(),
+                // Elements are counted from one.
+                Some(number) => match (1..=all.len()).find(|i| *i as f64 == number.value) {
+                    Some(i) => all[i - 1].into_iter().collect(),
+                    None => {
+                        self.program
+                            .leave(location, format!("its target {quoted} does not exist"));
+                        Vec::new()
+                    }
+                },
                 None => all.iter().copied().flatten().collect(),
             },
             None => {
