@@ -46,6 +46,9 @@ const SMOOTH_VARIANCE: f64 = 1e-8;
 const ROUNDING: f64 = 1e-9;
 /// Variance of the scatter of a joint, rad² or m², before its size is fitted.
 const SCATTER_VARIANCE: f64 = 1e-9;
+/// Expected variances of a joint's scatter and of its smooth deflection, as shares of these: 20 µrad or 20 µm. The fit begins
+/// above, because a size that is too small grows slowly.
+pub(super) const EXPECTED: (f64, f64) = (0.4, 0.04);
 /// Number of poses in all sets of training poses that are drawn for a model without processes, and the fewest and the most
 /// sets: the fewer poses, the more sets differ.
 const DRAWN: usize = 2000;
