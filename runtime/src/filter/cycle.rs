@@ -285,8 +285,8 @@ impl<T: CompiledFilter> CommandFilter<T> {
     /// one.
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
-    /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.
-    /// Joints that it did not have, or all if there is none, are sent as commanded, with zeros in place of what is not
+    /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. All joints of the last answer are then sent again,
+    /// however many the command has. Joints that it did not have, or all if there is none, are sent as commanded, with zeros in place of what is not
     /// finite. A good command with another number of joints resets the filter. In a cycle that was already answered the
     /// correction does not change, and for the same command the answer does not change either.
     #[inline(always)]

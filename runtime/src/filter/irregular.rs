@@ -23,16 +23,17 @@ impl<T: Scalar> CommandFilter<T> {
         corrected
     }
 
-    /// Answers bad input with the joints of the last answer; joints that it did not have are sent as they came.
+    /// Answers bad input with all joints of the last answer; joints that it did not have are sent as they came.
     #[inline(never)]
     pub(super) fn hold(&mut self, command: &[T], status: Status, cycles: u32) -> Filtered<T> {
         self.missed = self.missed.saturating_add(cycles);
         count_if(true, &mut self.counts.bad);
         let mut joints = [T::ZERO; MAX_JOINTS];
-        let known = self.joints.iter().enumerate();
-        for ((slot, (index, joint)), q) in joints.iter_mut().zip(known).zip(command) {
-            let came = select(q.is_finite(), *q, T::ZERO);
-            *slot = select(index < self.count, joint.sent, came);
+        for (slot, q) in joints.iter_mut().zip(command) {
+            *slot = select(q.is_finite(), *q, T::ZERO);
+        }
+        for (slot, joint) in joints.iter_mut().zip(&self.joints).take(self.count) {
+            *slot = joint.sent;
         }
         Filtered {
             joints,

@@ -37,7 +37,8 @@ pub struct FilterCounts {
 /// Answer of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<T> {
-    /// Joints to send, rad or m; zero beyond those of the command. Always finite.
+    /// Joints to send, rad or m; zero beyond those of the command, or, for bad input, beyond those of the last answer too.
+    /// Always finite.
     pub joints: [T; MAX_JOINTS],
     /// Status of the model's answer, with [`Status::BLENDING`] added if the joints are not those that were asked for.
     pub status: Status,
@@ -209,6 +210,11 @@ impl<T: Scalar> CommandFilter<T> {
             counts: self.counts,
             ..Self::new()
         };
+    }
+
+    /// Returns the number of joints of the last good command; 0 before the first.
+    pub fn joints(&self) -> usize {
+        self.count
     }
 
     /// Returns the events counted so far.

@@ -381,6 +381,11 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
         }))
     };
     let mut desk = Desk::default();
+    let none = Refusal::TooSlow {
+        instructions: 1,
+        allowed: 0,
+    };
+    assert_eq!(allow(&mut desk, 0), refused(none));
     slow.install(&mut desk);
     assert_eq!(desk.identity().model.unwrap().instructions, needed);
     // The provisioned time cannot be less than the running model needs.
