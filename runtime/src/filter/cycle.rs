@@ -54,7 +54,7 @@ impl<T: Scalar> CommandFilter<T> {
         way.scale = scale;
         // Rounding may leave the range by an ulp.
         let now = smaller(larger(asked - way.rest, T::ZERO), largest);
-        way.moves |= now != way.now;
+        self.payload_moves |= now != way.now;
         way.now = now;
         now
     }
@@ -90,7 +90,7 @@ impl<T: Scalar> CommandFilter<T> {
         if !(fits & finite & (size <= largest)) | status.contains(Status::BAD_INPUT) {
             return self.hold(command, status, cycles);
         }
-        if self.count != command.len() {
+        if self.joints() != command.len() {
             return self.start(command, corrected, status, engage);
         }
         let cycles = cycles.saturating_add(self.missed);
@@ -114,7 +114,7 @@ impl<T: Scalar> CommandFilter<T> {
         let noise = select(moved > T::ZERO, limits.noise, T::ZERO);
         let explained = T::from_f64(SLOPE) * moved + noise;
         let far = self.offsets > T::from_f64(FAR);
-        let payload_moves = core::mem::replace(&mut self.payload.moves, false);
+        let payload_moves = core::mem::take(&mut self.payload_moves);
         let explained = select(lost | jumped | far | payload_moves, T::ZERO, explained);
         let (mut excesses, mut offsets, mut rates) = (T::ZERO, T::ZERO, T::ZERO);
         for (joint, c) in self.joints.iter_mut().zip(&corrections).take(command.len()) {

@@ -108,8 +108,6 @@ impl Commands {
 
     /// Returns the cycles from the previous command to this one, which came at `arrived`: the nearest number, 1 for a command
     /// that is early by no more than the previous one was late, 0 for a repeated request, and `u32::MAX` after a stop.
-    // Not inlined: the cyclic path must not keep its registers on the stack.
-    #[inline(never)]
     pub(super) fn cycles(&mut self, sequence: u16, query: &Query, arrived: u32) -> u32 {
         let since = arrived.wrapping_sub(self.last);
         let period = self.period_ticks;
