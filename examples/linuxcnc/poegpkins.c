@@ -50,6 +50,8 @@ RTAPI_MP_STRING(singular_deg, "distance from a singularity, by the turn of one j
 #define PAUSE_CYCLES 5
 /* A new payload bends the arm differently: it comes in slowly, kg for each cycle. */
 #define PAYLOAD_STEP_KG 0.001
+/* The model takes no more. */
+#define MOST_PAYLOAD_KG 100000
 
 typedef struct {
     hal_float_t *payload_kg;      /* in */
@@ -196,11 +198,22 @@ static void keep_looking(const double joints[JOINTS])
     }
 }
 
+/* The payload that the pin asks for. A load cell's zero may read below 0, and a sample that is no number does not count. */
+static double asked_kg(void)
+{
+    static double last;
+    double pin = *pins->payload_kg;
+    if (pin == pin) {
+        last = pin < 0 ? 0 : pin > MOST_PAYLOAD_KG ? MOST_PAYLOAD_KG : pin;
+    }
+    return last;
+}
+
 /* The arm may stand anywhere: all that is known of singularities is found again. */
 static void look_around(const double joints[JOINTS])
 {
     int i;
-    payload_kg = *pins->payload_kg;
+    payload_kg = asked_kg();
     hand = side(joints);
     for (i = 0; i < 2 * JOINTS; i++) {
         look(joints);
@@ -245,7 +258,7 @@ int kinematicsForward(const double *joint, EmcPose *world, const KINEMATICS_FORW
     if (cycles_without_pose <= PAUSE_CYCLES) {
         cycles_without_pose++;
     } else {
-        payload_kg = *pins->payload_kg;
+        payload_kg = asked_kg();
     }
     for (i = 0; i < JOINTS; i++) {
         joints[i] = joint[i] * DEG;
@@ -276,7 +289,7 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
     if (cycles_without_pose > PAUSE_CYCLES) {
         look_around(joints);
     } else {
-        double left = *pins->payload_kg - payload_kg;
+        double left = asked_kg() - payload_kg;
         payload_kg += left > PAYLOAD_STEP_KG ? PAYLOAD_STEP_KG : left < -PAYLOAD_STEP_KG ? -PAYLOAD_STEP_KG : left;
     }
     pose_from(world, base_from_tool);
@@ -308,6 +321,8 @@ int kinematicsInverse(const EmcPose *world, double *joint, const KINEMATICS_INVE
         } else if (!complained && is_cycle && jumps) {
             rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: joint %d would turn by %.2f degrees in one cycle: the arm stops on its path\n",
                             farthest + 1, (found.joints[farthest] - joints[farthest]) / DEG);
+        } else if (!complained && (found.status & POEGP_STATUS_BAD_INPUT) != 0) {
+            rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: a joint or the pose is not a number that a model takes\n");
         } else if (!complained) {
             rtapi_print_msg(RTAPI_MSG_ERR, "poegpkins: the arm does not reach X %.3f Y %.3f Z %.3f A %.3f B %.3f C %.3f: %.3f mm "
                             "are left\n", world->tran.x, world->tran.y, world->tran.z, world->a, world->b, world->c,

@@ -21,7 +21,7 @@
 //! ```
 //!
 //! A single command is corrected by [`Model::correct`]. A path goes through a [`filter::CommandFilter`] as well, which keeps
-//! the correction from stepping when the model or the payload changes.
+//! the correction from stepping when the model or the payload changes: `README.md` of this crate has such a cycle.
 //!
 //! The crate promises: no heap, no panic, no unbounded loop, no NaN in an answer, and no unsafe code except the innermost
 //! loops in assembly; the same bits on every target; an answer for every input, with a [`Status`] that says how far it can
@@ -62,6 +62,10 @@
 #![no_std]
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
+
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
 
 mod assembly;
 pub mod correct;

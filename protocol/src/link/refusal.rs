@@ -87,8 +87,8 @@ pub enum Refusal {
     KeyIsFixed,
     /// The bytes are not a public key that can verify signatures.
     NotAKey,
-    /// The request would delay cycles, as a flash write does on some boards and a trace does on all boards. Stop the cycles
-    /// first and announce it with `StopCyclic`.
+    /// The request would delay cycles, as a flash write does on some boards and a trace does on all boards; or it would end a
+    /// correction in one step, as a restart does. Stop the cycles first and announce it with `StopCyclic`.
     CyclesRunning,
     /// The model may take more instructions than a cycle allows.
     TooSlow {

@@ -1,9 +1,11 @@
 //! The requests to the device.
 
 use heapless::Vec;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::limits::MAX_JOINTS;
+use crate::link::MAX_CHUNK;
 
 /// A request from the controller or the workstation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,8 +35,8 @@ pub enum Request<'a> {
     UploadChunk {
         /// Offset of the first byte in the blob.
         offset: u32,
-        /// The bytes, at most [`super::MAX_CHUNK`].
-        #[serde(borrow)]
+        /// The bytes, at most [`MAX_CHUNK`]; a longer list is no request.
+        #[serde(borrow, deserialize_with = "chunk")]
         bytes: &'a [u8],
     },
     /// Verifies the complete blob. The active model does not change yet.
@@ -66,7 +68,8 @@ pub enum Request<'a> {
     },
     /// Reads the counters since the start.
     ReadStatistics,
-    /// Restarts the device from the stored models. On a device with a key, it must be signed.
+    /// Restarts the device from the stored models, unless commands come that are corrected. On a device with a key, it must be
+    /// signed.
     Restart,
     /// Corrects the command of a controller's cycle; the correction that is added to it never steps. Each command has a new
     /// sequence number. Cyclic.
@@ -104,6 +107,15 @@ pub fn order(
         bytes.extend_from_slice(part).ok()?;
     }
     Some(bytes)
+}
+
+/// Reads the bytes of a chunk, whose number is limited.
+fn chunk<'de, D: Deserializer<'de>>(reader: D) -> Result<&'de [u8], D::Error> {
+    let bytes = <&[u8]>::deserialize(reader)?;
+    match bytes.len() {
+        0..=MAX_CHUNK => Ok(bytes),
+        _ => Err(D::Error::custom("")),
+    }
 }
 
 impl<'a> Request<'a> {

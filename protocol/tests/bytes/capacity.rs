@@ -3,8 +3,8 @@
 use poegp_protocol::blob::envelope::{HEADER_LENGTH, TRAILER_LENGTH};
 use poegp_protocol::blob::{self, Correction, FORMAT_VERSION, MAX_LENGTH_WITHOUT_ROWS};
 use poegp_protocol::limits::{MAX_FRAMES, MAX_INPUTS, MAX_JOINTS, MAX_LINK_TERMS};
-use poegp_protocol::link::MAX_CHUNK;
 use poegp_protocol::link::frame::{MAX_FRAME, OVERHEAD};
+use poegp_protocol::link::{MAX_CHUNK, Request};
 
 use crate::sample;
 
@@ -37,4 +37,20 @@ fn the_longest_arm_is_read_as_it_was_written() {
     let mut buffer = vec![0; 4_096];
     let bytes = blob::encode(&arm, &mut buffer).expect("room");
     assert_eq!(blob::decode(bytes), Ok(arm));
+}
+
+/// A frame has room for a few bytes more than a chunk may have.
+#[test]
+fn a_longer_chunk_is_no_request() {
+    for length in 0..=MAX_CHUNK + 8 {
+        let bytes = vec![7; length];
+        let request = Request::UploadChunk {
+            offset: u32::MAX,
+            bytes: &bytes,
+        };
+        let mut buffer = [0; MAX_CHUNK + 20];
+        let encoded = request.encode(&mut buffer).expect("room");
+        let decoded = Request::decode(encoded);
+        assert_eq!(decoded.is_some(), length <= MAX_CHUNK, "{length}");
+    }
 }

@@ -83,7 +83,8 @@
 
 /*
  Status bit: the number of joints is wrong, a number is not finite, a joint is beyond 4096 rad or m, the payload is
- below 0 or above 100 000 kg, or a transform is not rigid. Nothing was corrected.
+ below 0 or above 100 000 kg, or a transform is not rigid. Nothing was corrected. Switched off or without a model,
+ `poegp_command` takes any finite joints, and this bit means one that is not.
  */
 #define POEGP_STATUS_BAD_INPUT 16
 
@@ -145,7 +146,7 @@
 #define POEGP_ERROR_FRAME 7
 
 /*
- The number of joints is zero, or larger than POEGP_MAX_JOINTS.
+ The number of joints is not that of the model; or it is zero, or larger than POEGP_MAX_JOINTS.
  */
 #define POEGP_ERROR_JOINTS 8
 
@@ -847,7 +848,8 @@ int32_t poegp_verify(const uint8_t *blob, size_t length, const uint8_t *public_k
  trusted. With an error code the answer is the identity and its status has POEGP_STATUS_NO_MODEL or
  POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+ POEGP_ERROR_JOINTS.
 
  # Safety
  `model` comes from `poegp_init` and is not loaded during the call; `joints` points to `count` numbers; `out`
@@ -869,7 +871,8 @@ int32_t poegp_evaluate(const struct poegp_model_t *model,
  trusted. With an error code the answer is the uncorrected command, as far as it could be read, and its status
  has POEGP_STATUS_NO_MODEL or POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+ POEGP_ERROR_JOINTS.
 
  # Safety
  As for `poegp_evaluate`.
@@ -892,7 +895,8 @@ int32_t poegp_correct(const struct poegp_model_t *model,
  trusted. The answer is the identity with an error code, without a model, and for joints or a tool that cannot be
  used (POEGP_STATUS_BAD_INPUT).
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+ POEGP_ERROR_JOINTS.
 
  # Safety
  `model` comes from `poegp_init` and is not loaded during the call; `joints` points to `count` numbers,
@@ -924,7 +928,8 @@ int32_t poegp_forward(const struct poegp_model_t *model,
  input (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero in place of numbers
  that are not finite.
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+ POEGP_ERROR_JOINTS.
 
  # Safety
  As for `poegp_forward`; `base_from_tool` points to twelve numbers, `seed` to `count`.
@@ -953,7 +958,8 @@ int32_t poegp_inverse(const struct poegp_model_t *model,
  Returns POEGP_OK for all numbers, NaN and infinity included. With an error code, without a model, and for bad
  input (POEGP_STATUS_BAD_INPUT) all columns are zero.
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+ POEGP_ERROR_JOINTS.
 
  # Safety
  As for `poegp_forward`.
@@ -1029,26 +1035,29 @@ int32_t poegp_filter_init(void *memory,
  every cycle. It corrects as `poegp_correct` does, but the joints to send do not step when the correction is
  switched on or off, the payload changes, a command is lost or the model is exchanged: every change of the
  correction that the motion of the command does not explain stays within the limits of the filter. The execution
- time does not depend on the values of a valid command. `joints` may lie in `*out`. Another `count` than before
- resets the filter, unless the model refuses it.
+ time does not depend on the values of a valid command. `joints` may lie in `*out`. With a model of another
+ number of joints, the first command of that `count` resets the filter.
 
  `engage`: 0 requests the command itself (POEGP_STATUS_BYPASSED), any other value the corrected command. During
  the transition from one to the other the status has POEGP_STATUS_BLENDING. After it, the joints are bit for bit
  those of `poegp_correct` or those of the command, whatever the model and the payload are.
  `cycles`: number of cycles since the last call, 1 if none was left out; 0 for another answer to the same
- request.
+ request. However many they are, the correction goes on by one cycle.
 
  Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
  trusted. Bad input is answered with the joints that were sent last; joints that were never sent are those of the
  command, with zero in place of numbers that are not finite. While `engage` is 0, what only the model refuses, such
  as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the argument
  that is wrong:
- - `joints`: the same as for bad input, with POEGP_STATUS_BAD_INPUT;
+ - `joints`, or `count` (zero, above POEGP_MAX_JOINTS, another than that of the model or, without a model, than that
+   of the last command): the same as for bad input, with POEGP_STATUS_BAD_INPUT, and always all joints that were
+   sent last. Only the `count` of the last command passes while `engage` is 0, also with a model of another number;
  - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;
  - `filter`: the uncorrected command, which may be a step, with POEGP_STATUS_BAD_INPUT;
  - `out`: no answer, and the filter is unchanged, as if it had not been called.
 
- Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+ Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+ POEGP_ERROR_JOINTS.
 
  # Safety
  `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and
@@ -1117,7 +1126,9 @@ int32_t poegp_cyclic_command(uint16_t sequence,
 
 /*
  Reads the answer of a device from the `length` bytes that were received up to a zero, with or without that zero.
- With an error code nothing is written to `*out`: continue with the joints that were sent last.
+ With an error code nothing is written to `*out`. Read on until an answer has the `sequence` of the command: an
+ earlier one may have come late. If none comes in time, send the present command plus the correction of the last
+ answer, and withdraw that slowly (docs/reference/link.md, "No answer in time").
 
  Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_LENGTH, POEGP_ERROR_FRAME.
 

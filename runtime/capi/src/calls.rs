@@ -152,7 +152,7 @@ pub(crate) unsafe fn evaluate<T: Number>(
                     correction: result.correction.to_array(),
                     status: u32::from(result.status.bits()),
                 };
-                (POEGP_OK, answer)
+                (joints.fit(model), answer)
             }
         },
     };
@@ -192,7 +192,7 @@ pub(crate) unsafe fn correct<T: Number>(
                     rotation_error: result.rotation_error,
                     status: u32::from(result.status.bits()),
                 };
-                (POEGP_OK, answer)
+                (joints.fit(model), answer)
             }
         },
     };

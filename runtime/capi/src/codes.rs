@@ -29,7 +29,7 @@ pub const POEGP_ERROR_OVERLAP: i32 = 5;
 pub const POEGP_ERROR_LENGTH: i32 = 6;
 /// The bytes are not an answer in a cyclic frame: they are damaged or another message, or a number is not finite.
 pub const POEGP_ERROR_FRAME: i32 = 7;
-/// The number of joints is zero, or larger than POEGP_MAX_JOINTS.
+/// The number of joints is not that of the model; or it is zero, or larger than POEGP_MAX_JOINTS.
 pub const POEGP_ERROR_JOINTS: i32 = 8;
 /// Another reason. A later version of the runtime may refuse for reasons that have no code in this version.
 pub const POEGP_ERROR_OTHER: i32 = 99;

@@ -75,7 +75,9 @@ unsafe fn command(
 }
 
 /// Reads the answer of a device from the `length` bytes that were received up to a zero, with or without that zero.
-/// With an error code nothing is written to `*out`: continue with the joints that were sent last.
+/// With an error code nothing is written to `*out`. Read on until an answer has the `sequence` of the command: an
+/// earlier one may have come late. If none comes in time, send the present command plus the correction of the last
+/// answer, and withdraw that slowly (docs/reference/link.md, "No answer in time").
 ///
 /// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_LENGTH, POEGP_ERROR_FRAME.
 ///

@@ -121,7 +121,8 @@ pub unsafe extern "C" fn poegp_verify(
 /// trusted. With an error code the answer is the identity and its status has POEGP_STATUS_NO_MODEL or
 /// POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+/// POEGP_ERROR_JOINTS.
 ///
 /// # Safety
 /// `model` comes from `poegp_init` and is not loaded during the call; `joints` points to `count` numbers; `out`
@@ -147,7 +148,8 @@ pub unsafe extern "C" fn poegp_evaluate(
 /// trusted. With an error code the answer is the uncorrected command, as far as it could be read, and its status
 /// has POEGP_STATUS_NO_MODEL or POEGP_STATUS_BAD_INPUT, unless `out` itself cannot be used.
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+/// POEGP_ERROR_JOINTS.
 ///
 /// # Safety
 /// As for `poegp_evaluate`.
@@ -174,7 +176,8 @@ pub unsafe extern "C" fn poegp_correct(
 /// trusted. The answer is the identity with an error code, without a model, and for joints or a tool that cannot be
 /// used (POEGP_STATUS_BAD_INPUT).
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+/// POEGP_ERROR_JOINTS.
 ///
 /// # Safety
 /// `model` comes from `poegp_init` and is not loaded during the call; `joints` points to `count` numbers,
@@ -210,7 +213,8 @@ pub unsafe extern "C" fn poegp_forward(
 /// input (POEGP_STATUS_BAD_INPUT) the answer is the seed as far as it could be read, with zero in place of numbers
 /// that are not finite.
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+/// POEGP_ERROR_JOINTS.
 ///
 /// # Safety
 /// As for `poegp_forward`; `base_from_tool` points to twelve numbers, `seed` to `count`.
@@ -254,7 +258,8 @@ pub unsafe extern "C" fn poegp_inverse(
 /// Returns POEGP_OK for all numbers, NaN and infinity included. With an error code, without a model, and for bad
 /// input (POEGP_STATUS_BAD_INPUT) all columns are zero.
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+/// POEGP_ERROR_JOINTS.
 ///
 /// # Safety
 /// As for `poegp_forward`.

@@ -57,26 +57,29 @@ pub unsafe extern "C" fn poegp_filter_init(
 /// every cycle. It corrects as `poegp_correct` does, but the joints to send do not step when the correction is
 /// switched on or off, the payload changes, a command is lost or the model is exchanged: every change of the
 /// correction that the motion of the command does not explain stays within the limits of the filter. The execution
-/// time does not depend on the values of a valid command. `joints` may lie in `*out`. Another `count` than before
-/// resets the filter, unless the model refuses it.
+/// time does not depend on the values of a valid command. `joints` may lie in `*out`. With a model of another
+/// number of joints, the first command of that `count` resets the filter.
 ///
 /// `engage`: 0 requests the command itself (POEGP_STATUS_BYPASSED), any other value the corrected command. During
 /// the transition from one to the other the status has POEGP_STATUS_BLENDING. After it, the joints are bit for bit
 /// those of `poegp_correct` or those of the command, whatever the model and the payload are.
 /// `cycles`: number of cycles since the last call, 1 if none was left out; 0 for another answer to the same
-/// request.
+/// request. However many they are, the correction goes on by one cycle.
 ///
 /// Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
 /// trusted. Bad input is answered with the joints that were sent last; joints that were never sent are those of the
 /// command, with zero in place of numbers that are not finite. While `engage` is 0, what only the model refuses, such
 /// as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the argument
 /// that is wrong:
-/// - `joints`: the same as for bad input, with POEGP_STATUS_BAD_INPUT;
+/// - `joints`, or `count` (zero, above POEGP_MAX_JOINTS, another than that of the model or, without a model, than that
+///   of the last command): the same as for bad input, with POEGP_STATUS_BAD_INPUT, and always all joints that were
+///   sent last. Only the `count` of the last command passes while `engage` is 0, also with a model of another number;
 /// - `model`: joints whose correction goes to zero within the limits, with POEGP_STATUS_NO_MODEL;
 /// - `filter`: the uncorrected command, which may be a step, with POEGP_STATUS_BAD_INPUT;
 /// - `out`: no answer, and the filter is unchanged, as if it had not been called.
 ///
-/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP.
+/// Errors: POEGP_ERROR_NULL, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_OVERLAP,
+/// POEGP_ERROR_JOINTS.
 ///
 /// # Safety
 /// `model` comes from `poegp_init` and is not loaded during the call; `filter` comes from `poegp_filter_init` and

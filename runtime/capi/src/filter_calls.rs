@@ -9,12 +9,13 @@ use poegp_runtime::guard::status::Status;
 
 use crate::calls::finite;
 use crate::codes::{
-    POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK, of_settings,
+    POEGP_ERROR_JOINTS, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NULL, POEGP_ERROR_TOO_SMALL, POEGP_OK,
+    of_settings,
 };
 use crate::memory::{self, Joints, apart, usable};
 use crate::types::{
     Commanded, Filter, FilterCounts, FilterSettings, Model, Number, POEGP_FILTER_ALIGN,
-    POEGP_STATUS_BAD_INPUT,
+    POEGP_MAX_JOINTS, POEGP_STATUS_BAD_INPUT,
 };
 
 /// # Safety
@@ -125,28 +126,71 @@ pub(crate) unsafe fn command<T: Number>(
         Ok(joints) => (joints, POEGP_OK),
         Err(code) => (Joints::unreadable(count), code),
     };
-    let command = joints.as_slice();
     let filter = apart(of_model, of_filter).and_then(|()| {
         // SAFETY: the same contract, and apart from the model.
         unsafe { memory::filter_mut(filter) }
     });
     let (code, answer) = match filter {
-        Err(code) => (code, unfiltered(command)),
+        Err(code) => (code, unfiltered(joints.as_slice())),
         Ok(filter) => {
             let filter = &mut filter.filter;
             let payload = filter.payload(payload_kg, cycles);
             // SAFETY: the same contract.
-            let (found, corrected) = match unsafe { memory::model(model) } {
+            let model = unsafe { memory::model(model) };
+            let misfit = misfit(&joints, model.ok(), filter);
+            let joints = match misfit {
+                Some(Misfit::Held) => Joints::unreadable(usize::MAX),
+                _ => joints,
+            };
+            let command = joints.as_slice();
+            let (found, corrected) = match model {
                 Err(code) => (code, uncorrected(command)),
                 Ok(model) => (POEGP_OK, model.resident.model().correct(command, payload)),
             };
             let answer = filtered(filter, command, &corrected, engage != 0, cycles);
-            (if read == POEGP_OK { found } else { read }, answer)
+            let of_count = misfit.map_or(POEGP_OK, |_| POEGP_ERROR_JOINTS);
+            let code = [read, found, of_count]
+                .into_iter()
+                .find(|code| *code != POEGP_OK);
+            (code.unwrap_or(POEGP_OK), answer)
         }
     };
     // SAFETY: not null, aligned, neither in the model nor in the filter; the caller's by the contract of this function.
     unsafe { out.write(answer) };
     code
+}
+
+/// A command with a wrong number of joints.
+#[derive(Clone, Copy, PartialEq)]
+enum Misfit {
+    /// Of the joints that were sent last, none may be left out: the filter holds them all.
+    Held,
+    /// The filter had no other number yet, and may take the command while the correction is off.
+    Passed,
+}
+
+/// Returns whether the number of joints is wrong: none or too many, not that of the model, or, without a model, another one
+/// than before.
+fn misfit<T: Number>(
+    joints: &Joints<T>,
+    model: Option<&Model<T>>,
+    filter: &CommandFilter<T>,
+) -> Option<Misfit> {
+    let count = joints.as_slice().len();
+    let before = filter.joints();
+    let continues = before == 0 || before == count;
+    if count == 0 || count > POEGP_MAX_JOINTS {
+        return Some(Misfit::Held);
+    }
+    let fits = match model.map_or(0, |model| model.resident.model().joints()) {
+        0 => continues,
+        of_model => of_model == count,
+    };
+    match (fits, continues) {
+        (true, _) => None,
+        (false, true) => Some(Misfit::Passed),
+        (false, false) => Some(Misfit::Held),
+    }
 }
 
 /// Passes a correction through the filter and returns the joints to send.

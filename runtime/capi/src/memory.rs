@@ -7,8 +7,8 @@ use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::math::se3::Pose;
 
 use crate::codes::{
-    POEGP_ERROR_LENGTH, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED, POEGP_ERROR_NULL,
-    POEGP_ERROR_OVERLAP,
+    POEGP_ERROR_JOINTS, POEGP_ERROR_LENGTH, POEGP_ERROR_MISALIGNED, POEGP_ERROR_NOT_INITIALISED,
+    POEGP_ERROR_NULL, POEGP_ERROR_OVERLAP, POEGP_OK,
 };
 use crate::types::{Filter, Model, Number};
 
@@ -178,6 +178,16 @@ impl<T: Number> Joints<T> {
             *slot = *value;
         }
         Ok(joints)
+    }
+
+    /// Returns POEGP_OK if the model has as many joints, or no blob.
+    #[inline(always)]
+    pub(crate) fn fit(&self, model: &Model<T>) -> i32 {
+        match model.resident.model().joints() {
+            0 => POEGP_OK,
+            joints if joints == self.count => POEGP_OK,
+            _ => POEGP_ERROR_JOINTS,
+        }
     }
 
     /// Returns `count` NaNs in place of joints that cannot be read.

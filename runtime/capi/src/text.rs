@@ -17,7 +17,9 @@ pub fn of(code: i32) -> &'static CStr {
         POEGP_ERROR_OVERLAP => c"two arguments share memory that must not",
         POEGP_ERROR_LENGTH => c"a length is larger than memory",
         POEGP_ERROR_FRAME => c"the bytes are no answer in a cyclic frame",
-        POEGP_ERROR_JOINTS => c"no joint, or more than eight",
+        POEGP_ERROR_JOINTS => {
+            c"another number of joints than the model has, none, or more than eight"
+        }
         POEGP_ERROR_OTHER => c"refused for a reason that has no number in this version",
         POEGP_BLOB_TRUNCATED => c"the blob is truncated",
         POEGP_BLOB_WRONG_MAGIC => c"not a model blob",

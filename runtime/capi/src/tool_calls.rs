@@ -3,7 +3,6 @@
 use poegp_runtime::math::se3::Pose;
 
 use crate::calls::{answer_apart, finite};
-use crate::codes::POEGP_OK;
 use crate::memory::{self, Joints, usable};
 use crate::types::{
     Forward, Inverse, Jacobian, Model, Number, POEGP_MAX_JOINTS, POEGP_STATUS_BAD_INPUT,
@@ -43,7 +42,7 @@ pub(crate) unsafe fn forward<T: Number>(
                 trust: result.trust,
                 status: u32::from(result.status.bits()),
             };
-            (POEGP_OK, answer)
+            (asked.joints.fit(asked.model), answer)
         }
     };
     // SAFETY: not null, aligned, not in the model; the caller's by the contract of this function.
@@ -93,7 +92,7 @@ pub(crate) unsafe fn inverse<T: Number>(
                         rotation_error: result.rotation_error,
                         status: u32::from(result.status.bits()),
                     };
-                    (POEGP_OK, answer)
+                    (asked.joints.fit(asked.model), answer)
                 }
             }
         }
@@ -130,7 +129,10 @@ pub(crate) unsafe fn jacobian<T: Number>(
                     *slot = column.get(r).copied().unwrap_or(T::ZERO);
                 }
             }
-            (POEGP_OK, u32::from(result.status.bits()))
+            (
+                asked.joints.fit(asked.model),
+                u32::from(result.status.bits()),
+            )
         }
     };
     // SAFETY: not null, aligned, not in the model; the caller's by the contract of this function.

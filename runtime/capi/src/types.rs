@@ -52,7 +52,8 @@ pub const POEGP_STATUS_CORRECTION_LIMITED: u32 = 4;
 /// Status bit: there is no model. The pose is the identity and the joints are those of the command.
 pub const POEGP_STATUS_NO_MODEL: u32 = 8;
 /// Status bit: the number of joints is wrong, a number is not finite, a joint is beyond 4096 rad or m, the payload is
-/// below 0 or above 100 000 kg, or a transform is not rigid. Nothing was corrected.
+/// below 0 or above 100 000 kg, or a transform is not rigid. Nothing was corrected. Switched off or without a model,
+/// `poegp_command` takes any finite joints, and this bit means one that is not.
 pub const POEGP_STATUS_BAD_INPUT: u32 = 16;
 /// Status bit: by an estimate from the model, more than 5 um or 5 urad of the arm's error remain, because the arm is
 /// near a singularity or a bound acts.

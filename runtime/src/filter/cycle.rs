@@ -3,7 +3,7 @@
 use poegp_protocol::limits::MAX_JOINTS;
 
 use super::state::{CommandFilter, Filtered, GRACE, MAX_CORRECTION, count_if};
-use crate::filter::approach::{Drive, Time, approach, held, larger, select, smaller};
+use crate::filter::approach::{Drive, approach, held, larger, select, smaller};
 use crate::guard::status::Status;
 use crate::math::scalar::Scalar;
 use crate::model::validate::MAX_PAYLOAD_KG;
@@ -38,24 +38,23 @@ impl<T: Scalar> CommandFilter<T> {
         let rate = select(applied, way.rate, T::ZERO);
         let on_its_way = (rest != T::ZERO) | (rate != T::ZERO);
         let scale = larger(rest.abs(), select(on_its_way, way.scale, T::ZERO));
-        let time = Time::of(cycles.clamp(1, GRACE));
         // Largest change of rate so far on this way: it always suffices to brake before the payload that is asked for.
         let change = self.limits.blend * scale;
         let drive = Drive {
             rate: scale,
             braking: change,
-            slower: change * time.cycles,
-            faster: change * time.cycles,
+            slower: change,
+            faster: change,
         };
-        let (next, there) = approach(rest, rate, &drive, &time);
-        let left = select(there, T::ZERO, rest - next * time.cycles);
+        let (next, there) = approach(rest, rate, &drive);
+        let left = select(there, T::ZERO, rest - next);
         let passes = cycles != 0;
         way.rest = select(passes, left, rest);
         way.rate = select(passes, next, rate);
         way.scale = scale;
         // Rounding may leave the range by an ulp.
         let now = smaller(larger(asked - way.rest, T::ZERO), largest);
-        way.moves |= now != way.now;
+        self.payload_moves |= now != way.now;
         way.now = now;
         now
     }
@@ -91,7 +90,7 @@ impl<T: Scalar> CommandFilter<T> {
         if !(fits & finite & (size <= largest)) | status.contains(Status::BAD_INPUT) {
             return self.hold(command, status, cycles);
         }
-        if self.count != command.len() {
+        if self.joints() != command.len() {
             return self.start(command, corrected, status, engage);
         }
         let cycles = cycles.saturating_add(self.missed);
@@ -100,7 +99,6 @@ impl<T: Scalar> CommandFilter<T> {
         }
         self.missed = 0;
         let lost = cycles > GRACE;
-        let time = Time::of(if lost { 1 } else { cycles });
         let turned = engage != self.engage;
         self.engage = engage;
         self.rest = select(turned, T::ONE - self.rest, self.rest);
@@ -111,11 +109,12 @@ impl<T: Scalar> CommandFilter<T> {
         let turning = select(lost, T::ZERO, turning);
 
         // The offsets take up what the path does not explain.
-        let jumped = moved > limits.jump * time.cycles;
+        let passed = T::from_f32(if lost { 1 } else { cycles } as f32);
+        let jumped = moved > limits.jump * passed;
         let noise = select(moved > T::ZERO, limits.noise, T::ZERO);
         let explained = T::from_f64(SLOPE) * moved + noise;
         let far = self.offsets > T::from_f64(FAR);
-        let payload_moves = core::mem::replace(&mut self.payload.moves, false);
+        let payload_moves = core::mem::take(&mut self.payload_moves);
         let explained = select(lost | jumped | far | payload_moves, T::ZERO, explained);
         let (mut excesses, mut offsets, mut rates) = (T::ZERO, T::ZERO, T::ZERO);
         for (joint, c) in self.joints.iter_mut().zip(&corrections).take(command.len()) {
@@ -132,7 +131,7 @@ impl<T: Scalar> CommandFilter<T> {
         let offset_left = (offsets != T::ZERO) | coasts;
 
         // The weight moves if no offset is left.
-        let allowed = limits.acceleration * time.cycles;
+        let allowed = limits.acceleration;
         let slack = larger(allowed * T::from_f64(JUST_BELOW) - turning, T::ZERO);
         // No correction is larger, nor was in the last call: the weight's rate may pass to the offsets in the next one.
         let span = size + change;
@@ -147,10 +146,10 @@ impl<T: Scalar> CommandFilter<T> {
                 T::from_f64(BRAKING) * limits.acceleration * per_size,
             ),
             slower,
-            faster: smaller(limits.blend * time.cycles, slower),
+            faster: smaller(limits.blend, slower),
         };
-        let (rate, there) = approach(self.rest, self.rate, &drive, &time);
-        let rest = select(there, T::ZERO, self.rest - rate * time.cycles);
+        let (rate, there) = approach(self.rest, self.rate, &drive);
+        let rest = select(there, T::ZERO, self.rest - rate);
         let within = (turning <= allowed)
             & (rate.abs() * span <= limits.rate)
             & (rest >= T::ZERO)
@@ -161,7 +160,7 @@ impl<T: Scalar> CommandFilter<T> {
 
         // A model that steps in every cycle must not keep the correction from being switched off.
         let waits = !(engage | turn_of_weight | (weight == T::ZERO));
-        self.waited = select(waits, self.waited + time.cycles, self.waited);
+        self.waited = select(waits, self.waited + T::ONE, self.waited);
         self.waited = select(engage | (weight == T::ZERO), T::ZERO, self.waited);
         let gives_up = waits & guarded & (self.waited > limits.patience);
         let carried = select(gives_up, weight, T::ZERO);
@@ -188,8 +187,8 @@ impl<T: Scalar> CommandFilter<T> {
         {
             let offset = joint.offset + carried * *c;
             let rate = select(rests, T::ZERO, joint.rate);
-            let (rate, there) = approach(-offset, rate, &drive, &time);
-            let offset = select(there, T::ZERO, offset + rate * time.cycles);
+            let (rate, there) = approach(-offset, rate, &drive);
+            let offset = select(there, T::ZERO, offset + rate);
             let x = weight * *c + offset;
             let sent = select(x == T::ZERO, *q, *q + x);
             let sent = select(offset == exact, *target, sent);
@@ -269,8 +268,8 @@ compiled!(f64);
 
 impl<T: CompiledFilter> CommandFilter<T> {
     /// Returns the payload in kg at which the model is to be evaluated now, for the payload that is asked for and the
-    /// `cycles` since the last call. It moves there smoothly in about the blend time, also from one change to the next, and
-    /// never beyond the payloads asked for. While the model has no weight it changes at once. An invalid payload is returned
+    /// `cycles` since the last call: none holds it, any other number is one step. It moves there smoothly in about the blend
+    /// time, also from one change to the next, and never beyond the payloads asked for. While the model has no weight it changes at once. An invalid payload is returned
     /// as it is, for the model to refuse.
     #[inline(always)]
     pub fn payload(&mut self, asked_kg: T, cycles: u32) -> T {
@@ -279,15 +278,15 @@ impl<T: CompiledFilter> CommandFilter<T> {
 
     /// Returns the joints to send for a `command`, `corrected` joints and `status` of the model (rad or m). `engage` says
     /// whether the correction is to be applied. `cycles` counts the cycles since the last call, 0 for another answer to the
-    /// same request.
+    /// same request. However many they are, the correction goes on by one cycle.
     ///
     /// While `engage` is false, a command that is bad only by `status` is taken with the last correction, which is taken back
     /// as always, and the answer does not say [`Status::BAD_INPUT`]. Until then it needs the number of joints of the last good
     /// one.
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
-    /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. The joints of the last answer are then sent again.
-    /// Joints that it did not have, or all if there is none, are sent as commanded, with zeros in place of what is not
+    /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. All joints of the last answer are then sent again,
+    /// however many the command has. Joints that it did not have, or all if there is none, are sent as commanded, with zeros in place of what is not
     /// finite. A good command with another number of joints resets the filter. In a cycle that was already answered the
     /// correction does not change, and for the same command the answer does not change either.
     #[inline(always)]

@@ -10,7 +10,7 @@ use crate::math::scalar::Scalar;
 impl<T: Scalar> CommandFilter<T> {
     /// Returns whether a command with `count` joints makes no correction step.
     pub(super) fn takes(&self, count: usize) -> bool {
-        self.count == count || self.disengaged()
+        self.joints() == count || self.disengaged()
     }
 
     /// Returns the command with the correction of the last good one.
@@ -23,16 +23,17 @@ impl<T: Scalar> CommandFilter<T> {
         corrected
     }
 
-    /// Answers bad input with the joints of the last answer; joints that it did not have are sent as they came.
+    /// Answers bad input with all joints of the last answer; joints that it did not have are sent as they came.
     #[inline(never)]
     pub(super) fn hold(&mut self, command: &[T], status: Status, cycles: u32) -> Filtered<T> {
         self.missed = self.missed.saturating_add(cycles);
         count_if(true, &mut self.counts.bad);
         let mut joints = [T::ZERO; MAX_JOINTS];
-        let known = self.joints.iter().enumerate();
-        for ((slot, (index, joint)), q) in joints.iter_mut().zip(known).zip(command) {
-            let came = select(q.is_finite(), *q, T::ZERO);
-            *slot = select(index < self.count, joint.sent, came);
+        for (slot, q) in joints.iter_mut().zip(command) {
+            *slot = select(q.is_finite(), *q, T::ZERO);
+        }
+        for (slot, joint) in joints.iter_mut().zip(&self.joints).take(self.joints()) {
+            *slot = joint.sent;
         }
         Filtered {
             joints,
@@ -50,13 +51,14 @@ impl<T: Scalar> CommandFilter<T> {
         status: Status,
         engage: bool,
     ) -> Filtered<T> {
-        let (payload, waiting) = (self.payload, self.weight() == T::ZERO);
+        let (payload, moves) = (self.payload, self.payload_moves);
+        let waiting = self.weight() == T::ZERO;
         self.reset();
         if waiting {
             // The model was evaluated for this payload.
-            self.payload = payload;
+            (self.payload, self.payload_moves) = (payload, moves);
         }
-        self.count = command.len();
+        self.count = command.len() as u8;
         let numbers = command.iter().zip(corrected);
         for (joint, (q, target)) in self.joints.iter_mut().zip(numbers) {
             *joint = Joint {

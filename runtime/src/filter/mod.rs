@@ -21,8 +21,8 @@
 //!   |Δ²x − w_(k−1) Δ²c| ≤ `acceleration` per cycle²: this bounds all that the weight and the offset add to the second
 //!   difference of x (ẅ c + 2 ẇ ċ + ö). Where the path is held, the own steps are just as smooth.
 //!
-//! So a command that stands still has |Δx| ≤ `rate` and |Δ²x| ≤ `acceleration`. Both hold up to the rounding of q + x. When
-//! n cycles have passed instead of one, own changes by up to n times as much in all, and so does its rate.
+//! So a command that stands still has |Δx| ≤ `rate` and |Δ²x| ≤ `acceleration`. Both hold up to the rounding of q + x, and
+//! from one answer to the next, however many cycles lie between: a cycle without an answer holds the correction.
 //!
 //! **Order.** Either the weight moves or the offsets do. While an offset remains, the weight rests; its rate passes to the
 //! offsets at once, which leaves x unchanged. So each part may use the limits in full, and they hold by construction. A
@@ -33,8 +33,9 @@
 //! reach them exactly. With w = 1 and no offset the output is the corrected command, bit for bit; with w = 0 and no offset
 //! it is the command, bit for bit.
 //!
-//! **Time.** The caller passes the number of cycles since its last call. Up to [`GRACE`] cycles the filter goes on; after
-//! more, the correction is held and continues from rest. The execution time does not depend on that number.
+//! **Time.** The caller passes the number of cycles since its last call. It tells a jump of the command from a motion. Up to
+//! [`GRACE`] cycles the filter goes on as if one had passed; after more, the correction continues from rest. The execution
+//! time does not depend on that number.
 
 mod approach;
 mod bound;

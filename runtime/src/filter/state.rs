@@ -37,7 +37,8 @@ pub struct FilterCounts {
 /// Answer of the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<T> {
-    /// Joints to send, rad or m; zero beyond those of the command. Always finite.
+    /// Joints to send, rad or m; zero beyond those of the command, or, for bad input, beyond those of the last answer too.
+    /// Always finite.
     pub joints: [T; MAX_JOINTS],
     /// Status of the model's answer, with [`Status::BLENDING`] added if the joints are not those that were asked for.
     pub status: Status,
@@ -102,8 +103,6 @@ pub(super) struct Payload<T> {
     pub(super) rate: T,
     /// Largest remaining change on this way, kg.
     pub(super) scale: T,
-    /// Whether the payload that the model was given has changed since the last step.
-    pub(super) moves: bool,
 }
 
 /// Command filter. Its initial state is all zeros, so that a static one takes no flash.
@@ -112,7 +111,7 @@ pub struct CommandFilter<T> {
     pub(super) limits: Limits<T>,
     pub(super) joints: [Joint<T>; MAX_JOINTS],
     /// Number of joints; 0 before the first command.
-    pub(super) count: usize,
+    pub(super) count: u8,
     /// Whether the weight goes to 1 (otherwise to 0).
     pub(super) engage: bool,
     /// Remaining change of the weight, 0 to 1.
@@ -120,6 +119,8 @@ pub struct CommandFilter<T> {
     /// Step of the weight per cycle towards its end.
     pub(super) rate: T,
     pub(super) payload: Payload<T>,
+    /// Whether the payload that the model was given has changed since the last step. Here, it takes no memory of its own.
+    pub(super) payload_moves: bool,
     /// Sum of the absolute offsets, rad or m.
     pub(super) offsets: T,
     /// Number of cycles without a good command since the last good one.
@@ -142,7 +143,6 @@ impl<T: Scalar> CommandFilter<T> {
         rest: T::ZERO,
         rate: T::ZERO,
         scale: T::ZERO,
-        moves: false,
     };
 
     /// Creates a filter without settings: commands pass unchanged, bit for bit, and no model gains weight.
@@ -162,6 +162,7 @@ impl<T: Scalar> CommandFilter<T> {
             rest: T::ZERO,
             rate: T::ZERO,
             payload: Self::NO_PAYLOAD,
+            payload_moves: false,
             offsets: T::ZERO,
             missed: 0,
             waited: T::ZERO,
@@ -209,6 +210,12 @@ impl<T: Scalar> CommandFilter<T> {
             counts: self.counts,
             ..Self::new()
         };
+    }
+
+    /// Returns the number of joints of the last good command; 0 before the first.
+    #[inline(always)]
+    pub fn joints(&self) -> usize {
+        usize::from(self.count)
     }
 
     /// Returns the events counted so far.

@@ -218,7 +218,7 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
                 device.complete(&mut statistics);
                 Ok(Response::Statistics(statistics))
             }
-            Request::Restart => Ok(Response::Restarting),
+            Request::Restart => self.may_restart(device).map(|()| Response::Restarting),
             Request::StopCyclic => {
                 self.notify(device, CycleCommand::Stop);
                 Ok(Response::CyclicStopped)
@@ -232,6 +232,14 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
             | Request::Command(_)
             | Request::Signed { .. } => Err(Refusal::UnknownMessage),
         }
+    }
+
+    /// Refuses a restart that would take a correction away in one step.
+    // Not inlined: the report must not share the stack frame of the deepest service.
+    #[inline(never)]
+    fn may_restart(&mut self, device: &mut impl Device<'m, WORDS>) -> Result<(), Refusal> {
+        let refused = self.order(device, CycleCommand::Restart).refused;
+        refused.map_or(Ok(()), |_| Err(Refusal::CyclesRunning))
     }
 
     #[inline(never)]
@@ -442,7 +450,8 @@ impl<'m, F: NorFlash, const WORDS: usize, const BYTES: usize> Background<'m, F, 
     ) -> Result<(), Refusal> {
         for_filter(settings).check().map_err(not_taken)?;
         let report = self.check_flash(device)?;
-        in_time(report.instructions, settings.max_instructions)?;
+        // No command takes less than one: zero would refuse every model.
+        in_time(report.instructions.max(1), settings.max_instructions)?;
         let before = report.cycle;
         if before != *settings
             && let Some(error) = self

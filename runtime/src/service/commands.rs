@@ -26,10 +26,12 @@ const fn default_settings(max_instructions: u32) -> CycleSettings {
 /// The filter, and what it needs to know about time.
 ///
 /// ```text
-///  command    0      1         2        3   3′               4
-///  time      -|------|---------|--------|---|----------------|--   in periods, counted from the last command that counts
-///  cycles     ∞      1         1        1   0                2     rounded; 0 for a repeated one; ∞ after a stop
+///  command    0      1         2        3   3′               4  5
+///  time      -|------|---------|--------|---|----------------|--|   in periods, counted from the last command that counts
+///  cycles     ∞      1         1        1   0                2  1   rounded; 0 for a repeated one; ∞ after a stop
 /// ```
+///
+/// A command that comes early after a late one (5) is not repeated, but back in time: see [`Commands::late`].
 ///
 /// Time is the difference of two tick counts, which wrap around. Two measures keep a long stop from being taken for a short
 /// time: a caller that looks at the clock for another reason reports it ([`Commands::look`]), and half a second without a
@@ -47,6 +49,9 @@ pub(super) struct Commands {
     in_cyclic_frames: bool,
     /// Tick at which the last command came that did not fall into an already answered cycle.
     last: u32,
+    /// Ticks by which that command was late, and the next one may be early; at most half a period. So up to half a period of
+    /// jitter beyond the usual half costs no cycle, and yet commands count no faster for long.
+    late: u32,
     sequence: u16,
     query: Query,
 }
@@ -63,6 +68,7 @@ impl Commands {
             quiet: true,
             in_cyclic_frames: false,
             last: 0,
+            late: 0,
             sequence: 0,
             query: Query {
                 joints: Vec::new(),
@@ -100,20 +106,26 @@ impl Commands {
         self.quiet || self.filter.disengaged()
     }
 
-    /// Returns the cycles from the previous command to this one, which came at `arrived`: the nearest number, 0 for a
-    /// repeated request, and `u32::MAX` after a stop.
+    /// Returns the cycles from the previous command to this one, which came at `arrived`: the nearest number, 1 for a command
+    /// that is early by no more than the previous one was late, 0 for a repeated request, and `u32::MAX` after a stop.
     pub(super) fn cycles(&mut self, sequence: u16, query: &Query, arrived: u32) -> u32 {
         let since = arrived.wrapping_sub(self.last);
         let period = self.period_ticks;
+        let half = period.get() / 2;
+        let since_due = since.saturating_add(self.late);
         let cycles = if self.quiet {
             u32::MAX
         } else if sequence == self.sequence && same(query, &self.query) {
             0
         } else {
             // Rounds up from half a period on, for an odd number of ticks, too.
-            since / period + u32::from(since % period >= period.get() - period.get() / 2)
+            let up = period.get() - half;
+            let rounded = since / period + u32::from(since % period >= up);
+            rounded.max(u32::from(since_due >= up))
         };
         if cycles != 0 {
+            let late = since_due.saturating_sub(period.get()).min(half);
+            self.late = if self.quiet { 0 } else { late };
             self.last = arrived;
         }
         (self.quiet, self.in_cyclic_frames) = (false, false);

@@ -8,6 +8,7 @@ use poegp_protocol::link::{
     Commanded, Corrected, Cyclic, Evaluation, Query, Refusal, Statistics, Trace,
 };
 
+use crate::filter::FilterError;
 use crate::guard::status::Status;
 use crate::model;
 use crate::service::commands::Commands;
@@ -365,6 +366,9 @@ impl<'m, const WORDS: usize> Cycle<'m, WORDS> {
                 (self.running, self.commanded) = (false, false);
                 self.commands.stop();
                 self.exchange();
+            }
+            CycleCommand::Restart => {
+                refused = (!self.commands.is_free()).then_some(FilterError::Engaged);
             }
             CycleCommand::Refused => count(&mut self.statistics.refused),
             CycleCommand::Unreadable => count(&mut self.statistics.bad_frames),

@@ -54,6 +54,8 @@ pub enum CycleCommand<'m, const WORDS: usize> {
     Bypass(bool),
     /// Expect no more cyclic requests.
     Stop,
+    /// Refuse if commands come and a correction is applied to them, which a restart would end in one step.
+    Restart,
     /// Count a refused request.
     Refused,
     /// Count an intact frame whose message could not be read.
@@ -73,7 +75,7 @@ pub struct CycleAck<'m, const WORDS: usize> {
     pub slot: Option<Slot>,
     /// Settings in force.
     pub cycle: CycleSettings,
-    /// Reason why [`CycleCommand::Settings`] was not carried out.
+    /// Reason why [`CycleCommand::Settings`] or [`CycleCommand::Restart`] was not carried out.
     pub refused: Option<FilterError>,
     /// Whether corrections are bypassed.
     pub bypass: bool,

@@ -38,15 +38,16 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
                 assert_eq!(other.status, Status::BAD_INPUT);
             }
             assert_eq!(one.counts().bad, 5);
-            // Three of the bad calls have counted a cycle, and this call counts one more.
+            // The correction goes on by one cycle, however many were bad.
             give(&mut one, &q, &c, 1);
-            give(&mut twin, &q, &c, 4);
+            give(&mut twin, &q, &c, 1);
             assert_twins(&mut one, &mut twin, &q, &c);
-            // Another number of joints: those of the last answer stay where they are, others are sent as they came.
+            // Another number of joints: all of the last answer stay where they are, others are sent as they came.
             let sent = one.step(&bad, &good, Status::OK, true, 0).joints;
             let fewer = one.step(&q[..4], &q[..4], Status::BAD_INPUT, true, 1);
-            assert_eq!(fewer.joints[..4], sent[..4]);
-            assert_eq!(fewer.joints[4..], [0.0; 4]);
+            assert_eq!(fewer.joints, sent);
+            let none = one.step(&[], &[], Status::BAD_INPUT, true, 1);
+            assert_eq!(none.joints, sent);
             let mut more = [0.5; JOINTS + 2];
             more[JOINTS + 1] = f64::NAN;
             let more = one.step(&more, &more, Status::BAD_INPUT, true, 1);

@@ -138,7 +138,6 @@ struct Seen {
     before: Six,
     weight: f64,
     moved: f64,
-    cycles: u32,
     plain: bool,
     step: Six,
     change: Six,
@@ -161,7 +160,7 @@ pub struct Worst {
     pub calls: u32,
 }
 
-/// A filter, and the laws that every answer must satisfy.
+/// A filter, and the laws that every answer must satisfy, however many cycles have passed since the one before.
 #[derive(Clone)]
 pub struct Judge<T> {
     pub filter: CommandFilter<T>,
@@ -273,7 +272,6 @@ impl<T: CompiledFilter> Judge<T> {
             before: [0.0; JOINTS],
             weight,
             moved: 0.0,
-            cycles,
             plain: false,
             step: [0.0; JOINTS],
             change: [0.0; JOINTS],
@@ -288,7 +286,6 @@ impl<T: CompiledFilter> Judge<T> {
                 .iter()
                 .fold(0.0, |a: f64, b| a.max(b.abs()));
             let jumped = now.moved > self.jump * n * (1.0 + 1e-6);
-            let scale = if lost { 1.0 } else { n };
             let rounding_of_q = noise::<T>(self.rate);
             let noise = if now.moved > 0.0 { rounding_of_q } else { 0.0 };
             let payload_moves = core::mem::take(&mut self.payload_moves);
@@ -308,24 +305,24 @@ impl<T: CompiledFilter> Judge<T> {
                 let held = path.clamp(-explained, explained);
                 now.plain &= (path - held).abs() <= of_step;
                 let own = now.step[i] - held;
-                now.own[i] = own / scale;
+                now.own[i] = own;
                 // The weight's change added its share at the last correction, not at this one.
-                now.before[i] = now.own[i] - by_weight / scale * now.change[i];
-                let limit = 0.5 * now.moved + rounding_of_q + self.rate * n;
+                now.before[i] = now.own[i] - by_weight * now.change[i];
+                let limit = 0.5 * now.moved + rounding_of_q + self.rate;
                 self.worst.step = self.worst.step.max((now.step[i].abs() - of_step) / limit);
-                let excess = (own.abs() - of_step) / (self.rate * scale);
+                let excess = (own.abs() - of_step) / self.rate;
                 self.worst.own = self.worst.own.max(excess);
                 let before = if lost { 0.0 } else { last.before[i] };
-                let jerk = ((now.own[i] - before).abs() - of_change) / (self.acceleration * scale);
+                let jerk = ((now.own[i] - before).abs() - of_change) / self.acceleration;
                 self.worst.jerk = self.worst.jerk.max(jerk);
-                if now.plain & last.plain & (cycles == 1) & (last.cycles == 1) {
+                if now.plain & last.plain {
                     let second = now.step[i] - last.step[i];
                     let by_path = last.weight * (now.change[i] - last.change[i]);
                     let plain = ((second - by_path).abs() - of_change) / self.acceleration;
                     self.worst.plain = self.worst.plain.max(plain);
                     self.worst.calls += 1;
                 }
-                if (now.moved == 0.0) & (last.moved == 0.0) & (cycles == 1) & (last.cycles == 1) {
+                if (now.moved == 0.0) & (last.moved == 0.0) & !lost {
                     let second = (now.step[i] - last.step[i]).abs() - of_change;
                     self.worst.standing = self.worst.standing.max(second / self.acceleration);
                 }

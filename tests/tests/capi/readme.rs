@@ -20,7 +20,7 @@ static int exchanges, wanted;
 
 static void send(const float *joints)
 {
-    for (int i = 0; i < POEGP_MAX_JOINTS; i++) {
+    for (int i = 0; i < 6; i++) {
         sent[i] = joints[i];
     }
 }
@@ -35,20 +35,31 @@ static int wants_another_model(void)
 }
 static poegp_model_t *other_model(void);
 
-static uint8_t line[POEGP_CYCLIC_BYTES];
+/* The answers of a device, in turn. Answer 100 comes a cycle late, behind garbage; 150 to 154 and 250 to 399 never come. */
+static const uint8_t answer_frames[CYCLES][POEGP_CYCLIC_BYTES] = {ANSWERS};
 static size_t line_bytes;
+static int answered, asked = -1;
 static void write_line(const uint8_t *bytes, size_t count)
 {
-    memcpy(line, bytes, count);
+    (void)bytes;
     line_bytes = count;
+    asked++;
+    if ((asked >= 150 && asked < 155) || (asked >= 250 && asked < 400)) {
+        answered = asked + 1;
+    }
 }
-/* Whatever the command was, as a device answers number 7. */
-static const uint8_t answer_frame[] = {ANSWER};
 static size_t read_line_to_zero(uint8_t *bytes, size_t room)
 {
-    size_t count = room < sizeof answer_frame ? room : sizeof answer_frame;
-    memcpy(bytes, answer_frame, count);
-    return count;
+    static int garbage = 3;
+    if (asked == 100 || answered > asked) {
+        return 0;
+    }
+    if (asked == 101 && garbage-- > 0) {
+        memset(bytes, 7, 5);
+        return 5;
+    }
+    memcpy(bytes, answer_frames[answered++], room);
+    return (size_t)ANSWER_BYTES;
 }
 "#;
 
@@ -105,26 +116,41 @@ int main(int count, char **arguments)
     }
     int lost = follow(nowhere, tool, 1.0, wide_joints);
     printf("wide %d: %d %d %d\n", (int)code, followed, off < 2e-7, lost);
-    cycle_with_device(8, joints, 1.0f);
-    int kept = sent[0] == joints[0];
-    cycle_with_device(7, joints, 1.0f);
-    printf("device %d: %d %.3f %.3f\n", (int)line_bytes, kept, sent[0], sent[5]);
+    double correction = 0.0, largest = 0.0, least = 1.0;
+    int held = 0, used = 0;
+    for (int k = 0; k < CYCLES; k++) {
+        joints[0] = 0.3f + 1e-4f * (float)k;
+        cycle_with_device((uint16_t)k, joints, 1.0f);
+        double now = (double)sent[0] - (double)joints[0];
+        largest = fmax(largest, fabs(now - correction));
+        held += fabs(now - correction) < 1e-7 && k > 60 && k < 250;
+        least = k == 399 ? now : least;
+        used += fabs(now - 1e-3) < 1e-7 && k >= 500;
+        correction = now;
+    }
+    printf("device %d: %.1f %d %.4f %d\n", (int)line_bytes, 1e6 * largest, held, least, used);
     return 0;
 }
 "#;
 
-/// Returns the bytes of a cyclic frame as a C initialiser.
-fn answer() -> String {
+/// Number of cycles with a device.
+const CYCLES: u16 = 600;
+
+/// Returns the bytes of a cyclic answer as a C initialiser, and their number: the correction of the first joint comes in within
+/// 50 cycles, up to 1 mrad.
+fn answer(sequence: u16) -> (String, usize) {
+    let first = 0.3 + 1e-4 * f32::from(sequence) + 2e-5 * f32::from(sequence.min(50));
     let answer = CyclicAnswer {
-        joints: [0.5, 0.0, 0.0, 0.0, 0.0, -0.25].into_iter().collect(),
+        joints: [first, -0.2, 0.4, 0.1, 0.7, -0.5].into_iter().collect(),
         applied: 1.0,
         position_error: 0.0,
         rotation_error: 0.0,
         status: 0,
     };
     let mut out = [0; MAX_CYCLIC];
-    let bytes = encode_answer(7, &answer, &mut out).unwrap();
-    bytes.iter().map(|byte| format!("{byte}, ")).collect()
+    let bytes = encode_answer(sequence, &answer, &mut out).unwrap();
+    let list: String = bytes.iter().map(|byte| format!("{byte}, ")).collect();
+    (format!("{{{list}}},\n"), bytes.len())
 }
 
 #[test]
@@ -140,14 +166,19 @@ fn the_program_of_the_readme() {
     assert!(cycle <= 15, "a cycle of {cycle} lines");
     let folder = tempfile::Builder::new().prefix("poegp-").tempdir().unwrap();
     let source = folder.path().join("readme.c");
-    let before = BEFORE.replace("ANSWER", &answer());
-    fs::write(&source, [&before, &blocks.concat(), AFTER].concat()).unwrap();
+    let answers: String = (0..CYCLES).map(|k| answer(k).0).collect();
+    let before = BEFORE
+        .replace("ANSWERS", &answers)
+        .replace("ANSWER_BYTES", &answer(0).1.to_string());
+    let after = AFTER.replace("CYCLES", &CYCLES.to_string());
+    let before = before.replace("CYCLES", &CYCLES.to_string());
+    fs::write(&source, [before, blocks.concat(), after].concat()).unwrap();
     let program = folder.path().join("readme");
     compile(Machine::Host, &source, &[], &program);
     let said = run_on_host(&program, &capi().join("examples/arm.blob"));
     assert_eq!(
         said,
-        "on 0: 1 1 1\noff 0: 1 0 1\nwide 0: 1 1 0\ndevice 37: 1 0.500 -0.250\n"
+        "on 0: 1 1 1\noff 0: 1 0 1\nwide 0: 1 1 0\ndevice 37: 20.0 189 0.0000 100\n"
     );
 }
 

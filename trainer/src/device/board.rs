@@ -39,6 +39,18 @@ impl Board {
         }
     }
 
+    /// Returns the board that this firmware was built for, if it names another one than `self`.
+    pub fn other_in(self, elf: &[u8]) -> Option<Self> {
+        let names = |board: Self| {
+            let name = board.name().as_bytes();
+            elf.windows(name.len()).any(|bytes| bytes == name)
+        };
+        if names(self) {
+            return None;
+        }
+        Self::ALL.into_iter().find(|board| names(*board))
+    }
+
     /// Returns QEMU's name of the machine.
     pub const fn machine(self) -> &'static str {
         match self {

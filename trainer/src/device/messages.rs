@@ -49,7 +49,7 @@ pub fn refusal(refusal: &Refusal) -> String {
         }
         Refusal::NotAKey => "these bytes are not an Ed25519 public key".to_owned(),
         Refusal::CyclesRunning => {
-            "the request would delay its cycles; stop the controller, run `trainer device stop`, and try again"
+            "the request would disturb its cycles; stop the controller, run `trainer device stop`, and try again"
                 .to_owned()
         }
         Refusal::TooSlow {

@@ -460,5 +460,7 @@ fn without_qemu_the_emulator_says_what_to_install() {
         .finish(command.env("PATH", ""))
         .refused_after_output();
     folder.refuses("device emulate --elf none.elf");
+    folder.write("other.elf", b"\x7fELF ... stm32f405 ...");
+    folder.refuses("device emulate --elf other.elf");
     folder.refuses("device emulate --elf image.elf --listen /dev/ttyUSB0");
 }

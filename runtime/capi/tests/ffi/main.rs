@@ -214,14 +214,19 @@ fn bad_arguments_are_refused_and_the_answer_is_safe() {
         assert_eq!(answer.status, POEGP_STATUS_BAD_INPUT);
         assert_eq!(answer.joints, [0.0; 8]);
     }
-    // No joints and too many joints are bad input, but not an error of the call.
-    assert_eq!(call(null(), 0, place), POEGP_OK);
+    // No joints, too many, and fewer than the model has.
+    assert_eq!(call(null(), 0, place), POEGP_ERROR_JOINTS);
     // SAFETY: as above.
     assert_eq!(unsafe { place.read() }.status, POEGP_STATUS_BAD_INPUT);
     let many = [0.25; 40];
-    let (code, answer) = correct(model, &many, 1.0);
-    assert_eq!((code, answer.status), (POEGP_OK, POEGP_STATUS_BAD_INPUT));
-    assert_eq!(answer.joints, [0.25; 8]);
+    for count in [40, 8, 7, 5, 1] {
+        let expected = (POEGP_ERROR_JOINTS, POEGP_STATUS_BAD_INPUT);
+        let (code, answer) = correct(model, &many[..count], 1.0);
+        assert_eq!((code, answer.status), expected);
+        assert!(answer.joints[..count.min(8)].iter().all(|q| *q == 0.25));
+        let (code, answer) = evaluate(model, &many[..count], 1.0);
+        assert_eq!((code, answer.status), expected);
+    }
     // The model is still usable afterwards.
     assert_eq!(
         evaluate(model, &COMMAND, 1.0).1.status & POEGP_STATUS_NO_MODEL,

@@ -325,8 +325,13 @@ macro_rules! laws {
                     assert_eq!(found.rows, [[0.0; 8]; 6]);
                 }
                 let (code, found) = inverse(model, null(), tool.as_ptr(), &[0.25; 40], 1.0);
-                assert_eq!((code, found.status), (POEGP_OK, POEGP_STATUS_BAD_INPUT));
+                let expected = (POEGP_ERROR_JOINTS, POEGP_STATUS_BAD_INPUT);
+                assert_eq!((code, found.status), expected);
                 assert_eq!(found.joints, [0.25; 8]);
+                let (code, found) = forward(model, null(), &q[..5], 1.0);
+                assert_eq!((code, found.status), expected);
+                let (code, found) = jacobian(model, null(), &q[..5], 1.0);
+                assert_eq!((code, found.status), expected);
             }
 
             #[test]

@@ -135,9 +135,24 @@ fn bad_arguments_are_refused_and_the_last_joints_stay() {
         assert_ne!(answer.status & POEGP_STATUS_BAD_INPUT, 0);
     }
     let many = [0.25; 40];
-    assert_eq!(call(many.as_ptr(), 40, place), POEGP_OK);
-    assert_eq!(call(null(), 0, place), POEGP_OK);
-    assert_eq!(cell.counts().bad, 4);
+    for (joints, count) in [
+        (many.as_ptr(), 40),
+        (many.as_ptr(), 9),
+        (null(), 0),
+        (good, 5),
+        (good, 1),
+    ] {
+        assert_eq!(call(joints, count, place), POEGP_ERROR_JOINTS, "{count}");
+        // SAFETY: written by the call.
+        let answer = unsafe { place.read() };
+        assert_eq!(answer.joints, last.joints, "{count}");
+        assert_ne!(answer.status & POEGP_STATUS_BAD_INPUT, 0);
+    }
+    // Fewer joints that cannot be read hold all six, too.
+    assert_eq!(call(null(), 5, place), POEGP_ERROR_NULL);
+    // SAFETY: written by the call.
+    assert_eq!(unsafe { place.read() }.joints, last.joints);
+    assert_eq!(cell.counts().bad, 8);
     // The filter is still usable afterwards.
     let answer = cell.command(&COMMAND, true);
     assert_eq!((answer.joints, answer.weight), (last.joints, 1.0));
@@ -148,6 +163,41 @@ fn bad_arguments_are_refused_and_the_last_joints_stay() {
     // SAFETY: the same.
     let code = unsafe { poegp_filter_counts(cell.filter, null_mut()) };
     assert_eq!(code, POEGP_ERROR_NULL);
+}
+
+/// Switched off or without a model, no other number of joints than before leaves a joint out.
+#[test]
+fn another_number_of_joints_is_held_when_off_too() {
+    let cell = Cell::engaged(BLOB, &COMMAND);
+    for _ in 0..LONG {
+        cell.command(&COMMAND, false);
+    }
+    assert!(cell.is_disengaged());
+    for model in [cell.model, null_mut()] {
+        for count in [0, 1, 5] {
+            let asked = Asked {
+                engage: false,
+                ..Asked::new(&COMMAND[..count])
+            };
+            let (code, answer) = command(model, cell.filter, &asked);
+            assert_ne!(code, POEGP_OK);
+            assert_eq!(answer.joints[..6], COMMAND, "{count}");
+        }
+    }
+    // An arm of five joints under a model of six, not corrected: its commands pass.
+    let five = Cell::new(BLOB);
+    for step in [0.0, 0.1, 0.2] {
+        let joints: [f32; 5] = std::array::from_fn(|i| COMMAND[i] + step);
+        let asked = Asked {
+            engage: false,
+            ..Asked::new(&joints)
+        };
+        let (code, answer) = command(five.model, five.filter, &asked);
+        assert_eq!(code, POEGP_ERROR_JOINTS);
+        assert_eq!(answer.joints[..5], joints);
+        let (code, held) = command(five.model, five.filter, &Asked::new(&joints));
+        assert_eq!((code, held.joints), (POEGP_ERROR_JOINTS, answer.joints));
+    }
 }
 
 #[test]
@@ -170,7 +220,8 @@ fn whatever_comes_finite_joints_go() {
             cycles: if dice.is(9) { dice.next() as u32 } else { 1 },
         };
         let (code, answer) = command(cell.model, cell.filter, &asked);
-        assert_eq!(code, POEGP_OK);
+        let fits = asked.joints.len() == 6;
+        assert_eq!(code, if fits { POEGP_OK } else { POEGP_ERROR_JOINTS });
         let rest = [
             answer.weight,
             answer.applied,

@@ -9,7 +9,7 @@ use poegp_runtime::guard::status::Status;
 use super::desk::{Desk, MAX_INSTRUCTIONS, TICK_HZ, wire};
 use super::known::{Known, bits, public, query, refused};
 use crate::arm::Arm;
-use crate::filter_paths::JOINTS;
+use crate::filter_paths::{Dice, JOINTS};
 
 /// Allowances for rounding in single precision, as in the laws of the filter.
 pub(super) const ROUNDING: [f64; 2] = [0.5e-6, 1e-6];
@@ -216,6 +216,46 @@ fn time_is_counted_in_cycles() {
     assert_eq!(counted(&mut desk), (1, 5));
 }
 
+/// Every command comes late by up to nine tenths of a period, each by another time, and none is lost.
+#[test]
+fn jitter_of_the_arrival_costs_no_cycle() {
+    let models = models();
+    let [mut regular, mut late] = [(); 2].map(|()| desk_with(&models));
+    for desk in [&mut regular, &mut late] {
+        let cycle = CycleSettings {
+            period_us: 10_000,
+            ..desk.identity().cycle
+        };
+        let answer = desk.ask(&Request::ProvisionCycle(cycle));
+        assert!(matches!(answer, Response::Identity(_)));
+    }
+    let (mut dice, mut delay) = (Dice(23), 0);
+    for sequence in 0..2_000_u16 {
+        let before = delay;
+        delay = match sequence {
+            0 => 0,
+            1..1_000 => 6 * (u32::from(sequence) % 2),
+            _ => dice.below(10) as u32,
+        };
+        regular.wait(10);
+        late.wait(10 + delay - before);
+        let joints = [0.3, -0.4, 0.2, 0.1, 0.5, 1e-5 * f32::from(sequence)];
+        let payload = if sequence % 400 < 200 { 2.0 } else { 4.0 };
+        let query = query(&joints, payload);
+        let one = command(&mut regular, sequence, &query);
+        assert_eq!(one, command(&mut late, sequence, &query), "{sequence}");
+    }
+    assert_eq!(late.statistics().repeats, 0);
+    // Commands that come too quickly for long are not taken for early ones.
+    for sequence in 0..100_u16 {
+        late.wait(4);
+        let joints = [0.3, -0.4, 0.2, 0.1, 0.5, 1e-5 * f32::from(sequence)];
+        command(&mut late, 3_000 + sequence, &query(&joints, 2.0));
+    }
+    let repeats = late.statistics().repeats;
+    assert!((49..=50).contains(&repeats), "{repeats}");
+}
+
 #[test]
 fn settings_are_kept_and_refused_by_name() {
     let models = models();
@@ -341,6 +381,11 @@ fn a_model_without_time_is_refused_whichever_way_it_comes() {
         }))
     };
     let mut desk = Desk::default();
+    let none = Refusal::TooSlow {
+        instructions: 1,
+        allowed: 0,
+    };
+    assert_eq!(allow(&mut desk, 0), refused(none));
     slow.install(&mut desk);
     assert_eq!(desk.identity().model.unwrap().instructions, needed);
     // The provisioned time cannot be less than the running model needs.

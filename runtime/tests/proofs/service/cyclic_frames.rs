@@ -185,6 +185,45 @@ fn damage_is_answered_again_when_commands_have_stopped() {
     assert!(matches!(answer[..], [(9, Response::Statistics(_))]));
 }
 
+/// While commands come and are corrected, a restart would step: the correction must be taken back first, or the cycle stopped.
+#[test]
+fn a_restart_ends_no_correction() {
+    let models = models();
+    for how in ["bypass", "stop", "silence"] {
+        let mut desk = desk_with(&models);
+        let mut sequence = 0;
+        let mut next = |desk: &mut Desk| {
+            desk.wait(1);
+            sequence += 1;
+            let asked = path(u32::from(sequence));
+            let answer = cyclic(desk, sequence, &asked);
+            bits(&answer.joints) == bits(&asked.joints)
+        };
+        assert!(next(&mut desk));
+        for _ in 0..600 {
+            next(&mut desk);
+            let answer = desk.ask(&Request::Restart);
+            assert_eq!(answer, refused(Refusal::CyclesRunning));
+        }
+        match how {
+            "bypass" => {
+                desk.ask(&Request::SetBypass { on: true });
+                while !next(&mut desk) {
+                    let answer = desk.ask(&Request::Restart);
+                    assert_eq!(answer, refused(Refusal::CyclesRunning));
+                }
+                // What is left of the correction is below the rounding of the joints.
+                for _ in 0..20 {
+                    assert!(next(&mut desk));
+                }
+            }
+            "stop" => drop(desk.ask(&Request::StopCyclic)),
+            _ => desk.wait(TICK_HZ / 2 + 1),
+        }
+        assert_eq!(desk.ask(&Request::Restart), Response::Restarting, "{how}");
+    }
+}
+
 /// As after any command, only the owner of the key may stop the cycle.
 #[test]
 fn a_cyclic_frame_is_a_command() {

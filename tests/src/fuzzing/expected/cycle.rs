@@ -18,6 +18,8 @@ pub(super) struct Commands {
     pub settings: CycleSettings,
     /// Time of the last command that counts, in ticks that do not wrap around. `None` after a stop.
     pub last: Option<u64>,
+    /// Ticks by which that command was late, at most half a period; the next may be early by as many.
+    late: f64,
     /// Whether the last command came in a cyclic frame.
     in_cyclic_frames: bool,
     sequence: u16,
@@ -34,6 +36,7 @@ impl Commands {
             filter,
             settings,
             last: None,
+            late: 0.0,
             in_cyclic_frames: false,
             sequence: 0,
             query: Vec::new(),
@@ -49,12 +52,21 @@ impl Commands {
     fn cycles(&mut self, sequence: u16, query: &Query, now: u64) -> u32 {
         let bits = query.joints.iter().chain([&query.payload_kg]);
         let bits: Vec<u32> = bits.map(|value| value.to_bits()).collect();
+        let period = self.period() as f64;
         let cycles = match self.last {
             None => u32::MAX,
             Some(_) if sequence == self.sequence && bits == self.query => 0,
-            Some(last) => ((now - last) as f64 / self.period() as f64).round() as u32,
+            Some(last) => {
+                let since = (now - last) as f64;
+                let in_time = since + self.late >= 0.5 * period;
+                ((since / period).round() as u32).max(u32::from(in_time))
+            }
         };
         if cycles > 0 {
+            let late = self
+                .last
+                .map(|last| (now - last) as f64 + self.late - period);
+            self.late = late.unwrap_or(0.0).clamp(0.0, (0.5 * period).floor());
             self.last = Some(now);
         }
         (self.sequence, self.query) = (sequence, bits);

@@ -212,6 +212,7 @@ impl Expected {
                 self.provision_cycle(settings).map(|()| self.identity())
             }
             Request::ReadStatistics => Ok(Response::Statistics(self.counted())),
+            Request::Restart if !self.is_free() => Err(Refusal::CyclesRunning),
             Request::Restart => Ok(Response::Restarting),
             Request::Challenge => {
                 if self.used.take().is_some() {
@@ -237,9 +238,15 @@ impl Expected {
         self.exchange();
     }
 
+    /// Returns whether no commands come, or nothing is applied to them.
+    fn is_free(&self) -> bool {
+        self.commands.last.is_none() || self.commands.filter.disengaged()
+    }
+
     fn exchange(&mut self) {
-        let free = self.commands.last.is_none() || self.commands.filter.disengaged();
-        if free && let Some(model) = self.pending.take() {
+        if self.is_free()
+            && let Some(model) = self.pending.take()
+        {
             self.spare = self.active.replace(model);
             self.statistics.activations += 1;
         }

@@ -351,8 +351,15 @@ impl Expected {
         };
         for_filter(settings).check().map_err(refused)?;
         self.check_flash()?;
-        if let Some(model) = self.ordered() {
-            in_time(model, settings)?;
+        match self.ordered() {
+            Some(model) => in_time(model, settings)?,
+            None if settings.max_instructions == 0 => {
+                return Err(Refusal::TooSlow {
+                    instructions: 1,
+                    allowed: 0,
+                });
+            }
+            None => {}
         }
         let before = self.commands.settings;
         if before != *settings {

@@ -36,6 +36,17 @@ mod unix {
                 elf.display()
             )));
         }
+        let image = fs::read(elf)
+            .map_err(|error| Failure::Usage(format!("--elf {}: {error}", elf.display())))?;
+        if let Some(other) = board.other_in(&image) {
+            return Err(Failure::Usage(format!(
+                "--elf {}: this firmware is for the board {}, and {} is to be emulated\nhelp: take --board {}",
+                elf.display(),
+                other.name(),
+                board.name(),
+                other.name()
+            )));
+        }
         let link = listen(a.listen.as_ref(), "link")?;
         let log = listen(a.log.as_ref(), "log")?;
         let (port, log_port) = (link.address().to_string(), log.address().to_string());
