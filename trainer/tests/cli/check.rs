@@ -373,14 +373,14 @@ fn training_data_are_no_evidence() {
 fn a_wrong_stated_noise_is_warned_of() {
     let folder = folder();
     let check = |flags: &str| {
-        let line = format!("check arm.blob fresh.csv --max-mm 0.15 --json out.json {flags}");
+        let line = format!("check arm.blob fresh.csv --max-mm 0.2 --json out.json {flags}");
         let outcome = folder.run(&line).ok();
         let warnings = folder.json("out.json")["warnings"].to_string();
         (outcome.stdout.contains("may be hidden"), warnings)
     };
     assert!(!check("").0);
     // Whoever prints nothing else must see it, too.
-    let line = "--quiet check arm.blob fresh.csv --max-mm 0.15 --position-sigma-mm 0.3";
+    let line = "--quiet check arm.blob fresh.csv --max-mm 0.2 --position-sigma-mm 0.3";
     assert!(folder.run(line).ok().stderr.contains("may be hidden"));
     let (is_hidden, warnings) = check("--position-sigma-mm 0.3");
     assert!(is_hidden && warnings.contains("noise"), "{warnings}");

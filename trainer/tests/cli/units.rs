@@ -78,9 +78,11 @@ fn noise_on_the_command_line_is_noise_in_columns() {
     let stated = checked("fresh.csv --position-sigma-mm 0.06 --orientation-sigma-mrad 0.1");
     assert_eq!(stated, checked("columns.csv"));
     assert_ne!(stated, checked("fresh.csv"));
-    // Twice the instrument's noise; the check does not assume less than what is stated.
-    near(&stated["noise_mm"], 0.06);
-    near(&stated["noise_mrad"], 0.1);
+    // Twice the instrument's noise; the check does not assume less than what is stated, and the joints scatter besides.
+    for (name, sigma) in [("noise_mm", 0.06), ("noise_mrad", 0.1)] {
+        let noise = stated[name].as_f64().unwrap();
+        assert!((sigma..1.1 * sigma).contains(&noise), "{name}: {noise}");
+    }
 }
 
 /// "Before" in a report is the arm with base and tool fitted, as `base-tool` calibrates it; "after" is the blob.
