@@ -11,8 +11,8 @@
 //! - The amount of smoothing over neighbouring poses (rows are in the order of measurement; sessions are not mixed) is
 //!   chosen for each axis by leaving points out: the motion that the other points show must predict the one that was left
 //!   out, as it must predict the target. With a single point, the neighbouring poses predict the pose that was left out.
-//! - A study found translation as good as rigid motion. With three or more points, a rotation is allowed if it removes four
-//!   fifths of the variance by which the points of one pose disagree, degrees of freedom counted.
+//! - A study found translation as good as rigid motion. With three or more points, a rotation is allowed if it removes nine
+//!   tenths of the variance by which the points of one pose disagree, degrees of freedom counted.
 
 mod motion;
 mod outliers;

@@ -10,8 +10,9 @@ const WINDOWS: [f64; 9] = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, f64::INFIN
 const REACH: f64 = 4.0;
 /// Share of the mean-square disagreement among the points below which a rotation is allowed. Pure noise does not reduce the
 /// disagreement, because equations and unknowns are counted. On a real tracker session (700 poses, three points) it falls to
-/// a share of 0.24, and a rotation, which is extrapolated beyond the points, does not make the model of the arm better.
-const CLEARLY: f64 = 0.2;
+/// a share of 0.24, and the held-out errors of the arm fall from 0.0500 to 0.0496 mm: not a clear gain, and a rotation is
+/// extrapolated beyond the points.
+const CLEARLY: f64 = 0.1;
 /// Number of alternating updates of the mean positions and the motions.
 const ROUNDS: usize = 50;
 
