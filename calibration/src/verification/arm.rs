@@ -46,9 +46,9 @@ const SMOOTH_VARIANCE: f64 = 1e-8;
 const ROUNDING: f64 = 1e-9;
 /// Variance of the scatter of a joint, rad² or m², before its size is fitted.
 const SCATTER_VARIANCE: f64 = 1e-9;
-/// Expected variances of a joint's scatter and of its smooth deflection, as shares of these: 20 µrad or 20 µm. The fit begins
-/// above, because a size that is too small grows slowly.
-pub(super) const EXPECTED: (f64, f64) = (0.4, 0.04);
+/// Expected variance of a joint's scatter or smooth deflection, rad² or m²: 20 µrad or 20 µm. The fit begins above it,
+/// because a size that is too small grows slowly.
+const EXPECTED_VARIANCE: f64 = 4e-10;
 /// Number of poses in all sets of training poses that are drawn for a model without processes, and the fewest and the most
 /// sets: the fewer poses, the more sets differ.
 const DRAWN: usize = 2000;
@@ -221,6 +221,15 @@ impl BlobArm {
             repeats: self.repeats * self.training.len() as f64 / fewest as f64,
             sd: sd.clone(),
         })
+    }
+
+    /// Returns the expected size of each joint's scatter, or of its smooth deflection for a blob that does not know its own
+    /// error.
+    pub fn expected_size(&self) -> f64 {
+        match self.knows_its_error {
+            true => EXPECTED_VARIANCE / SCATTER_VARIANCE,
+            false => EXPECTED_VARIANCE / SMOOTH_VARIANCE,
+        }
     }
 
     /// Returns a root of the covariance of each joint's smooth deflection, of unit size. `None` if it has none.

@@ -60,58 +60,49 @@ pub(super) struct Own {
 }
 
 impl Own {
-    /// Finds the combinations of `effects` of which at least `OWN_SHARE` is left beside an orthonormal `known`: the solutions of
-    /// Eᵀ (I − Q Qᵀ) E x = λ Eᵀ E x with λ ≥ `OWN_SHARE`².
+    /// Finds the combinations of `effects` of which at least `OWN_SHARE` is left beside an orthonormal `known`: the solutions
+    /// of Eᵀ (I − Q Qᵀ) E x = λ Eᵀ E x with λ ≥ `OWN_SHARE`².
     pub(super) fn new(effects: &Columns, known: &Columns) -> Self {
         let all = || Self {
             basis: basis(effects, known),
             projector: None,
         };
-        let count = effects.len();
-        let scale: Vec<f64> = (effects.iter())
-            .map(|x| match dot(x, x) {
-                0.0 => 1.0,
-                square => 1.0 / square.sqrt(),
-            })
-            .collect();
-        let left: Columns = effects.iter().map(|x| without(x, known)).collect();
-        let gram = |x: &Columns, ridge: f64| {
-            Mat::from_fn(count, count, |i, j| {
-                scale[i] * dot(&x[i], &x[j]) * scale[j] + if i == j { ridge } else { 0.0 }
-            })
+        if known.is_empty() || effects.is_empty() {
+            return all();
+        }
+        let (rows, count) = (effects[0].len(), effects.len());
+        // Shifts and rotations have different units.
+        let scale = |x: &Vec<f64>| match dot(x, x) {
+            0.0 => 1.0,
+            square => square.sqrt(),
         };
-        let Ok(factor) = Factor::new(gram(effects, ROUNDING), 1) else {
+        let scales: Vec<f64> = effects.iter().map(scale).collect();
+        let whole = Mat::from_fn(rows, count, |row, i| effects[i][row] / scales[i]);
+        let left: Columns = effects.iter().map(|x| without(x, known)).collect();
+        let left = Mat::from_fn(rows, count, |row, i| left[i][row] / scales[i]);
+        let gram = |x: &Mat<f64>| {
+            product(Transposed(x), x) + Mat::from_diagonal_element(count, count, ROUNDING)
+        };
+        let Ok(factor) = Factor::new(gram(&whole), 1) else {
             return all();
         };
-        let half = factor.half_solve(&gram(&left, ROUNDING));
+        let half = factor.half_solve(&gram(&left));
         let eigen = factor.half_solve(&half.transpose()).symmetric_eigen();
         let is_own = |i: &usize| eigen.eigenvalues[*i] >= OWN_SHARE * OWN_SHARE;
         let kept: Vec<usize> = (0..count).filter(is_own).collect();
-        if known.is_empty() || kept.len() == count {
+        if kept.len() == count {
             return all();
         }
-        let vectors = Mat::from_fn(count, kept.len(), |i, j| eigen.eigenvectors[(i, kept[j])]);
-        // L⁻ᵀ W: coefficients of the combinations, in units of the scales.
+        let vectors = eigen.eigenvectors.select_columns(&kept);
+        // L⁻ᵀ W: coefficients of the combinations that are left.
         let inverse = factor.half_solve(&Mat::identity(count, count));
         let combinations = product(Transposed(&inverse), &vectors);
-        let back = product(Transposed(&vectors), Transposed(&factor.lower()));
-        let of_kept = product(&combinations, &back);
-        let own: Columns = (0..kept.len())
-            .map(|j| {
-                let rows = 0..left.first().map_or(0, Vec::len);
-                let each = |row: usize| (0..count).map(move |i| (i, row));
-                rows.map(|row| {
-                    each(row)
-                        .map(|(i, row)| left[i][row] * scale[i] * combinations[(i, j)])
-                        .sum()
-                })
-                .collect()
-            })
-            .collect();
+        let back = product(&factor.lower(), &vectors);
+        let projector = product(&combinations, Transposed(&back));
         Self {
-            basis: basis(&own, known),
+            basis: basis(&columns(&product(&left, &combinations)), known),
             projector: Some(Mat::from_fn(count, count, |i, j| {
-                scale[i] * of_kept[(i, j)] / scale[j]
+                projector[(i, j)] * scales[j] / scales[i]
             })),
         }
     }

@@ -14,9 +14,9 @@
 //! unexplained; if something is left, the best two hypotheses take its place, then the best three. One that is not
 //! significant beside the others is dropped: the best alone may follow two others and explain nothing beside them.
 //!
-//! Two parts that look almost alike, as the base and the vertical joint of a SCARA do, could explain anything by large changes
-//! that cancel. What the parts taken before it produce almost whole
-//! is therefore left out of a part's effects.
+//! Two parts that look almost alike, as the base and the vertical joint of a SCARA do, could explain anything by large
+//! changes that cancel. What other parts that were taken before produce almost whole is therefore left out of a part's
+//! effects.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -27,8 +27,8 @@ pub struct Fit {
 }
 
 impl Fit {
-    /// Fits `y` with the factored covariance `factor`; returns `None` if the equations cannot be solved. What the
-    /// hypotheses before it produce almost whole is theirs.
+    /// Fits `y` with the factored covariance `factor`; returns `None` if the equations cannot be solved. An
+    /// effect that two hypotheses share almost whole counts as the first one's.
     pub fn new(
         (y, factor): (&Mat<f64>, &Factor),
         nuisance: &Mat<f64>,

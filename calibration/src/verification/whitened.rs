@@ -7,7 +7,7 @@ use crate::measurement::sample::InstrumentSample;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-use crate::verification::arm::{BlobArm, EXPECTED};
+use crate::verification::arm::BlobArm;
 use crate::verification::columns::{Columns, basis, columns};
 use crate::verification::hypotheses::{Hypothesis, Masked, base_effect, hypotheses, tool_effect};
 use crate::verification::noise::{Factors, Parts};
@@ -94,10 +94,7 @@ impl<'a> Whitened<'a> {
                     (guess.0 / scales.position).powi(2),
                     (guess.1 / scales.orientation).powi(2),
                 ],
-                components: match arm.knows_its_error {
-                    true => vec![EXPECTED.0; components.len()],
-                    false => vec![EXPECTED.1; components.len()],
-                },
+                components: vec![arm.expected_size(); components.len()],
             };
             let parts = Parts {
                 fixed: &fixed,

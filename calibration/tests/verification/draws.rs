@@ -94,3 +94,26 @@ fn what_was_best_alone_is_dropped_beside_those_that_explain_it() {
     assert_eq!(named, [1, 2], "{found:?}");
     assert!(found.iter().all(|c| c.p_value < 0.01), "{found:?}");
 }
+
+/// Two parts that look almost alike explain nothing by large changes that cancel: what lies between their effects is no
+/// change of both.
+#[test]
+fn parts_that_look_alike_do_not_move_against_each_other() {
+    let rows = 60;
+    let column = |of: [f64; 2]| -> Vec<f64> {
+        (0..rows)
+            .map(|i| of.get(i).copied().unwrap_or(0.0))
+            .collect()
+    };
+    let y = Mat::from_fn(rows, 1, |i, _| match i {
+        0 => 9.0,
+        1 => 9.0,
+        _ => 1.0 - 2.0 * (i % 2) as f64,
+    });
+    let found = |apart: f64| {
+        let effects = [vec![column([1.0, 0.0])], vec![column([1.0, apart])]];
+        let test = DriftTest::new(&y, &Vec::new(), &effects, vec![0, 1], 0);
+        test.choose(0.01, |_| true).len()
+    };
+    assert_eq!((found(0.01), found(0.5)), (1, 2));
+}

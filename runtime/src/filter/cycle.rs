@@ -269,8 +269,8 @@ compiled!(f64);
 impl<T: CompiledFilter> CommandFilter<T> {
     /// Returns the payload in kg at which the model is to be evaluated now, for the payload that is asked for and the
     /// `cycles` since the last call: none holds it, any other number is one step. It moves there smoothly in about the blend
-    /// time, also from one change to the next, and never beyond the payloads asked for. While the model has no weight it changes at once. An invalid payload is returned
-    /// as it is, for the model to refuse.
+    /// time, also from one change to the next, and never beyond the payloads asked for. While the model has no weight it
+    /// changes at once. An invalid payload is returned as it is, for the model to refuse.
     #[inline(always)]
     pub fn payload(&mut self, asked_kg: T, cycles: u32) -> T {
         T::filter_payload(self, asked_kg, cycles)
@@ -286,9 +286,9 @@ impl<T: CompiledFilter> CommandFilter<T> {
     ///
     /// Bad input leaves the state as it is: bad by `status`, a number that is not finite, a correction above
     /// [`MAX_CORRECTION`], or fewer corrected joints than commanded ones. All joints of the last answer are then sent again,
-    /// however many the command has. Joints that it did not have, or all if there is none, are sent as commanded, with zeros in place of what is not
-    /// finite. A good command with another number of joints resets the filter. In a cycle that was already answered the
-    /// correction does not change, and for the same command the answer does not change either.
+    /// however many the command has. Joints that it did not have, or all if there is none, are sent as commanded, with zeros
+    /// in place of what is not finite. A good command with another number of joints resets the filter. In a cycle that was
+    /// already answered the correction does not change, and for the same command the answer does not change either.
     #[inline(always)]
     pub fn step(
         &mut self,

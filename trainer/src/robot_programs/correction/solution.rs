@@ -1,4 +1,5 @@
-//! Finds the joints of a pose on the branch that the controller takes: within its configuration, along a line, or nearest to the preceding joints.
+//! Finds the joints of a pose on the branch that the controller takes: within its configuration, along a line, or nearest to
+//! the preceding joints.
 
 use poegp_calibration::blob::commander::{Commander, Joints, joint_distance, pose_distance};
 use poegp_calibration::input_error::{InputError, counted};
