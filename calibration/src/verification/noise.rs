@@ -22,7 +22,7 @@ use crate::numeric::product::{Transposed, product};
 /// Largest number of rounds; each halves the remaining error of a variance's logarithm.
 const ROUNDS: usize = 16;
 /// Largest relative change of a row's variance in the last round.
-const SETTLED: f64 = 1e-5;
+const SETTLED: f64 = 1e-3;
 /// Least variance of a component, as a share of its unit.
 const NOTHING: f64 = 1e-6;
 
@@ -67,7 +67,7 @@ impl Parts<'_> {
     pub fn covariance(&self, factors: &Factors) -> Mat<f64> {
         let mut v = self.fixed.clone();
         for (component, factor) in self.components.iter().zip(&factors.components) {
-            v += *factor * component;
+            v.zip_apply(component, |v, of_component| *v += factor * of_component);
         }
         for (i, kind) in self.kind.iter().enumerate() {
             // An absent row is a zero in y and X, so any variance will do.
@@ -78,10 +78,16 @@ impl Parts<'_> {
         v
     }
 
-    /// Fits the factors to `y` when everything in `x` (independent columns) is free; `least` bounds those of the noise below.
-    /// Returns `None` if a matrix cannot be factored.
-    pub fn fitted(&self, y: &Mat<f64>, x: &Mat<f64>, least: [f64; 2]) -> Option<Factors> {
-        let mut factors = Factors::ones(self.components.len());
+    /// Fits the factors to `y`, beginning with `first`, when everything in `x` (independent columns) is free; `least` bounds
+    /// those of the noise below. Returns `None` if a matrix cannot be factored.
+    pub fn fitted(
+        &self,
+        y: &Mat<f64>,
+        x: &Mat<f64>,
+        first: Factors,
+        least: [f64; 2],
+    ) -> Option<Factors> {
+        let mut factors = first;
         let mut variances: Option<Vec<f64>> = None;
         for _ in 0..ROUNDS {
             let covariance = self.covariance(&factors);
@@ -92,10 +98,10 @@ impl Parts<'_> {
             }
             variances = Some(now);
             let factor = Factor::new(covariance, 1).ok()?;
-            let inverse = factor.inverse();
-            let vx = product(&inverse, x);
+            let mut p = factor.inverse();
+            let vx = product(&p, x);
             let normal = Factor::new(product(Transposed(x), &vx), 1).ok()?;
-            let p = &inverse - product(&vx, &normal.solve(&vx.transpose()));
+            p -= product(&vx, &normal.solve(&vx.transpose()));
             let py = product(&p, y);
             for (kind, least) in least.into_iter().enumerate() {
                 let rows = (0..self.kind.len()).filter(|i| self.kind[*i] == Some(kind));

@@ -111,7 +111,11 @@ impl<'a> Whitened<'a> {
             effects.extend(during.iter().flat_map(|d| columns(&d.effect(&all))));
             let free = basis(&effects, &[]);
             let x = Mat::from_fn(y.nrows(), free.len(), |i, j| free[j][i]);
-            let factors = parts.fitted(&y, &x, least).ok_or(CheckError::Unsolvable)?;
+            let first = Factors {
+                noise: [1.0; 2],
+                components: sizes.clone(),
+            };
+            let factors = (parts.fitted(&y, &x, first, least)).ok_or(CheckError::Unsolvable)?;
             round += 1;
             if round < ROUNDS {
                 scales.position *= factors.noise[0].sqrt();

@@ -70,7 +70,7 @@ impl Weighed {
         }
         // The noise is never below the stated one.
         let factors = parts
-            .fitted(&rows.y, &x, [1.0, 1.0])
+            .fitted(&rows.y, &x, Factors::ones(smooth.len()), [1.0, 1.0])
             .ok_or(CheckError::Unsolvable)?;
         let variance = |(i, sigma): (usize, &Option<f64>)| {
             let smooth = smooth.iter().zip(&factors.components);
