@@ -153,7 +153,7 @@ impl LongFile {
             // A long file is never compared with another one, so it needs no hash.
             sha256: [0; 32],
         };
-        notes.extend(set.note_odd(robot));
+        notes.extend(set.note_unusual(robot));
         notes.push(format!(
             "a long file: all {count} rows are compared; the examination of the data and the fit of frames use {} of \
              them, evenly spread",

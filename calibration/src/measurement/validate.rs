@@ -236,12 +236,12 @@ impl MeasurementSet {
     /// millimetre). For a coupled joint, both the controller's value and the chain's value must exceed them.
     pub fn check(&self, robot: &Robot) -> Result<Vec<String>, InputError> {
         let mut notes = self.check_joints(robot)?;
-        notes.extend(self.note_odd(robot));
+        notes.extend(self.note_unusual(robot));
         Ok(notes)
     }
 
     /// Returns notes about what is odd in the rows as a whole.
-    pub(super) fn note_odd(&self, robot: &Robot) -> Vec<String> {
+    pub(super) fn note_unusual(&self, robot: &Robot) -> Vec<String> {
         let mut notes = self.note_still_joints(robot);
         notes.extend(self.note_repeated_joints());
         notes.extend(self.note_poses());

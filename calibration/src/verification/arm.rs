@@ -62,7 +62,7 @@ pub struct BlobArm {
     pub state: ParametricModel,
     kernels: Vec<JointKernel<f64>>,
     /// Whether the kernels are the blob's; if not, their size has to be estimated.
-    pub knows_its_error: bool,
+    pub has_error_covariance: bool,
     training: Vec<BaseSample>,
     /// Further sets like `training`, drawn from the trained ranges.
     sets: Vec<Vec<BaseSample>>,
@@ -126,7 +126,7 @@ impl BlobArm {
             repeats: (trained.max(1)) as f64 / training.len() as f64,
             sets,
             has_priors: elastic.is_some(),
-            knows_its_error: !kernels.is_empty(),
+            has_error_covariance: !kernels.is_empty(),
             unexplained: (blob.variance.as_ref().filter(|_| kernels.is_empty()))
                 .map(|v| f64::from(v.floor_m2).sqrt()),
             kernels: if kernels.is_empty() {
@@ -226,7 +226,7 @@ impl BlobArm {
     /// Returns the expected size of each joint's scatter, or of its smooth deflection for a blob that does not know its own
     /// error.
     pub fn expected_size(&self) -> f64 {
-        match self.knows_its_error {
+        match self.has_error_covariance {
             true => EXPECTED_VARIANCE / SCATTER_VARIANCE,
             false => EXPECTED_VARIANCE / SMOOTH_VARIANCE,
         }
@@ -274,7 +274,7 @@ impl BlobArm {
             a.0.a[(row, i)] * sd(i).powi(2)
         });
         let parameters = product(&scaled, Transposed(&b.0.a));
-        if self.knows_its_error {
+        if self.has_error_covariance {
             parameters + self.processes(a, b)
         } else {
             parameters

@@ -107,20 +107,20 @@ pub fn check(
             Err(_) => all.clone().unsearched(),
         },
     };
-    let odd_lines = trained.odd_lines.clone();
+    let outlier_lines = trained.outlier_lines.clone();
     let searched_lines = trained.searched_lines.clone();
-    let is_few = odd_lines.len() as f64 <= MOST_ODD * trained.searched_rows(samples.len()) as f64;
+    let is_few = outlier_lines.len() as f64 <= MOST_ODD * trained.searched_rows(samples.len()) as f64;
     let mut found = trained;
-    if found.is_searched && !odd_lines.is_empty() && is_few {
+    if found.is_searched && !outlier_lines.is_empty() && is_few {
         let (kept, rest): (Vec<InstrumentSample>, Vec<usize>) =
-            without(&odd_lines, &samples, &lines);
+            without(&outlier_lines, &samples, &lines);
         found = checked(&kept, &rest, &searched_lines).unwrap_or(found);
     }
     Ok(Report {
         errors: all.errors,
         rows: all.rows,
         poses: all.poses,
-        odd_lines,
+        outlier_lines,
         searched_lines,
         untrained_payload: untrained,
         ..found
@@ -171,7 +171,7 @@ fn check_rows(
     });
     let rows: Vec<RowError> = rows.collect();
     let arm = BlobArm::new(loaded, &placed.frames.tools);
-    let most = match arm.knows_its_error {
+    let most = match arm.has_error_covariance {
         false => MOST_SEARCHED.0,
         true => MOST_SEARCHED.1,
     };
@@ -259,16 +259,16 @@ fn check_rows(
         without_mm: lengths(&left, samples, scales),
         without_mrad: angles(&left, samples, scales),
         unexplained: Unexplained::new(loaded, samples, (&left, scales), fit.count()),
-        noise_mm: arm.knows_its_error.then_some(noise_mm),
+        noise_mm: arm.has_error_covariance.then_some(noise_mm),
         scatter_mm: (noise_mm * noise_mm + weighed.model_mm * weighed.model_mm).sqrt(),
         noise_mrad: samples
             .iter()
-            .any(|s| arm.knows_its_error && s.observation.has_orientation())
+            .any(|s| arm.has_error_covariance && s.observation.has_orientation())
             .then_some(weighed.noise_mrad),
         model_mm: weighed.model_mm,
-        model_knows_its_error: arm.knows_its_error,
+        model_has_error_covariance: arm.has_error_covariance,
         sensitivity,
-        odd_lines: odd(&left, samples, scales, lines),
+        outlier_lines: outliers(&left, samples, scales, lines),
         poses,
     })
 }
@@ -342,7 +342,7 @@ fn number(part: Part) -> usize {
 }
 
 /// Returns the lines of measurements that stand out from all others once the change of what has moved is removed.
-fn odd(
+fn outliers(
     left: &Mat<f64>,
     samples: &[InstrumentSample],
     scales: NoiseScales,

@@ -176,13 +176,13 @@ pub struct Report {
     pub noise_mrad: Option<f64>,
     /// Whether the model knows how wrong it is. Without processes of the joints it does not: the check estimates it, and with
     /// fewer than 12 training poses false alarms are more frequent than stated.
-    pub model_knows_its_error: bool,
+    pub model_has_error_covariance: bool,
     /// Root mean square of the calibration's expected error in one position component, mm.
     pub model_mm: f64,
     /// The smallest change of each part that this check can find.
     pub sensitivity: Vec<Sensitivity>,
     /// Lines of measurements that stand out from all others.
-    pub odd_lines: Vec<usize>,
+    pub outlier_lines: Vec<usize>,
     /// Measured and predicted poses, in the order of `rows`.
     #[serde(skip)]
     pub poses: Vec<HeldOutPose>,
@@ -205,7 +205,7 @@ impl Report {
             changes: Vec::new(),
             during: None,
             sensitivity: Vec::new(),
-            odd_lines: Vec::new(),
+            outlier_lines: Vec::new(),
             searched_lines: Vec::new(),
             effect_mm: Summary::new(&vec![0.0; self.rows.len()]),
             without_mm: self.errors.position_mm,

@@ -133,11 +133,11 @@ impl<'a> Whitened<'a> {
                 let rows = || (0..kind.len()).filter(|i| kind[*i] == Some(wanted));
                 rows().map(of).sum::<f64>() / rows().count().max(1) as f64
             };
-            let model = |i: usize| match arm.knows_its_error {
+            let model = |i: usize| match arm.has_error_covariance {
                 true => fixed[(i, i)],
                 false => fixed[(i, i)] + of_components(i),
             };
-            let noise = |kind: usize| match arm.knows_its_error {
+            let noise = |kind: usize| match arm.has_error_covariance {
                 true => factors.noise[kind] + mean(&of_components, kind),
                 false => factors.noise[kind],
             };

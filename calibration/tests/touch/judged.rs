@@ -158,7 +158,7 @@ fn the_table_is_that_of_the_runtime() {
     );
     let error = distance.error_mm[1];
     assert!(
-        (distance.said_mm + error - measured).abs() < 1e-9,
+        (distance.stated_mm + error - measured).abs() < 1e-9,
         "{distance:?}"
     );
     // A distance has 0.05 mm of noise, averaged over twelve touches at each end.

@@ -95,7 +95,7 @@ fn simulated_arms_within_what_is_asked() {
             for distance in distances {
                 let [length, sigma] = distance.measured_mm.unwrap().map(|mm| 1e-3 * mm);
                 let both = (1e6 * sigma * sigma + distance.sigma_mm * distance.sigma_mm).sqrt();
-                let sigmas = (1e3 * length - distance.said_mm) / both;
+                let sigmas = (1e3 * length - distance.stated_mm) / both;
                 println!(
                     "  {:.2} mm by the touches, {sigmas:+.1} standard deviations off",
                     1e3 * length

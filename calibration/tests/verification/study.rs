@@ -321,7 +321,7 @@ fn a_wrong_row_does_not_hide_which_joint_has_changed() {
         rows[row].observation = Observation::Pose(wrong);
         let report = arm.checked(&rows, &options);
         assert_eq!(report.during, None);
-        assert_eq!(report.odd_lines, [row + 2]);
+        assert_eq!(report.outlier_lines, [row + 2]);
         assert_eq!((report.rows.len(), report.errors.poses), (15, 15));
         let own = Part::Joint(joint + 1);
         let named = report.changes.iter().map(|c| c.part);

@@ -137,13 +137,13 @@ fn all_else_stays_and_the_summary_is_of_the_file() {
     assert_eq!(document["commands"], 3);
     let count = |name: &str| document[name].as_u64().unwrap();
     assert_eq!(
-        count("corrected") + count("partly_corrected") + count("left_alone"),
+        count("corrected") + count("partly_corrected") + count("uncorrected"),
         3
     );
     // At the singularity the text of the command stays as it was.
     if lines[5].contains("not-corrected") {
         assert!(lines[5].starts_with("b,0,0,0,0,0,0,slow,"), "{}", lines[5]);
-        assert_eq!(count("left_alone"), 1);
+        assert_eq!(count("uncorrected"), 1);
     }
     let largest = &document["largest_change_deg"];
     assert!(largest["value"].as_f64().unwrap() > 0.001, "{document}");

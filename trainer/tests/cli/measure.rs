@@ -124,7 +124,7 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
                 said.push(line.clone());
                 assert!(session.say(&line));
             }
-            "known" => expected.extend(document["expected_mm"].as_f64()),
+            "estimate" => expected.extend(document["expected_mm"].as_f64()),
             "end" => end = Some(document),
             _ => {}
         }
@@ -155,7 +155,7 @@ fn rows_are_asked_for_until_the_error_is_small_enough() {
 
 /// A row that cannot be used is refused with its reason and asked for again. A row far off is kept with a warning.
 #[test]
-fn bad_rows_change_nothing_and_strange_ones_are_said() {
+fn bad_rows_change_nothing_and_outliers_are_reported() {
     let _texts = texts();
     let folder = Folder::new();
     let arm = Answers::new(&folder);
@@ -188,10 +188,10 @@ fn bad_rows_change_nothing_and_strange_ones_are_said() {
         .collect();
     let events = |name: &str| documents.iter().filter(|d| d["event"] == name).count();
     assert_eq!(events("refused"), 4);
-    assert_eq!(events("taken"), good.len() + 1);
+    assert_eq!(events("accepted"), good.len() + 1);
     let text = folder.text("measured.csv");
     let rows = text.lines().filter(|line| !line.starts_with('#')).count() - 1;
-    assert_eq!(rows, good.len() + 1, "the strange row is kept");
+    assert_eq!(rows, good.len() + 1, "the outlier is kept");
     // Other columns than those of the file.
     let outcome = folder.run_with_input(&line, "feature,q1_deg\n");
     assert!(outcome.stderr.contains("other columns"), "{outcome:#?}");
@@ -230,8 +230,8 @@ fn answers_are_taken_back_and_never_repeated() {
         while count(&documents, "refused") < refused {
             documents.push(running.next().unwrap());
         }
-        assert_eq!(count(&documents, "taken"), taken, "{documents:?}");
-        assert_eq!(count(&documents, "taken-back"), taken_back);
+        assert_eq!(count(&documents, "accepted"), taken, "{documents:?}");
+        assert_eq!(count(&documents, "withdrawn"), taken_back);
         let mut asked = documents.iter().filter(|d| d["event"] == "next");
         if skipped.is_none() {
             skipped = asked.next().map(|d| d["line"].clone());
@@ -309,7 +309,7 @@ fn killed(kills: usize, seed: u64) -> usize {
                         break;
                     }
                 }
-                "taken" => {
+                "accepted" => {
                     confirmed.extend(waiting.take());
                     all += 1;
                 }
@@ -417,7 +417,7 @@ fn a_file_is_watched() {
             std::thread::sleep(std::time::Duration::from_millis(120));
             append(&format!("{second}\n"));
             let document = running.next().unwrap();
-            assert_eq!(document["event"], "taken");
+            assert_eq!(document["event"], "accepted");
             rows += 1;
             assert_eq!(document["row"], rows);
         }

@@ -59,7 +59,7 @@ fn a_confirmed_row_is_in_the_file_of_its_name() {
             }
         }
         assert!(session.say(row));
-        while session.next().unwrap()["event"] != "taken" {}
+        while session.next().unwrap()["event"] != "accepted" {}
         assert!(
             folder.text("m.csv").ends_with(&format!("{row}\n")),
             "{what}"
@@ -71,7 +71,7 @@ fn a_confirmed_row_is_in_the_file_of_its_name() {
     folder.write("m.csv", &edited);
     assert!(session.say(&rows[5]));
     while let Some(document) = session.next() {
-        assert_ne!(document["event"], "taken");
+        assert_ne!(document["event"], "accepted");
     }
     assert_eq!(session.code(), Some(1));
     assert_eq!(folder.text("m.csv"), edited);
@@ -92,7 +92,7 @@ fn copies_do_not_count() {
     assert_eq!(outcome.code, Some(1), "{outcome:#?}");
     assert!(outcome.stderr.contains("a copy of row 8"), "{outcome:#?}");
     assert_eq!(
-        (of(&log, "taken").count(), of(&log, "refused").count()),
+        (of(&log, "accepted").count(), of(&log, "refused").count()),
         (8, 30)
     );
     assert_eq!(folder.text("m.csv"), lines(&header, &rows[..8]));
@@ -131,16 +131,16 @@ fn rows_far_off_are_told_while_there_are_few() {
         ] {
             let input = format!("{good}{wrong}\n{}\n", rows[count + 1]);
             let (outcome, log) = measured(&folder, &input, "");
-            let strange: Vec<&Value> = of(&log, "strange").map(|d| &d["row"]).collect();
-            assert_eq!(strange, [&Value::from(count + 1)], "{wrong}: {outcome:#?}");
+            let outliers: Vec<&Value> = of(&log, "outlier").map(|d| &d["row"]).collect();
+            assert_eq!(outliers, [&Value::from(count + 1)], "{wrong}: {outcome:#?}");
             assert!(outcome.stderr.contains("units"), "{outcome:#?}");
             let end = of(&log, "end").next().unwrap();
             assert!(end["expected_mm"].as_f64().unwrap() < 0.5, "{end}");
             // Another session says the same of the same file.
             let (_, again) = measured(&folder, "", "");
             assert_eq!(
-                of(&again, "strange").map(|d| &d["row"]).collect::<Vec<_>>(),
-                strange
+                of(&again, "outlier").map(|d| &d["row"]).collect::<Vec<_>>(),
+                outliers
             );
             std::fs::remove_file(folder.path("m.csv")).unwrap();
         }
@@ -190,10 +190,10 @@ fn a_doubted_row_stays_doubted() {
     let (first, log) = measured(&folder, &lines(&header, &input), "");
     let (again, resumed) = measured(&folder, "", "");
     for (outcome, log) in [(first, log), (again, resumed)] {
-        let strange = self::of(&log, "strange").map(|d| &d["row"]);
-        assert_eq!(strange.collect::<Vec<_>>(), [9], "{outcome:#?}");
-        for known in self::of(&log, "known").skip(8) {
-            assert_eq!(known["strange_rows"], serde_json::json!([9]), "{known}");
+        let outliers = self::of(&log, "outlier").map(|d| &d["row"]);
+        assert_eq!(outliers.collect::<Vec<_>>(), [9], "{outcome:#?}");
+        for known in self::of(&log, "estimate").skip(8) {
+            assert_eq!(known["outlier_rows"], serde_json::json!([9]), "{known}");
         }
         let end = self::of(&log, "end").next().unwrap();
         assert!(end["expected_mm"].as_f64().unwrap() < 0.5, "{end}");
@@ -225,8 +225,8 @@ fn few_poses_are_not_small_enough() {
     assert_eq!(outcome.code, Some(0), "{outcome:#?}");
     assert!(outcome.stderr.contains("at least 25"), "{outcome:#?}");
     assert_eq!(of(&log, "incomplete").count(), 1);
-    assert_eq!(of(&log, "taken").count(), 25);
-    let small = of(&log, "known").filter(|d| d["expected_mm"].as_f64().is_some_and(|mm| mm < 0.5));
+    assert_eq!(of(&log, "accepted").count(), 25);
+    let small = of(&log, "estimate").filter(|d| d["expected_mm"].as_f64().is_some_and(|mm| mm < 0.5));
     assert!(small.count() > 5);
     std::fs::remove_file(folder.path("m.csv")).unwrap();
     let (outcome, _) = measured(&folder, &lines(&header, &rows[..20]), "--until-mm 0.5");
@@ -285,7 +285,7 @@ fn an_undo_of_no_row_says_what_it_may_be() {
             assert_eq!(document["found"], found.as_str(), "{wrong}");
             let said = document["expected"].as_str().unwrap();
             assert!(said.contains(expected), "{document}");
-            assert_eq!(of(&log, "taken-back").count(), 0);
+            assert_eq!(of(&log, "withdrawn").count(), 0);
             assert!(!outcome.stdout.contains("forecast: 0.0"), "{outcome:#?}");
             let _ = std::fs::remove_file(folder.path("m.csv"));
         }
@@ -354,7 +354,7 @@ fn what_moved_is_said_and_calibrate_refuses_the_file() {
                 "{calibrated:#?}"
             );
         } else {
-            assert_eq!(moved.len() + of(&log, "strange").count(), 0, "{outcome:#?}");
+            assert_eq!(moved.len() + of(&log, "outlier").count(), 0, "{outcome:#?}");
             assert_eq!(
                 (outcome.code, calibrated.code),
                 (Some(0), Some(0)),

@@ -93,7 +93,7 @@ pub struct DistanceSummary {
     /// Names of the two features.
     pub between: [String; 2],
     /// The stated distance, in mm.
-    pub said_mm: f64,
+    pub stated_mm: f64,
     /// Standard deviation of the stated distance, in mm.
     pub sigma_mm: f64,
     /// Distance minus the stated one, in mm: as drawn, by the touches without any known distance, and as calibrated.
@@ -117,7 +117,7 @@ impl DistanceSummary {
         };
         Self {
             between: known.between.map(|f| set.features[f].name.clone()),
-            said_mm: 1e3 * known.distance,
+            stated_mm: 1e3 * known.distance,
             sigma_mm: 1e3 * known.sigma,
             error_mm: fits.map(error),
             measured_mm: measured.map(|m| [1e3 * m.distance, 1e3 * m.sigma]),

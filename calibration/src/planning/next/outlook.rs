@@ -27,7 +27,7 @@ pub struct Outlook {
     /// Noise beyond the stated one for each kind of reading, mm; mrad for levels, pixels for a board.
     pub beyond: Vec<(&'static str, f64)>,
     /// Rows that all others do not predict, by their index in the file, with their error in mm if it is a length.
-    pub strange: Vec<(usize, Option<f64>)>,
+    pub outliers: Vec<(usize, Option<f64>)>,
 }
 
 /// Fits the rows of `set`, except those of `doubted` and copies of others, and computes what they are worth over the work
@@ -61,14 +61,14 @@ pub fn outlook(
     let known = Knowledge::new(&problem, &fit, &volume)?;
     let errors = fit.left_out(&problem)?;
     let length_of = |row: usize| error_of(&errors, &fitted, row).and_then(|(_, mm)| mm);
-    let strange = (0..index.len()).filter(|row| fit.weights[*row] == 0.0);
+    let outliers = (0..index.len()).filter(|row| fit.weights[*row] == 0.0);
     let is_finite = known.after.mean_mm.is_finite() && known.before.mean_mm.is_finite();
     is_finite.then(|| Outlook {
         rows: index.len(),
         drawn: known.before,
         expected: known.after,
         beyond: beyond(&fitted, &fit),
-        strange: strange.map(|row| (index[row], length_of(row))).collect(),
+        outliers: outliers.map(|row| (index[row], length_of(row))).collect(),
     })
 }
 

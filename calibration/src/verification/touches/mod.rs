@@ -67,14 +67,14 @@ pub struct TouchReport {
     /// Root mean square of the calibration's expected error in one component of a position, mm.
     pub model_mm: f64,
     /// Whether the model knows how wrong it is.
-    pub model_knows_its_error: bool,
+    pub model_has_error_covariance: bool,
     /// The smallest change of each part that this check can find.
     pub sensitivity: Vec<Sensitivity>,
     /// By how much the arm would have to be larger or smaller than its model for these touches to show it nine times in ten,
     /// ppm; `None` if they do not show its size.
     pub size_ppm: Option<f64>,
     /// Lines of rows that do not belong to the others and were left out.
-    pub odd_lines: Vec<usize>,
+    pub outlier_lines: Vec<usize>,
 }
 
 /// Error of one touch, as all other touches predict it.
@@ -185,10 +185,10 @@ pub fn check_touches(
         without_mm,
         noise_factor: weighed.factors.noise[rows.main_kind()].sqrt(),
         model_mm: weighed.model_mm,
-        model_knows_its_error: arm.arm.knows_its_error,
+        model_has_error_covariance: arm.arm.has_error_covariance,
         sensitivity,
         size_ppm: size.and_then(|size| size.smallest),
-        odd_lines: (0..set.rows.len())
+        outlier_lines: (0..set.rows.len())
             .filter(|row| !belongs(row))
             .map(|row| set.rows[row].line)
             .collect(),

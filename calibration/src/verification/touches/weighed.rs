@@ -34,7 +34,7 @@ impl Weighed {
             .error_covariance(&arm.samples, &arm.at, arm.scales, &[])
             .ok_or(CheckError::Unsolvable)?;
         let model = of_poses(&unknown);
-        let smooth: Vec<Mat<f64>> = (!arm.arm.knows_its_error)
+        let smooth: Vec<Mat<f64>> = (!arm.arm.has_error_covariance)
             .then(|| of_poses(&arm.arm.smooth_covariance(&arm.samples, &arm.at)))
             .into_iter()
             .collect();

@@ -29,7 +29,7 @@ pub struct Outcome<'a> {
     /// How the errors without these changes compare with what the model expects.
     pub rest: Rest<'a>,
     /// Lines of measurements that stand out from the others.
-    pub odd_lines: &'a [usize],
+    pub outlier_lines: &'a [usize],
     /// What moved while the rows were measured.
     pub during: Option<&'a Moved>,
     /// What to do about payloads that the model was not trained with, or that it does not know.
@@ -56,7 +56,7 @@ pub fn unknown_payload(carried: &str) -> String {
 pub fn new_calibration(r: &Report) -> String {
     let is_of_model = 2.0 * MEAN_LENGTH * r.model_mm >= r.without_mm.mean;
     let is_excess = matches!(Rest::of(r), Rest::Excess(_));
-    match r.model_knows_its_error || !is_of_model || is_excess {
+    match r.model_has_error_covariance || !is_of_model || is_excess {
         true => "measure 100 poses or more and calibrate again".to_owned(),
         false => format!(
             "the model error estimated from these rows is {:.3} mm per axis; calibrate with a richer model (--method elastic, or auto)",
@@ -76,7 +76,7 @@ pub fn advice(
         changes,
         without_mm,
         rest,
-        odd_lines,
+        outlier_lines,
         during,
         payloads,
         is_searched,
@@ -115,12 +115,12 @@ pub fn advice(
                 .to_owned(),
         });
     }
-    if !changes.is_empty() && !odd_lines.is_empty() {
+    if !changes.is_empty() && !outlier_lines.is_empty() {
         out.push("first measure the outliers again and repeat the check".to_owned());
     }
     let is_doubtful = doubt.is_some() && !changes.is_empty();
     out.extend(doubt.filter(|_| is_doubtful));
-    let is_sure = matches!(rest, Rest::AsExpected) && odd_lines.is_empty() && payloads.is_none();
+    let is_sure = matches!(rest, Rest::AsExpected) && outlier_lines.is_empty() && payloads.is_none();
     let is_advised = |change: &&Change| !is_doubtful || change.part == Part::Payload;
     for change in changes.iter().filter(is_advised) {
         let alone = if changes.len() == 1 && is_sure {
@@ -162,7 +162,7 @@ pub fn advice(
         return out;
     }
     if changes.is_empty() && !tolerance_met {
-        out.push(if odd_lines.is_empty() {
+        out.push(if outlier_lines.is_empty() {
             format!("no detectable change explains the error: {more}")
         } else {
             "measure the outliers again and repeat the check".to_owned()

@@ -233,7 +233,7 @@ fn checked<'a>(
                 changes: &findings.changes,
                 without_mm: a.statistic.of(&findings.without_mm),
                 rest: unexplained::Rest::of(&findings),
-                odd_lines: &findings.odd_lines,
+                outlier_lines: &findings.outlier_lines,
                 during: findings.during.as_ref(),
                 payloads: payloads.as_ref().map(|p| p.advice.as_str()),
                 is_searched: findings.is_searched,

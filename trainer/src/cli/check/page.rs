@@ -29,7 +29,7 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         looked_at: "base, tool, a joint or the payload",
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
-        unknown_error: (!f.model_knows_its_error).then_some(
+        unknown_error: (!f.model_has_error_covariance).then_some(
             "This model has no processes of the joints and does not know its own error, so the check estimates it from \
              these measurements. False alarms are more frequent than stated if fewer than 12 poses trained the model. \
              A model calibrated with `--method elastic` knows its error.",
@@ -172,7 +172,7 @@ fn errors(d: &CheckJson<'_>) -> Section {
         "fresh pose, in the order of the rows",
         "position error (mm)",
     ];
-    let (plot, above) = drawn_rows(&rows, axes, &f.odd_lines, d.max_mm);
+    let (plot, above) = drawn_rows(&rows, axes, &f.outlier_lines, d.max_mm);
     let finding = html! {
         @if above == 0 { "All poses are within the tolerance of the " (d.statistic.name()) }
         @else { (above) " of " (rows.len()) " poses exceed the tolerance of the " (d.statistic.name()) }
@@ -193,14 +193,14 @@ fn errors(d: &CheckJson<'_>) -> Section {
         )
         .table_beside(&["position, mm", "mean", "95 %", "largest"], table)
         .answers();
-    with_odd_lines(section, &f.odd_lines, "Measurements", "Measure again.")
+    with_outlier_lines(section, &f.outlier_lines, "Measurements", "Measure again.")
 }
 
 /// Plots a number of mm for each line of a file; also returns how many are above `most`.
 pub(super) fn drawn_rows(
     rows: &[(usize, f64)],
     [across, up]: [&str; 2],
-    odd_lines: &[usize],
+    outlier_lines: &[usize],
     most: f64,
 ) -> (Plot, usize) {
     let all: Vec<f64> = rows.iter().map(|(_, mm)| *mm).collect();
@@ -215,7 +215,7 @@ pub(super) fn drawn_rows(
         let of = shown
             .iter()
             .enumerate()
-            .filter(|(_, i)| odd_lines.contains(&rows[**i].0) == wanted);
+            .filter(|(_, i)| outlier_lines.contains(&rows[**i].0) == wanted);
         let at = |(row, i): (usize, &usize)| (row, (*i as f64 + 0.5, all[*i]));
         plot.poses(series, Brush::Range, of.map(at));
     }
@@ -238,7 +238,7 @@ pub(super) fn summed(name: &str, s: &Summary, at: &str) -> Vec<Markup> {
     ]
 }
 
-pub(super) fn with_odd_lines(
+pub(super) fn with_outlier_lines(
     section: Section,
     lines: &[usize],
     what: &str,

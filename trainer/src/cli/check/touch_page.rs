@@ -5,7 +5,7 @@ use maud::html;
 use crate::cli::check::document::CheckTouchesJson;
 use crate::cli::check::page::{
     Changes, advised, changed, drawn_rows, holds, moved, programs, sensitivity, summed, titled,
-    with_odd_lines,
+    with_outlier_lines,
 };
 use crate::cli::check::wording;
 use crate::report::data::drawn;
@@ -26,7 +26,7 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
         looked_at: "a joint, the payload or the size",
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
-        unknown_error: (!f.model_knows_its_error).then_some(
+        unknown_error: (!f.model_has_error_covariance).then_some(
             "This model does not contain the covariance of its error, so false alarms are more frequent than stated: \
             up to 1 in 10 at 1 % on simulated \
              arms.",
@@ -85,7 +85,7 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
     let f = &d.touches;
     let rows = lengths(&f.misses);
     let axes = ["new touch, in the order of the rows", "miss (mm)"];
-    let (plot, above) = drawn_rows(&rows, axes, &f.odd_lines, d.max_mm);
+    let (plot, above) = drawn_rows(&rows, axes, &f.outlier_lines, d.max_mm);
     let finding = html! {
         @if above == 0 { "All touches are within the tolerance of the " (d.statistic.name()) }
         @else { (above) " of " (rows.len()) " touches exceed the tolerance of the " (d.statistic.name()) }
@@ -107,7 +107,7 @@ fn misses(d: &CheckTouchesJson<'_>) -> Section {
         )
         .table_beside(&["mm", "mean", "95 %", "largest"], table)
         .answers();
-    with_odd_lines(section, &f.odd_lines, "Touches", "Touch again.")
+    with_outlier_lines(section, &f.outlier_lines, "Touches", "Touch again.")
 }
 
 /// Returns the lines and misses of the touches that measure a length.

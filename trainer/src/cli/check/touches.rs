@@ -107,7 +107,7 @@ fn checked<'a>(
         changes: &found.changes,
         without_mm: a.statistic.of(&found.without_mm),
         rest: Rest::of_touches(found.noise_factor),
-        odd_lines: &found.odd_lines,
+        outlier_lines: &found.outlier_lines,
         during: None,
         payloads: None,
         is_searched: true,
@@ -190,7 +190,7 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
         "Noise of these touches: {:.2} times the stated one; model error estimated from these rows: {:.4} mm per axis.",
         f.noise_factor, f.model_mm
     ));
-    if !f.model_knows_its_error {
+    if !f.model_has_error_covariance {
         report.line(
             "warning: this model does not contain the covariance of its error: false alarms are more frequent than \
             stated (up to 1 in 10 at 1 % on \
@@ -200,9 +200,9 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
     for line in wording::drift(&f.changes, "joint, payload or size", f.false_alarm_rate) {
         report.line(line);
     }
-    if !f.odd_lines.is_empty() {
-        let lines: Vec<String> = f.odd_lines.iter().map(usize::to_string).collect();
-        let (which, again) = match f.odd_lines.len() {
+    if !f.outlier_lines.is_empty() {
+        let lines: Vec<String> = f.outlier_lines.iter().map(usize::to_string).collect();
+        let (which, again) = match f.outlier_lines.len() {
             1 => (
                 format!(
                     "one of {} rows is an outlier and was left out: line",

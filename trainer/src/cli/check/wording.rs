@@ -27,7 +27,7 @@ pub fn part(part: Part) -> String {
 pub fn findings(r: &Report) -> Vec<String> {
     let mut out = Vec::new();
     out.extend(r.is_searched.then(|| unexplained::scatter(r)));
-    if !r.model_knows_its_error && r.is_searched {
+    if !r.model_has_error_covariance && r.is_searched {
         out.push(
             "warning: a model without Gaussian processes of the joints does not contain the covariance of its error, \
             so the check estimates it from these measurements. False alarms are more frequent than stated if the \
@@ -50,20 +50,20 @@ pub fn findings(r: &Report) -> Vec<String> {
     } else {
         out.push(NOT_SEARCHED.to_owned());
     }
-    if !r.odd_lines.is_empty() {
+    if !r.outlier_lines.is_empty() {
         let lines: Vec<String> = r
-            .odd_lines
+            .outlier_lines
             .iter()
             .take(SHOWN)
             .map(|l| l.to_string())
             .collect();
-        let more = if r.odd_lines.len() > SHOWN {
+        let more = if r.outlier_lines.len() > SHOWN {
             ", …"
         } else {
             ""
         };
         let all = r.searched_rows(r.errors.poses);
-        let (which, again) = match r.odd_lines.len() {
+        let (which, again) = match r.outlier_lines.len() {
             1 => (
                 format!("one of {all} measurements is an outlier: line"),
                 "it",

@@ -28,7 +28,7 @@ pub struct CorrectJson<'a> {
     /// Number of commands that were changed, but not corrected completely.
     partly_corrected: usize,
     /// Number of commands that were not changed at all.
-    left_alone: usize,
+    uncorrected: usize,
     /// Remarks, each with the lines of the rows that it applies to.
     flagged: Vec<Flagged>,
     /// Largest change of a revolute joint.
@@ -214,7 +214,7 @@ impl<'a> Summing<'a> {
             commands: all.lines.len(),
             corrected: all.count(arrived),
             partly_corrected: all.count(|f| !arrived(f) && f & LEFT_ALONE == 0),
-            left_alone: all.count(|f| !arrived(f) && f & LEFT_ALONE != 0),
+            uncorrected: all.count(|f| !arrived(f) && f & LEFT_ALONE != 0),
             flagged: flagged.filter(|f| !f.lines.is_empty()).collect(),
             largest_change_deg: change(0),
             largest_change_mm: change(1),
@@ -255,7 +255,7 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
     }
     report.line(format_args!(
         "Model `{}`: {} corrected, {} in part, {} left as they are.",
-        d.method, d.corrected, d.partly_corrected, d.left_alone
+        d.method, d.corrected, d.partly_corrected, d.uncorrected
     ));
     for change in [(&d.largest_change_deg, "°"), (&d.largest_change_mm, " mm")] {
         if let (Some(c), unit) = change {

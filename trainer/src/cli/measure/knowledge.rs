@@ -106,23 +106,23 @@ impl Session<'_> {
 
     /// Returns the rows that contradict the others, with how far they are from their prediction in mm.
     pub(super) fn contradicting(&self) -> Vec<(usize, Option<f64>)> {
-        let by_others = self.found.iter().flat_map(|found| &found.strange);
+        let by_others = self.found.iter().flat_map(|found| &found.outliers);
         let mut out: Vec<_> = self.doubted.iter().chain(by_others).copied().collect();
         out.sort_by_key(|(row, _)| *row);
         out
     }
 
-    /// Reports the rows that have become strange.
-    pub(super) fn report_strange(&mut self) -> Result<(), Failure> {
-        let strange = self.contradicting();
+    /// Reports the rows that have become outliers.
+    pub(super) fn report_outliers(&mut self) -> Result<(), Failure> {
+        let outliers = self.contradicting();
         let is_touch = self.planned.features().is_some();
-        for (row, missed) in strange
+        for (row, missed) in outliers
             .iter()
-            .filter(|(row, _)| !self.strange.contains(row))
+            .filter(|(row, _)| !self.outliers.contains(row))
         {
-            self.show.strange(row + 1, *missed, is_touch)?;
+            self.show.outlier(row + 1, *missed, is_touch)?;
         }
-        self.strange = strange.into_iter().map(|(row, _)| row).collect();
+        self.outliers = outliers.into_iter().map(|(row, _)| row).collect();
         Ok(())
     }
 
@@ -144,7 +144,7 @@ impl Session<'_> {
     }
 
     /// Returns whether a row contradicts the others.
-    pub(super) fn is_strange(&self, row: usize) -> bool {
+    pub(super) fn is_outlier(&self, row: usize) -> bool {
         self.contradicting().iter().any(|(index, _)| *index == row)
     }
 
@@ -152,13 +152,13 @@ impl Session<'_> {
     fn in_succession(&self, set: &TouchSet) -> Option<Vec<usize>> {
         let feature = set.rows.last()?.reading.feature();
         let of_feature = |row: &usize| set.rows[*row].reading.feature() == feature;
-        let strange = |rows: &mut dyn Iterator<Item = usize>| {
-            let mut out: Vec<usize> = rows.take_while(|row| self.strange.contains(row)).collect();
+        let outliers = |rows: &mut dyn Iterator<Item = usize>| {
+            let mut out: Vec<usize> = rows.take_while(|row| self.outliers.contains(row)).collect();
             out.reverse();
             (out.len() >= IN_SUCCESSION).then_some(out)
         };
-        let all = strange(&mut (0..set.rows.len()).rev());
-        all.or_else(|| strange(&mut (0..set.rows.len()).rev().filter(of_feature)))
+        let all = outliers(&mut (0..set.rows.len()).rev());
+        all.or_else(|| outliers(&mut (0..set.rows.len()).rev().filter(of_feature)))
     }
 
     /// Reports once that something moved, if so many rows in succession contradict the others.
@@ -200,7 +200,7 @@ impl Session<'_> {
                 .find(|f| f.cause == Cause::Step)
                 .map(|f| f.text.clone()),
             used: self
-                .strange
+                .outliers
                 .iter()
                 .filter(counts)
                 .map(|row| row + 1)

@@ -117,7 +117,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
         missing: waiting(&planned.without_rows()),
         rows: 0,
         doubted: Vec::new(),
-        strange: Vec::new(),
+        outliers: Vec::new(),
         moved: None,
         incomplete: None,
         show,
@@ -144,8 +144,8 @@ struct Session<'a> {
     rows: usize,
     /// Rows that contradict the others, with how far they are from their prediction in mm.
     doubted: Vec<(usize, Option<f64>)>,
-    /// Rows that were reported as strange.
-    strange: Vec<usize>,
+    /// Rows that were reported as outliers.
+    outliers: Vec<usize>,
     /// The row since which something moved, as it was reported.
     moved: Option<usize>,
     /// Why `calibrate` refuses the file although the expected error is small enough.
@@ -199,11 +199,11 @@ impl Session<'_> {
                     index + 1,
                     earlier + 1
                 )),
-                None if self.is_strange(index) => {}
+                None if self.is_outlier(index) => {}
                 None => self.chooser.measured(&set, row),
             }
         }
-        self.report_strange()?;
+        self.report_outliers()?;
         self.report_moved(&set)?;
         Ok(true)
     }
@@ -241,7 +241,7 @@ impl Session<'_> {
             self.gravity,
             self.class,
         );
-        self.strange.clear();
+        self.outliers.clear();
         self.look_again()?;
         Ok(())
     }
@@ -262,7 +262,7 @@ impl Session<'_> {
         }
         let (out, bytes) = (&self.options.out, self.journal.bytes());
         let refusal = match self.is_within() {
-            true => match self.planned.whole((out, bytes), &self.strange, self.arm) {
+            true => match self.planned.whole((out, bytes), &self.outliers, self.arm) {
                 Ok(()) => return Ok(Err(End::Within)),
                 Err(refusal) => Some(refusal),
             },
@@ -417,19 +417,19 @@ impl Session<'_> {
         self.doubt(set, index..self.rows);
         self.look(set);
         let seconds = begun.elapsed().as_secs_f64();
-        if !self.is_strange(index) {
+        if !self.is_outlier(index) {
             self.chooser.measured(set, &set.rows[index]);
         }
         let until = self.options.until_mm;
-        let strange: Vec<usize> = self
+        let outliers: Vec<usize> = self
             .contradicting()
             .iter()
             .map(|(row, _)| row + 1)
             .collect();
         let found = self.found.as_ref();
         self.show
-            .known(self.rows, found, &strange, before, until, seconds)?;
-        self.report_strange()?;
+            .known(self.rows, found, &outliers, before, until, seconds)?;
+        self.report_outliers()?;
         self.report_moved(set)
     }
 
@@ -447,7 +447,7 @@ impl Session<'_> {
         let incomplete = match is_within {
             true => self
                 .planned
-                .whole((&options.out, bytes), &self.strange, self.arm)
+                .whole((&options.out, bytes), &self.outliers, self.arm)
                 .err(),
             false => None,
         };

@@ -164,7 +164,7 @@ impl Show {
     /// Confirms that a row is on disk.
     pub fn taken(&mut self, row: usize, _: &OnDisk) -> Result<(), Failure> {
         self.report.line(format_args!("row {row} is on disk"));
-        self.document(json!({"event": "taken", "row": row}))
+        self.document(json!({"event": "accepted", "row": row}))
     }
 
     /// Shows the expected error with all rows so far.
@@ -172,7 +172,7 @@ impl Show {
         &mut self,
         row: usize,
         found: Option<&Outlook>,
-        strange: &[usize],
+        outliers: &[usize],
         before: Option<f64>,
         until: Option<f64>,
         seconds: f64,
@@ -204,10 +204,10 @@ impl Show {
                 .collect::<Vec<_>>()
         });
         self.document(json!({
-            "event": "known", "row": row, "seconds": seconds,
+            "event": "estimate", "row": row, "seconds": seconds,
             "expected_mm": found.map(|f| f.expected.mean_mm), "p95_mm": found.map(|f| f.expected.p95_mm),
-            "drawn_mm": found.map(|f| f.drawn.mean_mm), "noise": beyond,
-            "strange_rows": found.map(|_| strange)
+            "nominal_mm": found.map(|f| f.drawn.mean_mm), "noise": beyond,
+            "outlier_rows": found.map(|_| outliers)
         }))
     }
 
@@ -229,11 +229,11 @@ impl Show {
         self.report.line(format_args!(
             "row {row} is taken back and is now a comment: {text}"
         ));
-        self.document(json!({"event": "taken-back", "row": row}))
+        self.document(json!({"event": "withdrawn", "row": row}))
     }
 
     /// Reports that a row contradicts the others.
-    pub fn strange(
+    pub fn outlier(
         &mut self,
         row: usize,
         missed_mm: Option<f64>,
@@ -250,7 +250,7 @@ impl Show {
         note(format_args!(
             "row {row} {by} and does not count: {question} enter \"undo {row}\" and measure it again"
         ));
-        self.document(json!({"event": "strange", "row": row, "missed_mm": missed_mm}))
+        self.document(json!({"event": "outlier", "row": row, "missed_mm": missed_mm}))
     }
 
     /// Reports that something moved, because rows in succession contradict the others.

@@ -153,7 +153,7 @@ fn print(report: Printer, a: &Compare, document: &CompareTouchesJson) {
             .collect();
         report.line(format_args!(
             "  {a} to {b}: {:.3} mm ± {:.3}, as drawn {:+.3}, {}",
-            distance.said_mm,
+            distance.stated_mm,
             distance.sigma_mm,
             distance.error_mm[0],
             each.join(", ")

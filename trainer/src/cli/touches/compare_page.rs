@@ -161,7 +161,7 @@ fn distances(d: &CompareTouchesJson) -> Section {
         };
         let mut fields = vec![
             html! { (distance.between[0]) " to " (distance.between[1]) },
-            html! { (Number::mm(distance.said_mm, at(0, "said_mm"))) " ± " (Number::mm(distance.sigma_mm, at(0, "sigma_mm"))) },
+            html! { (Number::mm(distance.stated_mm, at(0, "stated_mm"))) " ± " (Number::mm(distance.sigma_mm, at(0, "sigma_mm"))) },
             html! { (Number::mm(distance.error_mm[0], at(0, "error_mm/0"))) },
         ];
         fields.extend(d.models.iter().enumerate().map(error));

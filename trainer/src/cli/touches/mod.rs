@@ -122,7 +122,7 @@ pub fn print_distances(report: Printer, distances: &[DistanceSummary], model: &s
         let [a, b] = &distance.between;
         report.line(format_args!(
             "  {a} to {b}: {:.3} mm ± {:.3}, as drawn {:+.3}, {model} {:+.3}",
-            distance.said_mm, distance.sigma_mm, distance.error_mm[0], distance.error_mm[1]
+            distance.stated_mm, distance.sigma_mm, distance.error_mm[0], distance.error_mm[1]
         ));
     }
 }

@@ -158,7 +158,7 @@ pub fn distances(summary: &TouchSummary) -> Section {
         let at = |name: &str| format!("/touches/distances/{i}/{name}");
         vec![
             html! { (d.between[0]) " to " (d.between[1]) },
-            html! { (Number::mm(d.said_mm, at("said_mm"))) " ± " (Number::mm(d.sigma_mm, at("sigma_mm"))) },
+            html! { (Number::mm(d.stated_mm, at("stated_mm"))) " ± " (Number::mm(d.sigma_mm, at("sigma_mm"))) },
             html! { (Number::mm(d.error_mm[0], at("error_mm/0"))) },
             html! { (Number::mm(d.error_mm[1], at("error_mm/1"))) },
             html! {
