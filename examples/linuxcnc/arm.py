@@ -109,8 +109,8 @@ def to_quaternion(r):
     return q if q[0] >= 0 else -q
 
 
-class Drawing:
-    """The drawn arm."""
+class NominalArm:
+    """The nominal arm."""
 
     def __init__(self):
         described = tomllib.loads(ROBOT.read_text(encoding="utf-8"))
@@ -138,10 +138,10 @@ class TrueArm:
 
     def __init__(self, seed):
         random = np.random.default_rng(seed)
-        self.drawing = Drawing()
-        count = len(self.drawing.axes)
+        self.nominal = NominalArm()
+        count = len(self.nominal.axes)
         errors = FRAME_ERROR * random.standard_normal((count + 1, 2, 3))
-        frames = [*self.drawing.origins, self.drawing.flange]
+        frames = [*self.nominal.origins, self.nominal.flange]
         self.frames = [frame @ pose(turns(turn), shift) for frame, (shift, turn) in zip(frames, errors)]
         self.compliance = COMPLIANCE * (1 + 0.25 * random.uniform(-1, 1, count))
         self.phases = random.uniform(0, 2 * np.pi, (count, 3))
@@ -164,7 +164,7 @@ class TrueArm:
         """Where the target is at (n, 6) joints in rad, with one payload as the operator knows it.
 
         `repeat`: (n, 6) rad by which the joints come elsewhere this time; without it, always the same amounts."""
-        axes, count = self.drawing.axes, len(self.drawing.axes)
+        axes, count = self.nominal.axes, len(self.nominal.axes)
         q, (a, b, c) = joints, self.phases.T
         serial = q + 60e-6 * np.sin(q + a) + 30e-6 * np.sin(2 * q + b) + 8e-6 * np.sin(60 * q + c)
         serial += self.approach if repeat is None else repeat
@@ -184,7 +184,7 @@ class TrueArm:
     def chain(self, joints, bending):
         """Poses in the base of every joint's frame before it turns, and of the flange."""
         at, out = np.broadcast_to(np.eye(4), (len(joints), 4, 4)), []
-        for i, axis in enumerate(self.drawing.axes):
+        for i, axis in enumerate(self.nominal.axes):
             at = at @ self.frames[i] @ pose(small_turns(bending[:, i]), np.zeros(3))
             out.append(at)
             at = at @ pose(rotations(axis, joints[:, i]), np.zeros(3))
@@ -192,7 +192,7 @@ class TrueArm:
 
     def torques(self, joints, payload_kg, centre):
         """Gravity torque about the origin of each joint, in its own axes, N m."""
-        frames = self.chain(joints, np.zeros((len(joints), len(self.drawing.axes), 3)))
+        frames = self.chain(joints, np.zeros((len(joints), len(self.nominal.axes), 3)))
         at = [frame[:, :3, 3] for frame in frames]
         payload = at[-1] + frames[-1][:, :3, :3] @ centre
         out = []

@@ -9,9 +9,9 @@ import sys
 
 import numpy as np
 
-from arm import FLANGE_FROM_TOOL, Drawing, rpy_of
+from arm import FLANGE_FROM_TOOL, NominalArm, rpy_of
 
-# Joints in degrees of the drawn arm at the middle of each cube.
+# Joints in degrees of the nominal arm at the middle of each cube.
 MIDDLES_DEG = {
     "1": (-25, 10, 5, 10, 55, 20),
     "2": (20, 25, -10, -15, 50, -30),
@@ -22,8 +22,8 @@ SPEED_MM_S = 250.0
 
 
 def drawn(joints_deg):
-    """Position in mm and A, B, C in degrees of the drawn arm's tool."""
-    at = (Drawing().base_from_flange(np.radians([joints_deg])) @ FLANGE_FROM_TOOL)[0]
+    """Position in mm and A, B, C in degrees of the nominal arm's tool."""
+    at = (NominalArm().base_from_flange(np.radians([joints_deg])) @ FLANGE_FROM_TOOL)[0]
     return 1e3 * at[:3, 3], np.degrees(rpy_of(at[:3, :3]))
 
 

@@ -62,7 +62,7 @@ pub enum Cause {
     Noise,
     /// The values have too few digits.
     Rounding,
-    /// A link differs from the drawing.
+    /// A link differs from the nominal model.
     Frames,
     /// The rows are not in chronological order.
     Time,

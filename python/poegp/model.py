@@ -138,7 +138,7 @@ class Model:
         return poses, Answer(*answer)
 
     def nominal(self, q, frame="instrument"):
-        """Where the target would be by the drawing: poses (n, 4, 4) in m, NaN for joints that are not finite."""
+        """Where the target would be by the nominal model: poses (n, 4, 4) in m, NaN for joints that are not finite."""
         return self._native.nominal(q, frame)
 
     def correct(self, q, payload_kg=None):
@@ -269,12 +269,12 @@ class Model:
         Returns
         -------
         dict
-            What ``trainer export --json`` writes: ``distance`` is that of the chain and of the drawing from the model.
+            What ``trainer export --json`` writes: ``distance`` is that of the chain and of the nominal model from the model.
 
         Raises
         ------
         Error
-            No chain is nearer to the model than the drawing; nothing is written.
+            No chain is nearer to the model than the nominal model; nothing is written.
         """
         with tempfile.TemporaryDirectory() as folder:
             blob = Path(folder) / "model.blob"

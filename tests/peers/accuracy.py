@@ -13,7 +13,7 @@ SIZES = [50, 100, 200, 300, 600]
 MEASURED = [("abb_irb120_faro_700.csv", "abb-irb120", [50, 100, 200, 300, 560])]
 
 ROWS = [
-    ("nominal", "as drawn, base and tool fitted"),
+    ("nominal", "nominal, base and tool fitted"),
     ("dh", "DH calibration, pybotics"),
     ("poe", "POE, ours"),
     ("poe_weighted", "POE `--weighting noise`, ours"),

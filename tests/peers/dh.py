@@ -1,7 +1,7 @@
 """Calibration of Denavit and Hartenberg's parameters by pybotics, as its documentation does it.
 
 pybotics has modified DH parameters and minimises the distances of positions. Beside all 24 parameters base and tool
-position are free. The arm as drawn is turned into that form first, and compared with the trainer's chain. Between
+position are free. The nominal arm is turned into that form first, and compared with the trainer's chain. Between
 parallel axes the form cannot express a small tilt: that is what the paper says suffers."""
 
 import numpy as np

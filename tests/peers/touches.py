@@ -1,7 +1,7 @@
 """The most probable arm for touches by scipy's least squares, beside the trainer's: another program of the same model.
 
 The kinematics, the equations of every kind of row, the priors and the derivatives (by differences) are this file's own. From the
-trainer's JSON come what was fitted and what the peer should find: the drawing, the scales of the priors, the noise. Balls, balls on
+trainer's JSON come what was fitted and what the peer should find: the nominal model, the scales of the priors, the noise. Balls, balls on
 bars and wires are known; files with outliers are refused.
 """
 
@@ -51,9 +51,9 @@ def turns(angles):
 
 class Arm:
     def __init__(self, record, tip):
-        self.drawing = [frame(rows) for rows in record["drawing"]]
+        self.nominal = [frame(rows) for rows in record["nominal"]]
         self.parameters = record["parameters"]
-        self.joints = len(self.drawing) - 1
+        self.joints = len(self.nominal) - 1
         self.tip = np.asarray(tip)
 
     def tips(self, theta, q):
@@ -77,7 +77,7 @@ class Arm:
                 levers[i, i + at] = value
             else:
                 raise SystemExit(f"a parameter of {group}: this peer does not know it")
-        frames = [d @ small(t[:3], t[3:]) for d, t in zip(self.drawing, twists)]
+        frames = [d @ small(t[:3], t[3:]) for d, t in zip(self.nominal, twists)]
 
         def chain(angles):
             out = [np.broadcast_to(frames[0], (len(q), 4, 4))]
@@ -85,14 +85,14 @@ class Arm:
                 out.append(out[-1] @ turns(angles[:, i]) @ frames[i + 1])
             return out
 
-        # Before joint i stands poses[i]; the mass of a link hangs at the far end of it, as drawn.
+        # Before joint i stands poses[i]; the mass of a link hangs at the far end of it, nominal.
         poses = chain(q)
         deflected = q.copy()
         for c in range(n):
             pull = np.cross(GRAVITY, poses[c][:, :3, 2])
             ends = np.zeros((len(q), 3))
             for end in range(c, n):
-                lever = self.drawing[end + 1][:3, :3].T @ self.drawing[end + 1][:3, 3]
+                lever = self.nominal[end + 1][:3, :3].T @ self.nominal[end + 1][:3, 3]
                 ends = ends + poses[end + 1][:, :3, :3] @ lever
                 deflected[:, c] += levers[c, end] * np.sum(pull * ends, axis=1)
         flange = chain(deflected)[n]

@@ -113,7 +113,7 @@ def test_corrected_joints_are_those_of_the_command_line(arm, elastic, rows, trai
     assert 1e-5 < np.abs(joints - rows.q).max() < 0.1
 
 
-def test_corrected_commands_bring_the_arm_where_the_drawing_says(elastic, wide, rows):
+def test_corrected_commands_bring_the_arm_where_the_nominal_model_says(elastic, wide, rows):
     for model, within in [(elastic, 6e-6), (wide, 5.1e-6)]:
         for frame in ["instrument", "base"]:
             wanted = model.nominal(rows.q, frame=frame)

@@ -1,9 +1,10 @@
 //! Inverse kinematics and corrections in `f64` for the targets of a robot program: the nominal joints of a pose, and the
 //! joints to command instead.
 //!
-//! A controller computes the joints for a pose of its flange from the drawing. [`Commander::branches`] returns all joints
-//! that it may choose, [`Commander::nominal_joints`] those near given joints, and [`Commander::correct_target`] the joints at
-//! which the real arm is where the controller believes it to be. "Flange" and "base" are those of the base-tool calibration.
+//! A controller computes the joints for a pose of its flange from the nominal model. [`Commander::branches`] returns all
+//! joints that it may choose, [`Commander::nominal_joints`] those near given joints, and [`Commander::correct_target`] the
+//! joints at which the real arm is where the controller believes it to be. "Flange" and "base" are those of the base-tool
+//! calibration.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;

@@ -1,4 +1,4 @@
-//! Joint zeros, base and tool that bring the drawing as near as possible to a blob's predictions.
+//! Joint zeros, base and tool that bring the nominal model as near as possible to a blob's predictions.
 //!
 //! Every controller accepts joint zeros, a base and a tool, and many accept nothing else. The first and the last joint keep
 //! their zeros, because base and tool have the same effect. The remaining error is mostly larger than that of a whole chain,
@@ -30,11 +30,11 @@ const SIX: usize = 6;
 /// Joint zeros, base and tool.
 #[derive(Clone, Debug)]
 pub struct JointOffsets {
-    /// Offset of each joint of the controller, in rad or m: at the controller's joint q, the drawing is at q + offset. The
-    /// offset is 0 for the first and the last joint.
+    /// Offset of each joint of the controller, in rad or m: at the controller's joint q, the nominal model is at q + offset.
+    /// The offset is 0 for the first and the last joint.
     pub offsets: Vec<f64>,
-    /// The drawing's base, seen from the model's base.
-    pub base_from_drawing: Pose<f64>,
+    /// The nominal model's base, seen from the model's base.
+    pub base_from_nominal: Pose<f64>,
     /// `flange_from_target` of the first tool.
     pub flange_from_target: Pose<f64>,
     /// Distances from the predictions, at poses that were not used in the fit.
@@ -44,28 +44,28 @@ pub struct JointOffsets {
 }
 
 impl JointOffsets {
-    /// Fits joint zeros, base and tool of a `drawing` that leads from the model's base to the target at
+    /// Fits joint zeros, base and tool of a `nominal` that leads from the model's base to the target at
     /// `flange_from_target`. `coupling` is C of q_serial = C q by rows.
     pub fn new(
         predicted: &PredictedPoses,
-        drawing: &Poe<f64>,
+        nominal: &Poe<f64>,
         flange_from_target: &Pose<f64>,
         coupling: Option<&[Vec<f64>]>,
     ) -> Self {
-        let n = drawing.kinds().len();
+        let n = nominal.kinds().len();
         let with = |joints: std::ops::Range<usize>| {
-            let mut zeros = Zeros::new(drawing, coupling, joints.collect());
+            let mut zeros = Zeros::new(nominal, coupling, joints.collect());
             zeros.fit(&predicted.fitted);
             zeros
         };
         let alone = with(0..0);
         let zeros = with(1..n.saturating_sub(1).max(1));
-        let flange = drawing.frames()[n] * flange_from_target.inverse();
+        let flange = nominal.frames()[n] * flange_from_target.inverse();
         // The tool contains the zero of the chain's last joint; a coupling may shift that zero with another joint's offset.
-        let last = motion(drawing.kinds()[n - 1], -zeros.of_chain(n - 1));
+        let last = motion(nominal.kinds()[n - 1], -zeros.of_chain(n - 1));
         Self {
-            base_from_drawing: zeros.base,
-            flange_from_target: flange.inverse() * last * zeros.tool * drawing.frames()[n],
+            base_from_nominal: zeros.base,
+            flange_from_target: flange.inverse() * last * zeros.tool * nominal.frames()[n],
             error: predicted.distances(&zeros.chain()),
             base_and_tool: predicted.distances(&alone.chain()),
             offsets: zeros.offsets,
@@ -76,26 +76,26 @@ impl JointOffsets {
 /// The fitted parameters: [base | tool | an offset of each free joint].
 #[derive(Clone)]
 struct Zeros<'a> {
-    drawing: &'a Poe<f64>,
+    nominal: &'a Poe<f64>,
     coupling: Option<&'a [Vec<f64>]>,
     free: Vec<usize>,
-    /// Transform that multiplies the first frame of the drawing from the left.
+    /// Transform that multiplies the first frame of the nominal model from the left.
     base: Pose<f64>,
-    /// Transform that multiplies the last frame of the drawing from the left.
+    /// Transform that multiplies the last frame of the nominal model from the left.
     tool: Pose<f64>,
     /// Offsets of the controller's joints, in rad or m.
     offsets: Vec<f64>,
 }
 
 impl<'a> Zeros<'a> {
-    fn new(drawing: &'a Poe<f64>, coupling: Option<&'a [Vec<f64>]>, free: Vec<usize>) -> Self {
+    fn new(nominal: &'a Poe<f64>, coupling: Option<&'a [Vec<f64>]>, free: Vec<usize>) -> Self {
         Self {
-            drawing,
+            nominal,
             coupling,
             free,
             base: Pose::identity(),
             tool: Pose::identity(),
-            offsets: vec![0.0; drawing.kinds().len()],
+            offsets: vec![0.0; nominal.kinds().len()],
         }
     }
 
@@ -112,12 +112,12 @@ impl<'a> Zeros<'a> {
     }
 
     fn chain(&self) -> Poe<f64> {
-        let mut chain = *self.drawing;
+        let mut chain = *self.nominal;
         let n = self.offsets.len();
         let frames = chain.frames_mut();
         frames[0] = self.base * frames[0];
         for i in 0..n - 1 {
-            frames[i + 1] = motion(self.drawing.kinds()[i], self.of_chain(i)) * frames[i + 1];
+            frames[i + 1] = motion(self.nominal.kinds()[i], self.of_chain(i)) * frames[i + 1];
         }
         frames[n] = self.tool * frames[n];
         chain
@@ -136,7 +136,7 @@ impl<'a> Zeros<'a> {
             for (at, j) in self.free.iter().enumerate() {
                 let of = |i: usize| {
                     self.share(i, *j)
-                        * a[(row, SIX * (i + 1) + own_motion(self.drawing.kinds()[i]))]
+                        * a[(row, SIX * (i + 1) + own_motion(self.nominal.kinds()[i]))]
                 };
                 out[(row, 2 * SIX + at)] = (0..n - 1).map(of).sum();
             }

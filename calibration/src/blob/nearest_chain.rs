@@ -46,7 +46,7 @@ impl NearestChain {
     }
 }
 
-/// Fits all frames of `own` to samples, with the prior that a calibration has around the drawing.
+/// Fits all frames of `own` to samples, with the prior that a calibration has around the nominal model.
 fn fit(own: &Poe<f64>, samples: &[BaseSample]) -> Poe<f64> {
     let joints = own.kinds().len();
     let layout = Layout {

@@ -190,10 +190,10 @@ impl BlobModel {
     }
 
     /// Returns whether the model knows the pose of an instrument. A calibration by touches alone does not: such a model
-    /// states its poses in the base of the drawing, and a base must be fitted to measurements of an instrument
+    /// states its poses in the base of the nominal model, and a base must be fitted to measurements of an instrument
     /// ([`FittedFrames`](super::fitted_frames::FittedFrames)).
     pub fn knows_instrument(&self) -> bool {
-        // A base that was fitted to measured poses is never exactly that of the drawing.
+        // A base that was fitted to measured poses is never exactly that of the nominal model.
         self.instrument_from_base != Pose::identity()
             || self.host().gauge.base == FrameSource::Stated
     }

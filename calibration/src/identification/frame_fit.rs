@@ -43,7 +43,7 @@ impl ResidualFrame {
     }
 }
 
-/// Position error in m that weighs as much as a rotation error of 1 rad where a drawing is brought nearest to a model.
+/// Position error in m that weighs as much as a rotation error of 1 rad where a nominal model is brought nearest to a model.
 pub const METRES_PER_RADIAN: f64 = 0.3;
 
 /// Report of a fit.
@@ -111,13 +111,13 @@ impl HeldTool {
         }
     }
 
-    /// Holds what these samples cannot show if base and tool are both free. `drawing` is the chain from base to flange.
-    pub fn new<F>(drawing: &Poe<f64>, samples: &[Sample<F>]) -> Self {
+    /// Holds what these samples cannot show if base and tool are both free. `nominal` is the chain from base to flange.
+    pub fn new<F>(nominal: &Poe<f64>, samples: &[Sample<F>]) -> Self {
         let rotations = samples.iter();
-        let rotations = rotations.map(|s| drawing.forward(&s.serial_joints).rotation);
+        let rotations = rotations.map(|s| nominal.forward(&s.serial_joints).rotation);
         let (mean, directions) = indistinct_shifts(rotations);
         Self {
-            flange: drawing.frames()[drawing.kinds().len()],
+            flange: nominal.frames()[nominal.kinds().len()],
             mean,
             directions,
         }

@@ -1,13 +1,14 @@
 //! The gauge: the base and tool frames that a model is stated in.
 //!
 //! Measurements cannot separate the base from the first frame of the arm, nor the tool from the last: a model is equally
-//! good with any base and tool. The commands do depend on them, because a command is the joints at which the drawing,
+//! good with any base and tool. The commands do depend on them, because a command is the joints at which the nominal model,
 //! between that base and that tool, would bring the target to the wanted pose. So two calibrations of one arm must state
 //! their models in the same frames. The base-tool fit to the measured poses does not give such frames: an error of the
-//! drawing of a millimetre or two goes into base and tool differently for each choice of poses.
+//! nominal model of a millimetre or two goes into base and tool differently for each choice of poses.
 //!
 //! Three gauges stay the same from one calibration to the next: that of the previous model, one that the user states, and
-//! the base-tool fit of the drawing to the *fitted model* over a grid of poses that hardly depends on the measured poses.
+//! the base-tool fit of the nominal model to the *fitted model* over a grid of poses that hardly depends on the measured
+//! poses.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::FrameSource;
@@ -27,7 +28,7 @@ const LENGTH_STEP: f64 = 0.1;
 /// there are so few poses that chance decides where they end.
 const MOST_DEVIATIONS: f64 = 2.2;
 
-/// The grid of poses over which the drawing is fitted to the model.
+/// The grid of poses over which the nominal model is fitted to the model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaugeGrid {
     /// Range of each joint, in rad or m.

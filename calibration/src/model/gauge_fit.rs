@@ -1,4 +1,4 @@
-//! States a calibration in a gauge, and computes the gauge over the grid: the base-tool fit of the drawing to the model.
+//! States a calibration in a gauge, and computes the gauge over the grid: the base-tool fit of the nominal model to the model.
 
 use poegp_protocol::blob::FrameSource;
 use poegp_runtime::kinematics::poe::Poe;
@@ -26,7 +26,7 @@ impl Calibration {
             true => self.at(robot, &grid).collect(),
             false => Vec::new(),
         };
-        let shown = HeldTool::new(&drawing_of(&self), &samples);
+        let shown = HeldTool::new(&nominal_of(&self), &samples);
         for (is_base, found, stated) in [
             (true, &own.instrument_from_base, choice.base),
             (false, &own.flange_from_targets[0], choice.tool),
@@ -46,7 +46,7 @@ impl Calibration {
         Ok(self.stated_in(&gauge))
     }
 
-    /// Fits base and tool of the drawing to this model over `grid`; a base or tool that is given stays as it is.
+    /// Fits base and tool of the nominal model to this model over `grid`; a base or tool that is given stays as it is.
     fn fitted_gauge(
         &self,
         robot: &Robot,
@@ -55,7 +55,7 @@ impl Calibration {
         tool: Option<GaugeFrame>,
     ) -> Gauge {
         let own = &self.base_and_tools;
-        if self.is_the_drawing() && base.is_none() && tool.is_none() {
+        if self.is_the_nominal() && base.is_none() && tool.is_none() {
             let own = |frame: GaugeFrame| GaugeFrame {
                 source: FrameSource::Grid,
                 ..frame
@@ -68,20 +68,20 @@ impl Calibration {
         }
         let stated = |frame: Option<GaugeFrame>, own: &Pose<f64>| frame.map_or(*own, |f| f.pose);
         let start_of_base = stated(base, &own.instrument_from_base);
-        let drawing = drawing_of(self);
+        let nominal_arm = nominal_of(self);
         let mut chain = with_base_and_tool(
-            &drawing,
+            &nominal_arm,
             &(own.instrument_from_base.inverse() * start_of_base),
             &stated(tool, &own.flange_from_targets[0]),
         );
-        let last = drawing.kinds().len();
+        let last = nominal_arm.kinds().len();
         let mut free = Vec::new();
         free.extend(base.is_none().then_some(0));
         free.extend(tool.is_none().then_some(last));
         if !free.is_empty() {
             let samples: Vec<BaseSample> = self.at(robot, grid).collect();
             let held = match base.is_none() && tool.is_none() {
-                true => HeldTool::new(&drawing, &samples),
+                true => HeldTool::new(&nominal_arm, &samples),
                 false => HeldTool::none(),
             };
             let kind = ResidualFrame::TOOL_POINT_TOOL_LENGTH;
@@ -92,8 +92,8 @@ impl Calibration {
             source: FrameSource::Grid,
         };
         let found = chain.frames();
-        let old_from_base = found[0] * drawing.frames()[0].inverse();
-        let target = drawing.frames()[last].inverse() * found[last];
+        let old_from_base = found[0] * nominal_arm.frames()[0].inverse();
+        let target = nominal_arm.frames()[last].inverse() * found[last];
         Gauge {
             grid: grid.clone(),
             base: base.unwrap_or_else(|| fitted(own.instrument_from_base * old_from_base)),
@@ -103,7 +103,7 @@ impl Calibration {
 
     /// Returns whether only base and tool were fitted. Such a model is already in its own gauge, and staying in it keeps its
     /// corrections at exactly zero.
-    fn is_the_drawing(&self) -> bool {
+    fn is_the_nominal(&self) -> bool {
         matches!(self.correction, Correction::None)
             && self.calibrated.frames() == self.nominal.frames()
     }
@@ -129,7 +129,7 @@ impl Calibration {
             self.gauge = gauge.clone();
             return self;
         }
-        let drawing = drawing_of(&self);
+        let nominal_arm = nominal_of(&self);
         let own = &mut self.base_and_tools;
         let new_from_old = gauge.base.pose.inverse() * own.instrument_from_base;
         let old_target_from_new = own.flange_from_targets[0].inverse();
@@ -138,7 +138,7 @@ impl Calibration {
             *target = gauge.tool.pose * (old_target_from_new * *target);
         }
         own.flange_from_targets[0] = gauge.tool.pose;
-        self.nominal = with_base_and_tool(&drawing, &Pose::identity(), &gauge.tool.pose);
+        self.nominal = with_base_and_tool(&nominal_arm, &Pose::identity(), &gauge.tool.pose);
         let first = &mut self.calibrated.frames_mut()[0];
         *first = new_from_old * *first;
         self.correction.turn_base(&new_from_old, &self.calibrated);
@@ -147,8 +147,8 @@ impl Calibration {
     }
 }
 
-/// Returns the drawing from base to flange: the nominal chain without its tool.
-fn drawing_of(calibration: &Calibration) -> Poe<f64> {
+/// Returns the nominal model from base to flange: the nominal chain without its tool.
+fn nominal_of(calibration: &Calibration) -> Poe<f64> {
     let target = calibration.base_and_tools.flange_from_targets[0];
     with_base_and_tool(&calibration.nominal, &Pose::identity(), &target.inverse())
 }

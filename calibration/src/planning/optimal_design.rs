@@ -8,8 +8,8 @@
 //! exchanged for the candidate of the same payload that is best beside all other poses, until a round changes nothing (V. V.
 //! Fedorov, "Theory of Optimal Experiments", 1972).
 //!
-//! Besides the parameters there may be terms that no drawing has: a sine and a cosine of every joint in the deflection of
-//! every joint. They stand for what the model has to learn by its processes, and they keep the poses apart.
+//! Besides the parameters there may be terms that no nominal model has: a sine and a cosine of every joint in the deflection
+//! of every joint. They stand for what the model has to learn by its processes, and they keep the poses apart.
 //!
 //! The Jacobians are those of the runtime, through [`ParametricModel::linearise`].
 

@@ -2,7 +2,7 @@
 //!
 //! | from the blob | what a plan takes of it |
 //! |---|---|
-//! | calibrated frames | the chain that Jacobians are taken of, and how far frames are from the drawing |
+//! | calibrated frames | the chain that Jacobians are taken of, and how far frames are from the nominal model |
 //! | gravity terms | how large the terms of links and payload are |
 //! | gear ripple, own-joint curves | which waves of a joint's angle there are, and how large |
 //! | kernels | how large the smooth deflection of each joint is, by each joint |
@@ -20,8 +20,8 @@ use crate::blob::predict::{BlobModel, rigid_poses};
 use crate::planning::optimal_design::{Prior, Wave};
 use crate::robot::Robot;
 
-/// Largest difference between frames of the same drawing, m and rad; it is due to rounding only.
-const SAME_DRAWING: f64 = 1e-3;
+/// Largest difference between frames of the same nominal model, m and rad; it is due to rounding only.
+const SAME_NOMINAL: f64 = 1e-3;
 /// Most waves that are taken, beginning with the largest.
 const MOST_WAVES: usize = 48;
 /// Amplitude below which a wave is noise of the fit, rad.
@@ -54,11 +54,11 @@ pub enum NotASister {
         /// Robot of the model.
         robot: String,
     },
-    /// The drawing differs.
+    /// The nominal model differs.
     #[error(
-        "a model of \"{robot}\", whose drawing differs at joint {joint} by {millimetres:.1} mm or {milliradians:.1} mrad"
+        "a model of \"{robot}\", whose nominal model differs at joint {joint} by {millimetres:.1} mm or {milliradians:.1} mrad"
     )]
-    Drawing {
+    Nominal {
         /// Robot of the model.
         robot: String,
         /// Number of the first joint that differs, from 1.
@@ -85,7 +85,7 @@ impl Sister {
     /// Creates a sister from a model of the same type as `robot`.
     ///
     /// # Errors
-    /// [`NotASister`] if joints, their kinds, their coupling or the drawing differ.
+    /// [`NotASister`] if joints, their kinds, their coupling or the nominal model differ.
     pub fn new(model: &BlobModel, robot: &Robot) -> Result<Self, NotASister> {
         let blob = model.blob();
         let name = || blob.robot.name.to_owned();
@@ -110,11 +110,11 @@ impl Sister {
         {
             return Err(NotASister::Coupling { robot: name() });
         }
-        let drawn = aligned(robot, &rigid_poses(&blob.geometry.nominal));
-        for (joint, (_, twist)) in (1..).zip(&drawn[..n]) {
+        let nominal = aligned(robot, &rigid_poses(&blob.geometry.nominal));
+        for (joint, (_, twist)) in (1..).zip(&nominal[..n]) {
             let (linear, angular) = (twist.linear.norm(), twist.angular.norm());
-            if linear.max(angular) > SAME_DRAWING {
-                return Err(NotASister::Drawing {
+            if linear.max(angular) > SAME_NOMINAL {
+                return Err(NotASister::Nominal {
                     robot: name(),
                     joint,
                     millimetres: 1e3 * linear,
@@ -157,12 +157,12 @@ fn aligned(robot: &Robot, frames: &[Pose<f64>]) -> Vec<(Pose<f64>, Twist<f64>)> 
     let mut handed = Pose::identity();
     let last = frames.len() - 1;
     let mut out = Vec::with_capacity(frames.len());
-    for (i, (frame, drawn)) in frames.iter().zip(&robot.parent_from_joint).enumerate() {
+    for (i, (frame, nominal)) in frames.iter().zip(&robot.parent_from_joint).enumerate() {
         let mut frame = handed * *frame;
         handed = Pose::identity();
         // The angle of the moved turn is not small, so further steps correct the first.
         for _ in 0..if i < last { 3 } else { 0 } {
-            let deviation = drawn.inverse() * frame;
+            let deviation = nominal.inverse() * frame;
             let angle = libm::atan2(
                 deviation.rotation[(1, 0)] - deviation.rotation[(0, 1)],
                 deviation.rotation[(0, 0)] + deviation.rotation[(1, 1)],
@@ -174,7 +174,7 @@ fn aligned(robot: &Robot, frames: &[Pose<f64>]) -> Vec<(Pose<f64>, Twist<f64>)> 
             frame = frame * along.inverse();
             handed = along * handed;
         }
-        out.push((frame, (drawn.inverse() * frame).log()));
+        out.push((frame, (nominal.inverse() * frame).log()));
     }
     out
 }

@@ -20,11 +20,11 @@ pub struct Robot {
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Radius of the capsules that represent the links, in m, if the description states one.
     pub link_radius: Option<f64>,
-    /// How far an arm of this class is from its drawing, if the description states it.
+    /// How far an arm of this class is from its nominal model, if the description states it.
     pub prior: Option<ClassPrior>,
 }
 
-/// How far an arm of a class is from its drawing: standard deviations of one component.
+/// How far an arm of a class is from its nominal model: standard deviations of one component.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClassPrior {
     /// Standard deviation of one component of a link's offset, in m.

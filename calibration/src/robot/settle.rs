@@ -70,7 +70,7 @@ pub struct Settler<'a> {
 }
 
 impl<'a> Settler<'a> {
-    /// Creates a settler for an arm as drawn, base to flange, with a tip in the flange frame (m) and ranges of the
+    /// Creates a settler for a nominal arm, base to flange, with a tip in the flange frame (m) and ranges of the
     /// controller's joints.
     pub fn new(
         robot: &'a Robot,
@@ -93,15 +93,15 @@ impl<'a> Settler<'a> {
         }
     }
 
-    /// Returns the tip of the arm as drawn, in m.
-    pub fn drawn(&self, joints: &[f64]) -> Vector3<f64> {
+    /// Returns the tip of the nominal arm, in m.
+    pub fn nominal(&self, joints: &[f64]) -> Vector3<f64> {
         self.chain
             .forward(&self.robot.serial_joints(joints))
             .translation
     }
 
     /// Returns the controller's joints near `start` at which the tip is on the surface. `position` returns the tip at given
-    /// joints: that of the arm as drawn, or of another arm that is nearly so. `None` if the path ends at the limit of a
+    /// joints: that of the nominal arm, or of another arm that is nearly so. `None` if the path ends at the limit of a
     /// joint's range.
     pub fn settle(
         &self,
@@ -171,7 +171,7 @@ mod tests {
             let ranges = vec![(-2.0, 2.0); robot.joints.len()];
             let settler = Settler::new(&robot, &chain, Vector3::new(0.02, 0.01, 0.15), &ranges);
             let middle: Vec<f64> = (0..6).map(|i| 0.3 - 0.1 * f64::from(i)).collect();
-            let at = settler.drawn(&middle);
+            let at = settler.nominal(&middle);
             let normal = Vector3::new(0.6, 0.0, 0.8);
             for surface in [
                 Surface::Point(at),
@@ -185,12 +185,12 @@ mod tests {
                         .zip(0..)
                         .map(|(q, i): (&f64, i32)| q + 0.1 * f64::from((turn * (i + 1)) % 7 - 3))
                         .collect();
-                    let Some(q) = settler.settle(&start, surface, |q| settler.drawn(q)) else {
+                    let Some(q) = settler.settle(&start, surface, |q| settler.nominal(q)) else {
                         continue;
                     };
                     settled += 1;
                     assert!(
-                        surface.way(&settler.drawn(&q)).norm() < 1e-7,
+                        surface.way(&settler.nominal(&q)).norm() < 1e-7,
                         "{name} {surface:?}"
                     );
                     assert!(q.iter().all(|q| q.abs() <= 2.0), "{name} {surface:?}");

@@ -24,10 +24,9 @@
 //! [flange]                          # optional frame after the last joint
 //! origin = { xyz_m = [0, 0, 0.1] }
 //!
-//! [prior]                           # optional: how far an arm of this class is from its drawing, standard deviations of one component,
-//! length_mm = 0.3                   # for calibrations by touches: of link offsets,
-//! tilt_mrad = 0.5                   # of axis directions,
-//! joint_zero_mrad = 1.0             # of joint zeros
+//! [prior]                           # optional: how far an arm of this class is from its nominal model, standard deviations
+//! of one component, length_mm = 0.3                   # for calibrations by touches: of link offsets, tilt_mrad = 0.5
+//! # of axis directions, joint_zero_mrad = 1.0             # of joint zeros
 //!
 //! [calibration]                     # optional: what `trainer export` knows beside the arm; not read here
 //! ```
@@ -190,7 +189,7 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
 }
 
 impl TomlSource<'_> {
-    /// Reads how far an arm of the class is from its drawing.
+    /// Reads how far an arm of the class is from its nominal model.
     fn prior(&self, table: &PriorTable) -> Result<ClassPrior, InputError> {
         let above_zero = |key: &str, value: &Spanned<f64>| {
             let number = *value.get_ref();

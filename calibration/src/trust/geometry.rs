@@ -1,5 +1,5 @@
-//! Fits the geometry with priors around the drawing, gravity and two harmonics of each joint. The residuals of good data are
-//! then noise, so that the residuals of wrong data show the cause.
+//! Fits the geometry with priors around the nominal model, gravity and two harmonics of each joint. The residuals of good
+//! data are then noise, so that the residuals of wrong data show the cause.
 
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
@@ -33,7 +33,7 @@ const BEND: f64 = 3.0;
 /// Lower bound on the scale of one residual component, in m and rad, so that exact data do not cause a division by zero.
 const LEAST_SCALE: f64 = 2e-7;
 
-/// How far the frames may be from the drawing.
+/// How far the frames may be from the nominal model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Priors {
     /// Deviations of manufactured arms: 2 mm and 2 mrad.
@@ -70,7 +70,7 @@ pub struct Geometry {
     pub position: f64,
     /// Median rotation residual, in rad.
     pub rotation: f64,
-    /// Distance of each frame of the arm from the drawing, in m and rad.
+    /// Distance of each frame of the arm from the nominal model, in m and rad.
     pub frames_off: Vec<(f64, f64)>,
 }
 
@@ -245,10 +245,10 @@ impl Geometry {
             .zip(&samples)
             .filter(|(_, s)| s.observation.has_orientation());
         let mut frames_off: Vec<(f64, f64)> = (state.frames.iter().zip(&nominal))
-            .map(|(fitted, drawn)| {
-                let turned = drawn.inverse() * *fitted;
+            .map(|(fitted, nominal)| {
+                let turned = nominal.inverse() * *fitted;
                 (
-                    (fitted.translation - drawn.translation).norm(),
+                    (fitted.translation - nominal.translation).norm(),
                     turned.log().angular.norm(),
                 )
             })
@@ -320,9 +320,9 @@ impl Geometry {
 
 /// Returns shifts along joints with parallel axes, in m, each with the frame that has the largest part of it. The data
 /// determine only the sum of these frames' shifts and that of the frame after them, and the fit spreads it over all of them.
-fn shifts_along_axes(fitted: &[Pose<f64>], drawn: &[Pose<f64>]) -> Vec<(usize, f64)> {
-    let count = drawn.len();
-    let turns = |k: usize| drawn[k].rotation[(2, 2)];
+fn shifts_along_axes(fitted: &[Pose<f64>], nominal: &[Pose<f64>]) -> Vec<(usize, f64)> {
+    let count = nominal.len();
+    let turns = |k: usize| nominal[k].rotation[(2, 2)];
     let mut out = Vec::new();
     let mut first = 1;
     while first + 1 < count {
@@ -337,9 +337,9 @@ fn shifts_along_axes(fitted: &[Pose<f64>], drawn: &[Pose<f64>]) -> Vec<(usize, f
                 if k > first {
                     way *= turns(k).signum();
                 }
-                parts.push((k, way * (drawn[k].inverse() * fitted[k]).translation[2]));
+                parts.push((k, way * (nominal[k].inverse() * fitted[k]).translation[2]));
             }
-            let behind = fitted[last + 1].translation - drawn[last + 1].translation;
+            let behind = fitted[last + 1].translation - nominal[last + 1].translation;
             parts.push((last + 1, way * behind[2]));
             let sum: f64 = parts.iter().map(|part| part.1).sum();
             let most = parts.iter().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));

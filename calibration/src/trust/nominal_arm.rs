@@ -50,11 +50,11 @@ const AGREEING: f64 = 0.25;
 const NEARLY_ALL: f64 = 0.95;
 /// Distance within which rows agree, relative to the reach.
 const TIGHT: f64 = 0.0035;
-/// Distance within which rows of an arm far from its drawing agree, relative to the reach.
+/// Distance within which rows of an arm far from its nominal model agree, relative to the reach.
 const LOOSE: f64 = 0.012;
 /// Largest median residual of a geometry of its own, relative to the reach.
 const EXPLAINED_REACH: f64 = 0.0035;
-/// Residuals below which the poses are those of the drawing, so that the controller computed them, in m and rad.
+/// Residuals below which the poses are those of the nominal model, so that the controller computed them, in m and rad.
 const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
 
 /// Returns the root mean square distance of the positions from their mean, in m.
@@ -431,7 +431,7 @@ impl Scene<'_> {
                 _ => "the zero or the axis",
             };
             let named = format!(
-                "{what} of joint {} differs by {:.2}° from the drawing",
+                "{what} of joint {} differs by {:.2}° from the nominal model",
                 joint + 1,
                 turn.to_degrees()
             );
@@ -440,7 +440,7 @@ impl Scene<'_> {
             (
                 Cause::Frames,
                 format!(
-                    "the link before joint {} differs by {} from the drawing",
+                    "the link before joint {} differs by {} from the nominal model",
                     link + 1,
                     length(*shift)
                 ),

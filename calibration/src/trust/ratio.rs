@@ -35,7 +35,7 @@ pub fn examine(geometry: &Geometry) -> Option<Finding> {
     })
 }
 
-/// The common ratio of all lengths to the drawing.
+/// The common ratio of all lengths to the nominal model.
 struct Ratio {
     /// The ratio less 1.
     ratio: f64,

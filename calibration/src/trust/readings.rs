@@ -387,7 +387,7 @@ fn of_joints(data: &Data<'_>, out: &mut Vec<Reading>) {
                 out.push(Reading::new(
                     Cause::Offset,
                     format!(
-                        "the zero of joint {} looks {degrees}° off from the drawing",
+                        "the zero of joint {} looks {degrees}° off from the nominal model",
                         j + 1
                     ),
                     of_one(j, move |q| q + offset),

@@ -1,5 +1,5 @@
 //! Examines the residuals of the geometry: rows that do not belong, a scatter that neither the digits nor the stated
-//! uncertainty explain, links that differ from the drawing.
+//! uncertainty explain, links that differ from the nominal model.
 
 use poegp_protocol::cause::Cause;
 
@@ -30,7 +30,7 @@ const COMPUTED: f64 = 0.12e-3;
 /// Largest error in mm of positions that no instrument measured, and the number of poses of which this is certain.
 const UNMEASURED_MM: f64 = 1e-3;
 const FEW: usize = 5;
-/// Deviation of a frame from the drawing above which a warning is given, in m and rad.
+/// Deviation of a frame from the nominal model above which a warning is given, in m and rad.
 const FRAME: (f64, f64) = (6.5e-3, 35e-3);
 /// Ratio of the scatter to the stated standard deviation above which the latter is understated, and the smallest scatter in
 /// m that counts.

@@ -4,7 +4,7 @@
 //! the best. The one that is shipped is the *simplest* whose errors are not larger by more than one standard error of the
 //! pose-by-pose difference, or two from few poses: thirty poses do not get a process that they cannot support. A method that
 //! the user named is kept, with a warning when a simpler one is better. In either case the mean error must be well below
-//! that of the drawing.
+//! that of the nominal model.
 
 use std::collections::BTreeMap;
 
@@ -38,7 +38,7 @@ pub const FEW_FACTOR: u32 = 3;
 const HYPERPARAMETER_POSES: usize = 40;
 /// Ratio to a simpler model's mean held-out error above which a model that is kept gets a warning.
 const WORSE: f64 = 1.03;
-/// Largest share of the drawing's mean held-out error that a calibration may have; otherwise it is refused.
+/// Largest share of the nominal model's mean held-out error that a calibration may have; otherwise it is refused.
 pub const GAIN: f64 = 0.9;
 /// Number of poses from which on more of them do not lower an error above [`CONTRADICTORY_MM`] in the mean.
 const MANY: usize = 100;
@@ -350,7 +350,7 @@ impl Choice {
     }
 
     /// Returns what is wrong with the choice: a simpler model is better on rows that were not trained on, many rows were left
-    /// out, or the drawing is hardly worse.
+    /// out, or the nominal model is hardly worse.
     pub fn findings(&self) -> Vec<Finding> {
         let mut findings = Vec::new();
         let Some((rank, chosen)) = self.chosen() else {
@@ -394,13 +394,13 @@ impl Choice {
             );
             add(Cause::Outlier, Tier::Warning, text, share, UNEXPLAINED);
         }
-        let drawing = self
+        let nominal_arm = self
             .table
             .iter()
             .find(|r| r.candidate == Method::BaseTool.name());
         let asks_for_gain = !self.is_named || self.config.method != Method::BaseTool;
-        if let Some(drawing) = drawing.filter(|_| asks_for_gain) {
-            let before = drawing.position_mm.mean;
+        if let Some(nominal_arm) = nominal_arm.filter(|_| asks_for_gain) {
+            let before = nominal_arm.position_mm.mean;
             let text = format!(
                 "these rows do not show that a calibration helps: the expected error on other rows is {before:.4} mm \
                 for the nominal robot with base and tool fitted, and {after:.4} mm with `{}`; {}",

@@ -1,7 +1,8 @@
 //! Judges models by touches: each arm stays as its blob says, and features, tips and instrument are fitted to it.
 //!
-//! The runtime computes the poses from the bytes of the blob. The drawing gets the same rows and the same freedom, so that
-//! the two differ in the arm alone. Known distances are not used as equations: the touches show what they find without them.
+//! The runtime computes the poses from the bytes of the blob. The nominal model gets the same rows and the same freedom, so
+//! that the two differ in the arm alone. Known distances are not used as equations: the touches show what they find without
+//! them.
 
 use poegp_protocol::blob::Correction;
 use poegp_runtime::guard::status::Status;
@@ -35,9 +36,9 @@ pub struct TouchEvaluation {
     /// Number of states whose prediction has a status other than `ok`.
     pub flagged: usize,
     /// Ratio of two root mean squares of all components in units of their stated noise: that of the model over that of the
-    /// drawing.
+    /// nominal model.
     pub ratio: f64,
-    /// Touched features, as drawn and by the model.
+    /// Touched features, nominal and by the model.
     pub features: Vec<FeatureSummary>,
     /// Residuals of a tracker's rows: positions and rotations.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -61,7 +62,7 @@ pub struct TouchResidual {
     pub line: usize,
     /// Name of the touched feature; `None` for a tracker's row.
     pub feature: Option<String>,
-    /// Errors as drawn and by the model, in `unit`; for a tracker's row that of the position.
+    /// Errors of the nominal model and of the model, in `unit`; for a tracker's row that of the position.
     pub error: [f64; 2],
     /// Unit of `error`.
     pub unit: &'static str,
@@ -69,8 +70,8 @@ pub struct TouchResidual {
     pub belongs: bool,
 }
 
-/// Returns the frames of the drawing from base to flange, without the tool of the blob.
-pub fn drawing(loaded: &BlobModel) -> Vec<Pose<f64>> {
+/// Returns the frames of the nominal model from base to flange, without the tool of the blob.
+pub fn nominal_arm(loaded: &BlobModel) -> Vec<Pose<f64>> {
     let mut frames = poses(&loaded.blob().geometry.nominal);
     if let Some(last) = frames.last_mut() {
         *last = *last * flange_from_target(loaded).inverse();
@@ -147,7 +148,7 @@ pub fn evaluate_touches(
             false => fit.weighted(&problem, &weights),
         })
         .collect();
-    let drawn = TouchFit::on_drawing_without(&problem, &weights);
+    let drawn = TouchFit::on_nominal_without(&problem, &weights);
     let drawn_residuals = drawn.residuals(&problem);
     let distance = |known: &KnownDistance, fit: &TouchFit| {
         let measured = fit.distance_by_touches(&problem, known.between);

@@ -67,7 +67,7 @@ pub struct BlobArm {
     /// Further sets like `training`, drawn from the trained ranges.
     sets: Vec<Vec<BaseSample>>,
     repeats: f64,
-    /// Whether the frames were fitted with priors about the drawing.
+    /// Whether the frames were fitted with priors about the nominal model.
     has_priors: bool,
     /// Standard deviation of the training positions about a model that does not know its own error, m: its frames were
     /// fitted as if all that it leaves unexplained were noise.

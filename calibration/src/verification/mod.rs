@@ -109,7 +109,8 @@ pub fn check(
     };
     let outlier_lines = trained.outlier_lines.clone();
     let searched_lines = trained.searched_lines.clone();
-    let is_few = outlier_lines.len() as f64 <= MOST_ODD * trained.searched_rows(samples.len()) as f64;
+    let is_few =
+        outlier_lines.len() as f64 <= MOST_ODD * trained.searched_rows(samples.len()) as f64;
     let mut found = trained;
     if found.is_searched && !outlier_lines.is_empty() && is_few {
         let (kept, rest): (Vec<InstrumentSample>, Vec<usize>) =

@@ -82,7 +82,7 @@ fn a_model_says_the_same_in_every_gauge() {
             "{method:?}: {m:e} m, {rad:e} rad"
         );
         assert_eq!(moved.constant_deviation, rms);
-        // The model has the stated base and tool; one pose of the drawing shows it.
+        // The model has the stated base and tool; one pose of the nominal model shows it.
         let own = &moved.base_and_tools;
         assert_eq!(own.instrument_from_base, choice.base.unwrap().pose);
         assert_eq!(own.flange_from_targets[0], choice.tool.unwrap().pose);
@@ -126,9 +126,9 @@ fn the_bytes_say_the_same_in_every_gauge() {
     assert_eq!(own.host().gauge.base, FrameSource::Grid);
 }
 
-/// The definition of the grid gauge: no other base and tool bring the drawing nearer to the model over the grid.
+/// The definition of the grid gauge: no other base and tool bring the nominal model nearer to the model over the grid.
 #[test]
-fn the_grid_has_the_nearest_drawing() {
+fn the_grid_has_the_nearest_nominal() {
     let (robot, nominal) = sets::arm();
     let samples = some(&robot);
     let model = fitted(&robot, &samples, Method::Elastic);

@@ -143,7 +143,7 @@ fn predicted_standard_deviations_are_of_the_size_of_the_errors() {
     }
 }
 
-/// For an arm as drawn, measured with normal noise, the device's standard deviation fits poses that were not used in
+/// For a nominal arm, measured with normal noise, the device's standard deviation fits poses that were not used in
 /// training: from eight poses (12 parameters) and from twenty (30). The training residuals are a quarter smaller.
 #[test]
 fn a_constant_standard_deviation_is_that_of_new_poses() {
@@ -189,7 +189,8 @@ fn a_constant_standard_deviation_is_that_of_new_poses() {
     }
 }
 
-/// The reported change of a frame, converted to metres and radians and applied to the drawing, gives the calibrated frame.
+/// The reported change of a frame, converted to metres and radians and applied to the nominal model, gives the calibrated
+/// frame.
 #[test]
 fn frame_changes_are_in_millimetres_and_milliradians() {
     let (robot, _) = sets::arm();

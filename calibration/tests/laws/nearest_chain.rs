@@ -1,4 +1,4 @@
-//! The chain without correction whose poses are nearest to the whole model's, and the drawing with other joint zeros.
+//! The chain without correction whose poses are nearest to the whole model's, and the nominal model with other joint zeros.
 
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 use poegp_calibration::blob::nearest_chain::NearestChain;
@@ -32,10 +32,10 @@ fn trained(blob: &BlobModel) -> PredictedPoses {
 
 /// Calibrates a model; returns its blob and the chain inside.
 fn model(method: Method, samples: &[InstrumentSample]) -> (BlobModel, Poe<f64>) {
-    let (robot, drawing) = sets::arm();
+    let (robot, nominal_arm) = sets::arm();
     let blob = calibrated(&robot, samples, &Config::new(method)).blob;
     let frames: Vec<Pose<f64>> = blob.blob().geometry.calibrated.iter().map(frame).collect();
-    (blob, Poe::new(drawing.kinds(), &frames).unwrap())
+    (blob, Poe::new(nominal_arm.kinds(), &frames).unwrap())
 }
 
 fn payloads(blob: &BlobModel) -> (f32, f32) {
@@ -93,11 +93,11 @@ fn the_chain_of_a_model_without_correction_stays() {
     let mut samples = sets::simulated(&robot, "train");
     samples.truncate(60);
     // Joint 4 stands still, so the frames on either side of it are not determined.
-    let drawing = robot.chain().unwrap();
+    let nominal_arm = robot.chain().unwrap();
     for sample in &mut samples {
         sample.joints[3] = 0.2;
         sample.serial_joints[3] = 0.2;
-        let pose = drawing.forward(&sample.serial_joints);
+        let pose = nominal_arm.forward(&sample.serial_joints);
         sample.observation = Observation::Pose(pose);
     }
     let (blob, own) = model(Method::Poe, &samples);
@@ -192,7 +192,7 @@ fn a_region_ends_where_the_training_does() {
 /// base and tool contain them.
 #[test]
 fn offsets_that_an_arm_has_are_found() {
-    let (robot, drawing) = sets::arm();
+    let (robot, nominal_arm) = sets::arm();
     let offsets = [0.0, 1.5e-3, -2e-3, 1e-3, -2.5e-3, 0.0];
     let mut samples = sets::simulated(&robot, "train");
     samples.truncate(80);
@@ -217,12 +217,12 @@ fn offsets_that_an_arm_has_are_found() {
                 .map(|(q, o)| q + o)
                 .collect();
             sample.serial_joints = robot.serial_joints(&sample.joints);
-            let flange = drawing.forward(&robot.serial_joints(&moved));
+            let flange = nominal_arm.forward(&robot.serial_joints(&moved));
             sample.observation = Observation::Pose(base * flange * tool);
         }
         let blob = calibrated(&robot, &samples, &Config::new(Method::Poe)).blob;
         let frames: Vec<Pose<f64>> = blob.blob().geometry.nominal.iter().map(frame).collect();
-        let drawn = Poe::new(drawing.kinds(), &frames).unwrap();
+        let drawn = Poe::new(nominal_arm.kinds(), &frames).unwrap();
         let flange_from_target = Pose::from_rows(&blob.host().gauge.flange_from_target);
         let predicted = PredictedPoses::new(&blob, Region::trained(blob.blob()));
         let found = JointOffsets::new(
@@ -244,8 +244,8 @@ fn offsets_that_an_arm_has_are_found() {
             .map(|(q, o)| q + o)
             .collect();
         let stands = blob.instrument_from_base()
-            * found.base_from_drawing
-            * drawing.forward(&robot.serial_joints(&moved))
+            * found.base_from_nominal
+            * nominal_arm.forward(&robot.serial_joints(&moved))
             * found.flange_from_target;
         let error = PoseError::between(&blob.predict(&joints, None).pose, &stands);
         assert!(error.position_mm < 5e-3, "{error:?}");
@@ -253,21 +253,22 @@ fn offsets_that_an_arm_has_are_found() {
     }
 }
 
-/// The fit of joint offsets weighs rotations as the base and tool of the drawing do, so that offsets bring positions nearer.
+/// The fit of joint offsets weighs rotations as the base and tool of the nominal model do, so that offsets bring positions
+/// nearer.
 #[test]
-fn joint_offsets_bring_positions_nearer_than_the_drawing() {
+fn joint_offsets_bring_positions_nearer_than_the_nominal() {
     let (robot, _) = sets::arm();
     let train = sets::simulated(&robot, "train");
     for method in [Method::Poe, Method::Elastic] {
         let (blob, _) = model(method, &train[..100]);
         let frames: Vec<Pose<f64>> = blob.blob().geometry.nominal.iter().map(frame).collect();
         let kinds: Vec<_> = blob.blob().robot.joints.iter().map(|j| j.kind).collect();
-        let drawing = Poe::new(&kinds, &frames).unwrap();
+        let nominal_arm = Poe::new(&kinds, &frames).unwrap();
         let flange_from_target = Pose::from_rows(&blob.host().gauge.flange_from_target);
         let predicted = trained(&blob);
-        let found = JointOffsets::new(&predicted, &drawing, &flange_from_target, None);
+        let found = JointOffsets::new(&predicted, &nominal_arm, &flange_from_target, None);
         let mean = |errors: &ErrorSummary| errors.position_mm.mean;
-        let drawn = mean(&predicted.distances(&drawing));
+        let drawn = mean(&predicted.distances(&nominal_arm));
         let (zeros, alone) = (mean(&found.error), mean(&found.base_and_tool));
         eprintln!("{}: {zeros}, {alone}, drawn {drawn} mm", method.name());
         assert!(zeros < 0.95 * drawn && alone < 1.02 * drawn, "{found:?}");

@@ -67,11 +67,11 @@ fn ranges_are_those_of_each_joint() {
     assert!(status(&middle, 1.01 * heaviest).contains(Status::OUTSIDE_PAYLOAD_RANGE));
 }
 
-/// The nominal arm is the drawing with base and tool fitted, whichever method followed. The errors of `base-tool` are those
-/// of the nominal arm.
+/// The nominal arm is the nominal model with base and tool fitted, whichever method followed. The errors of `base-tool` are
+/// those of the nominal arm.
 #[test]
-fn the_nominal_arm_is_the_drawing_with_base_and_tool() {
-    let (robot, drawing) = sets::arm();
+fn the_nominal_arm_is_the_nominal_model_with_base_and_tool() {
+    let (robot, nominal_arm) = sets::arm();
     let samples = sets::simulated(&robot, "train");
     let test = &sets::simulated(&robot, "test1")[..30];
     for method in [Method::BaseTool, Method::Poe, Method::PoeGpLoad] {
@@ -79,7 +79,7 @@ fn the_nominal_arm_is_the_drawing_with_base_and_tool() {
         let fitted = &found.calibration.base_and_tools;
         let errors = found.blob.errors(test);
         for (sample, error) in test.iter().zip(&errors) {
-            let drawn = drawing.forward(&sample.serial_joints) * fitted.flange_from_targets[0];
+            let drawn = nominal_arm.forward(&sample.serial_joints) * fitted.flange_from_targets[0];
             let joints: Vec<f32> = sample.joints.iter().map(|q| *q as f32).collect();
             let nominal = found.blob.model().nominal(&joints).unwrap();
             let off = (nominal.translation.cast::<f64>() - drawn.translation).norm();

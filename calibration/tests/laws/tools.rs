@@ -182,7 +182,7 @@ fn a_small_session_is_predicted_by_its_own_tool_or_not_at_all() {
         assert_eq!((&found.rows, found.all.poses), (&held_out, held_out.len()));
         let folds: usize = found.folds.iter().map(|fold| fold.poses).sum();
         assert_eq!(folds, held_out.len());
-        // The drawing is 2 mm wrong; a wrong tool would be 80 mm wrong.
+        // The nominal model is 2 mm wrong; a wrong tool would be 80 mm wrong.
         assert!(
             found.all.position_mm.max < 10.0,
             "{small} rows: {:?}",

@@ -64,9 +64,9 @@ fn simulator(robot: &Robot, seed: u64) -> Simulator {
     Simulator::new(robot, Scenario::Paper, &[1.0], seed)
 }
 
-/// A model whose poses are the drawing's gets the same judgement as the drawing, from every kind of touch.
+/// A model whose poses are the nominal model's gets the same judgement as the nominal model, from every kind of touch.
 #[test]
-fn a_known_arm_with_the_poses_of_the_drawing_is_the_drawing() {
+fn a_known_arm_with_the_poses_of_the_nominal_model_is_judged_as_it() {
     let robot = robot();
     let kinds = [
         ("socket", 2),
@@ -83,7 +83,7 @@ fn a_known_arm_with_the_poses_of_the_drawing_is_the_drawing() {
     let states = problem.states.iter();
     let poses: Vec<Pose<f64>> = states.map(|s| chain.forward(&s.serial_joints)).collect();
     let known = TouchFit::on_known(&problem, &poses);
-    let drawn = TouchFit::on_drawing_without(&problem, &known.weights);
+    let drawn = TouchFit::on_nominal_without(&problem, &known.weights);
     let [a, b] = [&known, &drawn].map(|fit| fit.residuals(&problem));
     for (k, (a, b)) in a.iter().zip(&b).enumerate() {
         for i in 0..a.count {
@@ -214,7 +214,8 @@ fn shifted(set: &TouchSet, joint: usize, by: f64) -> TouchSet {
     out
 }
 
-/// `calibrate` and `evaluate` report the same error of a known distance as drawn: the drawing is not fitted to the distance.
+/// `calibrate` and `evaluate` report the same nominal error of a known distance: the nominal model is not fitted to the
+/// distance.
 #[test]
 fn a_known_distance_as_drawn_is_by_the_touches_alone() {
     let robot = robot();

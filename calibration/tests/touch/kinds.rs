@@ -28,10 +28,10 @@ const ROWS: [&[(&str, usize)]; 10] = [
 /// How much a calibration improves an arm.
 struct Worth {
     is_refused: bool,
-    /// Mean errors over the poses of the truth, of the arm as drawn and as calibrated, mm.
+    /// Mean errors over the poses of the truth, of the nominal arm and as calibrated, mm.
     drawn: f64,
     calibrated: f64,
-    /// What the calibration states: left-out touches, calibrated over drawn; the probability that the arm got worse.
+    /// What the calibration states: left-out touches, calibrated over nominal; the probability that the arm got worse.
     stated: [f64; 2],
 }
 
@@ -52,7 +52,7 @@ fn robot() -> Robot {
     Robot::load("abb-irb120", &LoadOptions::default()).unwrap()
 }
 
-/// Twenty touches of two sockets at a known distance reduce the drawing's error to less than a fifth.
+/// Twenty touches of two sockets at a known distance reduce the nominal model's error to less than a fifth.
 #[test]
 fn two_sockets_calibrate_an_arm() {
     let found = worth(&robot(), &[("socket", 2)], 20, 1).unwrap();
@@ -61,13 +61,13 @@ fn two_sockets_calibrate_an_arm() {
 }
 
 /// Prints the table of docs/guide/without-a-tracker.md. Of the accepted calibrations at most one in twenty is worse than the
-/// drawing, and none by more than 20 %.
+/// nominal model, and none by more than 20 %.
 #[test]
 #[ignore = "half a minute in release; its command is in the head of this file"]
 fn kinds_on_simulated_arms() {
     let robot = robot();
     let (mut accepted, mut worse, mut worst) = (0, 0, 0.0_f64);
-    println!("| touched | as drawn | 8 touches | 20 | 80 |\n|---|---|---|---|---|");
+    println!("| touched | nominal | 8 touches | 20 | 80 |\n|---|---|---|---|---|");
     for row in ROWS {
         let names: Vec<String> = row.iter().map(|(n, k)| format!("{n} × {k}")).collect();
         let mut drawn = 0.0;
@@ -83,7 +83,7 @@ fn kinds_on_simulated_arms() {
                 if ratio > 1.0 {
                     worse += 1;
                     let [left_out, probability] = w.stated;
-                    let found = format!("{ratio:.2} times the drawing's error");
+                    let found = format!("{ratio:.2} times the nominal model's error");
                     let stated = format!("left out {left_out:.2}, probability {probability:.3}");
                     eprintln!("{}, {count}: {found}; {stated}", names.join(", "));
                 }
@@ -106,8 +106,8 @@ fn kinds_on_simulated_arms() {
         );
     }
     println!(
-        "{accepted} accepted, of them {worse} worse than the drawing, the worst {worst:.2} times its error"
+        "{accepted} accepted, of them {worse} worse than the nominal model, the worst {worst:.2} times its error"
     );
-    assert!(worst < 1.2, "{worst:.2} times the drawing's error");
+    assert!(worst < 1.2, "{worst:.2} times the nominal model's error");
     assert!(20 * worse <= accepted);
 }

@@ -165,7 +165,7 @@ fn a_bulge_is_form_where_it_is_stated() {
     assert!(form < 0.95 * flat);
 }
 
-/// However far an arm is from its drawing, the evidence changes the scales of its class by at most a factor of two.
+/// However far an arm is from its nominal model, the evidence changes the scales of its class by at most a factor of two.
 #[test]
 fn scales_move_by_a_factor_of_two() {
     let mut data = touched(&[("socket", 4)], 80, 25);

@@ -194,13 +194,13 @@ fn measured_sets_are_not_in_doubt() {
             let gravity = Vector3::from(Config::default().gravity_m_s2);
             let class = class_of(&robot, &set);
             let problem = TouchProblem::new(&set, &chain, robot.coupling.clone(), gravity, class);
-            let drawing = TouchFit::on_drawing(&problem, 0);
-            let fit = TouchFit::new(&problem, &drawing);
-            let size = size(&problem, &drawing).map(|(size, _)| size.sigmas());
+            let nominal = TouchFit::on_nominal(&problem, 0);
+            let fit = TouchFit::new(&problem, &nominal);
+            let size = size(&problem, &nominal).map(|(size, _)| size.sigmas());
             let own = own(&problem).into_iter().flat_map(|(doubts, _)| doubts);
             let own = own.map(|doubt| doubt.sigmas()).fold(0.0, f64::max);
             println!("{name}: the size by {size:.1?}, one length by {own:.1} standard deviations");
-            doubted.extend(doubt(&problem, &drawing, &fit).map(|doubt| (name, doubt)));
+            doubted.extend(doubt(&problem, &nominal, &fit).map(|doubt| (name, doubt)));
         }
     }
     assert_eq!(doubted, []);

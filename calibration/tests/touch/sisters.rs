@@ -96,7 +96,7 @@ fn sisters_say_nothing_of_the_size() {
     assert!(prior.mean[2] > 0.5 && prior.covariance[(2, 2)] < 0.7);
 }
 
-/// Sisters with another drawing, and sisters whose own fit used sisters, are refused.
+/// Sisters with another nominal model, and sisters whose own fit used sisters, are refused.
 #[test]
 fn only_sisters_are_heard() {
     let robot = irb120();
@@ -104,12 +104,12 @@ fn only_sisters_are_heard() {
     let own = calibrated(&robot, &set).record;
     let leaning = beside(&robot, &set, std::slice::from_ref(&own)).record;
     let mut other = own.clone();
-    other.drawing[2][3] += 1e-3;
+    other.nominal[2][3] += 1e-3;
     let mut broken = own;
     broken.covariance.pop();
     let expected = [
         NotASisterArm::Leans,
-        NotASisterArm::Drawing,
+        NotASisterArm::Nominal,
         NotASisterArm::Broken,
     ];
     for (record, reason) in [leaning, other, broken].into_iter().zip(expected) {

@@ -19,7 +19,7 @@ fn built_in(name: &str) -> Robot {
     Robot::load(name, &LoadOptions::default()).unwrap()
 }
 
-/// Returns joints at which the flange of the arm as drawn stands beside where it stands at `q`, in the same orientation.
+/// Returns joints at which the flange of the nominal arm stands beside where it stands at `q`, in the same orientation.
 fn beside(robot: &Robot, q: &[f64], by: impl Fn(&Pose<f64>) -> Vector3<f64>) -> Vec<f64> {
     let chain = robot.chain().unwrap();
     let start = chain.forward(q);

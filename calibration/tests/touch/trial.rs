@@ -19,7 +19,7 @@ const POSES: usize = 300;
 /// The results of one calibration.
 pub struct Trial {
     pub found: TouchCalibration,
-    /// Errors at the poses of the truth, of the arm as drawn and as calibrated, m.
+    /// Errors at the poses of the truth, of the nominal arm and as calibrated, m.
     pub drawn: Vec<Vector3<f64>>,
     pub calibrated: Vec<Vector3<f64>>,
     /// The stated uncertainty at those poses.

@@ -43,8 +43,8 @@ const ROWS: [&[(&str, usize)]; 12] = [
     &[("level", 1)],
 ];
 
-/// Largest share of the accepted calibrations that may be worse than the drawing, and the largest ratio of an accepted
-/// calibration's error to the drawing's.
+/// Largest share of the accepted calibrations that may be worse than the nominal model, and the largest ratio of an accepted
+/// calibration's error to the nominal model's.
 const WORSE: f64 = 0.05;
 const WORST: f64 = 1.2;
 /// Least share of the errors within the stated 95 %, and least shares of cells that must reach it: of all cells, and of the
@@ -71,7 +71,7 @@ struct Count {
     refused: usize,
     /// Verdicts where E ± U covers the error that 95 of 100 poses do not exceed, and verdicts where E + U is below it.
     judged: [usize; 2],
-    /// Refused calibrations with an error below 0.8 of the drawing's, below 0.5 of it, and above it.
+    /// Refused calibrations with an error below 0.8 of the nominal model's, below 0.5 of it, and above it.
     lost: [usize; 3],
 }
 
@@ -168,7 +168,7 @@ fn law(variants: &[Variant], counts: &[usize], arms: u64) {
                     score(&of, &mut count, cells.entry((v, r, c)).or_default());
                     if count.worst > before.max(1.0) {
                         eprintln!(
-                            "{name} {scenario:?}, class {class}, {row:?}, {touches} touches, seed {}: {:.2} times the drawing's error, \
+                            "{name} {scenario:?}, class {class}, {row:?}, {touches} touches, seed {}: {:.2} times the nominal model's error, \
                              left out {:.2}, probability {:.3}",
                             seed + arm,
                             count.worst,
@@ -209,7 +209,7 @@ fn law(variants: &[Variant], counts: &[usize], arms: u64) {
     rows.push(all.row("all | "));
     println!("\n{}", rows.join("\n"));
     println!(
-        "{:.2} % of the accepted are worse than the drawing, with 95 % confidence at most {:.2} %\n",
+        "{:.2} % of the accepted are worse than the nominal model, with 95 % confidence at most {:.2} %\n",
         100.0 * all.worse as f64 / all.accepted as f64,
         100.0 * upper_limit(all.worse, all.accepted)
     );

@@ -123,8 +123,8 @@ def page(rows: list[dict], place: str) -> str:
 <th>calibrated: mean, mm</th><th>95 %</th><th>largest</th><th></th></tr></thead><tbody>
 {body}
 </tbody></table></div>
-<p class="p">Position errors of poses that were not trained on; they contain the instrument's noise. “Before” is the arm as
-drawn with base and tool fitted. Names lead to the report of each robot; bars are the 95 % after.</p>
+<p class="p">Position errors of poses that were not trained on; they contain the instrument's noise. “Before” is the
+nominal arm with base and tool fitted. Names lead to the report of each robot; bars are the 95 % after.</p>
 </body></html>
 """
 

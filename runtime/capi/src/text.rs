@@ -94,7 +94,7 @@ const WARNINGS: [&CStr; 32] = [
     c"payload: the payloads do not explain how the arm sags",
     c"noise: the stated uncertainty is not the scatter",
     c"rounding: the values have too few digits",
-    c"frames: a link is not as drawn",
+    c"frames: a link differs from the nominal model",
     c"time: the order of the rows is not that of time",
     c"model: a simpler model is better on rows held out",
     c"gain: the calibration is not expected to be better than the nominal arm",

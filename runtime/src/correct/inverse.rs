@@ -140,7 +140,7 @@ impl<T: CompiledInverse, const WORDS: usize> Model<T, WORDS> {
 
 impl<T: CompiledEvaluation, const WORDS: usize> Model<T, WORDS> {
     /// Returns the joints near `seed` (rad or m) at which the nominal arm stands at `base_from_target`. A controller that
-    /// knows only the drawing computes these.
+    /// knows only the nominal model computes these.
     #[inline(never)]
     pub fn nominal_inverse(&self, base_from_target: &Pose<T>, seed: &[T]) -> Inverse<T> {
         let asked = Asked {

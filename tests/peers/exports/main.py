@@ -205,7 +205,7 @@ def apart(a, b):
     return np.linalg.norm(a[:3, 3] - b[:3, 3]), angle
 
 
-def drawing(path):
+def nominal(path):
     """base_from_flange of a robot description with axes, all of them turning."""
     robot = tomllib.loads(path.read_text())
     flange = robot["flange"]["origin"]
@@ -223,7 +223,7 @@ def drawing(path):
 
 
 def joint_offsets(zeros, nominal):
-    """A drawing, `base_from_flange`, with other joint zeros, base and tool: instrument_from_target."""
+    """A nominal chain, `base_from_flange`, with other joint zeros, base and tool: instrument_from_target."""
     offsets = np.array([joint["offset_rad"] for joint in zeros["joints"]])
     base, tool = (from_rpy(zeros[key]["xyz_m"], zeros[key]["rpy_rad"]) for key in ["instrument_from_base", "flange_from_target"])
     return lambda q: base @ nominal(q + offsets) @ tool
@@ -273,7 +273,7 @@ def stated_distances(run, folder, data, robots):
         judges = {
             ("URDF", "Pinocchio", "chain"): lambda q: instrument @ pin(q),
             ("MJCF", "MuJoCo", "chain"): lambda q: instrument @ mjc(q),
-            ("joint offsets", "scipy", "joint_offsets"): joint_offsets(zeros, drawing(robots / f"{arm}.toml")),
+            ("joint offsets", "scipy", "joint_offsets"): joint_offsets(zeros, nominal(robots / f"{arm}.toml")),
         }
         for (file, judge, key), forward in judges.items():
             stated = said[key]["position_mm"]["mean"]

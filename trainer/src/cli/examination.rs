@@ -68,8 +68,8 @@ impl Examined<'_> {
     }
 
     /// Examines whether measurements that a model is judged by are of its robot, and returns the warnings. An arm far from its
-    /// drawing is a warning: the model may know that. Of many rows some are examined, evenly spread: the time grows with the
-    /// square of their number.
+    /// nominal model is a warning: the model may know that. Of many rows some are examined, evenly spread: the time grows
+    /// with the square of their number.
     ///
     /// # Errors
     /// [`Failure::Data`] for measurements that are refused.

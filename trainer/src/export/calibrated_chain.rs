@@ -25,15 +25,16 @@ pub const COUPLING: &str =
 /// Why the frames of a loaded blob always form a chain, as a message of `expect`.
 const HAS_JOINTS: &str = "a blob that loads has 1 to 8 joints and a frame more";
 
-/// Distances of the chain and of the drawing from the predictions of the whole model, at poses to which nothing was fitted.
+/// Distances of the chain and of the nominal model from the predictions of the whole model, at poses to which nothing was
+/// fitted.
 #[derive(Clone, Debug)]
 pub struct Distance {
     /// Region that contains the poses.
     pub region: Region,
     /// Distance of the chain from the predictions.
     pub chain: ErrorSummary,
-    /// Distance of the drawing, with the model's base and tool, from the predictions.
-    pub drawing: ErrorSummary,
+    /// Distance of the nominal model, with the model's base and tool, from the predictions.
+    pub nominal: ErrorSummary,
 }
 
 /// The calibrated chain of a blob, without its correction.
@@ -63,7 +64,7 @@ pub struct CalibratedChain {
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Fit of the frames to the poses of the model; `None` for a blob without correction.
     pub fit: Option<NearestChain>,
-    /// Distances of chain and drawing from the model.
+    /// Distances of chain and nominal model from the model.
     pub distance: Distance,
     /// Parts of the model that no chain can hold, each as part of a sentence. The coupling is not among them, because tables
     /// state it.
@@ -109,7 +110,7 @@ impl CalibratedChain {
         let distance = Distance {
             region: predicted.region.clone(),
             chain: own,
-            drawing: predicted.distances(&poe(&nominal)),
+            nominal: predicted.distances(&poe(&nominal)),
         };
         let serial = match blob.robot.serial_number {
             "" => String::new(),
@@ -162,7 +163,7 @@ impl CalibratedChain {
     }
 
     /// Returns the nominal chain from base to target.
-    pub fn drawing(&self) -> Poe<f64> {
+    pub fn nominal_arm(&self) -> Poe<f64> {
         chain_of(&self.joints, &self.nominal)
     }
 

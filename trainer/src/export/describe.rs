@@ -20,7 +20,7 @@ pub fn accuracy(chain: &CalibratedChain) -> Vec<String> {
         None => format!("the frames of the whole model, compared over {region}"),
     };
     let mut out = vec![first];
-    out.extend(against_drawing(&chain.distance.chain, &chain.distance));
+    out.extend(against_nominal(&chain.distance.chain, &chain.distance));
     out.extend(chain.fit.as_ref().map(|fit| {
         let of = distance(&fit.before);
         format!("of the frames inside the model: {of}")
@@ -28,12 +28,12 @@ pub fn accuracy(chain: &CalibratedChain) -> Vec<String> {
     out
 }
 
-/// Describes distances from the model, beside those of the drawing.
-pub(super) fn against_drawing(error: &ErrorSummary, distance: &Distance) -> [String; 2] {
-    let (own, drawing) = (self::distance(error), self::distance(&distance.drawing));
+/// Describes distances from the model, beside those of the nominal model.
+pub(super) fn against_nominal(error: &ErrorSummary, distance: &Distance) -> [String; 2] {
+    let (own, nominal) = (self::distance(error), self::distance(&distance.nominal));
     [
         format!("{own}, at {} other poses", error.poses),
-        format!("of the drawing with the model's base and tool: {drawing}"),
+        format!("of the nominal model with the model's base and tool: {nominal}"),
     ]
 }
 
@@ -116,7 +116,7 @@ pub fn distance_json(chain: &CalibratedChain) -> Value {
         "region": region(&distance.region, &chain.joints),
         "payload_kg": distance.region.payload_kg.map(|(light, heavy)| [light, heavy]),
         "chain": distance.chain,
-        "drawing": distance.drawing,
+        "nominal": distance.nominal,
     })
 }
 

@@ -24,7 +24,7 @@ const MEET_M: f64 = 1e-6;
 /// Returns the table of a calibrated chain. The convention leaves the sign of every x axis open: each is chosen as for the
 /// nominal arm, whose θ are within ±90° where possible.
 pub fn table(chain: &CalibratedChain) -> Table {
-    let (_, (base, rows, flange)) = beside_drawing(chain, &chain.to_flange());
+    let (_, (base, rows, flange)) = beside_nominal(chain, &chain.to_flange());
     Table {
         convention: "dh",
         base: Some(base),
@@ -36,8 +36,8 @@ pub fn table(chain: &CalibratedChain) -> Table {
 /// First frame, rows and last frame of a table.
 type RowsBetween = (Pose<f64>, Vec<DhRow>, Pose<f64>);
 
-/// Returns the rows of the drawing; and first frame, rows and last frame of an arm with the frames `to_flange`.
-fn beside_drawing(chain: &CalibratedChain, to_flange: &[Pose<f64>]) -> (Vec<DhRow>, RowsBetween) {
+/// Returns the rows of the nominal model; and first frame, rows and last frame of an arm with the frames `to_flange`.
+fn beside_nominal(chain: &CalibratedChain, to_flange: &[Pose<f64>]) -> (Vec<DhRow>, RowsBetween) {
     let nominal = at_zero(&chain.nominal_to_flange());
     // The nominal rows come first: they determine which way the axes of the calibrated arm point.
     let (_, nominal_rows, _) = rows(&nominal, &nominal[0], None);
@@ -45,10 +45,10 @@ fn beside_drawing(chain: &CalibratedChain, to_flange: &[Pose<f64>]) -> (Vec<DhRo
     (nominal_rows, calibrated)
 }
 
-/// Returns the rows of the drawing and those of the calibrated arm, joint by joint.
-pub fn rows_beside_drawing(chain: &CalibratedChain) -> (Vec<DhRow>, Vec<DhRow>) {
-    let (drawing, (_, calibrated, _)) = beside_drawing(chain, &chain.to_flange());
-    (drawing, calibrated)
+/// Returns the rows of the nominal model and those of the calibrated arm, joint by joint.
+pub fn rows_beside_nominal(chain: &CalibratedChain) -> (Vec<DhRow>, Vec<DhRow>) {
+    let (nominal, (_, calibrated, _)) = beside_nominal(chain, &chain.to_flange());
+    (nominal, calibrated)
 }
 
 /// Step of a frame in the numerical derivative of the rows, in m and rad.
@@ -62,7 +62,7 @@ pub fn deviations(chain: &CalibratedChain, covariance: &Mat<f64>) -> Vec<[f64; 5
         let mut moved = frames.clone();
         let twist = std::array::from_fn(|i| if i == k % 6 { step } else { 0.0 });
         moved[k / 6] = Pose::exp(&Twist::from_array(&twist)) * moved[k / 6];
-        beside_drawing(chain, &moved).1.1
+        beside_nominal(chain, &moved).1.1
     };
     let columns = covariance.ncols();
     let rows = frames.len() - 1;

@@ -7,7 +7,7 @@ use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
 
 use crate::export::CalibratedChain;
-use crate::export::describe::{against_drawing, distance, distance_json, region, target_of};
+use crate::export::describe::{against_nominal, distance, distance_json, region, target_of};
 use crate::export::format::{decimals, rounded};
 use crate::export::tables::{origin, pose, quoted};
 use poegp_calibration::blob::commander::pose_distance;
@@ -15,7 +15,7 @@ use poegp_calibration::blob::joint_offsets::JointOffsets;
 
 /// Meaning of the numbers, for the comments of a file.
 const MEANING: &str =
-    "Where the controller shows q, the arm has the pose of the drawing at q + offset.";
+    "Where the controller shows q, the arm has the pose of the nominal model at q + offset.";
 
 /// Describes what was fitted and how near it is to the model, in lines.
 pub fn accuracy(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
@@ -23,7 +23,7 @@ pub fn accuracy(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
     let mut out = vec![format!(
         "joint zeros, base and tool fitted to the poses of the whole model over {region}"
     )];
-    out.extend(against_drawing(&zeros.error, &chain.distance));
+    out.extend(against_nominal(&zeros.error, &chain.distance));
     for (what, errors) in [
         ("base and tool alone, fitted", &zeros.base_and_tool),
         ("the whole chain, fitted", &chain.distance.chain),
@@ -50,7 +50,7 @@ pub fn moves(chain: &CalibratedChain, zeros: &JointOffsets) -> Vec<String> {
             1e3 * turned
         )
     };
-    out.push(moved("base", &Pose::identity(), &zeros.base_from_drawing));
+    out.push(moved("base", &Pose::identity(), &zeros.base_from_nominal));
     out.push(moved(
         "tool",
         &chain.flange_from_target,
@@ -83,10 +83,10 @@ pub fn to_toml(chain: &CalibratedChain, zeros: &JointOffsets) -> String {
     let _ = writeln!(
         out,
         "\n# The base and the target on the flange that belong to these zeros.\n[calibration]\n\
-         flange_from_target = {}\ninstrument_from_base = {}\nbase_from_drawing = {}",
+         flange_from_target = {}\ninstrument_from_base = {}\nbase_from_nominal = {}",
         origin(&zeros.flange_from_target),
-        origin(&(chain.instrument_from_base * zeros.base_from_drawing)),
-        origin(&zeros.base_from_drawing)
+        origin(&(chain.instrument_from_base * zeros.base_from_nominal)),
+        origin(&zeros.base_from_nominal)
     );
     out
 }
@@ -107,12 +107,12 @@ pub fn to_json(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
         "distance": distances(chain, zeros),
         "joints": joints.collect::<Vec<_>>(),
         "flange_from_target": pose(&zeros.flange_from_target),
-        "instrument_from_base": pose(&(chain.instrument_from_base * zeros.base_from_drawing)),
-        "base_from_drawing": pose(&zeros.base_from_drawing),
+        "instrument_from_base": pose(&(chain.instrument_from_base * zeros.base_from_nominal)),
+        "base_from_nominal": pose(&zeros.base_from_nominal),
     })
 }
 
-/// Returns the distances from the model as JSON, beside those of the whole chain and of the drawing.
+/// Returns the distances from the model as JSON, beside those of the whole chain and of the nominal model.
 pub fn distances(chain: &CalibratedChain, zeros: &JointOffsets) -> Value {
     let mut out = distance_json(chain);
     out["joint_offsets"] = json!(zeros.error);

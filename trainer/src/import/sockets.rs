@@ -155,7 +155,7 @@ fn rows(file: &Path, before: Option<&Hole>) -> Result<Vec<Vec<String>>, InputErr
 /// Returns the description of the features, with the length of the printed base.
 fn description(holes: &[Hole], distance_mm: Option<f64>) -> String {
     let mut out = "version = 1\n\n[noise]\ntouch_mm = 0.05\n\n\
-                   # Where the ball is in the flange frame, as drawn: the better it is known, the fewer touches are needed.\n\
+                   # Where the ball is in the flange frame, nominal: the better it is known, the fewer touches are needed.\n\
                    [[target]]\nname = \"tip\"\ntip_mm = [0, 0, 0]\nsigma_mm = 200\n"
         .to_owned();
     let text = |text: &str| format!("\"{}\"", text.replace('\\', "\\\\").replace('"', "\\\""));

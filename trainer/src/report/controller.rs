@@ -1,9 +1,10 @@
-//! Results for the engineer of a controller: the arm's parameters beside those of the drawing, and errors with their signs.
+//! Results for the engineer of a controller: the arm's parameters beside those of the nominal model, and errors with their
+//! signs.
 
 use poegp_protocol::JointKind;
 use serde::Serialize;
 
-use crate::export::dh::{deviations, numbers, rows_beside_drawing, wrapped};
+use crate::export::dh::{deviations, numbers, rows_beside_nominal, wrapped};
 use crate::export::{CalibratedChain, csv, tables::DhRow};
 use crate::report::ReportData;
 use poegp_calibration::blob::chain_deviation::ChainDeviation;
@@ -18,21 +19,21 @@ use poegp_calibration::robot::{Joint, Robot};
 use poegp_calibration::validation::held_out::HeldOutPose;
 use poegp_calibration::validation::signed_residuals::{Row, Signed, SignedResiduals, weights};
 
-/// A parameter of the drawing and of the calibrated arm.
+/// A parameter of the nominal model and of the calibrated arm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Changed {
-    /// Value in the drawing.
-    pub drawing: f64,
+    /// Value in the nominal model.
+    pub nominal: f64,
     /// Value of the calibrated arm.
     pub calibrated: f64,
-    /// Calibrated value minus drawing value; an angle is within ±180°.
+    /// Calibrated value minus nominal value; an angle is within ±180°.
     pub difference: f64,
     /// Standard deviation of the difference; absent where the model does not state it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub std: Option<f64>,
 }
 
-/// A row of the Denavit-Hartenberg table, compared with the drawing.
+/// A row of the Denavit-Hartenberg table, compared with the nominal model.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DhChange {
     /// Name of the joint.
@@ -73,9 +74,9 @@ pub struct JointZero {
 /// Mean distances from the whole model over the trained joint ranges, in mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Distances {
-    /// Mean distance of the drawing with the model's base and tool, in mm.
-    pub drawing_mm: f64,
-    /// Mean distance of the drawing with the joint zeros and the base and tool that belong to them, in mm.
+    /// Mean distance of the nominal model with the model's base and tool, in mm.
+    pub nominal_mm: f64,
+    /// Mean distance of the nominal model with the joint zeros and the base and tool that belong to them, in mm.
     pub joint_zeros_mm: f64,
     /// Mean distance of the Denavit-Hartenberg table, in mm.
     pub dh_mm: f64,
@@ -84,7 +85,7 @@ pub struct Distances {
 /// Signed errors of the held-out poses.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BeforeAndAfter {
-    /// Signed errors of the drawing with base and tool fitted.
+    /// Signed errors of the nominal model with base and tool fitted.
     pub before: SignedResiduals,
     /// Signed errors of the calibrated model.
     pub after: SignedResiduals,
@@ -95,7 +96,7 @@ pub struct BeforeAndAfter {
 pub struct ControllerSummary {
     /// Rows of the distal Denavit-Hartenberg table, joint by joint.
     pub dh: Vec<DhChange>,
-    /// Joint zeros; empty where the drawing without them is as near to the model.
+    /// Joint zeros; empty where the nominal model without them is as near to the model.
     pub joint_zeros: Vec<JointZero>,
     /// Distances from the whole model.
     pub distance: Distances,
@@ -120,7 +121,7 @@ impl ControllerSummary {
         let coupling = chain.coupling.as_deref();
         let zeros = JointOffsets::new(
             &predicted,
-            &chain.drawing(),
+            &chain.nominal_arm(),
             &chain.flange_from_target,
             coupling,
         );
@@ -128,10 +129,10 @@ impl ControllerSummary {
         let deviation = known
             .and_then(|(known, poses)| ChainDeviation::new(known, poses, &chain.poe(), coupling));
         let std = deviation.as_ref().map(|d| deviations(&chain, &d.frames));
-        let (drawing, calibrated) = rows_beside_drawing(&chain);
+        let (nominal, calibrated) = rows_beside_nominal(&chain);
         let row = |i: usize| {
             let std = std.as_ref().map(|rows| rows[i]);
-            dh_change(&robot.joints[i], &drawing[i], &calibrated[i], std)
+            dh_change(&robot.joints[i], &nominal[i], &calibrated[i], std)
         };
         let zero = |i: usize| {
             let unit = match kinds[i] {
@@ -149,14 +150,14 @@ impl ControllerSummary {
             }
         };
         let joints = 0..kinds.len();
-        // `trainer export` also refuses joint zeros that are no nearer to the model than the drawing.
-        let drawn = &chain.distance.drawing.position_mm;
+        // `trainer export` also refuses joint zeros that are no nearer to the model than the nominal model.
+        let drawn = &chain.distance.nominal.position_mm;
         let is_nearer = zeros.error.position_mm.mean < drawn.mean;
         Self {
             dh: joints.clone().map(row).collect(),
             joint_zeros: joints.filter(|_| is_nearer).map(zero).collect(),
             distance: Distances {
-                drawing_mm: chain.distance.drawing.position_mm.mean,
+                nominal_mm: chain.distance.nominal.position_mm.mean,
                 joint_zeros_mm: zeros.error.position_mm.mean,
                 dh_mm: chain.distance.chain.position_mm.mean,
             },
@@ -214,7 +215,7 @@ impl ControllerSummary {
             ];
             for (name, unit, n) in all.into_iter().chain(beta) {
                 let numbers = [
-                    Some(n.drawing),
+                    Some(n.nominal),
                     Some(n.calibrated),
                     Some(n.difference),
                     None,
@@ -270,25 +271,25 @@ impl ControllerSummary {
 
 fn dh_change(
     joint: &Joint,
-    drawing: &DhRow,
+    nominal: &DhRow,
     calibrated: &DhRow,
     std: Option<[f64; 5]>,
 ) -> DhChange {
-    let (drawn, found) = (numbers(drawing), numbers(calibrated));
+    let (before, found) = (numbers(nominal), numbers(calibrated));
     let number = |i: usize| {
         let unit = if i < 2 {
             1e3
         } else {
             180.0 / std::f64::consts::PI
         };
-        let difference = found[i] - drawn[i];
+        let difference = found[i] - before[i];
         let difference = if i < 2 {
             difference
         } else {
             wrapped(difference)
         };
         Changed {
-            drawing: unit * drawn[i],
+            nominal: unit * before[i],
             calibrated: unit * found[i],
             difference: unit * difference,
             std: std.map(|std| unit * std[i]),

@@ -112,7 +112,7 @@ pub struct HeldOutSummary {
     /// Number of training rows that no fold holds out, if there are any.
     #[serde(skip_serializing_if = "is_zero")]
     pub never_held_out: usize,
-    /// Errors before the calibration: base and tool fitted, the arm as drawn.
+    /// Errors before the calibration: base and tool fitted, the nominal arm.
     pub nominal: MethodSummary,
     /// Errors of the report's model.
     pub calibrated: MethodSummary,

@@ -16,7 +16,7 @@ use poegp_calibration::validation::signed_residuals::{Row, SignedResiduals, weig
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::{Pose, Twist};
 use poegp_trainer::export::CalibratedChain;
-use poegp_trainer::export::dh::{deviations, numbers, rows_beside_drawing, wrapped};
+use poegp_trainer::export::dh::{deviations, numbers, rows_beside_nominal, wrapped};
 use poegp_trainer::report::controller::ControllerSummary;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -44,13 +44,13 @@ fn deviations_of_dh_rows_are_those_of_drawn_frames() {
             1e-5 / (size as f64).sqrt() * normal(&mut random)
         });
         let stated = deviations(&chain, &(&root * root.transpose()));
-        let (_, rows) = rows_beside_drawing(&chain);
+        let (_, rows) = rows_beside_nominal(&chain);
         let mut squares = vec![[0.0; 5]; rows.len()];
         const DRAWS: usize = 4000;
         for _ in 0..DRAWS {
             let drawn = &root * Mat::from_fn(size, 1, |_, _| normal(&mut random));
             let other = moved(&chain, |k| drawn[(k, 0)]);
-            let (_, others) = rows_beside_drawing(&other);
+            let (_, others) = rows_beside_nominal(&other);
             for ((square, row), moved) in squares.iter_mut().zip(&rows).zip(&others) {
                 for (i, sum) in square.iter_mut().enumerate() {
                     *sum += wrapped(numbers(moved)[i] - numbers(row)[i]).powi(2);
@@ -86,14 +86,14 @@ fn moved(chain: &CalibratedChain, step: impl Fn(usize) -> f64) -> CalibratedChai
 fn deviations_are_those_of_repeated_calibrations() {
     const REPEATED: u64 = 40;
     let robot = Robot::load("abb-irb120", &LoadOptions::default()).unwrap();
-    let drawing = robot.chain().unwrap();
+    let nominal_arm = robot.chain().unwrap();
     let truth = {
-        let mut frames = drawing.frames().to_vec();
+        let mut frames = nominal_arm.frames().to_vec();
         for (i, frame) in frames.iter_mut().enumerate() {
             let twist = std::array::from_fn(|k| 4e-4 * (1.7 * (6 * i + k) as f64).sin());
             *frame = Pose::exp(&Twist::from_array(&twist)) * *frame;
         }
-        Poe::new(drawing.kinds(), &frames).unwrap()
+        Poe::new(nominal_arm.kinds(), &frames).unwrap()
     };
     let mut random = ChaCha8Rng::seed_from_u64(4);
     let joints: Vec<Vec<f64>> = (0..40)
@@ -260,7 +260,7 @@ fn document_and_file_have_the_same_numbers() {
         ] {
             let row = row("dh", name, quantity);
             for (column, part) in [
-                (4, "drawing"),
+                (4, "nominal"),
                 (5, "calibrated"),
                 (6, "difference"),
                 (8, "std"),
@@ -337,9 +337,9 @@ fn document_and_file_have_the_same_numbers() {
     }
 }
 
-/// Joint zeros are no nearer than a drawing that is true: the export refuses them, and document and file leave them out.
+/// Joint zeros are no nearer than a nominal model that is true: the export refuses them, and document and file leave them out.
 #[test]
-fn zeros_of_the_drawing_are_left_out() {
+fn zeros_of_the_nominal_model_are_left_out() {
     let folder = Folder::new();
     folder.write("train.csv", simulated("train", 40));
     let line = format!(

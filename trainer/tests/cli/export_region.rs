@@ -104,7 +104,7 @@ fn what_is_stated_of_a_chain_is_what_its_urdf_does() {
         eprintln!("chain{region}: said {said} mm, seen {seen} mm");
         assert!((said / seen - 1.0).abs() < 0.01, "{region}: {said}, {seen}");
         assert!(said < largest, "{region}: {said}");
-        assert!(said < 0.5 * mean_mm(&document, "drawing"), "{document:#}");
+        assert!(said < 0.5 * mean_mm(&document, "nominal"), "{document:#}");
         let text = format!("distance {said:.3} mm on average");
         assert!(folder.text("new.urdf").contains(&text), "{text}");
         assert_eq!(document["distance"]["chain"]["poses"], 50_000);
@@ -112,13 +112,13 @@ fn what_is_stated_of_a_chain_is_what_its_urdf_does() {
             document["distance"]["payload_kg"],
             serde_json::json!([5.0, 5.0])
         );
-        // The drawing: the nominal arm on the model's base with the model's tool.
-        let drawing = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
-        let drawing = drawing.chain().unwrap();
+        // The nominal model: the nominal arm on the model's base with the model's tool.
+        let nominal = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
+        let nominal = nominal.chain().unwrap();
         let tool = Pose::from_rows(&model.host().gauge.flange_from_target);
-        let drawn = |q: &[f64]| model.instrument_from_base() * drawing.forward(q) * tool;
+        let drawn = |q: &[f64]| model.instrument_from_base() * nominal.forward(q) * tool;
         let (said, seen) = (
-            mean_mm(&document, "drawing"),
+            mean_mm(&document, "nominal"),
             judged(&folder, drawn, ranges, 5.0),
         );
         assert!((said / seen - 1.0).abs() < 0.01, "{region}: {said}, {seen}");
@@ -160,7 +160,7 @@ fn what_is_stated_of_joint_offsets_is_what_they_do() {
         .said();
     let (zeros, document) = (folder.json("zeros.json"), folder.json("all.json"));
     let robot = Robot::load("abb-irb4400-serial", &LoadOptions::default()).unwrap();
-    let drawing = robot.chain().unwrap();
+    let nominal = robot.chain().unwrap();
     let rows = zeros["joints"].as_array().unwrap();
     let offsets: Vec<f64> = rows
         .iter()
@@ -183,13 +183,13 @@ fn what_is_stated_of_joint_offsets_is_what_they_do() {
     let (base, tool) = (pose("instrument_from_base"), pose("flange_from_target"));
     let stands = |q: &[f64]| {
         let moved: Vec<f64> = q.iter().zip(&offsets).map(|(q, o)| q + o).collect();
-        base * drawing.forward(&moved) * tool
+        base * nominal.forward(&moved) * tool
     };
     let said = mean_mm(&document, "joint_offsets");
     let seen = judged(&folder, stands, &trained(&folder), 5.0);
     eprintln!("offsets: said {said} mm, seen {seen} mm");
     assert!((said / seen - 1.0).abs() < 0.01, "{said}, {seen}");
-    for other in ["base_and_tool", "drawing"] {
+    for other in ["base_and_tool", "nominal"] {
         let means = ["chain", "joint_offsets", other].map(|of| mean_mm(&document, of));
         assert!(means[0] < means[1] && means[1] < means[2], "{document:#}");
     }
@@ -201,7 +201,7 @@ fn what_is_stated_of_joint_offsets_is_what_they_do() {
         format!("# distance {said:.3} mm on average"),
         "q + offset".to_owned(),
         "offset_rad = ".to_owned(),
-        "base_from_drawing = ".to_owned(),
+        "base_from_nominal = ".to_owned(),
     ] {
         assert!(text.contains(&part), "{part}: {text}");
     }
@@ -257,9 +257,10 @@ fn the_poses_of_a_file_are_a_region() {
     folder.refuses("export arm.blob --poe picks.csv --region picks.csv");
 }
 
-/// A model that only moves base and tool has the chain of the drawing, so no export could be nearer, and none is written.
+/// A model that only moves base and tool has the chain of the nominal model, so no export could be nearer, and none is
+/// written.
 #[test]
-fn what_is_no_nearer_than_the_drawing_is_not_written() {
+fn what_is_no_nearer_than_the_nominal_model_is_not_written() {
     let _texts = texts();
     let folder = calibrated("ur5", "base-tool");
     let before = folder.names();

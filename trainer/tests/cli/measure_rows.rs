@@ -226,7 +226,8 @@ fn few_poses_are_not_small_enough() {
     assert!(outcome.stderr.contains("at least 25"), "{outcome:#?}");
     assert_eq!(of(&log, "incomplete").count(), 1);
     assert_eq!(of(&log, "accepted").count(), 25);
-    let small = of(&log, "estimate").filter(|d| d["expected_mm"].as_f64().is_some_and(|mm| mm < 0.5));
+    let small =
+        of(&log, "estimate").filter(|d| d["expected_mm"].as_f64().is_some_and(|mm| mm < 0.5));
     assert!(small.count() > 5);
     std::fs::remove_file(folder.path("m.csv")).unwrap();
     let (outcome, _) = measured(&folder, &lines(&header, &rows[..20]), "--until-mm 0.5");

@@ -38,7 +38,7 @@ normal = [0, 0, 1]
 max_angle_deg = 60
 "#;
 
-/// Returns the target at joints in degrees, by plain trigonometry with the links of the IRB 4400's drawing.
+/// Returns the target at joints in degrees, by plain trigonometry with the nominal links of the IRB 4400.
 fn irb4400_target(q: &[f64], tool: [f64; 3]) -> ([f64; 3], [f64; 3]) {
     type M = [[f64; 3]; 3];
     let rotation = |axis: usize, degrees: f64| -> M {

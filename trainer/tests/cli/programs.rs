@@ -296,7 +296,7 @@ fn the_real_arm_comes_to_where_the_program_wants_it() {
     assert_eq!(before.0.len(), after.0.len());
     assert_ne!(before.0, after.0);
 
-    // Recomputed without the program: the controller's joints from the drawing, then the real arm.
+    // Recomputed without the program: the controller's joints from the nominal model, then the real arm.
     let commander = commander(&folder, "elas.blob");
     let tool = pose(&numbers_after(&rapid, "gun:=[TRUE,", 7));
     let base = pose(&numbers_after(&rapid, "TRUE,\"\",", 7));

@@ -54,7 +54,7 @@ fn planned_touches_are_a_touch_file() {
     let plan = folder.json("plan.json");
     let mm = |key: &str| plan[key].as_f64().unwrap();
     assert!(
-        mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("drawing_mm"),
+        mm("expected_mm") < mm("random_mm") && mm("random_mm") < mm("nominal_mm"),
         "{plan}"
     );
     // What a plan does not ask for is not simulated from one.
@@ -203,7 +203,7 @@ fn touches_are_refused_before_a_model_is_written() {
         csv.replace(second, &second.replace("socket/0", "hole")),
     );
     folder.refuses(format!("{calibrate} bad.csv --features t/touches.toml"));
-    // A distance that is 8 mm wrong: only the calibrated arm can detect it, not the arm as drawn.
+    // A distance that is 8 mm wrong: only the calibrated arm can detect it, not the nominal arm.
     let stated = toml.lines().find(|line| line.starts_with("mm = ")).unwrap();
     let length: f64 = stated.strip_prefix("mm = ").unwrap().parse().unwrap();
     folder.write(

@@ -70,7 +70,7 @@ fn a_plan_of_all_kinds_is_practised() {
     let found = folder.run("evaluate arm.blob practice/truth.csv --json -");
     let found = found.ok().json();
     let mean = found["sets"][0]["position_mm"]["mean"].as_f64().unwrap();
-    assert!(mean < 0.3, "{mean} mm; 1.7 mm as drawn");
+    assert!(mean < 0.3, "{mean} mm; 1.7 mm nominal");
 }
 
 /// Returns the rows of a simulated touch file after its comment.

@@ -5,7 +5,8 @@
 //! axis, and the frame after it back, changes nothing. There are two such directions for each revolute joint and four for
 //! each prismatic one. A direction is *unidentified* when poses spread over the joint ranges would show it and the given
 //! poses do not: when it moves the measurements less than [`SHARE`] as much as the direction that moves them most, or
-//! when its standard deviation exceeds the drawing's 2 mm and 2 mrad, so that the data say less than the drawing does.
+//! when its standard deviation exceeds the nominal model's 2 mm and 2 mrad, so that the data say less than the nominal model
+//! does.
 //!
 //! Redundant directions are those of a rich synthetic set of poses of the same arm with the same tools. The remaining
 //! null space of the data is first compared with known causes (a joint that never moves, one orientation throughout, no
@@ -51,9 +52,9 @@ pub use crate::identification::identifiability::report::{
 
 /// Share of the most visible direction's singular value below which a direction counts as unidentified.
 pub const SHARE: f64 = 1e-5;
-/// Standard deviation (m and rad) above which a direction also counts as unidentified: the drawing is as good (prior of
+/// Standard deviation (m and rad) above which a direction also counts as unidentified: the nominal model is as good (prior of
 /// the arm's frames).
-pub const DRAWING_TOLERANCE: f64 = 2e-3;
+pub const NOMINAL_TOLERANCE: f64 = 2e-3;
 /// Number of synthetic poses for each tool.
 const RICH_POSES: usize = 80;
 /// Largest magnitude of a revolute joint in the synthetic poses, in rad, and of a slide without limits, in m.
@@ -83,7 +84,7 @@ pub fn identify(task: &Task) -> Option<IdentifyReport> {
     }
     let possible = Space::new(&rich, |s, largest| s > ROUNDING * largest)?;
     let identified = Space::new(&data, |s, largest| {
-        s > SHARE * largest && s > 1.0 / DRAWING_TOLERANCE && s > ROUNDING * largest
+        s > SHARE * largest && s > 1.0 / NOMINAL_TOLERANCE && s > ROUNDING * largest
     })?;
     let coordinates = Coordinates::new(&frames, task.chain.kinds(), &possible)?;
     let all = identified.complement_in(&possible);

@@ -5,9 +5,9 @@
 //! T(q) = P_0 Z_1 · P_1 exp(δ_1) · Z_2 · … · P_n exp(δ_tip),   δ = (v, ω) in the axes of the frame behind it
 //! ```
 //!
-//! The last angle of δ_i is thus the zero of joint i + 1. A zero is farther from its drawing than the direction of an
+//! The last angle of δ_i is thus the zero of joint i + 1. A zero is farther from nominal than the direction of an
 //! axis, so it has a prior of its own. No touch can see the base frame, nor with it the zero of the first joint: both
-//! stay as drawn. Poses, gravity and own-joint errors are those of [`ParametricModel`], and hence of the runtime.
+//! stay nominal. Poses, gravity and own-joint errors are those of [`ParametricModel`], and hence of the runtime.
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
@@ -122,7 +122,7 @@ pub struct StateJet {
 }
 
 impl TouchArm {
-    /// Creates the arm as drawn. `nominal` leads from the base to the flange.
+    /// Creates the nominal arm. `nominal` leads from the base to the flange.
     pub fn new(
         nominal: &Poe<f64>,
         tips: &[TipStart],

@@ -1,4 +1,4 @@
-//! Arms that are farther from their drawing than their class is stated to be, and the wider errors that are then stated.
+//! Arms that are farther from their nominal model than their class is stated to be, and the wider errors that are then stated.
 
 use crate::identification::touch::fit::{Scales, TouchFit, TouchProblem};
 use crate::identification::touch::noise::{COMMON_COUNTS, Noise};
@@ -10,7 +10,7 @@ const LOUD: f64 = 2.0;
 /// Fewest degrees of freedom that show that rows are loud.
 const LEAST_FREEDOM: f64 = 20.0;
 
-/// How many times farther from its drawing an arm is than its class, judged by its touches.
+/// How many times farther from its nominal model an arm is than its class, judged by its touches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beyond {
     /// √(θᵀ Λ⁻¹ θ / γ), with Λ the prior covariance of the class (MacKay 1992).

@@ -51,7 +51,7 @@ pub struct TouchFit {
     visits: Vec<Visit>,
 }
 
-/// Standard deviation of the size of an arm of any size, relative to its drawing.
+/// Standard deviation of the size of an arm of any size, relative to its nominal model.
 pub(super) const ANY_SIZE: f64 = 0.1;
 /// Standard deviation of a joint zero of which nothing is known, rad or m.
 pub(super) const ANY_ZERO: f64 = 0.1;
@@ -84,15 +84,15 @@ fn visits(problem: &TouchProblem, scene: &Scene) -> Vec<Visit> {
 }
 
 impl TouchFit {
-    /// Fits features and tips on the arm as drawn.
-    pub fn on_drawing(problem: &TouchProblem, orders: usize) -> Self {
+    /// Fits features and tips on the nominal arm.
+    pub fn on_nominal(problem: &TouchProblem, orders: usize) -> Self {
         let mut out = Self::on_arm(problem, problem.arm(orders));
         out.settle(problem, false);
         out
     }
 
-    /// Fits features and tips on the arm as drawn, without the rows of weight zero.
-    pub fn on_drawing_without(problem: &TouchProblem, weights: &[f64]) -> Self {
+    /// Fits features and tips on the nominal arm, without the rows of weight zero.
+    pub fn on_nominal_without(problem: &TouchProblem, weights: &[f64]) -> Self {
         Self::on_arm(problem, problem.arm(0)).weighted(problem, weights)
     }
 
@@ -123,7 +123,7 @@ impl TouchFit {
         out
     }
 
-    /// Creates the initial state on `arm`: features at rough estimates, tips as drawn.
+    /// Creates the initial state on `arm`: features at rough estimates, nominal tips.
     fn on_arm(problem: &TouchProblem, arm: TouchArm) -> Self {
         let set = problem.set;
         let poses = arm.poses(&problem.states);
@@ -150,9 +150,9 @@ impl TouchFit {
         }
     }
 
-    /// Fits the arm and everything else, starting from features fitted on the drawing.
-    pub fn new(problem: &TouchProblem, drawing: &Self) -> Self {
-        let mut out = drawing.clone();
+    /// Fits the arm and everything else, starting from features fitted on the nominal model.
+    pub fn new(problem: &TouchProblem, nominal_arm: &Self) -> Self {
+        let mut out = nominal_arm.clone();
         out.moves = true;
         out.settle_robustly(problem);
         out

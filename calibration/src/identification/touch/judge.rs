@@ -1,29 +1,29 @@
-//! The verdict on a calibration by touches: leave-one-out errors compared with the drawing, and the expected gain.
+//! The verdict on a calibration by touches: leave-one-out errors compared with the nominal model, and the expected gain.
 
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::volume::Knowledge;
 
-/// Ratio of left-out errors, calibrated over drawn, from which on a calibration does not show that it helps.
+/// Ratio of left-out errors, calibrated over nominal, from which on a calibration does not show that it helps.
 pub const LEFT_OUT_RATIO: f64 = 0.7;
 /// Ratio of expected errors, after over before, from which on the touches show too little.
 pub const EXPECTED_RATIO: f64 = 0.9;
-/// Probability of a worse arm than as drawn from which on the calibration is not worth the risk.
+/// Probability of a worse arm than nominal from which on the calibration is not worth the risk.
 pub const WORSE: f64 = 0.05;
 
 /// Evidence for and against a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// Ratio of the mean left-out errors in units of the noise, calibrated over drawn.
+    /// Ratio of the mean left-out errors in units of the noise, calibrated over nominal.
     pub left_out: f64,
-    /// Mean left-out error of a component, as drawn and as calibrated, for the kind with most equations, in the unit of
+    /// Mean left-out error of a component, nominal and calibrated, for the kind with most equations, in the unit of
     /// its reading.
     pub errors: (f64, f64),
     /// Kind of noise with most equations.
     pub kind: Noise,
     /// Ratio of the expected errors, after over before.
     pub expected: f64,
-    /// Probability that the arm is worse off as calibrated than as drawn.
+    /// Probability that the arm is worse off as calibrated than nominal.
     pub worse: f64,
 }
 
@@ -31,11 +31,11 @@ impl Verdict {
     /// Judges a fit; `None` when its equations cannot be solved.
     pub fn new(
         problem: &TouchProblem,
-        drawing: &TouchFit,
+        nominal: &TouchFit,
         fit: &TouchFit,
         known: &Knowledge,
     ) -> Option<Self> {
-        let mut drawn = drawing.clone();
+        let mut drawn = nominal.clone();
         drawn.weights.clone_from(&fit.weights);
         let before = drawn.left_out(problem)?;
         let after = fit.left_out(problem)?;

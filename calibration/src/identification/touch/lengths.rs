@@ -3,7 +3,7 @@
 //! If all lengths are off alike, an arm of another size fits the touches; if the zero of a wire, the radius of a ball or a tip is off by
 //! many standard deviations, so does an arm with much noise. Fits that believe less find them:
 //!
-//! - an arm of any size. Its size by the stated lengths, against the drawing and the class, is in doubt from [`SIZE`]
+//! - an arm of any size. Its size by the stated lengths, against the nominal model and the class, is in doubt from [`SIZE`]
 //!   standard deviations;
 //! - zeros, radii or tips that may be anything. One is in doubt from [`OWN`] standard deviations, if the noise falls with it.
 
@@ -42,8 +42,8 @@ pub enum StatedLength {
 pub struct Doubt {
     /// The length in doubt.
     pub length: StatedLength,
-    /// By the touches, minus what is stated, in m; for [`StatedLength::All`] how much larger than drawn the arm is with them,
-    /// relative to its size.
+    /// By the touches, minus what is stated, in m; for [`StatedLength::All`] how much larger than nominal the arm is with
+    /// them, relative to its size.
     pub off: f64,
     /// Standard deviation of `off`, by what is stated and by the touches.
     pub sigma: f64,
@@ -68,10 +68,10 @@ impl Doubt {
 
 /// Computes the size of the arm by the stated lengths, with the fit of an arm of any size; `None` if the lengths do not
 /// determine it.
-pub fn size(problem: &TouchProblem, drawing: &TouchFit) -> Option<(Doubt, TouchFit)> {
-    let mut fit = drawing.clone();
+pub fn size(problem: &TouchProblem, nominal_arm: &TouchFit) -> Option<(Doubt, TouchFit)> {
+    let mut fit = nominal_arm.clone();
     fit.arm = problem.arm_of_any_size();
-    let mut theta = drawing.arm.theta.clone();
+    let mut theta = nominal_arm.arm.theta.clone();
     theta.push(0.0);
     fit.arm.update(&theta);
     fit.moves = true;
@@ -178,7 +178,7 @@ fn loosened(sigma: &mut f64) -> Option<f64> {
 
 /// Fits a set in which `lengths`, with their stated standard deviations, are not believed.
 fn doubts(loose: &TouchProblem, lengths: &[(StatedLength, f64)]) -> Option<(Vec<Doubt>, TouchFit)> {
-    let fit = TouchFit::new(loose, &TouchFit::on_drawing(loose, 0));
+    let fit = TouchFit::new(loose, &TouchFit::on_nominal(loose, 0));
     let solved = believed(&fit, loose)?.solved(loose)?;
     let covariance = solved.covariance();
     let of = |(length, stated): &(StatedLength, f64)| {
@@ -225,14 +225,18 @@ pub fn left_without_distances(problem: &TouchProblem, fit: &TouchFit) -> Option<
         set: &set,
         ..problem.clone()
     };
-    let without = TouchFit::new(&loose, &TouchFit::on_drawing(&loose, 0));
+    let without = TouchFit::new(&loose, &TouchFit::on_nominal(&loose, 0));
     let left = noise(&loose, &without) / noise(problem, fit).max(f64::MIN_POSITIVE);
     (left < EXPLAINED).then_some(left)
 }
 
 /// Returns what is stated and in doubt, if anything is, and the share of the noise, as a variance, that is left without it:
 /// of several, that without which the noise is least.
-pub fn doubt(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Option<(Doubt, f64)> {
+pub fn doubt(
+    problem: &TouchProblem,
+    nominal_arm: &TouchFit,
+    fit: &TouchFit,
+) -> Option<(Doubt, f64)> {
     let given = noise(problem, fit);
     let limit = EXPLAINED * given;
     let mut found: Vec<(Doubt, f64)> = Vec::new();
@@ -246,7 +250,7 @@ pub fn doubt(problem: &TouchProblem, drawing: &TouchFit, fit: &TouchFit) -> Opti
                 .map(|d| (d, left)),
         );
     }
-    if let Some((doubt, fit)) = size(problem, drawing).filter(|(d, _)| d.sigmas() > SIZE) {
+    if let Some((doubt, fit)) = size(problem, nominal_arm).filter(|(d, _)| d.sigmas() > SIZE) {
         // One scale is a simpler reason than many radii.
         found.push((doubt, EXPLAINED * noise(problem, &fit)));
     }

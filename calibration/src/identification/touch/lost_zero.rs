@@ -1,4 +1,4 @@
-//! Finds one joint zero that is much farther from the drawing than those of the other joints.
+//! Finds one joint zero that is much farther from the nominal model than those of the other joints.
 //!
 //! All zeros have one prior, whose scale the evidence moves by a factor of two at most. That is right for arms of the class,
 //! but a joint that was mastered wrongly is none of its draws: the fit would spread its error over other parameters. So each
@@ -12,7 +12,7 @@ use crate::identification::touch::arm::Group;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::left_out::GROSS;
 
-/// How many times farther from its drawing than its class an arm is from which on single zeros are tried.
+/// How many times farther from its nominal model than its class an arm is from which on single zeros are tried.
 const BEYOND: f64 = 1.2;
 /// Fall of −2 log of the evidence from which on one zero has a prior of its own.
 const CLEAR: f64 = 8.0;
@@ -36,7 +36,7 @@ fn evidence(problem: &TouchProblem, fit: &TouchFit) -> Option<f64> {
 /// Returns the joint whose zero is lost, with the fit in which it has a prior of its own; `None` if no zero stands out.
 pub fn lost_zero(
     problem: &TouchProblem,
-    drawing: &TouchFit,
+    nominal: &TouchFit,
     fit: &TouchFit,
 ) -> Option<(usize, TouchFit)> {
     let covariance = fit.solved(problem)?.covariance();
@@ -51,7 +51,7 @@ pub fn lost_zero(
             lost_zero: Some(joint),
             ..problem.clone()
         };
-        let fit = TouchFit::new(&loose, drawing);
+        let fit = TouchFit::new(&loose, nominal);
         let columns = fit.arm.columns.iter().zip(&fit.arm.theta);
         let mut own = columns.filter(|(column, _)| loose.is_lost(column));
         if own.any(|(_, zero)| zero.abs() > LARGEST) {

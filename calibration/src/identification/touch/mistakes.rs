@@ -56,7 +56,7 @@ pub struct Explained {
 
 /// Scatter beyond the stated noise above which mistakes are tried, by kind: m, rad and pixels.
 const LARGE: (f64, f64, f64) = (1e-3, 5e-3, 5.0);
-/// Share of the scatter that a mistake may leave, on the drawing and on the fitted arm.
+/// Share of the scatter that a mistake may leave, on the nominal model and on the fitted arm.
 const LEFT: (f64, f64) = (0.5, 0.25);
 /// Factor within which another mistake explains the touches as well.
 const AS_GOOD: f64 = 2.0;
@@ -190,7 +190,7 @@ fn offsets(problem: &TouchProblem) -> Vec<Mistake> {
         },
         ..problem.clone()
     };
-    let fit = TouchFit::new(&free, &TouchFit::on_drawing(&free, 0));
+    let fit = TouchFit::new(&free, &TouchFit::on_nominal(&free, 0));
     let zeros = fit.arm.columns.iter().zip(&fit.arm.theta);
     let zeros = zeros.filter(|(column, _)| column.group == Group::Zero);
     let most = zeros.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
@@ -216,12 +216,12 @@ fn of_readings(set: &TouchSet) -> Vec<Mistake> {
     out
 }
 
-/// Returns the mistake that explains why touches scatter much, if there is one. `drawing` and `fit` are those of the set as
-/// given.
+/// Returns the mistake that explains why touches scatter much, if there is one. `nominal_arm` and `fit` are those of the set
+/// as given.
 pub fn explained(
     robot: &Robot,
     problem: &TouchProblem,
-    (drawing, fit): (&TouchFit, &TouchFit),
+    (nominal_arm, fit): (&TouchFit, &TouchFit),
 ) -> Option<Explained> {
     if !is_large(problem, fit) {
         return None;
@@ -237,7 +237,7 @@ pub fn explained(
         .chain(offsets(problem))
         .chain(robots.map(|name| Mistake::Robot((*name).to_owned())))
         .chain(of_readings(problem.set));
-    let given = scatter(problem, drawing);
+    let given = scatter(problem, nominal_arm);
     let mut tried: Vec<(f64, Mistake, Robot, TouchSet)> = Vec::new();
     for mistake in all {
         let robot = match &mistake {
@@ -251,7 +251,7 @@ pub fn explained(
         let Some(other) = of(&robot, problem, &set) else {
             continue;
         };
-        let left = scatter(&other, &TouchFit::on_drawing(&other, 0)) - given;
+        let left = scatter(&other, &TouchFit::on_nominal(&other, 0)) - given;
         if left < libm::log(LEFT.0) {
             tried.push((left, mistake, robot, set));
         }
@@ -262,7 +262,7 @@ pub fn explained(
         let Some(other) = of(&robot, problem, &set) else {
             continue;
         };
-        let refit = TouchFit::new(&other, &TouchFit::on_drawing(&other, 0));
+        let refit = TouchFit::new(&other, &TouchFit::on_nominal(&other, 0));
         let left = residuals(&other, &refit);
         fitted.push((scatter(&other, &refit), mistake, left));
     }

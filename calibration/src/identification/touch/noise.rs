@@ -1,4 +1,4 @@
-//! Noise of rows by kind, and scales of the priors: how far rows miss, and how far arms are from their drawing.
+//! Noise of rows by kind, and scales of the priors: how far rows miss, and how far arms are from their nominal model.
 
 use crate::identification::touch::arm::Group;
 use crate::measurement::touch::{ClassPrior, Reading};

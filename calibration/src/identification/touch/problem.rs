@@ -17,15 +17,15 @@ use crate::measurement::touch::{ClassPrior, Reading, TouchRow, TouchSet};
 pub struct TouchProblem<'a> {
     /// Rows, features and tips of the touch file.
     pub set: &'a TouchSet,
-    /// Chain as drawn, from base to flange.
+    /// Nominal chain, from base to flange.
     pub nominal: Poe<f64>,
     /// Joint coupling C of q_serial = C q.
     pub coupling: Option<Vec<Vec<f64>>>,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
-    /// Class prior: how far an arm of the class is from its drawing.
+    /// Class prior: how far an arm of the class is from its nominal model.
     pub class: ClassPrior,
-    /// Prior by sister arms of the same drawing.
+    /// Prior by sister arms of the same nominal model.
     pub sisters: Option<SisterPrior>,
     /// Joint whose zero is not believed to be that of the class.
     pub lost_zero: Option<usize>,
@@ -158,12 +158,12 @@ impl<'a> TouchProblem<'a> {
         (!all.is_empty()).then(|| (all.iter().sum::<f64>() / count).sqrt())
     }
 
-    /// Creates the arm as drawn; `orders` is the number of orders of own-joint errors.
+    /// Creates the nominal arm; `orders` is the number of orders of own-joint errors.
     pub fn arm(&self, orders: usize) -> TouchArm {
         self.arm_with(orders, false)
     }
 
-    /// Creates the arm as drawn, with its size as a parameter of its own.
+    /// Creates the nominal arm, with its size as a parameter of its own.
     pub fn arm_of_any_size(&self) -> TouchArm {
         self.arm_with(0, true)
     }
@@ -185,7 +185,7 @@ impl<'a> TouchProblem<'a> {
     }
 }
 
-/// Estimates instrument_from_base and the tips that the tracker saw by a fit of its rows to the drawing.
+/// Estimates instrument_from_base and the tips that the tracker saw by a fit of its rows to the nominal model.
 fn from_tracker(nominal: &Poe<f64>, seen: &[InstrumentSample], tips: &mut [TipStart]) -> Pose<f64> {
     let mut tools: Vec<usize> = seen.iter().map(|s| s.tool).collect();
     tools.sort_unstable();

@@ -1,4 +1,4 @@
-//! A prior from sister arms: other arms of the same drawing that were calibrated by touches.
+//! A prior from sister arms: other arms of the same nominal model that were calibrated by touches.
 //!
 //! The class parameters of all S sisters and of this arm, in units u of the class, are modelled as
 //!
@@ -6,7 +6,7 @@
 //! u_i = m + ε_i,   m ~ N(0, s² ρ),   ε_i ~ N(0, s² (1 − ρ))      ρ and s of each group of parameters
 //! ```
 //!
-//! The part m, common to all arms, is an error of the drawing. Each sister contributes its own parameters with their
+//! The part m, common to all arms, is an error of the nominal model. Each sister contributes its own parameters with their
 //! covariance. The scale s maximises the evidence, which is averaged over ρ because few sisters hardly determine ρ.
 //!
 //! The overall size stays as uncertain as in the class: sisters that were measured with the same bar share its error.

@@ -1,4 +1,4 @@
-//! Initial estimates: where features are, roughly, on the arm as drawn. The fit starts from these.
+//! Initial estimates: where features are, roughly, on the nominal arm. The fit starts from these.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use poegp_runtime::math::se3::Pose;

@@ -173,7 +173,7 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
                 share,
                 mm,
                 text: format!(
-                    "The length of the link after joint {frame} is known no better than from the drawing: {mm:.2} mm \
+                    "The length of the link after joint {frame} is known no better than from the nominal model: {mm:.2} mm \
                      on average. Touch with joint {frame} turned further."
                 ),
             });

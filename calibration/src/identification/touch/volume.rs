@@ -121,17 +121,17 @@ pub struct Knowledge {
     pub priors: Vec<f64>,
     /// Covariance of the parameters in units of `priors`.
     pub covariance: Mat<f64>,
-    /// How many times farther from its drawing the arm is than its class.
+    /// How many times farther from its nominal model the arm is than its class.
     pub beyond_class: Option<f64>,
     /// Stated τ of a position, in m.
     pub tau: f64,
-    /// Expected errors of the arm as drawn, judged by the touches.
+    /// Expected errors of the nominal arm, judged by the touches.
     pub before: Expected,
     /// Expected errors of the arm as calibrated.
     pub after: Expected,
     /// Error that 95 of 100 poses do not exceed as calibrated.
     pub exceeded: Exceeded,
-    /// Probability that the mean error over the volume is larger as calibrated than as drawn.
+    /// Probability that the mean error over the volume is larger as calibrated than nominal.
     pub worse: f64,
 }
 
@@ -203,7 +203,7 @@ struct Pairs {
     moments: [f64; 2],
 }
 
-/// Computes the expected errors as drawn and as calibrated; `None` when the covariance cannot be factored.
+/// Computes the expected errors, nominal and calibrated; `None` when the covariance cannot be factored.
 fn pairs(fit: &TouchFit, stated: &Stated, field: &Mat<f64>, tau: f64) -> Option<Pairs> {
     let off = fit.arm.theta.iter().zip(&stated.priors).zip(&stated.mean);
     let drawn: Vec<f64> = off

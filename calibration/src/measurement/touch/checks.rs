@@ -1,7 +1,7 @@
 //! Checks that find mistakes in touches before any fit: too few touches, touches that are all alike, or touches of something
 //! other than stated.
 //!
-//! The arm as drawn is accurate enough to reveal two sockets under one name, a distance in inches, or touches that are all
+//! The nominal arm is accurate enough to reveal two sockets under one name, a distance in inches, or touches that are all
 //! from one side. Its tip is fitted to the touches first, without any prior, because they are the best source for it.
 
 use std::cmp::Ordering;
@@ -33,15 +33,15 @@ const TWO_SOCKETS: f64 = 20e-3;
 const TWO_SOCKETS_SPREADS: f64 = 4.0;
 /// Number of standard deviations by which touches contradict a stated length.
 const CONTRADICTION: f64 = 5.0;
-/// Standard deviation in m of a distance between two points according to the arm as drawn; the spread of a few touches does
+/// Standard deviation in m of a distance between two points according to the nominal arm; the spread of a few touches does
 /// not show it.
 const DRAWN: f64 = 2e-3;
 /// Shortest reading of a wire or ballbar that calibrates an arm, in m: smaller readings are metres in a column of
 /// millimetres.
 const SHORTEST_READING: f64 = 10e-3;
-/// Range of the distances from an anchor to the tip as drawn, in m, beyond which equal readings in all rows are refused.
+/// Range of the distances from an anchor to the nominal tip, in m, beyond which equal readings in all rows are refused.
 const STUCK_OVER: f64 = 0.05;
-/// Ratio between a reading of an anchor and the drawn arm's value beyond which, or below the inverse of which, the reading
+/// Ratio between a reading of an anchor and the nominal arm's value beyond which, or below the inverse of which, the reading
 /// is in another unit.
 const OTHER_UNIT: f64 = 3.0;
 
@@ -179,7 +179,7 @@ impl TouchSet {
         ))
     }
 
-    /// Checks the readings of an anchor against the tip as drawn.
+    /// Checks the readings of an anchor against the nominal tip.
     fn check_readings(
         &self,
         feature: usize,
@@ -252,7 +252,7 @@ impl TouchSet {
         out
     }
 
-    /// Estimates the position of each tip from touches of points alone, in m in the flange frame; the position as drawn if
+    /// Estimates the position of each tip from touches of points alone, in m in the flange frame; the nominal position if
     /// they do not determine it.
     ///
     /// The tip t and the point c solve R t + p = c for all touches. Subtracting the mean over the touches of each point on
@@ -276,7 +276,8 @@ impl TouchSet {
         }
         let fitted = |((matrix, right), tip): ((Matrix3<f64>, Vector3<f64>), &_)| {
             let tip: &crate::measurement::touch::set::Tip = tip;
-            // Rows that rotate about a single axis do not determine the tip along it; a small weight on the drawing does.
+            // Rows that rotate about a single axis do not determine the tip along it; a small weight on the nominal model
+            // does.
             let ridge = Matrix3::identity() * 1e-4;
             let matrix = matrix + ridge;
             let right = right + ridge * tip.position;
@@ -322,7 +323,7 @@ impl TouchSet {
         Ok(centres)
     }
 
-    /// Refuses a known distance that the touches contradict, even by the arm as drawn.
+    /// Refuses a known distance that the touches contradict, even by the nominal arm.
     fn check_distances(&self, centres: &[Option<Centre>]) -> Result<(), InputError> {
         let measured = self.distances.iter().map(|known| {
             let [a, b] = known.between.map(|feature| centres[feature]);
@@ -389,7 +390,7 @@ fn remedy(known: &KnownDistance, distance: f64, sigma: f64) -> String {
     }
 }
 
-/// Position of a point according to its touches and the arm as drawn, in m, and the spread of the touches per component.
+/// Position of a point according to its touches and the nominal arm, in m, and the spread of the touches per component.
 type Centre = (Vector3<f64>, f64);
 
 /// Returns the smallest number of different joint states with which a feature of a kind says something about the arm.

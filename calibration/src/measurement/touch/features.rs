@@ -31,11 +31,11 @@ const TOUCH_SIGMA: f64 = 0.05e-3;
 const LEVEL_SIGMA: f64 = 0.05e-3;
 /// Default noise of a corner in an image, in pixels.
 const PIXEL_SIGMA: f64 = 0.2;
-/// Default standard deviation of a tip about its drawing, in m.
+/// Default standard deviation of a tip about its nominal position, in m.
 const TIP_SIGMA: f64 = 5e-3;
 /// Default standard deviation of the position of an anchor or a camera, as measured with a tape, in m.
 const TAPE_SIGMA: f64 = 20e-3;
-/// Default standard deviation of the rotation of a level or a camera about its drawing, in rad.
+/// Default standard deviation of the rotation of a level or a camera about the nominal one, in rad.
 const MOUNTING_SIGMA: f64 = 50e-3;
 /// Default standard deviation of the zero of a wire, in m.
 const ZERO_SIGMA: f64 = 1e-3;
@@ -50,14 +50,14 @@ const LEAST_CORNERS: usize = 4;
 pub(super) struct Description {
     pub path: PathBuf,
     pub features: Vec<Feature>,
-    pub targets: Vec<DrawnTip>,
+    pub targets: Vec<NominalTip>,
     pub distances: Vec<KnownDistance>,
     pub prior: Option<ClassPrior>,
     pub camera: Option<Camera>,
 }
 
 /// A `[[target]]` table.
-pub(super) struct DrawnTip {
+pub(super) struct NominalTip {
     pub name: String,
     pub position: Vector3<f64>,
     pub sigma: f64,
@@ -97,7 +97,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Description, InputError> 
             "a [[feature]] table for everything that was touched",
         ));
     }
-    let mut targets: Vec<DrawnTip> = Vec::with_capacity(file.target.len());
+    let mut targets: Vec<NominalTip> = Vec::with_capacity(file.target.len());
     for table in &file.target {
         let table = table.get_ref();
         let name = source.name(&table.name)?;
@@ -106,7 +106,7 @@ pub(super) fn parse(path: &Path, text: &str) -> Result<Description, InputError> 
             let expected = "a name of its own for every target";
             return Err(source.0.error(table.name.span(), "name", found, expected));
         }
-        targets.push(DrawnTip {
+        targets.push(NominalTip {
             name,
             position: source.vector("tip_mm", &table.tip_mm, 1e-3)?,
             sigma: source.sigma("sigma_mm", &table.sigma_mm, 1e-3, TIP_SIGMA)?,

@@ -75,7 +75,7 @@ impl TouchSet {
     ///
     /// # Errors
     /// Returns an [`InputError`] that names the file, line and column of the first thing that violates the format described
-    /// in [`crate::measurement::touch`], or that the arm as drawn contradicts by far.
+    /// in [`crate::measurement::touch`], or that the nominal arm contradicts by far.
     pub fn read(
         touches: &Path,
         features: Option<&Path>,

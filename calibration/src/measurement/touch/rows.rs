@@ -13,7 +13,7 @@ use crate::measurement::rows::Row;
 use crate::measurement::sample::ToolName;
 use crate::measurement::table::{Table, quoted};
 use crate::measurement::touch::columns::TouchColumns;
-use crate::measurement::touch::features::{Description, DrawnTip};
+use crate::measurement::touch::features::{Description, NominalTip};
 use crate::measurement::touch::set::{Feature, FeatureKind, Reading, Tip, TouchRow};
 use crate::robot::Robot;
 
@@ -292,19 +292,19 @@ impl Rows<'_> {
         };
         if let Some(tip) = self.tips.iter().position(|tip| tip.name == name) {
             if feature.is_some() {
-                self.drawn(row, &name.target)?;
+                self.nominal(row, &name.target)?;
             }
             return Ok(tip);
         }
-        let drawn = match self.drawn(row, &name.target) {
-            Ok(drawn) => drawn,
+        let nominal = match self.nominal(row, &name.target) {
+            Ok(nominal) => nominal,
             Err(_) if feature.is_none() => None,
             Err(error) => return Err(error),
         };
         self.tips.push(Tip {
             name,
-            position: drawn.map_or_else(Vector3::zeros, |tip| tip.position),
-            sigma: drawn.map_or(TIP_ANYWHERE, |tip| tip.sigma),
+            position: nominal.map_or_else(Vector3::zeros, |tip| tip.position),
+            sigma: nominal.map_or(TIP_ANYWHERE, |tip| tip.sigma),
         });
         if self.tips.len() > MAX_TOOLS {
             return Err(InputError::new(
@@ -317,7 +317,7 @@ impl Rows<'_> {
     }
 
     /// Finds the `[[target]]` of a name; `None` if the description has no targets.
-    fn drawn(&self, row: &Row<'_>, name: &str) -> Result<Option<&DrawnTip>, InputError> {
+    fn nominal(&self, row: &Row<'_>, name: &str) -> Result<Option<&NominalTip>, InputError> {
         let targets = &self.described.targets;
         let Some(column) = &self.columns.target else {
             return match targets.as_slice() {

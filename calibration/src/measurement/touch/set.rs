@@ -29,7 +29,7 @@ pub struct TouchSet {
     pub tips: Vec<Tip>,
     /// Measured distances between features.
     pub distances: Vec<KnownDistance>,
-    /// How far an arm of this class is from its drawing, if the file states it.
+    /// How far an arm of this class is from its nominal model, if the file states it.
     pub prior: Option<ClassPrior>,
     /// The camera; present if there is a board.
     pub camera: Option<Camera>,
@@ -182,7 +182,7 @@ pub enum FeatureKind {
     },
     /// An inclinometer at the flange.
     Level {
-        /// sensor_from_flange as drawn, as a rotation vector in rad.
+        /// Nominal sensor_from_flange, as a rotation vector in rad.
         rotation: Vector3<f64>,
         /// Standard deviation of one component of the sensor's true rotation about `rotation`, in rad.
         rotation_sigma: f64,
@@ -225,7 +225,7 @@ pub struct Camera {
     pub intrinsics_sigma: f64,
     /// What the camera is mounted on.
     pub mount: Mount,
-    /// Pose of the camera as drawn: camera_from_flange for a camera at the flange, camera_from_base for a fixed one.
+    /// Nominal pose of the camera: camera_from_flange for a camera at the flange, camera_from_base for a fixed one.
     pub camera_from_mount: Pose<f64>,
     /// Standard deviation of one component of the camera's true position about `camera_from_mount`, in m.
     pub position_sigma: f64,
@@ -247,7 +247,7 @@ pub enum Mount {
 pub struct Tip {
     /// Session and target of the tip's rows.
     pub name: ToolName,
-    /// Position in the flange frame as drawn, in m.
+    /// Nominal position in the flange frame, in m.
     pub position: Vector3<f64>,
     /// Standard deviation of one component of the true position about `position`, in m.
     pub sigma: f64,

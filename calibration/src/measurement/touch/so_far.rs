@@ -32,7 +32,7 @@ impl TouchSet {
     }
 
     /// Reads a plan of touches. A reading that only the touch itself can supply may be empty; it is replaced by that of the
-    /// arm as drawn.
+    /// nominal arm.
     ///
     /// # Errors
     /// Those of [`TouchSet::parse`], and an [`InputError`] for features whose reading cannot be predicted.
@@ -52,7 +52,7 @@ impl TouchSet {
         Ok(out)
     }
 
-    /// Returns the reading that the arm as drawn would give if the plan leaves it empty.
+    /// Returns the reading that the nominal arm would give if the plan leaves it empty.
     fn foreseen(&self, row: &TouchRow, chain: &Poe<f64>) -> Result<Reading, InputError> {
         let flange = chain.forward(&row.serial_joints);
         let refused = |feature: usize, found: &str, expected: &str| {
@@ -179,7 +179,7 @@ impl TouchSet {
         })
     }
 
-    /// Creates a tracker's plan, with the poses that the target of the arm as drawn would have.
+    /// Creates a tracker's plan, with the poses that the target of the nominal arm would have.
     pub fn of_targets(
         path: &Path,
         targets: Vec<OwnTarget>,

@@ -5,7 +5,7 @@ use crate::model::touches::summary::{TouchOutlier, TouchSummary};
 use crate::trust::{Finding, Findings, Tier};
 use poegp_protocol::cause::Cause;
 
-/// Factor by which an arm may be farther from its drawing than its class before a finding reports it.
+/// Factor by which an arm may be farther from its nominal model than its class before a finding reports it.
 const BEYOND: f64 = 1.3;
 /// Share of the sum of squares above which a finding names a feature.
 const ALONE: f64 = 0.5;
@@ -15,11 +15,11 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     let mut out = Vec::new();
     let refused = |text, value, limit| Finding::new(Cause::Gain, Tier::Refused, text, value, limit);
     let unit = summary.left_out_unit;
-    let [drawn, calibrated] = summary.left_out;
+    let [nominal, calibrated] = summary.left_out;
     if summary.left_out_ratio >= LEFT_OUT_RATIO {
         let text = format!(
             "touches that were left out miss by {calibrated:.3} {unit} with the arm calibrated by the others and \
-             by {drawn:.3} {unit} with the drawing, a ratio of {:.2} (limit {LEFT_OUT_RATIO}): touch more often \
+             by {nominal:.3} {unit} with the nominal model, a ratio of {:.2} (limit {LEFT_OUT_RATIO}): touch more often \
              and in more orientations, and look for a tool that slips or joints with play",
             summary.left_out_ratio
         );
@@ -68,7 +68,7 @@ pub fn findings(summary: &TouchSummary) -> Findings {
     }
     if let Some(factor) = summary.beyond_class.filter(|f| *f > BEYOND) {
         let text = format!(
-            "this arm deviates from its drawing {factor:.1} times as much as stated for its class: the expected \
+            "this arm deviates from its nominal model {factor:.1} times as much as stated for its class: the expected \
              error is enlarged to match"
         );
         let found = Finding::new(Cause::Frames, Tier::Note, text, factor, BEYOND);

@@ -47,7 +47,7 @@ pub fn lost(robot: &Robot, problem: &TouchProblem, fit: &TouchFit) -> Option<Fin
     };
     let joint = column.index + 1;
     let text = format!(
-        "the zero of joint {joint} is {by} from the drawing, {times:.0} times the {} of joint_zero_mrad: it was fitted without \
+        "the zero of joint {joint} is {by} from the nominal model, {times:.0} times the {} of joint_zero_mrad: it was fitted without \
          that prior; master joint {joint} again, or state a larger [prior] joint_zero_mrad",
         three_digits(1e3 * stated)
     );

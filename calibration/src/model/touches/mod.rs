@@ -1,7 +1,7 @@
 //! Calibration by touches: estimates the most probable arm for all rows of a touch file, as an ordinary [`Calibration`].
 //!
 //! The model is a parametric one: the calibrated chain and the gravity terms of its links. The base frame
-//! is that of the drawing, because touches show no other; if the file has rows of a tracker, it is related to the
+//! is that of the nominal model, because touches show no other; if the file has rows of a tracker, it is related to the
 //! instrument as in any calibration. The tool is the first tip.
 
 pub mod doubted;
@@ -49,7 +49,7 @@ use crate::numeric::statistics::MEAN_LENGTH;
 use crate::robot::Robot;
 use crate::trust::{Finding, Findings, Tier};
 
-/// Standard deviations of an arm from its drawing if neither file nor robot description states them, in m, rad and rad.
+/// Standard deviations of an arm from its nominal model if neither file nor robot description states them, in m, rad and rad.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {
     length: 0.3e-3,
     tilt: 0.5e-3,
@@ -93,8 +93,8 @@ impl TouchCalibration {
     }
 }
 
-/// Returns the standard deviations of an arm from its drawing: those of the features file, otherwise those of the robot's
-/// description, otherwise [`USUAL_CLASS`].
+/// Returns the standard deviations of an arm from its nominal model: those of the features file, otherwise those of the
+/// robot's description, otherwise [`USUAL_CLASS`].
 pub fn class_of(robot: &Robot, set: &TouchSet) -> ClassPrior {
     set.prior.or(robot.prior).unwrap_or(USUAL_CLASS)
 }
@@ -129,13 +129,13 @@ pub fn calibrate_beside_sisters(
         Ok(prior) => problem.sisters = prior,
         Err(refused) => return Ok(Err(refused)),
     }
-    let drawing = TouchFit::on_drawing(&problem, 0);
-    let mut fit = TouchFit::new(&problem, &drawing);
-    if let Some((joint, without)) = lost_zero(&problem, &drawing, &fit) {
+    let nominal_arm = TouchFit::on_nominal(&problem, 0);
+    let mut fit = TouchFit::new(&problem, &nominal_arm);
+    if let Some((joint, without)) = lost_zero(&problem, &nominal_arm, &fit) {
         (problem.lost_zero, fit) = (Some(joint), without);
     }
     // A false length looks like a step, and a step like a false length: what explains more of the scatter is believed.
-    let (doubt, step) = match (doubt(&problem, &drawing, &fit), step(&problem, &fit)) {
+    let (doubt, step) = match (doubt(&problem, &nominal_arm, &fit), step(&problem, &fit)) {
         (Some((doubt, left)), step) => match step.filter(|step| step.fall.powi(2) < CLEARER * left)
         {
             Some(step) => (None, Some(step)),
@@ -155,13 +155,13 @@ pub fn calibrate_beside_sisters(
     let unsolvable = || CalibrationError::from(FitError::Unsolvable);
     let volume = WorkVolume::new(robot, &problem);
     let known = Knowledge::new(&problem, &fit, &volume).ok_or_else(unsolvable)?;
-    let verdict = Verdict::new(&problem, &drawing, &fit, &known).ok_or_else(unsolvable)?;
+    let verdict = Verdict::new(&problem, &nominal_arm, &fit, &known).ok_or_else(unsolvable)?;
     let record = ArmRecord::new(&problem, &fit).ok_or_else(unsolvable)?;
     let unseen = unseen(&problem, &fit, &known);
-    let summary = TouchSummary::new(&problem, (&drawing, &fit), &known, &verdict, unseen);
+    let summary = TouchSummary::new(&problem, (&nominal_arm, &fit), &known, &verdict, unseen);
     // One false length by itself explains a scatter better than a mistake of the joints.
     let is_length = (doubt.as_ref()).is_some_and(|doubt| doubt.length != StatedLength::All);
-    let mistake = explained(robot, &problem, (&drawing, &fit))
+    let mistake = explained(robot, &problem, (&nominal_arm, &fit))
         .filter(|found| !is_length || !found.mistake.is_of_joints());
     let findings = match mistake {
         // What else is remarkable follows from the mistake.
@@ -295,7 +295,7 @@ fn stated(
     };
     out = out.in_gauge(robot, &over_grid)?;
     if fit.scene.instrument.is_none() {
-        // No instrument measured another base, so the base is the drawing's.
+        // No instrument measured another base, so the base is the nominal model's.
         let base = out.base_and_tools.instrument_from_base;
         let drawn = base.inverse();
         for sample in &mut samples {

@@ -11,14 +11,14 @@ use crate::identification::touch::sisters::{Sister, SisterPrior};
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 
-/// Largest difference between frames of the same drawing, which differ only by rounding, in m and rad.
-const SAME_DRAWING: f64 = 1e-6;
+/// Largest difference between frames of the same nominal model, which differ only by rounding, in m and rad.
+const SAME_NOMINAL: f64 = 1e-6;
 
 /// The record of a calibrated arm.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ArmRecord {
-    /// The frames of the drawing, each row by row, in m.
-    pub drawing: Vec<[f64; 12]>,
+    /// The frames of the nominal model, each row by row, in m.
+    pub nominal: Vec<[f64; 12]>,
     /// The calibrated parameters of the arm.
     pub parameters: Vec<Parameter>,
     /// Covariance of the parameters, each in units of its standard deviation before the touches: the lower triangle row by
@@ -44,9 +44,9 @@ pub struct Parameter {
 /// Why a record cannot be used for this arm.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NotASisterArm {
-    /// The record is of an arm with another drawing.
+    /// The record is of an arm with another nominal model.
     #[error("an arm with another nominal geometry")]
-    Drawing,
+    Nominal,
     /// The calibration of the record itself depends on sister arms.
     #[error("an arm that was calibrated with --prior itself")]
     Leans,
@@ -55,7 +55,7 @@ pub enum NotASisterArm {
     Broken,
 }
 
-fn drawing(problem: &TouchProblem) -> Vec<[f64; 12]> {
+fn nominal(problem: &TouchProblem) -> Vec<[f64; 12]> {
     problem.nominal.frames().iter().map(Pose::to_rows).collect()
 }
 
@@ -76,7 +76,7 @@ impl ArmRecord {
         };
         let lower = (0..priors.len()).flat_map(|i| (0..=i).map(move |j| (i, j)));
         Some(Self {
-            drawing: drawing(problem),
+            nominal: nominal(problem),
             parameters: all.map(parameter).collect(),
             covariance: lower.map(|at| covariance[at]).collect(),
             has_sisters: problem.sisters.is_some(),
@@ -89,13 +89,13 @@ impl ArmRecord {
             return Err(NotASisterArm::Leans);
         }
         let same = |a: &[f64; 12], b: &[f64; 12]| {
-            a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_DRAWING)
+            a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_NOMINAL)
         };
-        let drawn = drawing(problem);
-        if drawn.len() != self.drawing.len()
-            || !drawn.iter().zip(&self.drawing).all(|(a, b)| same(a, b))
+        let drawn = nominal(problem);
+        if drawn.len() != self.nominal.len()
+            || !drawn.iter().zip(&self.nominal).all(|(a, b)| same(a, b))
         {
-            return Err(NotASisterArm::Drawing);
+            return Err(NotASisterArm::Nominal);
         }
         let n = self.parameters.len();
         let own: Vec<usize> = (0..n)

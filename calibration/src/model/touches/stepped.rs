@@ -8,10 +8,10 @@ use crate::measurement::touch::TouchSet;
 use crate::trust::wording::{fits_equally, length, lines, three_digits};
 use crate::trust::{Finding, Tier};
 
-/// Share of the drawing's expected error from which on a step is refused.
+/// Share of the nominal model's expected error from which on a step is refused.
 const GRAVE: f64 = 1.0 / 3.0;
 
-/// Returns the finding about a step; `drawn_mm` is the expected error of the arm as drawn.
+/// Returns the finding about a step; `drawn_mm` is the expected error of the nominal arm.
 pub fn stepped(set: &TouchSet, step: &Step, drawn_mm: f64) -> Finding {
     let first: Vec<usize> = step.first.iter().map(|row| set.rows[*row].line).collect();
     let text = format!(

@@ -21,23 +21,23 @@ pub struct TouchSummary {
     pub equations: usize,
     /// Number of different states of the arm.
     pub states: usize,
-    /// Expected position error over the work volume as drawn, given what the touches show of the drawing.
+    /// Expected position error of the nominal arm over the work volume, given what the touches show of it.
     pub before: Expected,
     /// Expected position error over the work volume as calibrated.
     pub after: Expected,
     /// The errors that 95 of 100 poses of the work volume do not exceed, for a verdict.
     #[serde(skip)]
     pub exceeded: Exceeded,
-    /// Probability that the mean error over the work volume is larger as calibrated than as drawn.
+    /// Probability that the mean error over the work volume is larger as calibrated than nominal.
     pub worse_probability: f64,
-    /// Mean error of touches left out of the fit: ratio of the calibrated arm's to the drawing's.
+    /// Mean error of touches left out of the fit: ratio of the calibrated arm's to the nominal model's.
     pub left_out_ratio: f64,
-    /// Mean absolute error of one component of touches left out, for the kind with most equations, as drawn and as
+    /// Mean absolute error of one component of touches left out, for the kind with most equations, nominal and as
     /// calibrated.
     pub left_out: [f64; 2],
     /// The unit of `left_out`.
     pub left_out_unit: &'static str,
-    /// Factor by which the arm is farther from its drawing than its class states, if the touches show it.
+    /// Factor by which the arm is farther from its nominal model than its class states, if the touches show it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub beyond_class: Option<f64>,
     /// The priors of the class, then those that the evidence prefers: length in mm, tilt in mrad, joint zero in mrad.
@@ -73,7 +73,7 @@ pub struct FeatureSummary {
     pub rows: usize,
     /// Number of these rows that are outliers.
     pub rejected: usize,
-    /// RMS of one component of the residuals as drawn and as calibrated, without outliers.
+    /// RMS of one component of the residuals, nominal and calibrated, without outliers.
     pub rms: [f64; 2],
     /// The unit of `rms`: mm, mrad or px.
     pub unit: &'static str,
@@ -96,7 +96,7 @@ pub struct DistanceSummary {
     pub stated_mm: f64,
     /// Standard deviation of the stated distance, in mm.
     pub sigma_mm: f64,
-    /// Distance minus the stated one, in mm: as drawn, by the touches without any known distance, and as calibrated.
+    /// Distance minus the stated one, in mm: nominal, by the touches without any known distance, and as calibrated.
     pub error_mm: [f64; 2],
     /// The distance that all other data give, and its standard deviation, in mm.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -181,16 +181,16 @@ fn mm(v: &Vector3<f64>) -> [f64; 3] {
 }
 
 impl TouchSummary {
-    /// Creates the summary from the fit on the drawing and the fit of the arm.
+    /// Creates the summary from the fit on the nominal model and the fit of the arm.
     pub fn new(
         problem: &TouchProblem,
-        (drawing, fit): (&TouchFit, &TouchFit),
+        (nominal_arm, fit): (&TouchFit, &TouchFit),
         known: &Knowledge,
         verdict: &Verdict,
         unseen: Vec<Unseen>,
     ) -> Self {
         let set = problem.set;
-        let residuals = [drawing.residuals(problem), fit.residuals(problem)];
+        let residuals = [nominal_arm.residuals(problem), fit.residuals(problem)];
         let class = Scales::new(&problem.class);
         let scales = |s: &Scales| [1e3 * s.length, 1e3 * s.tilt, 1e3 * s.zero];
         let (left_out_unit, factor) = unit(verdict.kind);
@@ -263,7 +263,7 @@ pub fn outliers(problem: &TouchProblem, fit: &TouchFit, residuals: &[RowJet]) ->
 struct Spread<'a> {
     problem: &'a TouchProblem<'a>,
     fit: &'a TouchFit,
-    /// Residuals of all rows as drawn and as calibrated.
+    /// Residuals of all rows, nominal and calibrated.
     residuals: &'a [Vec<RowJet>; 2],
     /// The sum of squares of all rows in units of the noise.
     all: f64,
@@ -332,7 +332,7 @@ impl<'a> Spread<'a> {
     }
 }
 
-/// Summarises every feature that was touched. `residuals` are those as drawn and those of `fit`.
+/// Summarises every feature that was touched. `residuals` are those of the nominal arm and of `fit`.
 pub fn features(
     problem: &TouchProblem,
     fit: &TouchFit,
@@ -393,10 +393,10 @@ fn distances(problem: &TouchProblem, fit: &TouchFit) -> Vec<DistanceSummary> {
         set: &alone,
         ..problem.clone()
     };
-    let drawing = TouchFit::on_drawing_without(&without, &fit.weights);
+    let nominal_arm = TouchFit::on_nominal_without(&without, &fit.weights);
     let measured = fit.measured_distances(problem);
     let all = set.distances.iter().zip(measured);
-    all.map(|(known, measured)| DistanceSummary::new(set, known, [&drawing, fit], measured))
+    all.map(|(known, measured)| DistanceSummary::new(set, known, [&nominal_arm, fit], measured))
         .collect()
 }
 

@@ -76,7 +76,7 @@ pub fn judged(
     if asked.is_empty() || before.rows.len() < LEAST_ROWS || problem.equations() < LEAST_EQUATIONS {
         return Vec::new();
     }
-    let fit = TouchFit::new(&problem, &TouchFit::on_drawing(&problem, 0)).beside(&beside);
+    let fit = TouchFit::new(&problem, &TouchFit::on_nominal(&problem, 0)).beside(&beside);
     let Some(left_out) = fit.left_out(&beside) else {
         return Vec::new();
     };

@@ -3,7 +3,7 @@
 //! The unknowns are those of the fit of touches ([`TouchFit`]): the arm, its tips and what is touched, each with its prior.
 //! For a tracker's rows there is also a smooth deflection of every joint, a Gaussian process of all joints, which stands for
 //! what the elastic method learns by its processes. All readings and all wanted positions are linear in the unknowns about
-//! the arm as drawn, so their joint covariance K is known before anything is measured. A measured reading r with noise of
+//! the nominal arm, so their joint covariance K is known before anything is measured. A measured reading r with noise of
 //! one unit changes it to
 //!
 //! ```text
@@ -73,8 +73,8 @@ pub struct Next {
 /// The rows of a plan, with what is known after those that were measured.
 pub struct Chooser<'a> {
     problem: TouchProblem<'a>,
-    /// The arm as drawn, with the features where the plan touches them.
-    drawing: TouchFit,
+    /// The nominal arm, with the features where the plan touches them.
+    nominal_arm: TouchFit,
     priors: Vec<f64>,
     deflection: f64,
     taken: Vec<bool>,
@@ -105,11 +105,11 @@ impl<'a> Chooser<'a> {
         class: ClassPrior,
     ) -> Self {
         let problem = TouchProblem::new(plan, nominal, robot.coupling.clone(), gravity, class);
-        let mut drawing = TouchFit::on_drawing(&problem, 0);
-        drawing.moves = true;
+        let mut nominal_arm = TouchFit::on_nominal(&problem, 0);
+        nominal_arm.moves = true;
         let is_tracked = problem.instrument.is_some();
         let mut out = Self {
-            priors: drawing.priors(&problem),
+            priors: nominal_arm.priors(&problem),
             deflection: if is_tracked { DEFLECTION } else { 0.0 },
             taken: vec![false; plan.rows.len()],
             candidates: Vec::new(),
@@ -122,7 +122,7 @@ impl<'a> Chooser<'a> {
             factor: Vec::new(),
             gains: Vec::new(),
             problem,
-            drawing,
+            nominal_arm,
         };
         let rows = plan.rows.iter().zip(&out.problem.state_of);
         out.candidates = rows
@@ -135,7 +135,7 @@ impl<'a> Chooser<'a> {
         let states = evenly_spaced(&states, WANTED);
         out.wanted = states.iter().map(|state| out.seen(state, None)).collect();
         if !is_tracked {
-            out.gauge = Some(registered(&out.drawing.arm.poses(&states)));
+            out.gauge = Some(registered(&out.nominal_arm.arm.poses(&states)));
         }
         out.begin();
         out
@@ -166,7 +166,7 @@ impl<'a> Chooser<'a> {
 
     /// Returns the equations of a row in a state; without a row, those of the position.
     fn seen(&self, state: &BaseSample, row: Option<&TouchRow>) -> Seen {
-        let arm = &self.drawing.arm;
+        let arm = &self.nominal_arm.arm;
         let jet = &arm.linearise(std::slice::from_ref(state))[0];
         let by_joints = arm
             .model
@@ -175,7 +175,7 @@ impl<'a> Chooser<'a> {
                 crate::measurement::noise::NoiseScales::ONE,
             )
             .jacobian;
-        let scene = &self.drawing.scene;
+        let scene = &self.nominal_arm.scene;
         let anywhere = Reading::Tracker(Observation::Position(Vector3::zeros()));
         let reading = row.map_or(&anywhere, |row| &row.reading);
         let mut row_jet = scene.row(self.problem.set, reading, &jet.pose);
@@ -234,7 +234,10 @@ impl<'a> Chooser<'a> {
     fn covariance(&self, rows: &[Seen], columns: &[Seen]) -> Mat<f64> {
         let stacked = |all: &[Seen]| {
             let count: usize = all.iter().map(|seen| seen.unknowns.nrows()).sum();
-            let mut out = Mat::zeros(count, self.priors.len() + self.drawing.scene.prior.len());
+            let mut out = Mat::zeros(
+                count,
+                self.priors.len() + self.nominal_arm.scene.prior.len(),
+            );
             let mut first = 0;
             for seen in all {
                 let own = seen.unknowns.nrows();

@@ -30,7 +30,7 @@ pub fn moved_since(
     if problem.equations() < LEAST_EQUATIONS {
         return None;
     }
-    let fit = TouchFit::new(&problem, &TouchFit::on_drawing(&problem, 0));
+    let fit = TouchFit::new(&problem, &TouchFit::on_nominal(&problem, 0));
     let step = since(&problem, &fit, before)?;
     Some((fitted, step))
 }

@@ -20,8 +20,8 @@ use crate::robot::Robot;
 pub struct Outlook {
     /// Number of rows that were fitted.
     pub rows: usize,
-    /// Expected error of the arm as drawn, from what the rows say of it.
-    pub drawn: Expected,
+    /// Expected error of the nominal arm, from what the rows say of it.
+    pub nominal: Expected,
     /// Expected error if the calibration were made from these rows.
     pub expected: Expected,
     /// Noise beyond the stated one for each kind of reading, mm; mrad for levels, pixels for a board.
@@ -54,8 +54,8 @@ pub fn outlook(
     if problem.equations() < LEAST_EQUATIONS {
         return None;
     }
-    let drawing = TouchFit::on_drawing(&problem, 0);
-    let fit = TouchFit::new(&problem, &drawing);
+    let nominal_arm = TouchFit::on_nominal(&problem, 0);
+    let fit = TouchFit::new(&problem, &nominal_arm);
     let planned = TouchProblem::new(plan, nominal, robot.coupling.clone(), gravity, class);
     let volume = WorkVolume::new(robot, &planned);
     let known = Knowledge::new(&problem, &fit, &volume)?;
@@ -65,7 +65,7 @@ pub fn outlook(
     let is_finite = known.after.mean_mm.is_finite() && known.before.mean_mm.is_finite();
     is_finite.then(|| Outlook {
         rows: index.len(),
-        drawn: known.before,
+        nominal: known.before,
         expected: known.after,
         beyond: beyond(&fitted, &fit),
         outliers: outliers.map(|row| (index[row], length_of(row))).collect(),

@@ -112,10 +112,10 @@ fn what_is_foreseen_before_any_touch_is_the_class() {
     let plan = touches(&robot);
     let chooser = chooser(&robot, &plan);
     let states = WorkVolume::new(&robot, &chooser.problem).states;
-    let poses = chooser.drawing.arm.poses(&states);
+    let poses = chooser.nominal_arm.arm.poses(&states);
     let mut sum = 0.0;
     for (column, sd) in chooser.priors.iter().enumerate() {
-        let mut arm = chooser.drawing.arm.clone();
+        let mut arm = chooser.nominal_arm.arm.clone();
         let mut theta = arm.theta.clone();
         theta[column] += 1e-3 * sd;
         arm.update(&theta);

@@ -40,7 +40,7 @@ const RANDOM_CHOICES: usize = 5;
 const PLATE: f64 = 0.25;
 /// Standard deviation of a row, m: the noise of a touch, and gear errors that no parameter describes.
 const ROW_SIGMA: f64 = 0.1e-3;
-/// Standard deviations of the tip about its drawing, m, and of a feature about its stated position, m and rad.
+/// Standard deviations of the tip about its nominal position, m, and of a feature about its stated position, m and rad.
 const TIP_SIGMA: f64 = 5e-3;
 const FEATURE_SIGMA: f64 = 20e-3;
 const PLATE_TILT: f64 = 0.05;
@@ -48,7 +48,7 @@ const PLATE_TILT: f64 = 0.05;
 const ZERO_SIGMA: f64 = 1e-3;
 /// Largest number of unknowns of a feature.
 const FEATURE_UNKNOWNS: usize = 4;
-/// How far an arm may be from its drawing if nobody states it.
+/// How far an arm may be from its nominal model if nobody states it.
 pub const USUAL_CLASS: ClassPrior = ClassPrior {
     length: 0.3e-3,
     tilt: 0.5e-3,
@@ -104,7 +104,7 @@ pub struct TouchTask<'a> {
     pub nominal: &'a Poe<f64>,
     /// Constraints of the robot cell; the tip is at their target.
     pub constraints: &'a Constraints,
-    /// How far the arm may be from its drawing.
+    /// How far the arm may be from its nominal model.
     pub class: ClassPrior,
     /// Seed of all random numbers.
     pub seed: u64,
@@ -124,7 +124,7 @@ pub struct PlannedTouch {
 pub struct TouchPlan {
     /// The touches, goal by goal.
     pub touches: Vec<PlannedTouch>,
-    /// Root mean square error of the tip's position over the joint ranges for the arm as drawn, m, after the best
+    /// Root mean square error of the tip's position over the joint ranges for the nominal arm, m, after the best
     /// registration of base and tip, if the arm is of its class.
     pub before: f64,
     /// The same error after these touches, m.
@@ -217,7 +217,7 @@ impl<'a> TouchPlanner<'a> {
                 Goal::Wire(_) => None,
             };
             let reached = match surface {
-                Some(surface) => settler.settle(&start, surface, |q| settler.drawn(q)),
+                Some(surface) => settler.settle(&start, surface, |q| settler.nominal(q)),
                 None => Some(start),
             };
             let Some(reached) = reached else { continue };
@@ -229,7 +229,7 @@ impl<'a> TouchPlanner<'a> {
                 .map(|((joint, q), range)| on_grid(joint.kind, *q, *range))
                 .collect();
             let on_plate = match self.goals[goal] {
-                Goal::Plate(at, _) => (settler.drawn(&joints) - at).norm() < PLATE,
+                Goal::Plate(at, _) => (settler.nominal(&joints) - at).norm() < PLATE,
                 _ => true,
             };
             let serial = robot.serial_joints(&joints);

@@ -56,7 +56,7 @@ fn planned_touches_are_worth_more_than_random_ones() {
         let planner = TouchPlanner::new(arm.task(seed), goals, count).unwrap();
         let plan = planner.plan(count);
         println!(
-            "{} goals, first a {}: drawing {:.3} mm, {count} planned {:.3} mm, random {:.3} mm",
+            "{} goals, first a {}: nominal {:.3} mm, {count} planned {:.3} mm, random {:.3} mm",
             goals.len(),
             goals[0].word(),
             1e3 * plan.before,

@@ -23,7 +23,7 @@ use crate::simulation::true_arm::normal_vector;
 
 /// Noise of one component of a touch, in m.
 const TOUCH_NOISE: f64 = 0.05e-3;
-/// The tip as drawn, in m in the flange frame, and the standard deviation of its error.
+/// The nominal tip, in m in the flange frame, and the standard deviation of its error.
 const TIP: [f64; 3] = [0.02, 0.01, 0.15];
 const TIP_ERROR: f64 = 1e-3;
 /// Standard deviation of a known distance or radius, in m.

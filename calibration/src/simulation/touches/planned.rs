@@ -37,7 +37,7 @@ impl Simulator {
         truth: usize,
         comment: &str,
     ) -> Result<(SimulatedTouches, String), OutOfReach> {
-        let drawn = plan
+        let nominal = plan
             .tips
             .first()
             .map_or(Vector3::from(TIP), |tip| tip.position);
@@ -47,9 +47,9 @@ impl Simulator {
             payload_kg: self.payloads.first().copied().unwrap_or(0.0),
             ranges: whole_ranges(robot),
             simulator: self,
-            tip: drawn + error,
+            tip: nominal + error,
             rows: Vec::new(),
-            toml: description_of_tip(comment, drawn),
+            toml: description_of_tip(comment, nominal),
         };
         let mut features: Vec<Option<Placed>> = vec![None; plan.features.len()];
         for row in &plan.rows {

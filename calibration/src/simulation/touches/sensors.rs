@@ -99,9 +99,9 @@ impl Touching<'_> {
 
     pub(super) fn camera(&mut self, name: &str, images: usize) -> Result<(), OutOfReach> {
         // The camera is beside the flange and looks in its direction.
-        let drawn = Vector3::new(0.03, -0.05, -0.03);
+        let nominal = Vector3::new(0.03, -0.05, -0.03);
         let camera_from_flange = Pose {
-            translation: drawn + normal_vector(0.5 * TIP_ERROR, self.random()),
+            translation: nominal + normal_vector(0.5 * TIP_ERROR, self.random()),
             ..self.turn()
         };
         let flange_from_camera = camera_from_flange.inverse();
@@ -132,7 +132,7 @@ impl Touching<'_> {
         );
         if !self.toml.contains("[camera]") {
             let [u, v] = HALF_IMAGE;
-            let [x, y, z] = [drawn.x, drawn.y, drawn.z].map(milli);
+            let [x, y, z] = [nominal.x, nominal.y, nominal.z].map(milli);
             let _ = write!(
                 self.toml,
                 "\n[camera]\nfocal_px = [{FOCAL}, {FOCAL}]\ncentre_px = [{u}, {v}]\n\

@@ -78,10 +78,10 @@ pub struct CalibrateJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub drift: Option<DriftReport>,
     pub identifiability: Option<IdentifyReport>,
-    /// Numbers of the calibrated arm beside those of the drawing, and signed errors.
+    /// Numbers of the calibrated arm beside those of the nominal model, and signed errors.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub controller: Option<ControllerSummary>,
-    /// Differences of the frames from the drawing.
+    /// Differences of the frames from the nominal model.
     pub frames: Vec<FrameChange>,
     pub blob: BlobSummary,
     /// Whether the blob is byte for byte the one that the project file states.
@@ -132,7 +132,7 @@ pub struct TouchJson {
     pub arm: ArmRecord,
     /// Warnings that the user must look at.
     pub warnings: Vec<Finding>,
-    /// Numbers of the calibrated arm beside those of the drawing.
+    /// Numbers of the calibrated arm beside those of the nominal model.
     pub controller: ControllerSummary,
     /// Certificate; present with `--report` or a tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -347,8 +347,8 @@ pub fn commands_move(change: &CommandChange, previous: &Path) -> String {
 pub fn sources(base: &str, tool: &str, payload_kg: Option<f64>) -> String {
     let at = payload_kg.map_or(String::new(), |kg| format!(" at {kg} kg"));
     let text = |source: &str| match source {
-        "poses" => "the drawing fitted to the measured poses".to_owned(),
-        "grid" => format!("the drawing fitted to the model over a fixed grid of poses{at}"),
+        "poses" => "the nominal model fitted to the measured poses".to_owned(),
+        "grid" => format!("the nominal model fitted to the model over a fixed grid of poses{at}"),
         "previous" => "those of the earlier model".to_owned(),
         _ => "as stated".to_owned(),
     };

@@ -262,10 +262,10 @@ fn print(report: Printer, a: &Job, document: &TouchJson) {
     if let Some(line) = document.controller.live_line() {
         report.line(format_args!("  {line}"));
     }
-    let [drawn, calibrated] = found.left_out;
+    let [nominal, calibrated] = found.left_out;
     let unit = found.left_out_unit;
     report.line(format_args!(
-        "  touches left out miss by {calibrated:.3} {unit}, with the drawing by {drawn:.3} {unit}\n"
+        "  touches left out miss by {calibrated:.3} {unit}, with the nominal model by {nominal:.3} {unit}\n"
     ));
     let features = found.features.iter().chain(&found.tracker).collect();
     table(report, &[("calibrated", features)]);

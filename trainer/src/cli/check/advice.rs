@@ -120,7 +120,8 @@ pub fn advice(
     }
     let is_doubtful = doubt.is_some() && !changes.is_empty();
     out.extend(doubt.filter(|_| is_doubtful));
-    let is_sure = matches!(rest, Rest::AsExpected) && outlier_lines.is_empty() && payloads.is_none();
+    let is_sure =
+        matches!(rest, Rest::AsExpected) && outlier_lines.is_empty() && payloads.is_none();
     let is_advised = |change: &&Change| !is_doubtful || change.part == Part::Payload;
     for change in changes.iter().filter(is_advised) {
         let alone = if changes.len() == 1 && is_sure {

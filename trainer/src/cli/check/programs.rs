@@ -24,7 +24,7 @@ pub struct CorrectedProgram {
     pub source: String,
     /// Whether the model of this check corrected the program.
     pub by_this_model: bool,
-    /// Whether the program was brought back to the drawing instead of corrected.
+    /// Whether the program was brought back to the nominal model instead of corrected.
     pub is_brought_back: bool,
     /// Whether the program's file still has the bytes that the record states; absent if there is no such file.
     #[serde(skip_serializing_if = "Option::is_none")]

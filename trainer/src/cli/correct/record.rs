@@ -54,7 +54,7 @@ pub struct Record {
 /// A corrected target.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Target {
-    /// Joints that bring the arm as drawn to the target, rad or m.
+    /// Joints that bring the nominal arm to the target, rad or m.
     pub joints: Vec<f64>,
     /// Joints that are commanded, rad or m.
     pub command: Vec<f64>,
@@ -102,7 +102,7 @@ impl Record {
             is_inverse,
             robot: corrector.robot.to_owned(),
             corrected: own.len(),
-            // A program that was brought back to the drawing has nothing to compare with a model.
+            // A program that was brought back to the nominal model has nothing to compare with a model.
             targets: match is_inverse {
                 true => Vec::new(),
                 false => some.map(target).collect(),

@@ -33,7 +33,7 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
     after_help = "Give at least one output. Each holds the calibrated chain of the blob, to a nanometre (the floats of a C \
     header: to tenths of a micrometre). The command names what a file cannot hold (gravity, ripple, Gaussian processes). If \
     the model has some of these, the chain is the one whose poses are closest to the model's over a region and its payloads. \
-    Each file states how far the chain and the drawing are from the model. A chain that is no closer than the drawing \
+    Each file states how far the chain and the nominal model are from the model. A chain that is no closer than the nominal model \
     is not written, and the exit code is 1. Only the C header holds the whole model.\n\n\
     Examples:\n  trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf --payload-kg 5\n  \
     trainer export arm.blob --mjcf arm.xml --region 15@0,-20,30,0,45,0\n  \
@@ -122,7 +122,7 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     let predicted = PredictedPoses::new(&loaded, region);
     let mut chain = CalibratedChain::nearest(&loaded, &predicted);
     if has_chain {
-        nearer_than_the_drawing("the chain", &chain.distance.chain, &chain)?;
+        nearer_than_the_nominal("the chain", &chain.distance.chain, &chain)?;
     }
 
     let mut said = Vec::new();
@@ -241,27 +241,27 @@ fn print_accuracy(report: Printer, what: &str, lines: Vec<String>) {
     }
 }
 
-/// Refuses a chain that is no nearer to the model than the drawing.
-fn nearer_than_the_drawing(
+/// Refuses a chain that is no nearer to the model than the nominal model.
+fn nearer_than_the_nominal(
     what: &str,
     error: &ErrorSummary,
     chain: &CalibratedChain,
 ) -> Result<(), Failure> {
-    let (own, drawing) = (
+    let (own, nominal) = (
         error.position_mm.mean,
-        chain.distance.drawing.position_mm.mean,
+        chain.distance.nominal.position_mm.mean,
     );
-    if own < drawing {
+    if own < nominal {
         return Ok(());
     }
     let whole = chain.distance.chain.position_mm.mean;
-    let help = match whole < drawing {
+    let help = match whole < nominal {
         true => format!("a file of the whole chain, such as --dh, is {whole:.3} mm from the model"),
-        false => "use the drawing; `trainer inspect` shows base and tool".to_owned(),
+        false => "use the nominal model; `trainer inspect` shows base and tool".to_owned(),
     };
     Err(Failure::Quality(format!(
-        "nothing written: {what} would be {own:.3} mm from the model on average, no nearer than the {drawing:.3} mm \
-        of the drawing with the model's base and tool, over {}\n\
+        "nothing written: {what} would be {own:.3} mm from the model on average, no nearer than the {nominal:.3} mm \
+        of the nominal model with the model's base and tool, over {}\n\
          help: {help}",
         describe_region(&chain.distance.region, &chain.joints)
     )))
@@ -273,11 +273,11 @@ fn joint_zeros_of(
 ) -> Result<JointOffsets, Failure> {
     let zeros = JointOffsets::new(
         predicted,
-        &chain.drawing(),
+        &chain.nominal_arm(),
         &chain.flange_from_target,
         chain.coupling.as_deref(),
     );
-    nearer_than_the_drawing("the drawing with joint offsets", &zeros.error, chain)?;
+    nearer_than_the_nominal("the nominal model with joint offsets", &zeros.error, chain)?;
     Ok(zeros)
 }
 

@@ -27,7 +27,7 @@ use crate::cli::terminal::print::note;
 
 /// A plan of rows to measure.
 pub struct Planned {
-    /// Rows of the plan, with the readings that the arm as drawn would give.
+    /// Rows of the plan, with the readings that the nominal arm would give.
     pub set: TouchSet,
     /// Columns of a new measurement file, unless the measured rows have others.
     pub header: String,

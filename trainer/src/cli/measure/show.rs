@@ -193,8 +193,8 @@ impl Show {
                     _ => String::new(),
                 };
                 self.report.line(format_args!(
-                    "  expected error {:.3} mm, 95 % within {:.3} mm (as drawn {:.3} mm){change}{go_on}",
-                    expected.mean_mm, expected.p95_mm, found.drawn.mean_mm
+                    "  expected error {:.3} mm, 95 % within {:.3} mm (nominal {:.3} mm){change}{go_on}",
+                    expected.mean_mm, expected.p95_mm, found.nominal.mean_mm
                 ));
             }
         }
@@ -206,7 +206,7 @@ impl Show {
         self.document(json!({
             "event": "estimate", "row": row, "seconds": seconds,
             "expected_mm": found.map(|f| f.expected.mean_mm), "p95_mm": found.map(|f| f.expected.p95_mm),
-            "nominal_mm": found.map(|f| f.drawn.mean_mm), "noise": beyond,
+            "nominal_mm": found.map(|f| f.nominal.mean_mm), "noise": beyond,
             "outlier_rows": found.map(|_| outliers)
         }))
     }

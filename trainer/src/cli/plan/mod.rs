@@ -435,7 +435,7 @@ fn print(report: Printer, a: &Plan, planned: &Planned<'_>) {
             false => "usual deflections, because the model has none".to_owned(),
         };
         report.line(format_args!(
-            "  Expected errors are those of {}: frames {:.2} mm and {:.2} mrad off the drawing, {deflections}.",
+            "  Expected errors are those of {}: frames {:.2} mm and {:.2} mrad off nominal, {deflections}.",
             path.display(),
             prior.frames_mm,
             prior.frames_mrad

@@ -104,7 +104,7 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
     let names = feature_names(goals);
     let json = summary_text(json!({
         "robot": arm.robot.name, "seed": a.seed, "touches": plan.touches.len(), "features": names,
-        "drawing_mm": mm(plan.before), "expected_mm": mm(plan.expected), "random_mm": mm(plan.random)
+        "nominal_mm": mm(plan.before), "expected_mm": mm(plan.expected), "random_mm": mm(plan.random)
     }))?;
     let mut files = vec![(a.out, csv.as_bytes())];
     files.extend(a.features_out.map(|path| (path, toml.as_bytes())));
@@ -150,7 +150,7 @@ fn print(report: Printer, seed: u64, plan: &TouchPlan, names: &[String], tip: &V
         1e3 * tip.z
     ));
     report.line(format_args!(
-        "  Expected error over the joint ranges: as drawn {:.2} mm, after these touches {:.2} mm, after as many random ones {:.2} mm.",
+        "  Expected error over the joint ranges: nominal {:.2} mm, after these touches {:.2} mm, after as many random ones {:.2} mm.",
         1e3 * plan.before,
         1e3 * plan.expected,
         1e3 * plan.random
@@ -160,6 +160,6 @@ fn print(report: Printer, seed: u64, plan: &TouchPlan, names: &[String], tip: &V
          controller then shows."
     ));
     note(format_args!(
-        "the expected error assumes links 0.3 mm, axes 0.5 mrad and joint zeros 1 mrad off the drawing; only touches show your arm"
+        "the expected error assumes links 0.3 mm, axes 0.5 mrad and joint zeros 1 mrad off nominal; only touches show your arm"
     ));
 }

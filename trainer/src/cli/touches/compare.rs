@@ -152,7 +152,7 @@ fn print(report: Printer, a: &Compare, document: &CompareTouchesJson) {
             })
             .collect();
         report.line(format_args!(
-            "  {a} to {b}: {:.3} mm ± {:.3}, as drawn {:+.3}, {}",
+            "  {a} to {b}: {:.3} mm ± {:.3}, nominal {:+.3}, {}",
             distance.stated_mm,
             distance.sigma_mm,
             distance.error_mm[0],
@@ -161,7 +161,7 @@ fn print(report: Printer, a: &Compare, document: &CompareTouchesJson) {
     }
     for model in &document.models {
         report.line(format_args!(
-            "  over all rows, the misses of {} are {:.2} times those of the drawing",
+            "  over all rows, the misses of {} are {:.2} times those of the nominal model",
             model.file, model.touches.ratio
         ));
     }

@@ -44,8 +44,8 @@ fn result(d: &CompareTouchesJson) -> Section {
         p class="lead" {
             "Of the models compared, " b class="calibrated" { (model.file) } " describes these "
             (Number::count(touches.rows, at(best, "rows"))) " touches best: over all rows, its misses are " b { (ratio) " times" }
-            " those of the drawing. "
-            @if touches.ratio >= 1.0 { "No model is better than the drawing." }
+            " those of the nominal model. "
+            @if touches.ratio >= 1.0 { "No model is better than the nominal model." }
         }
     };
     let row = |(i, m): (usize, &ModelJson)| -> Vec<Markup> {
@@ -62,7 +62,7 @@ fn result(d: &CompareTouchesJson) -> Section {
         &[
             "model",
             "method",
-            "misses (drawing = 1)",
+            "misses (nominal = 1)",
             "states flagged by the device",
         ],
         d.models.iter().enumerate().map(row).collect(),
@@ -73,7 +73,7 @@ fn result(d: &CompareTouchesJson) -> Section {
         });
     }
     section.text(html! {
-        "Each arm stays as its file says. Features, tips and the instrument are fitted for each model and for the drawing alike, so
+        "Each arm stays as its file says. Features, tips and the instrument are fitted for each model and for the nominal model alike, so
         the misses differ by the arm alone."
     })
 }
@@ -107,7 +107,7 @@ fn features(d: &CompareTouchesJson) -> Section {
         .map(|(k, f)| row("features", k, f))
         .chain(tracker.map(|(k, f)| row("tracker", k, f)));
     let mut section = Section::new("features", "What was touched")
-        .text(html! { "Root mean square of one component of the misses, for the arm as drawn and for each model." })
+        .text(html! { "Root mean square of one component of the misses, for the nominal arm and for each model." })
         .table(&header, rows.collect());
     for unit in sections::units(&first.residuals) {
         section = plotted(section, d, unit);
@@ -115,7 +115,7 @@ fn features(d: &CompareTouchesJson) -> Section {
     section
 }
 
-/// Adds a box plot of all rows with this unit, with a box for the drawing and one for each model.
+/// Adds a box plot of all rows with this unit, with a box for the nominal model and one for each model.
 fn plotted(section: Section, d: &CompareTouchesJson, unit: &str) -> Section {
     let errors = |residuals: &[TouchResidual], i: usize| -> Vec<f64> {
         let own = residuals.iter().filter(|r| r.unit == unit && r.belongs);
@@ -124,7 +124,7 @@ fn plotted(section: Section, d: &CompareTouchesJson, unit: &str) -> Section {
     let best = best(d);
     let mut all: Vec<BoxOf> = Vec::new();
     let drawn = errors(&d.models[0].touches.residuals, 0);
-    all.extend(BoxOf::new("drawn", Series::Nominal, &drawn));
+    all.extend(BoxOf::new("nominal", Series::Nominal, &drawn));
     for (i, model) in d.models.iter().enumerate() {
         let series = match i == best {
             true => Series::Calibrated,
@@ -137,7 +137,7 @@ fn plotted(section: Section, d: &CompareTouchesJson, unit: &str) -> Section {
         return section;
     }
     section.figure(
-        html! { "Miss of each touch, " span class="key nominal" { "as drawn" } " and by each model" },
+        html! { "Miss of each touch, " span class="key nominal" { "nominal" } " and by each model" },
         boxes(&format!("miss ({unit})"), &all, "Misses of the touches, for each model"),
         "Box: the middle half of the touches, with the median. Whiskers: 5 and 95 %. Diamond: mean. Dot: largest.",
     )

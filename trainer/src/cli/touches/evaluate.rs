@@ -78,7 +78,7 @@ fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
     print_distances(report, &found.distances, "by the model");
     print_noise(report, &found.noise);
     report.line(format_args!(
-        "  over all rows, the misses of the model are {:.2} times those of the drawing",
+        "  over all rows, the misses of the model are {:.2} times those of the nominal model",
         found.ratio
     ));
     report.line(FITTED);
@@ -97,12 +97,12 @@ fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
     }
     if found.ratio >= 1.0 {
         warning(format_args!(
-            "{file}: the drawing misses these touches by less than the model does: the model is of another arm, or its \
+            "{file}: the nominal model misses these touches by less than the model does: the model is of another arm, or its \
              measurements do not show what these touches do"
         ));
     }
 }
 
 /// Note about the fitted parameters.
-pub const FITTED: &str = "Features and tips were fitted to these touches, for the drawing and for the model alike, \
+pub const FITTED: &str = "Features and tips were fitted to these touches, for the nominal model and for the model alike, \
 which makes both look slightly better. Touches show neither where the base is nor how the tool is turned.";

@@ -16,7 +16,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::touch::{TouchSet, is_touch_file};
 use poegp_calibration::model::touches::summary::{DistanceSummary, FeatureSummary, NoiseSummary};
 use poegp_calibration::robot::Robot;
-use poegp_calibration::validation::touches::drawing;
+use poegp_calibration::validation::touches::nominal_arm;
 
 /// Whether a file contains touches: a features file is given, or the header of the file is that of touches.
 pub fn are_touches(path: &Path, features: Option<&Path>) -> bool {
@@ -66,10 +66,10 @@ pub fn read(path: &Path, features: Option<&Path>, robot: &Robot) -> Result<Touch
     Ok(set)
 }
 
-/// Returns the arm of a blob as drawn, from base to flange.
+/// Returns the arm of a blob nominal, from base to flange.
 pub fn drawn_robot(loaded: &BlobModel) -> Robot {
     Robot {
-        parent_from_joint: drawing(loaded),
+        parent_from_joint: nominal_arm(loaded),
         ..robot_of(loaded)
     }
 }
@@ -87,7 +87,7 @@ pub fn with_payload(loaded: &BlobModel, set: &TouchSet) -> Result<(), InputError
     }
 }
 
-/// Prints the table of touched features: a row for each feature, with the RMS of one component as drawn and with each of
+/// Prints the table of touched features: a row for each feature, with the RMS of one component nominal and with each of
 /// `models`, which are a name and the summaries of the same features.
 pub fn table(report: Printer, models: &[(&str, Vec<&FeatureSummary>)]) {
     let mut header = vec!["feature", "kind", "rows", "left out", "drawn"];
@@ -116,12 +116,12 @@ pub fn table(report: Printer, models: &[(&str, Vec<&FeatureSummary>)]) {
     report.table(&header, &rows);
 }
 
-/// Prints known distances: as stated, as drawn, and as calculated with a model.
+/// Prints known distances: as stated, nominal, and as calculated with a model.
 pub fn print_distances(report: Printer, distances: &[DistanceSummary], model: &str) {
     for distance in distances {
         let [a, b] = &distance.between;
         report.line(format_args!(
-            "  {a} to {b}: {:.3} mm ± {:.3}, as drawn {:+.3}, {model} {:+.3}",
+            "  {a} to {b}: {:.3} mm ± {:.3}, nominal {:+.3}, {model} {:+.3}",
             distance.stated_mm, distance.sigma_mm, distance.error_mm[0], distance.error_mm[1]
         ));
     }

@@ -56,7 +56,7 @@ pub struct Ripple {
     pub amplitude_urad: f64,
 }
 
-/// Returns the section on the arm's parameters: deviations of the frames from the drawing with their uncertainty,
+/// Returns the section on the arm's parameters: deviations of the frames from the nominal model with their uncertainty,
 /// unidentified directions, own-joint curve, warm-up and gear ripple.
 pub fn parameters(
     identifiability: Option<&IdentifyReport>,
@@ -108,7 +108,7 @@ pub fn parameters(
     let rows: Vec<Vec<Markup>> = rows.collect();
     if rows.is_empty() || changes.iter().all(|c| c.is_zero()) {
         section = section.missing(
-            "This model assumes that the drawing is right: its only parameters are base and tool frames.",
+            "This model assumes that the nominal model is right: its only parameters are base and tool frames.",
         );
     } else {
         let header = [
@@ -121,7 +121,7 @@ pub fn parameters(
             "about z (mrad)",
         ];
         section = section.table(&header, rows).text(html! {
-            "Difference of each frame from the drawing, ± one standard deviation; bold where it is significant. A link \
+            "Difference of each frame from the nominal model, ± one standard deviation; bold where it is significant. A link \
              is what "
             "follows the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of \
              the "

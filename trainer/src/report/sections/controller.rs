@@ -1,4 +1,4 @@
-//! The section for the engineer of the controller: the arm's parameters beside those of the drawing, and signed errors.
+//! The section for the engineer of the controller: the arm's parameters beside those of the nominal model, and signed errors.
 
 use maud::{Markup, html};
 
@@ -30,7 +30,7 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
         let at = |key: &str| format!("/controller/dh/{row}/{name}/{key}");
         html! {
             div {
-                (Number::new(number.drawing, decimals, at("drawing"))) " → "
+                (Number::new(number.nominal, decimals, at("nominal"))) " → "
                 b { (Number::new(number.calibrated, decimals, at("calibrated"))) }
             }
             div {
@@ -62,7 +62,7 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
     }
     section
         .text(html! {
-            "Denavit-Hartenberg numbers: drawing → calibrated arm, and below the difference"
+            "Denavit-Hartenberg numbers: nominal → calibrated arm, and below the difference"
             @if has_std { " ± one standard deviation" } ". "
             "A row is R" sub { "z" } "(q + θ) T" sub { "z" } "(d) T" sub { "x" } "(a) R" sub { "x" } "(α)"
             @if has_beta {
@@ -75,16 +75,16 @@ fn dh(section: Section, summary: &ControllerSummary) -> Section {
         .text(html! {
             "How close these numbers come to the model: over the trained joint ranges, this table is on average "
             (Number::mm(distance.dh_mm, "/controller/distance/dh_mm")) " mm from the whole model, joint zeros alone "
-            (Number::mm(distance.joint_zeros_mm, "/controller/distance/joint_zeros_mm")) " mm, and the drawing "
-            (Number::mm(distance.drawing_mm, "/controller/distance/drawing_mm")) " mm."
-            @if distance.dh_mm >= distance.drawing_mm { " The drawing is as near: do not enter the table." }
+            (Number::mm(distance.joint_zeros_mm, "/controller/distance/joint_zeros_mm")) " mm, and the nominal model "
+            (Number::mm(distance.nominal_mm, "/controller/distance/nominal_mm")) " mm."
+            @if distance.dh_mm >= distance.nominal_mm { " The nominal model is as near: do not enter the table." }
         })
 }
 
 fn zeros(section: Section, summary: &ControllerSummary) -> Section {
     if summary.joint_zeros.is_empty() {
         return section.missing(
-            "Joint zeros alone are not shown: with them the drawing is no nearer to the model than without. Do not enter any.",
+            "Joint zeros alone are not shown: with them the nominal model is no nearer to the model than without. Do not enter any.",
         );
     }
     let rows = summary.joint_zeros.iter().enumerate().map(|(i, zero)| {
@@ -105,7 +105,7 @@ fn zeros(section: Section, summary: &ControllerSummary) -> Section {
     });
     section
         .text(html! {
-            "Joint zeros alone: where the controller shows q, the arm has the pose of the drawing at q + offset. The \
+            "Joint zeros alone: where the controller shows q, the arm has the pose of the nominal model at q + offset. The \
             first and the "
             "last joint have none, because base and tool do the same. " code { "trainer export --joint-offsets" }
             " writes them with the base and the tool that belong to them."
@@ -169,7 +169,7 @@ fn signed(section: Section, summary: &ControllerSummary, residuals: &BeforeAndAf
             "several joints may explain the same error."
         })
         .table(
-            &["", "before: drawing, base and tool fitted", "after"],
+            &["", "before: nominal model, base and tool fitted", "after"],
             rows,
         )
 }

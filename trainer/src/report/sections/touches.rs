@@ -12,7 +12,7 @@ use poegp_calibration::model::touches::summary::{
 };
 use poegp_calibration::validation::touches::TouchResidual;
 
-/// Number of features of one unit beyond which the boxes of the drawing are left out.
+/// Number of features of one unit beyond which the boxes of the nominal model are left out.
 const MOST_PAIRS: usize = 8;
 
 /// Returns the section with the expected error before and after, and how it was found.
@@ -24,19 +24,19 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
         p class="lead" {
             "After " (Number::count(summary.rows, at("rows"))) " touches, the model is expected to predict the tool to within "
             b class="calibrated" { (Number::mm(after.mean_mm, at("after/mean_mm"))) " mm" } " on average and "
-            (Number::mm(after.p95_mm, at("after/p95_mm"))) " mm for 95 of 100 poses; with the drawing, to within "
+            (Number::mm(after.p95_mm, at("after/p95_mm"))) " mm for 95 of 100 poses; with the nominal model, to within "
             b class="nominal" { (Number::mm(before.mean_mm, at("before/mean_mm"))) " mm" } " and "
             (Number::mm(before.p95_mm, at("before/p95_mm"))) " mm."
         }
     };
     let mm = |what: &str, value: f64| Number::mm(value, at(what));
-    let [drawn, calibrated] = summary.left_out;
+    let [nominal, calibrated] = summary.left_out;
     let unit = summary.left_out_unit;
     let tiles = html! {
         div class="tiles" {
             (tile("Expected position error, mean", "mm", mm("after/mean_mm", after.mean_mm), Some(mm("before/mean_mm", before.mean_mm))))
             (tile("95 % of poses are within", "mm", mm("after/p95_mm", after.p95_mm), Some(mm("before/p95_mm", before.p95_mm))))
-            (tile("A touch left out misses by", unit, mm("left_out/1", calibrated), Some(mm("left_out/0", drawn))))
+            (tile("A touch left out misses by", unit, mm("left_out/1", calibrated), Some(mm("left_out/0", nominal))))
         }
     };
     let how = html! {
@@ -44,8 +44,8 @@ pub fn touch_headline(summary: &TouchSummary) -> Section {
             @if summary.tracker.is_empty() { "No tracker measured this arm. " }
             "The expected errors are computed for poses over the work volume, after the best registration of base
             and tool: from the stated noise, from the misses beyond it, and from how far an arm of this class is from its
-            drawing. These errors include what the touches do not determine; a verdict states that separately, after ±, so its error is
-            smaller. A touch left out is predicted by all others; that error was measured, not computed."
+            nominal model. These errors include what the touches do not determine; a verdict states that separately, after ±, so its
+            error is smaller. A touch left out is predicted by all others; that error was measured, not computed."
         }
     };
     section.block(lead).block(tiles).block(how)
@@ -72,12 +72,12 @@ pub fn touched(summary: &TouchSummary, residuals: &[TouchResidual]) -> Section {
         .chain(tracker.map(|f| row("tracker", f)));
     let mut section = Section::new("features", "What was touched")
         .text(html! {
-            "Root mean square of one component of the misses, with the arm as drawn and as calibrated. Features and tips are
+            "Root mean square of one component of the misses, with the nominal arm and as calibrated. Features and tips are
             fitted in both. The share is that of all squares, in units of the noise: one feature with nearly all of it was moved, or is two
             features under one name."
         })
         .table(
-            &["feature", "kind", "rows", "left out", "drawn", "calibrated", "share"],
+            &["feature", "kind", "rows", "left out", "nominal", "calibrated", "share"],
             rows.collect(),
         );
     for unit in units(residuals) {
@@ -135,7 +135,7 @@ fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section
         return section;
     }
     let what = html! {
-        "Miss of each touch" @if pairs { ", " span class="key nominal" { "as drawn" } " and " span class="key \
+        "Miss of each touch" @if pairs { ", " span class="key nominal" { "nominal" } " and " span class="key \
         calibrated" { "calibrated" } }
     };
     section.figure(
@@ -146,7 +146,7 @@ fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section
     )
 }
 
-/// Returns the section with known distances: as stated, as drawn, as calibrated, and as all other touches give them.
+/// Returns the section with known distances: as stated, nominal, as calibrated, and as all other touches give them.
 pub fn distances(summary: &TouchSummary) -> Section {
     let section = Section::new("distances", "Known distances");
     if summary.distances.is_empty() {
@@ -176,7 +176,7 @@ pub fn distances(summary: &TouchSummary) -> Section {
             &[
                 "between",
                 "stated (mm)",
-                "drawn − stated (mm)",
+                "nominal − stated (mm)",
                 "calibrated − stated (mm)",
                 "touches alone (mm)",
             ],
@@ -232,14 +232,14 @@ pub fn touch_outliers(summary: &TouchSummary) -> Section {
         )
 }
 
-/// Returns the section on how far the arm is from its drawing.
+/// Returns the section on how far the arm is from its nominal model.
 pub fn class(summary: &TouchSummary) -> Section {
     let field = |which: usize, i: usize| -> Markup {
         let pointer = format!("/touches/class/{which}/{i}");
         html! { (Number::mm(summary.class[which][i], pointer)) }
     };
     let row = |name: &str, i: usize| vec![html! { (name) }, field(0, i), field(1, i)];
-    let section = Section::new("class", "How far this arm is from its drawing").table(
+    let section = Section::new("class", "How far this arm is from its nominal model").table(
         &["standard deviation", "of its class", "by the touches"],
         vec![
             row("offset of a link (mm)", 0),
@@ -249,7 +249,7 @@ pub fn class(summary: &TouchSummary) -> Section {
     );
     match summary.beyond_class {
         Some(factor) => section.text(html! {
-            "By these touches, it is " (Number::new(factor, 1, "/touches/beyond_class")) " times as far from its drawing as its class."
+            "By these touches, it is " (Number::new(factor, 1, "/touches/beyond_class")) " times as far from its nominal model as its class."
         }),
         None => section.missing("The touches determine too few parameters to say whether it is one of its class."),
     }

@@ -1,7 +1,7 @@
 //! The error that remains between the corrected ends of lines and arcs.
 //!
-//! A controller moves on a line or a circle between the written ends, computed by the drawing. The ends are corrected, but
-//! the arm's own error differs between them. The model computes it at some points of each move.
+//! A controller moves on a line or a circle between the written ends, computed by the nominal model. The ends are corrected,
+//! but the arm's own error differs between them. The model computes it at some points of each move.
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::commander::{Commander, Joints};

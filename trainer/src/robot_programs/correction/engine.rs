@@ -1,8 +1,8 @@
 //! Corrects the targets of a program.
 //!
-//! A target is where the controller believes its tool to be: base · target · tool⁻¹ is the flange, and the drawing gives the
-//! joints q of that flange. The joints q* bring the real flange there. A joint target becomes q*. A pose target becomes the
-//! pose at which the controller's own drawing answers q*:
+//! A target is where the controller believes its tool to be: base · target · tool⁻¹ is the flange, and the nominal model
+//! gives the joints q of that flange. The joints q* bring the real flange there. A joint target becomes q*. A pose target
+//! becomes the pose at which the controller's own nominal model answers q*:
 //!
 //! ```text
 //! target* = target · tool⁻¹ · nominal(q)⁻¹ · nominal(q*) · tool
@@ -31,7 +31,7 @@ const BEYOND_PAYLOADS: &str = "outside the trained payloads";
 pub enum Direction {
     /// To the commands that the real arm needs.
     Correct,
-    /// From these commands back to the drawing.
+    /// From these commands back to the nominal model.
     Inverse,
 }
 

@@ -1,4 +1,4 @@
-//! Computes the joints of targets by the drawing, on the branch that the controller takes.
+//! Computes the joints of targets by the nominal model, on the branch that the controller takes.
 
 use std::collections::BTreeSet;
 
@@ -181,7 +181,7 @@ fn first_joints(program: &Program, commander: &Commander) -> Option<Joints> {
         })
 }
 
-/// Returns the pose of the tool at which the drawing answers the corrected joints.
+/// Returns the pose of the tool at which the nominal model answers the corrected joints.
 fn commanded(
     program: &Program,
     commander: &Commander,

@@ -62,7 +62,7 @@ pub struct Arm {
 }
 
 impl Arm {
-    /// Examines the drawing.
+    /// Examines the nominal model.
     pub fn of(commander: &Commander) -> Self {
         let is_turning = |kind: &JointKind| *kind == JointKind::Revolute;
         if commander.kinds().len() != JOINTS || !commander.kinds().iter().all(is_turning) {

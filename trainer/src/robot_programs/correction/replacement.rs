@@ -13,7 +13,7 @@ use crate::robot_programs::correction::target_poses::frames_of;
 pub struct Solved {
     /// Index of the target.
     pub target: usize,
-    /// Joints by the drawing.
+    /// Joints by the nominal model.
     pub joints: Joints,
     /// Joints to command instead.
     pub command: Joints,

@@ -185,7 +185,7 @@ fn too_few_rows_or_one_joint_state() {
 /// Few touches with one wrist show nothing of the arm's errors: an arm is not as it is drawn, by 2 mm over two sockets, and that
 /// is no contradiction. 15 mm are one.
 #[test]
-fn the_drawing_does_not_contradict_a_distance_by_millimetres() {
+fn the_nominal_model_does_not_contradict_a_distance_by_millimetres() {
     let (csv, toml) = simulated(TouchKind::Socket, 2, 12);
     let toml = toml.replace("[20, 10, 150]", "[0, 0, 150]");
     let header: String = csv.lines().take(2).map(|l| format!("{l}\n")).collect();
@@ -203,7 +203,7 @@ fn the_drawing_does_not_contradict_a_distance_by_millimetres() {
         let said = toml.replace(stated, &format!("mm = {}", 1e3 * length + mm));
         parse(&touches, &said)
     };
-    // The reader says nothing of a distance that is as drawn, by a tip on the axis of the last joint.
+    // The reader says nothing of a distance that is nominal, by a tip on the axis of the last joint.
     let set = parse(&touches, toml.split("\n[[distance]]").next().unwrap()).unwrap();
     let at = |row: usize| {
         let row = &set.rows[row];
