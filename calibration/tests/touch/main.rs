@@ -7,6 +7,7 @@ mod kinds;
 mod laws;
 mod lengths;
 mod measured;
+mod rates;
 mod sets;
 mod sisters;
 mod stated;
