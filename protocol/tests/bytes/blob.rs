@@ -18,7 +18,7 @@ const CORRECTION: usize = 0x177;
 const HOST: usize = 0x26e;
 
 pub fn golden() -> Vec<u8> {
-    listing::hex_blocks(sample::BLOB_FORMAT)
+    listing::hex_blocks(sample::LISTINGS)
         .into_iter()
         .next()
         .expect("a listing")
@@ -28,7 +28,7 @@ pub fn golden() -> Vec<u8> {
 /// first listing's bytes from the warnings on.
 fn pieced(header: usize, pieces: &[&[u8]]) -> Vec<u8> {
     let first = golden();
-    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    let blocks = listing::hex_blocks(sample::LISTINGS);
     [
         &blocks[header],
         &first[HEADER_LENGTH..CORRECTION],
@@ -39,7 +39,7 @@ fn pieced(header: usize, pieces: &[&[u8]]) -> Vec<u8> {
 }
 
 #[test]
-fn value_to_bytes_is_the_listing_of_the_documentation() {
+fn value_to_bytes_is_the_listing() {
     let rows = sample::rows();
     let mut buffer = [0; 2_048];
     let encoded = encode(&sample::blob(&rows), &mut buffer).unwrap();
@@ -55,7 +55,7 @@ fn bytes_to_value() {
 
 /// Returns the correction and variance of the elastic example.
 fn elastic_piece() -> Vec<u8> {
-    listing::hex_blocks(sample::BLOB_FORMAT)[2].clone()
+    listing::hex_blocks(sample::LISTINGS)[2].clone()
 }
 
 fn elastic_golden() -> Vec<u8> {
@@ -64,21 +64,21 @@ fn elastic_golden() -> Vec<u8> {
 
 /// Returns the elastic example with the fifth listing in place of its last byte, which states that there is no variance.
 fn variance_golden() -> Vec<u8> {
-    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    let blocks = listing::hex_blocks(sample::LISTINGS);
     let elastic = elastic_piece();
     pieced(3, &[&elastic[..elastic.len() - 1], &blocks[4]])
 }
 
 /// Returns the first listing, with the last listing from the centre on.
 fn folded_golden() -> Vec<u8> {
-    let blocks = listing::hex_blocks(sample::BLOB_FORMAT);
+    let blocks = listing::hex_blocks(sample::LISTINGS);
     let first = golden();
     // The last four bytes before the warnings are an empty centre, no landmarks and no variance.
     pieced(5, &[&first[CORRECTION..HOST - 4], &blocks[6]])
 }
 
 #[test]
-fn a_folded_blob_is_the_listing_of_the_documentation() {
+fn a_folded_blob_is_the_listing() {
     let (rows, landmark) = (sample::rows(), sample::task_space_landmark());
     let mut buffer = [0; 2_048];
     let blob = sample::folded_blob(&rows, &landmark);
@@ -94,11 +94,12 @@ fn a_blob_with_a_variance_is_the_listing_of_the_documentation() {
     let blob = sample::variance_blob(&rows, &landmark);
     let encoded = encode(&blob, &mut buffer).unwrap();
     assert_eq!(encoded, variance_golden());
+    assert_eq!(listing::hex_blocks(sample::BLOB_FORMAT), [encoded]);
     assert_eq!(decode(encoded), Ok(blob));
 }
 
 #[test]
-fn an_elastic_blob_is_the_listing_of_the_documentation() {
+fn an_elastic_blob_is_the_listing() {
     let rows = sample::elastic_rows();
     let mut buffer = [0; 2_048];
     let encoded = encode(&sample::elastic_blob(&rows), &mut buffer).unwrap();

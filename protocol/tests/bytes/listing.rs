@@ -1,4 +1,4 @@
-//! Reads the hex listings of the documentation, so that tests can compare them with the encoder's bytes.
+//! Reads hex listings of documents and data, so that tests can compare them with the encoder's bytes.
 
 /// Returns the bytes of every ` ```hex ` block of `markdown`. Its lines have an offset, bytes, and a remark after `#`.
 ///

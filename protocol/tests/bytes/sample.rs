@@ -1,4 +1,4 @@
-//! The arm of the worked example in `docs/reference/blob-format.md`: a revolute and a prismatic joint, two inducing points.
+//! The arm of the listings in `tests/data/blob-listings.txt`: a revolute and a prismatic joint, two inducing points.
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{
@@ -7,8 +7,11 @@ use poegp_protocol::blob::{
 };
 use poegp_protocol::cause::Causes;
 
-/// The page with the bytes of the example.
+/// The page with the bytes of one example.
 pub const BLOB_FORMAT: &str = include_str!("../../../docs/reference/blob-format.md");
+
+/// The bytes of all examples, in pieces.
+pub const LISTINGS: &str = include_str!("../../../tests/data/blob-listings.txt");
 
 /// Returns rows of inducing points: three scaled inputs and six weights each.
 pub fn rows() -> Vec<u8> {

@@ -277,7 +277,8 @@ fn named<T: DeserializeOwned>(name: String) -> Result<T, value::Error> {
     T::deserialize(name.into_deserializer())
 }
 
-fn methods() -> [PossibleValue; Method::ALL.len()] {
+/// Returns the names of all methods with what each is.
+pub fn methods() -> [PossibleValue; Method::ALL.len()] {
     Method::ALL.map(|method| PossibleValue::new(method.name()).help(method.about()))
 }
 
@@ -293,8 +294,8 @@ pub struct MethodChoice(pub Option<Method>);
 /// Creates the parser of a calibration method or `auto`.
 pub fn method_or_auto() -> impl TypedValueParser<Value = MethodChoice> {
     let auto = PossibleValue::new("auto")
-        .help("The simplest of base-tool, poe, parametric and elastic, with noise as weights, that is within one standard error of the best in \
-            cross-validation of the training data");
+        .help("The simplest of base-tool, poe, parametric and elastic, with noise as weights, that is within one standard error of the best (two, with \
+            fewer than 40 poses) in cross-validation of the training data");
     PossibleValuesParser::new(methods().into_iter().chain([auto])).try_map(|name| {
         match name.as_str() {
             "auto" => Ok(MethodChoice(None)),

@@ -3,10 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 use clap_complete::Shell;
+use poegp_calibration::model::Method;
 use serde_json::json;
 
+use crate::cli::args;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::make_folder;
@@ -16,7 +19,7 @@ use crate::cli::terminal::print::Printer;
 /// Last paragraph of every help text.
 pub const EXIT_CODES: &str = "Exit codes: 0 done, 1 a quality bound was not met, a signature does not match or an \
 output could not be written, \
-    2 usage or input error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
+    2 usage, input or device error, 3 data refused, 130 stopped by Ctrl-C (no file is left half-written).";
 
 /// `trainer completions`.
 #[derive(Debug, Args)]
@@ -123,6 +126,10 @@ pub fn command_reference(command: clap::Command) -> String {
     for text in uses.keys().filter(|text| shared(text)) {
         page += &format!("- {text}\n");
     }
+    page += "\n## Methods\n\n";
+    for value in args::methods() {
+        page += &format!("- `{}`: {}\n", value.get_name(), sentence(value.get_help()));
+    }
     for leaf in leaves {
         let usage = leaf.clone().render_usage().to_string();
         let usage = usage
@@ -167,18 +174,18 @@ fn options(command: &clap::Command) -> Vec<String> {
 /// Describes an option: name, meaning, values and default.
 fn option(argument: &clap::Arg) -> String {
     let mut line = format!("`{argument}`: {}", sentence(argument.get_help()));
-    let values: Vec<String> = argument
-        .get_possible_values()
-        .iter()
-        .filter(|_| argument.get_action().takes_values())
-        .map(|value| match value.get_help() {
-            Some(help) => {
-                let help = sentence(Some(help));
-                format!("`{}` ({})", value.get_name(), help.trim_end_matches('.'))
-            }
-            None => format!("`{}`", value.get_name()),
-        })
-        .collect();
+    let possible = argument.get_possible_values();
+    let possible: &[PossibleValue] = match argument.get_action().takes_values() {
+        true => &possible,
+        false => &[],
+    };
+    let is_method = |value: &&PossibleValue| value.get_name().parse::<Method>().is_ok();
+    let (methods, others): (Vec<_>, Vec<_>) = possible.iter().partition(is_method);
+    let mut values: Vec<String> = others.into_iter().map(possible_value).collect();
+    if !methods.is_empty() {
+        values.push("the [methods](#methods)".to_owned());
+    }
+
     if !values.is_empty() {
         line += &format!(" Values: {}.", values.join(", "));
     }
@@ -188,10 +195,22 @@ fn option(argument: &clap::Arg) -> String {
         .map(|value| value.to_string_lossy())
         .filter(|value| !value.is_empty())
         .collect();
-    if !defaults.is_empty() && argument.get_action().takes_values() {
+    let is_stated = argument.is_hide_default_value_set();
+    if !defaults.is_empty() && argument.get_action().takes_values() && !is_stated {
         line += &format!(" Default: `{}`.", defaults.join(","));
     }
     line
+}
+
+/// Describes a value of an option.
+fn possible_value(value: &PossibleValue) -> String {
+    match value.get_help() {
+        Some(help) => {
+            let help = sentence(Some(help));
+            format!("`{}` ({})", value.get_name(), help.trim_end_matches('.'))
+        }
+        None => format!("`{}`", value.get_name()),
+    }
 }
 
 /// Joins a text into one line that ends with a full stop.

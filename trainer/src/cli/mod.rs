@@ -1,7 +1,7 @@
 //! The command line: one file or folder for each command, with its arguments.
 //!
-//! Exit codes: 0 done, 1 a quality bound was not met, a signature does not match or an output could not be written, 2 usage or input
-//! error, 3 data refused, 130 stopped by Ctrl-C. Errors are printed once, here.
+//! Exit codes: 0 done, 1 a quality bound was not met, a signature does not match or an output could not be written, 2 usage,
+//! input or device error, 3 data refused, 130 stopped by Ctrl-C. Errors are printed once, here.
 
 mod args;
 mod bridge;

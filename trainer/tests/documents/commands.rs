@@ -8,7 +8,7 @@ use crate::workspace;
 
 #[test]
 fn the_commands_work() {
-    let folder = run("docs/guide/examples.md");
+    let folder = run("trainer/tests/documents/examples.txt");
     for file in [
         "arm.blob",
         "compare.json",
@@ -64,7 +64,7 @@ fn four_commands_lead_from_a_clone_to_a_report() {
 #[test]
 fn the_commands_of_the_tutorial_work() {
     let folder = run("docs/guide/tutorial.md");
-    for file in ["plan.mod", "first.csv", "report.html", "check.json"] {
+    for file in ["plan.mod", "report.html", "check.json"] {
         assert!(folder.join(file).is_file(), "{file}");
     }
     for file in ["program.csv", "from-device.csv"] {
@@ -72,6 +72,12 @@ fn the_commands_of_the_tutorial_work() {
         let rows = text.lines().filter(|line| !line.starts_with('#'));
         assert_eq!(rows.count(), 101, "{file}");
     }
+}
+
+#[test]
+fn a_file_of_a_tracker_is_imported() {
+    let folder = run("trainer/tests/documents/import.txt");
+    assert!(folder.join("first.csv").is_file());
 }
 
 #[test]
@@ -140,6 +146,7 @@ fn positions(file: &Path) -> Vec<[f64; 3]> {
 #[test]
 fn the_examples_of_robots_and_measurements_work_and_describe_one_robot_three_times() {
     let folder = run("docs/reference/robot-description.md");
+    run_in(&folder, "trainer/tests/documents/robots.txt");
     // Calibrated with base-tool, because any other method would fit the differences of the descriptions away.
     let poe = positions(&folder.join("poe.csv"));
     assert_eq!(poe.len(), 20);

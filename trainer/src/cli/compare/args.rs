@@ -39,7 +39,7 @@ pub struct Compare {
     /// touches.
     #[arg(long, value_name = "FILE")]
     pub report: Option<PathBuf>,
-    /// Write the errors as JSON (`-`: standard output).
+    /// Write the result as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).

@@ -49,7 +49,7 @@ pub struct Evaluate {
     /// (empty if the blob has none).
     #[arg(long, requires = "predictions")]
     pub trust: bool,
-    /// Write the errors as JSON (`-`: standard output).
+    /// Write the result as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
     /// Description of the touched features (TOML; default: NAME.toml beside NAME.csv).

@@ -69,8 +69,8 @@ pub struct Measure {
     /// Rows have x_mm, y_mm, z_mm and no orientation, as from one reflector.
     #[arg(long)]
     positions: bool,
-    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
-    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,-9.81", hide_default_value = true, allow_hyphen_values = true, value_parser = gravity)]
     gravity: Gravity,
     /// Write the dialogue as JSON, one document per line (`-`: standard output).
     #[arg(long, value_name = "FILE")]

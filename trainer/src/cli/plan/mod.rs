@@ -88,8 +88,8 @@ pub struct Plan {
     /// Model of a calibrated robot of the same type, whose error sizes a V-optimal plan expects.
     #[arg(long, help_heading = heading::CHOICE, value_name = "MODEL.blob", conflicts_with = "space_filling")]
     prior: Option<PathBuf>,
-    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling.
-    #[arg(long, help_heading = heading::CHOICE, value_name = "X,Y,Z", default_value = "0,0,-9.81", allow_hyphen_values = true, value_parser = gravity)]
+    /// Gravity in the base frame in m/s², for robots on a wall or a ceiling (default: 0,0,-9.81).
+    #[arg(long, help_heading = heading::CHOICE, value_name = "X,Y,Z", default_value = "0,0,-9.81", hide_default_value = true, allow_hyphen_values = true, value_parser = gravity)]
     gravity: Gravity,
     /// Seed of the random numbers; the same seed gives the same plan.
     #[arg(long, help_heading = heading::CHOICE, default_value_t = 1)]
