@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use poegp_protocol::cause::Cause;
 use serde::Serialize;
 
-use crate::measurement::folds::configurations;
+use crate::measurement::folds::{configurations, follow_one_path};
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::InstrumentSample;
 use crate::model::config::{Config, Weighting};
@@ -116,7 +116,8 @@ pub struct Choice {
     pub stated_mm: Option<f64>,
 }
 
-/// Returns all candidates that the data allow, simplest first; `base` has the settings that they share.
+/// Returns all candidates that the data allow, simplest first; `base` has the settings that they share. A chain without
+/// deviations of its own does not know where the rows show nothing, so it is no candidate for rows that follow one path.
 pub fn candidates(samples: &[InstrumentSample], robot: &Robot, base: &Config) -> Vec<Candidate> {
     let of = |name, method| Candidate {
         name,
@@ -126,12 +127,13 @@ pub fn candidates(samples: &[InstrumentSample], robot: &Robot, base: &Config) ->
             ..*base
         },
     };
-    let all = vec![
+    let mut all = vec![
         of("base-tool", Method::BaseTool),
         of("poe --weighting noise", Method::Poe),
         of("parametric", Method::Parametric),
         of("elastic", Method::Elastic),
     ];
+    all.retain(|c| c.config.method != Method::Poe || !follow_one_path(samples));
     possible(all, samples, robot)
 }
 
