@@ -1,11 +1,15 @@
 //! `--report`: the held-out errors that the reports show, and the reports of `calibrate` and `compare`.
 
+use indicatif::ProgressBar;
+
 use crate::cli::calibrate::document::{CalibrateJson, TouchJson};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::job::Job;
+use crate::cli::calibrate::made::Calibrated;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
-use crate::cli::inputs::{Arm, Tests, enough_poses, equations};
+use crate::cli::inputs::{Arm, enough_poses, equations};
 use crate::cli::terminal::interrupt::own_flag;
+use crate::cli::terminal::print::note;
 use crate::cli::terminal::progress;
 use crate::report::certificate::Certificate;
 use crate::report::sections;
@@ -13,7 +17,6 @@ use crate::report::{
     FileSummary, HeldOutSummary, HoldOutMethod, Page, Provenance, ReportData, Section,
 };
 use poegp_calibration::blob;
-use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
@@ -62,126 +65,131 @@ pub fn check(
 
 /// Computes the held-out errors of a calibration: on the test sets with the new blob, otherwise by cross-validation.
 /// Without a report it computes only the errors that `--test` asks for.
-pub fn held_out(
-    a: &Job,
-    arm: &Arm,
-    (set, samples): (&MeasurementSet, &[InstrumentSample]),
-    tests: &Tests,
-    options: &Config,
-    origin: &blob::write::Provenance,
-    found: &CalibratedBlob,
-) -> Result<Option<ReportData>, Failure> {
+pub fn held_out(c: &Calibrated<'_>) -> Result<Option<ReportData>, Failure> {
+    let (a, tests, config) = (c.job, c.tests, c.config);
     let is_judged = a.statement.tolerances.is_stated();
     if a.report.is_none() && !is_judged && tests.sets.is_empty() {
         return Ok(None);
     }
     let own = own_flag();
+    let folds = if tests.sets.is_empty() { FOLDS } else { 0 };
     let task = Task {
-        robot: &arm.robot,
-        train: samples,
+        robot: &c.measured.arm.robot,
+        train: &c.measured.samples,
         tests: &tests.sets,
-        folds: if tests.sets.is_empty() { FOLDS } else { 0 },
+        folds,
         seed: SEED,
-        origin,
+        origin: c.origin,
         cancel: own.as_deref().unwrap_or(&NEVER),
         threads: threads(),
     };
-    let loaded = |samples: &[InstrumentSample]| samples.iter().all(|s| s.payload_kg.is_some());
-    if options.method == Method::PoeGpLoad
-        && let Some(file) = a
-            .tests
-            .iter()
-            .zip(&tests.sets)
-            .find(|(_, set)| !loaded(&set.samples))
-    {
-        return Err(calibration_failure(file.0, &CalibrationError::NoPayload));
-    }
-    let whole =
-        |samples: &[InstrumentSample]| samples.iter().all(|s| s.observation.has_orientation());
-    let simpler = |method: &Method| {
-        *method < options.method
-            && (a.report.is_some() || *method == Method::BaseTool)
-            && (*method != Method::PoeGpLoad || tests.sets.iter().all(|t| loaded(&t.samples)))
-            && (!method.requires().whole_poses || tests.sets.iter().all(|t| whole(&t.samples)))
-    };
-    let mut methods = applicable(samples);
-    methods.retain(simpler);
+    let methods = simpler_methods(c)?;
     let sizes = if a.report.is_some() {
-        learning::sizes(&task, options).len()
+        learning::sizes(&task, config).len()
     } else {
         0
     };
-    let own = if tests.sets.is_empty() { FOLDS } else { 0 };
     let bar = progress::bar(
-        methods.len() * task.calibrations() + own + sizes,
+        methods.len() * task.calibrations() + folds + sizes,
         "held-out errors",
     );
-    let mut models: Vec<ModelComparison> = Vec::new();
+    let mut models = compared(&task, &methods, &a.config, &bar);
+    models.push(if tests.sets.is_empty() {
+        task.run(config, &mut || bar.inc(1))
+            .map_err(|e| device_failure(&a.train, e.error))?
+    } else {
+        let of = |test: &TestSet| SetErrors::new(&test.name, c.found.held_out(&test.samples));
+        ModelComparison {
+            model: config.method.name(),
+            cross_validation: None,
+            sets: tests.sets.iter().map(of).collect(),
+        }
+    });
+    let (how, sets) = if tests.sets.is_empty() {
+        let how = HoldOutMethod::CrossValidation { folds, seed: SEED };
+        (how, vec![&c.measured.set])
+    } else {
+        (HoldOutMethod::TestSets, tests.files.iter().collect())
+    };
+    let kinds = c.measured.arm.nominal.kinds();
+    let mut evidence = ReportData::new(how, &sets, &models, kinds, true);
+    if let (Some(evidence), true) = (&mut evidence, sizes > 0) {
+        bar.set_message("learning curve");
+        let poses = evidence.calibrated().poses.clone();
+        evidence.learning = learning::curve(&task, config, &poses, &mut || bar.inc(1));
+    }
+    bar.finish_and_clear();
+    Ok(evidence)
+}
+
+/// Returns the methods below that of a calibration that its data and its tests allow; without a report, of these only the
+/// base-tool fit. Refuses tests without the payloads that the calibration needs.
+fn simpler_methods(c: &Calibrated<'_>) -> Result<Vec<Method>, Failure> {
+    let (a, tests, own) = (c.job, &c.tests.sets, c.config.method);
+    let loaded = |test: &TestSet| test.samples.iter().all(|s| s.payload_kg.is_some());
+    let mut files = a.tests.iter().zip(tests);
+    if own == Method::PoeGpLoad
+        && let Some((path, _)) = files.find(|(_, test)| !loaded(test))
+    {
+        return Err(calibration_failure(path, &CalibrationError::NoPayload));
+    }
+    let whole = |test: &TestSet| {
+        let mut samples = test.samples.iter();
+        samples.all(|s| s.observation.has_orientation())
+    };
+    let mut methods = applicable(&c.measured.samples);
+    methods.retain(|method| {
+        *method < own
+            && (a.report.is_some() || *method == Method::BaseTool)
+            && (*method != Method::PoeGpLoad || tests.iter().all(loaded))
+            && (!method.requires().whole_poses || tests.iter().all(whole))
+    });
+    Ok(methods)
+}
+
+/// Evaluates the methods that a calibration is compared with. One that fails is noted and left out.
+fn compared(
+    task: &Task<'_>,
+    methods: &[Method],
+    config: &Config,
+    bar: &ProgressBar,
+) -> Vec<ModelComparison> {
+    let mut models = Vec::new();
     for method in methods {
-        let options = Config {
-            method,
+        let config = Config {
+            method: *method,
             max_correction_mm: None,
             max_correction_mrad: None,
-            ..a.config
+            ..*config
         };
-        match task.run(&options, &mut || bar.inc(1)) {
+        match task.run(&config, &mut || bar.inc(1)) {
             Ok(model) => models.push(model),
-            // A method that is only compared with the calibration may fail.
             Err(error) => bar.suspend(|| {
-                crate::cli::terminal::print::note(format_args!(
+                note(format_args!(
                     "`{}` is left out of the comparison: {}",
                     error.model, error.error
                 ))
             }),
         }
     }
-    let last = if tests.sets.is_empty() {
-        task.run(options, &mut || bar.inc(1))
-            .map_err(|e| device_failure(&a.train, e.error))?
-    } else {
-        let of = |test: &TestSet| SetErrors::new(&test.name, found.held_out(&test.samples));
-        ModelComparison {
-            model: options.method.name(),
-            cross_validation: None,
-            sets: tests.sets.iter().map(of).collect(),
-        }
-    };
-    models.push(last);
-    let (how, sets) = if tests.sets.is_empty() {
-        let how = HoldOutMethod::CrossValidation {
-            folds: FOLDS,
-            seed: SEED,
-        };
-        (how, vec![set])
-    } else {
-        (HoldOutMethod::TestSets, tests.files.iter().collect())
-    };
-    let mut evidence = ReportData::new(how, &sets, &models, arm.nominal.kinds(), true);
-    if let (Some(evidence), true) = (&mut evidence, sizes > 0) {
-        bar.set_message("learning curve");
-        let poses = evidence.calibrated().poses.clone();
-        evidence.learning = learning::curve(&task, options, &poses, &mut || bar.inc(1));
-    }
-    bar.finish_and_clear();
-    Ok(evidence)
+    models
 }
 
 /// Returns the provenance of a calibration: the files that were read.
-pub fn provenance(
-    robot: &str,
-    arm: &Arm,
-    origin: &blob::write::Provenance,
-    seed: Option<u64>,
-    train: &MeasurementSet,
-    tests: &[MeasurementSet],
-) -> Provenance {
+pub fn provenance(c: &Calibrated<'_>, seed: Option<u64>) -> Provenance {
+    let read = files_of_sets(&c.measured.set, &c.tests.files);
+    provenance_of_files(&c.job.robot, &c.measured.arm, c.origin, seed, read)
+}
+
+/// Summarises the files of measurements that were read.
+pub fn files_of_sets(train: &MeasurementSet, tests: &[MeasurementSet]) -> Vec<FileSummary> {
     let mut files = vec![FileSummary::of_set("training", train)];
     files.extend(tests.iter().map(|set| FileSummary::of_set("test", set)));
-    provenance_of_files(robot, arm, origin, seed, files)
+    files
 }
 
 /// Returns the provenance of a result: `files` that were read, and the robot's file if it has one.
-fn provenance_of_files(
+pub fn provenance_of_files(
     robot: &str,
     arm: &Arm,
     origin: &blob::write::Provenance,
