@@ -4,10 +4,11 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::cli::calibrate::calibrated::Calibrated;
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
-use crate::cli::calibrate::made::Calibrated;
-use crate::cli::calibrate::report_page;
+use crate::cli::calibrate::held_out::SEED;
+use crate::cli::calibrate::provenance::provenance;
 use crate::cli::failure::Failure;
 use crate::cli::instrument_drift;
 use crate::report::certificate::Certificate;
@@ -166,8 +167,8 @@ pub fn document(
     let (a, measured) = (c.job, c.measured);
     let (robot, samples) = (&measured.arm.robot, &measured.samples);
     let (calibration, blob) = (&c.found.calibration, &c.found.blob);
-    let seed = evidence.is_some().then_some(report_page::SEED);
-    let mut document = of_fit(c, report_page::provenance(c, seed));
+    let seed = evidence.is_some().then_some(SEED);
+    let mut document = of_fit(c, provenance(c, seed));
     let written = FileSummary::of_bytes("result", a.out.display().to_string(), blob.bytes());
     document.repeats = a.repeats(&written.sha256);
     document.provenance.files.push(written);

@@ -1,14 +1,17 @@
 //! `trainer calibrate`.
 
 pub mod args;
+mod calibrated;
 mod document;
 pub mod elastic_summary;
 pub mod gauge;
+mod held_out;
 pub mod job;
 mod made;
 mod measured;
 pub mod print;
 mod project;
+pub mod provenance;
 pub mod report_page;
 pub mod touches;
 mod written_project;
@@ -17,9 +20,10 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use crate::cli::calibrate::args::Calibrate;
+use crate::cli::calibrate::calibrated::Calibrated;
 use crate::cli::calibrate::document::document;
 use crate::cli::calibrate::job::Job;
-use crate::cli::calibrate::made::{Calibrated, Made};
+use crate::cli::calibrate::made::Made;
 use crate::cli::calibrate::measured::Measured;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::Arm;
@@ -93,7 +97,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
     let mut warnings = examined.for_training(methods, &config)?;
     let tests = measured.tests(&a.tests)?;
     let of_tests = tests.examine(arm, &a.tests, a.json.as_deref(), &a.accept)?;
-    report_page::check(a, samples, config.method, arm.robot.joints.len())?;
+    held_out::check(a, samples, config.method, arm.robot.joints.len())?;
     let mut origin = measured.origin(a);
     let choice = choose_model(a, arm, samples, &config, &origin)?;
     let findings = findings_of_choice(choice.as_ref(), samples, config.method);
@@ -122,7 +126,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         origin: &origin,
         found: &found,
     };
-    let evidence = report_page::held_out(&calibrated)?;
+    let evidence = held_out::held_out(&calibrated)?;
     // The blob records only those about what it was trained on.
     let warnings = [warnings, of_tests].concat();
     let mut document = document(&calibrated, evidence.as_ref(), choice.as_ref(), warnings)?;

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::cli::calibrate::provenance::{files_of_sets, provenance_of_files};
 use crate::cli::calibrate::report_page;
 use crate::cli::compare::args::Compare;
 use crate::cli::compare::document::{CompareJson, HeldOutPart};
@@ -252,9 +253,8 @@ impl Data {
         statement: &Statement,
     ) -> HeldOutPart {
         let (from, seed) = (&a.robot.robot, Some(a.seed()));
-        let read = report_page::files_of_sets(&self.set, &self.tests.files);
-        let provenance =
-            report_page::provenance_of_files(from, &self.arm, &self.origin, seed, read);
+        let read = files_of_sets(&self.set, &self.tests.files);
+        let provenance = provenance_of_files(from, &self.arm, &self.origin, seed, read);
         let drift = self.drift.as_ref().map(|d| &d.report);
         HeldOutPart {
             held_out: evidence.summary(),
