@@ -27,6 +27,7 @@
 //! [`Config`]: prelude::Config
 //! [`FitContext`]: prelude::FitContext
 #![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 pub mod blob;
 pub mod device_cost;

@@ -62,6 +62,7 @@
 #![no_std]
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -11,6 +11,7 @@
 //!
 //! No test is skipped when a tool is missing: it fails, and the message names the remedy.
 #![deny(unsafe_code)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 
 pub mod bad_line;
 pub mod demo;

@@ -20,6 +20,7 @@ use crate::blob::precision_loss::{
 };
 use crate::blob::predict::{BlobError, BlobModel};
 use crate::blob::wire_corrections::{DoesNotFit, elastic, fixed, little_endian, task_space};
+use crate::learning::elastic::device_variance::DeviceVariance;
 use crate::learning::task_space::Hyperparameters;
 use crate::learning::task_space::fit::SignalVarianceLimit;
 use crate::measurement::folds::configurations;
@@ -230,59 +231,59 @@ fn to_bytes(
     provenance: &Provenance,
     samples: &[InstrumentSample],
 ) -> Result<Vec<u8>, ExportError> {
-    let has_payload = samples.iter().all(|s| s.payload_kg.is_some());
-    let knows_payload = match &calibration.correction {
-        model::Correction::None => false,
-        model::Correction::TaskSpace(task_space) => task_space.with_payload,
-        model::Correction::Elastic(_) => has_payload,
-    };
-    let limit = CorrectionLimit {
-        position_m: calibration.correction_limit.0 as f32,
-        angle_rad: calibration.correction_limit.1 as f32,
-    };
-    let (correction, rows, curves, sigma) = match &calibration.correction {
-        model::Correction::None => (Correction::None, Vec::new(), Vec::new(), None),
-        model::Correction::TaskSpace(t) => {
-            let (correction, rows) = task_space(t, limit)?;
-            (Correction::TaskSpace(correction), rows, Vec::new(), None)
-        }
-        model::Correction::Elastic(e) => {
-            let (inducing_points, curves) = e.rows_and_curves();
-            (
-                Correction::Elastic(elastic(e, calibration, limit)?),
-                little_endian(inducing_points),
-                little_endian(curves),
-                e.sigma.as_ref(),
-            )
-        }
-    };
-    // A model whose rows exceed the room of a device is for workstations and has no limit.
-    let room = DEVICE_ROOM
-        .checked_sub(rows.len() / 4)
-        .unwrap_or(usize::MAX);
-    let squared_levers = |inputs: &[f64]| {
-        let joints = robot.serial_joints(&inputs[..robot.joints.len()]);
-        let p = calibration.calibrated.forward(&joints).translation;
-        std::array::from_fn(|i| p.norm_squared() - p[i] * p[i])
-    };
-    let task_space_variance = calibration
-        .correction
-        .task_space()
-        .filter(|_| calibration.config.device_variance)
-        .and_then(|t| t.gp.device_variance(room, &squared_levers));
-    let of_task_space = task_space_variance.as_ref().map(|v| &v.rows);
-    let landmarks = of_task_space.or(sigma.map(|s| &s.rows));
-    let landmarks = landmarks.map_or(Vec::new(), |rows| little_endian(rows));
     let joints = robot.joints.iter().map(|joint| Joint {
         kind: joint.kind,
         limits: joint
             .limits
             .map(|(lower, upper)| (lower as f32, upper as f32)),
     });
-    let range = |value: &dyn Fn(&InstrumentSample) -> f64| {
-        let (low, high) = extremes(samples.iter().map(value));
-        (low as f32, high as f32)
+    let correction = WireCorrection::new(calibration, robot)?;
+    let host = host(calibration, robot, provenance, samples)?;
+    let blob = Blob {
+        robot: WireRobot {
+            name: &robot.name,
+            serial_number: &provenance.serial_number,
+            joints: fixed(joints, "joints")?,
+            coupling: fixed(
+                robot.coupling.iter().flatten().flatten().map(|c| *c as f32),
+                "coupling",
+            )?,
+        },
+        units: Units::SI,
+        ranges: ranges(calibration, robot, samples)?,
+        geometry: Geometry {
+            calibrated: chain(&calibration.calibrated)?,
+            nominal: chain(&calibration.nominal)?,
+        },
+        correction: correction.whole(),
+        warnings: provenance.warnings,
+        host: &host,
+        variance: match correction.variance(robot.joints.len()) {
+            Some(variance) => Some(variance),
+            None => constant_variance(calibration),
+        },
     };
+    let room = blob::HEADER_LENGTH
+        + blob::MAX_LENGTH_WITHOUT_ROWS
+        + robot.name.len()
+        + provenance.serial_number.len()
+        + host.len()
+        + correction.length();
+    let mut buffer = vec![0; room];
+    let length = blob::encode(&blob, &mut buffer)
+        .map_err(|_| ExportError::DoesNotFit("names"))?
+        .len();
+    buffer.truncate(length);
+    Ok(buffer)
+}
+
+/// Returns the encoded part of the blob that the device does not read.
+fn host(
+    calibration: &Calibration,
+    robot: &Robot,
+    provenance: &Provenance,
+    samples: &[InstrumentSample],
+) -> Result<Vec<u8>, ExportError> {
     let host = Host {
         provenance: WireProvenance {
             method: calibration.config.method.name(),
@@ -295,78 +296,138 @@ fn to_bytes(
         tools: fixed(wire_tools(calibration, provenance), "tools")?,
         accepted: provenance.accepted,
     };
-    let mut host_bytes = vec![0; MAX_HOST_LENGTH];
-    let host = host
-        .encode(&mut host_bytes)
-        .map_err(|_| ExportError::DoesNotFit("names of tools"))?;
-    let blob = Blob {
-        robot: WireRobot {
-            name: &robot.name,
-            serial_number: &provenance.serial_number,
-            joints: fixed(joints, "joints")?,
-            coupling: fixed(
-                robot.coupling.iter().flatten().flatten().map(|c| *c as f32),
-                "coupling",
-            )?,
-        },
-        units: Units::SI,
-        ranges: Ranges {
-            joints: fixed(
-                (0..robot.joints.len()).map(|i| range(&|s| s.joints[i])),
-                "joint ranges",
-            )?,
-            payload_kg: knows_payload.then(|| range(&|s| s.payload_kg.unwrap_or(0.0))),
-        },
-        geometry: Geometry {
-            calibrated: chain(&calibration.calibrated)?,
-            nominal: chain(&calibration.nominal)?,
-        },
-        correction: match correction {
+    let mut bytes = vec![0; MAX_HOST_LENGTH];
+    let length = host
+        .encode(&mut bytes)
+        .map_err(|_| ExportError::DoesNotFit("names of tools"))?
+        .len();
+    bytes.truncate(length);
+    Ok(bytes)
+}
+
+/// Returns the ranges of the samples; the payload's, if the model depends on it.
+fn ranges(
+    calibration: &Calibration,
+    robot: &Robot,
+    samples: &[InstrumentSample],
+) -> Result<Ranges, ExportError> {
+    let knows_payload = match &calibration.correction {
+        model::Correction::None => false,
+        model::Correction::TaskSpace(task_space) => task_space.with_payload,
+        model::Correction::Elastic(_) => samples.iter().all(|s| s.payload_kg.is_some()),
+    };
+    let range = |value: &dyn Fn(&InstrumentSample) -> f64| {
+        let (low, high) = extremes(samples.iter().map(value));
+        (low as f32, high as f32)
+    };
+    Ok(Ranges {
+        joints: fixed(
+            (0..robot.joints.len()).map(|i| range(&|s| s.joints[i])),
+            "joint ranges",
+        )?,
+        payload_kg: knows_payload.then(|| range(&|s| s.payload_kg.unwrap_or(0.0))),
+    })
+}
+
+/// A correction with the lists of its numbers as bytes.
+struct WireCorrection<'a> {
+    /// The correction without its lists.
+    header: Correction<'static>,
+    rows: Vec<u8>,
+    curves: Vec<u8>,
+    /// Landmarks of the variance.
+    landmarks: Vec<u8>,
+    /// Number of landmarks of a task-space process.
+    landmark_count: u8,
+    /// Variance of an elastic model.
+    sigma: Option<&'a DeviceVariance>,
+}
+
+impl<'a> WireCorrection<'a> {
+    fn new(calibration: &'a Calibration, robot: &Robot) -> Result<Self, ExportError> {
+        let limit = CorrectionLimit {
+            position_m: calibration.correction_limit.0 as f32,
+            angle_rad: calibration.correction_limit.1 as f32,
+        };
+        let (header, rows, curves, sigma) = match &calibration.correction {
+            model::Correction::None => (Correction::None, Vec::new(), Vec::new(), None),
+            model::Correction::TaskSpace(t) => {
+                let (correction, rows) = task_space(t, limit)?;
+                (Correction::TaskSpace(correction), rows, Vec::new(), None)
+            }
+            model::Correction::Elastic(e) => {
+                let (inducing_points, curves) = e.rows_and_curves();
+                (
+                    Correction::Elastic(elastic(e, calibration, limit)?),
+                    little_endian(inducing_points),
+                    little_endian(curves),
+                    e.sigma.as_ref(),
+                )
+            }
+        };
+        // A model whose rows exceed the room of a device is for workstations and has no limit.
+        let room = DEVICE_ROOM
+            .checked_sub(rows.len() / 4)
+            .unwrap_or(usize::MAX);
+        let squared_levers = |inputs: &[f64]| {
+            let joints = robot.serial_joints(&inputs[..robot.joints.len()]);
+            let p = calibration.calibrated.forward(&joints).translation;
+            std::array::from_fn(|i| p.norm_squared() - p[i] * p[i])
+        };
+        let task_space_variance = calibration
+            .correction
+            .task_space()
+            .filter(|_| calibration.config.device_variance)
+            .and_then(|t| t.gp.device_variance(room, &squared_levers));
+        let of_task_space = task_space_variance.as_ref().map(|v| &v.rows);
+        let landmarks = of_task_space.or(sigma.map(|s| &s.rows));
+        Ok(Self {
+            header,
+            rows,
+            curves,
+            landmarks: landmarks.map_or(Vec::new(), |rows| little_endian(rows)),
+            landmark_count: task_space_variance.map_or(0, |v| v.landmarks as u8),
+            sigma,
+        })
+    }
+
+    /// Returns the correction with its lists.
+    fn whole(&self) -> Correction<'_> {
+        match self.header.clone() {
             Correction::None => Correction::None,
             Correction::TaskSpace(header) => Correction::TaskSpace(TaskSpace {
-                rows: &rows,
-                landmarks: task_space_variance.map_or(0, |v| v.landmarks as u8),
-                landmark_rows: &landmarks,
+                rows: &self.rows,
+                landmarks: self.landmark_count,
+                landmark_rows: &self.landmarks,
                 ..header
             }),
             Correction::Elastic(header) => Correction::Elastic(Elastic {
-                rows: &rows,
-                curves: &curves,
+                rows: &self.rows,
+                curves: &self.curves,
                 ..header
             }),
-        },
-        warnings: provenance.warnings,
-        host,
-        variance: match sigma {
-            Some(s) => Some(Variance {
-                rates: s.header.rates[..robot.joints.len()]
-                    .iter()
-                    .map(|rate| *rate as f32)
-                    .collect(),
-                payload_rate: s.header.payload_rate as f32,
-                floor_m2: s.header.floor as f32,
-                noise_m2: s.noise as f32,
-                gain: s.header.gain as f32,
-                landmarks: s.header.landmarks as u8,
-                rows: &landmarks,
-            }),
-            None => constant_variance(calibration),
-        },
-    };
-    let room = blob::HEADER_LENGTH
-        + blob::MAX_LENGTH_WITHOUT_ROWS
-        + robot.name.len()
-        + provenance.serial_number.len()
-        + host.len()
-        + rows.len()
-        + curves.len()
-        + landmarks.len();
-    let mut buffer = vec![0; room];
-    let length = blob::encode(&blob, &mut buffer)
-        .map_err(|_| ExportError::DoesNotFit("names"))?
-        .len();
-    buffer.truncate(length);
-    Ok(buffer)
+        }
+    }
+
+    /// Returns the variance of an elastic model.
+    fn variance(&self, joints: usize) -> Option<Variance<'_>> {
+        let sigma = self.sigma?;
+        let rates = sigma.header.rates[..joints].iter();
+        Some(Variance {
+            rates: rates.map(|rate| *rate as f32).collect(),
+            payload_rate: sigma.header.payload_rate as f32,
+            floor_m2: sigma.header.floor as f32,
+            noise_m2: sigma.noise as f32,
+            gain: sigma.header.gain as f32,
+            landmarks: sigma.header.landmarks as u8,
+            rows: &self.landmarks,
+        })
+    }
+
+    /// Returns the number of bytes of all lists.
+    fn length(&self) -> usize {
+        self.rows.len() + self.curves.len() + self.landmarks.len()
+    }
 }
 
 /// Returns the constant variance of a model without processes, if the device needs a variance.

@@ -4,6 +4,9 @@
 //! test set, the test reports only the noise. Configurations whose joints are all equal within 0.1° (0.1 mm for a prismatic
 //! joint) are therefore kept in one fold, including those connected by a chain of neighbours.
 //!
+//! Neighbours on one path differ too little to test each other, although their joints are not equal: of such rows, whole
+//! stretches are held out ([`follow_one_path`]).
+//!
 //! A tool is known only from its own poses. A row whose fold would leave fewer than three of them to train
 //! on is in no fold: it is always trained on and never tested.
 
@@ -15,12 +18,58 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::sample::Sample;
+use crate::numeric::statistics::{extremes, quantile};
 
 /// Largest difference of joint values that counts as the same configuration, in rad and m.
 const SAME_ANGLE: f64 = 0.1 * std::f64::consts::PI / 180.0;
 const SAME_LENGTH: f64 = 1e-4;
 /// Least number of different configurations of a tool in a training part: fewer do not show how it is mounted.
 const POSES_OF_A_TOOL: usize = 3;
+
+/// Least number of rows that show a path.
+pub const PATH_ROWS: usize = 15;
+/// Most folds of rows that follow a path.
+const STRETCHES: usize = 5;
+/// Largest distance of a row of a path from the middle of its neighbours, as a share of the distance of these.
+const BENT: f64 = 0.25;
+/// Least share of the rows of a path that are bent no more.
+const SMOOTH_ROWS: f64 = 0.8;
+/// Largest step of a path, as a share of the distance between rows that are far apart in order.
+const SHORT: f64 = 0.15;
+
+/// Returns whether the rows follow one path: nearly every row lies between those before and after it, and steps are short.
+/// Joints count as shares of their measured ranges.
+pub fn follow_one_path<F>(samples: &[Sample<F>]) -> bool {
+    let count = samples.len();
+    if count < PATH_ROWS {
+        return false;
+    }
+    let joints = samples[0].joints.len();
+    let range = |joint: usize| {
+        let (least, most) = extremes(samples.iter().map(|s| s.joints[joint]));
+        if most > least { most - least } else { 1.0 }
+    };
+    let ranges: Vec<f64> = (0..joints).map(range).collect();
+    let of = |row: usize, joint: usize| samples[row % count].joints[joint] / ranges[joint];
+    let length = |difference: &dyn Fn(usize) -> f64| {
+        let squares = (0..joints).map(|joint| difference(joint).powi(2));
+        squares.sum::<f64>().sqrt()
+    };
+    let apart = |a: usize, b: usize| length(&|joint| of(a, joint) - of(b, joint));
+    let is_smooth = |row: &usize| {
+        let (before, after) = (row - 1, row + 1);
+        let middle = |joint| 0.5 * (of(before, joint) + of(after, joint));
+        length(&|joint| of(*row, joint) - middle(joint)) <= BENT * apart(before, after)
+    };
+    let smooth = (1..count - 1).filter(is_smooth).count();
+    let steps: Vec<f64> = (1..count).map(|row| apart(row - 1, row)).collect();
+    let far = [2, 3, 5].iter().flat_map(|part| {
+        let apart = &apart;
+        (0..count).map(move |row| apart(row, row + count / part))
+    });
+    let far = quantile(far.collect(), 0.5);
+    smooth as f64 >= SMOOTH_ROWS * (count - 2) as f64 && quantile(steps, 0.5) <= SHORT * far
+}
 
 /// Returns the group index of each row of joints (rad or m). A group holds all rows of the same configuration.
 pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize> {
@@ -84,29 +133,37 @@ pub struct Folds {
 
 impl Folds {
     /// Divides `samples` at random, with `seed`, into `count` folds. Fold sizes differ by at most the size of the largest
-    /// group of equal configurations and by the samples that cannot be held out.
+    /// group of equal configurations and by the samples that cannot be held out. Rows that follow one path are divided into at
+    /// most five stretches instead.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
         let mut members = configurations(samples, kinds);
-        members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-        // Large groups come first, each into the currently smallest fold. The sort is stable, so the random order decides
-        // among equals.
-        members.sort_by_key(|m| std::cmp::Reverse(m.len()));
+        let (groups, stretches) = (members.len(), count.min(STRETCHES));
+        let is_path = follow_one_path(samples);
+        if !is_path {
+            members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+            // Large groups come first, each into the currently smallest fold. The sort is stable, so the random order decides
+            // among equals.
+            members.sort_by_key(|m| std::cmp::Reverse(m.len()));
+        }
         let (mut fold, mut sizes) = (vec![None; samples.len()], vec![0_usize; count]);
         // Number of different configurations of each tool: in all folds, and in each.
         let (mut all, mut own) = (BTreeMap::new(), BTreeMap::new());
-        for group in members {
-            let smallest = (0..count).min_by_key(|f| sizes[*f]).unwrap_or(0);
-            sizes[smallest] += group.len();
+        for (number, group) in members.into_iter().enumerate() {
+            let own_fold = match is_path {
+                true => number * stretches / groups,
+                false => (0..count).min_by_key(|f| sizes[*f]).unwrap_or(0),
+            };
+            sizes[own_fold] += group.len();
             for tool in group
                 .iter()
                 .map(|i| samples[*i].tool)
                 .collect::<BTreeSet<_>>()
             {
                 *all.entry(tool).or_insert(0_usize) += 1;
-                *own.entry((tool, smallest)).or_insert(0_usize) += 1;
+                *own.entry((tool, own_fold)).or_insert(0_usize) += 1;
             }
             for sample in group {
-                fold[sample] = Some(smallest);
+                fold[sample] = Some(own_fold);
             }
         }
         for (sample, fold) in samples.iter().zip(&mut fold) {
@@ -158,6 +215,44 @@ mod tests {
         let joints = joints.to_vec();
         let observation = Observation::Pose(Pose::identity());
         Sample::new(joints.clone(), joints, observation, Base)
+    }
+
+    /// Returns joints on a slow closed wave, 60 rows of it.
+    fn on_a_path() -> Vec<BaseSample> {
+        let at = |i: i32| f64::from(i) * std::f64::consts::TAU / 60.0;
+        (0..60)
+            .map(|i| sample([libm::sin(at(i)), 0.7 * libm::cos(2.0 * at(i))]))
+            .collect()
+    }
+
+    /// Of 60 rows on a path, each fold holds one stretch of twelve, so that most of its rows have no neighbour in training.
+    #[test]
+    fn stretches_of_a_path_are_held_out() {
+        let samples = on_a_path();
+        assert!(follow_one_path(&samples));
+        for count in [5, 20] {
+            let folds = Folds::draw(&samples, &[JointKind::Revolute; 2], count, 1);
+            let expected: Vec<Option<usize>> = (0..60).map(|i| Some(i / 12)).collect();
+            assert_eq!(folds.fold, expected);
+        }
+    }
+
+    /// The same rows in another order, few rows, and a sweep of one joint after the other are no path.
+    #[test]
+    fn what_is_no_path() {
+        let samples = on_a_path();
+        assert!(!follow_one_path(&samples[..PATH_ROWS - 1]));
+        let jumping: Vec<BaseSample> = (0..60).map(|i| samples[i * 23 % 60].clone()).collect();
+        assert!(!follow_one_path(&jumping));
+        let sweep = |joint: usize| {
+            (0..5).map(move |i| {
+                let mut joints = [0.0; 2];
+                joints[joint] = f64::from(i) - 2.0;
+                sample(joints)
+            })
+        };
+        let swept: Vec<BaseSample> = (0..4).flat_map(|i| sweep(i % 2)).collect();
+        assert!(!follow_one_path(&swept));
     }
 
     #[test]

@@ -170,67 +170,25 @@ impl Geometry {
         gravity: Vector3<f64>,
         (with_gravity, with_harmonics): (bool, bool),
     ) -> Option<Self> {
-        let joints = data.robot.joints.len();
-        let last = *data.chain.frames().last()?;
         let instrument: Vec<_> = data.samples.iter().map(|s| (*s).clone()).collect();
         let samples = in_base_frame(&instrument, &alignment.base);
         let payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
-        let varies = payloads.iter().any(|m| (m - payloads[0]).abs() > 0.05);
+        let joints = data.robot.joints.len();
         let layout = Layout {
             joints,
             tools: alignment.tools.len(),
             gravity: with_gravity,
-            payload: varies,
+            payload: payloads.iter().any(|m| (m - payloads[0]).abs() > 0.05),
             ripple: (0..joints)
                 .filter(|_| with_harmonics)
                 .flat_map(|j| [GearLine::found(j, 1.0), GearLine::found(j, 2.0)])
                 .collect(),
         };
-        let chain = with_base_and_tool(&data.chain, &Pose::identity(), &alignment.tools[0]);
-        let tools: Vec<Pose<f64>> = alignment.tools.iter().map(|t| last * *t).collect();
-        let coupling = data.robot.coupling.clone();
-        let mut state = ParametricModel::new(&chain, tools, coupling, layout, gravity);
+        let mut state = nominal_state(data, alignment, layout, gravity)?;
         let nominal = state.frames.clone();
-        let groups = state.layout.groups();
-        let wide = match priors {
-            Priors::Made => 0.0,
-            Priors::Wide => libm::log(15.0_f64.powi(2)),
-        };
-        let hyper = [0.0, 0.0, wide, 0.0, 0.0];
-        let sd: Vec<f64> = groups
-            .iter()
-            .map(|g| prior_variance(*g, &hyper).sqrt())
-            .collect();
+        let sd = prior_deviations(&state, priors);
         for _ in 0..ROUNDS {
-            let scales = robust_scales(&state, &samples);
-            let linear = state.linearise(&samples, scales);
-            let weights = row_weights(&state.residuals(&samples, scales), &samples);
-            let factor = Factor::new(normal(&linear, &weights, &sd), 1).ok()?;
-            let right = right_side(&linear, &weights, &sd);
-            let z = factor.solve(&right);
-            let x: Vec<f64> = (0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect();
-            let origin = state.clone();
-            let before = objective(&state, &samples, scales, &sd);
-            let mut moved = 0.0;
-            for halvings in 0..8 {
-                let share = 0.5_f64.powi(halvings);
-                let mixed = x
-                    .iter()
-                    .zip(&origin.deviation)
-                    .map(|(new, old)| old + share * (new - old));
-                let mixed: Vec<f64> = mixed.collect();
-                let mut candidate = origin.clone();
-                candidate.update(&mixed);
-                if objective(&candidate, &samples, scales, &sd) <= before {
-                    let steps = mixed.iter().zip(&origin.deviation).zip(&sd);
-                    moved = steps
-                        .map(|((new, old), sd)| ((new - old) / sd).abs())
-                        .fold(0.0, f64::max);
-                    state = candidate;
-                    break;
-                }
-            }
-            if moved < SETTLED {
+            if improve(&mut state, &samples, &sd)? < SETTLED {
                 break;
             }
         }
@@ -244,22 +202,10 @@ impl Geometry {
             .iter()
             .zip(&samples)
             .filter(|(_, s)| s.observation.has_orientation());
-        let mut frames_off: Vec<(f64, f64)> = (state.frames.iter().zip(&nominal))
-            .map(|(fitted, nominal)| {
-                let turned = nominal.inverse() * *fitted;
-                (
-                    (fitted.translation - nominal.translation).norm(),
-                    turned.log().angular.norm(),
-                )
-            })
-            .collect();
-        for (frame, shift) in shifts_along_axes(&state.frames, &nominal) {
-            frames_off[frame].0 = frames_off[frame].0.max(shift);
-        }
         let mut out = Self {
             position: median(plain.iter().map(|r| norm(&r[..3])).collect()),
             rotation: median(whole.map(|(r, _)| norm(&r[3..])).collect()),
-            frames_off,
+            frames_off: frames_off(&state.frames, &nominal),
             determined: 0.0,
             state,
             samples,
@@ -316,6 +262,85 @@ impl Geometry {
         let equations = self.equations() as f64;
         (equations / (equations - self.determined).max(1.0)).sqrt()
     }
+}
+
+/// Returns the nominal arm at the base and the tools of `alignment`.
+fn nominal_state(
+    data: &Data<'_>,
+    alignment: &Alignment,
+    layout: Layout,
+    gravity: Vector3<f64>,
+) -> Option<ParametricModel> {
+    let last = *data.chain.frames().last()?;
+    let chain = with_base_and_tool(&data.chain, &Pose::identity(), &alignment.tools[0]);
+    let tools: Vec<Pose<f64>> = alignment.tools.iter().map(|t| last * *t).collect();
+    let coupling = data.robot.coupling.clone();
+    Some(ParametricModel::new(
+        &chain, tools, coupling, layout, gravity,
+    ))
+}
+
+/// Returns the standard deviations of the priors of all parameters.
+fn prior_deviations(state: &ParametricModel, priors: Priors) -> Vec<f64> {
+    let wide = match priors {
+        Priors::Made => 0.0,
+        Priors::Wide => libm::log(15.0_f64.powi(2)),
+    };
+    let hyper = [0.0, 0.0, wide, 0.0, 0.0];
+    let groups = state.layout.groups();
+    groups
+        .iter()
+        .map(|g| prior_variance(*g, &hyper).sqrt())
+        .collect()
+}
+
+/// Takes one step of the fit, shortened until it lowers the objective. Returns its largest part in units of the priors'
+/// standard deviations, 0 if no length lowers it; `None` if the equations cannot be solved.
+fn improve(state: &mut ParametricModel, samples: &[BaseSample], sd: &[f64]) -> Option<f64> {
+    let scales = robust_scales(state, samples);
+    let linear = state.linearise(samples, scales);
+    let weights = row_weights(&state.residuals(samples, scales), samples);
+    let factor = Factor::new(normal(&linear, &weights, sd), 1).ok()?;
+    let right = right_side(&linear, &weights, sd);
+    let z = factor.solve(&right);
+    let x: Vec<f64> = (0..sd.len()).map(|i| sd[i] * z[(i, 0)]).collect();
+    let before = objective(state, samples, scales, sd);
+    for halvings in 0..8 {
+        let share = 0.5_f64.powi(halvings);
+        let mixed = x
+            .iter()
+            .zip(&state.deviation)
+            .map(|(new, old)| old + share * (new - old));
+        let mixed: Vec<f64> = mixed.collect();
+        let mut candidate = state.clone();
+        candidate.update(&mixed);
+        if objective(&candidate, samples, scales, sd) <= before {
+            let steps = mixed.iter().zip(&state.deviation).zip(sd);
+            let moved = steps
+                .map(|((new, old), sd)| ((new - old) / sd).abs())
+                .fold(0.0, f64::max);
+            *state = candidate;
+            return Some(moved);
+        }
+    }
+    Some(0.0)
+}
+
+/// Returns the distance of each fitted frame from the nominal one, in m and rad.
+fn frames_off(fitted: &[Pose<f64>], nominal: &[Pose<f64>]) -> Vec<(f64, f64)> {
+    let mut off: Vec<(f64, f64)> = (fitted.iter().zip(nominal))
+        .map(|(fitted, nominal)| {
+            let turned = nominal.inverse() * *fitted;
+            (
+                (fitted.translation - nominal.translation).norm(),
+                turned.log().angular.norm(),
+            )
+        })
+        .collect();
+    for (frame, shift) in shifts_along_axes(fitted, nominal) {
+        off[frame].0 = off[frame].0.max(shift);
+    }
+    off
 }
 
 /// Returns shifts along joints with parallel axes, in m, each with the frame that has the largest part of it. The data

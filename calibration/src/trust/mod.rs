@@ -37,6 +37,7 @@ pub use crate::trust::finding::{Finding, Findings, Tier};
 pub use crate::trust::residuals::{computed_by_model, overstated_noise};
 
 use crate::measurement::MeasurementSet;
+use crate::measurement::folds::{PATH_ROWS, follow_one_path};
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::median;
 use crate::robot::Robot;
@@ -65,6 +66,15 @@ pub fn identify(
         out.0.extend(nominal_arm::examine(&data, gravity).findings);
     }
     out
+}
+
+/// Warns of rows that follow one path.
+fn one_path(samples: &[InstrumentSample]) -> Option<Finding> {
+    let text = "the rows follow one path: they show neither the errors beside it nor a delay between joints and poses; \
+                measure poses spread over the joint ranges, each with the robot at rest";
+    let (rows, least) = (samples.len() as f64, PATH_ROWS as f64);
+    follow_one_path(samples)
+        .then(|| Finding::new(Cause::Few, Tier::Warning, text.to_owned(), rows, least))
 }
 
 /// Ratio above which rows contradict the arm of the others: their median distance from it over that of the others.
@@ -173,6 +183,7 @@ pub fn examine(
                 .extend(fit.and_then(|fit| left_out::examine(&data, &fit)));
         }
     }
+    out.0.extend(one_path(samples).filter(|_| fits_geometry));
     out.accept(&[]);
     out
 }

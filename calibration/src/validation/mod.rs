@@ -1,5 +1,6 @@
 //! Results computed from held-out errors.
 
+mod candidates;
 pub mod command_change;
 pub mod conformity;
 pub mod cross_validation;

@@ -14,19 +14,14 @@ use serde::Serialize;
 use crate::measurement::folds::configurations;
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::InstrumentSample;
-use crate::model::config::{Config, Weighting};
+use crate::model::config::Config;
 use crate::model::{Method, without_gross_outliers};
 use crate::numeric::statistics::{MEAN_LENGTH, Summary};
-use crate::robot::Robot;
 use crate::trust::{Finding, Tier};
-use crate::validation::cross_validation::{CompareError, Task, applicable};
+use crate::validation::cross_validation::{CompareError, Task};
 
-/// Number of folds for the choice among more than a few poses, and for a report.
-pub const FOLDS: usize = 5;
-/// Number of folds for the choice among few poses, because a model needs most of them.
-const MORE_FOLDS: usize = 10;
-/// Largest number of poses for which [`MORE_FOLDS`] are used.
-const FEW: usize = 20;
+pub use crate::validation::candidates::{Candidate, FOLDS, candidates, folds, named_and_simpler};
+
 /// Number of different poses below which a richer model must be better by two standard errors. With one standard error, one of nine
 /// sets of thirty poses got a process that costs 5 %.
 const CAREFUL: usize = 40;
@@ -49,26 +44,9 @@ const SCATTERED: (usize, f64, f64) = (60, 0.5, 2.0);
 /// Share of the poses that may be left out without a warning.
 const UNEXPLAINED: f64 = 0.05;
 
-/// Returns the number of folds for the choice among this many different poses.
-pub fn folds(poses: usize) -> usize {
-    match poses <= FEW {
-        true => MORE_FOLDS.min(poses),
-        false => FOLDS,
-    }
-}
-
 /// Returns how many standard errors a simpler model may be behind the best.
 fn standard_errors(poses: usize) -> f64 {
     if poses < CAREFUL { 2.0 } else { 1.0 }
-}
-
-/// A model that may be chosen, with its configuration.
-#[derive(Clone, Debug)]
-pub struct Candidate {
-    /// Name of the candidate in the table.
-    pub name: &'static str,
-    /// Configuration that it is calibrated with.
-    pub config: Config,
 }
 
 /// One row of the table that the choice was made from.
@@ -114,59 +92,6 @@ pub struct Choice {
     pub unexplained: usize,
     /// Stated standard uncertainty of a measured position component, in mm, if every row has one.
     pub stated_mm: Option<f64>,
-}
-
-/// Returns all candidates that the data allow, simplest first; `base` has the settings that they share.
-pub fn candidates(samples: &[InstrumentSample], robot: &Robot, base: &Config) -> Vec<Candidate> {
-    let of = |name, method| Candidate {
-        name,
-        config: Config {
-            method,
-            weighting: Weighting::Noise,
-            ..*base
-        },
-    };
-    let all = vec![
-        of("base-tool", Method::BaseTool),
-        of("poe --weighting noise", Method::Poe),
-        of("parametric", Method::Parametric),
-        of("elastic", Method::Elastic),
-    ];
-    possible(all, samples, robot)
-}
-
-/// Returns the candidates that a named method is compared with, simplest first: base and tool alone, the chain if the method
-/// has more, and the method itself. Empty if the method needs every pose.
-pub fn named_and_simpler(
-    samples: &[InstrumentSample],
-    robot: &Robot,
-    named: &Config,
-) -> Vec<Candidate> {
-    let mut all = candidates(samples, robot, named);
-    all.retain(|c| c.config.method < named.method && c.config.method <= Method::Poe);
-    let own = Candidate {
-        name: named.method.name(),
-        config: *named,
-    };
-    let own = possible(vec![own], samples, robot);
-    match own.is_empty() {
-        true => own,
-        false => [all, own].concat(),
-    }
-}
-
-/// Keeps those of `all` that the poses outside one fold are enough for.
-fn possible(
-    mut all: Vec<Candidate>,
-    samples: &[InstrumentSample],
-    robot: &Robot,
-) -> Vec<Candidate> {
-    let allowed = applicable(samples);
-    let poses = configurations(samples, &robot.kinds()).len();
-    let smallest = poses - poses.div_ceil(folds(poses));
-    let needed = |c: &Candidate| c.config.method.min_poses(robot.joints.len());
-    all.retain(|c| allowed.contains(&c.config.method) && needed(c) <= smallest);
-    all
 }
 
 /// Cross-validates the candidates on `task.train` and chooses one.
@@ -220,59 +145,16 @@ fn select(
         rows.iter().for_each(|row| pose[*row] = group);
     }
     let rows = task.folds().held_out();
-    let mut errors: Vec<Vec<f64>> = Vec::new();
-    let (mut usable, mut left_out, mut first) = (Vec::new(), Vec::new(), None);
-    for candidate in candidates {
-        let config = Config {
-            hyperparameter_poses: HYPERPARAMETER_POSES,
-            ..candidate.config
-        };
-        match task.held_out(&config, progress) {
-            Ok(held_out) => {
-                errors.push(held_out.iter().map(|e| e.position_mm).collect());
-                usable.push(candidate);
-            }
-            Err(error)
-                if is_named && std::ptr::eq(candidate, &candidates[candidates.len() - 1]) =>
-            {
-                return Err(error);
-            }
-            Err(error) => {
-                left_out.push(LeftOut {
-                    candidate: candidate.name,
-                    reason: error.error.to_string(),
-                });
-                first.get_or_insert(error);
-            }
-        }
-    }
-    if let (true, Some(error)) = (usable.is_empty(), first) {
-        return Err(error);
-    }
-    let candidates = usable;
+    let compared = compare(task, candidates, is_named, progress)?;
+    let Compared {
+        candidates, errors, ..
+    } = &compared;
     let mean = |e: &Vec<f64>| e.iter().sum::<f64>() / e.len().max(1) as f64;
     let best = (0..errors.len())
         .min_by(|a, b| mean(&errors[*a]).total_cmp(&mean(&errors[*b])))
         .unwrap_or(0);
-    let behind = |i: usize| -> (f64, f64) {
-        let d: Vec<f64> = errors[i]
-            .iter()
-            .zip(&errors[best])
-            .map(|(a, b)| a - b)
-            .collect();
-        let (n, m) = (
-            d.len() as f64,
-            d.iter().sum::<f64>() / d.len().max(1) as f64,
-        );
-        // Repeats of a configuration have one model error: they count together.
-        let mut sums = BTreeMap::new();
-        for (row, x) in rows.iter().zip(&d) {
-            *sums.entry(pose[*row]).or_insert(0.0) += x - m;
-        }
-        let count = sums.len() as f64;
-        let variance = sums.values().map(|s: &f64| s * s).sum::<f64>() / (count - 1.0).max(1.0);
-        (m, (variance * count).sqrt() / n)
-    };
+    let pose_of_row: Vec<usize> = rows.iter().map(|row| pose[*row]).collect();
+    let behind = |i: usize| behind(&errors[i], &errors[best], &pose_of_row);
     let simplest = (0..errors.len())
         .find(|i| {
             let (m, standard_error) = behind(*i);
@@ -301,8 +183,77 @@ fn select(
         stated_mm: stated_mm(&train, &candidates[chosen].config),
         table: table.collect(),
         config: candidates[chosen].config,
-        left_out,
+        left_out: compared.left_out,
     })
+}
+
+/// Candidates that could be cross-validated, and those that could not.
+struct Compared<'a> {
+    candidates: Vec<&'a Candidate>,
+    /// Position errors of each of `candidates` on the held-out rows, mm.
+    errors: Vec<Vec<f64>>,
+    left_out: Vec<LeftOut>,
+}
+
+/// Cross-validates the candidates, of which at least one must succeed, and the last if it `is_named`.
+fn compare<'a>(
+    task: &Task<'_>,
+    candidates: &'a [Candidate],
+    is_named: bool,
+    progress: &mut dyn FnMut(),
+) -> Result<Compared<'a>, CompareError> {
+    let mut out = Compared {
+        candidates: Vec::new(),
+        errors: Vec::new(),
+        left_out: Vec::new(),
+    };
+    let mut first = None;
+    for candidate in candidates {
+        let config = Config {
+            hyperparameter_poses: HYPERPARAMETER_POSES,
+            ..candidate.config
+        };
+        match task.held_out(&config, progress) {
+            Ok(held_out) => {
+                let errors = held_out.iter().map(|e| e.position_mm);
+                out.errors.push(errors.collect());
+                out.candidates.push(candidate);
+            }
+            Err(error)
+                if is_named && std::ptr::eq(candidate, &candidates[candidates.len() - 1]) =>
+            {
+                return Err(error);
+            }
+            Err(error) => {
+                out.left_out.push(LeftOut {
+                    candidate: candidate.name,
+                    reason: error.error.to_string(),
+                });
+                first.get_or_insert(error);
+            }
+        }
+    }
+    match (out.candidates.is_empty(), first) {
+        (true, Some(error)) => Err(error),
+        _ => Ok(out),
+    }
+}
+
+/// Returns by how much `errors` are above those of the `best` on average, with the standard error of this mean. `pose` is the
+/// configuration of each error: repeats of one have one model error and count together.
+fn behind(errors: &[f64], best: &[f64], pose: &[usize]) -> (f64, f64) {
+    let d: Vec<f64> = errors.iter().zip(best).map(|(a, b)| a - b).collect();
+    let (n, m) = (
+        d.len() as f64,
+        d.iter().sum::<f64>() / d.len().max(1) as f64,
+    );
+    let mut sums = BTreeMap::new();
+    for (pose, x) in pose.iter().zip(&d) {
+        *sums.entry(*pose).or_insert(0.0) += x - m;
+    }
+    let count = sums.len() as f64;
+    let variance = sums.values().map(|s: &f64| s * s).sum::<f64>() / (count - 1.0).max(1.0);
+    (m, (variance * count).sqrt() / n)
 }
 
 /// Returns the standard uncertainty of a position component that the samples or the settings state, in mm.

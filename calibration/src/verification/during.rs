@@ -16,7 +16,7 @@ use crate::trust::{AS_GOOD, BLIND, SPLITS, drop_among};
 use crate::verification::arm::BlobArm;
 use crate::verification::columns::{Columns, basis, columns, without};
 use crate::verification::hypotheses::{Masked, Part};
-use crate::verification::result::CheckError;
+use crate::verification::result::{CheckError, Moved};
 use crate::verification::whitened::Whitened;
 
 /// Fewest rows before and after a step.
@@ -57,6 +57,25 @@ impl Change {
             .filter(|k| self.change.shares[*k] > 0.0)
             .collect();
         (concerned.iter().map(square).sum::<f64>() / concerned.len().max(1) as f64).sqrt()
+    }
+
+    /// Returns what a report says of the change; `lines` are those of all rows, `effect` and `unit` as for
+    /// [`moves_mm`](Self::moves_mm).
+    pub(super) fn moved(
+        self,
+        effect: &Mat<f64>,
+        lines: &[usize],
+        unit: impl Fn(usize) -> f64,
+    ) -> Moved {
+        let count = lines.len();
+        Moved {
+            part: self.part,
+            from_line: self.is_step().then(|| lines[self.rows[0]]),
+            moves_mm: self.moves_mm(effect, unit),
+            lines: self.rows.iter().map(|k| lines[*k]).collect(),
+            drop: (self.drop / count as f64, drop_among(count) / count as f64),
+            or_else: self.or_else,
+        }
     }
 }
 

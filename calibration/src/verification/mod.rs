@@ -41,14 +41,13 @@ use crate::measurement::sample::{InstrumentSample, different_poses};
 use crate::measurement::samples::Samples;
 use crate::numeric::matrix::Mat;
 use crate::numeric::statistics::ErrorSummary;
-use crate::trust::drop_among;
 use crate::validation::held_out::HeldOutPose;
 use crate::verification::arm::BlobArm;
 use crate::verification::columns::{Columns, columns};
 use crate::verification::drift_test::DriftTest;
 use crate::verification::estimate::{Fit, angles, can_be_found, changes, lengths, sensitivity};
 use crate::verification::hypotheses::{Hypothesis, Part};
-use crate::verification::result::{Moved, Report, RowError};
+use crate::verification::result::{Report, RowError};
 use crate::verification::unexplained::Unexplained;
 use crate::verification::whitened::Whitened;
 
@@ -148,16 +147,10 @@ fn check_rows(
     (lines, searched): (&[usize], &[usize]),
     options: &Options,
 ) -> Result<Report, CheckError> {
-    let with_noise = |s: &InstrumentSample| s.clone().with_noise(options.instrument);
     let frames = FittedFrames::new(loaded, samples, tools, options.frames)?;
-    let is_compared = |i: &usize| !frames.left_out.contains(i);
-    let compared: Vec<usize> = (0..samples.len()).filter(is_compared).collect();
-    let samples: &Vec<InstrumentSample> =
-        &compared.iter().map(|i| with_noise(&samples[*i])).collect();
-    let line = |i: &usize| lines.get(*i).copied().unwrap_or(0);
-    let lines: &Vec<usize> = &compared.iter().map(line).collect();
-    enough(loaded, samples, &frames)?;
-    let placed = Registered::new(loaded, samples, &frames);
+    let (samples, lines) = compared((samples, lines), &frames, options);
+    enough(loaded, &samples, &frames)?;
+    let placed = Registered::new(loaded, &samples, &frames);
     let (errors, poses) = (placed.errors(), held_out(&placed));
     let summary = ErrorSummary::new(&errors);
     if !is_same_frame(&summary) {
@@ -166,54 +159,21 @@ fn check_rows(
             median_mrad: summary.orientation_mrad.map_or(0.0, |o| o.median),
         });
     }
-    let rows = errors.iter().zip(lines).map(|(error, line)| RowError {
+    let rows = errors.iter().zip(&lines).map(|(error, line)| RowError {
         line: *line,
         position_mm: error.position_mm,
     });
     let rows: Vec<RowError> = rows.collect();
     let arm = BlobArm::new(loaded, &placed.frames.tools);
-    let most = match arm.has_error_covariance {
-        false => MOST_SEARCHED.0,
-        true => MOST_SEARCHED.1,
-    };
-    let every: Vec<usize> = (0..samples.len()).collect();
-    let chosen: Vec<usize> = match searched {
-        [] => evenly_spaced(&every, most),
-        _ => (every.into_iter())
-            .filter(|k| searched.contains(&lines[*k]))
-            .collect(),
-    };
+    let chosen = chosen_rows(&lines, searched, arm.has_error_covariance);
     let samples: &Vec<InstrumentSample> = &chosen.iter().map(|k| samples[*k].clone()).collect();
     let lines: &Vec<usize> = &chosen.iter().map(|k| lines[*k]).collect();
     let placed = Registered::new(loaded, samples, &frames);
     let (weighed, during) = during::examine(&placed, &arm, Whitened::new(&placed, &arm, None)?)?;
     let scales = weighed.scales;
     let nuisance = weighed.nuisance(&frames, during.as_ref().map(|d| &d.change));
-    let are_tools_fitted = samples.iter().all(|s| frames.is_tool_fitted[s.tool]);
-    let all: Vec<Hypothesis> = weighed
-        .all
-        .iter()
-        .filter(|h| {
-            !(frames.is_base_fitted && h.part == Part::Base
-                || are_tools_fitted && h.part == Part::Tool)
-        })
-        .cloned()
-        .collect();
-    let effects: Vec<Columns> = all
-        .iter()
-        .map(|h| columns(&weighed.whiten(&h.effect)))
-        .collect();
-    let numbers: Vec<usize> = all.iter().map(|h| number(h.part)).collect();
-    let y = &weighed.y;
-    let (white, free) = (weighed.whiten(y), columns(&weighed.whiten(&nuisance)));
-    let test = DriftTest::with_unchanged(
-        (&white, Some(&weighed.unchanged)),
-        &free,
-        &effects,
-        numbers,
-        weighed.absent,
-    );
-    let test = test.ok_or(CheckError::Unsolvable)?;
+    let all = possible(&weighed, &frames);
+    let test = drift_test(&weighed, &nuisance, &all).ok_or(CheckError::Unsolvable)?;
     let sensitivity = sensitivity(&test, &all, options.false_alarms);
     if sensitivity.iter().all(|s| s.smallest.is_none()) {
         return Err(CheckError::NothingShown);
@@ -222,6 +182,7 @@ fn check_rows(
         can_be_found(&all[h], &sensitivity)
     });
     let chosen: Vec<&Hypothesis> = choices.iter().map(|c| &all[c.hypothesis]).collect();
+    let y = &weighed.y;
     let fit = Fit::new((y, &weighed.factor), &nuisance, &chosen).ok_or(CheckError::Unsolvable)?;
     let moved = during
         .as_ref()
@@ -243,16 +204,8 @@ fn check_rows(
         rows,
         false_alarm_rate: options.false_alarms,
         changes: changes(&test, &all, &choices, &fit, options.false_alarms),
-        during: during.zip(moved).map(|(found, effect)| Moved {
-            part: found.part,
-            from_line: found.is_step().then(|| lines[found.rows[0]]),
-            moves_mm: found.moves_mm(&effect, |k| 1e3 * scales.of(&samples[k]).position),
-            lines: found.rows.iter().map(|k| lines[*k]).collect(),
-            drop: (
-                found.drop / samples.len() as f64,
-                drop_among(samples.len()) / samples.len() as f64,
-            ),
-            or_else: found.or_else,
+        during: during.zip(moved).map(|(found, effect)| {
+            found.moved(&effect, lines, |k| 1e3 * scales.of(&samples[k]).position)
         }),
         untrained_payload: Vec::new(),
         is_searched: true,
@@ -272,6 +225,68 @@ fn check_rows(
         outlier_lines: outliers(&left, samples, scales, lines),
         poses,
     })
+}
+
+/// Returns the rows that are compared, with the noise that the instrument states at least, and their lines.
+fn compared(
+    (samples, lines): (&[InstrumentSample], &[usize]),
+    frames: &FittedFrames,
+    options: &Options,
+) -> (Vec<InstrumentSample>, Vec<usize>) {
+    let of = |i: usize| {
+        let line = lines.get(i).copied().unwrap_or(0);
+        (samples[i].clone().with_noise(options.instrument), line)
+    };
+    let compared = (0..samples.len()).filter(|i| !frames.left_out.contains(i));
+    compared.map(of).unzip()
+}
+
+/// Returns the indices of the rows in which changes are searched for: those of the lines `searched`, or, without any, evenly
+/// spread ones.
+fn chosen_rows(lines: &[usize], searched: &[usize], has_error_covariance: bool) -> Vec<usize> {
+    let most = match has_error_covariance {
+        false => MOST_SEARCHED.0,
+        true => MOST_SEARCHED.1,
+    };
+    let every: Vec<usize> = (0..lines.len()).collect();
+    match searched {
+        [] => evenly_spaced(&every, most),
+        _ => (every.into_iter())
+            .filter(|k| searched.contains(&lines[*k]))
+            .collect(),
+    }
+}
+
+/// Returns the hypotheses without those on frames that were set up again.
+fn possible(weighed: &Whitened<'_>, frames: &FittedFrames) -> Vec<Hypothesis> {
+    let mut samples = weighed.samples.iter();
+    let are_tools_fitted = samples.all(|s| frames.is_tool_fitted[s.tool]);
+    let is_possible = |h: &&Hypothesis| {
+        !(frames.is_base_fitted && h.part == Part::Base || are_tools_fitted && h.part == Part::Tool)
+    };
+    weighed.all.iter().filter(is_possible).cloned().collect()
+}
+
+/// Creates the test of `all`; `nuisance` is free in any case. Returns `None` if an equation cannot be solved.
+fn drift_test(
+    weighed: &Whitened<'_>,
+    nuisance: &Mat<f64>,
+    all: &[Hypothesis],
+) -> Option<DriftTest> {
+    let effects: Vec<Columns> = all
+        .iter()
+        .map(|h| columns(&weighed.whiten(&h.effect)))
+        .collect();
+    let numbers: Vec<usize> = all.iter().map(|h| number(h.part)).collect();
+    let white = weighed.whiten(&weighed.y);
+    let free = columns(&weighed.whiten(nuisance));
+    DriftTest::with_unchanged(
+        (&white, Some(&weighed.unchanged)),
+        &free,
+        &effects,
+        numbers,
+        weighed.absent,
+    )
 }
 
 fn held_out(placed: &Registered) -> Vec<HeldOutPose> {

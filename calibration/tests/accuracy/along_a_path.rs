@@ -2,9 +2,11 @@
 
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
+use poegp_calibration::model::config::Config;
 use poegp_calibration::numeric::statistics::{ErrorSummary, extremes};
 use poegp_calibration::planning::forecast::sample;
 use poegp_calibration::simulation::{Scenario, Simulator};
+use poegp_calibration::validation::model_selection::candidates;
 use poegp_calibration::validation::work_volume::ExpectedError;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -56,6 +58,9 @@ fn a_path_leaves_the_ranges_uncertain_and_the_model_says_so() {
         let fresh: Vec<InstrumentSample> = (0..FRESH)
             .map(|_| measure(&drawn(&spanned, &mut random)))
             .collect();
+        // A chain alone would not know where a path shows nothing.
+        let chosen_from = candidates(&train, &robot, &Config::new(Method::Elastic));
+        assert!(chosen_from.iter().all(|c| c.config.method != Method::Poe));
         let model = calibrated_by(Method::Parametric, &robot, &train);
         let expected = ExpectedError::new(&model.calibration, &robot, &train, None).unwrap();
         let mean = |samples: &[InstrumentSample]| {

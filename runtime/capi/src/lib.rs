@@ -15,6 +15,7 @@
 //! host crate with unsafe code; all of it is in `memory.rs` and in the functions that C calls or that carry them out.
 #![cfg_attr(target_os = "none", no_std)]
 #![deny(unsafe_op_in_unsafe_fn)]
+#![cfg_attr(not(test), warn(clippy::too_many_lines))]
 #![deny(
     clippy::undocumented_unsafe_blocks,
     clippy::multiple_unsafe_ops_per_block,

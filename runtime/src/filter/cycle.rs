@@ -59,6 +59,10 @@ impl<T: Scalar> CommandFilter<T> {
         now
     }
 
+    #[allow(
+        clippy::too_many_lines,
+        reason = "on the device's cyclic path: parts of it would cost stack and instructions, which are at their limits"
+    )]
     #[inline(always)]
     pub(super) fn next_step(
         &mut self,

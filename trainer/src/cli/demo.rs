@@ -18,9 +18,10 @@ use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary,
 use crate::cli::simulate::{SimulatedSet, simulated_sets};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
-use poegp_calibration::blob::write::calibrate_to_blob;
+use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement as measurements;
+use poegp_calibration::measurement::sample::{InstrumentSample, samples};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::{Config, Weighting};
 use poegp_calibration::progress::FitContext;
@@ -41,6 +42,27 @@ const PAPER_TABLE_I: [(Method, [f64; 3]); 4] = [
 const ROBOT: &str = "abb-irb4400-serial";
 const PAYLOADS: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const FOLDS: usize = 10;
+
+/// Names of the files in the folder, and what is in them.
+const WRITTEN: [(&str, &str); 8] = [
+    ("train.csv", "measurements to train on"),
+    (
+        "test1.csv test2.csv test3.csv",
+        "measurements to test on, with the noiseless truth",
+    ),
+    (
+        "arm.blob",
+        "the model for the controller (`trainer inspect` shows it)",
+    ),
+    ("predictions.csv", "its predictions for test1.csv"),
+    ("elastic.blob", "the model that cross-validation chose"),
+    (
+        "report.html",
+        "held-out errors with plots: open it in a browser",
+    ),
+    ("report.json", "the numbers of the report"),
+    ("compare.json", "all errors, for other programs"),
+];
 
 /// `trainer demo`.
 #[derive(Debug, Args)]
@@ -70,70 +92,20 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let sets = simulated_sets(&robot, &mut simulator, 300, (3, 100), &a.out, &comment);
     write_texts(&sets.iter().map(SimulatedSet::output).collect::<Vec<_>>())?;
 
-    // The files are read back, so that the demo takes the same path as real data.
-    let train_path = &sets[0].path;
-    let set = measurements::read(train_path)?;
-    let mut tools = Vec::new();
-    let train = poegp_calibration::measurement::sample::samples(&set, &robot, &mut tools)?;
-    let mut tests = Vec::new();
-    for test in &sets[1..] {
-        let samples = poegp_calibration::measurement::sample::samples(
-            &measurements::read(&test.path)?,
-            &robot,
-            &mut tools,
-        )?;
-        tests.push(TestSet {
-            name: file_name(&test.path),
-            samples,
-        });
-    }
-    let origin = origin(set.sha256, "demo", tools);
-
+    let data = Data::read_back(&robot, &sets)?;
     report.line(format_args!(
         "2. Calibrate with the four methods of the paper, {FOLDS} folds and then all poses, and with the elastic model.\n"
     ));
-    let task = Task {
-        robot: &robot,
-        train: &train,
-        tests: &tests,
-        folds: FOLDS,
-        seed: a.seed,
-        origin: &origin,
-        cancel: &NEVER,
-        threads: threads(),
-    };
-    let own = Config {
-        hyperparameters: HyperparameterSharing::PerOutput,
-        ..Config::new(Method::PoeGpLoad)
-    };
-    let mut runs: Vec<Config> = PAPER_TABLE_I
-        .iter()
-        .map(|(method, _)| Config::new(*method))
-        .collect();
-    runs.push(own);
-    let bar = progress::bar(runs.len() * task.calibrations() + 1, "calibrating");
-    let mut models = Vec::new();
-    for options in &runs {
-        bar.set_message(options.method.name());
-        let result = task.run(options, &mut || bar.inc(1));
-        models.push(result.map_err(|e| device_failure(train_path, e.error))?);
-    }
-    // The elastic model takes seconds for each calibration, so it is compared on the test sets alone.
-    bar.set_message(Method::Elastic.name());
-    let elastic = Task { folds: 0, ..task };
-    let result = elastic.run(&Config::new(Method::Elastic), &mut || bar.inc(1));
-    models.push(result.map_err(|e| device_failure(train_path, e.error))?);
-    bar.finish_and_clear();
+    let models = compared(a, &robot, &data)?;
     print_table(report, &models);
-
     let found = calibrate_to_blob(
         &robot,
-        &train,
+        &data.train,
         &Config::new(Method::PoeGpLoad),
-        &origin,
+        &data.origin,
         &FitContext::default(),
     )
-    .map_err(|e| device_failure(train_path, e))?;
+    .map_err(|e| device_failure(data.path, e))?;
     let blob = a.out.join("arm.blob");
     write_outputs(&[(&blob, found.blob.bytes())])?;
     let document = crate::cli::compare::CompareJson {
@@ -154,7 +126,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     report.line("\n3. Write the blob, read it back, and predict the first test set as the device does (f32):\n");
     evaluate::run(&Evaluate {
         accepted: AcceptArgs::default(),
-        blob: blob.clone(),
+        blob,
         test: sets[1].path.clone(),
         features: None,
         frames: FrameArgs::default(),
@@ -171,38 +143,89 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         "\n4. Let cross-validation choose the model, as `calibrate` does by default; hold out the test sets, and \
         write a report:\n",
     );
-    let elastic_path = a.out.join("elastic.blob");
-    calibrate_with_report(a, &sets, &elastic_path)?;
-    let written = [
-        ("train.csv", "measurements to train on"),
-        (
-            "test1.csv test2.csv test3.csv",
-            "measurements to test on, with the noiseless truth",
-        ),
-        (
-            "arm.blob",
-            "the model for the controller (`trainer inspect` shows it)",
-        ),
-        ("predictions.csv", "its predictions for test1.csv"),
-        ("elastic.blob", "the model that cross-validation chose"),
-        (
-            "report.html",
-            "held-out errors with plots: open it in a browser",
-        ),
-        ("report.json", "the numbers of the report"),
-        ("compare.json", "all errors, for other programs"),
-    ];
+    calibrate_with_report(a, &sets, &a.out.join("elastic.blob"))?;
+    let files = WRITTEN.iter().flat_map(|(names, _)| names.split(' '));
     let summary = serde_json::json!({
         "seed": a.seed,
         "methods": models,
-        "files": written.iter().flat_map(|(names, _)| names.split(' ')).collect::<Vec<_>>(),
+        "files": files.collect::<Vec<_>>(),
     });
     write_summary(a.json.as_deref(), summary)?;
     report.line(format_args!("\nEverything is in {}:", a.out.display()));
-    for (name, what) in written {
+    for (name, what) in WRITTEN {
         report.line(format_args!("  {name:30} {what}"));
     }
     Ok(())
+}
+
+/// The simulated measurements as a user's would be read.
+struct Data<'a> {
+    /// Path of the training data.
+    path: &'a Path,
+    train: Vec<InstrumentSample>,
+    tests: Vec<TestSet>,
+    origin: Provenance,
+}
+
+impl<'a> Data<'a> {
+    /// Reads the files back, so that the demo takes the same path as real data. The first is the training data.
+    fn read_back(robot: &Robot, sets: &'a [SimulatedSet]) -> Result<Self, Failure> {
+        let path = &sets[0].path;
+        let set = measurements::read(path)?;
+        let mut tools = Vec::new();
+        let train = samples(&set, robot, &mut tools)?;
+        let mut tests = Vec::new();
+        for test in &sets[1..] {
+            let samples = samples(&measurements::read(&test.path)?, robot, &mut tools)?;
+            tests.push(TestSet {
+                name: file_name(&test.path),
+                samples,
+            });
+        }
+        Ok(Self {
+            path,
+            train,
+            tests,
+            origin: origin(set.sha256, "demo", tools),
+        })
+    }
+}
+
+/// Compares the paper's methods, the last of them with hyperparameters per output, and the elastic model, in this order.
+fn compared(a: &Demo, robot: &Robot, data: &Data<'_>) -> Result<Vec<ModelComparison>, Failure> {
+    let task = Task {
+        robot,
+        train: &data.train,
+        tests: &data.tests,
+        folds: FOLDS,
+        seed: a.seed,
+        origin: &data.origin,
+        cancel: &NEVER,
+        threads: threads(),
+    };
+    let own = Config {
+        hyperparameters: HyperparameterSharing::PerOutput,
+        ..Config::new(Method::PoeGpLoad)
+    };
+    let mut runs: Vec<Config> = PAPER_TABLE_I
+        .iter()
+        .map(|(method, _)| Config::new(*method))
+        .collect();
+    runs.push(own);
+    let bar = progress::bar(runs.len() * task.calibrations() + 1, "calibrating");
+    let mut models = Vec::new();
+    for options in &runs {
+        bar.set_message(options.method.name());
+        let result = task.run(options, &mut || bar.inc(1));
+        models.push(result.map_err(|e| device_failure(data.path, e.error))?);
+    }
+    // The elastic model takes seconds for each calibration, so it is compared on the test sets alone.
+    bar.set_message(Method::Elastic.name());
+    let elastic = Task { folds: 0, ..task };
+    let result = elastic.run(&Config::new(Method::Elastic), &mut || bar.inc(1));
+    models.push(result.map_err(|e| device_failure(data.path, e.error))?);
+    bar.finish_and_clear();
+    Ok(models)
 }
 
 /// Runs the command `calibrate` as a user would type it.

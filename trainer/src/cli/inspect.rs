@@ -3,7 +3,9 @@
 use clap::Args;
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::envelope::{self, Trailer};
-use poegp_protocol::blob::{Blob, Correction, Elastic, FORMAT_VERSION, SetPoints, stored_crc};
+use poegp_protocol::blob::{
+    Blob, Correction, Elastic, FORMAT_VERSION, SetPoints, TaskSpace, stored_crc,
+};
 use poegp_runtime::guard::trust::Trust;
 use poegp_runtime::math::se3::Pose;
 use serde_json::{Value, json};
@@ -181,8 +183,37 @@ fn predictive_std_line(blob: &Blob<'_>) -> String {
 
 fn print(report: Printer, loaded: &BlobModel, document: &Value) {
     let blob = loaded.blob();
-    let host = loaded.host();
-    let p = &host.provenance;
+    print_origin(report, loaded, document);
+    match blob.ranges.payload_kg {
+        Some((light, heavy)) if light == heavy => {
+            report.line(format_args!("  trained with a payload of {light} kg"));
+        }
+        Some((light, heavy)) => {
+            report.line(format_args!("  payload trained from {light} to {heavy} kg"));
+        }
+        None => {}
+    }
+    match &blob.correction {
+        Correction::None => {}
+        Correction::TaskSpace(task) => print_task_space(report, loaded, task),
+        Correction::Elastic(elastic) => print_elastic(report, loaded, elastic),
+    }
+    report.line(format_args!("  {}", predictive_std_line(blob)));
+    report.line("");
+    print_joints(report, blob);
+    print_frames(report, loaded);
+    let gauge = &loaded.host().gauge;
+    let (base, tool) = (source_name(gauge.base), source_name(gauge.tool));
+    report.line(format_args!(
+        "  base and tool: {}",
+        sources(base, tool, gauge.payload_kg.map(f64::from))
+    ));
+}
+
+/// Prints which arm the model is of, who made it from what, its cost on the device, its warnings and its signature.
+fn print_origin(report: Printer, loaded: &BlobModel, document: &Value) {
+    let blob = loaded.blob();
+    let p = &loaded.host().provenance;
     let text = |key: &str| document[key].as_str().unwrap_or("").to_owned();
     let serial = match blob.robot.serial_number {
         "" => String::new(),
@@ -231,77 +262,74 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
         ),
         None => "  not signed".to_owned(),
     });
-    match blob.ranges.payload_kg {
-        Some((light, heavy)) if light == heavy => {
-            report.line(format_args!("  trained with a payload of {light} kg"));
-        }
-        Some((light, heavy)) => {
-            report.line(format_args!("  payload trained from {light} to {heavy} kg"));
-        }
-        None => {}
-    }
-    if let Correction::TaskSpace(task) = &blob.correction {
+}
+
+/// Prints the sizes and hyperparameters of a task-space process.
+fn print_task_space(report: Printer, loaded: &BlobModel, task: &TaskSpace<'_>) {
+    report.line(format_args!(
+        "  correction: Gaussian process of {} inputs, {} inducing points, limited to {:.3} mm and {:.3} mrad",
+        task.input_scale.len(),
+        loaded.model().inducing_points(),
+        1e3 * task.limit.position_m,
+        1e3 * task.limit.angle_rad
+    ));
+    for (i, h) in task.hyperparameters.iter().enumerate() {
+        let which = if task.hyperparameters.len() == 1 {
+            "all outputs".to_owned()
+        } else {
+            format!("output {}", i + 1)
+        };
         report.line(format_args!(
-            "  correction: Gaussian process of {} inputs, {} inducing points, limited to {:.3} mm and {:.3} mrad",
-            task.input_scale.len(),
-            loaded.model().inducing_points(),
-            1e3 * task.limit.position_m,
-            1e3 * task.limit.angle_rad
+            "    {which}: θ = {:.4e} {:.4e} {:.4e} {:.4e}, noise {:.4e}",
+            h[0], h[1], h[2], h[3], h[4]
         ));
-        for (i, h) in task.hyperparameters.iter().enumerate() {
-            let which = if task.hyperparameters.len() == 1 {
-                "all outputs".to_owned()
-            } else {
-                format!("output {}", i + 1)
-            };
-            report.line(format_args!(
-                "    {which}: θ = {:.4e} {:.4e} {:.4e} {:.4e}, noise {:.4e}",
-                h[0], h[1], h[2], h[3], h[4]
-            ));
-        }
     }
-    if let Correction::Elastic(elastic) = &blob.correction {
+}
+
+/// Prints the parts of an elastic correction.
+fn print_elastic(report: Printer, loaded: &BlobModel, elastic: &Elastic<'_>) {
+    report.line(format_args!(
+        "  correction: elastic joints, {} inducing points; what it adds to the calibrated chain is limited to {:.3} mm and {:.3} mrad",
+        loaded.model().inducing_points(),
+        1e3 * elastic.limit.position_m,
+        1e3 * elastic.limit.angle_rad
+    ));
+    if !elastic.sets.is_empty() {
+        let points = points_of_joints(elastic);
+        let points: Vec<String> = points.iter().map(u32::to_string).collect();
         report.line(format_args!(
-            "  correction: elastic joints, {} inducing points; what it adds to the calibrated chain is limited to {:.3} mm and {:.3} mrad",
-            loaded.model().inducing_points(),
-            1e3 * elastic.limit.position_m,
-            1e3 * elastic.limit.angle_rad
+            "    inducing points of each joint: {}",
+            points.join(", ")
         ));
-        if !elastic.sets.is_empty() {
-            let points = points_of_joints(elastic);
-            let points: Vec<String> = points.iter().map(u32::to_string).collect();
-            report.line(format_args!(
-                "    inducing points of each joint: {}",
-                points.join(", ")
-            ));
-        }
-        if let Some((orders, rms)) = curves(elastic, blob.robot.joints.len()) {
-            let rms: Vec<String> = rms.iter().map(|r| format!("{r:.0}")).collect();
-            report.line(format_args!(
-                "    own-joint curves of {orders} orders: {} µrad RMS over a turn",
-                rms.join(", ")
-            ));
-        }
-        for r in &elastic.ripple {
-            let amplitude = 1e6 * r.sin.hypot(r.cos);
-            report.line(format_args!(
-                "    gear ripple of joint {}: {:.1} cycles per turn, {amplitude:.0} µrad",
-                r.joint + 1,
-                r.cycles
-            ));
-        }
     }
-    report.line(format_args!("  {}", predictive_std_line(blob)));
-    report.line("");
-    print_joints(report, blob);
+    if let Some((orders, rms)) = curves(elastic, loaded.blob().robot.joints.len()) {
+        let rms: Vec<String> = rms.iter().map(|r| format!("{r:.0}")).collect();
+        report.line(format_args!(
+            "    own-joint curves of {orders} orders: {} µrad RMS over a turn",
+            rms.join(", ")
+        ));
+    }
+    for r in &elastic.ripple {
+        let amplitude = 1e6 * r.sin.hypot(r.cos);
+        report.line(format_args!(
+            "    gear ripple of joint {}: {:.1} cycles per turn, {amplitude:.0} µrad",
+            r.joint + 1,
+            r.cycles
+        ));
+    }
+}
+
+/// Prints base and tools, each as a position with a quaternion.
+fn print_frames(report: Printer, loaded: &BlobModel) {
+    let gauge = &loaded.host().gauge;
     let mut frames = vec![
         (
             "instrument_from_base".to_owned(),
-            Pose::from_rows(&host.gauge.instrument_from_base),
+            Pose::from_rows(&gauge.instrument_from_base),
         ),
         (
             "flange_from_target".to_owned(),
-            Pose::from_rows(&host.gauge.flange_from_target),
+            Pose::from_rows(&gauge.flange_from_target),
         ),
     ];
     let named = tools(loaded);
@@ -318,12 +346,6 @@ fn print(report: Printer, loaded: &BlobModel, document: &Value) {
             t[0], t[1], t[2], v[0], v[1], v[2]
         ));
     }
-    let gauge = &host.gauge;
-    let (base, tool) = (source_name(gauge.base), source_name(gauge.tool));
-    report.line(format_args!(
-        "  base and tool: {}",
-        sources(base, tool, gauge.payload_kg.map(f64::from))
-    ));
 }
 
 fn print_joints(report: Printer, blob: &Blob<'_>) {

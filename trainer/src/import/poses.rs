@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::import::beside::Beside;
 use crate::import::column_map::{FileJoin, Incomplete, Map};
 use crate::import::columns::{joint_columns, joint_values, twice_or_unused};
-use crate::import::join::joined;
+use crate::import::join::{Joined, joined};
 use crate::import::pose::{is_miss, pose_reader};
 use crate::import::text::Table;
 use crate::import::value::RowValues;
@@ -37,17 +37,7 @@ pub fn rows(
     match &joined {
         Some(joined) => {
             used.extend(joined.pose_column);
-            let mut used = beside_joints.clone();
-            used.extend(joined.joint_column);
-            notes.extend(twice_or_unused(map, joint_table, &used)?);
-            if joined.unused > 0 {
-                let path = joint_table.path.display();
-                let rows = match joined.unused {
-                    1 => "1 row of joints belongs".to_owned(),
-                    rows => format!("{rows} rows of joints belong"),
-                };
-                notes.push(format!("{path}: {rows} to no pose"));
-            }
+            notes.extend(notes_on_joints(map, joint_table, &beside_joints, joined)?);
         }
         None => used.extend(&beside_joints),
     }
@@ -83,12 +73,7 @@ pub fn rows(
             missed.push(line.number.to_string());
         }
         if position == Vector3::zeros() {
-            return Err(fields
-                .error(first, "the position 0 0 0", "a measured position")
-                .with_help(
-                    "an instrument writes 0 0 0 where it missed the target; incomplete = \"leave-out\" in the map leaves \
-                     such rows out and lists them",
-                ));
+            return Err(missed_target(&fields, first));
         }
         row.position_mm = position;
         if let Some(found) = found {
@@ -121,6 +106,38 @@ pub fn rows(
         ));
     }
     Ok((out, notes))
+}
+
+/// Returns the notes on a file of joints: columns that are used twice or not at all, and rows that belong to no pose.
+fn notes_on_joints(
+    map: &Map,
+    table: &Table,
+    columns: &[usize],
+    joined: &Joined<'_>,
+) -> Result<Vec<String>, InputError> {
+    let mut used = columns.to_vec();
+    used.extend(joined.joint_column);
+    let mut notes = Vec::new();
+    notes.extend(twice_or_unused(map, table, &used)?);
+    if joined.unused > 0 {
+        let path = table.path.display();
+        let rows = match joined.unused {
+            1 => "1 row of joints belongs".to_owned(),
+            rows => format!("{rows} rows of joints belong"),
+        };
+        notes.push(format!("{path}: {rows} to no pose"));
+    }
+    Ok(notes)
+}
+
+/// Returns the error for a position of zeros, whose first column is `first`.
+fn missed_target(fields: &RowValues<'_>, first: usize) -> InputError {
+    fields
+        .error(first, "the position 0 0 0", "a measured position")
+        .with_help(
+            "an instrument writes 0 0 0 where it missed the target; incomplete = \"leave-out\" in the map leaves \
+             such rows out and lists them",
+        )
 }
 
 /// Returns the note on rows that were left out at the map's request.

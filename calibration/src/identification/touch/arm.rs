@@ -121,6 +121,101 @@ pub struct StateJet {
     pub jacobian: Mat<f64>,
 }
 
+/// Returns the parameter that moves a frame along or about its axis `i`, with the frame's group and index; `first` is that
+/// of the frame's twist in the parametric model.
+fn twist((group, index): (Group, usize), frame: &Pose<f64>, first: usize, i: usize) -> Column {
+    let adjoint = frame.adjoint();
+    let to = (0..6).map(|row| (first + row, adjoint[row][i]));
+    Column {
+        group,
+        index,
+        to: to.filter(|(_, value)| *value != 0.0).collect(),
+    }
+}
+
+/// Returns the parameters of the frames between the joints.
+fn frame_columns(nominal: &Poe<f64>) -> Vec<Column> {
+    let mut columns = Vec::new();
+    for frame in 1..nominal.kinds().len() {
+        // Component along or about which the joint behind the frame moves.
+        let zero = own_motion(nominal.kinds()[frame]);
+        for i in 0..6 {
+            let group = match i {
+                _ if i == zero => Group::Zero,
+                0..3 => Group::Length,
+                _ => Group::Tilt,
+            };
+            columns.push(twist(
+                (group, frame),
+                &nominal.frames()[frame],
+                6 * frame,
+                i,
+            ));
+        }
+    }
+    columns
+}
+
+/// Returns the parameters of tip `t` that are fitted; `tool` leads from the last joint to it.
+fn tip_columns(t: usize, tip: &TipStart, tool: &Pose<f64>, first: usize) -> Vec<Column> {
+    let is_fitted = |i: &usize| *i < 3 && tip.is_free || *i >= 3 && tip.turns;
+    let group = |i: usize| if i < 3 { Group::Tip } else { Group::Turn };
+    let fitted = (0..6).filter(is_fitted);
+    fitted
+        .map(|i| twist((group(i), t), tool, first, i))
+        .collect()
+}
+
+/// Returns the gravity parameters of the links; `first` is the first of the parametric model. One parameter stands for the
+/// mass at the far end of each link that a joint carries.
+fn link_columns(nominal: &Poe<f64>, first: usize) -> Vec<Column> {
+    let n = nominal.kinds().len();
+    let at = |joint: usize, link: usize| {
+        let before: usize = (0..joint).map(|c| n - c).sum();
+        first + 3 * (before + link - joint)
+    };
+    let mut columns = Vec::new();
+    for joint in 0..n {
+        for end in joint..n {
+            let mut to = Vec::new();
+            for link in joint..=end {
+                let frame = nominal.frames()[link + 1];
+                let lever = frame.rotation.transpose() * frame.translation;
+                let weight = match nominal.kinds()[joint] {
+                    JointKind::Revolute => lever,
+                    JointKind::Prismatic => Vector3::x(),
+                };
+                to.extend((0..3).map(|i| (at(joint, link) + i, weight[i])));
+            }
+            columns.push(Column {
+                group: Group::Links,
+                index: joint,
+                to,
+            });
+        }
+    }
+    columns
+}
+
+/// Returns the common scale of all links.
+fn size_column(nominal: &Poe<f64>) -> Column {
+    let mut to = Vec::new();
+    for frame in 1..nominal.kinds().len() {
+        let nominal = &nominal.frames()[frame];
+        let (adjoint, lever) = (
+            nominal.adjoint(),
+            nominal.rotation.transpose() * nominal.translation,
+        );
+        let along = |row: usize| (0..3).map(|i| adjoint[row][i] * lever[i]).sum::<f64>();
+        to.extend((0..6).map(|row| (6 * frame + row, along(row))));
+    }
+    Column {
+        group: Group::Size,
+        index: 0,
+        to,
+    }
+}
+
 impl TouchArm {
     /// Creates the nominal arm. `nominal` leads from the base to the flange.
     pub fn new(
@@ -143,105 +238,27 @@ impl TouchArm {
             ripple: ripple.collect(),
         };
         let tools: Vec<Pose<f64>> = tips.iter().map(|tip| flange * tip.pose).collect();
-        let mut columns = Vec::new();
-        let mut twist = |group: Group, index: usize, frame: &Pose<f64>, first: usize, i: usize| {
-            let adjoint = frame.adjoint();
-            let to = (0..6).map(|row| (first + row, adjoint[row][i]));
-            columns.push(Column {
-                group,
-                index,
-                to: to.filter(|(_, value)| *value != 0.0).collect(),
-            });
-        };
-        for frame in 1..n {
-            // Component along or about which the joint behind the frame moves.
-            let zero = own_motion(nominal.kinds()[frame]);
-            for i in 0..6 {
-                let group = match i {
-                    _ if i == zero => Group::Zero,
-                    0..3 => Group::Length,
-                    _ => Group::Tilt,
-                };
-                twist(group, frame, &nominal.frames()[frame], 6 * frame, i);
-            }
-        }
+        let mut columns = frame_columns(nominal);
         for (t, (tip, tool)) in tips.iter().zip(&tools).enumerate() {
-            for i in 0..6 {
-                let group = if i < 3 { Group::Tip } else { Group::Turn };
-                if i < 3 && tip.is_free || i >= 3 && tip.turns {
-                    twist(group, t, tool, 6 * (n + t), i);
-                }
-            }
+            columns.extend(tip_columns(t, tip, tool, 6 * (n + t)));
         }
         let mut next = 6 * (n + tips.len());
         if layout.gravity {
-            let first = next;
-            let at = |joint: usize, link: usize| {
-                let before: usize = (0..joint).map(|c| n - c).sum();
-                first + 3 * (before + link - joint)
-            };
-            for joint in 0..n {
-                // One parameter for the mass at the far end of each link that the joint carries.
-                for end in joint..n {
-                    let mut to = Vec::new();
-                    for link in joint..=end {
-                        let frame = match link + 1 {
-                            next if next < n => nominal.frames()[next],
-                            _ => flange,
-                        };
-                        let lever = frame.rotation.transpose() * frame.translation;
-                        let weight = match nominal.kinds()[joint] {
-                            JointKind::Revolute => lever,
-                            JointKind::Prismatic => Vector3::x(),
-                        };
-                        to.extend((0..3).map(|i| (at(joint, link) + i, weight[i])));
-                    }
-                    columns.push(Column {
-                        group: Group::Links,
-                        index: joint,
-                        to,
-                    });
-                }
-            }
+            columns.extend(link_columns(nominal, next));
             next += 3 * n * (n + 1) / 2;
         }
-        let mut single = |group: Group, index: usize| {
+        let payloads = (0..n).filter(|_| layout.payload);
+        let payloads = payloads.flat_map(|joint| [(Group::Payload, joint); 4]);
+        let curves = layout.ripple.iter();
+        let curves = curves.flat_map(|line| [(Group::Curve, line.joint); 2]);
+        for (to, (group, index)) in (next..).zip(payloads.chain(curves)) {
             columns.push(Column {
                 group,
                 index,
-                to: vec![(next, 1.0)],
-            });
-            next += 1;
-        };
-        if layout.payload {
-            for joint in 0..n {
-                for _ in 0..4 {
-                    single(Group::Payload, joint);
-                }
-            }
-        }
-        for line in &layout.ripple {
-            for _ in 0..2 {
-                single(Group::Curve, line.joint);
-            }
-        }
-        if terms.size {
-            let mut to = Vec::new();
-            for frame in 1..n {
-                let drawn = &nominal.frames()[frame];
-                let (adjoint, lever) = (
-                    drawn.adjoint(),
-                    drawn.rotation.transpose() * drawn.translation,
-                );
-                let along = |row: usize| (0..3).map(|i| adjoint[row][i] * lever[i]).sum::<f64>();
-                to.extend((0..6).map(|row| (6 * frame + row, along(row))));
-            }
-            columns.push(Column {
-                group: Group::Size,
-                index: 0,
-                to,
+                to: vec![(to, 1.0)],
             });
         }
+        columns.extend(terms.size.then(|| size_column(nominal)));
         let mut chain = *nominal;
         if let (Some(last), Some(tool)) = (chain.frames_mut().last_mut(), tools.first()) {
             *last = *tool;

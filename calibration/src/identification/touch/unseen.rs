@@ -5,6 +5,7 @@
 //! d and Σ the posterior covariance in units of the prior. From [`UNSEEN`] on, the direction is named, with its effect at
 //! the tip.
 
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::identification::touch::arm::Group;
@@ -58,14 +59,9 @@ pub struct Unseen {
 
 /// Returns all unseen directions, largest effect first.
 pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<Unseen> {
-    let mut out = Vec::new();
-    let readings = || {
-        let rows = problem.set.rows.iter().zip(&fit.weights);
-        rows.filter(|(_, w)| **w > 0.0).map(|(row, _)| &row.reading)
-    };
     let stays = known.after.mean_mm;
-    if readings().all(|r| matches!(r, Reading::Level { .. })) {
-        out.push(Unseen {
+    if readings(problem, fit).all(|r| matches!(r, Reading::Level { .. })) {
+        return vec![Unseen {
             direction: Direction::DirectionsOnly,
             share: 1.0,
             mm: stays,
@@ -73,30 +69,10 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
                 "A level shows directions only, no length: an error of {stays:.2} mm remains on average. Also touch a \
                  point in many orientations."
             ),
-        });
-        return out;
+        }];
     }
-    let n = problem.nominal.kinds().len();
-    let frames = problem.nominal.frames();
-    let lever = |frame: usize| frames[frame].rotation.transpose() * frames[frame].translation;
-    let along = |frame: usize, u: &mut [f64], priors: &[f64]| {
-        let mut axis = 0;
-        for (j, column) in fit.arm.columns.iter().enumerate() {
-            if column.group == Group::Length && column.index == frame {
-                u[j] = lever(frame)[axis] / priors[j];
-                axis += 1;
-            }
-        }
-    };
-    let priors = &known.priors;
-    let p = priors.len();
-    let mut size = vec![0.0; p];
-    for frame in 1..n {
-        along(frame, &mut size, priors);
-    }
-    let measured = |u: &[f64]| measure(u, known);
-    let plane = one_plane(problem, fit);
-    if plane {
+    let mut out = Vec::new();
+    if one_plane(problem, fit) {
         out.push(Unseen {
             direction: Direction::HeightsOnly,
             share: 1.0,
@@ -107,104 +83,156 @@ pub fn unseen(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Vec<
             ),
         });
     }
-    let mut sees_size = true;
-    if let Some((share, mm)) = measured(&size)
-        && share > SIZE_UNSEEN
-    {
-        sees_size = false;
-        let percent = 100.0 * share * spread(&size);
-        let stays = format!("±{percent:.2} % remains, {mm:.2} mm on average");
-        let has_board = readings().any(|r| matches!(r, Reading::Board { .. }));
-        let measures_length = |reading: &Reading| match *reading {
-            Reading::Anchor { .. } => true,
-            Reading::Sphere { feature, .. } => {
-                let kind = &problem.set.features[feature].kind;
-                matches!(
-                    kind,
-                    FeatureKind::Sphere {
-                        radius: Some(_),
-                        ..
-                    }
-                )
-            }
-            _ => false,
-        };
-        let text = if has_board {
-            format!(
-                "Only the board shows the arm's size, and these images hardly do: {stays}. Take images from farther \
-                 apart."
-            )
-        } else if !problem.set.distances.is_empty() || readings().any(measures_length) {
-            format!(
-                "The lengths in these touches hardly show the arm's size: {stays}. State a longer or more accurate \
-                 distance, or touch more often."
-            )
-        } else if readings().all(|r| matches!(r, Reading::Plane { .. })) {
-            format!(
-                "Planes cannot show the arm's size: {stays}. State one known distance of 200 mm or more between \
-                 touched points."
-            )
-        } else {
-            format!(
-                "Touches at unknown points cannot show the arm's size: {stays}. State one known distance of 200 mm or \
-                 more."
-            )
-        };
-        let direction = match has_board {
-            true => Direction::SizeByBoard,
-            false => Direction::Size,
-        };
-        out.push(Unseen {
-            direction,
-            share,
-            mm,
-            text,
-        });
-    }
-    for frame in (1..n).filter(|f| sees_size && lever(*f).norm() > SHORTEST) {
-        let mut u = vec![0.0; p];
-        along(frame, &mut u, priors);
-        if let Some((share, mm)) = measured(&u)
-            && share > UNSEEN
-            && mm > WORTH_SAYING * stays
-        {
-            out.push(Unseen {
-                direction: Direction::Length(frame),
-                share,
-                mm,
-                text: format!(
-                    "The length of the link after joint {frame} is known no better than from the nominal model: {mm:.2} mm \
-                     on average. Touch with joint {frame} turned further."
-                ),
-            });
-        }
+    let joints = problem.nominal.kinds().len();
+    match unseen_size(problem, fit, known) {
+        Some(size) => out.push(size),
+        None => out.extend((1..joints).filter_map(|f| unseen_length(problem, fit, known, f))),
     }
     // The zero of the first joint belongs to the base, that of the last to the tip.
-    for joint in 1..n.saturating_sub(1) {
-        let mut u = vec![0.0; p];
-        for (j, column) in fit.arm.columns.iter().enumerate() {
-            if column.group == Group::Zero && column.index == joint {
-                u[j] = 1.0;
-            }
-        }
-        if let Some((share, mm)) = measured(&u)
-            && share > UNSEEN
-            && mm > WORTH_SAYING * stays
-        {
-            let name = joint + 1;
-            out.push(Unseen {
-                direction: Direction::Zero(name),
-                share,
-                mm,
-                text: format!(
-                    "The zero of joint {name} is known no better than before: {mm:.2} mm on average. Touch with joint {name} at very \
-                     different angles."
-                ),
-            });
-        }
-    }
+    let inner = 1..joints.saturating_sub(1);
+    out.extend(inner.filter_map(|joint| unseen_zero(fit, known, joint)));
     out.sort_by(|a, b| b.mm.total_cmp(&a.mm));
     out
+}
+
+/// Returns the readings that the fit uses.
+fn readings<'a>(problem: &'a TouchProblem, fit: &'a TouchFit) -> impl Iterator<Item = &'a Reading> {
+    let rows = problem.set.rows.iter().zip(&fit.weights);
+    rows.filter(|(_, w)| **w > 0.0).map(|(row, _)| &row.reading)
+}
+
+/// Returns the frame's translation in its own axes, m.
+fn lever(problem: &TouchProblem, frame: usize) -> Vector3<f64> {
+    let frame = &problem.nominal.frames()[frame];
+    frame.rotation.transpose() * frame.translation
+}
+
+/// Adds the direction in which the link of a frame becomes longer.
+fn add_length(u: &mut [f64], problem: &TouchProblem, fit: &TouchFit, priors: &[f64], frame: usize) {
+    let lever = lever(problem, frame);
+    let mut axis = 0;
+    for (j, column) in fit.arm.columns.iter().enumerate() {
+        if column.group == Group::Length && column.index == frame {
+            u[j] = lever[axis] / priors[j];
+            axis += 1;
+        }
+    }
+}
+
+/// Returns the size of the arm if it is unseen.
+fn unseen_size(problem: &TouchProblem, fit: &TouchFit, known: &Knowledge) -> Option<Unseen> {
+    let mut u = vec![0.0; known.priors.len()];
+    for frame in 1..problem.nominal.kinds().len() {
+        add_length(&mut u, problem, fit, &known.priors, frame);
+    }
+    let (share, mm) = measure(&u, known).filter(|(share, _)| *share > SIZE_UNSEEN)?;
+    let percent = 100.0 * share * spread(&u);
+    let stays = format!("±{percent:.2} % remains, {mm:.2} mm on average");
+    let has_board = readings(problem, fit).any(|r| matches!(r, Reading::Board { .. }));
+    let has_length = || {
+        !problem.set.distances.is_empty()
+            || readings(problem, fit).any(|r| measures_length(problem, r))
+    };
+    let text = if has_board {
+        format!(
+            "Only the board shows the arm's size, and these images hardly do: {stays}. Take images from farther \
+             apart."
+        )
+    } else if has_length() {
+        format!(
+            "The lengths in these touches hardly show the arm's size: {stays}. State a longer or more accurate \
+             distance, or touch more often."
+        )
+    } else if readings(problem, fit).all(|r| matches!(r, Reading::Plane { .. })) {
+        format!(
+            "Planes cannot show the arm's size: {stays}. State one known distance of 200 mm or more between \
+             touched points."
+        )
+    } else {
+        format!(
+            "Touches at unknown points cannot show the arm's size: {stays}. State one known distance of 200 mm or \
+             more."
+        )
+    };
+    let direction = match has_board {
+        true => Direction::SizeByBoard,
+        false => Direction::Size,
+    };
+    Some(Unseen {
+        direction,
+        share,
+        mm,
+        text,
+    })
+}
+
+/// Returns whether a reading is of something whose length is known.
+fn measures_length(problem: &TouchProblem, reading: &Reading) -> bool {
+    match *reading {
+        Reading::Anchor { .. } => true,
+        Reading::Sphere { feature, .. } => {
+            let kind = &problem.set.features[feature].kind;
+            matches!(
+                kind,
+                FeatureKind::Sphere {
+                    radius: Some(_),
+                    ..
+                }
+            )
+        }
+        _ => false,
+    }
+}
+
+/// Returns the length of the link behind a joint if it is unseen.
+fn unseen_length(
+    problem: &TouchProblem,
+    fit: &TouchFit,
+    known: &Knowledge,
+    frame: usize,
+) -> Option<Unseen> {
+    if lever(problem, frame).norm() <= SHORTEST {
+        return None;
+    }
+    let mut u = vec![0.0; known.priors.len()];
+    add_length(&mut u, problem, fit, &known.priors, frame);
+    let (share, mm) = measure(&u, known).filter(|found| is_unseen(*found, known))?;
+    Some(Unseen {
+        direction: Direction::Length(frame),
+        share,
+        mm,
+        text: format!(
+            "The length of the link after joint {frame} is known no better than from the nominal model: {mm:.2} mm \
+             on average. Touch with joint {frame} turned further."
+        ),
+    })
+}
+
+/// Returns the zero of a joint, counted from 0, if it is unseen.
+fn unseen_zero(fit: &TouchFit, known: &Knowledge, joint: usize) -> Option<Unseen> {
+    let mut u = vec![0.0; known.priors.len()];
+    for (u, column) in u.iter_mut().zip(&fit.arm.columns) {
+        if column.group == Group::Zero && column.index == joint {
+            *u = 1.0;
+        }
+    }
+    let (share, mm) = measure(&u, known).filter(|found| is_unseen(*found, known))?;
+    let name = joint + 1;
+    Some(Unseen {
+        direction: Direction::Zero(name),
+        share,
+        mm,
+        text: format!(
+            "The zero of joint {name} is known no better than before: {mm:.2} mm on average. Touch with joint {name} at very \
+             different angles."
+        ),
+    })
+}
+
+/// Returns whether a direction is unseen and worth reporting, by the ratio of posterior to prior along it and its effect in
+/// mm.
+fn is_unseen((share, mm): (f64, f64), known: &Knowledge) -> bool {
+    share > UNSEEN && mm > WORTH_SAYING * known.after.mean_mm
 }
 
 /// Returns the relative change of size that one prior standard deviation along `u` stands for: the weighted mean of

@@ -156,60 +156,38 @@ pub fn fit(
         });
     }
     let inputs = Inputs::new(&state, samples);
-    let similarities = inputs.similarities();
-    let waves = inputs.waves(h);
-    // Also returns the equations and the linearisation error of the step.
-    let solve = |state: &mut ParametricModel| -> Option<(Posterior, Linearised, f64)> {
-        let linear = state.linearise(samples, scales);
-        let groups = state.layout.groups();
-        let evidence = MarginalLikelihood {
-            linear: &linear,
-            groups: &groups,
-            inputs: &inputs,
-            similarities: &similarities,
-            waves: &waves,
-            layout: h,
-            processes: true,
-            threads: context.threads(),
-        };
-        let solution = evidence.solve(&hyper)?;
-        let error = state.step(&solution.parameters, &linear, samples, scales);
-        Some((solution, linear, error))
+    let equations = Equations {
+        samples,
+        scales,
+        similarities: inputs.similarities(),
+        waves: inputs.waves(h),
+        inputs: &inputs,
+        layout: h,
+        hyper: &hyper,
+        threads: context.threads(),
     };
-    let (first, linear, _) = context
-        .phase(units, || solve(&mut state))?
-        .ok_or(FitError::Unsolvable)?;
+    let (first, linear, _) = context.phase(units, || equations.step(&mut state))??;
     if options.ripple {
-        // What processes or curve explain is no ripple. The residual after them is quieter than that of the parameters,
-        // so weaker ripple becomes visible.
-        let kept = kept_ripple(&state, &first, &linear);
-        let mut lines = kept.iter();
-        state.retain_ripple(|_| lines.next() == Some(&true));
-        let (residuals, jacobian) = left_over(&first, &hyper, &linear);
-        let lowest = lowest_ripple(h, &hyper);
-        let (found, unclear) = significant(&state, samples, &residuals, &jacobian, lowest);
-        state.add_ripple(&found);
+        let unclear = equations.renew_ripple(&mut state, &first, &linear);
         // Processes may have hidden a line that the first search saw: it stays as ambiguous as before.
         ambiguous.retain(|line| unclear.iter().all(|later| later.joint != line.joint));
         ambiguous.extend(unclear);
     }
     let mut origin = state.clone();
-    let (mut solved, _, mut error) = context
-        .phase(units, || solve(&mut state))?
-        .ok_or(FitError::Unsolvable)?;
+    let (mut solved, _, mut error) = context.phase(units, || equations.step(&mut state))??;
     for _ in 0..MAX_STEPS {
         if error < MAX_LINEARISATION_ERROR {
             break;
         }
         context.check()?;
         origin = state.clone();
-        (solved, _, error) = solve(&mut state).ok_or(FitError::Unsolvable)?;
+        (solved, _, error) = equations.step(&mut state)?;
     }
     if let Some(prior) = h.curve_prior(&hyper) {
         state.curves = curve_coefficients(
             &prior,
             orders(libm::exp(hyper[h.curve_scale()])),
-            &waves,
+            &equations.waves,
             &solved,
         );
     }
@@ -225,6 +203,59 @@ pub fn fit(
         ambiguous,
         search,
     })
+}
+
+/// The equations of parameters and processes together, for given hyperparameters.
+struct Equations<'a> {
+    samples: &'a [BaseSample],
+    scales: NoiseScales,
+    inputs: &'a Inputs,
+    similarities: Vec<Mat<f64>>,
+    waves: Vec<Option<Waves>>,
+    layout: HyperLayout,
+    hyper: &'a [f64],
+    threads: usize,
+}
+
+impl Equations<'_> {
+    /// Solves the equations at a state and moves it there. Also returns the equations and the linearisation error of the
+    /// step.
+    fn step(&self, state: &mut ParametricModel) -> Result<(Posterior, Linearised, f64), FitError> {
+        let linear = state.linearise(self.samples, self.scales);
+        let groups = state.layout.groups();
+        let evidence = MarginalLikelihood {
+            linear: &linear,
+            groups: &groups,
+            inputs: self.inputs,
+            similarities: &self.similarities,
+            waves: &self.waves,
+            layout: self.layout,
+            processes: true,
+            threads: self.threads,
+        };
+        let solution = evidence.solve(self.hyper).ok_or(FitError::Unsolvable)?;
+        let error = state.step(&solution.parameters, &linear, self.samples, self.scales);
+        Ok((solution, linear, error))
+    }
+
+    /// Searches for ripple again in what a solution leaves, and returns the lines whose frequency is ambiguous. What
+    /// processes or curve explain is no ripple. The residual after them is quieter than that of the parameters, so weaker
+    /// ripple becomes visible.
+    fn renew_ripple(
+        &self,
+        state: &mut ParametricModel,
+        solved: &Posterior,
+        linear: &Linearised,
+    ) -> Vec<AmbiguousLine> {
+        let kept = kept_ripple(state, solved, linear);
+        let mut lines = kept.iter();
+        state.retain_ripple(|_| lines.next() == Some(&true));
+        let (residuals, jacobian) = left_over(solved, self.hyper, linear);
+        let lowest = lowest_ripple(self.layout, self.hyper);
+        let (found, unclear) = significant(state, self.samples, &residuals, &jacobian, lowest);
+        state.add_ripple(&found);
+        unclear
+    }
 }
 
 /// Returns the most probable own-joint curves of all joints for a solution, in the form that the runtime evaluates.

@@ -112,6 +112,7 @@ pub fn check_touches(
     if misses.iter().all(Option::is_none) {
         return Err(CheckError::NoPosition);
     }
+    let miss_mm = summary(&misses, &fit.weights);
     let rows = Rows::new(&problem, &fit);
     let arm = ArmAtTouches::new(loaded, &problem, &fit);
     let weighed = Weighed::new(&rows, &arm)?;
@@ -152,16 +153,12 @@ pub fn check_touches(
             moved += arm.all[*hypothesis].effect.column(j) * *value;
         }
     }
-    let miss_mm = summary(&misses, &fit.weights);
     let without_mm = match taken.is_empty() {
         true => miss_mm,
         false => {
-            let parts = choices.iter().enumerate();
-            let parts = parts.map(|(i, c)| (weighed.all[c.hypothesis].part, found.of(i).0[0]));
-            let poses = moved_flanges(loaded, &problem, &parts.collect::<Vec<_>>());
-            let fit = TouchFit::on_known(&problem, &poses);
-            let left_out = fit.left_out(&problem).ok_or(CheckError::Unsolvable)?;
-            summary(&self::misses(&problem, &fit, &left_out), &fit.weights)
+            let parts = chosen.iter().enumerate();
+            let parts: Vec<_> = parts.map(|(i, h)| (h.part, found.of(i).0[0])).collect();
+            summary_without(loaded, &problem, &parts)?
         }
     };
     let belongs = |row: &usize| fit.weights[*row] > 0.0;
@@ -169,16 +166,7 @@ pub fn check_touches(
         rows: set.rows.len(),
         freedom: test.freedom,
         miss_mm,
-        misses: set
-            .rows
-            .iter()
-            .zip(misses)
-            .map(|(row, mm)| TouchMiss {
-                line: row.line,
-                feature: row.reading.feature().map(|f| set.features[f].name.clone()),
-                mm,
-            })
-            .collect(),
+        misses: by_line(set, misses),
         false_alarm_rate: false_alarms,
         changes: changes(&test, &weighed.all, &choices, &found, false_alarms),
         effect_mm: lengths(&moved, &arm.samples, arm.scales),
@@ -193,6 +181,29 @@ pub fn check_touches(
             .map(|row| set.rows[row].line)
             .collect(),
     })
+}
+
+/// Summarises the errors of the touches once these changes of parts are removed.
+fn summary_without(
+    loaded: &BlobModel,
+    problem: &TouchProblem,
+    parts: &[(Part, f64)],
+) -> Result<Summary, CheckError> {
+    let poses = moved_flanges(loaded, problem, parts);
+    let fit = TouchFit::on_known(problem, &poses);
+    let left_out = fit.left_out(problem).ok_or(CheckError::Unsolvable)?;
+    Ok(summary(&misses(problem, &fit, &left_out), &fit.weights))
+}
+
+/// Returns the errors of all rows with their lines and features.
+fn by_line(set: &TouchSet, misses: Vec<Option<f64>>) -> Vec<TouchMiss> {
+    let rows = set.rows.iter().zip(misses);
+    rows.map(|(row, mm)| TouchMiss {
+        line: row.line,
+        feature: row.reading.feature().map(|f| set.features[f].name.clone()),
+        mm,
+    })
+    .collect()
 }
 
 /// Returns the error of every row as a displacement of the tip, mm; `None` for angles.

@@ -295,19 +295,71 @@ impl Talk<'_, '_> {
         self.ask(&Request::VerifyUpload);
     }
 
+    /// Does what the next bytes of the script say.
     fn step(&mut self, sources: &Sources, script: &mut Script<'_>) -> Option<End> {
-        let blob = |script: &mut Script<'_>| sources.blobs[script.below(6)].clone();
         let what = match script.byte() {
             commands @ 192.. => 32 + commands % 8,
             other => other % 32,
         };
+        match what {
+            0..=6 | 24 => self.query(what, script),
+            7..=14 | 27..=29 => self.send_blob(what, sources, script),
+            15..=21 => self.switch_model(what, sources, script),
+            22 | 23 => self.set(what, sources, script),
+            25 => {
+                if self.ask(&Request::Restart) == Response::Restarting {
+                    return Some(End::Restart);
+                }
+            }
+            26 => return Some(End::PowerFailure),
+            32 | 33 => self.command(script),
+            34 => {
+                if let Some((sequence, query)) = self.commanded.clone() {
+                    self.ask_as(sequence, &Request::Command(query));
+                }
+            }
+            35 => {
+                let ticks = match script.byte() {
+                    long @ 240.. => u32::from(long) << 24,
+                    some @ 200.. => 20 * u32::from(some),
+                    few => u32::from(few),
+                };
+                self.wait(ticks);
+            }
+            36 => self.provision_cycle(script),
+            37 => return self.signed(sources, script),
+            38 | 39 => self.commands_in_frames(script),
+            30 => {
+                let count = script.below(64);
+                let mut message = sent(script.bytes(count));
+                message.pop();
+                return self.noise(&message);
+            }
+            _ => {
+                let count = script.below(256);
+                let count = if count > 250 { 2 * MAX_FRAME } else { count };
+                return self.noise(script.bytes(count));
+            }
+        }
+        None
+    }
+
+    /// Asks what changes nothing but the cycle's state; `what` is one of 0 to 6 and 24.
+    fn query(&mut self, what: u8, script: &mut Script<'_>) {
         match what {
             0 => drop(self.ask(&Request::Identify)),
             1 | 2 => drop(self.ask(&Request::Evaluate(script.query()))),
             3 | 4 => drop(self.ask(&Request::Correct(script.query()))),
             5 => drop(self.ask(&Request::Trace(script.query()))),
             6 => drop(self.ask(&Request::StopCyclic)),
-            7 => self.begin(blob(script)),
+            _ => drop(self.ask(&Request::ReadStatistics)),
+        }
+    }
+
+    /// Uploads a blob or a part of one; `what` is one of 7 to 14 and 27 to 29.
+    fn send_blob(&mut self, what: u8, sources: &Sources, script: &mut Script<'_>) {
+        match what {
+            7 => self.begin(some_blob(sources, script)),
             8 => {
                 let (length, crc) = (script.word(), script.word());
                 self.ask(&Request::BeginUpload {
@@ -333,27 +385,54 @@ impl Talk<'_, '_> {
                 self.ask(&Request::UploadChunk { offset, bytes });
             }
             14 => drop(self.ask(&Request::VerifyUpload)),
+            27 | 28 => self.upload(some_blob(sources, script)),
+            _ => self.upload_damaged(some_blob(sources, script), script),
+        }
+    }
+
+    /// Uploads a blob in which one byte of the payload is changed and the checksum is recomputed: models that no trainer
+    /// would write.
+    fn upload_damaged(&mut self, mut blob: Vec<u8>, script: &mut Script<'_>) {
+        let (at, change) = (script.word(), script.byte());
+        let at = 20 + at as usize % (blob.len() - 20);
+        blob[at] ^= change;
+        let signed = blob[10] == 1;
+        let end = blob.len() - if signed { TRAILER_LENGTH } else { 0 };
+        let crc = blob_crc(&blob[..16], &blob[20..end]);
+        blob[16..20].copy_from_slice(&crc.to_le_bytes());
+        self.upload(blob);
+    }
+
+    /// Asks for another of the stored models; `what` is one of 15 to 21.
+    fn switch_model(&mut self, what: u8, sources: &Sources, script: &mut Script<'_>) {
+        match what {
             15 | 16 => drop(self.ask(&Request::CommitUpload)),
             17 | 18 => {
-                let blob_crc = stored_crc(&blob(script)).expect("a header");
+                let blob_crc = stored_crc(&some_blob(sources, script)).expect("a header");
                 self.ask(&Request::Activate { blob_crc });
             }
             19 => {
                 let blob_crc = stored_crc(&self.uploading).unwrap_or(0);
                 self.ask(&Request::Activate { blob_crc });
             }
-            20 | 21 => {
+            _ => {
                 let from_crc = match script.byte() {
                     0..240 => self.expected.ordered_crc(),
                     _ => script.word(),
                 };
                 self.ask(&Request::RollBack { from_crc });
             }
+        }
+    }
+
+    /// Sets the bypass (`what` is 22) or a public key.
+    fn set(&mut self, what: u8, sources: &Sources, script: &mut Script<'_>) {
+        match what {
             22 => {
                 let on = script.byte() % 2 == 1;
                 self.ask(&Request::SetBypass { on });
             }
-            23 => {
+            _ => {
                 let public_key = match script.below(4) {
                     0 | 1 => sources.keys[0],
                     2 => sources.keys[1],
@@ -361,78 +440,38 @@ impl Talk<'_, '_> {
                 };
                 self.ask(&Request::Provision { public_key });
             }
-            24 => drop(self.ask(&Request::ReadStatistics)),
-            25 => {
-                if self.ask(&Request::Restart) == Response::Restarting {
-                    return Some(End::Restart);
-                }
-            }
-            26 => return Some(End::PowerFailure),
-            27 | 28 => self.upload(blob(script)),
-            29 => {
-                // One byte of the payload is changed and the checksum is recomputed: models that no trainer would write.
-                let (mut blob, at, change) = (blob(script), script.word(), script.byte());
-                let at = 20 + at as usize % (blob.len() - 20);
-                blob[at] ^= change;
-                let signed = blob[10] == 1;
-                let end = blob.len() - if signed { TRAILER_LENGTH } else { 0 };
-                let crc = blob_crc(&blob[..16], &blob[20..end]);
-                blob[16..20].copy_from_slice(&crc.to_le_bytes());
-                self.upload(blob);
-            }
-            32 | 33 => self.command(script),
-            34 => {
-                if let Some((sequence, query)) = self.commanded.clone() {
-                    self.ask_as(sequence, &Request::Command(query));
-                }
-            }
-            35 => {
-                let ticks = match script.byte() {
-                    long @ 240.. => u32::from(long) << 24,
-                    some @ 200.. => 20 * u32::from(some),
-                    few => u32::from(few),
-                };
-                self.wait(ticks);
-            }
-            36 => {
-                let raw = script.byte().is_multiple_of(4);
-                let mut limit = |scale: f32| match raw {
-                    true => f32::from_bits(script.word()),
-                    false => scale * (1.0 + f32::from(script.byte() % 8)),
-                };
-                let (rate, acceleration, blend_s) = (limit(0.02), limit(0.5), limit(0.02));
-                let period_us = match script.byte() {
-                    odd @ 200.. => u32::from(odd) << (odd % 16),
-                    usual => 500 * u32::from(usual % 8),
-                };
-                let max_instructions = match script.byte() {
-                    few @ 200.. => 300 * u32::from(few - 200),
-                    _ => BOARD.max_instructions,
-                };
-                self.ask(&Request::ProvisionCycle(CycleSettings {
-                    max_instructions,
-                    period_us,
-                    rate,
-                    acceleration,
-                    blend_s,
-                }));
-            }
-            37 => return self.signed(sources, script),
-            38 | 39 => self.commands_in_frames(script),
-            30 => {
-                let count = script.below(64);
-                let mut message = sent(script.bytes(count));
-                message.pop();
-                return self.noise(&message);
-            }
-            _ => {
-                let count = script.below(256);
-                let count = if count > 250 { 2 * MAX_FRAME } else { count };
-                return self.noise(script.bytes(count));
-            }
         }
-        None
     }
+
+    /// Sets the limits of the cycle.
+    fn provision_cycle(&mut self, script: &mut Script<'_>) {
+        let raw = script.byte().is_multiple_of(4);
+        let mut limit = |scale: f32| match raw {
+            true => f32::from_bits(script.word()),
+            false => scale * (1.0 + f32::from(script.byte() % 8)),
+        };
+        let (rate, acceleration, blend_s) = (limit(0.02), limit(0.5), limit(0.02));
+        let period_us = match script.byte() {
+            odd @ 200.. => u32::from(odd) << (odd % 16),
+            usual => 500 * u32::from(usual % 8),
+        };
+        let max_instructions = match script.byte() {
+            few @ 200.. => 300 * u32::from(few - 200),
+            _ => BOARD.max_instructions,
+        };
+        self.ask(&Request::ProvisionCycle(CycleSettings {
+            max_instructions,
+            period_us,
+            rate,
+            acceleration,
+            blend_s,
+        }));
+    }
+}
+
+/// Returns one of the blobs, as the script says.
+fn some_blob(sources: &Sources, script: &mut Script<'_>) -> Vec<u8> {
+    sources.blobs[script.below(6)].clone()
 }
 
 fn refusal_of(error: FrameError) -> (u16, Refusal) {

@@ -4,15 +4,20 @@ use std::path::Path;
 
 use serde::Serialize;
 
+use crate::cli::calibrate::calibrated::Calibrated;
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
-use crate::cli::calibrate::job::Job;
+use crate::cli::calibrate::held_out::SEED;
+use crate::cli::calibrate::provenance::provenance;
+use crate::cli::failure::Failure;
+use crate::cli::instrument_drift;
 use crate::report::certificate::Certificate;
 use crate::report::controller::ControllerSummary;
 use crate::report::sections::{BlobSummary, ListedOutlier, LossJson};
-use crate::report::{HeldOutSummary, Provenance};
+use crate::report::{FileSummary, HeldOutSummary, Provenance, ReportData};
 use poegp_calibration::blob::precision_loss::SinglePrecisionLoss;
 use poegp_calibration::blob::predict::BlobModel;
+use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::identification::frame_fit::FrameFit;
 use poegp_calibration::identification::identifiability::IdentifyReport;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
@@ -22,13 +27,14 @@ use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::frame_changes::{FrameChange, changes};
+use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
-use poegp_calibration::validation::model_selection::Row;
-use poegp_calibration::validation::next_steps::NextSteps;
+use poegp_calibration::validation::model_selection::{Choice, Row};
+use poegp_calibration::validation::next_steps::{self, Knowledge, NextSteps};
 use poegp_calibration::validation::work_volume::ExpectedError;
 
 /// The JSON document that `--json` writes.
@@ -147,14 +153,71 @@ pub struct TouchJson {
     pub provenance: Provenance,
 }
 
+/// Returns the document of a calibration. `evidence` are its held-out errors, `choice` how its method was chosen, and
+/// `warnings` those about all its measurements.
+///
+/// # Errors
+/// [`Failure`] if base and tool cannot be compared with those that are known.
 pub fn document(
-    a: &Job,
-    calibration: &Calibration,
-    blob: &BlobModel,
-    precision_loss: &SinglePrecisionLoss,
-    training: ErrorSummary,
-    provenance: Provenance,
-) -> CalibrateJson {
+    c: &Calibrated<'_>,
+    evidence: Option<&ReportData>,
+    choice: Option<&Choice>,
+    warnings: Vec<Finding>,
+) -> Result<CalibrateJson, Failure> {
+    let (a, measured) = (c.job, c.measured);
+    let (robot, samples) = (&measured.arm.robot, &measured.samples);
+    let (calibration, blob) = (&c.found.calibration, &c.found.blob);
+    let seed = evidence.is_some().then_some(SEED);
+    let mut document = of_fit(c, provenance(c, seed));
+    let written = FileSummary::of_bytes("result", a.out.display().to_string(), blob.bytes());
+    document.repeats = a.repeats(&written.sha256);
+    document.provenance.files.push(written);
+    document.gauge = Some(measured.known.summary(calibration, blob, samples)?);
+    document.held_out = evidence.map(ReportData::summary);
+    let drift = measured.drift.as_ref().map(|d| &d.report);
+    document.certificate = evidence.map(|evidence| {
+        let drift = instrument_drift::known(drift, &measured.set);
+        Certificate::new(evidence.judged(), &a.statement, drift, &a.serial_number)
+    });
+    document.elastic = ElasticSummary::new(calibration, samples);
+    document.outliers = outliers(calibration, &measured.set, samples);
+    document.choice = choice.map(|choice| choice.table.clone());
+    document.chosen = choice.map(Choice::reason);
+    document.warnings = warnings;
+    document.drift = drift.cloned();
+    document.identifiability = of_calibration(calibration, robot, samples);
+    let knowledge = Knowledge::new(calibration, robot, samples);
+    let own = (knowledge.expected_error()).filter(|_| calibration.has_local_deviation());
+    document.expected_error = own
+        .map(|own| own.at_least(choice))
+        .or_else(|| ExpectedError::new(calibration, robot, samples, choice));
+    document.next_steps = Some(NextSteps::new(&next_steps::Task {
+        calibration,
+        robot,
+        samples,
+        knowledge: &knowledge,
+        expected: document.expected_error,
+        identifiability: document.identifiability.as_ref(),
+        instrument_moved_mm: match a.correct_drift {
+            true => None,
+            false => instrument_drift::clear_motion(&measured.set),
+        },
+        warnings: &document.warnings,
+    }));
+    let predictions = knowledge.predictions();
+    document.controller = Some(ControllerSummary::new(blob, robot, predictions, evidence));
+    Ok(document)
+}
+
+/// Returns the part of the document that the fit and its blob decide.
+fn of_fit(c: &Calibrated<'_>, provenance: Provenance) -> CalibrateJson {
+    let CalibratedBlob {
+        calibration,
+        blob,
+        precision_loss,
+    } = c.found;
+    let trained_on = calibration.trained_on(&c.measured.samples);
+    let training = ErrorSummary::new(&blob.errors(&calibration.without_warm_up(trained_on)));
     let step1 = |fit: &FrameFit| Step1 {
         parameters: fit.parameters,
         identifiable: fit.rank,
@@ -199,14 +262,14 @@ pub fn document(
         identifiability: None,
         controller: None,
         frames: changes(calibration),
-        blob: summarised(&a.out, blob),
+        blob: summarised(&c.job.out, blob),
         repeats: None,
         provenance,
     }
 }
 
 /// Lists the outliers of a calibration with `samples`, which are the rows of `set`.
-pub fn outliers(
+fn outliers(
     calibration: &Calibration,
     set: &MeasurementSet,
     samples: &[InstrumentSample],

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::args::{ChainArgs, MethodChoice, differences};
 use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::gauge::GaugeArgs;
-use crate::cli::calibrate::project::{Project, is_project};
+use crate::cli::calibrate::project::{File, Project, is_project};
 use crate::cli::failure::Failure;
 use crate::cli::terminal::print::{note, stated_by};
 use crate::cli::tolerance::ToleranceTable;
@@ -185,44 +185,8 @@ impl Job {
         is_in_memory: bool,
     ) -> Result<(), Failure> {
         let file = &project.file;
-        let (robot, data, output) = (&file.robot, &file.data, &file.output);
-        let mut overrides: Vec<String> = differences(stated, &self.config)
-            .into_iter()
-            .map(|key| format!("calibration.{key}"))
-            .collect();
-        // The settings that change the calibration; the outputs follow.
-        let content = [
-            (self.auto && project.names_method(), "calibration.method"),
-            (a.robot.is_some(), "robot.description"),
-            (a.chain.base.is_some() && robot.base.is_some(), "robot.base"),
-            (a.chain.tip.is_some() && robot.tip.is_some(), "robot.tip"),
-            (
-                a.serial_number.is_some() && !robot.serial_number.is_empty(),
-                "robot.serial_number",
-            ),
-            (a.date.is_some() && file.date.is_some(), "date"),
-            (
-                a.features.is_some() && data.features.is_some(),
-                "data.features",
-            ),
-            (a.correct_drift && !data.correct_drift, "data.correct_drift"),
-            (
-                a.accepted.accept.iter().any(|c| !data.accept.contains(c)),
-                "data.accept",
-            ),
-        ];
-        let outputs = [
-            (!a.tests.is_empty() && !data.tests.is_empty(), "data.tests"),
-            (a.out.is_some() && output.blob.is_some(), "output.blob"),
-            (
-                a.report.is_some() && output.report.is_some(),
-                "output.report",
-            ),
-            (a.json.is_some() && output.json.is_some(), "output.json"),
-        ];
         let (gauge, of_gauge) = a.gauge.completed(&file.gauge, |name| project.resolve(name));
-        let named = |(is_given, key): &(bool, &str)| is_given.then(|| (*key).to_owned());
-        overrides.extend(content.iter().filter_map(named));
+        let mut overrides = self.overridden_content(a, stated, &project);
         overrides.extend(of_gauge.into_iter().map(str::to_owned));
         let is_whole = overrides.is_empty()
             && self.budget.is_unlimited()
@@ -239,22 +203,50 @@ impl Job {
             instrument: file.instrument.clone(),
             record: file.record.clone(),
         };
-        overrides.extend(outputs.iter().filter_map(named));
-        if !overrides.is_empty() {
-            note(format_args!(
-                "{} overrides {} of {}",
-                stated_by(),
-                overrides.join(", "),
-                project.path.display()
-            ));
-        }
-        if let Some(then) = file.trainer.as_ref().filter(|then| *then != VERSION) {
-            note(format_args!(
-                "{} was written by trainer {then}, this is {VERSION}: results may differ, and the blob's bytes do, \
-                 because a blob contains the version of its trainer; install {then} to repeat them",
-                project.path.display()
-            ));
-        }
+        overrides.extend(overridden_outputs(a, file));
+        note_differences(&project, &overrides);
+        self.gauge = gauge;
+        self.complete_robot(a, &project);
+        self.complete_data(&project);
+        self.complete_outputs(a, &project, is_in_memory)?;
+        let sha256 = &project.file.output.blob_sha256;
+        self.blob_sha256 = sha256.clone().filter(|_| is_whole);
+        self.project = Some(project.path);
+        Ok(())
+    }
+
+    /// Returns the keys of the project file that the command line overrides and that change the calibration, without those
+    /// of the gauge.
+    fn overridden_content(&self, a: &Calibrate, stated: &Config, project: &Project) -> Vec<String> {
+        let (robot, data) = (&project.file.robot, &project.file.data);
+        let content = [
+            (self.auto && project.names_method(), "calibration.method"),
+            (a.robot.is_some(), "robot.description"),
+            (a.chain.base.is_some() && robot.base.is_some(), "robot.base"),
+            (a.chain.tip.is_some() && robot.tip.is_some(), "robot.tip"),
+            (
+                a.serial_number.is_some() && !robot.serial_number.is_empty(),
+                "robot.serial_number",
+            ),
+            (a.date.is_some() && project.file.date.is_some(), "date"),
+            (
+                a.features.is_some() && data.features.is_some(),
+                "data.features",
+            ),
+            (a.correct_drift && !data.correct_drift, "data.correct_drift"),
+            (
+                a.accepted.accept.iter().any(|c| !data.accept.contains(c)),
+                "data.accept",
+            ),
+        ];
+        let settings = differences(stated, &self.config).into_iter();
+        let settings = settings.map(|key| format!("calibration.{key}"));
+        settings.chain(given(&content)).collect()
+    }
+
+    /// Fills in the robot, its serial number and the date.
+    fn complete_robot(&mut self, a: &Calibrate, project: &Project) {
+        let (file, robot) = (&project.file, &project.file.robot);
         if self.robot.is_empty() {
             self.robot = project.robot();
         }
@@ -270,6 +262,11 @@ impl Job {
             &mut self.date,
             &file.date.as_ref().map(|date| date.get_ref().clone()),
         );
+    }
+
+    /// Fills in the measurements and what is accepted of them.
+    fn complete_data(&mut self, project: &Project) {
+        let data = &project.file.data;
         self.train = project.resolve(&data.train);
         if self.features.is_none() {
             self.features = data.features.as_ref().map(|name| project.resolve(name));
@@ -282,10 +279,19 @@ impl Job {
                 .collect();
         }
         self.correct_drift |= data.correct_drift;
-        self.gauge = gauge;
         self.accept.extend(&data.accept);
         self.accept.sort_unstable();
         self.accept.dedup();
+    }
+
+    /// Fills in the paths of the outputs.
+    fn complete_outputs(
+        &mut self,
+        a: &Calibrate,
+        project: &Project,
+        is_in_memory: bool,
+    ) -> Result<(), Failure> {
+        let output = &project.file.output;
         if a.out.is_none() && !is_in_memory {
             let name = output.blob.as_ref().ok_or_else(|| {
                 InputError::new(&project.path, "no output.blob", "the path of the blob")
@@ -303,8 +309,47 @@ impl Job {
         if let (None, Some(name)) = (&self.json, &output.json) {
             self.json = Some(path(name, "--json")?);
         }
-        self.blob_sha256 = output.blob_sha256.clone().filter(|_| is_whole);
-        self.project = Some(project.path);
         Ok(())
+    }
+}
+
+/// Returns the keys of the project file's outputs and tests that the command line overrides.
+fn overridden_outputs(a: &Calibrate, file: &File) -> Vec<String> {
+    let (data, output) = (&file.data, &file.output);
+    let outputs = [
+        (!a.tests.is_empty() && !data.tests.is_empty(), "data.tests"),
+        (a.out.is_some() && output.blob.is_some(), "output.blob"),
+        (
+            a.report.is_some() && output.report.is_some(),
+            "output.report",
+        ),
+        (a.json.is_some() && output.json.is_some(), "output.json"),
+    ];
+    given(&outputs).collect()
+}
+
+/// Returns the keys that are given.
+fn given(keys: &[(bool, &str)]) -> impl Iterator<Item = String> {
+    let named = |(is_given, key): &(bool, &str)| is_given.then(|| (*key).to_owned());
+    keys.iter().filter_map(named)
+}
+
+/// Notes what differs from the project file: the keys that are overridden, and the version of the program.
+fn note_differences(project: &Project, overrides: &[String]) {
+    if !overrides.is_empty() {
+        note(format_args!(
+            "{} overrides {} of {}",
+            stated_by(),
+            overrides.join(", "),
+            project.path.display()
+        ));
+    }
+    let stated = project.file.trainer.as_ref();
+    if let Some(then) = stated.filter(|then| *then != VERSION) {
+        note(format_args!(
+            "{} was written by trainer {then}, this is {VERSION}: results may differ, and the blob's bytes do, \
+             because a blob contains the version of its trainer; install {then} to repeat them",
+            project.path.display()
+        ));
     }
 }

@@ -9,6 +9,7 @@ use crate::cli::calibrate::gauge::Known;
 use crate::cli::calibrate::job::Job;
 use crate::cli::calibrate::print::print_outputs;
 use crate::cli::calibrate::project::Data;
+use crate::cli::calibrate::provenance::provenance_of_touches;
 use crate::cli::calibrate::report_page;
 use crate::cli::calibrate::written_project::{self, Read};
 use crate::cli::examination::settled;
@@ -124,7 +125,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         precision_loss,
     } = found.map_err(|e| device_failure(&a.train, e))?;
     let written = FileSummary::of_bytes("result", a.out.display().to_string(), blob.bytes());
-    let mut provenance = report_page::provenance_of_touches(&a.robot, &arm, &origin, &set);
+    let mut provenance = provenance_of_touches(&a.robot, &arm, &origin, &set);
     let sum = written.sha256.clone();
     provenance.files.push(written);
     let is_judged = a.report.is_some() || a.statement.tolerances.is_stated();

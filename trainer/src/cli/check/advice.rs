@@ -90,31 +90,15 @@ pub fn advice(
         _ => None,
     };
     if tolerance_met && !drift_matters {
-        if let Some(doubt) = doubt {
-            return vec![doubt];
-        }
-        let parts: Vec<String> = changes.iter().map(|c| part(c.part)).collect();
-        let leave = || {
-            format!(
-                "the drift of {} is within what is allowed for positions: the calibration can stay in use, with this drift in its errors",
-                list(&parts)
-            )
+        return match (doubt, changes) {
+            (Some(doubt), _) => vec![doubt],
+            (None, []) => Vec::new(),
+            (None, _) => vec![tolerated(changes)],
         };
-        return (!changes.is_empty()).then(leave).into_iter().collect();
     }
     let mut out = Vec::new();
     out.extend(payloads.map(str::to_owned));
-    if let Some(moved) = during {
-        out.push(match moved.from_line {
-            Some(line) => format!(
-                "find out what moved before line {line} was measured, and measure these rows again; a base, tool or zero from \
-                 rows before and after it would be an average of two"
-            ),
-            None => "find out what moved slowly, let instrument and arm settle, and measure these rows again; reference points \
-                 beside the robot and --correct-drift remove a slow motion of the instrument"
-                .to_owned(),
-        });
-    }
+    out.extend(during.map(after_motion));
     if !changes.is_empty() && !outlier_lines.is_empty() {
         out.push("first measure the outliers again and repeat the check".to_owned());
     }
@@ -129,25 +113,6 @@ pub fn advice(
         } else {
             ""
         };
-        let step = match change.part {
-            Part::Base => {
-                "find out whether the robot or the instrument moved, and measure the base frame again".to_owned()
-            }
-            Part::Tool => {
-                "check whether the tool or the target is loose, and measure the tool frame again"
-                    .to_owned()
-            }
-            Part::Joint(joint) => {
-                format!(
-                    "reset the zero of joint {joint} (a collision? a lost encoder?) and check again"
-                )
-            }
-            Part::Payload => "weigh what is mounted, and correct payload_kg".to_owned(),
-            Part::Size => {
-                "measure the known distances, radii and wires again: an arm does not change its size"
-                    .to_owned()
-            }
-        };
         let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
         let others = if others.is_empty() {
             String::new()
@@ -157,7 +122,7 @@ pub fn advice(
                 list(&others)
             )
         };
-        out.push(step + &others + alone);
+        out.push(repair(change.part) + &others + alone);
     }
     if !is_searched || changes.is_empty() && during.is_some() {
         return out;
@@ -177,4 +142,50 @@ pub fn advice(
         });
     }
     out
+}
+
+/// Advises about a drift that does not matter.
+fn tolerated(changes: &[Change]) -> String {
+    let parts: Vec<String> = changes.iter().map(|c| part(c.part)).collect();
+    format!(
+        "the drift of {} is within what is allowed for positions: the calibration can stay in use, with this drift in its errors",
+        list(&parts)
+    )
+}
+
+/// Advises what to do about rows during which something moved.
+fn after_motion(moved: &Moved) -> String {
+    match moved.from_line {
+        Some(line) => format!(
+            "find out what moved before line {line} was measured, and measure these rows again; a base, tool or zero from \
+             rows before and after it would be an average of two"
+        ),
+        None => "find out what moved slowly, let instrument and arm settle, and measure these rows again; reference points \
+             beside the robot and --correct-drift remove a slow motion of the instrument"
+            .to_owned(),
+    }
+}
+
+/// Advises what to do about a part that has changed.
+fn repair(changed: Part) -> String {
+    match changed {
+        Part::Base => {
+            "find out whether the robot or the instrument moved, and measure the base frame again"
+                .to_owned()
+        }
+        Part::Tool => {
+            "check whether the tool or the target is loose, and measure the tool frame again"
+                .to_owned()
+        }
+        Part::Joint(joint) => {
+            format!(
+                "reset the zero of joint {joint} (a collision? a lost encoder?) and check again"
+            )
+        }
+        Part::Payload => "weigh what is mounted, and correct payload_kg".to_owned(),
+        Part::Size => {
+            "measure the known distances, radii and wires again: an arm does not change its size"
+                .to_owned()
+        }
+    }
 }

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::cli::calibrate::provenance::{files_of_sets, provenance_of_files};
 use crate::cli::calibrate::report_page;
 use crate::cli::compare::args::Compare;
 use crate::cli::compare::document::{CompareJson, HeldOutPart};
@@ -16,12 +17,14 @@ use crate::cli::terminal::progress;
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::certificate::{Certificate, Statement};
 use crate::report::{HoldOutMethod, ReportData};
+use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::Drift;
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::progress::threads;
+use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
@@ -63,85 +66,31 @@ fn compared_until(
             "--folds 1 leaves nothing to train on: use 0 for none, or at least 2".into(),
         ));
     }
-    let mut arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
-    arm.gravity = a.fit.config(Method::Elastic).gravity_m_s2.into();
-    let mut tools = Vec::new();
-    let SampleFile {
-        set,
-        samples: train,
-        ..
-    } = arm.read(input, &mut tools, DriftCorrection::None)?;
-    let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
-    if a.folds() > train.len() {
-        return Err(Failure::Usage(format!(
-            "--folds {}: expected at most the {} poses of the file",
-            a.folds(),
-            train.len()
-        )));
-    }
-    let read = Tests::read(&arm, &a.tests, &set, &tools, None)?;
-    let mut corrected_tests = read.sets.clone();
-    if let Some(drift) = &drift {
-        for (file, test) in read.files.iter().zip(&mut corrected_tests) {
-            test.samples = Drift::estimate_as(file, drift)?.correct(&test.samples);
-        }
-    }
-    let (test_files, tests) = (&read.files, &read.sets);
-    let methods = methods(a, &train, tests)?;
+    let data = Data::read(a, input)?;
+    let methods = methods(a, &data.train, &data.tests.sets)?;
     a.fit.note_unused(&methods);
     if a.fit.no_variance {
         note("--no-variance has no effect: a comparison writes no blob");
     }
-    // A fold may exceed its share by one group of equal configurations; the calibration itself checks its number of poses.
-    let held_out = |rows: usize| {
-        if a.folds() == 0 {
-            0
-        } else {
-            rows.div_ceil(a.folds())
-        }
-    };
-    let smallest = |rows: usize| rows - held_out(rows);
-    let poses = smallest(different_poses(&train));
-    for method in &methods {
-        enough_poses(
-            &a.train,
-            (poses, smallest(train.len())),
-            equations(&train),
-            *method,
-            arm.robot.joints.len(),
-        )?;
-    }
-    let examined = Examined {
-        path: &a.train,
-        robot: &arm.robot,
-        set: &set,
-        samples: &train,
-        gravity: arm.gravity,
-        json: a.json.as_deref(),
-        accept: &a.accepted.accept,
-    };
-    let mut warnings = examined.for_training(&methods, &a.fit.config(Method::Elastic))?;
-    let (json, accept) = (a.json.as_deref(), &a.accepted.accept);
-    warnings.extend(read.examine(&arm, &a.tests, json, accept)?);
+    data.enough_poses(a, &methods)?;
+    let warnings = data.examine(a, &methods)?;
     if a.folds() == 0 && a.tests.is_empty() {
         return Err(Failure::Usage(
             "--folds 0 without --test leaves no held-out errors to compare: give --test, or at least --folds 2"
                 .into(),
         ));
     }
-    let corrected = drift.as_ref().map(|drift| drift.correct(&train));
-    let origin = origin(set.sha256, "", tools);
     let task = Task {
-        robot: &arm.robot,
-        train: &train,
-        tests,
+        robot: &data.arm.robot,
+        train: &data.train,
+        tests: &data.tests.sets,
         folds: a.folds(),
         seed: a.seed(),
-        origin: &origin,
+        origin: &data.origin,
         cancel,
         threads: threads(),
     };
-    let rounds = 1 + usize::from(drift.is_some());
+    let rounds = 1 + usize::from(data.corrected.is_some());
     let bar = progress::bar(rounds * methods.len() * task.calibrations(), "comparing");
     let run = |task: &Task| -> Result<Vec<ModelComparison>, Failure> {
         let run_one = |method: &Method| {
@@ -154,8 +103,7 @@ fn compared_until(
     let mut models = run(&task)?;
     let mut uncorrected = None;
     let mut last_task = task;
-    if let Some(train) = &corrected {
-        let tests = &corrected_tests;
+    if let Some((train, tests)) = &data.corrected {
         uncorrected = Some(models);
         last_task = Task {
             train,
@@ -165,28 +113,11 @@ fn compared_until(
         models = run(&last_task)?;
     }
     bar.finish_and_clear();
-    let statement = statement(a);
     let (mut shown, mut html) = (None, None);
+    let statement = statement(a);
     if a.report.is_some() || statement.tolerances.is_stated() {
-        let sets = if a.tests.is_empty() {
-            vec![&set]
-        } else {
-            test_files.iter().collect()
-        };
-        let evidence = evidence(a, &last_task, &models, &sets)?;
-        let from = &a.robot.robot;
-        let seed = Some(a.seed());
-        let provenance = report_page::provenance(from, &arm, &origin, seed, &set, test_files);
-        let part = HeldOutPart {
-            held_out: evidence.summary(),
-            certificate: Certificate::new(
-                evidence.judged(),
-                &statement,
-                instrument_drift::known(drift.as_ref().map(|d| &d.report), &set),
-                &provenance.serial_number,
-            ),
-            provenance,
-        };
+        let evidence = evidence(a, &last_task, &models, &data)?;
+        let part = data.held_out_part(a, &evidence, &statement);
         html = a.report.is_some().then(|| {
             report_page::of_comparison(
                 &part.provenance,
@@ -206,15 +137,136 @@ fn compared_until(
         warnings,
         methods: models,
         shown,
-        drift: drift.as_ref().map(|d| d.report.clone()),
+        drift: data.drift.as_ref().map(|d| d.report.clone()),
         methods_without_correction: uncorrected,
     };
     Ok(Compared {
         document,
         report: html,
-        drift,
-        rows: train.len(),
+        drift: data.drift,
+        rows: data.train.len(),
     })
+}
+
+/// What a comparison reads.
+struct Data {
+    arm: Arm,
+    set: MeasurementSet,
+    /// Samples of the rows of `set`.
+    train: Vec<InstrumentSample>,
+    tests: Tests,
+    origin: Provenance,
+    /// Drift of the instrument while it measured `set`, if it is to be removed.
+    drift: Option<Drift>,
+    /// Training and test data without their drift.
+    corrected: Option<(Vec<InstrumentSample>, Vec<TestSet>)>,
+}
+
+impl Data {
+    /// Reads the arm, the training data and the test files.
+    fn read(a: &Compare, input: &Input<'_>) -> Result<Self, Failure> {
+        let mut arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
+        arm.gravity = a.fit.config(Method::Elastic).gravity_m_s2.into();
+        let mut tools = Vec::new();
+        let SampleFile {
+            set,
+            samples: train,
+            ..
+        } = arm.read(input, &mut tools, DriftCorrection::None)?;
+        let drift = a.correct_drift.then(|| Drift::estimate(&set)).transpose()?;
+        if a.folds() > train.len() {
+            return Err(Failure::Usage(format!(
+                "--folds {}: expected at most the {} poses of the file",
+                a.folds(),
+                train.len()
+            )));
+        }
+        let tests = Tests::read(&arm, &a.tests, &set, &tools, None)?;
+        let corrected = match &drift {
+            Some(drift) => {
+                let mut corrected = tests.sets.clone();
+                for (file, test) in tests.files.iter().zip(&mut corrected) {
+                    test.samples = Drift::estimate_as(file, drift)?.correct(&test.samples);
+                }
+                Some((drift.correct(&train), corrected))
+            }
+            None => None,
+        };
+        Ok(Self {
+            origin: origin(set.sha256, "", tools),
+            arm,
+            set,
+            train,
+            tests,
+            drift,
+            corrected,
+        })
+    }
+
+    /// Refuses methods for which the smallest fold is too small.
+    fn enough_poses(&self, a: &Compare, methods: &[Method]) -> Result<(), Failure> {
+        // A fold may exceed its share by one group of equal configurations; the calibration itself checks its number of
+        // poses.
+        let held_out = |rows: usize| {
+            if a.folds() == 0 {
+                0
+            } else {
+                rows.div_ceil(a.folds())
+            }
+        };
+        let smallest = |rows: usize| rows - held_out(rows);
+        let poses = smallest(different_poses(&self.train));
+        for method in methods {
+            enough_poses(
+                &a.train,
+                (poses, smallest(self.train.len())),
+                equations(&self.train),
+                *method,
+                self.arm.robot.joints.len(),
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Examines the training data and the test files, and returns the warnings about them.
+    fn examine(&self, a: &Compare, methods: &[Method]) -> Result<Vec<Finding>, Failure> {
+        let (json, accept) = (a.json.as_deref(), &a.accepted.accept);
+        let examined = Examined {
+            path: &a.train,
+            robot: &self.arm.robot,
+            set: &self.set,
+            samples: &self.train,
+            gravity: self.arm.gravity,
+            json,
+            accept,
+        };
+        let mut warnings = examined.for_training(methods, &a.fit.config(Method::Elastic))?;
+        warnings.extend(self.tests.examine(&self.arm, &a.tests, json, accept)?);
+        Ok(warnings)
+    }
+
+    /// Returns the part of the document about held-out errors.
+    fn held_out_part(
+        &self,
+        a: &Compare,
+        evidence: &ReportData,
+        statement: &Statement,
+    ) -> HeldOutPart {
+        let (from, seed) = (&a.robot.robot, Some(a.seed()));
+        let read = files_of_sets(&self.set, &self.tests.files);
+        let provenance = provenance_of_files(from, &self.arm, &self.origin, seed, read);
+        let drift = self.drift.as_ref().map(|d| &d.report);
+        HeldOutPart {
+            held_out: evidence.summary(),
+            certificate: Certificate::new(
+                evidence.judged(),
+                statement,
+                instrument_drift::known(drift, &self.set),
+                &provenance.serial_number,
+            ),
+            provenance,
+        }
+    }
 }
 
 /// Collects what the report shows: `models`, the base-tool fit for comparison if it is not among them, and the learning
@@ -223,24 +275,26 @@ fn evidence(
     a: &Compare,
     task: &Task,
     models: &[ModelComparison],
-    sets: &[&MeasurementSet],
+    data: &Data,
 ) -> Result<ReportData, Failure> {
     let mut all = models.to_vec();
     if !models.iter().any(|m| m.model == Method::BaseTool.name()) {
         let first = task.run(&a.fit.config(Method::BaseTool), &mut || ());
         all.insert(0, first.map_err(|e| device_failure(&a.train, e.error))?);
     }
-    let how = if a.tests.is_empty() {
-        HoldOutMethod::CrossValidation {
+    let (how, sets) = if a.tests.is_empty() {
+        let how = HoldOutMethod::CrossValidation {
             folds: a.folds(),
             seed: a.seed(),
-        }
+        };
+        (how, vec![&data.set])
     } else {
-        HoldOutMethod::TestSets
+        let files = data.tests.files.iter();
+        (HoldOutMethod::TestSets, files.collect())
     };
     let kinds = task.robot.kinds();
     let nothing = || Failure::Usage("the report has no held-out pose to show".into());
-    let mut evidence = ReportData::new(how, sets, &all, &kinds, false).ok_or_else(nothing)?;
+    let mut evidence = ReportData::new(how, &sets, &all, &kinds, false).ok_or_else(nothing)?;
     let best = evidence.calibrated().name.clone();
     if let Ok(method) = best.parse::<Method>() {
         let options = a.fit.config(method);

@@ -7,9 +7,11 @@
 mod args;
 mod document;
 mod page;
+mod paths;
 mod program;
 pub mod record;
 mod row;
+mod sources;
 mod summary;
 
 use std::path::Path;

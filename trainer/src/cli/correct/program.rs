@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use crate::cli::correct::args::{Correct, two_payloads};
 use crate::cli::correct::document::{LeftJson, ProgramJson, SplitJson, document};
 use crate::cli::correct::page::page;
-use crate::cli::correct::record::{
-    Corrector, Record, Records, record_path, sha256, warn_of_uncorrected,
-};
+use crate::cli::correct::paths::{Files, Paths, Texts};
+use crate::cli::correct::record::{Corrector, Record, record_path, sha256};
+use crate::cli::correct::sources::Sources;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
 use crate::cli::output::{check_outputs, json_text, write_outputs};
@@ -47,128 +47,113 @@ pub fn run(a: &Correct, format: Format) -> Result<(), Failure> {
     named(&document, a)
 }
 
-/// The path that is read and the path that is written, for each file.
-type Files = Vec<(PathBuf, PathBuf)>;
-
 /// Corrects the programs and writes the outputs; returns all output paths, the files, and the JSON document.
 pub fn corrected(
     a: &Correct,
     format: Format,
 ) -> Result<(Vec<Option<PathBuf>>, Files, ProgramJson), Failure> {
-    let is_folder = a.programs.len() > 1 || a.out.is_dir();
-    // For each file, the path that is read and the path that is written.
-    let mut files: Files = Vec::new();
-    for path in &a.programs {
-        let out = if is_folder {
-            a.out.join(path.file_name().unwrap_or_default())
-        } else {
-            a.out.clone()
-        };
-        let companion = format
-            .companion(path)
-            .filter(|path| !a.programs.contains(path));
-        if let Some(companion) = companion {
-            let ending = companion.extension().unwrap_or_default().to_owned();
-            files.push((companion, out.with_extension(ending)));
-        }
-        files.push((path.clone(), out));
-    }
-    if a.programs.len() > 1 && !a.out.is_dir() {
-        return Err(InputError::new(
-            &a.out,
-            "no folder",
-            "one for the corrected files of several programs",
-        )
-        .with_help("create this folder first")
-        .into());
-    }
-    if is_stdout(&a.out) && files.len() > 1 {
-        return Err(InputError::new(
-            &a.out,
-            "standard output",
-            "a file, beside which the data list is written",
-        )
-        .into());
-    }
-    let records: Vec<PathBuf> = files.iter().map(|(_, out)| record_path(out)).collect();
-    let mut outputs: Vec<Option<&Path>> =
-        files.iter().map(|(_, out)| Some(out.as_path())).collect();
-    let is_stream = outputs.iter().flatten().any(|out| is_stdout(out));
-    if !is_stream {
-        outputs.extend(records.iter().map(|path| Some(path.as_path())));
-    }
-    outputs.extend([a.json.as_deref(), a.report.as_deref()]);
-    let mut beside: Vec<PathBuf> = a.programs.iter().flat_map(|p| format.beside(p)).collect();
-    beside.sort();
-    beside.dedup();
-    let mut inputs: Vec<&Path> = vec![&a.blob];
-    let others = a.with.iter().chain(&beside).chain(&a.frames);
-    inputs.extend(
-        files
-            .iter()
-            .map(|(path, _)| path)
-            .chain(others)
-            .map(PathBuf::as_path),
-    );
-    check_outputs(&outputs, &inputs)?;
+    let paths = Paths::new(a, format)?;
+    let outputs = paths.outputs(a);
+    check_outputs(&outputs, &paths.inputs(a))?;
     let loaded = BlobModel::read(&a.blob)?;
-    let commander = Commander::new(&loaded).map_err(|error| {
-        InputError::new(
-            &a.blob,
-            error.to_string(),
-            "a model blob written by `trainer calibrate`",
-        )
-    })?;
+    let commander = commander(a, &loaded)?;
     let payload = payload(a, &loaded)?;
-    if a.payload_kg.is_some()
-        && let Some(table) = a.programs.iter().find(|path| format.has_payloads(path))
-    {
-        return Err(two_payloads(table));
-    }
-    if let Some(mm) = a.split.filter(|mm| !(LEAST_SPLIT_MM..=1e3).contains(mm)) {
-        return Err(Failure::Usage(format!(
-            "--split {mm}: expected millimetres, {LEAST_SPLIT_MM} to 1000"
-        )));
-    }
+    refuse_options(a, format)?;
     let frames = a
         .frames
         .as_deref()
         .map(FrameFile::read)
         .transpose()?
         .unwrap_or_default();
-    let direction = if a.inverse {
-        Direction::Inverse
-    } else {
-        Direction::Correct
-    };
     let model = sha256(&unsigned(loaded.bytes()));
-    let (mut sources, mut hashes) = (Vec::new(), Vec::new());
-    let mut records_there = Records::default();
-    let mut corrections = Vec::new();
-    for (index, (path, _)) in files.iter().enumerate() {
-        let mut source = Source::read(path, true)?;
-        hashes.push(sha256(&source.bytes));
-        if let Some(record) = records_there.of_corrected(path, &source.bytes, &model, direction)? {
-            // The insertions of the earlier correction are removed.
-            source = source.without(&record.inserted).ok_or_else(|| {
-                let found = "a record whose insertions are beyond the program";
-                InputError::new(record_path(path), found, "the record that `correct` wrote")
-            })?;
-            corrections.push((index, record));
+    let robot = &loaded.blob().robot;
+    let corrector = Corrector {
+        robot: robot.name,
+        joints: robot.joints.len(),
+        sha256: &model,
+        direction: match a.inverse {
+            true => Direction::Inverse,
+            false => Direction::Correct,
+        },
+    };
+    let Sources {
+        all,
+        hashes,
+        corrections,
+    } = Sources::read(a, &paths, &corrector)?;
+    let program = read_program(a, format, all, &frames)?;
+    if format != Format::Table {
+        refuse_slides(a, &program, &commander)?;
+    }
+    let mut outcome = engine::solve(&program, &commander, payload, corrector.direction)?;
+    for (index, record) in &corrections {
+        if !record.is_undone(&commander, (&program, &outcome.solved, *index)) {
+            return Err(other_settings(&paths.files[*index].0, record).into());
         }
-        sources.push(source);
     }
-    if direction == Direction::Inverse {
-        let all = files.iter().zip(&hashes).enumerate();
-        warn_of_uncorrected(all.map(|(index, ((path, _), hash))| {
-            let is_found = corrections.iter().any(|(corrected, _)| *corrected == index);
-            (path.as_path(), hash.as_str(), is_found)
-        }));
+    outcome.remarks.extend(unused_payload(a, format, &program));
+    let (ends, split) = ends(a, &program, &commander, &mut outcome);
+    let results = rewrite(&program, &outcome.replacements);
+    let method = loaded.host().provenance.method;
+    let document = document(&program, &outcome, &ends, split, (method, payload));
+    let page = a.report.as_deref().map(|_| {
+        let origin = provenance(a, &loaded, &program);
+        page(&document, &program, &outcome, &ends, &origin)
+    });
+    let json = a
+        .json
+        .as_deref()
+        .map(|_| json_text(&document))
+        .transpose()?;
+    let mut records = Vec::new();
+    let results_of_files = paths.files.iter().zip(hashes.iter().zip(&results));
+    for (index, ((path, _), (hash, result))) in results_of_files.enumerate() {
+        let solved = (&program, outcome.solved.as_slice(), index);
+        let record = Record::new(path, &corrector, hash, result, solved);
+        records.push(json_text(&record)?);
     }
-    for path in a.with.iter().chain(&beside) {
-        sources.push(Source::read(path, false)?);
+    let texts = Texts {
+        results: &results,
+        records: &records,
+        json: json.as_deref(),
+        report: page.as_deref(),
+    };
+    write_outputs(&paths.written(a, &texts))?;
+    let outputs = outputs.iter().map(|path| path.map(Path::to_path_buf));
+    Ok((outputs.collect(), paths.files, document))
+}
+
+/// Returns what corrects commands with the model.
+fn commander(a: &Correct, loaded: &BlobModel) -> Result<Commander, InputError> {
+    Commander::new(loaded).map_err(|error| {
+        let expected = "a model blob written by `trainer calibrate`";
+        InputError::new(&a.blob, error.to_string(), expected)
+    })
+}
+
+/// Refuses a second payload of a table, and a tolerance of `--split` out of range.
+fn refuse_options(a: &Correct, format: Format) -> Result<(), Failure> {
+    if a.payload_kg.is_some()
+        && let Some(table) = a.programs.iter().find(|path| format.has_payloads(path))
+    {
+        return Err(two_payloads(table));
     }
-    let program = format.read(sources, &frames)?;
+    match a.split.filter(|mm| !(LEAST_SPLIT_MM..=1e3).contains(mm)) {
+        Some(mm) => Err(Failure::Usage(format!(
+            "--split {mm}: expected millimetres, {LEAST_SPLIT_MM} to 1000"
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Reads the program from its sources; refuses one without targets.
+fn read_program(
+    a: &Correct,
+    format: Format,
+    sources: Vec<Source>,
+    frames: &FrameFile,
+) -> Result<Program, Failure> {
+    let program = format.read(sources, frames)?;
     if program.targets.is_empty() && program.left.is_empty() {
         return Err(InputError::new(
             &a.programs[0],
@@ -177,74 +162,26 @@ pub fn corrected(
         )
         .into());
     }
-    if format != Format::Table {
-        refuse_slides(a, &program, &commander)?;
-    }
-    let mut outcome = engine::solve(&program, &commander, payload, direction)?;
-    for (index, record) in &corrections {
-        if !record.is_undone(&commander, (&program, &outcome.solved, *index)) {
-            let found =
-                "a program that was corrected with another payload, or with other tools or frames";
-            let expected = format!("those with which {} was corrected", record.source);
-            return Err(InputError::new(&files[*index].0, found, expected).into());
-        }
-    }
-    let has_payloads = program
-        .frames
-        .iter()
-        .any(|frame| frame.payload_kg.is_some());
-    if let (Format::Table, Some(kg), true) = (format, a.payload_kg, has_payloads) {
-        outcome.remarks.push(format!(
-            "payload_kg of the file of --frames is not used: all rows have the {kg} kg of --payload-kg"
-        ));
-    }
-    let (ends, split) = ends(a, &program, &commander, &mut outcome);
-    let results = rewrite(&program, &outcome.replacements);
-    let method = loaded.host().provenance.method;
-    let document = document(&program, &outcome, &ends, split, (method, payload));
-    let page = a.report.as_deref().map(|path| {
-        let origin = provenance(a, &loaded, &program);
-        (path, page(&document, &program, &outcome, &ends, &origin))
-    });
-    let json = a
-        .json
-        .as_deref()
-        .map(|_| json_text(&document))
-        .transpose()?;
-    let mut record_texts = Vec::new();
-    let robot = &loaded.blob().robot;
-    let corrector = Corrector {
-        robot: robot.name,
-        joints: robot.joints.len(),
-        sha256: &model,
-        direction,
-    };
-    let results_of_files = files.iter().zip(hashes.iter().zip(&results));
-    for (index, ((path, _), (hash, result))) in results_of_files.enumerate() {
-        let solved = (&program, outcome.solved.as_slice(), index);
-        let record = Record::new(path, &corrector, hash, result, solved);
-        record_texts.push(json_text(&record)?);
-    }
-    let mut written: Vec<(&Path, &[u8])> = Vec::new();
-    if !a.dry_run {
-        let results = files.iter().zip(&results);
-        written.extend(results.map(|((_, out), (result, _))| (out.as_path(), result.as_slice())));
-    }
-    if !is_stream && !a.dry_run {
-        written.extend(
-            records
-                .iter()
-                .zip(&record_texts)
-                .map(|(p, t)| (p.as_path(), t.as_bytes())),
-        );
-    }
-    if let (Some(path), Some(text)) = (&a.json, &json) {
-        written.push((path, text.as_bytes()));
-    }
-    written.extend(page.iter().map(|(path, html)| (*path, html.as_bytes())));
-    write_outputs(&written)?;
-    let outputs = outputs.iter().map(|path| path.map(Path::to_path_buf));
-    Ok((outputs.collect(), files, document))
+    Ok(program)
+}
+
+/// Returns the error for a program that does not come back to the targets that its record lists.
+fn other_settings(path: &Path, record: &Record) -> InputError {
+    let found = "a program that was corrected with another payload, or with other tools or frames";
+    let expected = format!("those with which {} was corrected", record.source);
+    InputError::new(path, found, expected)
+}
+
+/// Returns the remark that the payloads of `--frames` are not used for a table, if it has any and `--payload-kg` is given.
+fn unused_payload(a: &Correct, format: Format, program: &Program) -> Option<String> {
+    let mut frames = program.frames.iter();
+    let has_payloads = frames.any(|frame| frame.payload_kg.is_some());
+    let kg = a
+        .payload_kg
+        .filter(|_| format == Format::Table && has_payloads)?;
+    Some(format!(
+        "payload_kg of the file of --frames is not used: all rows have the {kg} kg of --payload-kg"
+    ))
 }
 
 /// Refuses a controller's program for an arm with a slide. These languages have slides as external axes, whose targets stay

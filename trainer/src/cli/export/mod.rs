@@ -96,27 +96,8 @@ pub fn run(a: &Export) -> Result<(), Failure> {
 
 /// Writes the exported files, and returns the JSON document that `--json` writes.
 pub fn exported(a: &Export) -> Result<String, Failure> {
-    let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
-    let others = [&a.joint_offsets, &a.c_header];
-    let outputs: Vec<Option<&Path>> = of_the_chain
-        .iter()
-        .chain(&others)
-        .map(|o| o.as_deref())
-        .collect();
-    let has_chain = of_the_chain.iter().any(|output| output.is_some());
-    if outputs.iter().all(Option::is_none) {
-        return Err(Failure::Usage(
-            "nothing to write: give --out, --mjcf, --ur-kinematics, --dh, --mdh, --poe, --joint-offsets or --c-header \
-             a file\nhelp: `trainer export --help` describes them"
-                .to_owned(),
-        ));
-    }
-    let mut inputs = vec![a.blob.as_path()];
-    inputs.extend(a.urdf.as_deref());
-    inputs.extend(a.region.as_deref().map(region::file));
-    let all = [&outputs[..], &[a.json.as_deref()]].concat();
-    check_outputs(&all, &inputs)?;
-    let report = Printer::for_outputs(&all);
+    let (outputs, has_chain) = outputs(a)?;
+    let report = Printer::for_outputs(&outputs);
     let loaded = BlobModel::read(&a.blob)?;
     let region = region::region(&loaded, a.region.as_deref(), a.payload_kg)?;
     let predicted = PredictedPoses::new(&loaded, region);
@@ -126,39 +107,7 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     }
 
     let mut said = Vec::new();
-    let mut files: Vec<(&Path, String)> = Vec::new();
-    if let Some(path) = &a.out {
-        let text = match &a.urdf {
-            Some(nominal) => corrected_urdf(a, nominal, &mut chain, &mut said)?,
-            None => minimal(&chain, a.target_link.as_deref()),
-        };
-        files.push((path, text));
-    }
-    if let Some(path) = &a.ur_kinematics {
-        files.push((path, ur_kinematics(a, path, &chain, &mut said)?));
-    }
-    files.extend(a.mjcf.as_deref().map(|path| (path, mjcf::text(&chain))));
-    for (path, table) in [
-        (&a.dh, dh::table as fn(&_) -> _),
-        (&a.mdh, dh::modified_table),
-        (&a.poe, poe::table),
-    ] {
-        if let Some(path) = path {
-            let table: Table = table(&chain);
-            let text = match format_of(path, true)? {
-                Format::Toml => table.to_toml(&chain),
-                Format::Json => json_text(&table.to_json(&chain))?,
-                Format::Csv => csv::table(&chain, &table),
-            };
-            files.push((path, text));
-        }
-    }
-    if let Some(path) = &a.c_header {
-        let stem = path
-            .file_stem()
-            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-        files.push((path, c_header::text(&loaded, &chain, &stem)));
-    }
+    let mut files = chain_files(a, &loaded, &mut chain, &mut said)?;
     let zeros = match &a.joint_offsets {
         Some(path) => Some((path.as_path(), joint_zeros_of(&predicted, &chain)?)),
         None => None,
@@ -202,7 +151,7 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     texts.push((a.json.as_deref(), Some(&summary)));
     write_texts(&texts)?;
 
-    for (path, _) in files.iter().filter(|(path, _)| !is_stdout(path)) {
+    for path in names.iter().filter(|path| !is_stdout(path)) {
         report.line(format_args!("Wrote {}", path.display()));
     }
     if has_chain || zeros.is_none() {
@@ -216,20 +165,94 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
         report.line(format_args!("  {line}"));
     }
     if !left_out.is_empty() && has_chain {
-        report.line(format_args!(
-            "Not in these files, which hold a chain of frames only{}: {}",
-            if a.c_header.is_some() {
-                " (the C header has the whole model)"
-            } else {
-                ""
-            },
-            left_out.join("; ")
-        ));
+        print_left_out(report, &left_out, a.c_header.is_some());
     }
     if let Some(line) = target_of(&chain) {
         report.line(format_args!("  {line}"));
     }
     Ok(summary)
+}
+
+/// Returns the paths of all outputs, and whether one of them is a whole chain. Refuses to write nothing, or over an input.
+fn outputs(a: &Export) -> Result<(Vec<Option<&Path>>, bool), Failure> {
+    let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
+    let others = [&a.joint_offsets, &a.c_header];
+    let mut outputs: Vec<Option<&Path>> = of_the_chain
+        .iter()
+        .chain(&others)
+        .map(|o| o.as_deref())
+        .collect();
+    if outputs.iter().all(Option::is_none) {
+        return Err(Failure::Usage(
+            "nothing to write: give --out, --mjcf, --ur-kinematics, --dh, --mdh, --poe, --joint-offsets or --c-header \
+             a file\nhelp: `trainer export --help` describes them"
+                .to_owned(),
+        ));
+    }
+    let mut inputs = vec![a.blob.as_path()];
+    inputs.extend(a.urdf.as_deref());
+    inputs.extend(a.region.as_deref().map(region::file));
+    outputs.push(a.json.as_deref());
+    check_outputs(&outputs, &inputs)?;
+    let has_chain = of_the_chain.iter().any(|output| output.is_some());
+    Ok((outputs, has_chain))
+}
+
+/// Returns the texts of all files of the chain, each with its path. `said` gains what the user should know of them, and a
+/// nominal URDF names the joints of the chain.
+fn chain_files<'a>(
+    a: &'a Export,
+    loaded: &BlobModel,
+    chain: &mut CalibratedChain,
+    said: &mut Vec<String>,
+) -> Result<Vec<(&'a Path, String)>, Failure> {
+    let mut files: Vec<(&Path, String)> = Vec::new();
+    if let Some(path) = &a.out {
+        let text = match &a.urdf {
+            Some(nominal) => corrected_urdf(a, nominal, chain, said)?,
+            None => minimal(chain, a.target_link.as_deref()),
+        };
+        files.push((path, text));
+    }
+    if let Some(path) = &a.ur_kinematics {
+        files.push((path, ur_kinematics(a, path, chain, said)?));
+    }
+    files.extend(a.mjcf.as_deref().map(|path| (path, mjcf::text(chain))));
+    for (path, table) in [
+        (&a.dh, dh::table as fn(&_) -> _),
+        (&a.mdh, dh::modified_table),
+        (&a.poe, poe::table),
+    ] {
+        if let Some(path) = path {
+            let table: Table = table(chain);
+            let text = match format_of(path, true)? {
+                Format::Toml => table.to_toml(chain),
+                Format::Json => json_text(&table.to_json(chain))?,
+                Format::Csv => csv::table(chain, &table),
+            };
+            files.push((path, text));
+        }
+    }
+    if let Some(path) = &a.c_header {
+        let stem = path
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+        files.push((path, c_header::text(loaded, chain, &stem)));
+    }
+    Ok(files)
+}
+
+/// Prints what a chain of frames cannot hold.
+fn print_left_out(report: Printer, left_out: &[String], has_c_header: bool) {
+    report.line(format_args!(
+        "Not in these files, which hold a chain of frames only{}: {}",
+        if has_c_header {
+            " (the C header has the whole model)"
+        } else {
+            ""
+        },
+        left_out.join("; ")
+    ));
 }
 
 fn print_accuracy(report: Printer, what: &str, lines: Vec<String>) {

@@ -204,7 +204,37 @@ impl Map {
         }
     }
 
+    /// Refuses tables that do not go together, and numbers of columns that do not fit.
     fn check(&self) -> Result<(), InputError> {
+        self.check_marks()?;
+        self.check_way()?;
+        self.check_joints()?;
+        self.check_columns()?;
+        self.check_values()?;
+        if let Some(reflectors) = &self.reflectors {
+            self.check_reflectors(reflectors)?;
+        }
+        match (&self.points, &self.join) {
+            (Some(_), Some(_)) => Err(InputError::new(
+                &self.path,
+                "[join] beside [points]",
+                "points.join, which joins a list of points",
+            )),
+            (Some(points), None) => self.check_points(points),
+            (None, Some(join)) if self.joints.name.is_none() => self.check_join(join),
+            (None, _) if self.joints_file.is_some() || self.joints.name.is_some() => {
+                Err(InputError::new(
+                    &self.path,
+                    "[joints_file] or joints.name without a file of joints",
+                    "[joints_file] beside [join] or [points], joints.name beside [points]",
+                ))
+            }
+            (None, _) => Ok(()),
+        }
+    }
+
+    /// Refuses a mark of thousands that a number has for something else.
+    fn check_marks(&self) -> Result<(), InputError> {
         for layout in [Some(&self.file), self.joints_file.as_ref()]
             .into_iter()
             .flatten()
@@ -219,6 +249,11 @@ impl Map {
                 return Err(InputError::new(&self.path, found, expected));
             }
         }
+        Ok(())
+    }
+
+    /// Refuses a map without the place of the pose, or with several.
+    fn check_way(&self) -> Result<(), InputError> {
         let ways = [
             self.position.is_some(),
             self.pose.is_some(),
@@ -243,6 +278,11 @@ impl Map {
                 "[orientation] beside [position]; [pose], [reflectors] and [points] have theirs",
             ));
         }
+        Ok(())
+    }
+
+    /// Refuses too many joints, and units for another number of them.
+    fn check_joints(&self) -> Result<(), InputError> {
         let joints = &self.joints;
         let count = match &joints.source {
             JointSource::Columns(columns) => columns.get_ref().len(),
@@ -271,6 +311,11 @@ impl Map {
                 format!("one unit, or {count}"),
             ));
         }
+        Ok(())
+    }
+
+    /// Refuses another number of columns than the quantity has.
+    fn check_columns(&self) -> Result<(), InputError> {
         let three = |position: &Position, key: &str| self.count(&position.columns, key, &[3]);
         if let Some(position) = &self.position {
             three(position, "position.columns")?;
@@ -302,6 +347,11 @@ impl Map {
             }
             None => {}
         }
+        Ok(())
+    }
+
+    /// Refuses a label or a payload that has both a column and a value, or neither, and a payload without its unit.
+    fn check_values(&self) -> Result<(), InputError> {
         for (key, label) in [("session", &self.session), ("target", &self.target)] {
             if let Some(label) = label
                 && label.column.is_some() == label.value.is_some()
@@ -327,26 +377,7 @@ impl Map {
                 "unit = \"kg\" or \"g\"",
             ));
         }
-        if let Some(reflectors) = &self.reflectors {
-            self.check_reflectors(reflectors)?;
-        }
-        match (&self.points, &self.join) {
-            (Some(_), Some(_)) => Err(InputError::new(
-                &self.path,
-                "[join] beside [points]",
-                "points.join, which joins a list of points",
-            )),
-            (Some(points), None) => self.check_points(points),
-            (None, Some(join)) if joints.name.is_none() => self.check_join(join),
-            (None, _) if self.joints_file.is_some() || joints.name.is_some() => {
-                Err(InputError::new(
-                    &self.path,
-                    "[joints_file] or joints.name without a file of joints",
-                    "[joints_file] beside [join] or [points], joints.name beside [points]",
-                ))
-            }
-            (None, _) => Ok(()),
-        }
+        Ok(())
     }
 }
 

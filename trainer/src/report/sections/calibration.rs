@@ -69,6 +69,25 @@ pub fn parameters(
     let Some(identifiability) = identifiability else {
         return section.missing("Not shown: the identifiability could not be computed.");
     };
+    section = identified(section, identifiability);
+    section = differences(section, identifiability, changes);
+    if !identifiability.correlations.is_empty() {
+        section = correlated(section, identifiability);
+    }
+    if let Some(curve) = curve {
+        section = own_joint_curve(section, curve);
+    }
+    if let Some(found) = warm_up {
+        section = warmed_up(section, found);
+    }
+    if !ripple.is_empty() {
+        section = gear_ripple(section, ripple);
+    }
+    section
+}
+
+/// Adds how many parameters the poses determine, and what they do not.
+fn identified(mut section: Section, identifiability: &IdentifyReport) -> Section {
     section = section.text(html! {
         "Of " (Number::count(identifiability.parameters, "/identifiability/parameters")) " geometric parameters these poses identify "
         (Number::count(identifiability.rank, "/identifiability/rank")) ". "
@@ -87,6 +106,15 @@ pub fn parameters(
             ul class="plain" { @for finding in &identifiability.findings { li { (finding.text) "." } } }
         });
     }
+    section
+}
+
+/// Adds the table of the differences of all frames from the nominal model.
+fn differences(
+    section: Section,
+    identifiability: &IdentifyReport,
+    changes: &[FrameChange],
+) -> Section {
     let rows = identifiability.standard_deviations.iter().enumerate();
     let rows = rows.filter_map(|(i, deviation)| {
         let at = changes.iter().position(|c| c.frame == deviation.frame)?;
@@ -107,9 +135,9 @@ pub fn parameters(
     });
     let rows: Vec<Vec<Markup>> = rows.collect();
     if rows.is_empty() || changes.iter().all(|c| c.is_zero()) {
-        section = section.missing(
+        section.missing(
             "This model assumes that the nominal model is right: its only parameters are base and tool frames.",
-        );
+        )
     } else {
         let header = [
             "frame",
@@ -120,74 +148,82 @@ pub fn parameters(
             "about y (mrad)",
             "about z (mrad)",
         ];
-        section = section.table(&header, rows).text(html! {
+        section.table(&header, rows).text(html! {
             "Difference of each frame from the nominal model, ± one standard deviation; bold where it is significant. A link \
              is what "
             "follows the joint of its number, in the axes of that joint, z along it; base and tool are in the axes of \
              the "
             "base and of the last joint. An error that could belong to either of two neighbouring frames is shared between them."
+        })
+    }
+}
+
+/// Adds the pairs of directions that the poses hardly distinguish.
+fn correlated(section: Section, identifiability: &IdentifyReport) -> Section {
+    let pairs = identifiability
+        .correlations
+        .iter()
+        .enumerate()
+        .map(|(i, c)| {
+            let r = Number::new(c.r, 3, format!("/identifiability/correlations/{i}/r"));
+            vec![html! { (c.first) " and " (c.second) }, html! { (r) }]
         });
-    }
-    if !identifiability.correlations.is_empty() {
-        let pairs = identifiability
-            .correlations
-            .iter()
-            .enumerate()
-            .map(|(i, c)| {
-                let r = Number::new(c.r, 3, format!("/identifiability/correlations/{i}/r"));
-                vec![html! { (c.first) " and " (c.second) }, html! { (r) }]
-            });
-        section = section
-            .text(
-                html! { "Strongly correlated, because they move the tool in almost the same way:" },
-            )
-            .table(&["pair", "correlation"], pairs.collect());
-    }
-    if let Some((amplitude, length_scale, orders)) = curve {
-        let at = |name: &str| format!("/elastic/own_joint_curve/{name}");
-        section = section.text(html! {
-            "Own-joint curve: the error of each joint as a function of its own angle, with a standard deviation of "
-            (Number::new(amplitude, 0, at("amplitude_urad"))) " µrad, a lengthscale of "
-            (Number::new(length_scale, 1, at("length_scale_deg"))) "° and up to "
-            (Number::count(orders, at("orders"))) " cycles per turn."
-        });
-    }
-    if let Some(found) = warm_up {
-        let at = |name: &str| format!("/elastic/warm_up/{name}");
-        section = section.text(html! {
-            "Warm-up: while the arm was measured, targets moved by up to "
-            (Number::new(found.largest_mm, 3, at("largest_mm"))) " mm, "
-            @if let Some(time) = found.time_constant {
-                "with a time constant of " (Number::new(time, 0, at("time_constant"))) " " (found.unit.name()) ". "
-            } @else {
-                "steadily. "
-            }
-            @if found.removed {
-                "It was removed from the measurements: the model describes the arm at the last row."
-            } @else {
-                "The model describes an average over the rows."
-            }
-        });
-    }
-    if !ripple.is_empty() {
-        let rows = ripple.iter().enumerate().map(|(i, r)| {
-            let at = |name: &str| format!("/elastic/ripple/{i}/{name}");
-            vec![
-                html! { "joint " (Number::count(r.joint, at("joint"))) },
-                html! { (Number::new(r.cycles_per_turn, 1, at("cycles_per_turn"))) },
-                html! { (Number::new(r.amplitude_urad, 0, at("amplitude_urad"))) },
-            ]
-        });
-        section = section
-            .text(
-                html! { "Gear ripple: the error that the gears add to the joint, which the model corrects." },
-            )
-            .table(
-                &["joint", "cycles per turn", "amplitude (µrad)"],
-                rows.collect(),
-            );
-    }
     section
+        .text(html! { "Strongly correlated, because they move the tool in almost the same way:" })
+        .table(&["pair", "correlation"], pairs.collect())
+}
+
+/// Adds the own-joint curve: its amplitude in µrad, its lengthscale in degrees and its number of orders.
+fn own_joint_curve(
+    section: Section,
+    (amplitude, length_scale, orders): (f64, f64, usize),
+) -> Section {
+    let at = |name: &str| format!("/elastic/own_joint_curve/{name}");
+    section.text(html! {
+        "Own-joint curve: the error of each joint as a function of its own angle, with a standard deviation of "
+        (Number::new(amplitude, 0, at("amplitude_urad"))) " µrad, a lengthscale of "
+        (Number::new(length_scale, 1, at("length_scale_deg"))) "° and up to "
+        (Number::count(orders, at("orders"))) " cycles per turn."
+    })
+}
+
+/// Adds how the arm warmed up.
+fn warmed_up(section: Section, found: &WarmUpReport) -> Section {
+    let at = |name: &str| format!("/elastic/warm_up/{name}");
+    section.text(html! {
+        "Warm-up: while the arm was measured, targets moved by up to "
+        (Number::new(found.largest_mm, 3, at("largest_mm"))) " mm, "
+        @if let Some(time) = found.time_constant {
+            "with a time constant of " (Number::new(time, 0, at("time_constant"))) " " (found.unit.name()) ". "
+        } @else {
+            "steadily. "
+        }
+        @if found.removed {
+            "It was removed from the measurements: the model describes the arm at the last row."
+        } @else {
+            "The model describes an average over the rows."
+        }
+    })
+}
+
+/// Adds the table of the gear ripple.
+fn gear_ripple(section: Section, ripple: &[Ripple]) -> Section {
+    let rows = ripple.iter().enumerate().map(|(i, r)| {
+        let at = |name: &str| format!("/elastic/ripple/{i}/{name}");
+        vec![
+            html! { "joint " (Number::count(r.joint, at("joint"))) },
+            html! { (Number::new(r.cycles_per_turn, 1, at("cycles_per_turn"))) },
+            html! { (Number::new(r.amplitude_urad, 0, at("amplitude_urad"))) },
+        ]
+    });
+    section
+        .text(
+            html! { "Gear ripple: the error that the gears add to the joint, which the model corrects." },
+        )
+        .table(
+            &["joint", "cycles per turn", "amplitude (µrad)"],
+            rows.collect(),
+        )
 }
 
 /// Returns the section on outliers of the training with their lines, and on the largest held-out errors. Without a training,

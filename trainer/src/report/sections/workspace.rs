@@ -39,8 +39,14 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         return section.missing("Not shown: all poses are at one place.");
     }
     let poses = &evidence.calibrated().poses;
-    let squares = VIEWS.map(|(u, v, _)| Cubes::of_view([u, v], poses, widest));
-    let cubes = Cubes::new(poses, widest);
+    let map = Map {
+        low,
+        high,
+        widest,
+        squares: VIEWS.map(|(u, v, _)| Cubes::of_view([u, v], poses, widest)),
+        cubes: Cubes::new(poses, widest),
+        drawn: evidence.drawn(),
+    };
     let mut section = section
         .text(html! {
             (keys(both)) ". Dots are poses, where they were measured; x, y, z are the axes of the robot's base. Each view is "
@@ -52,81 +58,31 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
         })
         .answers()
         .text(neighbours(evidence));
-    let drawn = evidence.drawn();
-    let mut shown = vec![(
+    let calibrated = (
         Series::Calibrated,
         evidence.calibrated(),
         &summary.calibrated,
         "calibrated",
-    )];
-    if both {
-        shown.insert(
-            0,
-            (
-                Series::Nominal,
-                evidence.nominal(),
-                &summary.nominal,
-                "nominal",
-            ),
-        );
-    }
-    let side = widest * (1.0 + 2.0 * MARGIN);
-    let (across, up) = (SIDE - LABELS.0, SIDE - LABELS.1);
+    );
+    let nominal = (
+        Series::Nominal,
+        evidence.nominal(),
+        &summary.nominal,
+        "nominal",
+    );
+    let shown = both.then_some(nominal).into_iter().chain([calibrated]);
     for (series, method, summary, which) in shown {
-        let lengths = VIEWS.iter().zip(&squares).flat_map(|((u, v, _), view)| {
-            let errors = view.cubes.iter().map(|c| c.mean_error(&method.poses));
-            errors.map(|e| e.vector[*u].hypot(e.vector[*v]) / view.side)
-        });
-        let factor = one_digit(ARROW / lengths.fold(1e-9, f64::max));
-        let largest = cubes.by_error(&method.poses).first().copied();
-        for ((u, v, view), squares) in VIEWS.into_iter().zip(&squares) {
-            let names = ["x", "y", "z"];
-            // One scale for both axes and all views: a unit is as many mm along as across.
-            let axis = |i: usize, length: f64| {
-                let middle = 0.5 * (low[i] + high[i]);
-                Axis::linear(
-                    format!("{} (mm)", names[i]),
-                    middle - 0.5 * length,
-                    middle + 0.5 * length,
-                )
-            };
-            let least = across.min(up);
-            let mut plot = Plot::new(axis(u, side * across / least), axis(v, side * up / least))
-                .sized(SIDE, SIDE);
-            let dot = |(row, i): (usize, &usize)| {
-                let [x, y] = [u, v].map(|k| 1e3 * method.poses[*i].position[k]);
-                (row, (x, y))
-            };
-            plot.poses(
-                Series::Other,
-                Brush::Rectangle,
-                drawn.iter().enumerate().map(dot),
-            );
-            for square in &squares.cubes {
-                let error = square.mean_error(&method.poses);
-                let [x, y] = [u, v].map(|i| square.position[i]);
-                let [dx, dy] = [u, v].map(|i| factor * error.vector[i]);
-                let n = square.members.len();
-                let title = format!("{n} poses: {:.3} mm on average", error.length);
-                plot.arrow(series, [x, y, dx, dy], &title);
-            }
-            if let Some(i) = largest {
-                let low = [u, v].map(|k| cubes.cubes[i].low[k]);
-                let high = low.map(|x| x + cubes.side);
-                plot.frame(
-                    Series::Reference,
-                    (low[0], low[1]),
-                    (high[0], high[1]),
-                    "largest",
-                );
-            }
+        let factor = map.enlargement(&method.poses);
+        for (view, squares) in map.squares.iter().enumerate() {
+            let (_, _, from) = VIEWS[view];
             let mean = summary.errors.position_mm.mean;
             section = section.figure(
                 html! {
-                    (capitalised(which)) ", " (view) ": "
+                    (capitalised(which)) ", " (from) ": "
                     (Number::mm(mean, format!("/held_out/{which}/position_mm/mean"))) " mm on average"
                 },
-                plot.render(&format!("Errors over the workspace {which}, {view}")),
+                map.plot(view, series, &method.poses, factor)
+                    .render(&format!("Errors over the workspace {which}, {from}")),
                 &format!(
                     "Arrows are {} times as long as the error; squares have sides of {} mm.",
                     plain(factor),
@@ -135,7 +91,83 @@ pub fn workspace(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             );
         }
     }
-    listed(section, evidence, &cubes)
+    listed(section, evidence, &map.cubes)
+}
+
+/// The workspace, which all figures divide in the same way. Lengths are in mm.
+struct Map {
+    /// Lower and upper ends of the poses.
+    low: [f64; 3],
+    high: [f64; 3],
+    /// Longest side of the workspace.
+    widest: f64,
+    /// Squares of each of the [`VIEWS`].
+    squares: [Cubes; 3],
+    cubes: Cubes,
+    /// Indices of the poses that are drawn as dots.
+    drawn: Vec<usize>,
+}
+
+impl Map {
+    /// Returns how many times as long as the errors their arrows are.
+    fn enlargement(&self, poses: &[HeldOutPose]) -> f64 {
+        let lengths = VIEWS
+            .iter()
+            .zip(&self.squares)
+            .flat_map(|((u, v, _), view)| {
+                let errors = view.cubes.iter().map(|c| c.mean_error(poses));
+                errors.map(|e| e.vector[*u].hypot(e.vector[*v]) / view.side)
+            });
+        one_digit(ARROW / lengths.fold(1e-9, f64::max))
+    }
+
+    /// Draws the poses in one of the [`VIEWS`], with the errors of one model as arrows that are `factor` times as long.
+    fn plot(&self, view: usize, series: Series, poses: &[HeldOutPose], factor: f64) -> Plot {
+        let (u, v, _) = VIEWS[view];
+        let side = self.widest * (1.0 + 2.0 * MARGIN);
+        let (across, up) = (SIDE - LABELS.0, SIDE - LABELS.1);
+        let names = ["x", "y", "z"];
+        // One scale for both axes and all views: a unit is as many mm along as across.
+        let axis = |i: usize, length: f64| {
+            let middle = 0.5 * (self.low[i] + self.high[i]);
+            Axis::linear(
+                format!("{} (mm)", names[i]),
+                middle - 0.5 * length,
+                middle + 0.5 * length,
+            )
+        };
+        let least = across.min(up);
+        let mut plot =
+            Plot::new(axis(u, side * across / least), axis(v, side * up / least)).sized(SIDE, SIDE);
+        let dot = |(row, i): (usize, &usize)| {
+            let [x, y] = [u, v].map(|k| 1e3 * poses[*i].position[k]);
+            (row, (x, y))
+        };
+        plot.poses(
+            Series::Other,
+            Brush::Rectangle,
+            self.drawn.iter().enumerate().map(dot),
+        );
+        for square in &self.squares[view].cubes {
+            let error = square.mean_error(poses);
+            let [x, y] = [u, v].map(|i| square.position[i]);
+            let [dx, dy] = [u, v].map(|i| factor * error.vector[i]);
+            let n = square.members.len();
+            let title = format!("{n} poses: {:.3} mm on average", error.length);
+            plot.arrow(series, [x, y, dx, dy], &title);
+        }
+        if let Some(i) = self.cubes.by_error(poses).first().copied() {
+            let low = [u, v].map(|k| self.cubes.cubes[i].low[k]);
+            let high = low.map(|x| x + self.cubes.side);
+            plot.frame(
+                Series::Reference,
+                (low[0], low[1]),
+                (high[0], high[1]),
+                "largest",
+            );
+        }
+        plot
+    }
 }
 
 /// Adds the cubes with the largest mean errors, in text and in a table.

@@ -6,7 +6,8 @@
 
 use std::collections::HashMap;
 
-use crate::robot_programs::correction::flow::{Certain, Flow, Step};
+use crate::robot_programs::correction::flow::{Flow, Step};
+use crate::robot_programs::correction::held::Certain;
 use crate::robot_programs::correction::program::{Location, Program};
 use crate::robot_programs::correction::tokens::{Kind, Text};
 

@@ -7,8 +7,8 @@
 use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 
-use crate::robot_programs::correction::held::{Held, State, either, joined, lead};
-use crate::robot_programs::correction::program::{Location, Program};
+use crate::robot_programs::correction::held::{Certain, Held, State, either, joined, lead};
+use crate::robot_programs::correction::program::Location;
 
 /// One step of a routine.
 #[derive(Clone, Debug)]
@@ -56,58 +56,6 @@ pub struct Flow<V> {
     locations: Vec<Location>,
     routines: Vec<Vec<usize>>,
     interrupts: BTreeSet<usize>,
-}
-
-/// What is certain at each step.
-#[derive(Clone, Debug)]
-pub struct Certain<V> {
-    states: Vec<Option<State<V>>>,
-    locations: Vec<Location>,
-    /// Contents that are certain whatever has run before.
-    anywhere: State<V>,
-    /// What interrupts set.
-    interrupting: Vec<Option<Held<V>>>,
-}
-
-impl<V: Clone + PartialEq> Certain<V> {
-    /// Returns the contents of a key before a step.
-    pub fn at(&self, step: usize, key: usize) -> Held<V> {
-        let state = self.states.get(step).and_then(Option::as_ref);
-        let held = &state.unwrap_or(&self.anywhere)[key];
-        match &self.interrupting[key] {
-            Some(other) => held.or(other),
-            None => held.clone(),
-        }
-    }
-
-    /// Returns whether a step may have set a key before this one.
-    pub fn is_set(&self, step: usize, key: usize) -> bool {
-        match self.at(step, key) {
-            Held::Known(_, set_at) | Held::Unknown { set_at, .. } => set_at.is_some(),
-        }
-    }
-
-    /// Returns the value of a key before a step, or the reason why it is not certain.
-    pub fn value(&self, step: usize, key: usize, program: &Program) -> Result<V, String> {
-        match self.at(step, key) {
-            Held::Known(value, _) => Ok(value),
-            Held::Unknown {
-                set_at,
-                is_computed,
-            } => Err(match set_at.and_then(|at| self.locations.get(at)) {
-                Some(location) => {
-                    let line = program.line_of(*location);
-                    match is_computed {
-                        true => format!("it is changed at {line}"),
-                        false => {
-                            format!("it is set at {line}, but not on every path to this move")
-                        }
-                    }
-                }
-                None => "it is computed".to_owned(),
-            }),
-        }
-    }
 }
 
 /// A loop or condition in which a step is.
@@ -316,116 +264,20 @@ impl<V: Clone + PartialEq> Flow<V> {
         arrivals: &mut Arrivals<V>,
         states: &mut [Option<State<V>>],
     ) {
-        let mut state = arrivals.entries[routine].clone();
-        let mut open: Vec<Block<V>> = Vec::new();
+        let state = arrivals.entries[routine].clone();
+        let mut walk = Walk {
+            flow: self,
+            routine,
+            settings,
+            arrivals,
+            state,
+            open: Vec::new(),
+        };
         for at in self.routines[routine].iter().copied() {
-            states[at].clone_from(&state);
-            match &self.steps[at] {
-                Step::Set(key, value) => {
-                    if let Some(state) = &mut state {
-                        Rc::make_mut(state)[*key] = Held::new(value.clone(), Some(at));
-                    }
-                }
-                Step::Copy(key, from) => {
-                    if let Some(state) = &mut state {
-                        let held = state[*from].clone();
-                        Rc::make_mut(state)[*key] = held;
-                    }
-                }
-                Step::Call(callees) => {
-                    let mut behind = None;
-                    for callee in callees {
-                        arrivals.is_changed |= lead(&mut arrivals.entries[*callee], state.as_ref());
-                        let exit = arrivals.exits[*callee].as_ref();
-                        let after = self.behind_call(&settings[*callee], state.as_ref(), exit);
-                        behind = joined(behind, after.as_ref());
-                    }
-                    state = behind;
-                }
-                Step::Loop => {
-                    let head = arrivals.heads.entry(at).or_default();
-                    arrivals.is_changed |= lead(head, state.as_ref());
-                    state.clone_from(head);
-                    open.push(Block {
-                        head: Some(at),
-                        before: None,
-                        behind: None,
-                        is_complete: true,
-                    });
-                }
-                step @ (Step::Branch | Step::Cases) => {
-                    open.push(Block {
-                        head: None,
-                        before: state.clone(),
-                        behind: None,
-                        is_complete: false,
-                    });
-                    if matches!(step, Step::Cases) {
-                        state = None;
-                    }
-                }
-                Step::Next(is_rest) => {
-                    if let Some(block) = open.last_mut().filter(|block| block.head.is_none()) {
-                        block.behind = joined(block.behind.take(), state.as_ref());
-                        block.is_complete |= is_rest;
-                        state.clone_from(&block.before);
-                    }
-                }
-                Step::Evaluated => {
-                    if let Some(block) = open.last_mut().filter(|block| block.head.is_none()) {
-                        block.before.clone_from(&state);
-                    }
-                }
-                end @ (Step::End | Step::Until) => {
-                    if let Some(block) = open.pop() {
-                        state = match block.head {
-                            Some(head) => {
-                                let head = arrivals.heads.entry(head).or_default();
-                                arrivals.is_changed |= lead(head, state.as_ref());
-                                let is_until = matches!(end, Step::Until);
-                                let last = if is_until { &state } else { &*head };
-                                joined(block.behind, last.as_ref())
-                            }
-                            None if block.is_complete => joined(block.behind, state.as_ref()),
-                            None => {
-                                let behind = joined(block.behind, state.as_ref());
-                                joined(behind, block.before.as_ref())
-                            }
-                        };
-                    }
-                }
-                Step::Break | Step::Continue => {
-                    let inner = open.iter_mut().rfind(|block| block.head.is_some());
-                    if let Some(block) = inner {
-                        let is_break = matches!(self.steps[at], Step::Break);
-                        match block.head.filter(|_| !is_break) {
-                            Some(head) => {
-                                let head = arrivals.heads.entry(head).or_default();
-                                arrivals.is_changed |= lead(head, state.as_ref());
-                            }
-                            None => block.behind = joined(block.behind.take(), state.as_ref()),
-                        }
-                        state = None;
-                    }
-                }
-                Step::Jump(label) => {
-                    let label = arrivals.labels.entry((routine, label.clone())).or_default();
-                    arrivals.is_changed |= lead(label, state.as_ref());
-                    state = None;
-                }
-                Step::Label(label) => {
-                    let label = arrivals.labels.entry((routine, label.clone())).or_default();
-                    arrivals.is_changed |= lead(label, state.as_ref());
-                    state.clone_from(label);
-                }
-                Step::Return => {
-                    arrivals.is_changed |= lead(&mut arrivals.exits[routine], state.as_ref());
-                    state = None;
-                }
-                Step::Other => {}
-            }
+            states[at].clone_from(&walk.state);
+            walk.step(at);
         }
-        arrivals.is_changed |= lead(&mut arrivals.exits[routine], state.as_ref());
+        walk.arrive_at_exit();
     }
 
     /// Returns the state behind a call: what the routine sets is as at its end, and everything else as before.
@@ -445,5 +297,154 @@ impl<V: Clone + PartialEq> Flow<V> {
             }
         }
         Some(behind)
+    }
+}
+
+/// A pass through a routine, which goes from step to step.
+struct Walk<'a, V> {
+    flow: &'a Flow<V>,
+    routine: usize,
+    /// Steps that set values in each routine, in further calls too.
+    settings: &'a [BTreeSet<usize>],
+    arrivals: &'a mut Arrivals<V>,
+    /// What is certain here; `None` where no way leads.
+    state: Option<State<V>>,
+    /// Loops and conditions around the step, outermost first.
+    open: Vec<Block<V>>,
+}
+
+impl<V: Clone + PartialEq> Walk<'_, V> {
+    /// Goes through a step.
+    fn step(&mut self, at: usize) {
+        let flow = self.flow;
+        match &flow.steps[at] {
+            Step::Set(key, value) => {
+                if let Some(state) = &mut self.state {
+                    Rc::make_mut(state)[*key] = Held::new(value.clone(), Some(at));
+                }
+            }
+            Step::Copy(key, from) => {
+                if let Some(state) = &mut self.state {
+                    let held = state[*from].clone();
+                    Rc::make_mut(state)[*key] = held;
+                }
+            }
+            Step::Call(callees) => self.call(callees),
+            Step::Loop => {
+                let head = self.arrivals.heads.entry(at).or_default();
+                self.arrivals.is_changed |= lead(head, self.state.as_ref());
+                self.state.clone_from(head);
+                self.begin_block(Some(at));
+            }
+            Step::Branch => self.begin_block(None),
+            Step::Cases => {
+                self.begin_block(None);
+                self.state = None;
+            }
+            Step::Next(is_rest) => self.next_branch(*is_rest),
+            Step::Evaluated => {
+                if let Some(block) = self.open.last_mut().filter(|block| block.head.is_none()) {
+                    block.before.clone_from(&self.state);
+                }
+            }
+            end @ (Step::End | Step::Until) => self.end_block(matches!(end, Step::Until)),
+            end @ (Step::Break | Step::Continue) => self.end_pass(matches!(end, Step::Break)),
+            Step::Jump(label) => {
+                self.arrive_at(label);
+                self.state = None;
+            }
+            Step::Label(label) => {
+                self.arrive_at(label);
+                let key = (self.routine, label.clone());
+                self.state.clone_from(&self.arrivals.labels[&key]);
+            }
+            Step::Return => {
+                self.arrive_at_exit();
+                self.state = None;
+            }
+            Step::Other => {}
+        }
+    }
+
+    /// Goes through one of the routines, and on behind it.
+    fn call(&mut self, callees: &[usize]) {
+        let mut behind = None;
+        for callee in callees {
+            let entry = &mut self.arrivals.entries[*callee];
+            self.arrivals.is_changed |= lead(entry, self.state.as_ref());
+            let exit = self.arrivals.exits[*callee].as_ref();
+            let settings = &self.settings[*callee];
+            let after = (self.flow).behind_call(settings, self.state.as_ref(), exit);
+            behind = joined(behind, after.as_ref());
+        }
+        self.state = behind;
+    }
+
+    /// Begins a loop whose first step is `head`, or a condition.
+    fn begin_block(&mut self, head: Option<usize>) {
+        self.open.push(Block {
+            head,
+            before: self.state.clone().filter(|_| head.is_none()),
+            behind: None,
+            is_complete: head.is_some(),
+        });
+    }
+
+    /// Ends a branch of a condition and begins the next one.
+    fn next_branch(&mut self, is_rest: bool) {
+        if let Some(block) = self.open.last_mut().filter(|block| block.head.is_none()) {
+            block.behind = joined(block.behind.take(), self.state.as_ref());
+            block.is_complete |= is_rest;
+            self.state.clone_from(&block.before);
+        }
+    }
+
+    /// Ends a loop or a condition; the condition of a loop stands at its end if `is_until`.
+    fn end_block(&mut self, is_until: bool) {
+        let Some(block) = self.open.pop() else {
+            return;
+        };
+        self.state = match block.head {
+            Some(head) => {
+                let head = self.arrivals.heads.entry(head).or_default();
+                self.arrivals.is_changed |= lead(head, self.state.as_ref());
+                let last = if is_until { &self.state } else { &*head };
+                joined(block.behind, last.as_ref())
+            }
+            None if block.is_complete => joined(block.behind, self.state.as_ref()),
+            None => {
+                let behind = joined(block.behind, self.state.as_ref());
+                joined(behind, block.before.as_ref())
+            }
+        };
+    }
+
+    /// Ends this pass of the innermost loop: the next one begins, or the loop ends if `is_break`.
+    fn end_pass(&mut self, is_break: bool) {
+        let inner = self.open.iter_mut().rfind(|block| block.head.is_some());
+        let Some(block) = inner else {
+            return;
+        };
+        match block.head.filter(|_| !is_break) {
+            Some(head) => {
+                let head = self.arrivals.heads.entry(head).or_default();
+                self.arrivals.is_changed |= lead(head, self.state.as_ref());
+            }
+            None => block.behind = joined(block.behind.take(), self.state.as_ref()),
+        }
+        self.state = None;
+    }
+
+    /// Notes that a way leads from here to a label.
+    fn arrive_at(&mut self, label: &str) {
+        let key = (self.routine, label.to_owned());
+        let label = self.arrivals.labels.entry(key).or_default();
+        self.arrivals.is_changed |= lead(label, self.state.as_ref());
+    }
+
+    /// Notes that a way leads from here to the end of the routine.
+    fn arrive_at_exit(&mut self) {
+        let exit = &mut self.arrivals.exits[self.routine];
+        self.arrivals.is_changed |= lead(exit, self.state.as_ref());
     }
 }

@@ -2,6 +2,8 @@
 
 use std::rc::Rc;
 
+use crate::robot_programs::correction::program::{Location, Program};
+
 /// Contents of a key at a step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Held<V> {
@@ -83,4 +85,58 @@ pub fn lead<V: Clone + PartialEq>(slot: &mut Option<State<V>>, state: Option<&St
         *slot = both;
     }
     !is_same
+}
+
+/// What is certain at each step.
+#[derive(Clone, Debug)]
+pub struct Certain<V> {
+    /// State before each step; `None` where no way leads.
+    pub states: Vec<Option<State<V>>>,
+    /// Place of each step.
+    pub locations: Vec<Location>,
+    /// Contents that are certain whatever has run before.
+    pub anywhere: State<V>,
+    /// What interrupts set.
+    pub interrupting: Vec<Option<Held<V>>>,
+}
+
+impl<V: Clone + PartialEq> Certain<V> {
+    /// Returns the contents of a key before a step.
+    pub fn at(&self, step: usize, key: usize) -> Held<V> {
+        let state = self.states.get(step).and_then(Option::as_ref);
+        let held = &state.unwrap_or(&self.anywhere)[key];
+        match &self.interrupting[key] {
+            Some(other) => held.or(other),
+            None => held.clone(),
+        }
+    }
+
+    /// Returns whether a step may have set a key before this one.
+    pub fn is_set(&self, step: usize, key: usize) -> bool {
+        match self.at(step, key) {
+            Held::Known(_, set_at) | Held::Unknown { set_at, .. } => set_at.is_some(),
+        }
+    }
+
+    /// Returns the value of a key before a step, or the reason why it is not certain.
+    pub fn value(&self, step: usize, key: usize, program: &Program) -> Result<V, String> {
+        match self.at(step, key) {
+            Held::Known(value, _) => Ok(value),
+            Held::Unknown {
+                set_at,
+                is_computed,
+            } => Err(match set_at.and_then(|at| self.locations.get(at)) {
+                Some(location) => {
+                    let line = program.line_of(*location);
+                    match is_computed {
+                        true => format!("it is changed at {line}"),
+                        false => {
+                            format!("it is set at {line}, but not on every path to this move")
+                        }
+                    }
+                }
+                None => "it is computed".to_owned(),
+            }),
+        }
+    }
 }

@@ -33,6 +33,7 @@ pub mod tokens;
 mod unfound;
 mod urscript;
 mod val3;
+mod wanted;
 
 use std::path::{Path, PathBuf};
 

@@ -9,11 +9,10 @@ use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::posture::{Arm, sides};
 use crate::robot_programs::correction::program::{Goal, Left, Program, Target, Way};
-use crate::robot_programs::correction::solution::{
-    Meaning, Refused, Solution, has_new_letter, pose_joints,
-};
+use crate::robot_programs::correction::solution::{Refused, Solution, pose_joints};
 use crate::robot_programs::correction::source::Number;
 use crate::robot_programs::correction::target_poses::frames_of;
+use crate::robot_programs::correction::wanted::{Meaning, has_new_letter};
 
 /// Corrections that differ by less than this, in m, leave no doubt worth a word.
 const SAME_CORRECTION: f64 = 5e-5;
@@ -55,8 +54,7 @@ pub fn plan(
     let mut last = first_joints(program, commander);
     let mut meaning = Meaning::default();
     let arm = Arm::of(commander);
-    let mut lost: Vec<String> = Vec::new();
-    let mut doubtful: Vec<(String, f64)> = Vec::new();
+    let mut doubts = Doubts::default();
     for step in &program.moves {
         let target = &program.targets[step.target];
         if let (true, Goal::Joints(numbers)) = (program.fixed.contains(&step.target), &target.goal)
@@ -80,46 +78,18 @@ pub fn plan(
         });
         match found {
             Ok((found, payload_kg)) => {
-                let Solution {
-                    joints, solutions, ..
-                } = found;
                 let line = program.line_of(target.location);
-                if solutions > 1 {
-                    remarks.push(format!(
-                        "{line}: no joints are known before this first pose; of its {solutions} solutions, the one \
-                         nearest to the middle of the joint ranges is taken: if that is wrong, begin the program with \
-                         a joint target"
-                    ));
-                }
-                if found.is_letter_guessed {
-                    remarks.push(format!(
-                        "{line}: nothing shows on which side its configuration has wrist, elbow and shoulder; the \
-                        sides of the preceding joints are assumed: if that is wrong, begin the program with joints near \
-                         this pose, or with a line to it"
-                    ));
-                }
+                remarks.extend(guesses(&line, &found));
                 if found.is_line_lost {
-                    lost.push(line.clone());
+                    doubts.lost.push(line.clone());
                 }
-                let apart = found.rivals.iter().map(|rival| {
-                    let [own, other] = [&joints, rival]
-                        .map(|joints| commanded(program, commander, target, (joints, payload_kg)));
-                    pose_distance(&own, &other).0
-                });
-                let apart = apart.fold(0.0, f64::max);
+                let apart = rivals_apart(program, commander, target, (&found, payload_kg));
                 if apart > SAME_CORRECTION {
-                    doubtful.push((line, apart));
+                    doubts.sides.push((line, apart));
                 }
+                let joints = found.joints;
                 last = Some(joints);
-                let letters = target.configuration.as_ref().map(|c| c.letters);
-                let letters = letters.unwrap_or_default();
-                // The sides take as long as the search.
-                if has_new_letter(&letters, &meaning) {
-                    let shown = letters.iter().zip(sides(commander, &joints));
-                    for (meaning, (letter, side)) in meaning.iter_mut().zip(shown) {
-                        *meaning = meaning.or(letter.zip(side));
-                    }
-                }
+                learn(&mut meaning, commander, target, &joints);
                 out.push(Planned {
                     target: step.target,
                     joints,
@@ -133,41 +103,105 @@ pub fn plan(
             Err(Refused::Program(error)) => return Err(error),
         }
     }
-    let more = |count: usize| match count - 1 {
-        0 => String::new(),
-        more => format!(" and {more} more"),
-    };
-    if let Some((first, _)) = doubtful.first() {
-        let apart = doubtful.iter().map(|(_, apart)| *apart).fold(0.0, f64::max);
-        remarks.push(format!(
-            "{first}{}: nothing states on which side the target has the wrist, the elbow or the shoulder; the side \
-             nearest to the preceding joints is taken, and another side's correction differs by up to {:.3} mm: if that is \
-             wrong, insert a joint target near it before the move",
-            more(doubtful.len()),
-            1e3 * apart
-        ));
-    }
-    if let Some(first) = lost.first() {
-        let more = more(lost.len());
-        remarks.push(format!(
-            "{first}{more}: the arm does not keep its configuration on the line to it; of its solutions, the one \
-             nearest to the preceding joints is taken: if that is wrong, insert a joint target near it before the line"
-        ));
-    }
-    let mut unused = Vec::new();
-    for (index, target) in program.targets.iter().enumerate() {
-        let is_named = is_done[index]
-            || refused.contains(&target.location)
+    remarks.extend(doubts.remarks());
+    let is_named = |index: usize| {
+        is_done[index]
+            || refused.contains(&program.targets[index].location)
             || program.reached_otherwise.contains(&index)
-            || program.fixed.contains(&index);
-        if !is_named {
-            unused.push(Left {
-                location: target.location,
-                reason: "no move in these files uses this point directly".to_owned(),
-            });
+            || program.fixed.contains(&index)
+    };
+    let unused = (0..program.targets.len()).filter(|index| !is_named(*index));
+    let unused = unused.map(|index| Left {
+        location: program.targets[index].location,
+        reason: "no move in these files uses this point directly".to_owned(),
+    });
+    Ok((out, unused.collect()))
+}
+
+/// Returns the remarks on what is a guess in the joints of one target.
+fn guesses(line: &str, found: &Solution) -> Vec<String> {
+    let mut remarks = Vec::new();
+    let solutions = found.solutions;
+    if solutions > 1 {
+        remarks.push(format!(
+            "{line}: no joints are known before this first pose; of its {solutions} solutions, the one \
+             nearest to the middle of the joint ranges is taken: if that is wrong, begin the program with \
+             a joint target"
+        ));
+    }
+    if found.is_letter_guessed {
+        remarks.push(format!(
+            "{line}: nothing shows on which side its configuration has wrist, elbow and shoulder; the \
+            sides of the preceding joints are assumed: if that is wrong, begin the program with joints near \
+             this pose, or with a line to it"
+        ));
+    }
+    remarks
+}
+
+/// Returns by how much the correction of other joints that the target could as well have differs at most, in m.
+fn rivals_apart(
+    program: &Program,
+    commander: &Commander,
+    target: &Target,
+    (found, payload_kg): (&Solution, f64),
+) -> f64 {
+    let apart = found.rivals.iter().map(|rival| {
+        let [own, other] = [&found.joints, rival]
+            .map(|joints| commanded(program, commander, target, (joints, payload_kg)));
+        pose_distance(&own, &other).0
+    });
+    apart.fold(0.0, f64::max)
+}
+
+/// Notes what the joints of a target show of the letters of its configuration.
+fn learn(meaning: &mut Meaning, commander: &Commander, target: &Target, joints: &Joints) {
+    let letters = target.configuration.as_ref().map(|c| c.letters);
+    let letters = letters.unwrap_or_default();
+    // The sides take as long as the search.
+    if has_new_letter(&letters, meaning) {
+        let shown = letters.iter().zip(sides(commander, joints));
+        for (meaning, (letter, side)) in meaning.iter_mut().zip(shown) {
+            *meaning = meaning.or(letter.zip(side));
         }
     }
-    Ok((out, unused))
+}
+
+/// Targets that one remark names together, by their lines.
+#[derive(Default)]
+struct Doubts {
+    /// Those to which a line could not be followed.
+    lost: Vec<String>,
+    /// Those with a side that is not stated, and how far the corrections of the sides are apart, in m.
+    sides: Vec<(String, f64)>,
+}
+
+impl Doubts {
+    fn remarks(&self) -> Vec<String> {
+        let more = |count: usize| match count - 1 {
+            0 => String::new(),
+            more => format!(" and {more} more"),
+        };
+        let mut remarks = Vec::new();
+        if let Some((first, _)) = self.sides.first() {
+            let apart = self.sides.iter().map(|(_, apart)| *apart);
+            remarks.push(format!(
+                "{first}{}: nothing states on which side the target has the wrist, the elbow or the shoulder; the side \
+                 nearest to the preceding joints is taken, and another side's correction differs by up to {:.3} mm: if that is \
+                 wrong, insert a joint target near it before the move",
+                more(self.sides.len()),
+                1e3 * apart.fold(0.0, f64::max)
+            ));
+        }
+        if let Some(first) = self.lost.first() {
+            let more = more(self.lost.len());
+            remarks.push(format!(
+                "{first}{more}: the arm does not keep its configuration on the line to it; of its solutions, the one \
+                 nearest to the preceding joints is taken: if that is wrong, insert a joint target near it before the line"
+            ));
+        }
+        remarks
+    }
 }
 
 /// Returns the first joints that the program states: they give the branch of poses without a configuration.

@@ -10,9 +10,10 @@ use poegp_runtime::math::se3::Pose;
 use crate::robot_programs::correction::between::at;
 use crate::robot_programs::correction::posture::{Arm, Sides, sides};
 use crate::robot_programs::correction::program::{
-    Bound, Configuration, Convention, NOISE, Posture, Program, SLACK, Says, Stated, Target, Way,
+    Bound, Configuration, Convention, Posture, Program, SLACK, Says, Target, Way,
 };
 use crate::robot_programs::correction::target_poses::{frames_of, written_pose};
+use crate::robot_programs::correction::wanted::{Meaning, Wanted, has_new_letter, is_on};
 
 /// A search that ends farther than this from its start, in rad or m, may be on another branch.
 pub const NEAR: f64 = 0.6;
@@ -34,9 +35,6 @@ pub enum Refused {
     /// The whole program is refused, and nothing is written.
     Program(InputError),
 }
-
-/// What the letters of configurations are, as far as poses have shown it: for wrist, elbow and shoulder a letter and its side.
-pub type Meaning = [Option<(bool, bool)>; 3];
 
 /// Joints of a pose.
 pub struct Solution {
@@ -62,129 +60,6 @@ impl Solution {
             is_line_lost: false,
             rivals: Vec::new(),
         }
-    }
-}
-
-/// Returns whether a letter has no meaning yet.
-pub fn has_new_letter(letters: &[Option<bool>; 3], meaning: &Meaning) -> bool {
-    let mut all = letters.iter().zip(meaning);
-    all.any(|(letter, meaning)| letter.is_some() && meaning.is_none())
-}
-
-/// Returns the sides that a configuration states by letters whose meaning is known.
-fn sides_of_letters(configuration: &Configuration, meaning: &Meaning) -> Sides {
-    let mut out = Sides::default();
-    for (slot, (letter, meaning)) in out
-        .iter_mut()
-        .zip(configuration.letters.iter().zip(meaning))
-    {
-        *slot = letter
-            .zip(*meaning)
-            .map(|(letter, (known, side))| (letter == known) == side);
-    }
-    out
-}
-
-/// Returns whether joints are on these sides. `None` is either side.
-fn is_on(commander: &Commander, joints: &Joints, wanted: &Sides) -> bool {
-    if wanted.iter().all(Option::is_none) {
-        return true;
-    }
-    let mut all = sides(commander, joints).into_iter().zip(wanted);
-    all.all(|(side, wanted)| side.zip(*wanted).is_none_or(|(a, b)| a == b))
-}
-
-/// What a target states of its branch.
-struct Wanted<'a> {
-    commander: &'a Commander,
-    configuration: &'a Configuration,
-    /// Sides without which the controller does not go to the target.
-    must: Sides,
-    /// All sides that are stated, also those that a controller takes only where the path does not decide.
-    should: Sides,
-}
-
-impl<'a> Wanted<'a> {
-    fn new(
-        commander: &'a Commander,
-        arm: &Arm,
-        configuration: &'a Configuration,
-        meaning: &Meaning,
-    ) -> Self {
-        let mut must = sides_of_letters(configuration, meaning);
-        let mut should = must;
-        if let Some(posture) = &configuration.posture {
-            let stated = arm.stated(posture);
-            let add = |to: &mut Sides| {
-                for (slot, side) in to.iter_mut().zip(stated) {
-                    *slot = slot.or(side);
-                }
-            };
-            add(&mut should);
-            if posture.is_certain && configuration.is_monitored {
-                add(&mut must);
-            }
-        }
-        Self {
-            commander,
-            configuration,
-            must,
-            should,
-        }
-    }
-
-    /// Returns the slack that is tried first. Where a controller monitors turns, a joint on the other side of a boundary
-    /// counts only if no solution is on this one.
-    fn least(&self) -> f64 {
-        let is_quarter = |stated: &Stated| matches!(stated.says, Says::Quarter(_));
-        let is_loose =
-            !self.configuration.is_monitored || self.configuration.stated.iter().any(is_quarter);
-        if is_loose { SLACK } else { NOISE }
-    }
-
-    /// Returns whether joints have the configuration.
-    fn fits(&self, joints: &Joints, slack: f64) -> bool {
-        let less = SLACK - slack;
-        let within = |(joint, lower, upper): &Bound| {
-            let range = lower + less..=upper - less;
-            joints.get(*joint).is_some_and(|q| range.contains(q))
-        };
-        self.configuration.bounds.iter().all(within) && is_on(self.commander, joints, &self.must)
-    }
-
-    /// Returns the branches that have the configuration, as far as any has it.
-    fn fitting<'b>(&self, branches: &'b [Joints]) -> Vec<&'b Joints> {
-        let of = |slack: f64| -> Vec<&Joints> {
-            let fits = |joints: &&Joints| self.fits(joints, slack);
-            branches.iter().filter(fits).collect()
-        };
-        let all = match of(self.least()) {
-            none if none.is_empty() => of(SLACK),
-            some => some,
-        };
-        let is_preferred = |joints: &&Joints| is_on(self.commander, joints, &self.should);
-        let preferred: Vec<&Joints> = all.iter().copied().filter(is_preferred).collect();
-        match preferred.is_empty() {
-            true => all,
-            false => preferred,
-        }
-    }
-
-    /// Returns whether the target leaves a side of the arm open, so that a controller with a configuration has to take it from
-    /// elsewhere.
-    fn is_open(&self, joints: &Joints) -> bool {
-        let mut all = self.should.iter().zip(sides(self.commander, joints));
-        self.configuration.is_monitored
-            && all.any(|(stated, side)| stated.is_none() && side.is_some())
-    }
-
-    /// Returns those of the fitting branches that are on other sides than `joints`.
-    fn rivals(&self, fitting: &[&Joints], joints: &Joints) -> Vec<Joints> {
-        let own = sides(self.commander, joints);
-        let others = fitting.iter().copied().copied();
-        others
-            .filter(|other| !is_on(self.commander, other, &own))
-            .collect()
     }
 }
 
@@ -235,20 +110,58 @@ pub fn pose_joints(
         return Err(Refused::Left("its orientation is invalid".to_owned()));
     };
     let (tool, base) = frames_of(program, target);
-    let flange = base * pose * tool.inverse();
     let configuration = target.configuration.clone().unwrap_or_default();
-    let wanted = Wanted::new(commander, arm, &configuration, meaning);
     let known = match &configuration.near {
         Some(near) => Some(seed(program, commander, target, near)?),
         None => *last,
     };
+    refuse_undecidable(commander, &configuration)?;
+    let search = Search {
+        commander,
+        configuration: &configuration,
+        wanted: Wanted::new(commander, arm, &configuration, meaning),
+        way,
+        flange: base * pose * tool.inverse(),
+        tool,
+        known,
+        near: known.unwrap_or_else(|| commander.middle()),
+        is_guessed: has_new_letter(&configuration.letters, meaning),
+    };
+    if let Some(found) = search.close_by().or_else(|| search.along_line()) {
+        return Ok(found);
+    }
+    let branches = commander.branches(&search.flange);
+    if let Some(found) = search.among(&branches) {
+        return Ok(found);
+    }
+    if branches.is_empty() {
+        return Err(Refused::Left(
+            "the arm does not reach it within its joint limits".to_owned(),
+        ));
+    }
+    let nearest = search.nearest(branches.iter());
+    match nearest {
+        Some(joints) if !configuration.is_monitored => {
+            Ok(search.regardless(joints, branches.len()))
+        }
+        _ => {
+            let nearest =
+                nearest.and_then(|joints| written(commander, arm, &configuration, &joints));
+            let error = unmatched(program, target, branches.len(), nearest);
+            Err(Refused::Program(error))
+        }
+    }
+}
+
+/// Refuses a pose whose branch nothing decides, or whose configuration no joints have.
+fn refuse_undecidable(commander: &Commander, configuration: &Configuration) -> Result<(), Refused> {
     if configuration.near.is_none() && commander.kinds().len() >= REDUNDANT {
         return Err(Refused::Left(format!(
             "an arm of {} joints reaches it in infinitely many ways, and no joints near it are stated",
             commander.kinds().len()
         )));
     }
-    if let Some((joint, lower, upper)) = impossible(commander, &configuration) {
+    if let Some((joint, lower, upper)) = impossible(commander, configuration) {
         return Err(Refused::Left(format!(
             "its configuration has joint {} between {:.0}° and {:.0}°, where it cannot turn",
             joint + 1,
@@ -256,94 +169,129 @@ pub fn pose_joints(
             (upper - SLACK).to_degrees()
         )));
     }
-    let near = known.unwrap_or_else(|| commander.middle());
-    // A letter without a meaning is most likely that of the joints before. On a line no side changes.
-    let is_guessed = has_new_letter(&configuration.letters, meaning);
-    let is_possible = |joints: &Joints| {
-        commander.beyond_limit(joints).is_none() && wanted.fits(joints, wanted.least())
-    };
-    // A joint motion goes to the sides that are stated, a line to those that it leads to.
-    let is_led = |joints: &Joints| way != Way::Joints || is_on(commander, joints, &wanted.should);
-    let is_doubtful = way == Way::Joints && configuration.near.is_none() && !is_guessed;
-    if known.is_some() {
-        let found = commander.nominal_joints(&flange, &near);
-        let far = joint_distance(&found.joints, &near);
-        if !found.status.contains(Status::PARTLY_CORRECTED)
+    Ok(())
+}
+
+/// The search for the joints of one pose.
+struct Search<'a> {
+    commander: &'a Commander,
+    configuration: &'a Configuration,
+    wanted: Wanted<'a>,
+    way: Way,
+    flange: Pose<f64>,
+    tool: Pose<f64>,
+    /// Joints that are stated as near, or those before the move.
+    known: Option<Joints>,
+    /// Joints at which the search begins.
+    near: Joints,
+    /// Whether a letter of the configuration has no meaning yet. It is most likely that of the joints before.
+    is_guessed: bool,
+}
+
+impl Search<'_> {
+    fn is_possible(&self, joints: &Joints) -> bool {
+        self.commander.beyond_limit(joints).is_none()
+            && self.wanted.fits(joints, self.wanted.least())
+    }
+
+    /// Returns whether the sides of the joints may be others than those before. On a line no side changes.
+    fn is_doubtful(&self) -> bool {
+        self.way == Way::Joints && self.configuration.near.is_none() && !self.is_guessed
+    }
+
+    /// Returns whether the arm comes on a line from joints that are known.
+    fn is_line(&self) -> bool {
+        self.way == Way::Line && self.known.is_some() && self.configuration.near.is_none()
+    }
+
+    /// Returns the joints to which those that are known lead directly.
+    fn close_by(&self) -> Option<Solution> {
+        self.known?;
+        let (commander, wanted) = (self.commander, &self.wanted);
+        let found = commander.nominal_joints(&self.flange, &self.near);
+        let far = joint_distance(&found.joints, &self.near);
+        // A joint motion goes to the sides that are stated, a line to those that it leads to.
+        let is_led =
+            |joints: &Joints| self.way != Way::Joints || is_on(commander, joints, &wanted.should);
+        let is_found = !found.status.contains(Status::PARTLY_CORRECTED)
             && !found.status.contains(Status::BAD_INPUT)
             && far < NEAR
-            && is_possible(&found.joints)
-            && is_led(&found.joints)
-        {
-            let mut rivals = Vec::new();
-            if is_doubtful && far > ON_THE_SPOT && wanted.is_open(&found.joints) {
-                let branches = commander.branches(&flange);
-                rivals = wanted.rivals(&wanted.fitting(&branches), &found.joints);
-            }
-            return Ok(Solution {
-                is_letter_guessed: is_guessed && way == Way::Joints && far > ON_THE_SPOT,
-                rivals,
-                ..Solution::certain(found.joints)
-            });
+            && self.is_possible(&found.joints)
+            && is_led(&found.joints);
+        if !is_found {
+            return None;
         }
+        let mut rivals = Vec::new();
+        if self.is_doubtful() && far > ON_THE_SPOT && wanted.is_open(&found.joints) {
+            let branches = commander.branches(&self.flange);
+            rivals = wanted.rivals(&wanted.fitting(&branches), &found.joints);
+        }
+        Some(Solution {
+            is_letter_guessed: self.is_guessed && self.way == Way::Joints && far > ON_THE_SPOT,
+            rivals,
+            ..Solution::certain(found.joints)
+        })
     }
-    let is_line = way == Way::Line && known.is_some() && configuration.near.is_none();
-    let followed = is_line
-        .then(|| along(commander, &near, &flange, &tool))
-        .flatten();
-    if let Some(joints) = followed.filter(is_possible) {
-        return Ok(Solution::certain(joints));
+
+    /// Returns the joints to which the line from those that are known leads.
+    fn along_line(&self) -> Option<Solution> {
+        let followed = self
+            .is_line()
+            .then(|| along(self.commander, &self.near, &self.flange, &self.tool))
+            .flatten();
+        let possible = followed.filter(|joints| self.is_possible(joints));
+        possible.map(Solution::certain)
     }
-    let branches = commander.branches(&flange);
-    let nearest = |all: &mut dyn Iterator<Item = &Joints>| {
-        let far = |joints: &&Joints| joint_distance(joints, &near);
+
+    /// Returns those of the joints that are nearest to the beginning of the search.
+    fn nearest<'b>(&self, all: impl Iterator<Item = &'b Joints>) -> Option<Joints> {
+        let far = |joints: &&Joints| joint_distance(joints, &self.near);
         all.min_by(|a, b| far(a).total_cmp(&far(b))).copied()
-    };
-    let solutions = |count: usize| if known.is_some() { 1 } else { count };
-    let mut fitting = wanted.fitting(&branches);
-    let before = known
-        .filter(|_| is_guessed)
-        .map(|joints| sides(commander, &joints));
-    let same: Vec<&Joints> = fitting
-        .iter()
-        .copied()
-        .filter(|joints| before.is_some_and(|before| is_on(commander, joints, &before)))
-        .collect();
-    let is_letter_guessed = before.is_some() && fitting.len() > 1 && way == Way::Joints;
-    let is_line_lost = is_line && fitting.len() > 1;
-    if !same.is_empty() {
-        fitting = same;
     }
-    if let Some(joints) = nearest(&mut fitting.iter().copied()) {
-        let rivals = match is_doubtful && known.is_some() && configuration.is_monitored {
-            true => wanted.rivals(&fitting, &joints),
-            false => Vec::new(),
-        };
-        return Ok(Solution {
+
+    /// Returns the sides of the joints before, if they stand for a letter without a meaning.
+    fn sides_before(&self) -> Option<Sides> {
+        let known = self.known.filter(|_| self.is_guessed);
+        known.map(|joints| sides(self.commander, &joints))
+    }
+
+    /// Returns the number of solutions among which joints are a guess: with known joints, they are none.
+    fn solutions(&self, count: usize) -> usize {
+        if self.known.is_some() { 1 } else { count }
+    }
+
+    /// Returns the nearest of the branches that have the configuration.
+    fn among(&self, branches: &[Joints]) -> Option<Solution> {
+        let mut fitting = self.wanted.fitting(branches);
+        let before = self.sides_before();
+        let is_same =
+            |joints: &&Joints| before.is_some_and(|before| is_on(self.commander, joints, &before));
+        let same: Vec<&Joints> = fitting.iter().copied().filter(is_same).collect();
+        let is_letter_guessed = before.is_some() && fitting.len() > 1 && self.way == Way::Joints;
+        let is_line_lost = self.is_line() && fitting.len() > 1;
+        if !same.is_empty() {
+            fitting = same;
+        }
+        let joints = self.nearest(fitting.iter().copied())?;
+        let is_open = self.is_doubtful() && self.known.is_some() && self.configuration.is_monitored;
+        Some(Solution {
             joints,
-            solutions: solutions(fitting.len()),
+            solutions: self.solutions(fitting.len()),
             is_letter_guessed,
             is_line_lost,
-            rivals,
-        });
+            rivals: match is_open {
+                true => self.wanted.rivals(&fitting, &joints),
+                false => Vec::new(),
+            },
+        })
     }
-    if branches.is_empty() {
-        return Err(Refused::Left(
-            "the arm does not reach it within its joint limits".to_owned(),
-        ));
-    }
-    let nearest = nearest(&mut branches.iter());
-    match nearest {
-        Some(joints) if !configuration.is_monitored => Ok(Solution {
-            solutions: solutions(branches.len()),
-            is_letter_guessed,
-            is_line_lost: is_line && branches.len() > 1,
+
+    /// Returns joints that do not have the configuration as a solution: of `count` branches none has it.
+    fn regardless(&self, joints: Joints, count: usize) -> Solution {
+        Solution {
+            solutions: self.solutions(count),
+            is_line_lost: self.is_line() && count > 1,
             ..Solution::certain(joints)
-        }),
-        _ => {
-            let nearest =
-                nearest.and_then(|joints| written(commander, arm, &configuration, &joints));
-            let error = unmatched(program, target, branches.len(), nearest);
-            Err(Refused::Program(error))
         }
     }
 }

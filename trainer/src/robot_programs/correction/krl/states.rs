@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::held::Certain;
 use crate::robot_programs::correction::program::Location;
 
 /// A line of a file: its tokens from the first to the one behind the last.

@@ -10,6 +10,7 @@ use crate::robot_programs::correction::krl::routines::Routines;
 use crate::robot_programs::correction::krl::states::{
     ACTIVE, BASE, COPIES, LOAD, Line, MODE, Named, PENDING, States, TOOL, variable,
 };
+use crate::robot_programs::correction::program::Location;
 
 /// Commands of `BAS` that set speeds, accelerations and outputs alone.
 const SETS_NO_FRAME: [&str; 10] = [
@@ -25,26 +26,193 @@ const SETS_NO_FRAME: [&str; 10] = [
     "#vel_ptp",
 ];
 
+/// Index of the routine that begins at a line, by the file and the first token of the line.
+type Begins = HashMap<(usize, usize), usize>;
+
+/// Returns a flow without steps in which the keys have their values before the program runs.
+fn flow_of_keys() -> Flow<Named> {
+    let mut flow = Flow::new();
+    for kind in ["tool", "base"] {
+        let variable = kind.to_ascii_uppercase();
+        let reason = format!("no {kind} is set before it: set ${variable} in the program");
+        flow.key(Some(Named::Unknown(reason)), true);
+    }
+    flow.key(Some(Named::HoldsPart(false)), true);
+    for _ in COPIES {
+        flow.key(None, true);
+    }
+    flow.key(Some(Named::OfTool), true);
+    for _ in PENDING {
+        let reason = "no FDAT_ACT is set before it".to_owned();
+        flow.key(Some(Named::Unknown(reason)), true);
+    }
+    flow
+}
+
+/// What a line does before its own step.
+struct Evaluated {
+    /// Sets the keys that it gives to routines as arguments.
+    changes: Vec<Step<Named>>,
+    /// Routines that it calls.
+    called: Vec<usize>,
+}
+
+/// The flow of a program to which lines are added.
+struct Following {
+    flow: Flow<Named>,
+    /// Keys of the numbered tools and bases.
+    numbered: BTreeMap<(bool, u32), usize>,
+    /// Routine of the line.
+    routine: usize,
+    /// Routine with what calls in interrupts change.
+    aside: usize,
+    /// Keys that the spline around the line sets.
+    of_spline: Vec<usize>,
+}
+
+impl Following {
+    fn push(&mut self, step: Step<Named>, location: Location) -> usize {
+        self.flow.push(self.routine, step, location)
+    }
+
+    /// Adds the calls of a line.
+    fn evaluate(&mut self, line: &Evaluated, location: Location) {
+        // A routine may change its arguments before it uses them by another name.
+        let calls = line.called.iter().map(|index| Step::Call(vec![*index]));
+        let changes = || line.changes.iter().cloned();
+        for step in changes().chain(calls).chain(changes()) {
+            self.push(step, location);
+        }
+    }
+
+    /// Adds the calls of a line that declares an interrupt: they run at any time.
+    fn interrupt(&mut self, line: &Evaluated, location: Location) {
+        for index in &line.called {
+            self.flow.interrupts(*index);
+        }
+        for step in line.changes.clone() {
+            self.flow.push(self.aside, step, location);
+        }
+    }
+
+    fn begin_spline(&mut self, set: &[(usize, Named)]) {
+        self.of_spline.extend(set.iter().map(|(key, _)| *key));
+    }
+
+    /// Returns the keys that the spline has set; what they hold behind it, at `line`, is not certain.
+    fn end_spline(&mut self, line: &str) -> Vec<(usize, Named)> {
+        let value = |key: usize| {
+            let name = variable(key);
+            let reason = "is not certain after a spline that sets it, which ends at";
+            Named::Unknown(format!("{name} {reason} {line}"))
+        };
+        let keys = self.of_spline.drain(..);
+        keys.map(|key| (key, value(key))).collect()
+    }
+
+    /// Gives a key a value, and the key beside it what the data of that number hold here.
+    fn assign(&mut self, key: usize, value: Named, location: Location) {
+        // The key of the value that the data have here, and whether it is that of a tool.
+        let copied = match (ACTIVE.iter().position(|own| *own == key), &value) {
+            (Some(kind @ (TOOL | BASE)), Named::Number(_)) => Some((COPIES[kind], kind)),
+            _ => None,
+        };
+        let pending = PENDING[..2].iter().position(|own| *own == key);
+        let copied = copied.or(pending.map(|kind| (PENDING[3 + kind], kind)));
+        let data = match value {
+            Named::Number(number) => copied
+                .and_then(|(_, kind)| self.numbered.get(&(kind == TOOL, number)))
+                .copied(),
+            _ => None,
+        };
+        self.push(Step::Set(key, Some(value)), location);
+        if let (Some((copy, _)), Some(data)) = (copied, data) {
+            self.push(Step::Copy(copy, data), location);
+        }
+        // BAS copies the data as they are then, not as they were when FDAT_ACT was set.
+        let mut numbered = self.numbered.iter();
+        if let Some(((is_tool, _), _)) = numbered.find(|(_, own)| **own == key) {
+            let copy = PENDING[3 + usize::from(!is_tool)];
+            self.push(Step::Set(copy, None), location);
+        }
+    }
+}
+
 impl Reader<'_> {
     /// Follows the lines of all routines.
     pub(super) fn states(&self, all: &[Line]) -> States {
-        let mut flow = Flow::new();
-        for kind in ["tool", "base"] {
-            let variable = kind.to_ascii_uppercase();
-            let reason = format!("no {kind} is set before it: set ${variable} in the program");
-            flow.key(Some(Named::Unknown(reason)), true);
-        }
-        flow.key(Some(Named::HoldsPart(false)), true);
-        for _ in COPIES {
-            flow.key(None, true);
-        }
-        flow.key(Some(Named::OfTool), true);
-        for _ in PENDING {
-            let reason = "no FDAT_ACT is set before it".to_owned();
-            flow.key(Some(Named::Unknown(reason)), true);
-        }
+        let mut flow = flow_of_keys();
         let numbered = self.numbered_keys(&mut flow, all);
-        let mut begins: HashMap<(usize, usize), usize> = HashMap::new();
+        let (routines, begins) = self.routines(&mut flow, all);
+        let aside = flow.routine();
+        flow.interrupts(aside);
+        let mut following = Following {
+            flow,
+            numbered,
+            routine: 0,
+            aside,
+            of_spline: Vec::new(),
+        };
+        let mut steps = Vec::with_capacity(all.len());
+        for line in all {
+            let begin = begins.get(&(line.file, line.from)).copied();
+            let text = self.texts[line.file];
+            let word = text.name(line.from);
+            if let Some(index) = begin {
+                following.routine = index;
+            }
+            let location = self.location(line.file, line.from);
+            let changes = self.given_keys(*line, &following.numbered).into_iter();
+            let changes = changes.map(|(key, value)| Step::Set(key, Some(value)));
+            let evaluated = Evaluated {
+                changes: changes.collect(),
+                called: match begin {
+                    None => self.called(*line, &routines),
+                    Some(_) => Vec::new(),
+                },
+            };
+            let is_interrupt = (line.from..line.end.min(line.from + 2))
+                .any(|at| matches!(text.name(at).as_str(), "interrupt" | "trigger"));
+            match is_interrupt {
+                true => following.interrupt(&evaluated, location),
+                false => following.evaluate(&evaluated, location),
+            }
+            let step = self.step(*line, &word);
+            let is_loop = matches!(step, Step::Loop);
+            steps.push(following.push(step, location));
+            // The condition of a loop is evaluated before each pass.
+            if is_loop {
+                following.evaluate(&evaluated, location);
+            }
+            let mut set = self.set(*line, &word, &following.numbered);
+            match word.as_str() {
+                "spline" | "ptp_spline" => following.begin_spline(&set),
+                "endspline" => set.extend(following.end_spline(&self.program.line_of(location))),
+                "end" | "endfct" => following.of_spline.clear(),
+                _ => {}
+            }
+            for (key, value) in set {
+                following.assign(key, value, location);
+            }
+            if self.loads_frame_data(*line) {
+                for (to, from) in ACTIVE.into_iter().zip(PENDING) {
+                    following.push(Step::Copy(to, from), location);
+                }
+            }
+            if matches!(word.as_str(), "end" | "endfct" | "enddat") {
+                following.routine = 0;
+            }
+        }
+        States {
+            certain: following.flow.certain(),
+            numbered: following.numbered,
+            steps,
+        }
+    }
+
+    /// Adds the routines of all files; also returns at which line each begins, by the file and the first token.
+    fn routines(&self, flow: &mut Flow<Named>, all: &[Line]) -> (Routines, Begins) {
+        let mut begins = Begins::new();
         let mut routines = Routines::new();
         for line in all.iter().filter(|line| self.is_code(line.file)) {
             if let Some((name, is_global)) = self.defined(*line) {
@@ -54,111 +222,7 @@ impl Reader<'_> {
                 routines.push((line.file, name, is_first || is_global, index));
             }
         }
-        // What calls in interrupts change.
-        let aside = flow.routine();
-        flow.interrupts(aside);
-        let mut own = 0;
-        // What the spline around a line sets.
-        let mut of_spline = Vec::new();
-        let mut steps = Vec::with_capacity(all.len());
-        for line in all {
-            let begin = begins.get(&(line.file, line.from)).copied();
-            let text = self.texts[line.file];
-            let word = text.name(line.from);
-            if let Some(index) = begin {
-                own = index;
-            }
-            let location = self.location(line.file, line.from);
-            let push = |flow: &mut Flow<Named>, step| flow.push(own, step, location);
-            let called = match begin {
-                None => self.called(*line, &routines),
-                Some(_) => Vec::new(),
-            };
-            let is_interrupt = (line.from..line.end.min(line.from + 2))
-                .any(|at| matches!(text.name(at).as_str(), "interrupt" | "trigger"));
-            let changes = self.given_keys(*line, &numbered).into_iter();
-            let changes = changes.map(|(key, value)| Step::Set(key, Some(value)));
-            let changes: Vec<Step<Named>> = changes.collect();
-            let evaluate = |flow: &mut Flow<Named>| {
-                // A routine may change its arguments before it uses them by another name.
-                let calls = called.iter().map(|index| Step::Call(vec![*index]));
-                for step in changes.iter().cloned().chain(calls).chain(changes.clone()) {
-                    push(flow, step);
-                }
-            };
-            if is_interrupt {
-                for index in &called {
-                    flow.interrupts(*index);
-                }
-                for step in changes.clone() {
-                    flow.push(aside, step, location);
-                }
-            } else {
-                evaluate(&mut flow);
-            }
-            let step = self.step(*line, &word);
-            let is_loop = matches!(step, Step::Loop);
-            steps.push(push(&mut flow, step));
-            // The condition of a loop is evaluated before each pass.
-            if is_loop {
-                evaluate(&mut flow);
-            }
-            let mut set = self.set(*line, &word, &numbered);
-            match word.as_str() {
-                "spline" | "ptp_spline" => of_spline.extend(set.iter().map(|(key, _)| *key)),
-                // What holds behind a spline that sets it is not certain.
-                "endspline" => {
-                    let line = self.program.line_of(location);
-                    let value = |key: usize| {
-                        let name = variable(key);
-                        let reason = "is not certain after a spline that sets it, which ends at";
-                        Named::Unknown(format!("{name} {reason} {line}"))
-                    };
-                    set.extend(of_spline.drain(..).map(|key| (key, value(key))));
-                }
-                "end" | "endfct" => of_spline.clear(),
-                _ => {}
-            }
-            for (key, value) in set {
-                // The key of the value that the data have here, and whether it is that of a tool.
-                let copied = match (ACTIVE.iter().position(|own| *own == key), &value) {
-                    (Some(kind @ (TOOL | BASE)), Named::Number(_)) => Some((COPIES[kind], kind)),
-                    _ => None,
-                };
-                let pending = PENDING[..2].iter().position(|own| *own == key);
-                let copied = copied.or(pending.map(|kind| (PENDING[3 + kind], kind)));
-                let data = match value {
-                    Named::Number(number) => {
-                        copied.and_then(|(_, kind)| numbered.get(&(kind == TOOL, number)))
-                    }
-                    _ => None,
-                };
-                push(&mut flow, Step::Set(key, Some(value)));
-                if let (Some((copy, _)), Some(data)) = (copied, data) {
-                    push(&mut flow, Step::Copy(copy, *data));
-                }
-                // BAS copies the data as they are then, not as they were when FDAT_ACT was set.
-                if let Some(((is_tool, _), _)) = numbered.iter().find(|(_, own)| **own == key) {
-                    push(
-                        &mut flow,
-                        Step::Set(PENDING[3 + usize::from(!is_tool)], None),
-                    );
-                }
-            }
-            if self.loads_frame_data(*line) {
-                for (to, from) in ACTIVE.into_iter().zip(PENDING) {
-                    push(&mut flow, Step::Copy(to, from));
-                }
-            }
-            if matches!(word.as_str(), "end" | "endfct" | "enddat") {
-                own = 0;
-            }
-        }
-        States {
-            certain: flow.certain(),
-            numbered,
-            steps,
-        }
+        (routines, begins)
     }
 
     /// Adds a key for each tool and base that the code sets. Before that they have their value of a data list; where there

@@ -10,6 +10,15 @@ use crate::robot_programs::correction::rapid::states::{DISPLACED, LOADED, MONITO
 use crate::robot_programs::correction::rapid::syntax::{arguments, shape};
 use crate::robot_programs::correction::rapid::{Reader, State};
 
+/// Returns why a program displacement, whose setting is `switched`, keeps a motion from being corrected.
+fn displaced(switched: Result<Setting, String>) -> Option<String> {
+    match switched {
+        Ok(Setting::Is(false)) => None,
+        Ok(_) => Some("a program displacement is active (PDispOn, PDispSet)".to_owned()),
+        Err(reason) => Some(format!("a program displacement may be active: {reason}")),
+    }
+}
+
 impl Reader<'_> {
     /// Notes a motion and the targets to which it goes.
     pub(super) fn motion(
@@ -21,15 +30,7 @@ impl Reader<'_> {
         let before = state.before.take();
         let text = self.texts[s.file];
         let Some((way, points, tool_at)) = shape(name) else {
-            let location = self.location(s, s.from);
-            let word = text.spelling(s.from);
-            let reason = match name {
-                "moveextj" => format!("{word} is not corrected"),
-                _ => format!(
-                    "{word} is not read: a target of it is corrected only if another move goes there"
-                ),
-            };
-            self.program.leave(location, reason);
+            self.leave_unread(s, name);
             return Ok(());
         };
         let (positional, switches) = arguments(&text, s.from + 1, s.end);
@@ -53,12 +54,8 @@ impl Reader<'_> {
         }
         let (states, step) = (state.states, state.step);
         let switched = |key: usize| states.certain.value(step, key, &self.program);
-        let displaced = match switched(DISPLACED) {
-            Ok(Setting::Is(false)) => None,
-            Ok(_) => Some("a program displacement is active (PDispOn, PDispSet)".to_owned()),
-            Err(reason) => Some(format!("a program displacement may be active: {reason}")),
-        };
         let is_monitored = switched(MONITORED[usize::from(way != Way::Joints)]);
+        let displaced = displaced(switched(DISPLACED));
         if let Some(reason) = displaced.filter(|_| !is_joints) {
             self.leave_motion(s, &goals, reason);
             return Ok(());
@@ -97,28 +94,47 @@ impl Reader<'_> {
         if last == first + points {
             let is_plain = switches.iter().all(|(s, _)| s == "wobj" || s == "tload");
             let is_line = name == "movel" && positional.len() == 4 && is_plain;
-            if let (true, Some((step, _)), Some((from, end))) =
-                (is_line, before, positional.first())
-                && step + 1 == first
-            {
-                let is_stop =
-                    |zone: &&(usize, usize)| text.name(zone.0) == "fine" && zone.1 == zone.0 + 1;
-                let stop = positional.get(2).filter(is_stop);
-                let zone = stop.map(|(from, _)| (text.byte(*from), text.end_of(*from)));
-                self.program.lines.push(Line {
-                    step: first,
-                    file: s.file,
-                    at: text.byte(s.from),
-                    before: Vec::new(),
-                    instruction: (text.byte(s.from), text.byte(s.end) + 1),
-                    target: (text.byte(*from), text.end_of(*end - 1)),
-                    blend: zone.map(|zone| (zone, "z1")),
-                    literal: Literal::Robtarget,
-                });
+            let is_next = before.is_some_and(|(step, _)| step + 1 == first);
+            if is_line && is_next {
+                self.line(s, &positional, first);
             }
             state.before = Some((last - 1, s.blocks.clone()));
         }
         Ok(())
+    }
+
+    /// Leaves a motion as it is whose arguments are not known.
+    fn leave_unread(&mut self, s: &Statement, name: &str) {
+        let location = self.location(s, s.from);
+        let word = self.texts[s.file].spelling(s.from);
+        let reason = match name {
+            "moveextj" => format!("{word} is not corrected"),
+            _ => format!(
+                "{word} is not read: a target of it is corrected only if another move goes there"
+            ),
+        };
+        self.program.leave(location, reason);
+    }
+
+    /// Notes a straight line that `--split` may divide; `step` is its move.
+    fn line(&mut self, s: &Statement, positional: &[(usize, usize)], step: usize) {
+        let text = self.texts[s.file];
+        let Some((from, end)) = positional.first() else {
+            return;
+        };
+        let is_stop = |zone: &&(usize, usize)| text.name(zone.0) == "fine" && zone.1 == zone.0 + 1;
+        let stop = positional.get(2).filter(is_stop);
+        let zone = stop.map(|(from, _)| (text.byte(*from), text.end_of(*from)));
+        self.program.lines.push(Line {
+            step,
+            file: s.file,
+            at: text.byte(s.from),
+            before: Vec::new(),
+            instruction: (text.byte(s.from), text.byte(s.end) + 1),
+            target: (text.byte(*from), text.end_of(*end - 1)),
+            blend: zone.map(|zone| (zone, "z1")),
+            literal: Literal::Robtarget,
+        });
     }
 
     /// Leaves a motion as it is, and its targets: another motion to them would correct them for another place.

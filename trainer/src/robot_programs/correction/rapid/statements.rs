@@ -111,164 +111,214 @@ fn behind_condition(text: &Text<'_>, from: usize, end: usize) -> usize {
 
 /// Returns all statements and routines of a file. Its tokens must not contain line ends.
 pub fn statements(text: &Text<'_>) -> (Vec<Statement>, Vec<Routine>) {
-    let (mut out, mut routines) = (Vec::new(), Vec::new());
-    let (mut routine, mut count) = (0, 0);
-    let (mut is_local, mut is_handler) = (false, false);
-    let mut blocks: Vec<usize> = Vec::new();
-    // Conditions that end with the statement.
-    let mut on_one_line = 0;
-    let mut next_block = 0;
-    let mut at = 0;
-    let end = text.tokens.len();
-    // Returns the first token behind a keyword, searched from `from` up to a semicolon.
-    let behind = |from: usize, keyword: &str| {
-        let stop = text.find(from, end, b";");
-        (from..stop)
-            .find(|i| text.name(*i) == keyword)
-            .map(|i| i + 1)
+    let mut splitter = Splitter {
+        text,
+        end: text.tokens.len(),
+        at: 0,
+        routine: 0,
+        is_local: false,
+        is_handler: false,
+        blocks: Vec::new(),
+        last_block: 0,
+        on_one_line: 0,
+        statements: Vec::new(),
+        routines: Vec::new(),
     };
-    // Skips the header: %%% VERSION:1 LANGUAGE:ENGLISH %%%
-    if text.is(at, b'%') {
-        let is_mark = |i: &usize| text.is(*i, b'%');
-        let next = (at..end).filter(is_mark).nth(5);
-        at = next.map_or(at + 1, |last| last + 1);
+    splitter.skip_header();
+    while splitter.at < splitter.end {
+        splitter.split();
     }
-    while at < end {
-        let mut open = |blocks: &mut Vec<usize>| {
-            next_block += 1;
-            blocks.push(next_block);
-        };
-        let found = |blocks: &[usize], step, from, end| Statement {
-            file: text.file,
-            routine,
-            blocks: blocks.to_vec(),
-            from,
-            end,
-            is_handler,
-            step,
-        };
-        let start = at;
-        let word = text.name(at);
-        let next = text.name(at + 1);
+    (splitter.statements, splitter.routines)
+}
+
+/// Goes through the tokens of a file.
+struct Splitter<'a> {
+    text: &'a Text<'a>,
+    /// Number of tokens.
+    end: usize,
+    /// Index of the next token.
+    at: usize,
+    /// Number of the routine in the file, from 1; 0 for the module itself.
+    routine: usize,
+    /// Whether LOCAL stands before a routine.
+    is_local: bool,
+    /// Whether this is an error handler.
+    is_handler: bool,
+    /// Conditions and loops around the token, outermost first.
+    blocks: Vec<usize>,
+    last_block: usize,
+    /// Number of conditions that end with the statement.
+    on_one_line: usize,
+    statements: Vec<Statement>,
+    routines: Vec<Routine>,
+}
+
+impl Splitter<'_> {
+    /// Skips the header: %%% VERSION:1 LANGUAGE:ENGLISH %%%
+    fn skip_header(&mut self) {
+        if self.text.is(self.at, b'%') {
+            let is_mark = |i: &usize| self.text.is(*i, b'%');
+            let next = (self.at..self.end).filter(is_mark).nth(5);
+            self.at = next.map_or(self.at + 1, |last| last + 1);
+        }
+    }
+
+    /// Splits off what begins here.
+    fn split(&mut self) {
+        let (text, start) = (self.text, self.at);
+        let word = text.name(start);
         match word.as_str() {
-            "local" if matches!(next.as_str(), "proc" | "func" | "trap") => {
-                is_local = true;
-                at += 1;
+            "local" if matches!(text.name(start + 1).as_str(), "proc" | "func" | "trap") => {
+                self.is_local = true;
+                self.at += 1;
             }
             "module" => {
-                at += 2;
-                if text.is(at, b'(') {
-                    at = text.find(at + 1, end, b")") + 1;
+                self.at += 2;
+                if text.is(self.at, b'(') {
+                    self.at = text.find(self.at + 1, self.end, b")") + 1;
                 }
             }
-            "proc" | "func" | "trap" => {
-                count += 1;
-                routine = count;
-                blocks.clear();
-                is_handler = false;
-                let name_at = at + 1 + usize::from(word == "func");
-                let mut own = Routine {
-                    name: text.name(name_at),
-                    file: text.file,
-                    number: routine,
-                    is_local: std::mem::take(&mut is_local),
-                    is_trap: word == "trap",
-                    parameters: Vec::new(),
-                };
-                at = name_at + 1;
-                if text.is(at, b'(') {
-                    let close = text.find(at + 1, end, b")");
-                    own.parameters = parameters(text, at + 1, close);
-                    at = close + 1;
-                }
-                routines.push(own);
-            }
+            "proc" | "func" | "trap" => self.begin_routine(&word),
             "endproc" | "endfunc" | "endtrap" | "endmodule" => {
-                routine = 0;
-                is_handler = false;
-                blocks.clear();
-                at += 1;
+                self.routine = 0;
+                self.is_handler = false;
+                self.blocks.clear();
+                self.at += 1;
             }
             "record" => {
-                at = (at..end)
-                    .find(|i| text.name(*i) == "endrecord")
-                    .unwrap_or(end)
-                    + 1;
+                let is_end = |i: &usize| text.name(*i) == "endrecord";
+                self.at = (start..self.end).find(is_end).unwrap_or(self.end) + 1;
             }
             "if" => {
-                let stop = text.find(at, end, b";");
-                let then = behind(at, "then");
+                let stop = text.find(start, self.end, b";");
+                let then = self.behind("then");
                 // Without THEN, one statement follows on the same line.
-                at = then.unwrap_or_else(|| behind_condition(text, at + 1, stop));
-                on_one_line += usize::from(then.is_none());
-                out.push(found(&blocks, Step::Branch, start, at));
-                open(&mut blocks);
+                self.at = then.unwrap_or_else(|| behind_condition(text, start + 1, stop));
+                self.on_one_line += usize::from(then.is_none());
+                self.begin_block(Step::Branch, start);
             }
-            "elseif" | "else" | "case" | "default" => {
-                blocks.pop();
-                at = match word.as_str() {
-                    "elseif" => behind(at, "then").unwrap_or(at + 1),
-                    "case" => text.find(at, end, b":;") + 1,
-                    _ => at + 1 + usize::from(text.is(at + 1, b':') && !text.is(at + 2, b'=')),
-                };
-                let is_rest = matches!(word.as_str(), "else" | "default");
-                out.push(found(&blocks, Step::Next(is_rest), start, at));
-                open(&mut blocks);
-            }
+            "elseif" | "else" | "case" | "default" => self.next_branch(&word),
             "error" | "undo" | "backward" => {
-                blocks.clear();
-                is_handler = true;
-                open(&mut blocks);
-                at += 1;
+                self.blocks.clear();
+                self.is_handler = true;
+                self.open();
+                self.at += 1;
             }
             "for" | "while" => {
-                at = behind(at, "do").unwrap_or(at + 1);
-                out.push(found(&blocks, Step::Loop, start, at));
-                open(&mut blocks);
+                self.at = self.behind("do").unwrap_or(start + 1);
+                self.begin_block(Step::Loop, start);
             }
             "test" => {
                 let is_case =
                     |i: &usize| matches!(text.name(*i).as_str(), "case" | "default" | "endtest");
-                at = (at + 1..end).find(is_case).unwrap_or(end);
-                out.push(found(&blocks, Step::Cases, start, at));
-                open(&mut blocks);
+                self.at = (start + 1..self.end).find(is_case).unwrap_or(self.end);
+                self.begin_block(Step::Cases, start);
             }
             "endif" | "endfor" | "endwhile" | "endtest" => {
-                blocks.pop();
-                at += 1;
-                out.push(found(&blocks, Step::End, start, at));
+                self.blocks.pop();
+                self.at += 1;
+                self.add(Step::End, start, self.at);
             }
-            _ => {
-                let is_label = text.at(at).is_some_and(|token| token.kind == Kind::Name)
-                    && text.is(at + 1, b':')
-                    && !text.is(at + 2, b'=');
-                if is_label {
-                    // A label: a jump may lead here from anywhere.
-                    let label = Step::Label(word);
-                    out.push(found(&blocks, label, at, at + 1));
-                    at += 2;
-                    continue;
-                }
-                let stop = text.find(at, end, b";");
-                if stop > at {
-                    let step = match word.as_str() {
-                        "goto" => Step::Jump(next),
-                        "return" | "exit" | "exitcycle" | "raise" | "retry" | "trynext" => {
-                            Step::Return
-                        }
-                        _ => Step::Other,
-                    };
-                    out.push(found(&blocks, step, at, stop));
-                }
-                for _ in 0..std::mem::take(&mut on_one_line) {
-                    blocks.pop();
-                    out.push(found(&blocks, Step::End, stop, stop));
-                }
-                at = stop + 1;
-            }
+            _ => self.instruction(word),
         }
     }
-    (out, routines)
+
+    /// Adds a statement within the conditions and loops that are open.
+    fn add(&mut self, step: Step<Setting>, from: usize, end: usize) {
+        self.statements.push(Statement {
+            file: self.text.file,
+            routine: self.routine,
+            blocks: self.blocks.clone(),
+            from,
+            end,
+            is_handler: self.is_handler,
+            step,
+        });
+    }
+
+    /// Returns the first token behind a keyword, searched from here up to a semicolon.
+    fn behind(&self, keyword: &str) -> Option<usize> {
+        let stop = self.text.find(self.at, self.end, b";");
+        (self.at..stop)
+            .find(|i| self.text.name(*i) == keyword)
+            .map(|i| i + 1)
+    }
+
+    fn open(&mut self) {
+        self.last_block += 1;
+        self.blocks.push(self.last_block);
+    }
+
+    /// Adds the statement from `start` to here, which begins a condition or a loop.
+    fn begin_block(&mut self, step: Step<Setting>, start: usize) {
+        self.add(step, start, self.at);
+        self.open();
+    }
+
+    /// Begins the next branch of a condition.
+    fn next_branch(&mut self, word: &str) {
+        let (text, start) = (self.text, self.at);
+        self.blocks.pop();
+        self.at = match word {
+            "elseif" => self.behind("then").unwrap_or(start + 1),
+            "case" => text.find(start, self.end, b":;") + 1,
+            _ => start + 1 + usize::from(text.is(start + 1, b':') && !text.is(start + 2, b'=')),
+        };
+        let is_rest = matches!(word, "else" | "default");
+        self.begin_block(Step::Next(is_rest), start);
+    }
+
+    /// Begins a routine; `word` is its kind.
+    fn begin_routine(&mut self, word: &str) {
+        let text = self.text;
+        self.routine = self.routines.len() + 1;
+        self.blocks.clear();
+        self.is_handler = false;
+        let name_at = self.at + 1 + usize::from(word == "func");
+        let mut own = Routine {
+            name: text.name(name_at),
+            file: text.file,
+            number: self.routine,
+            is_local: std::mem::take(&mut self.is_local),
+            is_trap: word == "trap",
+            parameters: Vec::new(),
+        };
+        self.at = name_at + 1;
+        if text.is(self.at, b'(') {
+            let close = text.find(self.at + 1, self.end, b")");
+            own.parameters = parameters(text, self.at + 1, close);
+            self.at = close + 1;
+        }
+        self.routines.push(own);
+    }
+
+    /// Splits off a label, or an instruction up to its semicolon; `word` is its first.
+    fn instruction(&mut self, word: String) {
+        let (text, at) = (self.text, self.at);
+        let is_label = text.at(at).is_some_and(|token| token.kind == Kind::Name)
+            && text.is(at + 1, b':')
+            && !text.is(at + 2, b'=');
+        if is_label {
+            // A jump may lead here from anywhere.
+            self.add(Step::Label(word), at, at + 1);
+            self.at += 2;
+            return;
+        }
+        let stop = text.find(at, self.end, b";");
+        if stop > at {
+            let step = match word.as_str() {
+                "goto" => Step::Jump(text.name(at + 1)),
+                "return" | "exit" | "exitcycle" | "raise" | "retry" | "trynext" => Step::Return,
+                _ => Step::Other,
+            };
+            self.add(step, at, stop);
+        }
+        for _ in 0..std::mem::take(&mut self.on_one_line) {
+            self.blocks.pop();
+            self.add(Step::End, stop, stop);
+        }
+        self.at = stop + 1;
+    }
 }
 
 /// Returns whether a name is that of a motion; other instructions for triggers only describe what happens on the way.

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::held::Certain;
 use crate::robot_programs::correction::program::{Frame, Location};
 use crate::robot_programs::correction::rapid::data::{Part, Setting};
 

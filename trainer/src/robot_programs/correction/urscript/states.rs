@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use poegp_runtime::math::se3::Pose;
 
-use crate::robot_programs::correction::flow::Certain;
+use crate::robot_programs::correction::held::Certain;
 
 /// Keys of tool and payload, and of whether the targets are displaced.
 pub const TOOL: usize = 0;
