@@ -221,7 +221,7 @@ mod tests {
     fn on_a_path() -> Vec<BaseSample> {
         let at = |i: i32| f64::from(i) * std::f64::consts::TAU / 60.0;
         (0..60)
-            .map(|i| sample([libm::sin(at(i)), 0.7 * libm::cos(2.0 * at(i))]))
+            .map(|i| sample([libm::sin(at(i)), 0.7 * libm::cos(at(i))]))
             .collect()
     }
 
@@ -257,14 +257,16 @@ mod tests {
 
     #[test]
     fn equal_configurations_stay_together_also_through_neighbours() {
-        let mut samples: Vec<BaseSample> = (0..40).map(|i| sample([f64::from(i), 0.0])).collect();
+        let mut samples: Vec<BaseSample> = (0..40)
+            .map(|i| sample([f64::from(i * 7 % 40), 0.0]))
+            .collect();
         for step in 1..=3 {
             samples.push(sample([7.0 + f64::from(step) * 0.9 * SAME_ANGLE, 0.0]));
         }
         let draw = |seed| Folds::draw(&samples, &[JointKind::Revolute; 2], 5, seed);
         let folds = draw(1);
         for chained in 40..43 {
-            assert_eq!(folds.fold[chained], folds.fold[7]);
+            assert_eq!(folds.fold[chained], folds.fold[1]);
         }
         for k in 0..5 {
             let (train, test) = folds.split(&samples, k);
