@@ -24,7 +24,10 @@ pub fn given(
     for (key, value) in options {
         let key: String = key.extract()?;
         let name = key.replace('_', "-");
-        if refused.iter().any(|output| output.replace('_', "-") == name) {
+        if refused
+            .iter()
+            .any(|output| output.replace('_', "-") == name)
+        {
             return Err(PyTypeError::new_err(format!(
                 "{key}: found an output of the command line, expected an option that names none"
             )));
