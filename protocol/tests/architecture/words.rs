@@ -1,6 +1,6 @@
 //! Words that identifiers and texts for users must not contain, because the field has a plainer one for each.
 
-use super::tokens::{Kind, Token, sources, tokens, without_tests, workspace};
+use super::tokens::{Kind, Token, files, sources, tokens, without_tests, workspace};
 
 const FOLDERS: [&str; 7] = [
     "protocol/src",
@@ -171,6 +171,28 @@ fn no_word_comes_back() {
             places.len()
         );
     }
+}
+
+#[test]
+fn no_word_comes_back_in_documents() {
+    let top = [
+        "README",
+        "ARCHITECTURE",
+        "CONTRIBUTING",
+        "SECURITY",
+        "CHANGELOG",
+    ];
+    let mut pages = files(&workspace("docs"), "md");
+    pages.extend(top.map(|name| workspace(&format!("{name}.md"))));
+    let mut found = Vec::new();
+    for page in pages {
+        let text = std::fs::read_to_string(&page).unwrap();
+        for (number, line) in text.lines().enumerate() {
+            let words = PROSE.into_iter().filter(|word| has(line, word));
+            found.extend(words.map(|word| format!("{}:{}: {word}", page.display(), number + 1)));
+        }
+    }
+    assert!(found.is_empty(), "{found:#?}");
 }
 
 #[test]

@@ -33,8 +33,8 @@ use poegp_calibration::robot::{LoadOptions, Robot, urdf};
     after_help = "Give at least one output. Each holds the calibrated chain of the blob, to a nanometre (the floats of a C \
     header: to tenths of a micrometre). The command names what a file cannot hold (gravity, ripple, Gaussian processes). If \
     the model has some of these, the chain is the one whose poses are closest to the model's over a region and its payloads. \
-    Each file states how far the chain and the nominal model are from the model. A chain that is no closer than the nominal model \
-    is not written, and the exit code is 1. Only the C header holds the whole model.\n\n\
+    Each file states how far the chain and the nominal model are from the calibrated model. A chain that is no closer \
+    than the nominal model is not written, and the exit code is 1. Only the C header holds the whole model.\n\n\
     Examples:\n  trainer export arm.blob --urdf nominal.urdf --out calibrated.urdf --payload-kg 5\n  \
     trainer export arm.blob --mjcf arm.xml --region 15@0,-20,30,0,45,0\n  \
     trainer export arm.blob --dh arm-dh.toml --poe arm-poe.json --c-header arm.h"
