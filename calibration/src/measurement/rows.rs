@@ -7,7 +7,7 @@ use csv::StringRecord;
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, dot};
 
-use crate::input_error::InputError;
+use crate::input_error::{InputError, is_printable};
 use crate::measurement::column_names::Unit;
 use crate::measurement::columns::{Column, Columns};
 use crate::measurement::set::Measurement;
@@ -261,6 +261,11 @@ impl Row<'_> {
                 column,
                 "an empty field",
                 "a name in every row, or no such column",
+            )),
+            text if !is_printable(text) => Err(self.error(
+                column,
+                quoted(text),
+                "a name without line breaks and other control characters",
             )),
             text => Ok(text.to_owned()),
         }

@@ -228,6 +228,13 @@ fn fields_that_are_no_value() {
         ],
     );
     row(
+        "1,1,1,1,1,1,\"two\nlines\"",
+        &[
+            "column 7 (session): found \"two\\nlines\"",
+            "a name without line breaks",
+        ],
+    );
+    row(
         "1,1,0,0.0,-0,1,a",
         &[
             "column 3 (x_mm): found the position 0 0 0",
