@@ -26,10 +26,8 @@ const SAME_LENGTH: f64 = 1e-4;
 /// Least number of different configurations of a tool in a training part: fewer do not show how it is mounted.
 const POSES_OF_A_TOOL: usize = 3;
 
-/// Least number of rows that show a path.
-pub const PATH_ROWS: usize = 15;
-/// Most folds of rows that follow a path.
-const STRETCHES: usize = 5;
+/// Least number of rows that show a path; fewer are too far apart.
+pub const PATH_ROWS: usize = 21;
 /// Largest distance of a row of a path from the middle of its neighbours, as a share of the distance of these.
 const BENT: f64 = 0.25;
 /// Least share of the rows of a path that are bent no more.
@@ -133,11 +131,11 @@ pub struct Folds {
 
 impl Folds {
     /// Divides `samples` at random, with `seed`, into `count` folds. Fold sizes differ by at most the size of the largest
-    /// group of equal configurations and by the samples that cannot be held out. Rows that follow one path are divided into at
-    /// most five stretches instead.
+    /// group of equal configurations and by the samples that cannot be held out. Rows that follow one path are divided into
+    /// stretches instead.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
         let mut members = configurations(samples, kinds);
-        let (groups, stretches) = (members.len(), count.min(STRETCHES));
+        let groups = members.len();
         let is_path = follow_one_path(samples);
         if !is_path {
             members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
@@ -150,7 +148,7 @@ impl Folds {
         let (mut all, mut own) = (BTreeMap::new(), BTreeMap::new());
         for (number, group) in members.into_iter().enumerate() {
             let own_fold = match is_path {
-                true => number * stretches / groups,
+                true => number * count / groups,
                 false => (0..count).min_by_key(|f| sizes[*f]).unwrap_or(0),
             };
             sizes[own_fold] += group.len();
@@ -225,14 +223,14 @@ mod tests {
             .collect()
     }
 
-    /// Of 60 rows on a path, each fold holds one stretch of twelve, so that most of its rows have no neighbour in training.
+    /// Each fold of rows on a path holds one stretch, so that most of its rows have no neighbour in training.
     #[test]
     fn stretches_of_a_path_are_held_out() {
         let samples = on_a_path();
         assert!(follow_one_path(&samples));
-        for count in [5, 20] {
+        for count in [5, 12] {
             let folds = Folds::draw(&samples, &[JointKind::Revolute; 2], count, 1);
-            let expected: Vec<Option<usize>> = (0..60).map(|i| Some(i / 12)).collect();
+            let expected: Vec<Option<usize>> = (0..60).map(|i| Some(i * count / 60)).collect();
             assert_eq!(folds.fold, expected);
         }
     }

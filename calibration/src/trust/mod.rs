@@ -70,7 +70,7 @@ pub fn identify(
 
 /// Warns of rows that follow one path.
 fn one_path(samples: &[InstrumentSample]) -> Option<Finding> {
-    let text = "the rows follow one path: they show neither the errors beside it nor a delay between joints and poses; \
+    let text = "the rows follow one path: they do not show errors beside this path, or a delay between joints and poses; \
                 measure poses spread over the joint ranges, each with the robot at rest";
     let (rows, least) = (samples.len() as f64, PATH_ROWS as f64);
     follow_one_path(samples)
@@ -213,8 +213,8 @@ fn main_cause(
 }
 
 /// Separates the findings that are certain from clipped columns that are only suspected. Rows at an extreme of a column are
-/// clipped if they contradict the other rows; otherwise the arm may have been there. A suspect that contradicts the arm as
-/// drawn is certain; the geometry decides about the others.
+/// clipped if they contradict the other rows; otherwise the arm may have been there. A suspect that contradicts the
+/// nominal arm is certain; the geometry decides about the others.
 fn part_suspects(data: &Data<'_>, all: Vec<Finding>) -> (Vec<Finding>, Vec<Finding>) {
     all.into_iter().partition(|finding| {
         if finding.cause != Cause::Clip {
