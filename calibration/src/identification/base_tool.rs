@@ -70,10 +70,10 @@ pub fn base_tool(nominal: &Poe<f64>, samples: &[InstrumentSample]) -> (Pose<f64>
         .map(refine)
         .reduce(|a, b| if b.0.rms < a.0.rms { b } else { a })
         .expect("the closed form is always a candidate");
-    let (drawn, fitted) = (nominal.frames(), chain.frames());
+    let (before, fitted) = (nominal.frames(), chain.frames());
     (
-        fitted[0] * drawn[0].inverse(),
-        drawn[last].inverse() * fitted[last],
+        fitted[0] * before[0].inverse(),
+        before[last].inverse() * fitted[last],
     )
 }
 

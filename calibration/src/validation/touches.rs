@@ -148,14 +148,14 @@ pub fn evaluate_touches(
             false => fit.weighted(&problem, &weights),
         })
         .collect();
-    let drawn = TouchFit::on_nominal_without(&problem, &weights);
-    let drawn_residuals = drawn.residuals(&problem);
+    let nominal_fit = TouchFit::on_nominal_without(&problem, &weights);
+    let nominal_residuals = nominal_fit.residuals(&problem);
     let distance = |known: &KnownDistance, fit: &TouchFit| {
         let measured = fit.distance_by_touches(&problem, known.between);
-        DistanceSummary::new(set, known, [&drawn, fit], measured)
+        DistanceSummary::new(set, known, [&nominal_fit, fit], measured)
     };
     let of = |(fit, flanges): (TouchFit, &Vec<(Pose<f64>, Status)>)| {
-        let residuals: [Vec<RowJet>; 2] = [drawn_residuals.clone(), fit.residuals(&problem)];
+        let residuals: [Vec<RowJet>; 2] = [nominal_residuals.clone(), fit.residuals(&problem)];
         TouchEvaluation {
             rows: alone.rows.len(),
             equations: problem.equations(),

@@ -151,13 +151,13 @@ impl ControllerSummary {
         };
         let joints = 0..kinds.len();
         // `trainer export` also refuses joint zeros that are no nearer to the model than the nominal model.
-        let drawn = &chain.distance.nominal.position_mm;
-        let is_nearer = zeros.error.position_mm.mean < drawn.mean;
+        let nominal_mm = chain.distance.nominal.position_mm.mean;
+        let is_nearer = zeros.error.position_mm.mean < nominal_mm;
         Self {
             dh: joints.clone().map(row).collect(),
             joint_zeros: joints.filter(|_| is_nearer).map(zero).collect(),
             distance: Distances {
-                nominal_mm: chain.distance.nominal.position_mm.mean,
+                nominal_mm,
                 joint_zeros_mm: zeros.error.position_mm.mean,
                 dh_mm: chain.distance.chain.position_mm.mean,
             },

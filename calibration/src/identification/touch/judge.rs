@@ -35,9 +35,9 @@ impl Verdict {
         fit: &TouchFit,
         known: &Knowledge,
     ) -> Option<Self> {
-        let mut drawn = nominal.clone();
-        drawn.weights.clone_from(&fit.weights);
-        let before = drawn.left_out(problem)?;
+        let mut same_rows = nominal.clone();
+        same_rows.weights.clone_from(&fit.weights);
+        let before = same_rows.left_out(problem)?;
         let after = fit.left_out(problem)?;
         let (mut sums, mut of_kind) = ([0.0; 2], [[0.0; 3]; Noise::ALL.len()]);
         for (i, all) in [&before, &after].into_iter().enumerate() {

@@ -206,7 +206,7 @@ struct Pairs {
 /// Computes the expected errors, nominal and calibrated; `None` when the covariance cannot be factored.
 fn pairs(fit: &TouchFit, stated: &Stated, field: &Mat<f64>, tau: f64) -> Option<Pairs> {
     let off = fit.arm.theta.iter().zip(&stated.priors).zip(&stated.mean);
-    let drawn: Vec<f64> = off
+    let nominal: Vec<f64> = off
         .map(|((x, sd), mean)| if *sd > 0.0 { x / sd + mean } else { 0.0 })
         .collect();
     let mut regular = stated.covariance.clone();
@@ -214,9 +214,9 @@ fn pairs(fit: &TouchFit, stated: &Stated, field: &Mat<f64>, tau: f64) -> Option<
         regular[(i, i)] += 1e-12;
     }
     let lower = Factor::new(regular, 1).ok()?.lower();
-    let (before, as_drawn) = expected(field, &drawn, &lower, tau);
+    let (before, as_nominal) = expected(field, &nominal, &lower, tau);
     let (after, as_calibrated) = expected(field, &stated.mean, &lower, tau);
-    let both = as_calibrated.iter().zip(&as_drawn);
+    let both = as_calibrated.iter().zip(&as_nominal);
     let worse = both.filter(|((a, _), (b, _))| a > b).count() as f64 / DRAWS as f64;
     let mean = |of: fn(f64) -> f64| {
         let all = as_calibrated.iter().map(|(_, p95)| of(*p95));

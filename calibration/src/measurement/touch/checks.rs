@@ -35,7 +35,7 @@ const TWO_SOCKETS_SPREADS: f64 = 4.0;
 const CONTRADICTION: f64 = 5.0;
 /// Standard deviation in m of a distance between two points according to the nominal arm; the spread of a few touches does
 /// not show it.
-const DRAWN: f64 = 2e-3;
+const NOMINAL: f64 = 2e-3;
 /// Shortest reading of a wire or ballbar that calibrates an arm, in m: smaller readings are metres in a column of
 /// millimetres.
 const SHORTEST_READING: f64 = 10e-3;
@@ -203,13 +203,14 @@ impl TouchSet {
         else {
             return Ok(());
         };
-        let drawn = |i: &usize| {
+        let nominal = |i: &usize| {
             let tip = &self.tips[self.rows[*i].tip];
             (flanges[*i].transform_point(&tip.position) - at).norm()
         };
-        let (near, far) = (rows.iter().map(drawn)).fold((f64::MAX, 0.0), |(near, far), drawn| {
-            (f64::min(near, drawn), f64::max(far, drawn))
-        });
+        let (near, far) = (rows.iter().map(nominal))
+            .fold((f64::MAX, 0.0), |(near, far), nominal| {
+                (f64::min(near, nominal), f64::max(far, nominal))
+            });
         if rows.iter().all(|i| reading(i) == longest) && far - near > STUCK_OVER {
             let found = format!("{} mm in every row", round(longest * 1e3));
             let expected = format!(
@@ -219,7 +220,7 @@ impl TouchSet {
             );
             return Err(self.about(feature, rows, found, &expected));
         }
-        let mut ratios: Vec<f64> = rows.iter().map(|i| drawn(i) / reading(i)).collect();
+        let mut ratios: Vec<f64> = rows.iter().map(|i| nominal(i) / reading(i)).collect();
         ratios.sort_by(f64::total_cmp);
         let middle = ratios[ratios.len() / 2];
         // The comparison also refuses a ratio that is not a number.
@@ -328,7 +329,7 @@ impl TouchSet {
         let measured = self.distances.iter().map(|known| {
             let [a, b] = known.between.map(|feature| centres[feature]);
             let ((a, of_a), (b, of_b)) = (a?, b?);
-            let sigma = (of_a * of_a + of_b * of_b + DRAWN * DRAWN).sqrt();
+            let sigma = (of_a * of_a + of_b * of_b + NOMINAL * NOMINAL).sqrt();
             Some(((a - b).norm(), sigma))
         });
         let measured: Vec<_> = measured.collect();

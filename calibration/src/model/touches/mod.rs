@@ -170,8 +170,8 @@ pub fn calibrate_beside_sisters(
             let mut findings = findings(&summary);
             findings.0.extend(lost(robot, &problem, &fit));
             findings.0.extend(doubt.map(|doubt| doubted(set, &doubt)));
-            let drawn = summary.before.mean_mm;
-            if let Some(step) = step.map(|step| stepped(set, &step, drawn)) {
+            let nominal_mm = summary.before.mean_mm;
+            if let Some(step) = step.map(|step| stepped(set, &step, nominal_mm)) {
                 if step.tier == Tier::Refused {
                     // What else is remarkable follows from the step.
                     findings.0.retain(|f| f.tier == Tier::Refused);

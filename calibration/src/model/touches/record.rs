@@ -91,9 +91,12 @@ impl ArmRecord {
         let same = |a: &[f64; 12], b: &[f64; 12]| {
             a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_NOMINAL)
         };
-        let drawn = nominal(problem);
-        if drawn.len() != self.nominal.len()
-            || !drawn.iter().zip(&self.nominal).all(|(a, b)| same(a, b))
+        let own_nominal = nominal(problem);
+        if own_nominal.len() != self.nominal.len()
+            || !own_nominal
+                .iter()
+                .zip(&self.nominal)
+                .all(|(a, b)| same(a, b))
         {
             return Err(NotASisterArm::Nominal);
         }
@@ -103,7 +106,7 @@ impl ArmRecord {
             .collect();
         let usable = self.covariance.len() == n * (n + 1) / 2
             && own.iter().all(|j| self.parameters[*j].prior > 0.0)
-            && own.len() == 6 * (drawn.len() - 2);
+            && own.len() == 6 * (own_nominal.len() - 2);
         if !usable {
             return Err(NotASisterArm::Broken);
         }

@@ -11,15 +11,15 @@ use crate::trust::{Finding, Tier};
 /// Share of the nominal model's expected error from which on a step is refused.
 const GRAVE: f64 = 1.0 / 3.0;
 
-/// Returns the finding about a step; `drawn_mm` is the expected error of the nominal arm.
-pub fn stepped(set: &TouchSet, step: &Step, drawn_mm: f64) -> Finding {
+/// Returns the finding about a step; `nominal_mm` is the expected error of the nominal arm.
+pub fn stepped(set: &TouchSet, step: &Step, nominal_mm: f64) -> Finding {
     let first: Vec<usize> = step.first.iter().map(|row| set.rows[*row].line).collect();
     let text = format!(
         "from {} on, {}: keep the rows on one side of this and measure the others again",
         lines(&first),
         described(set, step)
     );
-    let is_grave = 1e3 * step.displacement > GRAVE * drawn_mm;
+    let is_grave = 1e3 * step.displacement > GRAVE * nominal_mm;
     let (drop, needed) = step.drop;
     let tier = Tier::refused_if(is_grave);
     Finding::new(Cause::Step, tier, text, drop, needed).of_rows(first)

@@ -10,7 +10,7 @@ use crate::cli::failure::Failure;
 use crate::cli::inputs::{file_name, fresh};
 use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row};
-use crate::cli::touches::{drawn_robot, read, refuse_options, with_payload};
+use crate::cli::touches::{nominal_robot, read, refuse_options, with_payload};
 use crate::report::FileSummary;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -93,7 +93,7 @@ fn checked<'a>(
     refuse_others(a)?;
     let (options, max_drift_mm) = (options(a)?, a.max_drift_mm());
     let features = a.features.as_deref();
-    let robot = drawn_robot(loaded);
+    let robot = nominal_robot(loaded);
     let set = read(&a.measurements, features, &robot)?;
     with_payload(loaded, &set)?;
     fresh(loaded, &a.measurements, set.sha256[0], "fresh touches")?;

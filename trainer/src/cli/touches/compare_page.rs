@@ -80,7 +80,7 @@ fn result(d: &CompareTouchesJson) -> Section {
 
 fn features(d: &CompareTouchesJson) -> Section {
     let first = &d.models[0].touches;
-    let mut header = vec!["feature", "kind", "rows", "left out", "drawn"];
+    let mut header = vec!["feature", "kind", "rows", "left out", "nominal"];
     header.extend(d.models.iter().map(|model| model.file.as_str()));
     let row = |list: &str, k: usize, f: &FeatureSummary| -> Vec<Markup> {
         let at = |model: usize, name: &str| at(model, &format!("{list}/{k}/{name}"));
@@ -151,7 +151,7 @@ fn distances(d: &CompareTouchesJson) -> Section {
             "None was stated. A distance between two features, 200 mm or more, measured with a caliper, shows the size of the arm.",
         );
     }
-    let mut header = vec!["between", "stated (mm)", "drawn"];
+    let mut header = vec!["between", "stated (mm)", "nominal"];
     header.extend(d.models.iter().map(|model| model.file.as_str()));
     let row = |(k, distance): (usize, &DistanceSummary)| {
         let at = |model: usize, name: &str| at(model, &format!("distances/{k}/{name}"));

@@ -8,7 +8,7 @@ use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
 use crate::cli::touches::document::EvaluateTouchesJson;
 use crate::cli::touches::{
-    drawn_robot, print_distances, print_noise, read, refuse_options, table, with_payload,
+    nominal_robot, print_distances, print_noise, read, refuse_options, table, with_payload,
 };
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::measurement::touch::features_beside;
@@ -52,7 +52,7 @@ pub fn document(a: &Evaluate, loaded: &BlobModel) -> Result<String, Failure> {
 
 fn evaluated<'a>(a: &Evaluate, loaded: &'a BlobModel) -> Result<EvaluateTouchesJson<'a>, Failure> {
     refuse_others(a)?;
-    let robot = drawn_robot(loaded);
+    let robot = nominal_robot(loaded);
     let set = read(&a.test, a.features.as_deref(), &robot)?;
     with_payload(loaded, &set)?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;

@@ -67,7 +67,7 @@ pub fn read(path: &Path, features: Option<&Path>, robot: &Robot) -> Result<Touch
 }
 
 /// Returns the arm of a blob nominal, from base to flange.
-pub fn drawn_robot(loaded: &BlobModel) -> Robot {
+pub fn nominal_robot(loaded: &BlobModel) -> Robot {
     Robot {
         parent_from_joint: nominal_arm(loaded),
         ..robot_of(loaded)
@@ -90,7 +90,7 @@ pub fn with_payload(loaded: &BlobModel, set: &TouchSet) -> Result<(), InputError
 /// Prints the table of touched features: a row for each feature, with the RMS of one component nominal and with each of
 /// `models`, which are a name and the summaries of the same features.
 pub fn table(report: Printer, models: &[(&str, Vec<&FeatureSummary>)]) {
-    let mut header = vec!["feature", "kind", "rows", "left out", "drawn"];
+    let mut header = vec!["feature", "kind", "rows", "left out", "nominal"];
     header.extend(models.iter().map(|(name, _)| *name));
     header.push("");
     let Some((_, first)) = models.first() else {

@@ -126,7 +126,7 @@ fn plotted(section: Section, residuals: &[TouchResidual], unit: &str) -> Section
             rows.map(|r| r.error[i]).collect()
         };
         if pairs {
-            let label = format!("{feature}, drawn");
+            let label = format!("{feature}, nominal");
             all.extend(BoxOf::new(label, Series::Nominal, &errors(0)));
         }
         all.extend(BoxOf::new(feature.clone(), Series::Calibrated, &errors(1)));
