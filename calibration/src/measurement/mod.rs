@@ -39,6 +39,7 @@ mod rows;
 pub mod sample;
 pub mod samples;
 mod set;
+pub mod shared_range;
 mod table;
 #[cfg(test)]
 mod tests;

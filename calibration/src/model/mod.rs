@@ -118,21 +118,18 @@ pub(crate) fn calibrate_within(
     Ok(out)
 }
 
-/// Returns `samples` without the gross outliers, which no geometry explains, if `config` rejects outliers; otherwise all.
-pub(crate) fn without_gross_outliers(
+/// Returns the indices of the gross outliers of `samples`, which no geometry explains, if `config` rejects outliers.
+pub(crate) fn rejected_gross_outliers(
     robot: &Robot,
     samples: &[InstrumentSample],
     config: &Config,
-) -> Vec<InstrumentSample> {
-    let mut kept = samples.to_vec();
-    if let (OutlierPolicy::Reject, Ok(nominal)) = (config.outliers, robot.chain()) {
-        let limit = SignalVarianceLimit::HIGHEST;
-        let (_, problem) = posed(robot, &nominal, samples, config, &limit);
-        for outlier in problem.gross_outliers().iter().rev() {
-            kept.remove(outlier.sample);
-        }
-    }
-    kept
+) -> Vec<usize> {
+    let (OutlierPolicy::Reject, Ok(nominal)) = (config.outliers, robot.chain()) else {
+        return Vec::new();
+    };
+    let limit = SignalVarianceLimit::HIGHEST;
+    let (_, problem) = posed(robot, &nominal, samples, config, &limit);
+    problem.gross_outliers().iter().map(|o| o.sample).collect()
 }
 
 /// Fits base and tools on the nominal arm and returns them with the remaining fit problem: `samples` seen from that base.

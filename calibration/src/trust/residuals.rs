@@ -1,11 +1,13 @@
 //! Examines the residuals of the geometry: rows that do not belong, a scatter that neither the digits nor the stated
 //! uncertainty explain, links that differ from the nominal model.
 
+use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
 
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
+use crate::measurement::shared_range::SharedRange;
 use crate::numeric::statistics::{ErrorSummary, extremes};
 use crate::trust::change_points::{Part, changes};
 use crate::trust::digits::{positions_mm, step};
@@ -187,9 +189,33 @@ impl Scene<'_> {
             };
             text += &format!("; they share one shift in {axes}");
         }
+        let joints: Vec<&[f64]> = g.samples.iter().map(|s| s.joints.as_slice()).collect();
+        if let Some(range) = SharedRange::find(&joints, &off) {
+            text += &self.in_range(&range, off.len());
+        }
         let share = off.len() as f64 / count as f64;
         let tier = Tier::refused_if(share > MANY);
         Some(Finding::new(Cause::Outlier, tier, text, worst, least).of_rows(rows))
+    }
+
+    /// Says that `range` has this share of the outliers, and what that means.
+    fn in_range(&self, range: &SharedRange, outliers: usize) -> String {
+        let joint = range.joint;
+        let (scale, unit) = match self.data.robot.joints[joint].kind {
+            JointKind::Revolute => (1_f64.to_degrees(), "°"),
+            JointKind::Prismatic => (1e3, " mm"),
+        };
+        let of_them = match range.within == outliers {
+            true => "all of them".to_owned(),
+            false => format!("{} of them", range.within),
+        };
+        format!(
+            "; {of_them} have joint {} between {:.1}{unit} and {:.1}{unit}: if rows measured there are off again, the \
+             joint is damaged in this range, and the model does not hold there",
+            joint + 1,
+            scale * range.limits.0,
+            scale * range.limits.1
+        )
     }
 
     /// Returns the standard deviation of one position component, in m.

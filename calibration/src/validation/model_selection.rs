@@ -14,8 +14,9 @@ use serde::Serialize;
 use crate::measurement::folds::configurations;
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::InstrumentSample;
+use crate::measurement::shared_range::SharedRange;
 use crate::model::config::Config;
-use crate::model::{Method, without_gross_outliers};
+use crate::model::{Method, rejected_gross_outliers};
 use crate::numeric::statistics::{MEAN_LENGTH, Summary};
 use crate::trust::{Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task};
@@ -97,8 +98,8 @@ pub struct Choice {
 /// Cross-validates the candidates on `task.train` and chooses one.
 ///
 /// `progress` is called after every calibration. A candidate that cannot be calibrated on some of the folds, or not for a
-/// device, would not be a safe choice and is left out. Poses that no candidate should learn from are used neither for
-/// training nor for testing.
+/// device, would not be a safe choice and is left out. Poses that no geometry explains
+/// are used neither for training nor for testing, unless they share a range of a joint.
 ///
 /// # Errors
 /// [`CompareError`] of the first candidate when no candidate can be calibrated.
@@ -128,10 +129,8 @@ fn select(
     is_named: bool,
     progress: &mut dyn FnMut(),
 ) -> Result<Choice, CompareError> {
-    let train = match candidates.first() {
-        Some(first) => without_gross_outliers(task.robot, task.train, &first.config),
-        None => Vec::new(),
-    };
+    let train = candidates.first().map(|first| judged(task, &first.config));
+    let train = train.unwrap_or_default();
     let groups = configurations(&train, &task.robot.kinds());
     let poses = groups.len();
     let unexplained = task.train.len() - train.len();
@@ -185,6 +184,19 @@ fn select(
         config: candidates[chosen].config,
         left_out: compared.left_out,
     })
+}
+
+/// Returns the rows on which candidates are judged: all but the gross outliers. If these share a range of a joint, they are
+/// the arm's, and a model that does not describe them is off by as much there.
+fn judged(task: &Task<'_>, config: &Config) -> Vec<InstrumentSample> {
+    let outliers = rejected_gross_outliers(task.robot, task.train, config);
+    let joints: Vec<&[f64]> = task.train.iter().map(|s| s.joints.as_slice()).collect();
+    if SharedRange::find(&joints, &outliers).is_some() {
+        return task.train.to_vec();
+    }
+    let rows = task.train.iter().enumerate();
+    let kept = rows.filter(|(row, _)| !outliers.contains(row));
+    kept.map(|(_, sample)| sample.clone()).collect()
 }
 
 /// Candidates that could be cross-validated, and those that could not.
