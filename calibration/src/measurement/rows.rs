@@ -312,11 +312,13 @@ impl Row<'_> {
                     format!("{} ({:.0} m)", quoted(self.field(column)), position[axis]),
                     &format!("a coordinate within {FARTHEST} m of the instrument"),
                 );
+                let far = "coordinates of the plant? Subtract the same point from all rows, so that the origin is near \
+                           the robot";
                 return Err(match column.unit {
-                    Unit::Metre => {
-                        error.with_help("are these millimetres? Then name the column …_mm")
-                    }
-                    _ => error,
+                    Unit::Metre => error.with_help(format!(
+                        "are these millimetres? Then name the column …_mm; {far}"
+                    )),
+                    _ => error.with_help(far),
                 });
             }
         }

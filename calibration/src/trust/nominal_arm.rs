@@ -294,7 +294,12 @@ impl Scene<'_> {
             sentence(first),
             fit.lengths(self.has_orientation)
         );
-        let others: Vec<String> = fits[1..].iter().take(3).map(|(_, c)| sentence(c)).collect();
+        // Delays of neighbouring sizes are one explanation.
+        let is_lag = |c: &[usize]| c.iter().all(|i| all[*i].cause == Cause::Lag);
+        let others = fits[1..]
+            .iter()
+            .filter(|(_, c)| !(is_lag(first) && is_lag(c)));
+        let others: Vec<String> = others.take(3).map(|(_, c)| sentence(c)).collect();
         text += &fits_equally(&others);
         let value = fit.relative / given.relative;
         Some(refused(all[first[0]].cause, text, value, BETTER))

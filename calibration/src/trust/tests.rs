@@ -260,7 +260,9 @@ fn a_damaged_range_of_a_joint_is_named() {
         }
         let findings = examined(&header, &rows);
         let found = findings.0.into_iter().find(|f| f.cause == Cause::Outlier);
-        found.unwrap_or_else(|| panic!("{:?}", examined(&header, &rows))).text
+        found
+            .unwrap_or_else(|| panic!("{:?}", examined(&header, &rows)))
+            .text
     };
     let values: Vec<f64> = all[..150].iter().map(|row| number(row)).collect();
     let low = percentile_of(&values, 0.6);

@@ -20,7 +20,7 @@ use poegp_calibration::validation::cross_validation::{
     ModelComparison, SetErrors, Task, TestSet, applicable,
 };
 use poegp_calibration::validation::learning_curve as learning;
-use poegp_calibration::validation::model_selection::FOLDS;
+use poegp_calibration::validation::model_selection::folds;
 
 /// Seed of the folds of `calibrate`, which has no option for it.
 pub const SEED: u64 = 1;
@@ -37,13 +37,15 @@ pub fn check(
         return Ok(());
     }
     let poses = different_poses(samples);
-    let smallest = poses - poses.div_ceil(FOLDS);
+    let held_out = poses.div_ceil(folds(poses).max(1));
+    let smallest = poses - held_out;
     enough_poses(&a.train, (smallest, smallest), equations(samples), method, joints).map_err(|_| {
         InputError::new(
             &a.train,
             format!("{poses} different poses"),
             format!(
-                "more poses: a report or a verdict holds out a fifth, and `{}` cannot be calibrated on the others",
+                "more poses: a report or a verdict holds out {held_out} at a time, and `{}` cannot be calibrated on the \
+                 others",
                 method.name()
             ),
         )
@@ -61,7 +63,10 @@ pub fn held_out(c: &Calibrated<'_>) -> Result<Option<ReportData>, Failure> {
         return Ok(None);
     }
     let own = own_flag();
-    let folds = if tests.sets.is_empty() { FOLDS } else { 0 };
+    let folds = match tests.sets.is_empty() {
+        true => folds(different_poses(&c.measured.samples)),
+        false => 0,
+    };
     let task = Task {
         robot: &c.measured.arm.robot,
         train: &c.measured.samples,

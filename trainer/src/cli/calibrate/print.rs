@@ -162,6 +162,8 @@ fn print(
         p.mean, p.max
     ));
     match &document.held_out {
+        // The folds of the choice have found it.
+        None if chosen(document).is_some() => {}
         None => {
             report.line("  (for the held-out error use --report, --test or `trainer evaluate`)")
         }
