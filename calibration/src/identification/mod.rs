@@ -1,7 +1,7 @@
 //! Least-squares calibration of physical parameters (base and tool frames, chain, gravity, gear ripple), and analysis of
 //! what the data can identify about them.
 
-pub mod base_tool;
+pub(crate) mod alignment;
 pub mod base_tools;
 pub mod frame_fit;
 pub mod identifiability;

@@ -4,7 +4,7 @@ use poegp_protocol::blob::FrameSource;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::base_tools::with_base_and_tool;
 use crate::identification::frame_fit::{HeldTool, ResidualFrame, fit_frames_holding};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};

@@ -24,8 +24,9 @@ pub use crate::model::calibration::Calibration;
 pub use crate::model::error::CalibrationError;
 pub use crate::model::methods::Method;
 
-use crate::identification::base_tool::with_base_and_tool;
-use crate::identification::base_tools::{BaseAndTools, fit_base_and_tools, tool_count};
+use crate::identification::base_tools::{
+    BaseAndTools, fit_base_and_tools, tool_count, with_base_and_tool,
+};
 use crate::identification::parametric::gear_line::GearLine;
 use crate::learning::elastic::fit::setup_units;
 use crate::learning::elastic::options::OutlierPolicy;

@@ -4,9 +4,9 @@
 
 use poegp_protocol::cause::Cause;
 
+use crate::identification::alignment::LEVER;
 use crate::identification::parametric::state::ROWS;
 use crate::trust::added_terms::AddedTerms;
-use crate::trust::alignment::LEVER;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::Geometry;
 use crate::trust::readings::Data;

@@ -4,7 +4,8 @@
 use nalgebra::Vector3;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::alignment::Alignment;
+use crate::identification::base_tools::with_base_and_tool;
 use crate::identification::parametric::gear_line::GearLine;
 use crate::identification::parametric::state::{
     Layout, Linearised, ParametricModel, ROWS, prior_variance,
@@ -15,7 +16,6 @@ use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 use crate::numeric::statistics::median;
-use crate::trust::alignment::Alignment;
 use crate::trust::readings::Data;
 
 /// Largest number of determined parameters per position equation: with more, the residuals no longer show the noise.

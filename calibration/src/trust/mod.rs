@@ -4,7 +4,6 @@
 //! priors. It needs no Gaussian process. A cause is named only if it was tested against the data.
 
 mod added_terms;
-mod alignment;
 mod change_points;
 mod conventions;
 mod copies;
@@ -36,12 +35,12 @@ pub(crate) use crate::trust::change_points::{AS_GOOD, BLIND, SPLITS, drop_among}
 pub use crate::trust::finding::{Finding, Findings, Tier};
 pub use crate::trust::residuals::{computed_by_model, overstated_noise};
 
+use crate::identification::alignment::{LEVER, Row, align};
 use crate::measurement::MeasurementSet;
 use crate::measurement::folds::{PATH_ROWS, follow_one_path};
 use crate::measurement::sample::InstrumentSample;
 use crate::numeric::statistics::median;
 use crate::robot::Robot;
-use crate::trust::alignment::{LEVER, Row, align};
 use crate::trust::copies::Copies;
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::readings::{Data, Reading};

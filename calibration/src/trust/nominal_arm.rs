@@ -7,9 +7,9 @@ use poegp_protocol::cause::Cause;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use crate::identification::alignment::{Alignment, Row, align, align_with_outliers, rough};
 use crate::measurement::observation::Observation;
 use crate::numeric::statistics::evenly_spaced;
-use crate::trust::alignment::{Alignment, Row, align, align_with_outliers, rough};
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
 use crate::trust::numbers::frozen;

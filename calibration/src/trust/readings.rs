@@ -9,11 +9,11 @@ use poegp_protocol::cause::Cause;
 use poegp_runtime::kinematics::poe::Poe;
 use poegp_runtime::math::se3::Pose;
 
+use crate::identification::alignment::Row;
 use crate::measurement::JointUnit;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::InstrumentSample;
 use crate::robot::{BUILT_IN, LoadOptions, Robot};
-use crate::trust::alignment::Row;
 use crate::trust::conventions::other_orientations;
 
 /// The rows of a file in chronological order.

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use poegp_calibration::blob::write::calibrate_to_blob;
-use poegp_calibration::identification::base_tool::with_base_and_tool;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
+use poegp_calibration::identification::base_tools::with_base_and_tool;
 use poegp_calibration::learning::elastic::options::OutlierPolicy;
 use poegp_calibration::measurement::noise::NoiseScales;
 use poegp_calibration::measurement::observation::Observation;

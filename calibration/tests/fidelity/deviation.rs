@@ -1,7 +1,7 @@
 //! The predictive standard deviation of the elastic model, tested by an identity that uses none of its formulas.
 
-use poegp_calibration::identification::base_tool::with_base_and_tool;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
+use poegp_calibration::identification::base_tools::with_base_and_tool;
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::options::{ElasticOptions, InducingLimits, NominalArm};
 use poegp_calibration::learning::elastic::predictive_variance::Uncertainty;

@@ -2,8 +2,8 @@
 
 use poegp_calibration::blob::precision_loss::{MAX_F32_ERROR_M, MEAN_F32_ERROR_M};
 use poegp_calibration::blob::write::{DeviceError, ExportError, Provenance, calibrate_to_blob};
-use poegp_calibration::identification::base_tool::with_base_and_tool;
 use poegp_calibration::identification::base_tools::fit_base_and_tools;
+use poegp_calibration::identification::base_tools::with_base_and_tool;
 use poegp_calibration::learning::elastic::fit::fit;
 use poegp_calibration::learning::elastic::inputs::ClusteredInput;
 use poegp_calibration::learning::elastic::options::{ElasticOptions, NominalArm};

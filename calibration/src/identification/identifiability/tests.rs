@@ -1,4 +1,4 @@
-use crate::identification::base_tool::with_base_and_tool;
+use crate::identification::base_tools::with_base_and_tool;
 use crate::identification::identifiability::*;
 use crate::robot::{Joint, LoadOptions, Robot};
 use poegp_protocol::JointKind;

@@ -16,8 +16,7 @@ use poegp_protocol::blob::FrameSource;
 use poegp_protocol::cause::Cause;
 use poegp_runtime::math::se3::Pose;
 
-use crate::identification::base_tool::with_base_and_tool;
-use crate::identification::base_tools::BaseAndTools;
+use crate::identification::base_tools::{BaseAndTools, with_base_and_tool};
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::judge::Verdict;
 use crate::identification::touch::lengths::{StatedLength, doubt, left_without_distances};

@@ -9,7 +9,6 @@ use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::identification::base_tool::cube_rotations;
 use crate::identification::frame_fit::indistinct_shifts;
 use crate::measurement::observation::Observation;
 use crate::numeric::cholesky::Factor;
@@ -270,7 +269,12 @@ fn linear(rows: &[Row], tools: usize, base: &Matrix3<f64>) -> Alignment {
             turn[row.tool] += (base * row.flange.rotation).transpose() * pose.rotation;
         }
     }
-    let turn: Vec<Matrix3<f64>> = turn.iter().map(nearest_rotation).collect();
+    // Positions alone do not show how their target is turned.
+    let turn = turn.iter().map(|sum| match *sum == Matrix3::zeros() {
+        true => Matrix3::identity(),
+        false => nearest_rotation(sum),
+    });
+    let turn: Vec<Matrix3<f64>> = turn.collect();
     let size = 3 + 3 * tools;
     let mut normal = Mat::<f64>::zeros(size, size);
     let mut right = Mat::<f64>::zeros(size, 1);
@@ -425,4 +429,34 @@ fn refined(start: Alignment, rows: &[Row], steps: usize) -> Alignment {
         }
     }
     best
+}
+
+/// Returns the 24 rotations that map a cube to itself.
+fn cube_rotations() -> Vec<Matrix3<f64>> {
+    let mut out = Vec::with_capacity(24);
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    for first in 0..3 {
+        for second in (0..3).filter(|second| *second != first) {
+            for (a, b) in [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)] {
+                let (x, y) = (axes[first] * a, axes[second] * b);
+                out.push(Matrix3::from_columns(&[x, y, x.cross(&y)]));
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_cube_has_24_different_rotations() {
+        let all = cube_rotations();
+        for (i, a) in all.iter().enumerate() {
+            assert!((a.determinant() - 1.0).abs() < 1e-12);
+            assert!(all[..i].iter().all(|b| (a - b).norm() > 0.5));
+        }
+        assert_eq!(all.len(), 24);
+    }
 }
