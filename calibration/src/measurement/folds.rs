@@ -4,6 +4,9 @@
 //! test set, the test reports only the noise. Configurations whose joints are all equal within 0.1° (0.1 mm for a prismatic
 //! joint) are therefore kept in one fold, including those connected by a chain of neighbours.
 //!
+//! Rows that are measured in stations, many near each other and far from the rest, say as little of each other as repeats:
+//! whole stations are held out ([`held_out_together`]).
+//!
 //! Neighbours on one path differ too little to test each other, although their joints are not equal: of such rows, whole
 //! stretches are held out ([`follow_one_path`]).
 //!
@@ -18,6 +21,7 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 
 use crate::measurement::sample::Sample;
+use crate::measurement::stations::stations;
 use crate::numeric::statistics::{extremes, quantile};
 
 /// Largest difference of joint values that counts as the same configuration, in rad and m.
@@ -107,6 +111,12 @@ pub fn configurations<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<Vec<
     members
 }
 
+/// Returns the groups of samples that are held out together: those of one station, if the samples are measured in stations,
+/// and otherwise those of the same configuration.
+pub fn held_out_together<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<Vec<usize>> {
+    stations(samples).unwrap_or_else(|| configurations(samples, kinds))
+}
+
 /// Returns the first sample of every pose, in order: a configuration with a tool and a payload is one pose.
 pub fn different_poses<'a, F>(samples: &'a [Sample<F>], kinds: &[JointKind]) -> Vec<&'a Sample<F>> {
     let mut seen = BTreeSet::new();
@@ -131,12 +141,15 @@ pub struct Folds {
 
 impl Folds {
     /// Divides `samples` at random, with `seed`, into `count` folds. Fold sizes differ by at most the size of the largest
-    /// group of equal configurations and by the samples that cannot be held out. Rows that follow one path are divided into
+    /// group that is held out together and by the samples that cannot be held out. Rows that follow one path are divided into
     /// stretches instead.
     pub fn draw<F>(samples: &[Sample<F>], kinds: &[JointKind], count: usize, seed: u64) -> Self {
-        let mut members = configurations(samples, kinds);
-        let groups = members.len();
         let is_path = follow_one_path(samples);
+        let mut members = match is_path {
+            true => configurations(samples, kinds),
+            false => held_out_together(samples, kinds),
+        };
+        let groups = members.len();
         if !is_path {
             members.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
             // Large groups come first, each into the currently smallest fold. The sort is stable, so the random order decides

@@ -40,6 +40,7 @@ pub mod sample;
 pub mod samples;
 mod set;
 pub mod shared_range;
+mod stations;
 mod table;
 #[cfg(test)]
 mod tests;

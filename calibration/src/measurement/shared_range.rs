@@ -1,5 +1,8 @@
-//! Whether rows that were singled out share a short range of one joint: a damaged tooth, a cable or a brake puts every row
-//! of its range off, a mistake of measuring puts rows off wherever the arm is.
+//! Whether rows that were singled out share a short range of one joint, or a payload: a damaged tooth, a cable or a brake puts
+//! every row of its range off, and an arm that gives way every row of its load; a mistake of measuring puts rows off wherever
+//! the arm is and whatever it carries.
+
+use crate::numeric::statistics::distinct;
 
 /// Least number of rows that can share a range.
 const LEAST: usize = 5;
@@ -87,6 +90,25 @@ impl Column {
     }
 }
 
+/// Returns the payload in kg that `rows`, indices into `payloads`, share more clearly than rows drawn at random would; `None`
+/// if there is none: an arm that gives way as no other row shows is off wherever it carries that payload.
+///
+/// The chance that k rows drawn at random from n are all among the m rows of one payload is below (m/n)^k.
+pub fn shared_payload(payloads: &[Option<f64>], rows: &[usize]) -> Option<f64> {
+    let of_rows = distinct(rows.iter().filter_map(|row| payloads[*row]));
+    let all = payloads.len() as f64;
+    let count = |rows: &mut dyn Iterator<Item = Option<f64>>, payload: f64| {
+        rows.filter(|p| *p == Some(payload)).count()
+    };
+    of_rows.into_iter().find(|payload| {
+        let within = count(&mut rows.iter().map(|row| payloads[*row]), *payload);
+        let share = count(&mut payloads.iter().copied(), *payload) as f64 / all;
+        let kinds = distinct(payloads.iter().flatten().copied()).len() as f64;
+        within as f64 >= WITHIN * rows.len() as f64
+            && kinds * libm::pow(share, within as f64) < BY_CHANCE
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -139,5 +161,17 @@ mod tests {
             found += usize::from(find(&list).is_some());
         }
         assert!(found <= 8, "{found} of 4000");
+    }
+
+    #[test]
+    fn rows_of_a_rare_payload_share_it() {
+        let payloads: Vec<Option<f64>> = (0..60)
+            .map(|k| Some(if k < 55 { 0.0 } else { 3.0 }))
+            .collect();
+        assert_eq!(shared_payload(&payloads, &[55, 56, 58, 59]), Some(3.0));
+        // Rows of the usual payload share it by chance, and two rows are too few.
+        assert_eq!(shared_payload(&payloads, &[1, 7, 20, 33, 41]), None);
+        assert_eq!(shared_payload(&payloads, &[55, 56]), None);
+        assert_eq!(shared_payload(&[None; 60], &[1, 7, 20]), None);
     }
 }

@@ -7,7 +7,7 @@ use poegp_protocol::cause::Cause;
 use crate::identification::parametric::state::ROWS;
 use crate::measurement::MeasurementSet;
 use crate::measurement::noise::InstrumentNoise;
-use crate::measurement::shared_range::SharedRange;
+use crate::measurement::shared_range::{SharedRange, shared_payload};
 use crate::numeric::statistics::{ErrorSummary, extremes};
 use crate::trust::change_points::{Part, changes};
 use crate::trust::digits::{positions_mm, step};
@@ -192,6 +192,12 @@ impl Scene<'_> {
         let joints: Vec<&[f64]> = g.samples.iter().map(|s| s.joints.as_slice()).collect();
         if let Some(range) = SharedRange::find(&joints, &off) {
             text += &self.in_range(&range, off.len());
+        }
+        let payloads: Vec<Option<f64>> = g.samples.iter().map(|s| s.payload_kg).collect();
+        if let Some(payload) = shared_payload(&payloads, &off) {
+            text += &format!(
+                "; nearly all of them carry {payload} kg: measure more rows with it, and check payload_kg"
+            );
         }
         let share = off.len() as f64 / count as f64;
         let tier = Tier::refused_if(share > MANY);

@@ -1,6 +1,7 @@
 //! Files of the repository with one thing wrong.
 
 mod mistakes;
+mod poses;
 
 use std::path::Path;
 
@@ -242,42 +243,6 @@ fn rows_that_contradict_few_others_are_named() {
         let found = findings.0.iter().find(|f| f.cause == Cause::Outlier);
         assert_eq!(found.expect("a row").rows, [9], "{findings:?}");
     }
-}
-
-/// Rows that are off wherever a joint is in one range are the arm's: the joint and the range are named. The same rows off by
-/// as much elsewhere are rows to measure again.
-#[test]
-fn a_damaged_range_of_a_joint_is_named() {
-    let (header, all) = table();
-    let q3 = column(&header, "q3_deg");
-    let number = |row: &[String]| row[q3].parse::<f64>().unwrap();
-    let damaged = |is_off: &dyn Fn(usize, &[String]) -> bool| {
-        let mut rows = all[..150].to_vec();
-        for (k, row) in rows.iter_mut().enumerate() {
-            if is_off(k, row) {
-                add(&mut row[q3], 0.3);
-            }
-        }
-        let findings = examined(&header, &rows);
-        let found = findings.0.into_iter().find(|f| f.cause == Cause::Outlier);
-        found
-            .unwrap_or_else(|| panic!("{:?}", examined(&header, &rows)))
-            .text
-    };
-    let values: Vec<f64> = all[..150].iter().map(|row| number(row)).collect();
-    let low = percentile_of(&values, 0.6);
-    let range = low..low + 8.0;
-    let text = damaged(&|_, row| range.contains(&number(row)));
-    assert!(text.contains("all of them have joint 3 between"), "{text}");
-    assert!(text.contains("the model does not hold there"), "{text}");
-    let text = damaged(&|k, _| k % 15 == 4);
-    assert!(!text.contains("between"), "{text}");
-}
-
-fn percentile_of(values: &[f64], share: f64) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[(share * sorted.len() as f64) as usize]
 }
 
 /// A file without payloads cannot state them wrongly.

@@ -1,6 +1,6 @@
 //! The models that data can choose among, and the folds that compare them.
 
-use crate::measurement::folds::{configurations, follow_one_path};
+use crate::measurement::folds::{follow_one_path, held_out_together};
 use crate::measurement::sample::InstrumentSample;
 use crate::model::Method;
 use crate::model::config::{Config, Weighting};
@@ -79,7 +79,7 @@ fn possible(
     robot: &Robot,
 ) -> Vec<Candidate> {
     let allowed = applicable(samples);
-    let poses = configurations(samples, &robot.kinds()).len();
+    let poses = held_out_together(samples, &robot.kinds()).len();
     let smallest = poses - poses.div_ceil(folds(poses));
     let needed = |c: &Candidate| c.config.method.min_poses(robot.joints.len());
     all.retain(|c| allowed.contains(&c.config.method) && needed(c) <= smallest);

@@ -6,12 +6,12 @@
 //! the user named is kept, with a warning when a simpler one is better. In either case the mean error must be well below
 //! that of the nominal model.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use poegp_protocol::cause::Cause;
 use serde::Serialize;
 
-use crate::measurement::folds::configurations;
+use crate::measurement::folds::held_out_together;
 use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::InstrumentSample;
 use crate::measurement::shared_range::SharedRange;
@@ -74,12 +74,57 @@ pub struct LeftOut {
     pub reason: String,
 }
 
+/// Held-out rows of one payload that are predicted worse than those of all others.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorstPayload {
+    /// The payload in kg.
+    pub payload_kg: f64,
+    /// Number of its rows.
+    pub rows: usize,
+    /// Mean position error of its rows, and of all others, in mm.
+    pub mean_mm: [f64; 2],
+}
+
+impl WorstPayload {
+    /// Fewest rows of a payload that are judged.
+    const LEAST_ROWS: usize = 3;
+    /// Ratio of the means from which on the payload is named, and the smallest difference in mm that counts.
+    const WORSE: (f64, f64) = (3.0, 0.05);
+
+    /// Finds the payload with the worst of the held-out `errors` in mm, each of the sample beside it.
+    fn find<'a>(rows: impl Iterator<Item = (&'a InstrumentSample, f64)>) -> Option<Self> {
+        let loaded = rows.filter_map(|(s, error)| Some((s.payload_kg?.to_bits(), error)));
+        let loaded: Vec<(u64, f64)> = loaded.collect();
+        let payloads: BTreeSet<u64> = loaded.iter().map(|row| row.0).collect();
+        let of = |payload: u64| {
+            let (own, others): (Vec<_>, Vec<_>) = loaded.iter().partition(|row| row.0 == payload);
+            let mean = |rows: &[(u64, f64)]| {
+                rows.iter().map(|row| row.1).sum::<f64>() / rows.len().max(1) as f64
+            };
+            Self {
+                payload_kg: f64::from_bits(payload),
+                rows: own.len(),
+                mean_mm: [mean(&own), mean(&others)],
+            }
+        };
+        let is_worse = |w: &Self| {
+            let [own, others] = w.mean_mm;
+            w.rows >= Self::LEAST_ROWS
+                && own > Self::WORSE.0 * others
+                && own - others > Self::WORSE.1
+                && others > 0.0
+        };
+        let worse = payloads.into_iter().map(of).filter(is_worse);
+        worse.max_by(|a, b| a.mean_mm[0].total_cmp(&b.mean_mm[0]))
+    }
+}
+
 /// The chosen model, with the reasons for the choice.
 #[derive(Clone, Debug)]
 pub struct Choice {
     /// Whether the user named the method beforehand.
     pub is_named: bool,
-    /// Number of different configurations.
+    /// Number of different configurations, or of stations.
     pub poses: usize,
     /// Number of held-out rows.
     pub held_out: usize,
@@ -89,6 +134,8 @@ pub struct Choice {
     pub table: Vec<Row>,
     /// Candidates that are not in the table.
     pub left_out: Vec<LeftOut>,
+    /// The payload whose rows are worst predicted, if the others are predicted far better.
+    pub worst_payload: Option<WorstPayload>,
     /// Number of poses that no geometry explains, and that were neither learnt from nor held out.
     pub unexplained: usize,
     /// Stated standard uncertainty of a measured position component, in mm, if every row has one.
@@ -131,7 +178,7 @@ fn select(
 ) -> Result<Choice, CompareError> {
     let train = candidates.first().map(|first| judged(task, &first.config));
     let train = train.unwrap_or_default();
-    let groups = configurations(&train, &task.robot.kinds());
+    let groups = held_out_together(&train, &task.robot.kinds());
     let poses = groups.len();
     let unexplained = task.train.len() - train.len();
     let task = &Task {
@@ -179,6 +226,11 @@ fn select(
         poses,
         held_out: rows.len(),
         unexplained,
+        worst_payload: WorstPayload::find(
+            rows.iter()
+                .map(|row| &train[*row])
+                .zip(errors[chosen].iter().copied()),
+        ),
         stated_mm: stated_mm(&train, &candidates[chosen].config),
         table: table.collect(),
         config: candidates[chosen].config,
@@ -348,6 +400,21 @@ impl Choice {
                 UNCERTAIN as f64,
             );
         }
+        if let Some(worst) = self.worst_payload {
+            let [own, others] = worst.mean_mm;
+            let text = format!(
+                "the {} rows with {} kg are off by {own:.3} mm on average when they are held out, all others by {others:.3} mm: \
+                 the expected error does not hold for this payload; measure more poses with it, and check payload_kg",
+                worst.rows, worst.payload_kg
+            );
+            add(
+                Cause::Payload,
+                Tier::Warning,
+                text,
+                own / others,
+                WorstPayload::WORSE.0,
+            );
+        }
         let share = self.unexplained as f64 / (poses + self.unexplained) as f64;
         if share > UNEXPLAINED {
             let text = format!(
@@ -417,6 +484,7 @@ mod tests {
             poses,
             held_out: poses,
             unexplained,
+            worst_payload: None,
             stated_mm: None,
             config: Config::default(),
             table: vec![

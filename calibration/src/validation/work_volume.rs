@@ -9,11 +9,12 @@ use serde::Serialize;
 
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Instrument, InstrumentSample, Sample};
-use crate::model::Calibration;
 use crate::model::identified::prediction_covariance;
+use crate::model::{Calibration, Method};
 use crate::numeric::statistics::{Summary, extremes};
 use crate::robot::Robot;
-use crate::validation::model_selection::Choice;
+use crate::trust::{Cause, Finding, Tier};
+use crate::validation::model_selection::{Choice, Row};
 
 /// Number of configurations drawn from the measured ranges ([`POSES`]), and of errors drawn for each (`DRAWS`).
 pub const POSES: usize = 64;
@@ -118,6 +119,23 @@ impl ExpectedError {
             }
         };
         Some(anywhere.at_least(choice))
+    }
+
+    /// Warns if the model is worse than the nominal arm where the joints are combined in other ways than measured; `table` are
+    /// the candidates of the choice.
+    pub fn finding(&self, table: &[Row]) -> Option<Finding> {
+        let nominal = table
+            .iter()
+            .find(|row| row.candidate == Method::BaseTool.name())?;
+        let before = nominal.position_mm.mean;
+        let text = format!(
+            "with the joints anywhere in their measured ranges, the model may be off by {:.3} mm on average, and the nominal \
+             robot is off by {before:.3} mm on the measured poses: use the model near these poses alone, or measure poses that \
+             combine the joints in other ways",
+            self.mean_mm
+        );
+        (self.mean_mm > before)
+            .then(|| Finding::new(Cause::Few, Tier::Warning, text, self.mean_mm, before))
     }
 
     /// Returns the held-out errors of the chosen method.

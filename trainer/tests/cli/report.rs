@@ -342,8 +342,8 @@ fn a_single_held_out_pose_has_a_page() {
 fn what_cannot_be_reported_is_refused_before_the_work() {
     let _texts = texts();
     let folder = Folder::new();
-    folder.write("train.csv", simulated("train", 7));
-    folder.write("again.csv", simulated("train", 7));
+    folder.write("train.csv", simulated("train", 6));
+    folder.write("again.csv", simulated("train", 6));
     folder.write("test.csv", "q1_deg\n1\n");
     for line in [
         "--method poe --report report.html",

@@ -16,7 +16,7 @@ use crate::identification::parametric::fit::parametric_fit;
 use crate::identification::parametric::state::{ParametricModel, ROWS};
 use crate::learning::elastic::options::{ElasticOptions, mean_payload};
 use crate::learning::elastic::solution::ElasticFit;
-use crate::measurement::folds::configurations;
+use crate::measurement::folds::held_out_together;
 use crate::measurement::noise::{NoiseScales, QUIETEST};
 use crate::measurement::sample::BaseSample;
 use crate::numeric::cholesky::Factor;
@@ -188,7 +188,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
         }
         alone.push(found);
     }
-    let mut groups = configurations(samples, fit.state.kinds());
+    let mut groups = held_out_together(samples, fit.state.kinds());
     let repeated: Vec<Vec<usize>> = groups.extract_if(.., |group| group.len() > 1).collect();
     let mut standardised: Standardised = [Vec::new(), Vec::new()];
     let mut add = |k: usize, first: usize, LeftOut { error, covariance }: &LeftOut| {

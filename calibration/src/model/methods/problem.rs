@@ -13,6 +13,7 @@ use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::warm_up::WarmUp;
 use crate::learning::task_space::fit::{HyperparameterSharing, SignalVarianceLimit};
 use crate::measurement::sample::{BaseSample, Sample};
+use crate::measurement::shared_range::shared_payload;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
 use crate::progress::FitContext;
@@ -117,10 +118,17 @@ pub struct Problem<'a> {
 }
 
 impl Problem<'_> {
-    /// Returns the gross outliers: samples that no geometry with gravity terms explains.
+    /// Returns the gross outliers: samples that no geometry with gravity terms explains. Those that share a payload are none:
+    /// they show how the arm gives way under it.
     pub(crate) fn gross_outliers(&self) -> Vec<Outlier> {
         let (tools, samples) = (&self.tools, &self.samples);
-        gross_outliers(&self.nominal, tools, self.coupling, samples, &self.elastic)
+        let mut found = gross_outliers(&self.nominal, tools, self.coupling, samples, &self.elastic);
+        let payloads: Vec<Option<f64>> = samples.iter().map(|s| s.payload_kg).collect();
+        let rows: Vec<usize> = found.iter().map(|outlier| outlier.sample).collect();
+        if let Some(payload) = shared_payload(&payloads, &rows) {
+            found.retain(|outlier| payloads[outlier.sample] != Some(payload));
+        }
+        found
     }
 }
 

@@ -191,6 +191,7 @@ pub fn document(
     document.expected_error = own
         .map(|own| own.at_least(choice))
         .or_else(|| ExpectedError::new(calibration, robot, samples, choice));
+    document.warnings.extend(document.worse_anywhere());
     document.next_steps = Some(NextSteps::new(&next_steps::Task {
         calibration,
         robot,
@@ -207,6 +208,13 @@ pub fn document(
     let predictions = knowledge.predictions();
     document.controller = Some(ControllerSummary::new(blob, robot, predictions, evidence));
     Ok(document)
+}
+
+impl CalibrateJson {
+    /// Returns the warning that the model may be worse than the nominal robot where no pose was measured.
+    pub fn worse_anywhere(&self) -> Option<Finding> {
+        self.expected_error?.finding(self.choice.as_deref()?)
+    }
 }
 
 /// Returns the part of the document that the fit and its blob decide.

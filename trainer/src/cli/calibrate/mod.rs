@@ -35,7 +35,7 @@ use crate::cli::tolerance;
 use crate::cli::touches::features_of_a_table;
 use crate::report::controller::ControllerSummary;
 use poegp_calibration::blob::write::{DeviceError, Provenance, calibrate_in_gauge};
-use poegp_calibration::measurement::folds::configurations;
+use poegp_calibration::measurement::folds::held_out_together;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -222,7 +222,7 @@ fn choose_model(
         return Ok(None);
     }
     let bar = progress::bar(
-        candidates.len() * folds(configurations(samples, &arm.robot.kinds()).len()),
+        candidates.len() * folds(held_out_together(samples, &arm.robot.kinds()).len()),
         "choosing the model",
     );
     let choice = cancellable(|cancel| {

@@ -92,9 +92,12 @@ fn print_expected(report: Printer, calibration: &Calibration, document: &Calibra
     ));
     if alike.is_some_and(|alike| anywhere.mean_mm > MUCH_LARGER * alike.mean) {
         report.line(
-            "    it is larger because the measured poses combine the joints in few ways: the tool may have nearly the \
-            same orientation in all of them",
+            "    it is larger because the measured poses combine the joints in few ways: they lie near each other, or the tool \
+             has nearly the same orientation in all of them",
         );
+    }
+    if let Some(worse) = document.worse_anywhere() {
+        warning(format_args!("{} [{}]", worse.text, worse.cause));
     }
     let conformity = (document.certificate.as_ref()).and_then(|c| c.conformity.as_ref());
     let allowed = conformity.and_then(|found| found.position.tolerance);
