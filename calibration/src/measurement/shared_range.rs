@@ -11,6 +11,11 @@ const WITHIN: f64 = 0.8;
 /// Most ranges this short expected of as many rows drawn at random.
 const BY_CHANCE: f64 = 1e-3;
 
+/// Largest share of all rows of a payload that few carry, and most such payloads expected of rows drawn at random: a row
+/// that is kept by mistake does less harm than a payload that is not learnt from.
+const RARE: f64 = 0.15;
+const RARE_BY_CHANCE: f64 = 0.02;
+
 /// A range of one joint that rows share.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SharedRange {
@@ -90,8 +95,8 @@ impl Column {
     }
 }
 
-/// Returns the payload in kg that `rows`, indices into `payloads`, share more clearly than rows drawn at random would; `None`
-/// if there is none: an arm that gives way as no other row shows is off wherever it carries that payload.
+/// Returns the payload in kg, carried by few rows, that `rows`, indices into `payloads`, share more clearly than rows drawn at
+/// random would; `None` if there is none: an arm that gives way as no other row shows is off wherever it carries that payload.
 ///
 /// The chance that k rows drawn at random from n are all among the m rows of one payload is below (m/n)^k.
 pub fn shared_payload(payloads: &[Option<f64>], rows: &[usize]) -> Option<f64> {
@@ -105,7 +110,8 @@ pub fn shared_payload(payloads: &[Option<f64>], rows: &[usize]) -> Option<f64> {
         let share = count(&mut payloads.iter().copied(), *payload) as f64 / all;
         let kinds = distinct(payloads.iter().flatten().copied()).len() as f64;
         within as f64 >= WITHIN * rows.len() as f64
-            && kinds * libm::pow(share, within as f64) < BY_CHANCE
+            && share <= RARE
+            && kinds * libm::pow(share, within as f64) < RARE_BY_CHANCE
     })
 }
 
@@ -169,9 +175,11 @@ mod tests {
             .map(|k| Some(if k < 55 { 0.0 } else { 3.0 }))
             .collect();
         assert_eq!(shared_payload(&payloads, &[55, 56, 58, 59]), Some(3.0));
-        // Rows of the usual payload share it by chance, and two rows are too few.
+        assert_eq!(shared_payload(&payloads, &[55, 56]), Some(3.0));
+        // Rows of the usual payload share it by chance, and one row is too few.
         assert_eq!(shared_payload(&payloads, &[1, 7, 20, 33, 41]), None);
-        assert_eq!(shared_payload(&payloads, &[55, 56]), None);
+        assert_eq!(shared_payload(&payloads, &[55]), None);
+        assert_eq!(shared_payload(&payloads, &[1, 55, 56]), None);
         assert_eq!(shared_payload(&[None; 60], &[1, 7, 20]), None);
     }
 }

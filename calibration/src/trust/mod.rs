@@ -120,7 +120,8 @@ fn on_a_grid(samples: &[InstrumentSample], kinds: &[JointKind]) -> Option<Findin
          between these values: the expected error is that of poses on the grid; measure poses spread over the joint ranges",
         named.join(", ")
     );
-    (2 * few.len() > moved.len() && samples.len() >= LEVELS.1 * most && few.len() > 1).then(|| {
+    let poses = configurations(samples, kinds).len();
+    (2 * few.len() > moved.len() && poses >= LEVELS.1 * most && few.len() > 1).then(|| {
         Finding::new(
             Cause::Few,
             Tier::Warning,

@@ -16,6 +16,7 @@ mod next_steps;
 mod outliers;
 mod own_joint_curve;
 mod paper;
+mod stations;
 mod ten_seeds;
 mod warm_up;
 mod work_volume;
