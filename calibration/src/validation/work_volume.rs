@@ -1,6 +1,7 @@
 //! The error to be expected all over the measured ranges of the joints, in millimetres.
 
 use nalgebra::Vector3;
+use poegp_protocol::cause::Cause;
 use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +14,7 @@ use crate::model::identified::prediction_covariance;
 use crate::model::{Calibration, Method};
 use crate::numeric::statistics::{Summary, extremes};
 use crate::robot::Robot;
-use crate::trust::{Cause, Finding, Tier};
+use crate::trust::{Finding, Tier};
 use crate::validation::model_selection::{Choice, Row};
 
 /// Number of configurations drawn from the measured ranges ([`POSES`]), and of errors drawn for each (`DRAWS`).

@@ -346,7 +346,7 @@ fn what_cannot_be_reported_is_refused_before_the_work() {
     folder.write("again.csv", simulated("train", 6));
     folder.write("test.csv", "q1_deg\n1\n");
     for line in [
-        "--method poe --report report.html",
+        "--method poe --accept few --report report.html",
         "--method base-tool --report train.csv",
         "--method base-tool --report arm.blob",
         "--method base-tool --report no/such.html",

@@ -11,6 +11,7 @@ use crate::cli::terminal::print::note;
 use crate::cli::terminal::progress;
 use crate::report::{HoldOutMethod, ReportData};
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::measurement::folds::held_out_together;
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::config::Config;
 use poegp_calibration::model::{CalibrationError, Method};
@@ -64,7 +65,7 @@ pub fn held_out(c: &Calibrated<'_>) -> Result<Option<ReportData>, Failure> {
     }
     let own = own_flag();
     let folds = match tests.sets.is_empty() {
-        true => folds(different_poses(&c.measured.samples)),
+        true => folds(held_out_together(&c.measured.samples, &c.measured.arm.robot.kinds()).len()),
         false => 0,
     };
     let task = Task {
