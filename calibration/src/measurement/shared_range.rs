@@ -120,20 +120,20 @@ mod tests {
     use super::*;
 
     /// Rows of two joints that change independently of each other.
-    fn rows() -> Vec<[f64; 2]> {
+    fn two_joints() -> Vec<[f64; 2]> {
         let row = |k: usize| [k as f64, ((37 * k) % 101) as f64];
         (0..101).map(row).collect()
     }
 
     fn find(rows: &[usize]) -> Option<SharedRange> {
-        let all = super::tests::rows();
+        let all = two_joints();
         let joints: Vec<&[f64]> = all.iter().map(|q| q.as_slice()).collect();
         SharedRange::find(&joints, rows)
     }
 
     #[test]
     fn rows_of_a_damaged_sector_share_its_range() {
-        let all = rows();
+        let all = two_joints();
         let in_sector = |k: &usize| (40.0..48.0).contains(&all[*k][1]);
         let mut sector: Vec<usize> = (0..101).filter(in_sector).collect();
         let found = find(&sector).unwrap();

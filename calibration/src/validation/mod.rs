@@ -13,3 +13,4 @@ pub mod repeated_poses;
 pub mod signed_residuals;
 pub mod touches;
 pub mod work_volume;
+pub mod worst_payload;

@@ -6,7 +6,7 @@
 //! the user named is kept, with a warning when a simpler one is better. In either case the mean error must be well below
 //! that of the nominal model.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use poegp_protocol::cause::Cause;
 use serde::Serialize;
@@ -20,6 +20,7 @@ use crate::model::{Method, rejected_gross_outliers};
 use crate::numeric::statistics::{MEAN_LENGTH, Summary};
 use crate::trust::{Finding, Tier};
 use crate::validation::cross_validation::{CompareError, Task};
+use crate::validation::worst_payload::WorstPayload;
 
 pub use crate::validation::candidates::{Candidate, FOLDS, candidates, folds, named_and_simpler};
 
@@ -72,51 +73,6 @@ pub struct LeftOut {
     pub candidate: &'static str,
     /// Why the candidate could not be calibrated on some of the folds.
     pub reason: String,
-}
-
-/// Held-out rows of one payload that are predicted worse than those of all others.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct WorstPayload {
-    /// The payload in kg.
-    pub payload_kg: f64,
-    /// Number of its rows.
-    pub rows: usize,
-    /// Mean position error of its rows, and of all others, in mm.
-    pub mean_mm: [f64; 2],
-}
-
-impl WorstPayload {
-    /// Fewest rows of a payload that are judged.
-    const LEAST_ROWS: usize = 3;
-    /// Ratio of the means from which on the payload is named, and the smallest difference in mm that counts.
-    const WORSE: (f64, f64) = (3.0, 0.05);
-
-    /// Finds the payload with the worst of the held-out `errors` in mm, each of the sample beside it.
-    fn find<'a>(rows: impl Iterator<Item = (&'a InstrumentSample, f64)>) -> Option<Self> {
-        let loaded = rows.filter_map(|(s, error)| Some((s.payload_kg?.to_bits(), error)));
-        let loaded: Vec<(u64, f64)> = loaded.collect();
-        let payloads: BTreeSet<u64> = loaded.iter().map(|row| row.0).collect();
-        let of = |payload: u64| {
-            let (own, others): (Vec<_>, Vec<_>) = loaded.iter().partition(|row| row.0 == payload);
-            let mean = |rows: &[(u64, f64)]| {
-                rows.iter().map(|row| row.1).sum::<f64>() / rows.len().max(1) as f64
-            };
-            Self {
-                payload_kg: f64::from_bits(payload),
-                rows: own.len(),
-                mean_mm: [mean(&own), mean(&others)],
-            }
-        };
-        let is_worse = |w: &Self| {
-            let [own, others] = w.mean_mm;
-            w.rows >= Self::LEAST_ROWS
-                && own > Self::WORSE.0 * others
-                && own - others > Self::WORSE.1
-                && others > 0.0
-        };
-        let worse = payloads.into_iter().map(of).filter(is_worse);
-        worse.max_by(|a, b| a.mean_mm[0].total_cmp(&b.mean_mm[0]))
-    }
 }
 
 /// The chosen model, with the reasons for the choice.
@@ -367,7 +323,11 @@ impl Choice {
     /// Returns what is wrong with the choice: a simpler model is better on rows that were not trained on, many rows were left
     /// out, or the nominal model is hardly worse.
     pub fn findings(&self) -> Vec<Finding> {
-        let mut findings = Vec::new();
+        let mut findings: Vec<Finding> = self
+            .worst_payload
+            .iter()
+            .map(WorstPayload::finding)
+            .collect();
         let Some((rank, chosen)) = self.chosen() else {
             return findings;
         };
@@ -398,21 +358,6 @@ impl Choice {
                 text,
                 poses as f64,
                 UNCERTAIN as f64,
-            );
-        }
-        if let Some(worst) = self.worst_payload {
-            let [own, others] = worst.mean_mm;
-            let text = format!(
-                "the {} rows with {} kg are off by {own:.3} mm on average when they are held out, all others by {others:.3} mm: \
-                 the expected error does not hold for this payload; measure more poses with it, and check payload_kg",
-                worst.rows, worst.payload_kg
-            );
-            add(
-                Cause::Payload,
-                Tier::Warning,
-                text,
-                own / others,
-                WorstPayload::WORSE.0,
             );
         }
         let share = self.unexplained as f64 / (poses + self.unexplained) as f64;
