@@ -68,16 +68,12 @@ impl<T: Scalar> Factors<T> {
         T::ONE / (first + d1 + self.l21 * self.l21 * d2 + d2)
     }
 
-    /// Returns the increase of λ by which |x| unit ≤ 1, for x = K⁻¹ b, and |side x| side_unit ≤ 1: one Newton step on 1/|x|.
-    pub(super) fn missing(&self, b: &Vector<T>, unit: T, side: Option<(&Matrix<T>, T)>) -> T {
+    /// Returns the increase of λ by which |x| unit ≤ 1 and |side x| side_unit ≤ 1, for x = K⁻¹ b: one Newton step on 1/|x|.
+    pub(super) fn missing(&self, b: &Vector<T>, unit: T, side: &Matrix<T>, side_unit: T) -> T {
         let x = self.solved(b);
         let length = squared(&x);
-        let mut size = length * (unit * unit);
-        if let Some((side, side_unit)) = side {
-            let there = squared(&multiplied(side, &x)) * (side_unit * side_unit);
-            size = larger(there, size);
-        }
-        let excess = size.sqrt() - T::ONE;
+        let there = squared(&multiplied(side, &x)) * (side_unit * side_unit);
+        let excess = larger(there, length * (unit * unit)).sqrt() - T::ONE;
         // λ plus the eigenvalue in the direction of x.
         let eigenvalue = length / self.inverse_form(&x);
         // `larger` returns zero for NaN, which arises when x is zero.
@@ -138,6 +134,16 @@ pub(super) fn scaled<T: Scalar>(factor: T, v: &Vector<T>) -> Vector<T> {
 #[inline(always)]
 pub(super) fn difference<T: Scalar>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+#[inline(always)]
+pub(super) fn sum<T: Scalar>(a: &Vector<T>, b: &Vector<T>) -> Vector<T> {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+#[inline(always)]
+pub(super) fn dot<T: Scalar>(a: &Vector<T>, b: &Vector<T>) -> T {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Returns the larger of both; `b` when `a` is NaN.

@@ -36,7 +36,7 @@ use poegp_protocol::limits::MAX_JOINTS;
 pub use acceptance::{CORRECTED_WITHIN, Corrected, MAX_JOINT_CHANGE};
 use acceptance::{Candidate, Remainder};
 
-use crate::correct::step_limit::{LimitedStep, Scale, StepLimit};
+use crate::correct::step_limit::{LimitedStep, StepLimit};
 use crate::elastic::curve::add_curve_lines;
 use crate::elastic::deflection::deflected_into;
 use crate::elastic::ripple::ripple_line;
@@ -210,13 +210,12 @@ impl<T: KernelLoops> Search<'_, T> {
         equations.form(&point);
     }
 
-    #[inline(always)]
-    fn scale(&self) -> Scale<T> {
+    /// Prepares the limits of the steps against errors where the equations were formed.
+    #[inline(never)]
+    fn step_limit(&self, equations: &NormalEquations<T>) -> StepLimit<T> {
         let arm = self.arm;
-        Scale {
-            lever: arm.lever,
-            usual_rotation: (arm.calibrated.kinds().len() >= 6).then_some(arm.usual_rotation),
-        }
+        let usual_rotation = (arm.calibrated.kinds().len() >= 6).then_some(arm.usual_rotation);
+        StepLimit::new(equations.gram(), usual_rotation)
     }
 
     /// Computes the limited step against an error.
@@ -224,7 +223,7 @@ impl<T: KernelLoops> Search<'_, T> {
     fn limited_step(
         &self,
         equations: &NormalEquations<T>,
-        limit: &StepLimit<'_, T>,
+        limit: &StepLimit<T>,
         error: &PoseError6<T>,
     ) -> Steps<T> {
         let limited = limit.step(error);
@@ -282,7 +281,7 @@ impl<T: KernelLoops> Search<'_, T> {
         let before = pose_error(self.target, &pose);
         let mut equations = NormalEquations::new();
         self.form(&mut equations, &pose);
-        let limit = StepLimit::new(equations.gram(), self.scale());
+        let limit = self.step_limit(&equations);
         let mut steps = self.limited_step(&equations, &limit, &before);
         let mut remainder = Remainder::none();
         while later > 0 {
@@ -344,8 +343,8 @@ impl<T: KernelLoops> Search<'_, T> {
         self.form(&mut equations, &pose);
         let sagging = equations.moved(&gravity(self.frames, &pose));
         let rigid = subtract_scaled(&plain, T::ONE, &sagging);
-        let limit = StepLimit::new(equations.gram(), self.scale());
-        let start = equations.joints_of(&limit.damped(&rigid));
+        let limit = self.step_limit(&equations);
+        let start = equations.joints_of(&limit.estimate(&rigid));
         // Deflection at that estimate: the processes where gravity alone is compensated, the other terms where both are.
         deflected_into(features, kinds, &start, self.turned);
         let processes = &terms.processes;

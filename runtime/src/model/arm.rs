@@ -12,15 +12,13 @@ use super::validate::{MAX_PAYLOAD_KG, checked_chain, checked_coupling, checked_r
 use crate::guard::status::Status;
 use crate::guard::trust::Trust;
 use crate::kinematics::coupling::{Coupling, coupled};
-use crate::kinematics::minimal_chain::{JointFrames, MinimalChain, MinimalForm};
-use crate::kinematics::newton::{LinearizationPoint, NormalEquations, pose_error, squared_norms};
+use crate::kinematics::minimal_chain::{MinimalChain, MinimalForm};
+use crate::kinematics::newton::{pose_error, squared_norms};
 use crate::kinematics::poe::{JointTrig, zero_joint_trig};
 use crate::math::scalar::{MAX_ANGLE, Scalar};
 
-/// Number of configurations at which [`Arm::usual_rotation`] and [`Arm::lever`] are sampled.
+/// Number of configurations at which [`Arm::usual_rotation`] is sampled.
 const SCALE_SAMPLES: u16 = 16;
-/// Lower bound of [`Arm::lever`], in m.
-const LEAST_LEVER: f64 = 0.01;
 /// Step of each joint from sample to sample, in 65 536ths of its range: powers of 1/x for the root of x⁹ = x + 1, which
 /// spread the samples most evenly in eight dimensions.
 const SPREAD: [u16; MAX_JOINTS] = [
@@ -37,8 +35,6 @@ pub(crate) struct Arm<T> {
     pub(crate) payload_range: Option<(T, T)>,
     /// Root mean square angle between the nominal and the calibrated target within the trained ranges, in rad.
     pub(crate) usual_rotation: T,
-    /// Root mean square length of the position Jacobian J_p within the trained ranges, in m: Scale::lever.
-    pub(crate) lever: T,
     trust: Trust<T>,
     /// Standard deviation of a position component in m, if it is constant.
     pub(super) constant_sigma: Option<T>,
@@ -75,7 +71,6 @@ impl<T: Scalar> Arm<T> {
             joint_ranges: [(T::ZERO, T::ZERO); MAX_JOINTS],
             payload_range: None,
             usual_rotation: T::ZERO,
-            lever: T::ONE,
             trust: Trust::none(),
             constant_sigma: None,
             correction: ArmCorrection::None,
@@ -114,7 +109,7 @@ impl<T: Scalar> Arm<T> {
         self.constant_sigma = super::position_variance::constant(blob.variance.as_ref());
         let calibrated = minimal(kinds, &blob.geometry.calibrated)?;
         self.calibrated = MinimalChain::new(&calibrated);
-        (self.usual_rotation, self.lever) = self.measured_scale();
+        self.usual_rotation = self.measured_rotation();
         match &blob.correction {
             Correction::None => {}
             Correction::TaskSpace(task) => {
@@ -154,13 +149,10 @@ impl<T: Scalar> Arm<T> {
         }
     }
 
-    /// Computes [`Arm::usual_rotation`] and [`Arm::lever`] from [`SCALE_SAMPLES`] configurations that fill the ranges
-    /// evenly.
+    /// Computes [`Arm::usual_rotation`] from [`SCALE_SAMPLES`] configurations that fill the ranges evenly.
     #[inline(never)]
-    fn measured_scale(&self) -> (T, T) {
-        let (mut rotations, mut levers) = (T::ZERO, T::ZERO);
-        let mut frames = JointFrames::new();
-        let mut equations = NormalEquations::new();
+    fn measured_rotation(&self) -> T {
+        let mut rotations = T::ZERO;
         let mut index = 1_u16;
         while index <= SCALE_SAMPLES {
             let mut joints = [T::ZERO; MAX_JOINTS];
@@ -172,23 +164,11 @@ impl<T: Scalar> Arm<T> {
             let mut motions = zero_joint_trig();
             self.motions(&joints, &mut motions);
             let nominal = self.nominal.forward_at(&motions);
-            let calibrated = self.calibrated.moved_frames_at(&motions, &mut frames);
+            let calibrated = self.calibrated.forward_at(&motions);
             rotations += squared_norms(&pose_error(&nominal, &calibrated)).1;
-            equations.form(&LinearizationPoint {
-                kinds: self.calibrated.kinds(),
-                frames: &frames,
-                point: &calibrated.translation,
-                coupling: self.coupling.as_ref(),
-            });
-            let [[x, ..], [_, y, ..], [_, _, z, ..], ..] = equations.gram();
-            levers += *x + *y + *z;
             index += 1;
         }
-        let mean = T::from_f64(1.0 / SCALE_SAMPLES as f64);
-        let least = T::from_f64(LEAST_LEVER * LEAST_LEVER);
-        let levers = levers * mean;
-        let levers = if levers > least { levers } else { least };
-        ((rotations * mean).sqrt(), levers.sqrt())
+        (rotations * T::from_f64(1.0 / SCALE_SAMPLES as f64)).sqrt()
     }
 
     /// Copies the joints into an array of zeros. Returns whether the arm has as many and all are within ±[`MAX_ANGLE`].
