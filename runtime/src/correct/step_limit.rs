@@ -267,18 +267,16 @@ fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> Vec
 
 /// Returns the largest share, from 0 to 1, of a step after which |e| is at most `most`, if the whole step leaves `left` of e.
 fn largest_share<T: Scalar>(e: &Vector<T>, left: &Vector<T>, most: Option<T>) -> T {
-    match most {
-        Some(most) if squared(left) > most * most => {
-            // |e + s m|² = most², with the step's motion m: s² m·m + 2 s e·m − c = 0.
-            let motion = difference(left, e);
-            let along = dot(e, &motion);
-            let slack = larger(most * most - squared(e), T::ZERO);
-            let root = larger(along * along + squared(&motion) * slack, T::ZERO).sqrt();
-            let share = slack / (along + root);
-            if share < T::ONE { share } else { T::ONE }
-        }
-        _ => T::ONE,
-    }
+    let Some(most) = most else {
+        return T::ONE;
+    };
+    // |e + s m|² = most², with the step's motion m: s² m·m + 2 s e·m − c = 0. Its root is above 1 where `left` is within `most`.
+    let motion = difference(left, e);
+    let along = dot(e, &motion);
+    let slack = larger(most * most - squared(e), T::ZERO);
+    let root = larger(along * along + squared(&motion) * slack, T::ZERO).sqrt();
+    let share = slack / (along + root);
+    if share < T::ONE { share } else { T::ONE }
 }
 
 /// Returns the 3×3 block of J Jᵀ that begins at this row and column: 0 for displacements, 3 for rotations.
