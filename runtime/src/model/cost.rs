@@ -272,7 +272,7 @@ const POSE: [i32; TERMS] = [
 /// Instructions of each term of one command, with the filter and without the frames on the link, in 256ths.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
-    1001549, 163031, 20624, -22575, 50612, 29110,
+    986189, 163031, 20624, -22575, 50612, 29110,
     419845, 78317, 21287, 1701,
     535664, 80237, 32838, 3067,
     577284, 75209, 124433, 6500,
