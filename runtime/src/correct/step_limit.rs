@@ -8,15 +8,17 @@
 //! - **λ_r** depends on the pose alone. With A, B, C the blocks of J Jᵀ, position first, S = C − Bᵀ A⁻¹ B says how well the
 //!   arm turns its target while it holds the position. Where S is small, λ_r grows to a size in proportion to the arm's
 //!   usual error. Elsewhere it is zero, nearly.
-//! - **λ_p** is the least with which |x_p| is within its limit, by Newton's method on 1/|x_p|, which is nearly linear in λ.
-//!   It acts on T = A − B (C + λ_r)⁻¹ Bᵀ: a position that the arm reaches by turning its target a little costs little.
+//! - **λ_p** is the least with which |x_p| is within its limit, and the rotation that x_p costs within what may be left. It
+//!   follows from Newton's method on 1/|x_p|, which is nearly linear in λ, with T = A − B (C + λ_r)⁻¹ Bᵀ: a position that the
+//!   arm reaches by turning its target a little costs little.
 //!
 //! A larger λ gives up part of e, no more than it must, in exactly the directions in which the arm can hardly move, and
 //! keeps the others. It needs no singular values, and works for any number of such directions.
 //!
-//! Nothing becomes worse by the step. It is the sum of a **shift** against (e_p, 0) and a **turn** against (0, e_r). What λ_r
-//! leaves of the rotation is asked for once more. The turn is scaled so that it takes no more of the position than the shift
-//! has gained. Then both are scaled until the rotation is at most the larger of the uncorrected one and the arm's usual one.
+//! The step is the sum of a **shift** against (e_p, 0) and a **turn** against (0, e_r). What λ_r leaves of the rotation is asked
+//! for once more. Nothing becomes worse, because both are scaled: the shift so that it leaves no more rotation than allowed (the
+//! larger of the uncorrected one and the arm's usual one), then the turn so that it takes no more of the position than the shift
+//! has gained, and in the end both, should the scaled turn leave too much rotation.
 //!
 //! docs/evidence/singularities.md records how the limits were chosen.
 
@@ -83,7 +85,7 @@ pub struct DampedGram<T> {
     shifting: Factors<T>,
 }
 
-/// The two parts of a solution x.
+/// Displacement and rotation.
 type Halves<T> = (Vector<T>, Vector<T>);
 
 impl<T: Scalar> DampedGram<T> {
@@ -147,8 +149,8 @@ impl<T: Scalar> StepLimit<T> {
                 );
                 let least = Factors::of(&turning, T::from_f64(FLOOR.rotation)).least();
                 let largest = T::from_f64(TURN_DAMPING) * larger(usual, T::from_f64(LEAST_USUAL));
-                let lacks = larger(T::ONE - least / (T::from_f64(HELD) * largest), T::ZERO);
-                T::from_f64(FLOOR.rotation) + largest * (lacks * lacks)
+                let shortfall = larger(T::ONE - least / (T::from_f64(HELD) * largest), T::ZERO);
+                T::from_f64(FLOOR.rotation) + largest * (shortfall * shortfall)
             }
             None => T::from_f64(FREE),
         };
@@ -165,7 +167,7 @@ impl<T: Scalar> StepLimit<T> {
     }
 
     /// Returns the largest rotation error that may be left, if that is limited.
-    fn most(&self, r: &Vector<T>) -> Option<T> {
+    fn allowed_rotation(&self, r: &Vector<T>) -> Option<T> {
         self.room
             .map(|room| larger(room, squared(r).sqrt()) + T::from_f64(LEAST_ROOM))
     }
@@ -175,8 +177,8 @@ impl<T: Scalar> StepLimit<T> {
     fn damped_for(&self, error: &PoseError6<T>) -> DampedGram<T> {
         let (p, r) = halves(error);
         let rest = difference(&p, &transposed_product(&self.along, &r));
-        let side_unit = match self.most(&r) {
-            Some(most) => self.rotation / most,
+        let side_unit = match self.allowed_rotation(&r) {
+            Some(allowed) => self.rotation / allowed,
             None => T::ZERO,
         };
         let mut position = T::from_f64(FLOOR.position);
@@ -219,16 +221,16 @@ impl<T: Scalar> StepLimit<T> {
         let shift = sum(&shift, &back);
         let shift_turn = difference(&back_turn, &turned);
         // The shift's share, if the whole turn follows it, then the turn's beside it, then that of both.
-        let most = self.most(&r);
+        let allowed = self.allowed_rotation(&r);
         let leaves = |shift: T, turn: T| {
             let damped = sum(&scaled(shift, &back_turn), &scaled(turn, &last_turn));
             sum(&scaled(T::ONE - turn, &r), &scaled(rotation, &damped))
         };
-        let shift_share = largest_share(&leaves(T::ZERO, T::ONE), &leaves(T::ONE, T::ONE), most);
+        let shift_share = largest_share(&leaves(T::ZERO, T::ONE), &leaves(T::ONE, T::ONE), allowed);
         let left = left_after(shift_share, &p, &scaled(position, &shift));
         let turn_share = turn_share(&p, &left, &scaled(beyond_floor, &turn_shift));
-        let turned = leaves(shift_share, turn_share);
-        let taken = largest_share(&r, &turned, most);
+        let rotation_left = leaves(shift_share, turn_share);
+        let taken = largest_share(&r, &rotation_left, allowed);
         let (shift_share, turn_share) = (taken * shift_share, taken * turn_share);
         let x = joined(
             &sum(
@@ -242,7 +244,7 @@ impl<T: Scalar> StepLimit<T> {
         );
         let left = left_after(shift_share, &p, &scaled(beyond_floor, &shift));
         let pushed = scaled(turn_share * beyond_floor, &turn_shift);
-        let given_up = joined(&sum(&left, &pushed), &left_after(taken, &r, &turned));
+        let given_up = joined(&sum(&left, &pushed), &left_after(taken, &r, &rotation_left));
         LimitedStep {
             x,
             given_up,
@@ -265,15 +267,16 @@ fn left_after<T: Scalar>(share: T, error: &Vector<T>, leaves: &Vector<T>) -> Vec
     sum(error, &scaled(share, &difference(leaves, error)))
 }
 
-/// Returns the largest share, from 0 to 1, of a step after which |e| is at most `most`, if the whole step leaves `left` of e.
-fn largest_share<T: Scalar>(e: &Vector<T>, left: &Vector<T>, most: Option<T>) -> T {
-    let Some(most) = most else {
+/// Returns the largest share, from 0 to 1, of a step after which |e| is at most `allowed`, if the whole step leaves `left` of e.
+fn largest_share<T: Scalar>(e: &Vector<T>, left: &Vector<T>, allowed: Option<T>) -> T {
+    let Some(allowed) = allowed else {
         return T::ONE;
     };
-    // |e + s m|² = most², with the step's motion m: s² m·m + 2 s e·m − c = 0. Its root is above 1 where `left` is within `most`.
+    // |e + s m|² = allowed², with the step's motion m: s² m·m + 2 s e·m − c = 0. The root is above 1 where the whole step is
+    // allowed. No branch: every command takes as long.
     let motion = difference(left, e);
     let along = dot(e, &motion);
-    let slack = larger(most * most - squared(e), T::ZERO);
+    let slack = larger(allowed * allowed - squared(e), T::ZERO);
     let root = larger(along * along + squared(&motion) * slack, T::ZERO).sqrt();
     let share = slack / (along + root);
     if share < T::ONE { share } else { T::ONE }

@@ -116,6 +116,21 @@ proptest! {
         prop_assert!((Vector::from(found.damped.left(&x)) - damping * Vector::from(x)).norm() <= 1e-12);
     }
 
+    /// For an error too small for any limit, the step is that of the whole equations, which `nalgebra` solves, and what their
+    /// damping has left of the rotation is asked for once more.
+    #[test]
+    fn a_rotation_is_asked_for_twice(values in values(), seed in seeds(), error in errors()) {
+        let (jacobian, error) = (jacobian(&values, &seed), 1e-4 * error);
+        let (found, _, _) = step(&jacobian, &error);
+        let damping = found.damped.damping;
+        prop_assert_eq!(damping.position, FLOOR.position);
+        let whole = jacobian * jacobian.transpose() + diagonal(damping.position, damping.rotation);
+        let whole = whole.cholesky().unwrap();
+        let expected = whole.solve(&(error + diagonal(0.0, damping.rotation) * whole.solve(&error)));
+        let apart = (Vector::from(found.x) - expected).norm();
+        prop_assert!(apart <= 1e-9 * expected.norm(), "{apart:e}");
+    }
+
     /// The estimate of the corrected command is the first part of the step: the whole equations with its damping.
     #[test]
     fn the_estimate_is_damped_as_the_step(values in values(), seed in seeds(), error in errors()) {
@@ -209,6 +224,31 @@ fn nothing_is_asked_of_nothing() {
     assert!(step.x.iter().all(|x: &f64| x.is_finite()));
     let nan = [[f64::NAN; 6]; 6];
     let _ = StepLimit::new(&nan, Some(f64::NAN)).step(&[f64::INFINITY; 6]);
+}
+
+/// The rotation that x_p costs, λ_r (C + λ_r)⁻¹ Bᵀ x_p, is within what may be left in nine of ten steps: three Newton steps do not
+/// always meet two limits.
+#[test]
+fn few_shifts_cost_more_rotation_than_allowed() {
+    const STEPS: usize = 2_000;
+    let mut runner = TestRunner::new(config(96, 1));
+    let cases = (values(), seeds(), errors());
+    let mut beyond = 0;
+    for _ in 0..STEPS {
+        let (values, seed, error) = cases.new_tree(&mut runner).unwrap().current();
+        let jacobian = jacobian(&values, &seed);
+        let (found, _, _) = step(&jacobian, &error);
+        let whole = jacobian * jacobian.transpose();
+        let damping = found.damped.damping.rotation;
+        let turning = whole.fixed_view::<3, 3>(3, 3) + damping * SMatrix::<f64, 3, 3>::identity();
+        let x = Vector::from(found.damped.solve(&core::array::from_fn(|i| error[i])));
+        let pushed = whole.fixed_view::<3, 3>(3, 0) * x.fixed_rows::<3>(0);
+        let cost = damping * turning.cholesky().unwrap().solve(&pushed).norm();
+        let allowed = rotation(&error).max(1.15 * USUAL) + 0.9e-4;
+        beyond += usize::from(cost > 1.02 * allowed);
+    }
+    println!("{beyond} of {STEPS} shifts cost more rotation than allowed");
+    assert!(10 * beyond <= STEPS, "{beyond}");
 }
 
 /// Returns the steepest step, in radians per radian, along a path on which the Jacobian changes by 1 for each radian in its
