@@ -1,10 +1,10 @@
 //! Calibration of base and tools from any data: several sessions and targets, whole poses or positions alone.
 //!
 //! The model is T′ = instrument_from_base · f_nominal(q) · flange_from_target with both ends unknown: one base frame for all
-//! measurements, and one tool frame for each session and target. A robust fit ([`alignment`](super::alignment)) gives the
-//! start; least squares on the nominal arm refine it, with one tool and whole poses as in the paper's base-tool calibration.
-//! Positions alone do not show how their target is turned: that rotation stays as in the start. The result is the gauge of
-//! every model: "base" and "flange" in a blob refer to it.
+//! measurements, and one tool frame for each session and target. A robust alignment gives the start; least squares on the
+//! nominal arm refine it, with one tool and whole poses as in the paper's base-tool calibration. Positions alone do not show
+//! how their target is turned: that rotation stays as in the start. The result is the gauge of every model: "base" and
+//! "flange" in a blob refer to it.
 
 use nalgebra::{ArrayStorage, Matrix3, Vector3};
 use poegp_runtime::kinematics::poe::Poe;
