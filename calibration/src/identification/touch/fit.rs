@@ -7,10 +7,10 @@
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::touch::arm::{Group, StateJet, TouchArm};
-use crate::identification::touch::equations::{Equations, Solved, VisitSums};
+use crate::identification::touch::equations::{Equations, SharedErrors, Solved, VisitSums};
 use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::noise::{
-    CLASS_COUNTS, CLASS_FACTOR, COMMON_COUNTS, OTHER_COUNTS, OTHER_FACTOR, USUAL_ROWS,
+    CLASS_COUNTS, CLASS_FACTOR, COMMON_COUNTS, OTHER_COUNTS, OTHER_FACTOR, USUAL_JOINT, USUAL_ROWS,
 };
 use crate::identification::touch::problem::LeftOut;
 use crate::identification::touch::scene::Scene;
@@ -42,6 +42,8 @@ pub struct TouchFit {
     pub moves: bool,
     /// τ of every kind of noise, in the order of [`Noise::ALL`].
     pub tau: [f64; Noise::ALL.len()],
+    /// Standard deviation of the errors of the joints that the readings of one image share, rad or m.
+    pub joint_scatter: f64,
     /// Weight of every row; zero for rows that do not belong.
     pub weights: Vec<f64>,
     /// Number of equations minus the parameters that they determine, for each kind of noise.
@@ -143,6 +145,7 @@ impl TouchFit {
             scales: Scales::new(&problem.class),
             moves: false,
             tau: Noise::ALL.map(|kind| 10.0 * kind.usual()),
+            joint_scatter: USUAL_JOINT,
             weights: vec![1.0; set.rows.len()],
             freedom: [0.0; Noise::ALL.len()],
             width: 1.0,
@@ -244,6 +247,13 @@ impl TouchFit {
                 }
             }
         }
+        for visit in &self.visits {
+            if let Some(motions) = &problem.joint_motions[visit.state] {
+                let sums = self.visit_sums(problem, visit, &poses[visit.state]);
+                let shared = SharedErrors::new(&sums, motions, self.joint_scatter);
+                sum -= shared.map_or(0.0, |shared| shared.explained());
+            }
+        }
         let squared = |(x, sd): (&f64, f64)| if sd > 0.0 { (x / sd).powi(2) } else { 0.0 };
         let arm = self.arm.theta.iter().zip(self.priors(problem));
         let scene = self
@@ -296,19 +306,11 @@ impl TouchFit {
         }
         let mut scaled: Option<(usize, Mat<f64>)> = None;
         for visit in &self.visits {
-            let range = &scene.groups[visit.group];
-            let mut sums = VisitSums::new(range.len());
             let jet = &jets[visit.state];
-            for row in &visit.rows {
-                let weight = self.weights[*row];
-                if weight == 0.0 {
-                    continue;
-                }
-                let row_jet = self.jet(problem, *row, &jet.pose);
-                let weights: Vec<f64> = (0..row_jet.count)
-                    .map(|i| weight / self.variance(problem, *row, i))
-                    .collect();
-                sums.add(&row_jet, &weights, range.start, &scene.prior);
+            let mut sums = self.visit_sums(problem, visit, &jet.pose);
+            if let Some(motions) = &problem.joint_motions[visit.state] {
+                // Where they cannot be factored, the errors have no effect.
+                let _ = sums.share(motions, self.joint_scatter);
             }
             if scaled
                 .as_ref()
@@ -322,6 +324,20 @@ impl TouchFit {
             }
         }
         out
+    }
+
+    /// Returns the sums of a visit, as if its rows shared no error.
+    fn visit_sums(&self, problem: &TouchProblem, visit: &Visit, tip: &Pose<f64>) -> VisitSums {
+        let range = &self.scene.groups[visit.group];
+        let mut sums = VisitSums::new(range.len());
+        for row in visit.rows.iter().filter(|row| self.weights[**row] > 0.0) {
+            let jet = self.jet(problem, *row, tip);
+            let weights: Vec<f64> = (0..jet.count)
+                .map(|i| self.weights[*row] / self.variance(problem, *row, i))
+                .collect();
+            sums.add(&jet, &weights, range.start, &self.scene.prior);
+        }
+        sums
     }
 
     /// Moves to the most probable parameters at fixed noise, priors and weights.
@@ -402,14 +418,19 @@ impl TouchFit {
     /// change.
     fn learn(&mut self, problem: &TouchProblem, left_out: &[LeftOut]) -> f64 {
         let mut change = 0.0_f64;
-        let residuals = self.residuals(problem);
+        let mut residuals = vec![Vec::new(); problem.set.rows.len()];
+        for left in left_out {
+            for (row, within) in left.rows.iter().zip(&left.within) {
+                residuals[*row].clone_from(within);
+            }
+        }
         for kind in Noise::ALL {
             let (mut sum, mut stated, mut count) = (0.0, 0.0, 0.0);
-            for (row, jet) in residuals.iter().enumerate() {
+            for (row, within) in residuals.iter().enumerate() {
                 let weight = self.weights[row];
-                for i in 0..jet.count {
+                for (i, residual) in within.iter().enumerate() {
                     if weight > 0.0 && Noise::of(&problem.set.rows[row].reading, i) == kind {
-                        sum += weight * jet.residual[i].powi(2);
+                        sum += weight * residual.powi(2);
                         stated += problem.stated_variance(row, i);
                         count += 1.0;
                     }
@@ -428,6 +449,13 @@ impl TouchFit {
             change = change.max((after / before - 1.0).abs());
             self.tau[kind as usize] = (after - stated).max(0.0).sqrt();
         }
+        let usual = USUAL_ROWS * USUAL_JOINT.powi(2);
+        let (sum, count) = left_out.iter().fold((usual, USUAL_ROWS), |(a, b), l| {
+            (a + l.shared.0, b + l.shared.1)
+        });
+        let after = (sum / count).sqrt();
+        change = change.max(((after / self.joint_scatter).powi(2) - 1.0).abs());
+        self.joint_scatter = after;
         if !self.moves {
             return change;
         }

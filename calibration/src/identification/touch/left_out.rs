@@ -12,6 +12,14 @@ use crate::numeric::matrix::Mat;
 /// Error in robust standard deviations above which a row does not belong.
 pub(super) const GROSS: f64 = 5.0;
 
+/// What the rows of one state say.
+struct Information {
+    /// Inverse of their covariance.
+    weights: Mat<f64>,
+    /// Their motions by the joints whose errors they share.
+    shared: Option<Mat<f64>>,
+}
+
 impl TouchFit {
     /// Leaves out each state of the arm in turn, using the normal equations of all rows. Returns `None` when they cannot
     /// be solved.
@@ -24,7 +32,7 @@ impl TouchFit {
             rows_of[*state].push(row);
         }
         let of = |(state, rows): (usize, &Vec<usize>)| {
-            self.left_out_state(problem, &jets[state], rows, &solved, &priors)
+            self.left_out_state(problem, (state, &jets[state]), rows, &solved, &priors)
         };
         rows_of.iter().enumerate().map(of).collect()
     }
@@ -32,7 +40,7 @@ impl TouchFit {
     fn left_out_state(
         &self,
         problem: &TouchProblem,
-        jet: &StateJet,
+        (state, jet): (usize, &StateJet),
         rows: &[usize],
         solved: &Solved,
         priors: &[f64],
@@ -75,27 +83,42 @@ impl TouchFit {
         }
         let arm = &tip * scaled;
         let covariance = solved.predictive(&arm, &own);
-        // The left-out error is e = (I − H W)⁻¹ r, with H the predicted covariance of these rows and W the weights that
-        // they had.
-        let mut matrix = Mat::<f64>::identity(count, count);
-        for i in 0..count {
-            for j in 0..count {
-                matrix[(i, j)] -= covariance[(i, j)] * weight[j] / noise[j];
-            }
-        }
-        let mut freedom = [0.0; Noise::ALL.len()];
-        for i in 0..count {
-            if weight[i] > 0.0 {
-                freedom[kinds[i] as usize] += matrix[(i, i)].clamp(0.0, 1.0);
-            }
-        }
+        let motions = problem.joint_motions[state].as_ref();
+        let Information {
+            weights,
+            shared: by_shared,
+        } = self.information(&tip, &noise, &weight, motions)?;
+        // The left-out error is e = (I − H W)⁻¹ r, with H the predicted covariance of these rows and W the information that
+        // they gave.
+        let gained = &covariance * &weights;
+        let matrix = Mat::<f64>::identity(count, count) - &gained;
         let right = Mat::from_column_slice(count, 1, &residual);
+        // P = W − W H W: what the rows say beyond the fit, in the units of r⁻².
+        let beyond = &weights - &weights * &gained;
+        let own_part = &weights * &right;
+        let mut freedom = [0.0; Noise::ALL.len()];
+        let mut within = residual.clone();
+        for i in (0..count).filter(|i| weight[*i] > 0.0) {
+            let own = noise[i] / weight[i];
+            freedom[kinds[i] as usize] += (own * beyond[(i, i)]).clamp(0.0, 1.0);
+            within[i] = own * own_part[(i, 0)];
+        }
+        let shared = by_shared.as_ref().map_or((0.0, 0.0), |u| {
+            let sigma = self.joint_scatter.powi(2);
+            let errors = sigma * (u.transpose() * &own_part);
+            let known = sigma * (u.transpose() * &beyond * u).trace();
+            (errors.norm_squared(), known.max(0.0))
+        });
         let lu = matrix.lu();
         let error = lu.solve(&right)?;
         // Covariance of the left-out error: (I − H W)⁻¹ H plus the rows' own noise.
-        let spread = lu.solve(&covariance)?;
+        let mut spread = lu.solve(&covariance)?;
+        if let Some(u) = &by_shared {
+            spread += self.joint_scatter.powi(2) * (u * u.transpose());
+        }
         let mut errors = Vec::with_capacity(rows.len());
         let mut sigmas = Vec::with_capacity(rows.len());
+        let mut parts = Vec::with_capacity(rows.len());
         let mut first = 0;
         for row_jet in &jets {
             let c = row_jet.count;
@@ -109,6 +132,7 @@ impl TouchFit {
             let chi_squared: f64 = (0..c).map(|i| chi[(i, 0)] * part[(i, 0)]).sum();
             sigmas.push((chi_squared.max(0.0) / c as f64).sqrt());
             errors.push(part.as_slice().to_vec());
+            parts.push(within[first..first + c].to_vec());
             first += c;
         }
         Some(LeftOut {
@@ -116,6 +140,42 @@ impl TouchFit {
             errors,
             sigmas,
             freedom,
+            within: parts,
+            shared,
+        })
+    }
+
+    /// Returns the information of rows with these motions by the tip, own variances and weights, if they share the errors of
+    /// the joints that `motions` describes; `None` if it cannot be factored.
+    fn information(
+        &self,
+        tip: &Mat<f64>,
+        noise: &[f64],
+        weight: &[f64],
+        motions: Option<&Mat<f64>>,
+    ) -> Option<Information> {
+        let own: Vec<f64> = weight.iter().zip(noise).map(|(w, n)| w / n).collect();
+        let mut weights = Mat::zeros(own.len(), own.len());
+        for (i, w) in own.iter().enumerate() {
+            weights[(i, i)] = *w;
+        }
+        let Some(motions) = motions else {
+            return Some(Information {
+                weights,
+                shared: None,
+            });
+        };
+        let shared = tip * motions;
+        let weighted = Mat::from_fn(own.len(), shared.ncols(), |i, j| own[i] * shared[(i, j)]);
+        let mut inner = shared.transpose() * &weighted;
+        for i in 0..inner.nrows() {
+            inner[(i, i)] += self.joint_scatter.powi(-2);
+        }
+        let solved = Factor::new(inner, 1).ok()?.solve(&weighted.transpose());
+        weights -= &weighted * solved;
+        Some(Information {
+            weights,
+            shared: Some(shared),
         })
     }
 

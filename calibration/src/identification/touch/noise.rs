@@ -68,6 +68,8 @@ impl Noise {
 
 /// Weight of the hyperprior of τ: the number of rows that count as having shown the usual τ before the first is read.
 pub(super) const USUAL_ROWS: f64 = 6.0;
+/// Usual error of a joint that the readings of one image share, and that no parameter describes, rad or m.
+pub(super) const USUAL_JOINT: f64 = 1e-4;
 /// Noise of a tracker that states none: position in m, rotation in rad.
 pub(super) const TRACKER_NOISE: (f64, f64) = (20e-6, 50e-6);
 

@@ -11,6 +11,10 @@ use crate::identification::touch::sisters::SisterPrior;
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample, Sample};
 use crate::measurement::touch::{ClassPrior, Reading, TouchRow, TouchSet};
+use crate::numeric::matrix::Mat;
+
+/// Step of a joint for its motion of the flange, rad or m.
+const JOINT_STEP: f64 = 1e-5;
 
 /// Everything that a fit to touches starts from.
 #[derive(Clone, Debug)]
@@ -33,6 +37,9 @@ pub struct TouchProblem<'a> {
     pub states: Vec<BaseSample>,
     /// Index into `states` of every row.
     pub state_of: Vec<usize>,
+    /// For every state in which several readings share the errors of the joints, those of an image: how each joint moves the
+    /// flange (6 × n: m and rad in the axes of the base).
+    pub joint_motions: Vec<Option<Mat<f64>>>,
     /// Tips before the fit, followed by the flange.
     pub tips: Vec<TipStart>,
     /// instrument_from_base before the fit, if there are rows of a tracker.
@@ -102,7 +109,7 @@ impl<'a> TouchProblem<'a> {
             is_free: false,
             turns: false,
         });
-        Self {
+        let mut out = Self {
             set,
             nominal: *nominal,
             coupling,
@@ -112,9 +119,50 @@ impl<'a> TouchProblem<'a> {
             lost_zero: None,
             states,
             state_of,
+            joint_motions: Vec::new(),
             tips,
             instrument,
+        };
+        out.joint_motions = out.motions_of_images();
+        out
+    }
+
+    /// See [`TouchProblem::joint_motions`].
+    fn motions_of_images(&self) -> Vec<Option<Mat<f64>>> {
+        let mut images = vec![false; self.states.len()];
+        for (row, state) in self.set.rows.iter().zip(&self.state_of) {
+            images[*state] |= matches!(row.reading, Reading::Board { .. });
         }
+        let arm = self.arm(0);
+        let before = arm.poses(&self.states);
+        let mut out: Vec<Option<Mat<f64>>> = images
+            .iter()
+            .map(|is_image| is_image.then(|| Mat::zeros(6, self.nominal.kinds().len())))
+            .collect();
+        for joint in 0..self.nominal.kinds().len() {
+            let mut moved = self.states.clone();
+            for state in &mut moved {
+                state.serial_joints[joint] += JOINT_STEP;
+            }
+            for ((pose, start), motions) in arm.poses(&moved).iter().zip(&before).zip(&mut out) {
+                let Some(motions) = motions else {
+                    continue;
+                };
+                let turned = pose.rotation * start.rotation.transpose();
+                let shift = pose.translation - start.translation;
+                // The vector of a small rotation.
+                let turn = [
+                    0.5 * (turned[(2, 1)] - turned[(1, 2)]),
+                    0.5 * (turned[(0, 2)] - turned[(2, 0)]),
+                    0.5 * (turned[(1, 0)] - turned[(0, 1)]),
+                ];
+                for i in 0..3 {
+                    motions[(i, joint)] = shift[i] / JOINT_STEP;
+                    motions[(3 + i, joint)] = turn[i] / JOINT_STEP;
+                }
+            }
+        }
+        out
     }
 
     /// Returns the number of scalar equations.
@@ -219,4 +267,8 @@ pub struct LeftOut {
     pub sigmas: Vec<f64>,
     /// Sum of 1 − h (h: leverage) over the components, for each kind of noise.
     pub(super) freedom: [f64; Noise::ALL.len()],
+    /// Residuals of each row's components in the fit, without the error of the joints that the rows share.
+    pub(super) within: Vec<Vec<f64>>,
+    /// Sum of the squares of the shared errors of the joints, rad², and how many of them the rows determine.
+    pub(super) shared: (f64, f64),
 }

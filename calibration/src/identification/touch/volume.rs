@@ -280,6 +280,12 @@ fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
             count += equations;
         }
     }
+    for motions in problem.joint_motions.iter().flatten() {
+        // The mean square of three components of the position.
+        let lever = motions.rows(0, 3).norm_squared();
+        sum += fit.joint_scatter.powi(2) * lever;
+        count += 3.0;
+    }
     if count > 0.0 {
         (sum / count).sqrt()
     } else {
