@@ -97,57 +97,6 @@ impl VisitSums {
     }
 }
 
-/// Errors of the joints that all rows of a visit share, each with the standard deviation σ: the rows' covariance is
-/// W⁻¹ + σ² P Z Zᵀ Pᵀ, with Z the motions of the tip by the joints.
-pub struct SharedErrors {
-    /// Zᵀ M, with M the tip block.
-    gain: Mat<f64>,
-    /// Zᵀ b, with b the gradient by the tip.
-    right: Mat<f64>,
-    /// Factor of I/σ² + Zᵀ M Z.
-    factor: Factor,
-}
-
-impl SharedErrors {
-    /// Creates the shared errors of a visit; `None` if they cannot be factored.
-    pub fn new(visit: &VisitSums, motions: &Mat<f64>, sigma: f64) -> Option<Self> {
-        let gain = product(Transposed(motions), &visit.tip);
-        let mut own = product(&gain, motions);
-        for i in 0..own.nrows() {
-            own[(i, i)] += 1.0 / (sigma * sigma);
-        }
-        Some(Self {
-            right: product(Transposed(motions), &visit.tip_right),
-            factor: Factor::new(own, 1).ok()?,
-            gain,
-        })
-    }
-
-    /// Returns by how much the shared errors lower χ² of the visit.
-    pub fn explained(&self) -> f64 {
-        let solved = self.factor.solve(&self.right);
-        let pairs = solved.as_slice().iter().zip(self.right.as_slice());
-        pairs.map(|(a, b)| a * b).sum()
-    }
-}
-
-impl VisitSums {
-    /// Eliminates the shared errors of the joints.
-    pub fn share(&mut self, motions: &Mat<f64>, sigma: f64) -> Option<()> {
-        let shared = SharedErrors::new(self, motions, sigma)?;
-        let by_group = product(&self.cross, motions);
-        let tip = shared.factor.solve(&shared.gain);
-        let right = shared.factor.solve(&shared.right);
-        let group = shared.factor.solve(&by_group.transpose());
-        self.tip -= product(Transposed(&shared.gain), &tip);
-        self.tip_right -= product(Transposed(&shared.gain), &right);
-        self.cross -= product(&by_group, &tip);
-        self.own -= product(&by_group, &group);
-        self.own_right -= product(&by_group, &right);
-        Some(())
-    }
-}
-
 impl Equations {
     /// Creates equations without rows: the gradient of the prior alone. `arm` and `groups` are the unknowns in units of
     /// their priors.

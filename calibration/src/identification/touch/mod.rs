@@ -17,6 +17,7 @@ pub mod noise;
 pub mod problem;
 mod rows;
 pub mod scene;
+pub mod shared_errors;
 pub mod sisters;
 pub mod start;
 pub mod steps;

@@ -13,9 +13,6 @@ use crate::measurement::sample::{Base, BaseSample, Instrument, InstrumentSample,
 use crate::measurement::touch::{ClassPrior, Reading, TouchRow, TouchSet};
 use crate::numeric::matrix::Mat;
 
-/// Step of a joint for its motion of the flange, rad or m.
-const JOINT_STEP: f64 = 1e-5;
-
 /// Everything that a fit to touches starts from.
 #[derive(Clone, Debug)]
 pub struct TouchProblem<'a> {
@@ -124,44 +121,6 @@ impl<'a> TouchProblem<'a> {
             instrument,
         };
         out.joint_motions = out.motions_of_images();
-        out
-    }
-
-    /// See [`TouchProblem::joint_motions`].
-    fn motions_of_images(&self) -> Vec<Option<Mat<f64>>> {
-        let mut images = vec![false; self.states.len()];
-        for (row, state) in self.set.rows.iter().zip(&self.state_of) {
-            images[*state] |= matches!(row.reading, Reading::Board { .. });
-        }
-        let arm = self.arm(0);
-        let before = arm.poses(&self.states);
-        let mut out: Vec<Option<Mat<f64>>> = images
-            .iter()
-            .map(|is_image| is_image.then(|| Mat::zeros(6, self.nominal.kinds().len())))
-            .collect();
-        for joint in 0..self.nominal.kinds().len() {
-            let mut moved = self.states.clone();
-            for state in &mut moved {
-                state.serial_joints[joint] += JOINT_STEP;
-            }
-            for ((pose, start), motions) in arm.poses(&moved).iter().zip(&before).zip(&mut out) {
-                let Some(motions) = motions else {
-                    continue;
-                };
-                let turned = pose.rotation * start.rotation.transpose();
-                let shift = pose.translation - start.translation;
-                // The vector of a small rotation.
-                let turn = [
-                    0.5 * (turned[(2, 1)] - turned[(1, 2)]),
-                    0.5 * (turned[(0, 2)] - turned[(2, 0)]),
-                    0.5 * (turned[(1, 0)] - turned[(0, 1)]),
-                ];
-                for i in 0..3 {
-                    motions[(i, joint)] = shift[i] / JOINT_STEP;
-                    motions[(3 + i, joint)] = turn[i] / JOINT_STEP;
-                }
-            }
-        }
         out
     }
 
