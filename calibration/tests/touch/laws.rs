@@ -1,8 +1,11 @@
 //! Laws of the fit on simulated touches: how a change of the readings or of what is stated must change the model.
 
 use nalgebra::Vector3;
+use poegp_calibration::identification::touch::fit::TouchProblem;
 use poegp_calibration::identification::touch::unseen::Direction;
 use poegp_calibration::measurement::touch::{FeatureKind, Reading, TouchRow, TouchSet};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::touches::class_of;
 use poegp_calibration::robot::{LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
 use poegp_protocol::cause::Cause;
@@ -19,6 +22,13 @@ fn robot() -> Robot {
 
 fn touched(tasks: &[(&str, usize)], count: usize, seed: u64) -> (TouchSet, Truth) {
     simulated(&robot(), Scenario::Paper, tasks, count, seed).unwrap()
+}
+
+fn problem(set: &TouchSet) -> TouchProblem<'_> {
+    let robot = robot();
+    let gravity = Vector3::from(Config::default().gravity_m_s2);
+    let (chain, class) = (robot.chain().unwrap(), class_of(&robot, set));
+    TouchProblem::new(set, &chain, robot.coupling, gravity, class)
 }
 
 fn score((set, truth): &(TouchSet, Truth)) -> (f64, Trial) {
@@ -130,14 +140,23 @@ fn corners_of_an_image_share_the_errors_of_the_joints() {
         }
         let of = trial(&robot(), &set, &truth);
         let scatter = of.found.fit.joint_scatter;
+        let problem = problem(&set);
+        let left_out = of.found.fit.left_out(&problem).unwrap();
+        let sigmas = left_out.iter().flat_map(|l| &l.sigmas);
+        let sigmas = (sigmas.map(|s| s * s).sum::<f64>() / set.rows.len() as f64).sqrt();
         println!(
-            "arm {seed}: {:.3} mm, stated {:.3}, components within {:.2}, scatter of the joints {:.2} mrad, corners beyond {:.2} px",
+            "arm {seed}: {:.3} mm, stated {:.3}, components within {:.2}, scatter of the joints {:.2} mrad, of the tip {:.2} mm, \
+             corners beyond {:.2} px, left out {sigmas:.2} standard deviations",
             mean_mm(&of.calibrated),
             of.known.after.mean_mm,
             of.components_within(),
             1e3 * scatter,
+            1e3 * of.known.tau,
             of.found.summary.noise[0].beyond
         );
+        // The joints' levers are 0.1 to 0.7 m.
+        assert!((0.05..0.4).contains(&(1e3 * of.known.tau)));
+        assert!((0.8..1.2).contains(&sigmas), "{sigmas:.3}");
         assert!((0.7..1.4).contains(&(scatter / MISSED)), "{scatter:e}");
         assert!(of.found.summary.noise[0].beyond < 0.1);
         within += of.components_within() / ARMS as f64;
@@ -260,9 +279,6 @@ fn gravity_is_that_of_the_base() {
 /// The left-out errors of 20 readings of a wire are as large as the errors of 60 readings that the fit has not seen.
 #[test]
 fn what_is_left_out_misses_as_what_is_new() {
-    use poegp_calibration::identification::touch::fit::TouchProblem;
-    use poegp_calibration::model::config::Config;
-    use poegp_calibration::model::touches::class_of;
     let (mut left_out, mut new, mut kept) = (0.0, 0.0, 0.0);
     let robot = robot();
     let mean = |all: &[f64]| 1e3 * all.iter().map(|x| x.abs()).sum::<f64>() / all.len() as f64;
@@ -273,11 +289,7 @@ fn what_is_left_out_misses_as_what_is_new() {
             ..whole.clone()
         };
         let of = trial(&robot, &few, &truth);
-        let chain = robot.chain().unwrap();
-        let gravity = Vector3::from(Config::default().gravity_m_s2);
-        let coupling = robot.coupling.clone();
-        let problem =
-            TouchProblem::new(&whole, &chain, coupling, gravity, class_of(&robot, &whole));
+        let problem = problem(&whole);
         let all = of.found.fit.residuals(&problem);
         let some = |own: bool| -> Vec<f64> {
             let rows = all.iter().enumerate().filter(|(k, _)| (k % 4 == 0) == own);

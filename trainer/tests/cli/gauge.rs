@@ -27,6 +27,24 @@ fn again(folder: &Folder, options: &str) -> String {
     )
 }
 
+/// Returns the measurements of an instrument that was moved: each measured pose is `by` times what it was.
+fn moved(csv: &str, by: &Pose<f64>) -> String {
+    changed(csv, |names, fields| {
+        let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
+        let get = |name: &str| fields[at(name)].parse::<f64>().unwrap();
+        let v = nalgebra::Vector3::new(get("qx"), get("qy"), get("qz"));
+        let t = 1e-3 * nalgebra::Vector3::new(get("x_mm"), get("y_mm"), get("z_mm"));
+        let pose = *by * Pose::from_quaternion(get("qw"), &v, t);
+        let (w, v) = pose.quaternion();
+        for (name, value) in [("qw", w), ("qx", v[0]), ("qy", v[1]), ("qz", v[2])] {
+            fields[at(name)] = format!("{value:.12}");
+        }
+        for (axis, name) in ["x_mm", "y_mm", "z_mm"].iter().enumerate() {
+            fields[at(name)] = format!("{:.6}", 1e3 * pose.translation[axis]);
+        }
+    })
+}
+
 /// Returns X,Y,Z,QW,QX,QY,QZ in mm.
 fn text(rows: &[f64; 12]) -> String {
     let pose = Pose::from_rows(rows);
@@ -100,21 +118,7 @@ fn fixed_points_carry_the_base_to_another_station() {
     let _texts = texts();
     let folder = folder();
     let by = Pose::exp(&Twist::from_array(&[0.4, -0.3, 0.2, 0.1, -0.2, 0.3]));
-    let elsewhere = changed(&simulated("test1", 60), |names, fields| {
-        let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
-        let get = |name: &str| fields[at(name)].parse::<f64>().unwrap();
-        let v = nalgebra::Vector3::new(get("qx"), get("qy"), get("qz"));
-        let t = 1e-3 * nalgebra::Vector3::new(get("x_mm"), get("y_mm"), get("z_mm"));
-        let pose = by * Pose::from_quaternion(get("qw"), &v, t);
-        let (w, v) = pose.quaternion();
-        for (name, value) in [("qw", w), ("qx", v[0]), ("qy", v[1]), ("qz", v[2])] {
-            fields[at(name)] = format!("{value:.12}");
-        }
-        for (axis, name) in ["x_mm", "y_mm", "z_mm"].iter().enumerate() {
-            fields[at(name)] = format!("{:.6}", 1e3 * pose.translation[axis]);
-        }
-    });
-    folder.write("second.csv", elsewhere);
+    folder.write("second.csv", moved(&simulated("test1", 60), &by));
     let points = |lift: f64| {
         let mut out =
             "before_x_mm,before_y_mm,before_z_mm,after_x_mm,after_y_mm,after_z_mm\n".to_owned();
@@ -157,6 +161,31 @@ fn fixed_points_carry_the_base_to_another_station() {
     folder.write("points.csv", points(1e-3));
     let line = again(&folder, "--keep-gauge first.blob --references points.csv");
     folder.run(&line).refused().said();
+}
+
+/// An instrument that was moved by 3 mm, or a joint whose zero is 0.05° off: only the first shifts commands if the base is kept.
+#[test]
+fn a_moved_base_is_not_kept() {
+    let _texts = texts();
+    let folder = folder();
+    let by = Pose::exp(&Twist::from_array(&[2e-3, -1e-3, 2e-3, 0.0, 0.0, 1e-4]));
+    folder.write("second.csv", moved(&simulated("test1", 60), &by));
+    let line = again(&folder, "--keep-gauge first.blob");
+    let refused = folder.run(&line).said();
+    assert_eq!(refused.code, Some(3), "{refused:#?}");
+    assert!(!folder.path("second.blob").exists());
+    assert_eq!(folder.json("second.json")["refused"][0]["cause"], "frames");
+    folder.run(&format!("{line} --accept frames")).ok();
+
+    let worn = changed(&simulated("test1", 60), |names, fields| {
+        let joint = names.iter().position(|n| *n == "q3_deg").unwrap();
+        let angle: f64 = fields[joint].parse().unwrap();
+        fields[joint] = format!("{:.9}", angle + 0.05);
+    });
+    folder.write("second.csv", worn);
+    folder.run(&line).ok();
+    let warnings = folder.json("second.json")["warnings"].clone();
+    assert_eq!(warnings.as_array().map_or(0, Vec::len), 0, "{warnings}");
 }
 
 #[test]

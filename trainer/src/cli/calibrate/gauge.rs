@@ -24,8 +24,8 @@ pub struct GaugeArgs {
     /// of two calibrations of one robot differ less.
     #[arg(long, value_enum, value_name = "FIT")]
     pub gauge: Option<GaugeFit>,
-    /// Keep base and tool of an earlier blob of this robot, so that taught programs stay valid. The target
-    /// must be mounted as before, and the instrument must not have moved (otherwise see --references).
+    /// Keep base and tool of an earlier blob of this robot, so that taught programs stay valid. Refused if the
+    /// target or the instrument has moved since then (for a moved instrument, see --references).
     #[arg(long, value_name = "BLOB")]
     pub keep_gauge: Option<PathBuf>,
     /// Fixed points measured before and after the instrument was moved (CSV: before_x_mm …, after_x_mm …, at least three),
@@ -168,8 +168,10 @@ impl GaugeArgs {
 /// The part of the gauge that is known before the fit.
 pub struct Known {
     pub choice: GaugeChoice,
-    /// The blob whose commands the new ones are compared with.
-    pub previous: Option<(PathBuf, BlobModel)>,
+    /// The blob whose frames are kept.
+    kept: Option<(PathBuf, BlobModel)>,
+    /// Another blob whose commands the new ones are compared with.
+    compared: Option<(PathBuf, BlobModel)>,
     /// Registration of the points that state the base or that carry it over after the instrument was moved.
     registration: Option<Registration>,
 }
@@ -182,7 +184,8 @@ impl Known {
                 over_grid: a.gauge != Some(GaugeFit::Poses),
                 ..GaugeChoice::default()
             },
-            previous: None,
+            kept: None,
+            compared: None,
             registration: None,
         };
         if let Some(path) = &a.keep_gauge {
@@ -195,7 +198,7 @@ impl Known {
                 }
                 out.registration = Some(moved);
             }
-            out.previous = Some((path.clone(), blob));
+            out.kept = Some((path.clone(), blob));
         }
         let stated = |pose| GaugeFrame {
             pose,
@@ -216,9 +219,19 @@ impl Known {
             out.choice.tool = Some(stated(pose_of("--tool-from", text)?));
         }
         if let Some(path) = &a.previous {
-            out.previous = Some((path.clone(), of_robot(path, robot)?));
+            out.compared = Some((path.clone(), of_robot(path, robot)?));
         }
         Ok(out)
+    }
+
+    /// Returns the blob whose commands the new ones are compared with.
+    pub fn previous(&self) -> Option<&(PathBuf, BlobModel)> {
+        self.compared.as_ref().or(self.kept.as_ref())
+    }
+
+    /// Returns the blob whose frames are kept as they were: none if fixed points state how its base has moved.
+    pub fn unmoved(&self) -> Option<&(PathBuf, BlobModel)> {
+        self.kept.as_ref().filter(|_| self.registration.is_none())
     }
 
     /// Keeps base, tool and grid of an earlier blob.
@@ -247,7 +260,7 @@ impl Known {
         blob: &BlobModel,
         samples: &[InstrumentSample],
     ) -> Result<GaugeSummary, Failure> {
-        let changed = self.previous.as_ref().map(|(path, before)| {
+        let changed = self.previous().map(|(path, before)| {
             let wanted = samples.iter().map(|s| (s.joints.clone(), s.payload_kg));
             moved_against(path, before, blob, wanted)
         });

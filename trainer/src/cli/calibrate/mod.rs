@@ -7,6 +7,7 @@ pub mod elastic_summary;
 pub mod gauge;
 mod held_out;
 pub mod job;
+mod kept_frames;
 mod made;
 mod measured;
 pub mod print;
@@ -95,6 +96,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         &[a.config.method]
     };
     let mut warnings = examined.for_training(methods, &config)?;
+    warnings.extend(examined.settle(kept_frames::moved(&measured, &config))?);
     let tests = measured.tests(&a.tests)?;
     let of_tests = tests.examine(arm, &a.tests, a.json.as_deref(), &a.accept)?;
     held_out::check(a, samples, config.method, arm.robot.joints.len())?;
@@ -139,7 +141,7 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
             .write_project
             .as_deref()
             .map(|path| calibrated.project(path)),
-        previous: measured.known.previous.map(|(path, _)| path),
+        previous: measured.known.previous().map(|(path, _)| path.clone()),
         document,
         found,
     })

@@ -7,7 +7,7 @@ mod programs;
 mod touch_page;
 pub mod touches;
 mod unexplained;
-mod wording;
+pub mod wording;
 
 use std::path::{Path, PathBuf};
 

@@ -171,7 +171,8 @@ pub fn drift(changes: &[Change], parts: &str, false_alarm_rate: f64) -> Vec<Stri
     out
 }
 
-fn sentence(c: &Change) -> String {
+/// States one change.
+pub fn sentence(c: &Change) -> String {
     let p = if c.p_value < LEAST_P {
         format!("p < {LEAST_P}")
     } else {
