@@ -1,7 +1,8 @@
 """Plots of corrections along paths through singularities, before and after they became continuous.
 
-    git worktree add ../old 7dd6392 && cp calibration/examples/singular_paths.rs ../old/trainer/examples/
-    (cd ../old && cargo run --release -p poegp-calibration --example singular_paths > before.csv)
+    git worktree add ../old 7dd6392
+    git show 38e55d37:trainer/examples/singular_paths.rs > ../old/trainer/examples/singular_paths.rs
+    (cd ../old && cargo run --release -p poegp-trainer --example singular_paths > before.csv)
     cargo run --release -p poegp-calibration --example singular_paths > after.csv
     python tests/peers/smooth.py ../old/before.csv after.csv docs/evidence
 

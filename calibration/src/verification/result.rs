@@ -175,7 +175,7 @@ pub struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub noise_mrad: Option<f64>,
     /// Whether the model knows how wrong it is. Without processes of the joints it does not: the check estimates it, and with
-    /// fewer than 12 training poses false alarms are more frequent than stated.
+    /// fewer than 12 training poses, or with a model of few parameters, false alarms are more frequent than stated.
     pub model_has_error_covariance: bool,
     /// Root mean square of the calibration's expected error in one position component, mm.
     pub model_mm: f64,

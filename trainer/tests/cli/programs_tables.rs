@@ -6,12 +6,15 @@ use crate::texts::texts;
 
 const HEADER: &str = "x_mm,y_mm,z_mm,qw,qx,qy,qz";
 const ROW: &str = "1250,-180,1320,0.1830127,0.6830127,-0.1830127,0.6830127";
+/// Joints near the row's.
+const SEEDS: &str = "seed_q1_deg,seed_q2_deg,seed_q3_deg,seed_q4_deg,seed_q5_deg,seed_q6_deg";
+const SEED: &str = "8,22,1,-14,46,24";
 const FRAMES: &str = "[tool.gun]\nxyz_mm = [30, -45, 210]\nquaternion = [1, 0, 0, 0]\npayload_kg = 1\n\
                       [base.\"2\"]\nxyz_mm = [10, 20, 30]\nquaternion = [1, 0, 0, 0]\n";
 
 fn correct(folder: &Folder, header: &str, row: &str, more: &str) -> Outcome {
     folder.write("f.toml", FRAMES);
-    folder.write("t.csv", format!("{header}\n{row}\n"));
+    folder.write("t.csv", format!("{header},{SEEDS}\n{row},{SEED}\n"));
     folder.run(&format!("correct elas.blob t.csv --out o.csv {more}"))
 }
 
@@ -109,6 +112,39 @@ fn payloads_of_two_places_are_refused() {
     let said = correct(&folder, &header, &row, "--payload-kg 2.5 --frames f.toml").ok();
     let text = "note: payload_kg of the file of --frames is not used";
     assert!(said.stdout.contains(text), "{}", said.stdout);
+}
+
+/// Nothing states the branch of a row without seeds, and its solutions need corrections of their own. In a table with seeds, a
+/// row without them is on the branch of the row before.
+#[test]
+fn a_row_whose_branch_nothing_states_stays() {
+    let _texts = texts();
+    let folder = folder();
+    let near = "1260,-180,1320,0.1830127,0.6830127,-0.1830127,0.6830127";
+    let table = |rows: &str| folder.write("t.csv", rows).to_owned();
+    let line = "correct elas.blob t.csv --out o.csv --payload-kg 2.5";
+    table(&format!("{HEADER}\n{ROW}\n{near}\n"));
+    folder.refuses(line);
+    let with_seeds = |first: &str, second: &str| {
+        table(&format!(
+            "{HEADER},{SEEDS}\n{ROW},{first}\n{near},{second}\n"
+        ));
+    };
+    with_seeds(SEED, SEED);
+    folder.run(line).ok();
+    let both = folder.text("o.csv");
+    with_seeds(SEED, ",,,,,");
+    folder.run(line).ok();
+    let place = |text: &str| -> Vec<String> {
+        let rows = text.lines().skip(1);
+        rows.map(|row| row.split(',').take(7).collect::<Vec<_>>().join(","))
+            .collect()
+    };
+    assert_eq!(place(&folder.text("o.csv")), place(&both));
+    with_seeds(",,,,,", SEED);
+    folder.refuses(line);
+    with_seeds(SEED, ",,,,,24");
+    folder.refuses(line);
 }
 
 /// The joints are the targets, and the poses beside them are now those of other joints.

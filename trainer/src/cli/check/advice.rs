@@ -6,7 +6,7 @@ use crate::cli::failure::Failure;
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::numeric::statistics::MEAN_LENGTH;
 use poegp_calibration::verification::hypotheses::Part;
-use poegp_calibration::verification::result::{Change, Moved, Report};
+use poegp_calibration::verification::result::{Change, Estimate, Moved, Report};
 
 /// Returns the failure of a check whose calibration does not hold: the reasons that apply, each with the mm allowed.
 pub fn does_not_hold(reasons: [(Option<String>, f64); 2], advice: &[String]) -> Failure {
@@ -122,7 +122,7 @@ pub fn advice(
                 list(&others)
             )
         };
-        out.push(repair(change.part) + &others + alone);
+        out.push(repair(change) + &others + alone);
     }
     if !is_searched || changes.is_empty() && during.is_some() {
         return out;
@@ -167,8 +167,8 @@ fn after_motion(moved: &Moved) -> String {
 }
 
 /// Advises what to do about a part that has changed.
-fn repair(changed: Part) -> String {
-    match changed {
+fn repair(changed: &Change) -> String {
+    match changed.part {
         Part::Base => {
             "find out whether the robot or the instrument moved, and measure the base frame again"
                 .to_owned()
@@ -178,8 +178,13 @@ fn repair(changed: Part) -> String {
                 .to_owned()
         }
         Part::Joint(joint) => {
+            let by = |e: Option<Estimate>, unit| Some(format!("{:+.4}{unit}", e?.value));
+            let by = by(changed.offset_deg, "°").or(by(changed.offset_mm, " mm"));
+            let by = by.map_or_else(String::new, |by| {
+                format!(", whose true position is the displayed one {by},")
+            });
             format!(
-                "reset the zero of joint {joint} (a collision? a lost encoder?) and check again"
+                "reset the zero of joint {joint} (a collision? a lost encoder?){by} and check again"
             )
         }
         Part::Payload => "weigh what is mounted, and correct payload_kg".to_owned(),

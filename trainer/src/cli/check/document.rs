@@ -63,6 +63,8 @@ pub struct CheckJson<'a> {
     /// Warnings about the measurements that the user must look at.
     pub warnings: Vec<Finding>,
     pub method: &'a str,
+    #[serde(skip)]
+    pub training_poses: u32,
     pub name: String,
     /// Whether the calibration holds, which decides the exit code.
     pub holds: bool,

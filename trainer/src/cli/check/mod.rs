@@ -211,6 +211,7 @@ fn checked<'a>(
         version: env!("CARGO_PKG_VERSION"),
         warnings,
         method: loaded.host().provenance.method,
+        training_poses: loaded.host().provenance.training_poses,
         name: file_name(&a.measurements),
         holds: tolerance_met && !drift_matters,
         statistic: a.statistic,
@@ -441,7 +442,7 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     for line in d.programs.iter().map(programs::CorrectedProgram::text) {
         report.line(line);
     }
-    for line in wording::findings(f) {
+    for line in wording::findings(f, d.method, d.training_poses) {
         report.line(line);
     }
     for line in wording::sensitivity(&f.sensitivity, "These poses") {

@@ -29,11 +29,7 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
         looked_at: "base, tool, a joint or the payload",
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
-        unknown_error: (!f.model_has_error_covariance).then_some(
-            "This model has no processes of the joints and does not know its own error, so the check estimates it from \
-             these measurements. False alarms are more frequent than stated if fewer than 12 poses trained the model. \
-             A model calibrated with `--method elastic` knows its error.",
-        ),
+        unknown_error: wording::unknown_error(f, d.method, d.training_poses),
         sensitivity: &f.sensitivity,
     };
     let noise = html! {
@@ -77,7 +73,7 @@ pub(super) struct Changes<'a> {
     pub changes: &'a [Change],
     pub false_alarm_rate: f64,
     /// Note for a model that does not know its own error.
-    pub unknown_error: Option<&'static str>,
+    pub unknown_error: Option<String>,
     pub sensitivity: &'a [Sensitivity],
 }
 
@@ -281,7 +277,7 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
 
 pub(super) fn moved(f: &Changes<'_>) -> Section {
     let mut section = Section::new("moved", "Detected changes");
-    if let Some(text) = f.unknown_error {
+    if let Some(text) = &f.unknown_error {
         section = section.text(sentence(text));
     }
     let rate = html! {

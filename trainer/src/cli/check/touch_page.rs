@@ -26,11 +26,7 @@ pub fn page(d: &CheckTouchesJson<'_>, set: &TouchSet, kinds: &[JointKind], date:
         looked_at: "a joint, the payload or the size",
         changes: &f.changes,
         false_alarm_rate: f.false_alarm_rate,
-        unknown_error: (!f.model_has_error_covariance).then_some(
-            "This model does not contain the covariance of its error, so false alarms are more frequent than stated: \
-            up to 1 in 10 at 1 % on simulated \
-             arms.",
-        ),
+        unknown_error: wording::unknown_error_by_touches(f),
         sensitivity: &f.sensitivity,
     };
     let noise = html! {

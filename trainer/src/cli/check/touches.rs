@@ -190,12 +190,8 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
         "Noise of these touches: {:.2} times the stated one; model error estimated from these rows: {:.4} mm per axis.",
         f.noise_factor, f.model_mm
     ));
-    if !f.model_has_error_covariance {
-        report.line(
-            "warning: this model does not contain the covariance of its error: false alarms are more frequent than \
-            stated (up to 1 in 10 at 1 % on \
-             simulated arms).",
-        );
+    if let Some(text) = wording::unknown_error_by_touches(f) {
+        report.line(format_args!("warning: {text}"));
     }
     for line in wording::drift(&f.changes, "joint, payload or size", f.false_alarm_rate) {
         report.line(line);

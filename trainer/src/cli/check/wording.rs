@@ -4,6 +4,7 @@ use crate::cli::check::unexplained;
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::{Change, Estimate, Moved, Report, Sensitivity};
+use poegp_calibration::verification::touches::TouchReport;
 
 /// Smallest p-value that is stated as a number; a smaller one is stated as less than this.
 pub const LEAST_P: f64 = 1e-4;
@@ -23,17 +24,42 @@ pub fn part(part: Part) -> String {
     }
 }
 
-/// States the findings of a check.
-pub fn findings(r: &Report) -> Vec<String> {
+/// Fewest training poses of a model without the covariance of its error with which the check keeps its rate of false alarms.
+const ENOUGH: u32 = 12;
+
+/// States that false alarms are more frequent than stated: the check estimates the error of a model that does not contain its
+/// covariance. From few poses it came out too different, and a simple method leaves errors that look like changes.
+pub fn unknown_error(r: &Report, method: &str, training_poses: u32) -> Option<String> {
+    let why = match (training_poses < ENOUGH, method == "parametric") {
+        _ if r.model_has_error_covariance => return None,
+        (true, _) => {
+            format!("this model was trained on {training_poses} poses, fewer than {ENOUGH},")
+        }
+        (false, false) => format!("`{method}` leaves errors that look like changes,"),
+        (false, true) => return None,
+    };
+    Some(format!(
+        "{why} and the model does not contain the covariance of its error: false alarms are more frequent than stated. A model \
+         calibrated with `--method elastic` contains the covariance."
+    ))
+}
+
+/// States the same of a check by touches, of any number of poses.
+pub fn unknown_error_by_touches(r: &TouchReport) -> Option<String> {
+    (!r.model_has_error_covariance).then(|| {
+        "this model does not contain the covariance of its error: false alarms are more frequent than stated (up to 1 in 10 at \
+         1 % on simulated arms)."
+            .to_owned()
+    })
+}
+
+/// States the findings of a check of a model of this method that was trained on so many poses.
+pub fn findings(r: &Report, method: &str, training_poses: u32) -> Vec<String> {
     let mut out = Vec::new();
-    out.extend(r.is_searched.then(|| unexplained::scatter(r)));
-    if !r.model_has_error_covariance && r.is_searched {
-        out.push(
-            "warning: a model without Gaussian processes of the joints does not contain the covariance of its error, \
-            so the check estimates it from these measurements. False alarms are more frequent than stated if the \
-            model was trained on fewer than 12 poses. A model calibrated with `--method elastic` contains the covariance."
-                .to_owned(),
-        );
+    if r.is_searched {
+        out.push(unexplained::scatter(r));
+        let unknown = unknown_error(r, method, training_poses);
+        out.extend(unknown.map(|text| format!("warning: {text}")));
     }
     if !r.searched_lines.is_empty() {
         out.push(searched(r.searched_lines.len(), r.errors.poses));

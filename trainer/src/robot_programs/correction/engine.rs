@@ -16,7 +16,7 @@ use poegp_calibration::numeric::parallel::map_all;
 use poegp_calibration::progress::threads;
 use poegp_runtime::guard::status::Status;
 
-use crate::robot_programs::correction::planning::{NO_PAYLOAD, Payload, Planned, plan};
+use crate::robot_programs::correction::planning::{NO_BRANCH, NO_PAYLOAD, Payload, Planned, plan};
 use crate::robot_programs::correction::program::{Bound, Left, Program, SLACK, Target, WRIST};
 use crate::robot_programs::correction::replacement::{Replacement, Solved, replace};
 use crate::robot_programs::correction::target_poses::frames_of;
@@ -123,6 +123,11 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
         (
             "a program that states the payloads of its tools",
             "give --payload-kg KG if all targets have one payload",
+        )
+    } else if first.reason.starts_with(NO_BRANCH) {
+        (
+            "poses that state their branch",
+            "give joints near each pose in columns seed_q1_deg …; where the rows are a path, those of the first row are enough",
         )
     } else if first.reason.contains(BEYOND_PAYLOADS) {
         (

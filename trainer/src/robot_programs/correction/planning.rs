@@ -2,9 +2,10 @@
 
 use std::collections::BTreeSet;
 
-use poegp_calibration::blob::commander::{Commander, Joints, pose_distance};
+use poegp_calibration::blob::commander::{Commander, Joints, joint_distance, pose_distance};
 use poegp_calibration::input_error::InputError;
 use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
 
 use crate::robot_programs::correction::posture::{Arm, sides};
@@ -28,6 +29,9 @@ pub enum Payload {
 
 /// Reason why a target stays whose payload is not known.
 pub const NO_PAYLOAD: &str = "the payload at this move cannot be determined from the program";
+
+/// Beginning of the reason why a pose stays whose branch is not known.
+pub const NO_BRANCH: &str = "nothing states which";
 
 /// Joints of a target before the correction.
 pub struct Planned {
@@ -74,7 +78,10 @@ pub fn plan(
                 &last,
                 &meaning,
             )?;
-            Ok((found, kg))
+            match program.is_path {
+                true => Ok((found, kg)),
+                false => doubts.alone(program, commander, target, (found, kg)),
+            }
         });
         match found {
             Ok((found, payload_kg)) => {
@@ -174,9 +181,48 @@ struct Doubts {
     lost: Vec<String>,
     /// Those with a side that is not stated, and how far the corrections of the sides are apart, in m.
     sides: Vec<(String, f64)>,
+    /// Those that are not on a path, with solutions beyond the trained ranges.
+    beyond: Vec<String>,
 }
 
 impl Doubts {
+    /// Decides the branch of a pose that is not on a path: the only one within the trained ranges, or any if all need the same
+    /// correction.
+    fn alone(
+        &mut self,
+        program: &Program,
+        commander: &Commander,
+        target: &Target,
+        (mut found, kg): (Solution, f64),
+    ) -> Result<(Solution, f64), Refused> {
+        let all: Vec<Joints> = [found.joints].into_iter().chain(found.rivals).collect();
+        let is_trained = |q: &Joints| {
+            let status = commander.evaluate(q, kg).status;
+            !status.contains(Status::OUTSIDE_JOINT_RANGE)
+        };
+        let trained: Vec<Joints> = all.iter().copied().filter(is_trained).collect();
+        let is_beyond = !trained.is_empty() && trained.len() < all.len();
+        let among = if trained.is_empty() { all } else { trained };
+        let middle = commander.middle();
+        let far = |q: &&Joints| joint_distance(q, &middle);
+        let nearest = among.iter().min_by(|a, b| far(a).total_cmp(&far(b)));
+        found.joints = nearest.copied().unwrap_or(found.joints);
+        found.rivals = among;
+        let apart = rivals_apart(program, commander, target, (&found, kg));
+        if apart > SAME_CORRECTION {
+            return Err(Refused::Left(format!(
+                "{NO_BRANCH} of its {} joint solutions the controller takes, and their corrections differ by up to {:.3} mm",
+                found.rivals.len(),
+                1e3 * apart
+            )));
+        }
+        if is_beyond {
+            self.beyond.push(program.line_of(target.location));
+        }
+        found.rivals.clear();
+        Ok((found, kg))
+    }
+
     fn remarks(&self) -> Vec<String> {
         let more = |count: usize| match count - 1 {
             0 => String::new(),
@@ -191,6 +237,13 @@ impl Doubts {
                  wrong, insert a joint target near it before the move",
                 more(self.sides.len()),
                 1e3 * apart.fold(0.0, f64::max)
+            ));
+        }
+        if let Some(first) = self.beyond.first() {
+            let more = more(self.beyond.len());
+            remarks.push(format!(
+                "{first}{more}: nothing states the branch; the solution within the trained joint ranges is taken: if that is \
+                 wrong, give joints near the pose in columns seed_q1_deg …"
             ));
         }
         if let Some(first) = self.lost.first() {

@@ -343,6 +343,8 @@ pub struct Program {
     pub joint_units: Option<Vec<f64>>,
     /// Seed columns of a table.
     pub seeds: Option<Seeds>,
+    /// Whether each move begins where the one before has ended: not in a table without seeds.
+    pub is_path: bool,
     /// Files of the program.
     pub sources: Vec<Source>,
     /// All targets.
@@ -377,6 +379,7 @@ impl Program {
             dialect,
             joint_units: None,
             seeds: None,
+            is_path: true,
             sources,
             targets: Vec::new(),
             frames: Vec::new(),

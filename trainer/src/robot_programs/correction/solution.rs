@@ -46,7 +46,8 @@ pub struct Solution {
     pub is_letter_guessed: bool,
     /// Whether it is the nearest of several, because the line to it could not be followed.
     pub is_line_lost: bool,
-    /// Joints on other sides of wrist, elbow or shoulder that it could as well be, for all that is stated.
+    /// Joints on other sides of wrist, elbow or shoulder that it could as well be, for all that is stated; all other solutions
+    /// of a pose that is not on a path.
     pub rivals: Vec<Joints>,
 }
 
@@ -113,7 +114,7 @@ pub fn pose_joints(
     let configuration = target.configuration.clone().unwrap_or_default();
     let known = match &configuration.near {
         Some(near) => Some(seed(program, commander, target, near)?),
-        None => *last,
+        None => last.filter(|_| program.is_path),
     };
     refuse_undecidable(commander, &configuration)?;
     let search = Search {
@@ -121,6 +122,7 @@ pub fn pose_joints(
         configuration: &configuration,
         wanted: Wanted::new(commander, arm, &configuration, meaning),
         way,
+        is_alone: !program.is_path,
         flange: base * pose * tool.inverse(),
         tool,
         known,
@@ -178,6 +180,8 @@ struct Search<'a> {
     configuration: &'a Configuration,
     wanted: Wanted<'a>,
     way: Way,
+    /// Whether the pose is not on a path, so that nothing states its branch.
+    is_alone: bool,
     flange: Pose<f64>,
     tool: Pose<f64>,
     /// Joints that are stated as near, or those before the move.
@@ -255,9 +259,14 @@ impl Search<'_> {
         known.map(|joints| sides(self.commander, &joints))
     }
 
-    /// Returns the number of solutions among which joints are a guess: with known joints, they are none.
+    /// Returns the number of solutions among which joints are a guess: with known joints, they are none. Those of a pose that
+    /// is not on a path are its rivals.
     fn solutions(&self, count: usize) -> usize {
-        if self.known.is_some() { 1 } else { count }
+        if self.known.is_some() || self.is_alone {
+            1
+        } else {
+            count
+        }
     }
 
     /// Returns the nearest of the branches that have the configuration.
@@ -279,9 +288,14 @@ impl Search<'_> {
             solutions: self.solutions(fitting.len()),
             is_letter_guessed,
             is_line_lost,
-            rivals: match is_open {
-                true => self.wanted.rivals(&fitting, &joints),
-                false => Vec::new(),
+            rivals: match (self.is_alone, is_open) {
+                (true, _) => fitting
+                    .into_iter()
+                    .copied()
+                    .filter(|q| *q != joints)
+                    .collect(),
+                (false, true) => self.wanted.rivals(&fitting, &joints),
+                (false, false) => Vec::new(),
             },
         })
     }

@@ -5,9 +5,11 @@
 //! qw qx qy qz            the wanted orientation, or rx_rad ry_rad rz_rad, axis times angle
 //! tool, base             optional: names in the file of --frames; without a name the flange, and the base of the robot
 //! payload_kg             optional, for --payload-from-program
-//! seed_q1_deg … _qn_deg  optional: joints near the wanted ones, also _rad, and _mm or _m for a slide; without them the row
-//!                        before
+//! seed_q1_deg … _qn_deg  optional: joints near the wanted ones, also _rad, and _mm or _m for a slide; where they are empty,
+//!                        those of the row before
 //! ```
+//!
+//! Without seed columns the rows are no path: each stands alone, and nothing states its branch.
 //!
 //! Upper and lower case are equal in these names. A file with joint columns (`q1_deg` …) has joint targets, whatever its other
 //! columns are. Columns of other names stay as they are; those that seem to name tools or bases are refused or noted
@@ -107,11 +109,20 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
             columns.iter().map(|column| number(*column)).collect()
         };
         let [x, y, z] = columns.position;
-        let near = |seeds: &Seeds| -> Result<Vec<f64>, InputError> {
+        let is_first = program.targets.is_empty();
+        let near = |seeds: &Seeds| -> Result<Option<Vec<f64>>, InputError> {
+            let is_empty = |(column, _): (usize, JointUnit)| fields[column].is_empty();
+            if !is_first && seeds.fields().all(is_empty) {
+                return Ok(None);
+            }
             let value = |(column, unit): (usize, JointUnit)| Ok(unit.to_si(number(column)?.value));
-            seeds.fields().map(value).collect()
+            seeds
+                .fields()
+                .map(value)
+                .collect::<Result<_, _>>()
+                .map(Some)
         };
-        let seed = columns.seeds.as_ref().map(near).transpose()?;
+        let seed = columns.seeds.as_ref().map(near).transpose()?.flatten();
         let goal = Goal::Pose {
             position: [number(x)?, number(y)?, number(z)?],
             orientation: all(&columns.orientation)?,
@@ -143,6 +154,7 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
         let target = program.targets.len() - 1;
         program.move_to(target, Way::Joints, tool, base);
     }
+    program.is_path = columns.seeds.is_some();
     program.seeds = columns.seeds;
     program.remarks = check.finish(&copy.path, line, &titles)?;
     Ok(program)
