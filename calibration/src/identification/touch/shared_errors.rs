@@ -132,12 +132,12 @@ mod tests {
     const PRIOR: [f64; OWN] = [1.5, 0.4];
 
     /// Any numbers between −1 and 1, always the same.
-    struct Numbers(f64);
+    struct Numbers(u32);
 
     impl Numbers {
         fn next(&mut self) -> f64 {
-            self.0 += 1.0;
-            (12.9898 * self.0 * self.0).sin()
+            self.0 = self.0.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(self.0 >> 8) / f64::from(1 << 23) - 1.0
         }
 
         fn matrix(&mut self, rows: usize, columns: usize) -> Mat<f64> {
@@ -148,7 +148,7 @@ mod tests {
     /// Steps and χ² are those of equations in which every shared error is an unknown of its own.
     #[test]
     fn eliminated_errors_are_those_of_explicit_unknowns() {
-        let mut numbers = Numbers(0.0);
+        let mut numbers = Numbers(1);
         let mut sums = Equations::new(&[0.0; ARM], &[vec![0.0; OWN]]);
         let unknowns = ARM + OWN + VISITS * JOINTS;
         let mut normal = Mat::<f64>::identity(unknowns, unknowns);

@@ -14,6 +14,9 @@ use poegp_calibration::verification::hypotheses::Part;
 use poegp_calibration::verification::result::Change;
 use poegp_runtime::math::se3::Pose;
 
+/// Part of the whole change from which on a shift of a frame is no disguise of changed joints.
+const MOST: f64 = 0.8;
+
 /// Returns the findings that base or tool of the earlier model, whose gauge is kept, have moved since it was calibrated. Where
 /// fixed points carry the base over, these state how it moved.
 pub fn moved(measured: &Measured, config: &Config) -> Findings {
@@ -36,12 +39,12 @@ pub fn moved(measured: &Measured, config: &Config) -> Findings {
         return Findings::default();
     };
     let (by, rest) = (found.effect_mm.mean, found.without_mm.mean);
-    let tier = match (by > rest, found.model_has_error_covariance) {
-        (true, _) => Tier::Refused,
-        (false, true) => Tier::Warning,
-        // What the model itself misses by looks like a move of that size.
-        (false, false) => return Findings::default(),
-    };
+    if by <= rest && !found.model_has_error_covariance {
+        // What the earlier model itself misses by looks like a move of that size.
+        return Findings::default();
+    }
+    let is_joint = |change: &Change| matches!(change.part, Part::Joint(_));
+    let has_joints = found.changes.iter().any(is_joint);
     let of = |change: &Change| {
         let remedy = match change.part {
             Part::Base => {
@@ -50,6 +53,22 @@ pub fn moved(measured: &Measured, config: &Config) -> Findings {
             Part::Tool => "state the tool with --tool-from, or do not keep the gauge",
             _ => return None,
         };
+        let shift = change.shift_mm.map_or(0.0, |shift| shift.value);
+        let is_doubtful = has_joints && shift < MOST * by;
+        let tier = match (is_doubtful, by > rest) {
+            (true, _) if shift < 0.5 * by => Tier::Note,
+            (true, _) => Tier::Warning,
+            (false, true) => Tier::Refused,
+            (false, false) => Tier::Warning,
+        };
+        if is_doubtful {
+            let (before, what) = (path.display(), part(change.part));
+            let text = format!(
+                "since {before} was calibrated, joints have changed, and {what} seems to have moved by {shift:.3} mm, which several \
+                 changed joints can look like; if it did move, {remedy}"
+            );
+            return Some(Finding::new(Cause::Frames, tier, text, by, rest));
+        }
         let others: Vec<String> = change.or_else.iter().map(|p| part(*p)).collect();
         let others = match others.is_empty() {
             true => String::new(),
