@@ -5,6 +5,7 @@ pub mod arm;
 pub mod beyond;
 pub mod distances;
 pub mod equations;
+mod evidence;
 pub mod fit;
 pub mod form;
 pub mod jet;

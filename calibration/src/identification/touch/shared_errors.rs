@@ -7,9 +7,8 @@
 //! motions of the tip by the joints. The errors are eliminated in each visit, and the evidence chooses σ.
 
 use crate::identification::touch::equations::VisitSums;
-use crate::identification::touch::fit::TouchProblem;
 use crate::identification::touch::noise::USUAL_ROWS;
-use crate::identification::touch::problem::LeftOut;
+use crate::identification::touch::problem::{LeftOut, TouchProblem};
 use crate::measurement::touch::Reading;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;

@@ -44,7 +44,7 @@ pub fn unknown_error(r: &Report, method: &str, training_poses: u32) -> Option<St
     ))
 }
 
-/// States the same of a check by touches, of any number of poses.
+/// States that false alarms are more frequent than stated in a check by touches, of any number of poses.
 pub fn unknown_error_by_touches(r: &TouchReport) -> Option<String> {
     (!r.model_has_error_covariance).then(|| {
         "this model does not contain the covariance of its error: false alarms are more frequent than stated (up to 1 in 10 at \
