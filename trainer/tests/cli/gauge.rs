@@ -27,14 +27,14 @@ fn again(folder: &Folder, options: &str) -> String {
     )
 }
 
-/// Returns the measurements of an instrument that was moved: each measured pose is `by` times what it was.
-fn moved(csv: &str, by: &Pose<f64>) -> String {
+/// Returns the measurements with other measured poses.
+fn moved(csv: &str, other: impl Fn(Pose<f64>) -> Pose<f64>) -> String {
     changed(csv, |names, fields| {
         let at = |name: &str| names.iter().position(|n| *n == name).unwrap();
         let get = |name: &str| fields[at(name)].parse::<f64>().unwrap();
         let v = nalgebra::Vector3::new(get("qx"), get("qy"), get("qz"));
         let t = 1e-3 * nalgebra::Vector3::new(get("x_mm"), get("y_mm"), get("z_mm"));
-        let pose = *by * Pose::from_quaternion(get("qw"), &v, t);
+        let pose = other(Pose::from_quaternion(get("qw"), &v, t));
         let (w, v) = pose.quaternion();
         for (name, value) in [("qw", w), ("qx", v[0]), ("qy", v[1]), ("qz", v[2])] {
             fields[at(name)] = format!("{value:.12}");
@@ -118,7 +118,10 @@ fn fixed_points_carry_the_base_to_another_station() {
     let _texts = texts();
     let folder = folder();
     let by = Pose::exp(&Twist::from_array(&[0.4, -0.3, 0.2, 0.1, -0.2, 0.3]));
-    folder.write("second.csv", moved(&simulated("test1", 60), &by));
+    folder.write(
+        "second.csv",
+        moved(&simulated("test1", 60), |pose| by * pose),
+    );
     let points = |lift: f64| {
         let mut out =
             "before_x_mm,before_y_mm,before_z_mm,after_x_mm,after_y_mm,after_z_mm\n".to_owned();
@@ -169,13 +172,29 @@ fn a_moved_base_is_not_kept() {
     let _texts = texts();
     let folder = folder();
     let by = Pose::exp(&Twist::from_array(&[2e-3, -1e-3, 2e-3, 0.0, 0.0, 1e-4]));
-    folder.write("second.csv", moved(&simulated("test1", 60), &by));
+    folder.write(
+        "second.csv",
+        moved(&simulated("test1", 60), |pose| by * pose),
+    );
     let line = again(&folder, "--keep-gauge first.blob");
     let refused = folder.run(&line).said();
     assert_eq!(refused.code, Some(3), "{refused:#?}");
     assert!(!folder.path("second.blob").exists());
     assert_eq!(folder.json("second.json")["refused"][0]["cause"], "frames");
     folder.run(&format!("{line} --accept frames")).ok();
+
+    // A target that was mounted in another way is refused, too, unless its frame is stated.
+    let by = Pose::exp(&Twist::from_array(&[0.0, 3e-3, 0.0, 0.0, 0.0, 0.0]));
+    folder.write(
+        "second.csv",
+        moved(&simulated("test1", 60), |pose| pose * by),
+    );
+    let refused = folder.run(&line).said();
+    assert_eq!(refused.code, Some(3), "{refused:#?}");
+    let first = BlobModel::read(&folder.path("first.blob")).unwrap();
+    let tool = Pose::from_rows(&first.host().gauge.flange_from_target) * by;
+    let stated = text(&tool.to_rows());
+    folder.run(&format!("{line} --tool-from {stated}")).ok();
 
     let worn = changed(&simulated("test1", 60), |names, fields| {
         let joint = names.iter().position(|n| *n == "q3_deg").unwrap();

@@ -234,6 +234,12 @@ impl Known {
         self.kept.as_ref().filter(|_| self.registration.is_none())
     }
 
+    /// Returns whether the user states the tool.
+    pub fn is_tool_stated(&self) -> bool {
+        let tool = self.choice.tool.as_ref();
+        tool.is_some_and(|tool| tool.source == FrameSource::Stated)
+    }
+
     /// Keeps base, tool and grid of an earlier blob.
     fn keep(&mut self, blob: &BlobModel) {
         let gauge = &blob.host().gauge;

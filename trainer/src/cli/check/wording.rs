@@ -30,17 +30,17 @@ const ENOUGH: u32 = 12;
 /// States that false alarms are more frequent than stated: the check estimates the error of a model that does not contain its
 /// covariance. From few poses it came out too different, and a simple method leaves errors that look like changes.
 pub fn unknown_error(r: &Report, method: &str, training_poses: u32) -> Option<String> {
-    let why = match (training_poses < ENOUGH, method == "parametric") {
+    let which = match (training_poses < ENOUGH, method == "parametric") {
         _ if r.model_has_error_covariance => return None,
         (true, _) => {
-            format!("this model was trained on {training_poses} poses, fewer than {ENOUGH},")
+            format!("that was trained on {training_poses} poses, fewer than {ENOUGH}")
         }
-        (false, false) => format!("`{method}` leaves errors that look like changes,"),
+        (false, false) => format!("of the method `{method}`"),
         (false, true) => return None,
     };
     Some(format!(
-        "{why} and the model does not contain the covariance of its error: false alarms are more frequent than stated. A model \
-         calibrated with `--method elastic` contains the covariance."
+        "a model {which} does not contain the covariance of its error, which the check estimates from these measurements: false \
+         alarms are more frequent than stated. A model calibrated with `--method elastic` contains the covariance."
     ))
 }
 

@@ -126,7 +126,7 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
         )
     } else if first.reason.starts_with(NO_BRANCH) {
         (
-            "poses that state their branch",
+            "seeds, which state the branch",
             "give joints near each pose in columns seed_q1_deg …; where the rows are a path, those of the first row are enough",
         )
     } else if first.reason.contains(BEYOND_PAYLOADS) {
