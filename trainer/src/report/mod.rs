@@ -112,6 +112,13 @@ pub fn sentence(text: &str) -> Markup {
     }
 }
 
+/// Returns a text with a capital letter at the beginning.
+pub fn capitalised(text: &str) -> String {
+    let mut letters = text.chars();
+    let first = letters.next().map(char::to_uppercase);
+    first.into_iter().flatten().chain(letters).collect()
+}
+
 /// A part of the page under a heading.
 #[derive(Debug)]
 pub struct Section {

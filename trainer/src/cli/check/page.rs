@@ -12,7 +12,9 @@ use crate::report::chart::{Axis, Brush, Plot, Series};
 use crate::report::data::drawn;
 use crate::report::sections::headline::tile;
 use crate::report::sections::poses::{joint_columns, joint_fields, left_out};
-use crate::report::{Column, Number, Page, Provenance, Section, rounded, sections, sentence};
+use crate::report::{
+    Column, Number, Page, Provenance, Section, capitalised, rounded, sections, sentence,
+};
 use poegp_calibration::identification::identifiability::list;
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::numeric::statistics::Summary;
@@ -278,7 +280,7 @@ fn poses(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind]) -> Sectio
 pub(super) fn moved(f: &Changes<'_>) -> Section {
     let mut section = Section::new("moved", "Detected changes");
     if let Some(text) = &f.unknown_error {
-        section = section.text(sentence(text));
+        section = section.text(sentence(&capitalised(text)));
     }
     let rate = html! {
         "Of a hundred checks of an unchanged arm, "

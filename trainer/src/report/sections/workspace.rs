@@ -6,7 +6,7 @@ use crate::report::chart::{Axis, Brush, Plot, Series, plain};
 use crate::report::sections::cubes::{self, Cube, Cubes};
 use crate::report::sections::methods::keys;
 use crate::report::sections::poses::left_out;
-use crate::report::{HeldOutSummary, Number, ReportData, Section, rounded};
+use crate::report::{HeldOutSummary, Number, ReportData, Section, capitalised, rounded};
 use poegp_calibration::validation::held_out::HeldOutPose;
 
 /// Length of the longest arrow, as a share of the side of a square.
@@ -265,12 +265,6 @@ fn neighbours(evidence: &ReportData) -> Markup {
 fn one_digit(x: f64) -> f64 {
     let power = 10f64.powf(x.log10().floor());
     (x / power).floor().max(1.0) * power
-}
-
-fn capitalised(word: &str) -> String {
-    let mut letters = word.chars();
-    let first = letters.next().map(char::to_uppercase);
-    first.into_iter().flatten().chain(letters).collect()
 }
 
 /// Returns the smallest and the largest measured coordinates, in mm.
