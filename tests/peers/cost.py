@@ -15,7 +15,7 @@ SPARE_SHARE, SPARE_INSTRUCTIONS = 1.009, 4.0
 UNIT = 256
 # Terms of the arm, of the three forms of a correction in task space and its standard deviation, of an elastic one: a line of
 # the table each.
-ENDS_OF_LINES = (6, 10, 14, 18, 23)
+ENDS_OF_LINES = (7, 11, 15, 19, 24)
 SOURCE = Path(__file__).parents[2] / "runtime/src/model/cost.rs"
 JOINTS = 1  # the column of their number
 

@@ -517,7 +517,7 @@ def guarded(law):
 
 # The law that is built: runtime/src/correct/step_limit.rs, and the later step of runtime/src/correct/mod.rs at the same J.
 
-SHIFT_LIMIT, TURN_DAMPING, HELD, LEAST_USUAL = 0.3, 20.0, 2.0, 5e-4
+SHIFT_LIMIT, TURN_DAMPING, SHIFT_DAMPING, HELD, LEAST_USUAL = 0.3, 20.0, 0.8, 2.0, 5e-4
 POSITION_FLOOR, ROTATION_FLOOR = 5e-5, 2e-5
 HOLD, SHIFT_ROUNDS, TAKEN, LEAST_PUSH, ROOM, LEAST_ROOM = 1e-4, 3, 0.9, 0.5e-6, 1.15, 8e-5
 
@@ -556,6 +556,12 @@ def largest_share(before, left, most):
     return np.where(norm(left) > most, np.minimum(share, 1), 1)[..., None]
 
 
+def damping_at(matrix, floor, largest):
+    """The damping at a pose where the arm moves its target as the matrix says."""
+    lacks = np.maximum(1 - least_eigenvalue(matrix, np.full(largest.shape, floor)) / (HELD * largest), 0)
+    return floor + largest * lacks**2
+
+
 def position_first(j, e, limits, usual):
     gram = j @ transposed(j)
     a, b, c = gram[..., :3, :3], gram[..., :3, 3:], gram[..., 3:, 3:]
@@ -563,14 +569,14 @@ def position_first(j, e, limits, usual):
     lever = np.trace(a, axis1=-2, axis2=-1)
     # The rotation's damping follows from how well the arm turns its target while it holds the position.
     turning = c - transposed(b) @ np.linalg.solve(plus(a, HOLD * lever), b)
-    largest = TURN_DAMPING * np.maximum(usual, LEAST_USUAL)
-    lacks = np.maximum(1 - least_eigenvalue(turning, np.full(lever.shape, ROTATION_FLOOR)) / (HELD * largest), 0)
-    rotation = ROTATION_FLOOR + largest * lacks**2
+    usual_error = np.maximum(usual, LEAST_USUAL)
+    rotation = damping_at(turning, ROTATION_FLOOR, TURN_DAMPING * usual_error * np.ones(lever.shape))
     along = np.linalg.solve(plus(c, rotation), transposed(b))
     shifting = a - b @ along
     most = np.maximum(ROOM * usual, norm(r)) + LEAST_ROOM
     rest = p - across(transposed(along), r)
-    position = np.full(lever.shape, POSITION_FLOOR)
+    # A small error is damped as the usual one, where the arm can hardly move its target.
+    position = damping_at(shifting, POSITION_FLOOR, SHIFT_DAMPING * usual_error * lever)
     for _ in range(SHIFT_ROUNDS):
         x = solved(shifting, position, rest)
         excess = np.maximum(norm(x) * np.sqrt(lever) / SHIFT_LIMIT, norm(across(along, x)) * rotation / most) - 1

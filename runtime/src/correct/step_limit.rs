@@ -10,7 +10,8 @@
 //!   usual error. Elsewhere it is zero, nearly.
 //! - **λ_p** is the least with which |x_p| is within its limit, and the rotation that x_p costs within what may be left. It
 //!   follows from Newton's method on 1/|x_p|, which is nearly linear in λ, with T = A − B (C + λ_r)⁻¹ Bᵀ: a position that the
-//!   arm reaches by turning its target a little costs little.
+//!   arm reaches by turning its target a little costs little. Where T is small, λ_p has a least value as well, in proportion
+//!   to the arm's usual error: the error of one pose may be small only because it changes its sign there.
 //!
 //! A larger λ gives up part of e, no more than it must, in exactly the directions in which the arm can hardly move, and
 //! keeps the others. It needs no singular values, and works for any number of such directions.
@@ -34,9 +35,11 @@ use crate::math::scalar::Scalar;
 pub const SHIFT_LIMIT: f64 = 0.3;
 /// Largest λ_r, per radian of usual rotation error.
 const TURN_DAMPING: f64 = 20.0;
-/// Least eigenvalue of S above which λ_r is at its least, in units of the largest λ_r.
+/// Largest λ_p that depends on the pose alone, in units of tr A, per radian of usual rotation error.
+pub const SHIFT_DAMPING: f64 = 0.8;
+/// Least eigenvalue of S or T above which the damping that depends on the pose vanishes, in units of its largest value.
 const HELD: f64 = 2.0;
-/// Usual rotation error in radians below which λ_r falls no further.
+/// Usual rotation error in radians below which the damping falls no further.
 const LEAST_USUAL: f64 = 5e-4;
 /// Least λ of displacements and of rotations. Two steps leave (λ/σ²)² of an error: 5e-5 where σ is 0.15.
 pub const FLOOR: Damping<f64> = Damping {
@@ -126,7 +129,10 @@ pub struct StepLimit<T> {
     room: Option<T>,
     /// √(tr A)/[`SHIFT_LIMIT`], in m: the unit of |x_p|.
     shift_unit: T,
+    /// λ_r.
     rotation: T,
+    /// Least λ_p at this pose.
+    position: T,
     turning: Factors<T>,
     along: Matrix<T>,
     /// T.
@@ -139,7 +145,8 @@ impl<T: Scalar> StepLimit<T> {
     pub fn new(gram: &Gram<T>, usual_rotation: Option<T>) -> Self {
         let (a, b) = (block(gram, 0, 0), block(gram, 0, 3));
         let lever = larger(a[0][0] + a[1][1] + a[2][2], T::from_f64(LEAST_LEVER));
-        let rotation = match usual_rotation {
+        let usual = usual_rotation.map(|usual| larger(usual, T::from_f64(LEAST_USUAL)));
+        let rotation = match usual {
             Some(usual) => {
                 let holding = Factors::of(&a, T::from_f64(HOLD) * lever);
                 let turning = schur(
@@ -147,22 +154,29 @@ impl<T: Scalar> StepLimit<T> {
                     &block(gram, 3, 0),
                     &holding.solve_columns(&b),
                 );
-                let least = Factors::of(&turning, T::from_f64(FLOOR.rotation)).least();
-                let largest = T::from_f64(TURN_DAMPING) * larger(usual, T::from_f64(LEAST_USUAL));
-                let shortfall = larger(T::ONE - least / (T::from_f64(HELD) * largest), T::ZERO);
-                T::from_f64(FLOOR.rotation) + largest * (shortfall * shortfall)
+                let floor = T::from_f64(FLOOR.rotation);
+                damping_at(&turning, floor, T::from_f64(TURN_DAMPING) * usual)
             }
             None => T::from_f64(FREE),
         };
         let turning = Factors::of(&block(gram, 3, 3), rotation);
         let along = turning.solve_columns(&block(gram, 3, 0));
+        let shifting = schur(&a, &b, &along);
+        let position = match usual {
+            Some(usual) => {
+                let largest = T::from_f64(SHIFT_DAMPING) * usual * lever;
+                damping_at(&shifting, T::from_f64(FLOOR.position), largest)
+            }
+            None => T::from_f64(FLOOR.position),
+        };
         Self {
             room: usual_rotation.map(|usual| T::from_f64(ROOM) * usual),
             shift_unit: T::from_f64(1.0 / SHIFT_LIMIT) * lever.sqrt(),
             rotation,
+            position,
             turning,
-            shifting: schur(&a, &b, &along),
             along,
+            shifting,
         }
     }
 
@@ -181,7 +195,7 @@ impl<T: Scalar> StepLimit<T> {
             Some(allowed) => self.rotation / allowed,
             None => T::ZERO,
         };
-        let mut position = T::from_f64(FLOOR.position);
+        let mut position = self.position;
         let mut shifting = Factors::of(&self.shifting, position);
         for _ in 0..SHIFT_ROUNDS {
             position += shifting.missing(&rest, self.shift_unit, &self.along, side_unit);
@@ -251,6 +265,15 @@ impl<T: Scalar> StepLimit<T> {
             damped,
         }
     }
+}
+
+/// Returns the damping at a pose where the arm moves its target as `m` says: `floor`, and up to `largest` more where it can
+/// hardly move it in some direction.
+#[inline(never)]
+fn damping_at<T: Scalar>(m: &Matrix<T>, floor: T, largest: T) -> T {
+    let least = Factors::of(m, floor).least();
+    let shortfall = larger(T::ONE - least / (T::from_f64(HELD) * largest), T::ZERO);
+    floor + largest * (shortfall * shortfall)
 }
 
 /// Returns the share of a turn that pushes the target by `push` and takes no more of the position `p` than the shift, which

@@ -143,7 +143,7 @@ impl ElasticSize {
 /// Number of terms of the sum: those of every arm, of the three forms of a correction in task space, of its standard
 /// deviation, and of an elastic correction.
 pub const TERMS: usize = OF_ARM + 3 * OF_TASK_SPACE + OF_VARIANCE + OF_ELASTIC;
-const OF_ARM: usize = 6;
+const OF_ARM: usize = 7;
 const OF_TASK_SPACE: usize = 4;
 const OF_VARIANCE: usize = 5;
 const OF_ELASTIC: usize = 32;
@@ -155,11 +155,13 @@ impl ModelSize {
         let (arm, corrections) = out.split_at_mut(OF_ARM);
         let is_coupled = usize::from(self.coupling_terms > 0);
         let is_long = usize::from(self.joints > 6);
+        let turns_every_way = usize::from(self.joints >= 6);
         copy(
             arm,
             &[
                 1,
                 self.joints,
+                turns_every_way,
                 is_long,
                 self.sliding,
                 is_coupled,
@@ -262,7 +264,7 @@ impl ElasticSize {
 /// Instructions of each term of one evaluation, in 256ths.
 #[rustfmt::skip] // arm; folded, differences, per output; variance; elastic
 const POSE: [i32; TERMS] = [
-    116359, 44169, -4431, -10951, 15273, 3531,
+    116359, 44169, 0, -4431, -10951, 15273, 3531,
     126071, 13020, 7261, 552,
     215243, 8516, 10734, 1047,
     161893, 17967, 40054, 2317,
@@ -272,12 +274,12 @@ const POSE: [i32; TERMS] = [
 /// Instructions of each term of one command, with the filter and without the frames on the link, in 256ths.
 #[rustfmt::skip] // the same
 const COMMAND: [i32; TERMS] = [
-    986189, 163031, 20624, -22575, 50612, 29110,
-    419845, 78317, 21287, 1701,
-    535664, 80237, 32838, 3067,
-    577284, 75209, 124433, 6500,
-    -504, 15138, 152, -50267, -1088,
-    436723, 65986, 859, 20382, 19788, 9791, 28812, 14311, 5014, 33649, 5000, 1173, 13132, 3993, 522, 794, 73606, 20497, 12788, 9811, 3005, 20472, 28082, 25468, 3726, 133, 3688, -41587, 3075, 3800, -98, -209,
+    1027583, 149664, 143687, 35884, -23690, 58900, 29028,
+    551443, 57016, 21134, 1751,
+    845578, 37281, 32056, 3169,
+    656815, 71500, 119954, 7009,
+    -1029, 10672, 976, -38600, -447,
+    394707, 47561, 22047, 18053, 48570, 7043, 58701, 9515, 7817, 33020, 3765, 2116, 11868, 3812, 547, 1576, 81196, 31994, 12064, 9821, 3039, 21037, 30195, 20658, 3793, 90, 4089, -37765, 5333, 4657, -638, -25,
 ];
 
 /// Instructions for reading a command's frame and writing the answer's, for an arm with one joint, two, …: counted with
