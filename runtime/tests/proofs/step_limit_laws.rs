@@ -150,8 +150,7 @@ proptest! {
         let (_, joints, _) = step(&jacobian, &error);
         let lever = jacobian.fixed_rows::<3>(0).norm();
         let gain = joints.norm() / error.norm() * lever;
-        let most = 1.0 / (SHIFT_DAMPING * USUAL).sqrt();
-        prop_assert!(gain <= most, "{gain} of {most}");
+        prop_assert!(gain * gain * SHIFT_DAMPING * USUAL <= 1.0, "{gain}");
     }
 
     /// The estimate of the corrected command is the first part of the step: the whole equations with its damping.
