@@ -49,6 +49,27 @@ fn the_inverse_of_a_program_without_a_record_is_warned_of() {
     assert!(!correct("c.src --inverse --out d.src").contains(NO_RECORD));
 }
 
+/// A target that is copied from a corrected program would be corrected twice in silence.
+#[test]
+fn targets_of_a_corrected_program_are_warned_of() {
+    let folder = folder();
+    let line = |q1: i32| format!("MoveAbsJ [[{q1},22,1,-14,46,24],{NO_AXES}],v1,fine,tool0;\n");
+    folder.write("a.mod", rapid(&line(8)));
+    let correct = |line: &str| folder.run(&format!("correct elas.blob {line} --payload-kg 2.5"));
+    correct("a.mod --out o.mod").ok();
+    let corrected = String::from_utf8(folder.read("o.mod")).unwrap();
+    let copied = corrected.lines().nth(2).unwrap().to_owned() + "\n";
+    let new = |copied: &str| rapid(&(line(-8) + &line(12) + copied));
+    folder.write("b.mod", new(&copied));
+    let said = correct("b.mod --out c.mod").ok().stderr;
+    let once_more = "warning: b.mod: one of its targets was corrected already (o.mod.poegp.json)";
+    assert!(said.contains(once_more), "{said}");
+    // The target of the original is none.
+    folder.write("d.mod", new(&line(8)));
+    let said = correct("d.mod --out e.mod").ok().stderr;
+    assert!(!said.contains("warning"), "{said}");
+}
+
 /// Returns what `correct` says of a KRL program that it does not correct completely.
 fn left(folder: &Folder, motion: &str) -> String {
     folder.write("k.src", krl(motion));

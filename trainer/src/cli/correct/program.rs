@@ -80,6 +80,7 @@ pub fn corrected(
         all,
         hashes,
         corrections,
+        records: mut earlier,
     } = Sources::read(a, &paths, &corrector)?;
     let program = read_program(a, format, all, &frames)?;
     if format != Format::Table {
@@ -89,6 +90,12 @@ pub fn corrected(
     for (index, record) in &corrections {
         if !record.is_undone(&commander, (&program, &outcome.solved, *index)) {
             return Err(other_settings(&paths.files[*index].0, record).into());
+        }
+    }
+    if corrector.direction == Direction::Correct {
+        for (index, (path, _)) in paths.files.iter().enumerate() {
+            let solved = (&program, outcome.solved.as_slice(), index);
+            earlier.refuse_copy(path, &commander, solved)?;
         }
     }
     outcome.remarks.extend(unused_payload(a, format, &program));

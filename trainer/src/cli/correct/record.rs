@@ -19,6 +19,7 @@ use poegp_calibration::blob::commander::{Commander, Joints, pose_distance};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::numeric::statistics::evenly_spaced;
 use poegp_protocol::limits::MAX_JOINTS;
+use poegp_runtime::math::se3::Pose;
 
 /// Ending of a record's file name.
 const ENDING: &str = ".poegp.json";
@@ -27,6 +28,10 @@ const LONGEST: u64 = 1 << 24;
 /// Largest distance in m of targets that were brought back from those that were corrected: what the decimals of a program
 /// leave.
 const BROUGHT_BACK: f64 = 2e-5;
+/// Largest rotation in rad between two targets that are the same.
+const SAME_ROTATION: f64 = 1e-4;
+/// Number of targets of a record that are looked for in a program, and of a program in a record.
+const COMPARED: usize = 200;
 /// Largest number of targets in a record, evenly spaced along the program.
 const MOST_TARGETS: usize = 1_000;
 
@@ -123,15 +128,20 @@ impl Record {
             return true;
         }
         let is_same = |(found, before): (&Solved, &Target)| {
-            let mut joints = [0.0; MAX_JOINTS];
-            for (slot, q) in joints.iter_mut().zip(&before.joints) {
-                *slot = *q;
-            }
-            let [found, before] = [&found.command, &joints].map(|q| commander.nominal_flange(q));
-            pose_distance(&found, &before).0 < BROUGHT_BACK
+            let found = commander.nominal_flange(&found.command);
+            pose_distance(&found, &flange(commander, &before.joints)).0 < BROUGHT_BACK
         };
         let some = evenly_spaced(&own, MOST_TARGETS);
         some.into_iter().zip(&self.targets).all(is_same)
+    }
+
+    /// Returns the corrected targets that differ from the uncorrected ones, as poses of the nominal flange.
+    fn corrected_targets(&self, commander: &Commander) -> Vec<Pose<f64>> {
+        let moved = |target: &Target| {
+            let [before, after] = [&target.joints, &target.command].map(|q| flange(commander, q));
+            (pose_distance(&before, &after).0 > 2.0 * BROUGHT_BACK).then_some(after)
+        };
+        self.targets.iter().filter_map(moved).collect()
     }
 
     /// Reads a record.
@@ -145,6 +155,15 @@ impl Record {
         serde_json::from_slice(&bytes)
             .map_err(|error| InputError::new(path, format!("no record: {error}"), expected))
     }
+}
+
+/// Returns the pose of the nominal flange at the joints of a record.
+fn flange(commander: &Commander, joints: &[f64]) -> Pose<f64> {
+    let mut all = [0.0; MAX_JOINTS];
+    for (slot, q) in all.iter_mut().zip(joints) {
+        *slot = *q;
+    }
+    commander.nominal_flange(&all)
 }
 
 /// Returns the corrected targets of file `index`.
@@ -235,6 +254,58 @@ impl Records {
             Direction::Inverse => Ok(Some(record.clone())),
         }
     }
+
+    /// Refuses to correct file `index` of a program if most of its targets are corrected ones of a record in its folder: an
+    /// edited copy of a corrected program. If a few are, they are warned of.
+    ///
+    /// # Errors
+    /// [`InputError`] names the program and the record.
+    pub fn refuse_copy(
+        &mut self,
+        path: &Path,
+        commander: &Commander,
+        (program, solved, index): (&Program, &[Solved], usize),
+    ) -> Result<(), InputError> {
+        let own: Vec<Pose<f64>> = targets_of(program, solved, index)
+            .into_iter()
+            .map(|solved| commander.nominal_flange(&solved.joints))
+            .collect();
+        for (name, record) in self.of_folder(folder_of(path)) {
+            let corrected = record.corrected_targets(commander);
+            let (known, most) = share_of(&own, &corrected);
+            let original = original(record, path);
+            if most || share_of(&corrected, &own).1 {
+                let found = format!("a program with targets that were corrected already ({name})");
+                return Err(InputError::new(path, found, "an uncorrected program").with_help(format!(
+                    "make the changes in {original} and correct that, or bring this one back with --inverse"
+                )));
+            }
+            if known > 0 {
+                warning(format_args!(
+                    "{}: {} corrected already ({name}), and now once more: take them from {original}",
+                    path.display(),
+                    match known {
+                        1 => "one of its targets was".to_owned(),
+                        count => format!("{count} of its targets were"),
+                    }
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns how many of `targets`, or of a selection of them, are among `others`, and whether most are.
+fn share_of(targets: &[Pose<f64>], others: &[Pose<f64>]) -> (usize, bool) {
+    let some = evenly_spaced(targets, COMPARED);
+    let is_there = |target: &&Pose<f64>| {
+        others.iter().any(|other| {
+            let moved = (target.translation - other.translation).norm();
+            moved < BROUGHT_BACK && pose_distance(target, other).1 < SAME_ROTATION
+        })
+    };
+    let count = some.iter().filter(is_there).count();
+    (count, 2 * count > some.len())
 }
 
 /// Returns the name of the source of a record; with its place, where the corrected program has the same name.
@@ -250,25 +321,18 @@ fn original(record: &Record, corrected: &Path) -> String {
     }
 }
 
-/// Warns of a program that was changed since it was corrected: its record no longer shows whether it is corrected.
+/// Warns of a program that is brought back, but was changed since it was corrected: its record no longer says what it was
+/// corrected with.
 fn warn_of_change(path: &Path, hash: &str, direction: Direction) -> Result<(), InputError> {
     let own = record_path(path);
     if !own.exists() {
         return Ok(());
     }
     let record = Record::read(&own)?;
-    if !record.is_inverse && record.source_sha256 != hash {
-        let then = match direction {
-            Direction::Correct => format!(
-                "if it is still the corrected one, it is now corrected twice: correct {} instead",
-                original(&record, path)
-            ),
-            Direction::Inverse => {
-                "which model, payload and frames corrected it is not checked, and inserted targets stay".to_owned()
-            }
-        };
+    if direction == Direction::Inverse && !record.is_inverse && record.source_sha256 != hash {
         warning(format_args!(
-            "{}: this program was changed after {} was written; {then}",
+            "{}: this program was changed after {} was written; which model, payload and frames corrected it is not \
+            checked, and inserted targets stay",
             path.display(),
             own.display()
         ));

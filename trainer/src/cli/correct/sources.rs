@@ -19,6 +19,8 @@ pub struct Sources {
     pub hashes: Vec<String>,
     /// The records of the corrections that are taken back, each with the index of its file.
     pub corrections: Vec<(usize, Record)>,
+    /// The records beside the files.
+    pub records: Records,
 }
 
 impl Sources {
@@ -58,6 +60,7 @@ impl Sources {
             all,
             hashes,
             corrections,
+            records,
         })
     }
 }
