@@ -49,6 +49,36 @@ fn the_inverse_of_a_program_without_a_record_is_warned_of() {
     assert!(!correct("c.src --inverse --out d.src").contains(NO_RECORD));
 }
 
+/// Names may have letters beyond ASCII, in UTF-8 or Latin-1, in any case.
+#[test]
+fn names_have_letters_of_every_alphabet() {
+    let folder = folder();
+    let data = |name: &str, q1: i32| {
+        format!("CONST jointtarget {name}:=[[{q1},22,1,-14,46,24],{NO_AXES}];\n")
+    };
+    let motion = |name: &str| format!("MoveAbsJ {name},v1,fine,tool0;\n");
+    let text = format!(
+        "MODULE M\n{}{}PROC main()\n{}{}ENDPROC\nENDMODULE\n",
+        data("größe", 8),
+        data("grüße", -8),
+        motion("GRÖßE"),
+        motion("Grüße"),
+    );
+    let latin: Vec<u8> = text.chars().map(|c| u8::try_from(c).unwrap()).collect();
+    for (name, bytes) in [("u.mod", text.as_bytes()), ("l.mod", latin.as_slice())] {
+        folder.write(name, bytes);
+        let line = format!("correct elas.blob {name} --payload-kg 2.5 --out {name}.out");
+        let said = folder.run(&line).ok().stdout;
+        assert!(said.contains("2 targets corrected, 2 of joints"), "{said}");
+        let lines = |bytes: &[u8]| bytes.split(|b| *b == b'\n').map(<[u8]>::to_vec).collect();
+        let (before, after): (Vec<_>, Vec<_>) =
+            (lines(bytes), lines(&folder.read(&format!("{name}.out"))));
+        for (row, (before, after)) in before.iter().zip(&after).enumerate() {
+            assert_eq!(before != after, row == 1 || row == 2, "{name}: {row}");
+        }
+    }
+}
+
 /// A target that is copied from a corrected program would be corrected twice in silence.
 #[test]
 fn targets_of_a_corrected_program_are_warned_of() {

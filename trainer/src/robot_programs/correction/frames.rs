@@ -96,7 +96,7 @@ impl FrameFile {
                     )
                 })?;
                 let payload_kg = entry.payload_kg;
-                out.insert(name.to_ascii_lowercase(), Given { pose, payload_kg });
+                out.insert(name.to_lowercase(), Given { pose, payload_kg });
             }
             Ok(out)
         };

@@ -176,7 +176,7 @@ fn frame(given: &FrameFile, is_tool: bool, name: &str, payload_kg: Option<f64>) 
             origin: format!("rows that name no {kind}"),
         });
     }
-    let key = name.to_ascii_lowercase();
+    let key = name.to_lowercase();
     let found = given.named(&key, is_tool)?;
     Some(Frame {
         name: name.to_owned(),
@@ -264,7 +264,7 @@ fn is_known(name: &str) -> bool {
 }
 
 fn lower(names: &[String]) -> Vec<String> {
-    names.iter().map(|name| name.to_ascii_lowercase()).collect()
+    names.iter().map(|name| name.to_lowercase()).collect()
 }
 
 fn names(source: &Source, header: &[Range<usize>]) -> Vec<String> {

@@ -67,8 +67,10 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
     while let Some(byte) = bytes.get(at).copied() {
         let rest = &bytes[at..];
         let length_of = |is: &dyn Fn(u8) -> bool| rest.iter().take_while(|b| is(**b)).count();
-        let is_name =
-            |b: u8| b.is_ascii_alphanumeric() || b == b'_' || lexicon.in_names.contains(&b);
+        // Letters beyond ASCII belong to names, whether they are encoded in UTF-8 or Latin-1.
+        let is_name = |b: u8| {
+            b.is_ascii_alphanumeric() || b == b'_' || !b.is_ascii() || lexicon.in_names.contains(&b)
+        };
         // After an operand, a sign is an operator.
         let is_operand = out.last().is_some_and(|last: &Token| match last.kind {
             Kind::Number | Kind::Mark(b')' | b']' | b'}') => true,
@@ -100,6 +102,14 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
         at += length;
     }
     out
+}
+
+/// Decodes bytes as UTF-8, or as Latin-1 if they are none.
+fn decoded(bytes: &[u8]) -> String {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(_) => bytes.iter().copied().map(char::from).collect(),
+    }
 }
 
 /// Returns the length of a string up to the next quote on the same line; a doubled quote belongs to the string.
@@ -242,7 +252,7 @@ impl<'a> Text<'a> {
     pub fn name(&self, at: usize) -> String {
         match self.at(at) {
             Some(token) if token.kind == Kind::Name => {
-                String::from_utf8_lossy(self.source.slice(&token.span())).to_ascii_lowercase()
+                decoded(self.source.slice(&token.span())).to_lowercase()
             }
             _ => String::new(),
         }
@@ -259,7 +269,7 @@ impl<'a> Text<'a> {
     /// Returns the text of a token as it is written.
     pub fn spelling(&self, at: usize) -> String {
         let span = self.at(at).map_or(0..0, Token::span);
-        String::from_utf8_lossy(self.source.slice(&span)).into_owned()
+        decoded(self.source.slice(&span))
     }
 
     /// Returns the first byte of a token, or the end of the file.

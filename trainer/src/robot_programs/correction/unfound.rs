@@ -11,7 +11,7 @@ const NAMED: usize = 8;
 pub fn note(program: &mut Program, calls: impl IntoIterator<Item = (String, Location)>) {
     let mut first: BTreeMap<String, (Location, String)> = BTreeMap::new();
     for (name, location) in calls {
-        let key = name.to_ascii_lowercase();
+        let key = name.to_lowercase();
         first.entry(key).or_insert((location, name));
     }
     let mut all: Vec<(Location, String)> = first.into_values().collect();

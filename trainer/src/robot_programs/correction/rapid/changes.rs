@@ -197,7 +197,7 @@ impl Reader<'_> {
         if matches!(word.as_str(), "setdataval" | "setalldataval") && !is_own() {
             let is_written = text.at(s.from + 1).is_some_and(|t| t.kind == Kind::Text)
                 && (text.is(s.from + 2, b',') || text.is(s.from + 2, b'\\'));
-            let name = text.spelling(s.from + 1).to_ascii_lowercase();
+            let name = text.spelling(s.from + 1).to_lowercase();
             let name = name.trim_matches('"').trim().to_owned();
             out.push(Change {
                 name: Some(name).filter(|_| is_written && word == "setdataval"),

@@ -350,7 +350,7 @@ impl Reader<'_> {
                 return Ok(Err(format!("the program changes {name} at {line}")));
             }
             let Some(data) = self.frames.get(&next) else {
-                let given = self.given.named(&next.to_ascii_lowercase(), is_tool);
+                let given = self.given.named(&next.to_lowercase(), is_tool);
                 let Some(given) = given else {
                     return Err(self.given.unknown(text.source, at, kind, &next, kind));
                 };
