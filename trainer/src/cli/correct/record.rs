@@ -274,7 +274,9 @@ impl Records {
             let corrected = record.corrected_targets(commander);
             let (known, most) = share_of(&own, &corrected);
             let original = original(record, path);
-            if most || share_of(&corrected, &own).1 {
+            // A long program has targets that its record does not list.
+            let is_selection = record.corrected > record.targets.len();
+            if most || is_selection && share_of(&corrected, &own).1 {
                 let found = format!("a program with targets that were corrected already ({name})");
                 return Err(InputError::new(path, found, "an uncorrected program").with_help(format!(
                     "make the changes in {original} and correct that, or bring this one back with --inverse"
