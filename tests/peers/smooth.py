@@ -67,8 +67,9 @@ def draw(arm, kinds, before, after, folder):
     drawing = io.StringIO()
     figure.savefig(drawing, format="svg", metadata={"Date": None})
     pyplot.close(figure)
-    # A tenth of a point is enough for the eye; indentation and lists of fonts are a quarter of the bytes.
-    short = re.sub(r"(\d+\.\d)\d+", r"\1", drawing.getvalue())
+    # A tenth of a point is enough for the eye, but not for the labels of the axes; indentation and lists of fonts are a
+    # quarter of the bytes.
+    short = re.sub(r"(>[^<]*<)|(\d+\.\d)\d+", lambda found: found[1] or found[2], drawing.getvalue())
     short = re.sub(r"font-family: [^;]*", "font-family: sans-serif", short)
     short = re.sub(r"\s*\n\s*L ", "L", short).replace("; stroke-linecap: square", "")
     (folder / f"smooth-{arm}.svg").write_text(re.sub(r"\s*\n\s*", "\n", short))
