@@ -181,7 +181,7 @@ fn hidden_joints(document: &serde_json::Value) -> Vec<u64> {
 }
 
 #[test]
-fn base_and_tool_that_were_set_up_anew() {
+fn base_and_tool_that_were_set_up_again() {
     let _texts = texts();
     let folder = folder();
     let turned = changed(&moved("q3_deg", 0.02), |names, fields| {
@@ -198,12 +198,12 @@ fn base_and_tool_that_were_set_up_anew() {
             fields[at(name)] = format!("{:.12}", s * value);
         }
     });
-    folder.write("anew.csv", turned);
-    let refused = folder.run("check arm.blob anew.csv --max-mm 0.15");
+    folder.write("turned.csv", turned);
+    let refused = folder.run("check arm.blob turned.csv --max-mm 0.15");
     assert_eq!(refused.code, Some(2), "{refused:#?}");
     refused.said();
     for options in ["--fit-base", "--fit-base --fit-tool"] {
-        let line = format!("check arm.blob anew.csv --max-mm 0.15 {options} --json out.json");
+        let line = format!("check arm.blob turned.csv --max-mm 0.15 {options} --json out.json");
         does_not_hold(folder.run(&line));
         let document = folder.json("out.json");
         assert_eq!(document["changes"].as_array().unwrap().len(), 1);
@@ -218,9 +218,9 @@ fn base_and_tool_that_were_set_up_anew() {
             }
         );
     }
-    let line = "evaluate arm.blob anew.csv --json out.json";
+    let line = "evaluate arm.blob turned.csv --json out.json";
     let outcome = folder.run(line).ok();
-    assert!(outcome.stderr.contains("warning: anew.csv"), "{outcome:#?}");
+    assert!(outcome.stderr.contains("warning: turned.csv"), "{outcome:#?}");
     let mean = || {
         folder.json("out.json")["sets"][0]["position_mm"]["mean"]
             .as_f64()
@@ -234,8 +234,8 @@ fn base_and_tool_that_were_set_up_anew() {
         .ok()
         .said();
     assert_eq!(folder.json("out.json")["sets"][0]["poses"], 10);
-    folder.refuses("evaluate arm.blob anew.csv --fit-base --fit-tool 1");
-    folder.refuses("evaluate arm.blob anew.csv --fit-tool 20");
+    folder.refuses("evaluate arm.blob turned.csv --fit-base --fit-tool 1");
+    folder.refuses("evaluate arm.blob turned.csv --fit-tool 20");
     let session = format!(
         "session,{}",
         simulated("test2", 20).replace('\n', "\nmonday,")

@@ -92,8 +92,8 @@ fn targets_of_a_corrected_program_are_warned_of() {
     let new = |copied: &str| rapid(&(line(-8) + &line(12) + copied));
     folder.write("b.mod", new(&copied));
     let said = correct("b.mod --out c.mod").ok().stderr;
-    let once_more = "warning: b.mod: one of its targets was corrected already (o.mod.poegp.json)";
-    assert!(said.contains(once_more), "{said}");
+    let twice = "warning: b.mod: one of its targets was corrected already (o.mod.poegp.json)";
+    assert!(said.contains(twice), "{said}");
     // The target of the original is none.
     folder.write("d.mod", new(&line(8)));
     let said = correct("d.mod --out e.mod").ok().stderr;

@@ -30,8 +30,6 @@ const LONGEST: u64 = 1 << 24;
 const BROUGHT_BACK: f64 = 2e-5;
 /// Largest rotation in rad between two targets that are the same.
 const SAME_ROTATION: f64 = 1e-4;
-/// Number of targets of a record that are looked for in a program, and of a program in a record.
-const COMPARED: usize = 200;
 /// Largest number of targets in a record, evenly spaced along the program.
 const MOST_TARGETS: usize = 1_000;
 
@@ -284,11 +282,11 @@ impl Records {
             }
             if known > 0 {
                 warning(format_args!(
-                    "{}: {} corrected already ({name}), and now once more: take them from {original}",
+                    "{}: {} corrected already ({name}), and this corrects it twice: copy it from {original} instead",
                     path.display(),
                     match known {
                         1 => "one of its targets was".to_owned(),
-                        count => format!("{count} of its targets were"),
+                        count => format!("each of {count} targets was"),
                     }
                 ));
             }
@@ -297,17 +295,26 @@ impl Records {
     }
 }
 
-/// Returns how many of `targets`, or of a selection of them, are among `others`, and whether most are.
+/// Returns how many of `targets` are among `others`, and whether most are.
 fn share_of(targets: &[Pose<f64>], others: &[Pose<f64>]) -> (usize, bool) {
-    let some = evenly_spaced(targets, COMPARED);
+    let mut others: Vec<&Pose<f64>> = others.iter().collect();
+    others.sort_by(|a, b| a.translation.x.total_cmp(&b.translation.x));
     let is_there = |target: &&Pose<f64>| {
-        others.iter().any(|other| {
-            let moved = (target.translation - other.translation).norm();
-            moved < BROUGHT_BACK && pose_distance(target, other).1 < SAME_ROTATION
+        let (least, most) = (
+            target.translation.x - BROUGHT_BACK,
+            target.translation.x + BROUGHT_BACK,
+        );
+        let first = others.partition_point(|other| other.translation.x < least);
+        let mut near = others[first..]
+            .iter()
+            .take_while(|other| other.translation.x <= most);
+        near.any(|other| {
+            let (moved, turned) = pose_distance(target, other);
+            moved < BROUGHT_BACK && turned < SAME_ROTATION
         })
     };
-    let count = some.iter().filter(is_there).count();
-    (count, 2 * count > some.len())
+    let count = targets.iter().filter(is_there).count();
+    (count, 2 * count > targets.len())
 }
 
 /// Returns the name of the source of a record; with its place, where the corrected program has the same name.
