@@ -220,7 +220,10 @@ fn base_and_tool_that_were_set_up_again() {
     }
     let line = "evaluate arm.blob turned.csv --json out.json";
     let outcome = folder.run(line).ok();
-    assert!(outcome.stderr.contains("warning: turned.csv"), "{outcome:#?}");
+    assert!(
+        outcome.stderr.contains("warning: turned.csv"),
+        "{outcome:#?}"
+    );
     let mean = || {
         folder.json("out.json")["sets"][0]["position_mm"]["mean"]
             .as_f64()

@@ -79,6 +79,17 @@ fn names_have_letters_of_every_alphabet() {
     }
 }
 
+/// A blank of another alphabet does not join an instruction and its target to a name, which would be passed over.
+#[test]
+fn a_blank_beyond_ascii_is_no_letter() {
+    let folder = folder();
+    let motion = format!("MoveAbsJ\u{a0}[[8,22,1,-14,46,24],{NO_AXES}],v1,fine,tool0;\n");
+    folder.write("a.mod", rapid(&motion));
+    let said = folder.run("correct elas.blob a.mod --payload-kg 2.5 --out b.mod");
+    assert_eq!(said.code, Some(1), "{said:#?}");
+    assert!(said.stderr.contains("a.mod:3:"), "{said:#?}");
+}
+
 /// A target that is copied from a corrected program would be corrected twice in silence.
 #[test]
 fn targets_of_a_corrected_program_are_warned_of() {
