@@ -79,15 +79,16 @@ fn names_have_letters_of_every_alphabet() {
     }
 }
 
-/// A blank of another alphabet does not join an instruction and its target to a name, which would be passed over.
+/// A no-break space, as in text copied from a document, hides an instruction from the controller and from us: it is named.
 #[test]
-fn a_blank_beyond_ascii_is_no_letter() {
+fn an_instruction_behind_a_no_break_space_is_named() {
     let folder = folder();
     let motion = format!("MoveAbsJ\u{a0}[[8,22,1,-14,46,24],{NO_AXES}],v1,fine,tool0;\n");
     folder.write("a.mod", rapid(&motion));
     let said = folder.run("correct elas.blob a.mod --payload-kg 2.5 --out b.mod");
     assert_eq!(said.code, Some(1), "{said:#?}");
-    assert!(said.stderr.contains("a.mod:3:"), "{said:#?}");
+    let unread = "a.mod:3:1: MoveAbsJ\u{a0} is not read";
+    assert!(said.stderr.contains(unread), "{said:#?}");
 }
 
 /// A target that is copied from a corrected program would be corrected twice in silence.

@@ -66,6 +66,11 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
     };
     while let Some(byte) = bytes.get(at).copied() {
         let rest = &bytes[at..];
+        let length_of = |is: &dyn Fn(u8) -> bool| rest.iter().take_while(|b| is(**b)).count();
+        // All bytes beyond ASCII belong to names: letters in UTF-8 or Latin-1, for no other character may stand there.
+        let is_name = |b: u8| {
+            b.is_ascii_alphanumeric() || b == b'_' || !b.is_ascii() || lexicon.in_names.contains(&b)
+        };
         // After an operand, a sign is an operator.
         let is_operand = out.last().is_some_and(|last: &Token| match last.kind {
             Kind::Number | Kind::Mark(b')' | b']' | b'}') => true,
@@ -75,17 +80,14 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
         let (kind, length) = match byte {
             b'\n' | b'\r' => (Kind::LineEnd, 1),
             _ if byte == lexicon.comment => {
-                at += rest
-                    .iter()
-                    .take_while(|b| !matches!(b, b'\n' | b'\r'))
-                    .count();
+                at += length_of(&|b| !matches!(b, b'\n' | b'\r'));
                 continue;
             }
             _ if lexicon.quotes.contains(&byte) => (Kind::Text, text_length(rest, byte)),
             _ if number_length(rest, !is_operand) > 0 => {
                 (Kind::Number, number_length(rest, !is_operand))
             }
-            _ if name_length(rest, lexicon) > 0 => (Kind::Name, name_length(rest, lexicon)),
+            _ if is_name(byte) => (Kind::Name, length_of(&is_name)),
             _ if byte.is_ascii_whitespace() => {
                 at += 1;
                 continue;
@@ -100,37 +102,6 @@ pub fn tokens(bytes: &[u8], lexicon: &Lexicon) -> Vec<Token> {
         at += length;
     }
     out
-}
-
-/// Returns the number of bytes of the name at the beginning; 0 for none.
-fn name_length(rest: &[u8], lexicon: &Lexicon) -> usize {
-    let is_name = |b: u8| b.is_ascii_alphanumeric() || b == b'_' || lexicon.in_names.contains(&b);
-    let mut at = 0;
-    while let Some(byte) = rest.get(at) {
-        let length = match is_name(*byte) {
-            true => 1,
-            false => letter_length(&rest[at..]),
-        };
-        if length == 0 {
-            break;
-        }
-        at += length;
-    }
-    at
-}
-
-/// Returns the number of bytes of the letter beyond ASCII at the beginning, in UTF-8 or Latin-1; 0 for none.
-fn letter_length(rest: &[u8]) -> usize {
-    let Some(byte) = rest.first().filter(|b| !b.is_ascii()) else {
-        return 0;
-    };
-    let longest = &rest[..rest.len().min(4)];
-    let chunk = longest.utf8_chunks().next();
-    match chunk.and_then(|chunk| chunk.valid().chars().next()) {
-        Some(letter) if letter.is_alphabetic() => letter.len_utf8(),
-        None if char::from(*byte).is_alphabetic() => 1,
-        _ => 0,
-    }
 }
 
 /// Decodes bytes as UTF-8, or as Latin-1 if they are not valid UTF-8.
