@@ -49,6 +49,26 @@ fn the_inverse_of_a_program_without_a_record_is_warned_of() {
     assert!(!correct("c.src --inverse --out d.src").contains(NO_RECORD));
 }
 
+/// A record lists at most a thousand targets, which are fewer than half of those of this program.
+#[test]
+fn an_edited_copy_of_a_long_program_is_refused() {
+    let folder = folder();
+    let line = |k: i32| {
+        let q1 = 0.01 * f64::from(k);
+        format!("MoveAbsJ [[{q1:.2},22,1,-14,46,24],{NO_AXES}],v1,fine,tool0;\n")
+    };
+    let moves: String = (0..2_500).map(line).collect();
+    folder.write("a.mod", rapid(&moves));
+    let correct = |line: &str| folder.run(&format!("correct elas.blob {line} --payload-kg 2.5"));
+    correct("a.mod --out o.mod").ok();
+    let edited = String::from_utf8(folder.read("o.mod")).unwrap();
+    folder.write("b.mod", edited.replace("v1,", "v2,"));
+    let refused = correct("b.mod --out c.mod");
+    assert_eq!(refused.code, Some(2), "{refused:#?}");
+    let again = "found a program with targets that were corrected already (o.mod.poegp.json)";
+    assert!(refused.stderr.contains(again), "{refused:#?}");
+}
+
 /// Names may have letters beyond ASCII, in UTF-8 or Latin-1, in any case.
 #[test]
 fn names_have_letters_of_every_alphabet() {
