@@ -6,6 +6,7 @@ use poegp_calibration::model::config::Config;
 use poegp_calibration::robot::{BUILT_IN, LoadOptions, Robot};
 use poegp_calibration::simulation::Scenario;
 use poegp_runtime::correct::CompiledCorrection;
+use poegp_runtime::guard::status::Status;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -304,6 +305,35 @@ fn commands_never_jump_and_nothing_gets_worse() {
     }
     say(format_args!("{total} paths"));
     assert!(broken.is_empty(), "{broken:#?}");
+}
+
+/// Prints what remains at random poses within the trained ranges, a row of a table for each arm.
+#[test]
+#[ignore = "prints a table for the documents"]
+fn what_remains_at_random_poses() {
+    const POSES: usize = 30_000;
+    for robot in BUILT_IN {
+        let fitted = fit(robot, Scenario::Nonlinear, &Config::new(Method::Elastic));
+        let mut random = ChaCha8Rng::seed_from_u64(16);
+        let (mut partly, mut rotation, mut position) = (0, 0.0, Vec::new());
+        for _ in 0..POSES {
+            let q = anywhere(&fitted.ranges, &mut random);
+            let payload_kg = random.random_range(0.0..7.5);
+            let found = fitted.double.correct(&q, payload_kg);
+            partly += usize::from(found.status.contains(Status::PARTLY_CORRECTED));
+            let (p, r) = fitted.error(&q, &found.joints[..q.len()], payload_kg);
+            position.push(1e6 * p);
+            rotation += 1e3 * r / POSES as f64;
+        }
+        position.sort_by(f64::total_cmp);
+        say(format_args!(
+            "| {robot} | {:.0} | {:.1} | {:.0} | {rotation:.2} | {:.0} |",
+            position.iter().sum::<f64>() / POSES as f64,
+            quantile(&position, 750),
+            quantile(&position, 950),
+            100.0 * partly as f64 / POSES as f64,
+        ));
+    }
 }
 
 /// The environment variable of [`measured_arms_never_jump_either`].
