@@ -22,6 +22,7 @@ use crate::learning::task_space::fit::HyperparameterSharing;
 use crate::measurement::noise::InstrumentNoise;
 use crate::model::methods::Method;
 pub use crate::model::methods::problem::Weighting;
+use crate::robot::toml_source::exactly;
 
 /// The settings of a calibration. [`Config::default`] is the elastic model with the default settings of the command line.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -60,6 +61,7 @@ pub struct Config {
     /// What the elastic model does with the warm-up that the evidence shows.
     pub warm_up: WarmUpPolicy,
     /// Gravity in the base frame, m/s².
+    #[serde(deserialize_with = "exactly")]
     pub gravity_m_s2: [f64; 3],
     /// Standard deviation of one position component as the instrument's manufacturer states it, in mm. `None`: the value that the
     /// rows of the measurement file declare; if they declare none, it is estimated.

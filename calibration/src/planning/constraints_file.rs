@@ -42,7 +42,9 @@ use crate::planning::constraints::{Constraints, to_target};
 use crate::planning::links::{Links, mounting_plane};
 use crate::planning::rules::{Constraint, LineOfSight, Rule};
 use crate::planning::segment::Zone;
-use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource, Unit};
+use crate::robot::toml_source::{
+    DEGREE, METRE, MILLIMETRE, Numbers, Origin, RADIAN, TomlSource, Unit,
+};
 use crate::robot::{Joint, Robot};
 
 /// Description of the file in error messages.
@@ -164,10 +166,10 @@ struct File {
 #[serde(deny_unknown_fields)]
 struct JointTable {
     name: Spanned<String>,
-    range_deg: Option<Spanned<[f64; 2]>>,
-    range_rad: Option<Spanned<[f64; 2]>>,
-    range_mm: Option<Spanned<[f64; 2]>>,
-    range_m: Option<Spanned<[f64; 2]>>,
+    range_deg: Option<Spanned<Numbers<2>>>,
+    range_rad: Option<Spanned<Numbers<2>>>,
+    range_mm: Option<Spanned<Numbers<2>>>,
+    range_m: Option<Spanned<Numbers<2>>>,
 }
 
 #[derive(Deserialize)]
@@ -180,18 +182,18 @@ struct TargetTable {
 #[serde(deny_unknown_fields)]
 struct ZoneTable {
     name: Option<String>,
-    min_mm: Option<Spanned<[f64; 3]>>,
-    min_m: Option<Spanned<[f64; 3]>>,
-    max_mm: Option<Spanned<[f64; 3]>>,
-    max_m: Option<Spanned<[f64; 3]>>,
+    min_mm: Option<Spanned<Numbers<3>>>,
+    min_m: Option<Spanned<Numbers<3>>>,
+    max_mm: Option<Spanned<Numbers<3>>>,
+    max_m: Option<Spanned<Numbers<3>>>,
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SightTable {
-    instrument_mm: Option<Spanned<[f64; 3]>>,
-    instrument_m: Option<Spanned<[f64; 3]>>,
-    normal: Spanned<[f64; 3]>,
+    instrument_mm: Option<Spanned<Numbers<3>>>,
+    instrument_m: Option<Spanned<Numbers<3>>>,
+    normal: Spanned<Numbers<3>>,
     max_angle_deg: Option<Spanned<f64>>,
     max_angle_rad: Option<Spanned<f64>>,
 }
@@ -236,7 +238,7 @@ impl TomlSource<'_> {
 
     fn zone(&self, table: &Spanned<ZoneTable>) -> Result<Zone, InputError> {
         let zone = table.get_ref();
-        let corner = |units: [Unit<'_, [f64; 3]>; 2], keys: &str| {
+        let corner = |units: [Unit<'_, Numbers<3>>; 2], keys: &str| {
             self.vector(&units)?.ok_or_else(|| {
                 self.error(
                     table.span(),
@@ -298,7 +300,7 @@ impl TomlSource<'_> {
                 "an angle above 0, at most half a turn",
             ));
         }
-        let normal = Vector3::from(*sight.normal.get_ref());
+        let normal = Vector3::from(sight.normal.get_ref().0);
         let length = normal.norm();
         if !(length > 1e-9 && length.is_finite()) {
             let found = format!("{:?}", sight.normal.get_ref());
@@ -372,7 +374,7 @@ impl TomlSource<'_> {
             let expected = format!("{} or {}", units[0].0, units[1].0);
             return Err(self.error(table.span(), "", found, expected));
         };
-        let [a, b] = *value.get_ref();
+        let [a, b] = value.get_ref().0;
         let found = format!("[{a}, {b}]");
         if !(a.is_finite() && b.is_finite() && a < b) {
             let expected = "a smaller and a larger number";

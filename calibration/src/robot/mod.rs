@@ -23,6 +23,7 @@ mod tests;
 mod toml_description;
 pub mod toml_source;
 pub mod urdf;
+pub mod urdf_document;
 
 use std::path::Path;
 

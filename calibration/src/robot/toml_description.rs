@@ -48,7 +48,7 @@ use crate::input_error::{InputError, counted};
 use crate::robot::description::{ClassPrior, Joint, Robot, WITHIN, is_too_long};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
-use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Origin, RADIAN, TomlSource};
+use crate::robot::toml_source::{DEGREE, METRE, MILLIMETRE, Numbers, Origin, RADIAN, TomlSource};
 
 /// Permitted cycles per turn of the joint of a gear line.
 const GEAR_LINES: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
@@ -107,16 +107,16 @@ struct Fixed {
 struct JointTable {
     name: Spanned<String>,
     kind: Kind,
-    limits_deg: Option<Spanned<[f64; 2]>>,
-    limits_rad: Option<Spanned<[f64; 2]>>,
-    limits_mm: Option<Spanned<[f64; 2]>>,
-    limits_m: Option<Spanned<[f64; 2]>>,
+    limits_deg: Option<Spanned<Numbers<2>>>,
+    limits_rad: Option<Spanned<Numbers<2>>>,
+    limits_mm: Option<Spanned<Numbers<2>>>,
+    limits_m: Option<Spanned<Numbers<2>>>,
     gear_ratio: Option<Spanned<f64>>,
     gear_lines: Option<Spanned<Vec<f64>>>,
     link_radius_m: Option<Spanned<f64>>,
     link_radius_mm: Option<Spanned<f64>>,
     origin: Option<Spanned<Origin>>,
-    axis: Option<Spanned<[f64; 3]>>,
+    axis: Option<Spanned<Numbers<3>>>,
     a_m: Option<Spanned<f64>>,
     a_mm: Option<Spanned<f64>>,
     d_m: Option<Spanned<f64>>,
@@ -258,7 +258,7 @@ impl TomlSource<'_> {
             };
             return Err(self.error(value.span(), key, key, expected));
         }
-        let [lower, upper] = *value.get_ref();
+        let [lower, upper] = value.get_ref().0;
         let found = format!("the limits {lower} to {upper}");
         if lower > upper {
             return Err(self.error(value.span(), key, found, "the lower limit first"));
@@ -390,7 +390,7 @@ impl TomlSource<'_> {
             );
         }
         let axis = joint.axis.as_ref().ok_or_else(|| missing("axis"))?;
-        let vector = Vector3::from(*axis.get_ref());
+        let vector = Vector3::from(axis.get_ref().0);
         let length = chain::norm(&vector);
         if !(length > 1e-9 && length.is_finite()) {
             let found = format!("the axis {:?}", axis.get_ref());

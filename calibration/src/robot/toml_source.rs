@@ -1,10 +1,12 @@
 //! Shared parts of the TOML readers: positions of errors, and numbers whose key carries their unit.
 
-use std::ops::Range;
+use std::fmt;
+use std::ops::{Deref, Range};
 use std::path::Path;
 
 use poegp_runtime::math::se3::Pose;
-use serde::Deserialize;
+use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
 use crate::input_error::InputError;
@@ -27,14 +29,69 @@ pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// Largest radius of a link, in m: a larger one is in another unit.
 const LARGEST_RADIUS: f64 = 2.0;
 
+/// A list of exactly N numbers. Arrays of serde ignore what follows in a list, such as the digits after a decimal comma.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Numbers<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> Deref for Numbers<N> {
+    type Target = [f64; N];
+
+    fn deref(&self) -> &[f64; N] {
+        &self.0
+    }
+}
+
+impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_seq(ListOf::<N>).map(Self)
+    }
+}
+
+/// Reads the array of a [`Numbers`], for fields of that type.
+///
+/// # Errors
+/// Returns an error if the list has fewer or more numbers.
+pub fn exactly<'de, D: Deserializer<'de>, const N: usize>(
+    deserializer: D,
+) -> Result<[f64; N], D::Error> {
+    Numbers::deserialize(deserializer).map(|numbers| numbers.0)
+}
+
+struct ListOf<const N: usize>;
+
+impl<'de, const N: usize> Visitor<'de> for ListOf<N> {
+    type Value = [f64; N];
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "an array of length {N}")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[f64; N], A::Error> {
+        let mut out = [0.0; N];
+        for (i, value) in out.iter_mut().enumerate() {
+            *value = list
+                .next_element()?
+                .ok_or_else(|| A::Error::invalid_length(i, &self))?;
+        }
+        let mut length = N;
+        while list.next_element::<IgnoredAny>()?.is_some() {
+            length += 1;
+        }
+        match length == N {
+            true => Ok(out),
+            false => Err(A::Error::invalid_length(length, &self)),
+        }
+    }
+}
+
 /// A frame relative to the one before it, as in a URDF: position, then roll, pitch and yaw.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
-    xyz_m: Option<Spanned<[f64; 3]>>,
-    xyz_mm: Option<Spanned<[f64; 3]>>,
-    rpy_deg: Option<Spanned<[f64; 3]>>,
-    rpy_rad: Option<Spanned<[f64; 3]>>,
+    xyz_m: Option<Spanned<Numbers<3>>>,
+    xyz_mm: Option<Spanned<Numbers<3>>>,
+    rpy_deg: Option<Spanned<Numbers<3>>>,
+    rpy_rad: Option<Spanned<Numbers<3>>>,
 }
 
 /// Translates a message of serde into the terms of the file's author: what was found and, if the message says so, what was
@@ -161,7 +218,7 @@ impl TomlSource<'_> {
     /// Reads finite numbers of one quantity in SI units.
     pub fn vector<const N: usize>(
         &self,
-        units: &[Unit<'_, [f64; N]>],
+        units: &[Unit<'_, Numbers<N>>],
     ) -> Result<Option<[f64; N]>, InputError> {
         let Some((key, factor, value)) = self.at_most_one_unit(units)? else {
             return Ok(None);
@@ -169,7 +226,7 @@ impl TomlSource<'_> {
         if let Some(bad) = value.get_ref().iter().find(|number| !number.is_finite()) {
             return Err(self.error(value.span(), key, bad.to_string(), "finite numbers"));
         }
-        Ok(Some(value.get_ref().map(|number| to_si(number, factor))))
+        Ok(Some(value.get_ref().0.map(|number| to_si(number, factor))))
     }
 
     /// Reads a single finite number in SI units.
@@ -244,7 +301,7 @@ mod tests {
         struct File {
             count: u32,
             length: Option<f64>,
-            place: Option<[f64; 3]>,
+            place: Option<Numbers<3>>,
             all: Option<bool>,
             inner: Option<Inner>,
         }
@@ -282,6 +339,11 @@ mod tests {
             (
                 "count = 1\nplace = [1, 2]",
                 "a list of length 2",
+                Some("a list of 3 values"),
+            ),
+            (
+                "count = 1\nplace = [1,5, 2, 0]",
+                "a list of length 4",
                 Some("a list of 3 values"),
             ),
             ("count = 1\ninner = 3", "the number 3", Some("a table")),

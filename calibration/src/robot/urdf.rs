@@ -10,31 +10,32 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
-use urdf_rs::JointType;
 
 use crate::input_error::InputError;
-use crate::robot::description::{Joint, LoadOptions, Robot, WITHIN, is_too_long};
+use crate::robot::description::{self, LoadOptions, Robot, WITHIN, is_too_long};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
+use crate::robot::urdf_document::{Document, Joint, UrdfJoint, UrdfKind};
 
 /// Names of leaf links that are taken for the flange if there are several leaves, best first.
 const FLANGE_NAMES: [&str; 3] = ["tool0", "flange", "ee_link"];
 
 /// Parses the robot of a URDF text; `file` is for messages.
 pub(super) fn parse(file: &Path, text: &str, options: &LoadOptions) -> Result<Robot, InputError> {
-    let document = document(file, text)?;
+    let document = Document::parse(file, text)?;
+    let (links, joints) = (document.links()?, document.joints()?);
     let reader = Reader {
         file,
-        text,
-        joints: &document.joints,
+        document: &document,
+        joints: &joints,
     };
-    let (base, tip, path) = reader.chosen(&document.links, options)?;
+    let (base, tip, path) = reader.chosen(&links, options)?;
 
     let mut chain = Chain::new();
     for joint in path {
         reader.push(&mut chain, joint)?;
     }
-    let name = match document.name.trim() {
+    let name = match document.name().trim() {
         "" => file
             .file_stem()
             .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned()),
@@ -57,99 +58,30 @@ pub fn joints_of_chain(
     file: &Path,
     text: &str,
     options: &LoadOptions,
-) -> Result<Vec<urdf_rs::Joint>, InputError> {
-    let document = document(file, text)?;
+) -> Result<Vec<UrdfJoint>, InputError> {
+    let document = Document::parse(file, text)?;
+    let (links, joints) = (document.links()?, document.joints()?);
     let reader = Reader {
         file,
-        text,
-        joints: &document.joints,
+        document: &document,
+        joints: &joints,
     };
-    let (_, _, path) = reader.chosen(&document.links, options)?;
-    Ok(path.into_iter().cloned().collect())
-}
-
-/// Number of elements that may be within each other; a URDF has four.
-const DEEPEST: usize = 64;
-
-fn document(file: &Path, text: &str) -> Result<urdf_rs::Robot, InputError> {
-    if let Some(line) = too_deep(text) {
-        let found = format!("an element within more than {DEEPEST} others");
-        let expected = "a URDF, XML with the root element <robot>";
-        return Err(InputError::new(file, found, expected).at_line(line));
-    }
-    urdf_rs::read_from_string(text).map_err(|error| not_urdf(file, text, &error))
-}
-
-/// Returns the line at which elements are nested more than [`DEEPEST`] deep: readers of XML call themselves for each.
-fn too_deep(text: &str) -> Option<usize> {
-    let mut depth = 0_usize;
-    let mut rest = text;
-    while let Some(start) = rest.find('<') {
-        let tag = &rest[start..];
-        let end = match tag.starts_with("<!--") {
-            true => tag.find("-->"),
-            false => tag.find('>'),
-        };
-        let end = end.unwrap_or(tag.len() - 1);
-        let is_inner = tag[..end].ends_with('/') || tag.starts_with("<!") || tag.starts_with("<?");
-        if tag.starts_with("</") {
-            depth = depth.saturating_sub(1);
-        } else if !is_inner {
-            depth += 1;
-        }
-        if depth > DEEPEST {
-            let before = text.len() - tag.len();
-            return Some(1 + text[..before].matches('\n').count());
-        }
-        rest = &tag[end..];
-        rest = rest.strip_prefix(['>', '-']).unwrap_or(rest);
-        if rest.len() == tag.len() {
-            break;
-        }
-    }
-    None
-}
-
-fn not_urdf(file: &Path, text: &str, error: &urdf_rs::UrdfError) -> InputError {
-    let start = text.trim_start();
-    if start.is_empty() {
-        return InputError::new(file, "an empty file", "a URDF");
-    }
-    if !start.starts_with('<') {
-        return InputError::new(
-            file,
-            "text that is not XML",
-            "a URDF, XML with the root element <robot>",
-        );
-    }
-    let reason = error.to_string();
-    let reason = reason.split_whitespace().collect::<Vec<_>>().join(" ");
-    let reason = reason.strip_prefix("custom: ").unwrap_or(&reason);
-    let error = match reason.split_once(", expected ") {
-        Some((found, expected)) => InputError::new(file, found, expected),
-        None => InputError::new(file, reason, "a URDF, XML with the root element <robot>"),
-    };
-    if ["xacro:", "${"].iter().any(|sign| text.contains(sign)) {
-        return error.with_help(
-            "expand the xacro first, for example `xacro robot.urdf.xacro > robot.urdf`",
-        );
-    }
-    error
+    let (_, _, path) = reader.chosen(&links, options)?;
+    path.into_iter()
+        .map(|joint| joint.read(&document))
+        .collect()
 }
 
 /// The links of a file that is a forest: each link has at most one parent.
 struct Tree<'a> {
     links: Vec<&'a str>,
     /// For each link, the joint whose child it is.
-    parent_joint: HashMap<&'a str, &'a urdf_rs::Joint>,
+    parent_joint: HashMap<&'a str, &'a Joint<'a>>,
 }
 
 impl<'a> Tree<'a> {
     fn is_leaf(&self, link: &str) -> bool {
-        !self
-            .parent_joint
-            .values()
-            .any(|joint| joint.parent.link == link)
+        !self.parent_joint.values().any(|joint| joint.parent == link)
     }
 
     /// Returns whether `base` is `link` itself or one of its ancestors.
@@ -157,7 +89,7 @@ impl<'a> Tree<'a> {
         let mut at = link;
         while at != base {
             match self.parent_joint.get(at) {
-                Some(joint) => at = &joint.parent.link,
+                Some(joint) => at = joint.parent,
                 None => return false,
             }
         }
@@ -167,17 +99,17 @@ impl<'a> Tree<'a> {
 
 struct Reader<'a> {
     file: &'a Path,
-    text: &'a str,
-    joints: &'a [urdf_rs::Joint],
+    document: &'a Document<'a>,
+    joints: &'a [Joint<'a>],
 }
 
 impl<'a> Reader<'a> {
     /// Returns base, tip and the joints between them, of a file that is a tree.
     fn chosen(
         &self,
-        links: &'a [urdf_rs::Link],
+        links: &[&'a str],
         options: &LoadOptions,
-    ) -> Result<(&'a str, &'a str, Vec<&'a urdf_rs::Joint>), InputError> {
+    ) -> Result<(&'a str, &'a str, Vec<&'a Joint<'a>>), InputError> {
         self.check_names(links)?;
         let tree = self.tree(links)?;
         let base = self.base(&tree, options)?;
@@ -189,25 +121,12 @@ impl<'a> Reader<'a> {
         InputError::new(self.file, found, expected)
     }
 
-    fn joint_error(
-        &self,
-        joint: &str,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> InputError {
-        let error = self.error(found, expected);
-        match line_of_joint(self.text, joint) {
-            Some(line) => error.at_line(line),
-            None => error,
-        }
-    }
-
     /// Checks names: each link and joint name occurs once, and every link that a joint names exists.
-    fn check_names(&self, links: &'a [urdf_rs::Link]) -> Result<(), InputError> {
+    fn check_names(&self, links: &[&'a str]) -> Result<(), InputError> {
         for (i, link) in links.iter().enumerate() {
-            if links[..i].iter().any(|other| other.name == link.name) {
+            if links[..i].contains(link) {
                 return Err(self.error(
-                    format!("two links named \"{}\"", link.name),
+                    format!("two links named \"{link}\""),
                     "every link once, by a name of its own",
                 ));
             }
@@ -217,21 +136,18 @@ impl<'a> Reader<'a> {
                 .iter()
                 .any(|other| other.name == joint.name)
             {
-                return Err(self.joint_error(
-                    &joint.name,
+                return Err(self.document.joint_error(
+                    joint,
                     format!("two joints named \"{}\"", joint.name),
                     "every joint once, by a name of its own",
                 ));
             }
-            for (role, name) in [("parent", &joint.parent.link), ("child", &joint.child.link)] {
-                if !links.iter().any(|link| link.name == *name) {
-                    return Err(self.joint_error(
-                        &joint.name,
+            for (role, name) in [("parent", joint.parent), ("child", joint.child)] {
+                if !links.contains(&name) {
+                    return Err(self.document.joint_error(
+                        joint,
                         format!("the {role} link \"{name}\" of joint \"{}\"", joint.name),
-                        format!(
-                            "one of the links {}",
-                            list(links.iter().map(|l| l.name.as_str()))
-                        ),
+                        format!("one of the links {}", list(links.iter().copied())),
                     ));
                 }
             }
@@ -240,38 +156,38 @@ impl<'a> Reader<'a> {
     }
 
     /// Connects every link to its parent and refuses loops.
-    fn tree(&self, links: &'a [urdf_rs::Link]) -> Result<Tree<'a>, InputError> {
-        let mut parent_joint: HashMap<&str, &urdf_rs::Joint> = HashMap::new();
+    fn tree(&self, links: &[&'a str]) -> Result<Tree<'a>, InputError> {
+        let mut parent_joint: HashMap<&'a str, &'a Joint<'a>> = HashMap::new();
         for joint in self.joints {
-            if let Some(other) = parent_joint.insert(&joint.child.link, joint) {
-                return Err(self.joint_error(
-                    &joint.name,
+            if let Some(other) = parent_joint.insert(joint.child, joint) {
+                return Err(self.document.joint_error(
+                    joint,
                     format!(
                         "a loop: link \"{}\" is the child of the joints \"{}\" and \"{}\"",
-                        joint.child.link, other.name, joint.name
+                        joint.child, other.name, joint.name
                     ),
                     "a tree, where every link has at most one parent",
                 ));
             }
         }
         for link in links {
-            let mut at = link.name.as_str();
+            let mut at = *link;
             for _ in 0..=links.len() {
                 match parent_joint.get(at) {
-                    Some(joint) => at = &joint.parent.link,
+                    Some(joint) => at = joint.parent,
                     None => break,
                 }
             }
             if let Some(joint) = parent_joint.get(at) {
-                return Err(self.joint_error(
-                    &joint.name,
+                return Err(self.document.joint_error(
+                    joint,
                     format!("a loop through link \"{at}\" and joint \"{}\"", joint.name),
                     "a tree, where no link is above itself",
                 ));
             }
         }
         Ok(Tree {
-            links: links.iter().map(|link| link.name.as_str()).collect(),
+            links: links.to_vec(),
             parent_joint,
         })
     }
@@ -341,7 +257,7 @@ impl<'a> Reader<'a> {
         tree: &Tree<'a>,
         base: &str,
         tip: &str,
-    ) -> Result<Vec<&'a urdf_rs::Joint>, InputError> {
+    ) -> Result<Vec<&'a Joint<'a>>, InputError> {
         let mut path = Vec::new();
         let mut at = tip;
         while at != base {
@@ -355,61 +271,32 @@ impl<'a> Reader<'a> {
                 ));
             };
             path.push(*joint);
-            at = &joint.parent.link;
+            at = joint.parent;
         }
         path.reverse();
         Ok(path)
     }
 
-    fn push(&self, chain: &mut Chain, joint: &urdf_rs::Joint) -> Result<(), InputError> {
-        let name = &joint.name;
-        let (xyz, rpy, axis) = (*joint.origin.xyz, *joint.origin.rpy, *joint.axis.xyz);
-        for (what, values) in [("origin xyz", &xyz), ("origin rpy", &rpy), ("axis", &axis)] {
-            if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-                let found = format!("{value} in the {what} of joint \"{name}\"");
-                return Err(self.joint_error(name, found, "finite numbers"));
-            }
-        }
-        chain.push_fixed(chain::origin(xyz, rpy));
-        let kind = match joint.joint_type {
-            JointType::Fixed => return Ok(()),
-            JointType::Revolute | JointType::Continuous => JointKind::Revolute,
-            JointType::Prismatic => JointKind::Prismatic,
-            ref other => {
-                return Err(self.joint_error(
-                    name,
-                    format!(
-                        "joint \"{name}\" of type {}",
-                        format!("{other:?}").to_lowercase()
-                    ),
-                    "revolute, continuous, prismatic or fixed joints between base and tip",
-                ));
-            }
+    fn push(&self, chain: &mut Chain, joint: &Joint<'_>) -> Result<(), InputError> {
+        let read = joint.read(self.document)?;
+        chain.push_fixed(chain::origin(read.xyz, read.rpy));
+        let kind = match read.kind {
+            UrdfKind::Fixed => return Ok(()),
+            UrdfKind::Revolute | UrdfKind::Continuous => JointKind::Revolute,
+            UrdfKind::Prismatic => JointKind::Prismatic,
         };
-        if let Some(mimic) = &joint.mimic {
-            return Err(self
-                .joint_error(
-                    name,
-                    format!("joint \"{name}\", which mimics \"{}\"", mimic.joint),
-                    "joints that move on their own between base and tip",
-                )
-                .with_help(
-                    "a linear coupling of joints is described by `coupling` in a TOML description",
-                ));
-        }
-        let axis = Vector3::from(axis);
+        let axis = Vector3::from(read.axis);
         let length = chain::norm(&axis);
         if !(length > 1e-9 && length.is_finite()) {
-            let found = format!(
-                "the axis {} {} {} of joint \"{name}\"",
-                axis[0], axis[1], axis[2]
-            );
-            return Err(self.joint_error(name, found, "an axis that is not zero"));
+            let [x, y, z] = read.axis;
+            let found = format!("the axis {x} {y} {z} of joint \"{}\"", read.name);
+            let expected = "an axis that is not zero";
+            return Err(self.document.joint_error(joint, found, expected));
         }
-        let limits = self.limits(joint)?;
+        let limits = self.limits(joint, &read)?;
         chain.push_joint(
-            Joint {
-                name: name.clone(),
+            description::Joint {
+                name: read.name,
                 kind,
                 limits,
                 gear_lines: Vec::new(),
@@ -420,25 +307,25 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    fn limits(&self, joint: &urdf_rs::Joint) -> Result<Option<(f64, f64)>, InputError> {
-        let (lower, upper) = (joint.limit.lower, joint.limit.upper);
-        if joint.joint_type == JointType::Continuous || (lower == 0.0 && upper == 0.0) {
+    fn limits(
+        &self,
+        joint: &Joint<'_>,
+        read: &UrdfJoint,
+    ) -> Result<Option<(f64, f64)>, InputError> {
+        let (lower, upper) = read.limits;
+        if read.kind == UrdfKind::Continuous || (lower == 0.0 && upper == 0.0) {
             return Ok(None);
         }
+        let of = format!("of joint \"{}\"", read.name);
         if lower.is_nan() || upper.is_nan() || lower > upper {
-            return Err(self.joint_error(
-                &joint.name,
-                format!("the limits {lower} to {upper} of joint \"{}\"", joint.name),
-                "a lower limit that is not above the upper one",
-            ));
+            let found = format!("the limits {lower} to {upper} {of}");
+            let expected = "a lower limit that is not above the upper one";
+            return Err(self.document.joint_error(joint, found, expected));
         }
         let limits = (lower.is_finite() && upper.is_finite()).then_some((lower, upper));
-        if joint.joint_type == JointType::Prismatic && limits.is_some_and(is_too_long) {
-            let found = format!(
-                "the limits {lower} to {upper} m of joint \"{}\"",
-                joint.name
-            );
-            return Err(self.joint_error(&joint.name, found, WITHIN));
+        if read.kind == UrdfKind::Prismatic && limits.is_some_and(is_too_long) {
+            let found = format!("the limits {lower} to {upper} m {of}");
+            return Err(self.document.joint_error(joint, found, WITHIN));
         }
         Ok(limits)
     }
@@ -449,17 +336,4 @@ fn list<'b>(names: impl Iterator<Item = &'b str>) -> String {
         .map(|name| format!("\"{name}\""))
         .collect::<Vec<_>>()
         .join(", ")
-}
-
-/// Returns the line of the (last) start tag of joint `name`. The XML reader keeps no positions, so the text is searched.
-fn line_of_joint(text: &str, name: &str) -> Option<usize> {
-    let quoted = [format!("name=\"{name}\""), format!("name='{name}'")];
-    let starts = text.match_indices("<joint").map(|(start, _)| start);
-    let found = starts.filter(|start| {
-        let tag = text[*start..].split('>').next().unwrap_or("");
-        quoted.iter().any(|name| tag.contains(name.as_str()))
-    });
-    found
-        .last()
-        .map(|start| 1 + text[..start].matches('\n').count())
 }

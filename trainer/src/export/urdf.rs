@@ -17,6 +17,7 @@ use crate::export::format::{decimals, rpy, three, xyz};
 use crate::export::xml::{comment_lines, escaped};
 use crate::export::{CalibratedChain, gauge};
 use poegp_calibration::robot::normal_form::{origin, rotation_to_axis};
+use poegp_calibration::robot::urdf_document::UrdfJoint;
 
 /// Name of the link that is added where the tip cannot be the calibrated flange.
 pub const FLANGE_LINK: &str = "calibrated_flange";
@@ -56,16 +57,13 @@ pub struct Changes {
 /// names a link to be added at the target.
 pub fn changes(
     chain: &CalibratedChain,
-    joints: &[urdf_rs::Joint],
+    joints: &[UrdfJoint],
     target_link: Option<&str>,
 ) -> Changes {
     let calibrated = at_zero(&chain.to_flange());
     let flange = calibrated[calibrated.len() - 1];
-    let nominal_origin = |joint: &urdf_rs::Joint| origin(*joint.origin.xyz, *joint.origin.rpy);
-    let last_moving = joints
-        .iter()
-        .rposition(|joint| joint.joint_type != urdf_rs::JointType::Fixed)
-        .unwrap_or(0);
+    let nominal_origin = |joint: &UrdfJoint| origin(joint.xyz, joint.rpy);
+    let last_moving = joints.iter().rposition(UrdfJoint::moves).unwrap_or(0);
     let mut corrected = Vec::new();
     // Poses of the links at joint values zero, in the nominal file and in the new one.
     let (mut nominal, mut new) = (Pose::identity(), Pose::identity());
@@ -74,9 +72,9 @@ pub fn changes(
         let before = nominal_origin(joint);
         nominal = nominal * before;
         let mut after = before;
-        if joint.joint_type != urdf_rs::JointType::Fixed {
+        if joint.moves() {
             // A frame with the calibrated axis as its z, and from that frame the pose of the link.
-            let link_from_normal = rotation_to_axis(&Vector3::from(*joint.axis.xyz));
+            let link_from_normal = rotation_to_axis(&Vector3::from(joint.axis));
             let normal = gauge::nearest_on_axis(&calibrated[moving], &(nominal * link_from_normal));
             after = new.inverse() * (normal * link_from_normal.inverse());
             moving += 1;
@@ -87,7 +85,7 @@ pub fn changes(
             after = new.inverse() * flange * behind.inverse();
         }
         new = new * after;
-        let changes = joint.joint_type != urdf_rs::JointType::Fixed || i == last_moving + 1;
+        let changes = joint.moves() || i == last_moving + 1;
         if changes {
             corrected.push(Corrected {
                 joint: joint.name.clone(),
@@ -98,7 +96,7 @@ pub fn changes(
     }
     let mut tip = joints
         .last()
-        .map_or_else(String::new, |joint| joint.child.link.clone());
+        .map_or_else(String::new, |joint| joint.child.clone());
     let mut added = Vec::new();
     if last_moving + 1 == joints.len() {
         added.push(Added {

@@ -22,6 +22,7 @@ use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
 use crate::import::write::Row;
 use poegp_calibration::input_error::InputError;
+use poegp_calibration::robot::toml_source::Numbers;
 
 const LEAVE_OUT: &str =
     "incomplete = \"leave-out\" in the map leaves such poses out and lists them";
@@ -327,12 +328,12 @@ fn fit_of(
 }
 
 fn in_millimetres(
-    targets: &BTreeMap<String, [f64; 3]>,
+    targets: &BTreeMap<String, Numbers<3>>,
     unit: Option<LengthUnit>,
 ) -> BTreeMap<&str, Vector3<f64>> {
     let factor = unit.map_or(1.0, LengthUnit::in_mm);
     targets
         .iter()
-        .map(|(name, t)| (name.as_str(), factor * Vector3::from(*t)))
+        .map(|(name, t)| (name.as_str(), factor * Vector3::from(t.0)))
         .collect()
 }

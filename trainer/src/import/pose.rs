@@ -178,7 +178,7 @@ pub fn pose_reader(map: &Map, table: &Table) -> Result<PoseReader, InputError> {
                 })?;
             }
             let unit = shared_unit(map, table, &xyz, how.unit, "reflectors.unit")?;
-            let location = how.at_unit.in_mm() * Vector3::from(*location);
+            let location = how.at_unit.in_mm() * Vector3::from(location.0);
             reflectors.push((Triple(xyz, unit), location));
         }
         let limit = how.max_residual_mm.as_ref().map(|limit| *limit.get_ref());

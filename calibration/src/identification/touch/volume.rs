@@ -4,6 +4,8 @@
 //! that remain after base (6) and tip (3) are registered over the volume. Stated errors are parameters ⊕ τ: the share of
 //! gears that no parameter describes is no noise of the parameters.
 
+use std::collections::BTreeSet;
+
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_runtime::math::se3::{Pose, skew};
@@ -16,6 +18,7 @@ use crate::identification::touch::beyond::Stated;
 use crate::identification::touch::fit::{Noise, TouchFit, TouchProblem};
 use crate::measurement::observation::Observation;
 use crate::measurement::sample::{Base, BaseSample, Sample};
+use crate::measurement::touch::Reading;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::halton::halton;
 use crate::numeric::matrix::Mat;
@@ -266,19 +269,31 @@ pub fn registered(poses: &[Pose<f64>]) -> Mat<f64> {
     gauge.qr().q()
 }
 
-/// Returns τ of a position, enlarged by its uncertainty: the standard error of a variance estimated from so many rows.
+/// Returns τ of a position, enlarged by its uncertainty: the standard error of a variance estimated from so many rows. What
+/// no parameter describes is alike where the tip is at the same place, so the touches of a socket count as one.
 fn stated_tau(problem: &TouchProblem, fit: &TouchFit) -> f64 {
+    let rows = || problem.set.rows.iter().zip(&fit.weights);
+    let used = || rows().filter(|(_, weight)| **weight > 0.0);
+    let sockets: BTreeSet<usize> = used()
+        .filter(|(row, _)| matches!(row.reading, Reading::Point { .. }))
+        .filter_map(|(row, _)| row.reading.feature())
+        .collect();
     let (mut sum, mut count) = (0.0, 0.0);
-    for (row, weight) in problem.set.rows.iter().zip(&fit.weights) {
+    for (row, _) in used() {
         let kind = Noise::of(&row.reading, 0);
-        if *weight > 0.0 && kind.is_length() {
-            let equations = row.reading.equations().min(3) as f64;
-            let sigma = problem.set.sigma(row).unwrap_or(0.0);
-            let tau = fit.tau[kind as usize].powi(2);
-            let error = (sigma * sigma + tau) * (2.0 / (1.0 + fit.freedom[kind as usize])).sqrt();
-            sum += equations * (tau + error);
-            count += equations;
+        if !kind.is_length() {
+            continue;
         }
+        let equations = row.reading.equations().min(3) as f64;
+        let sigma = problem.set.sigma(row).unwrap_or(0.0);
+        let tau = fit.tau[kind as usize].powi(2);
+        let freedom = match kind {
+            Noise::Point => fit.freedom[kind as usize].min(sockets.len() as f64),
+            _ => fit.freedom[kind as usize],
+        };
+        let error = (sigma * sigma + tau) * (2.0 / (1.0 + freedom)).sqrt();
+        sum += equations * (tau + error);
+        count += equations;
     }
     for motions in problem.joint_motions.iter().flatten() {
         // The mean square of three components of the position.

@@ -16,6 +16,7 @@ use crate::measurement::touch::tables::{
     CameraTable, DistanceTable, FeatureTable, File, KIND_NAMES,
 };
 use crate::robot::ClassPrior;
+use crate::robot::toml_source::Numbers;
 use crate::robot::toml_source::TomlSource;
 
 /// Name of the file in messages.
@@ -228,12 +229,12 @@ impl Source<'_> {
     fn vector(
         &self,
         key: &str,
-        value: &Spanned<[f64; 3]>,
+        value: &Spanned<Numbers<3>>,
         unit: f64,
     ) -> Result<Vector3<f64>, InputError> {
         match value.get_ref().iter().find(|number| !number.is_finite()) {
             Some(bad) => Err(self.refuse(key, value, bad.to_string(), "finite numbers")),
-            None => Ok(Vector3::from(*value.get_ref()) * unit),
+            None => Ok(Vector3::from(value.get_ref().0) * unit),
         }
     }
 
@@ -359,7 +360,7 @@ impl Source<'_> {
                 (corners, x.span(), "corners_x_mm")
             }
             (None, None, Some(all)) => {
-                let corner = |c: &[f64; 3]| Vector3::from(*c) * 1e-3;
+                let corner = |c: &Numbers<3>| Vector3::from(c.0) * 1e-3;
                 let corners = all.get_ref().iter().map(corner).collect();
                 (corners, all.span(), "corners_mm")
             }
@@ -449,8 +450,8 @@ impl Source<'_> {
         let position = &t.position_sigma_mm;
         let rotation = &t.rotation_sigma_mrad;
         Ok(Camera {
-            focal: *t.focal_px.get_ref(),
-            centre: *t.centre_px.get_ref(),
+            focal: t.focal_px.get_ref().0,
+            centre: t.centre_px.get_ref().0,
             intrinsics_sigma: self.form("intrinsics_sigma_px", &t.intrinsics_sigma_px, 1.0)?,
             mount,
             camera_from_mount: Pose {

@@ -5,6 +5,8 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::robot::toml_source::Numbers;
+
 /// The whole file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -39,7 +41,7 @@ pub(super) struct PriorTable {
 #[serde(deny_unknown_fields)]
 pub(super) struct TargetTable {
     pub name: Spanned<String>,
-    pub tip_mm: Spanned<[f64; 3]>,
+    pub tip_mm: Spanned<Numbers<3>>,
     pub sigma_mm: Option<Spanned<f64>>,
 }
 
@@ -57,15 +59,15 @@ pub(super) struct FeatureTable {
     pub radius_mm: Option<Spanned<f64>>,
     pub radius_sigma_mm: Option<Spanned<f64>>,
     pub roundness_mm: Option<Spanned<f64>>,
-    pub position_mm: Option<Spanned<[f64; 3]>>,
+    pub position_mm: Option<Spanned<Numbers<3>>>,
     pub position_sigma_mm: Option<Spanned<f64>>,
     pub zero_sigma_mm: Option<Spanned<f64>>,
     pub scale_sigma_ppm: Option<Spanned<f64>>,
-    pub rotation_vector_rad: Option<Spanned<[f64; 3]>>,
+    pub rotation_vector_rad: Option<Spanned<Numbers<3>>>,
     pub rotation_sigma_mrad: Option<Spanned<f64>>,
     pub corners_x_mm: Option<Spanned<Vec<f64>>>,
     pub corners_y_mm: Option<Spanned<Vec<f64>>>,
-    pub corners_mm: Option<Spanned<Vec<[f64; 3]>>>,
+    pub corners_mm: Option<Spanned<Vec<Numbers<3>>>>,
 }
 
 /// Kinds that the tip touches; `KIND_NAMES` also has those that sensors see.
@@ -79,7 +81,7 @@ impl FeatureTable {
     /// Returns all keys except `name` and `kind`.
     pub(super) fn keys(&self) -> [KeyOfKinds; 17] {
         let span = |value: &Option<Spanned<f64>>| value.as_ref().map(Spanned::span);
-        let vector = |value: &Option<Spanned<[f64; 3]>>| value.as_ref().map(Spanned::span);
+        let vector = |value: &Option<Spanned<Numbers<3>>>| value.as_ref().map(Spanned::span);
         let list = |value: &Option<Spanned<Vec<f64>>>| value.as_ref().map(Spanned::span);
         let corners = self.corners_mm.as_ref().map(Spanned::span);
         [
@@ -131,12 +133,12 @@ pub(super) struct DistanceTable {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CameraTable {
-    pub focal_px: Spanned<[f64; 2]>,
-    pub centre_px: Spanned<[f64; 2]>,
+    pub focal_px: Spanned<Numbers<2>>,
+    pub centre_px: Spanned<Numbers<2>>,
     pub intrinsics_sigma_px: Option<Spanned<f64>>,
     pub mount: Option<Spanned<String>>,
-    pub position_mm: Spanned<[f64; 3]>,
+    pub position_mm: Spanned<Numbers<3>>,
     pub position_sigma_mm: Option<Spanned<f64>>,
-    pub rotation_vector_rad: Spanned<[f64; 3]>,
+    pub rotation_vector_rad: Spanned<Numbers<3>>,
     pub rotation_sigma_mrad: Option<Spanned<f64>>,
 }

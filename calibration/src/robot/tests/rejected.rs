@@ -122,11 +122,11 @@ fn urdf_is_refused_by_name() {
         &none,
         &["${height}", "expand the xacro first"],
     );
-    urdf_refused("<sdf><model/></sdf>", &none, &["no link", "<robot>"]);
+    urdf_refused("<sdf><model/></sdf>", &none, &["element <sdf>", "<robot>"]);
     urdf_refused(
-        "<robot name=\"x\"><link name=\"a\">",
+        "<robot name=\"x\">\n<link name=\"a\">",
         &none,
-        &["arm.urdf", "URDF"],
+        &["arm.urdf:", "XML with an error", "URDF"],
     );
     urdf_refused(
         "<robot><xacro:arm/><link></robot>",
@@ -159,28 +159,52 @@ fn urdf_is_refused_by_name() {
     urdf_refused(
         &one("wobbly", ""),
         &none,
-        &["found unknown variant `wobbly`, expected one of `revolute`"],
+        &["\"j1\" of type wobbly", "expected revolute"],
     );
     urdf_refused(
         &one("revolute", "<axis xyz=\"0 0 0\"/>"),
         &none,
         &["arm.urdf:2:", "axis 0 0 0", "\"j1\""],
     );
-    urdf_refused(
-        &one("revolute", "<axis xyz=\"0 0 nan\"/>"),
-        &none,
-        &["NaN in the axis", "finite"],
+    // A token that is no number must not be passed over: "0 - 1 0" would become the axis 0 1 0.
+    for (element, key, numbers) in [
+        ("axis", "xyz", "0 0 nan"),
+        ("axis", "xyz", "0 - 1 0"),
+        ("origin", "xyz", "0 inf 0"),
+        ("origin", "xyz", "0 a 0"),
+        ("origin", "xyz", "0,5 0 0.3 0.1"),
+        ("origin", "xyz", "0 0"),
+        ("origin", "rpy", "0 0 0 1"),
+        ("origin", "rpy", ""),
+    ] {
+        let more = format!("<{element} {key}=\"{numbers}\"/>");
+        let found = format!("{key}=\"{numbers}\" in the {element} of joint \"j1\"");
+        urdf_refused(
+            &arm("ab", &[("j1", "revolute", 'a', 'b', &more)]),
+            &none,
+            &["arm.urdf:2: column", &found, "three finite numbers"],
+        );
+    }
+    for (more, found) in [
+        ("<origin quat_xyzw=\"0 0 0 1\"/>", "quat_xyzw in the origin"),
+        ("<origin xyz=\"1 0 0\" ryp=\"0 0 1\"/>", "ryp in the origin"),
+        ("<axis xzy=\"0 0 1\"/>", "xzy in the axis"),
+        ("<origin/><origin/>", "a second <origin>"),
+        ("<limit upper=\"1,5\"/>", "\"1,5\" as the upper limit"),
+        ("<parent link=\"b\"/>", "a second <parent>"),
+    ] {
+        urdf_refused(&one("revolute", more), &none, &["arm.urdf:2:", found]);
+    }
+    let without = "<robot><joint name=\"j\" type=\"fixed\"><parent/></joint></robot>";
+    urdf_refused(without, &none, &["<parent> without link"]);
+    // What is beside the arm may be as it is.
+    let beside = "<inertial/><visual><origin xyz=\"a\"/></visual>";
+    let gripper = "<origin xyz=\"a\" quat_xyzw=\"\"/>";
+    let text = arm("abc", &[ok, ("g", "wobbly", 'b', 'c', gripper)]).replace(
+        "<link name=\"b\"/>",
+        &format!("<link name=\"b\">{beside}</link>"),
     );
-    urdf_refused(
-        &one("revolute", "<origin xyz=\"0 inf 0\"/>"),
-        &none,
-        &["inf in the origin xyz"],
-    );
-    urdf_refused(
-        &one("revolute", "<origin xyz=\"0 a 0\"/>"),
-        &none,
-        &["expected 3 found 2"],
-    );
+    assert!(urdf::parse(Path::new("arm.urdf"), &text, &link_names(None, Some("b"))).is_ok());
     let limit = "<limit lower=\"1\" upper=\"-1\" velocity=\"1\"/>";
     urdf_refused(
         &one("revolute", limit),
@@ -215,12 +239,8 @@ fn urdf_is_refused_by_name() {
 #[test]
 fn urdf_trees_are_refused_by_name() {
     let none = LoadOptions::default();
-    let deep = format!("<robot>\n{}", "<link name=\"a\">\n".repeat(12_000));
-    urdf_refused(
-        &deep,
-        &none,
-        &["arm.urdf:65:", "within more than 64 others"],
-    );
+    let deep = format!("<robot>{}</robot>", "<link name=\"a\">".repeat(12_000));
+    urdf_refused(&deep, &none, &["arm.urdf:1: column", "XML with an error"]);
     let flat = format!(
         "<robot><!-- > --> {}</robot>",
         "<link name=\"a\"/>\n<a></a>".repeat(100)

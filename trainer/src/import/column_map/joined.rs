@@ -58,7 +58,7 @@ impl Map {
                 "where the name of the target is",
             ));
         }
-        let locations: Vec<[f64; 3]> = targets.get_ref().values().copied().collect();
+        let locations: Vec<[f64; 3]> = targets.get_ref().values().map(|at| at.0).collect();
         if locations.iter().flatten().any(|x| !x.is_finite()) {
             return Err(self.error(
                 span,
@@ -134,7 +134,7 @@ impl Map {
 
     /// Checks that the reflectors of a row can give a pose.
     pub(super) fn check_reflectors(&self, how: &Reflectors) -> Result<(), InputError> {
-        let locations = how.at.get_ref();
+        let locations: Vec<[f64; 3]> = how.at.get_ref().iter().map(|at| at.0).collect();
         if how.columns.get_ref().len() != locations.len() {
             let found = format!("{} places", locations.len());
             let expected = format!("{}, as reflectors.columns has", how.columns.get_ref().len());
@@ -145,7 +145,7 @@ impl Map {
             let expected = "its x, y and z";
             return Err(self.error(how.columns.span(), "reflectors.columns", found, expected));
         }
-        if locations.iter().flatten().any(|x| !x.is_finite()) || !spans_a_plane(locations) {
+        if locations.iter().flatten().any(|x| !x.is_finite()) || !spans_a_plane(&locations) {
             let found = format!("{} reflectors on one line", locations.len());
             let expected = "three reflectors or more that are not on one line";
             return Err(self.error(how.at.span(), "reflectors.at", found, expected));

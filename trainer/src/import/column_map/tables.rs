@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use poegp_calibration::robot::toml_source::Numbers;
 use serde::{Deserialize, Serialize};
 use toml::Spanned;
 
@@ -306,7 +307,7 @@ pub struct Points {
     /// Largest residual of a point in the fit of a pose, in mm.
     pub max_residual_mm: Option<Spanned<f64>>,
     /// Positions of the targets on the tool; without them every point is a measurement of a position alone.
-    pub targets: Option<Spanned<BTreeMap<String, [f64; 3]>>>,
+    pub targets: Option<Spanned<BTreeMap<String, Numbers<3>>>>,
     /// Unit of `targets`.
     pub targets_unit: Option<LengthUnit>,
 }
@@ -330,7 +331,7 @@ pub struct Reflectors {
     /// Unit of the columns; `None` where the header states it.
     pub unit: Option<LengthUnit>,
     /// Position of each reflector on the tool.
-    pub at: Spanned<Vec<[f64; 3]>>,
+    pub at: Spanned<Vec<Numbers<3>>>,
     /// Unit of `at`.
     pub at_unit: LengthUnit,
     /// Largest residual of a reflector in the fit of a pose, in mm.

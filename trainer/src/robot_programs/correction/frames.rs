@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 use poegp_calibration::input_error::InputError;
-use poegp_calibration::robot::toml_source::TomlSource;
+use poegp_calibration::robot::toml_source::{Numbers, TomlSource};
 use poegp_runtime::math::se3::Pose;
 use serde::Deserialize;
 
@@ -29,8 +29,8 @@ use crate::robot_programs::dialect::Orientation;
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Entry {
-    xyz_mm: [f64; 3],
-    quaternion: [f64; 4],
+    xyz_mm: Numbers<3>,
+    quaternion: Numbers<4>,
     payload_kg: Option<f64>,
 }
 
@@ -173,8 +173,8 @@ impl Entry {
     fn pose(&self) -> Option<Pose<f64>> {
         let is_sound = self.xyz_mm.iter().all(|x| x.abs() < 1e6)
             && self.payload_kg.is_none_or(|kg| (0.0..1e6).contains(&kg));
-        let rotation = Orientation::Quaternion.rotation(&self.quaternion)?;
-        let [x, y, z] = self.xyz_mm.map(|x| 1e-3 * x);
+        let rotation = Orientation::Quaternion.rotation(&*self.quaternion)?;
+        let [x, y, z] = self.xyz_mm.0.map(|x| 1e-3 * x);
         is_sound.then_some(Pose {
             rotation,
             translation: Vector3::new(x, y, z),
