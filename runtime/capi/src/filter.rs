@@ -67,10 +67,10 @@ pub unsafe extern "C" fn poegp_filter_init(
 /// request. However many they are, the correction goes on by one cycle.
 ///
 /// Returns POEGP_OK for all numbers, NaN and infinity included; `out->status` says how far the answer can be
-/// trusted. Bad input is answered with the joints that were sent last; joints that were never sent are those of the
-/// command, with zero in place of numbers that are not finite. While `engage` is 0, what only the model refuses, such
-/// as the payload, is not bad: the correction goes to zero. With an error code the answer depends on the argument
-/// that is wrong:
+/// trusted. In place of a bad payload the last good one is used. Other bad input is answered with the joints that were
+/// sent last; joints that were never sent are those of the command, with zero in place of numbers that are not finite.
+/// While `engage` is 0, what only the model refuses, such as the payload, is not bad: the correction goes to zero. With
+/// an error code the answer depends on the argument that is wrong:
 /// - `joints`, or `count` (zero, above POEGP_MAX_JOINTS, another than that of the model or, without a model, than that
 ///   of the last command): the same as for bad input, with POEGP_STATUS_BAD_INPUT, and always all joints that were
 ///   sent last. Only the `count` of the last command passes while `engage` is 0, also with a model of another number;

@@ -29,7 +29,13 @@ impl<T: Scalar> CommandFilter<T> {
     pub(super) fn next_payload(&mut self, asked: T, cycles: u32) -> T {
         let largest = T::from_f32(MAX_PAYLOAD_KG);
         if !((asked >= T::ZERO) & (asked <= largest)) {
-            return asked;
+            // A reading that is none must not stop a moving arm.
+            self.bad_payload = true;
+            return if self.count == 0 {
+                asked
+            } else {
+                self.payload.now
+            };
         }
         let applied = self.weight() != T::ZERO;
         let way = &mut self.payload;
@@ -91,9 +97,12 @@ impl<T: Scalar> CommandFilter<T> {
         let largest = T::from_f64(MAX_CORRECTION);
         let finite = sizes <= T::from_f64(MAX_CORRECTION * (MAX_JOINTS + 1) as f64);
         let fits = (command.len() <= MAX_JOINTS) & (command.len() <= corrected.len());
+        let bad_payload = core::mem::take(&mut self.bad_payload) & engage;
         if !(fits & finite & (size <= largest)) | status.contains(Status::BAD_INPUT) {
             return self.hold(command, status, cycles);
         }
+        count_if(bad_payload, &mut self.counts.bad);
+        let status = status.with_if(bad_payload, Status::BAD_INPUT);
         if self.joints() != command.len() {
             return self.start(command, corrected, status, engage);
         }
@@ -162,13 +171,14 @@ impl<T: Scalar> CommandFilter<T> {
         self.rate = select(turn_of_weight, rate, T::ZERO);
         self.rest = select(turn_of_weight, rest, self.rest);
 
-        // A model that steps in every cycle must not keep the correction from being switched off.
-        let waits = !(engage | turn_of_weight | (weight == T::ZERO));
+        // A model that steps in every cycle, or a payload that never rests, must not keep the weight from its end.
+        let waits = !(turn_of_weight | (self.rest == T::ZERO));
         self.waited = select(waits, self.waited + T::ONE, self.waited);
-        self.waited = select(engage | (weight == T::ZERO), T::ZERO, self.waited);
+        self.waited = select(turned | (self.rest == T::ZERO), T::ZERO, self.waited);
         let gives_up = waits & guarded & (self.waited > limits.patience);
-        let carried = select(gives_up, weight, T::ZERO);
+        let before = self.weight();
         self.rest = select(gives_up, T::ZERO, self.rest);
+        let carried = before - self.weight();
 
         // The offsets move, and the answer is computed.
         let (weight, weight_rate) = (self.weight(), self.signed_rate());
@@ -274,7 +284,8 @@ impl<T: CompiledFilter> CommandFilter<T> {
     /// Returns the payload in kg at which the model is to be evaluated now, for the payload that is asked for and the
     /// `cycles` since the last call: none holds it, any other number is one step. It moves there smoothly in about the blend
     /// time, also from one change to the next, and never beyond the payloads asked for. While the model has no weight it
-    /// changes at once. An invalid payload is returned as it is, for the model to refuse.
+    /// changes at once. In place of an invalid payload, the last valid one stays, and the answer to the command has
+    /// [`Status::BAD_INPUT`]; before the first command, it is returned as it is, for the model to refuse.
     #[inline(always)]
     pub fn payload(&mut self, asked_kg: T, cycles: u32) -> T {
         T::filter_payload(self, asked_kg, cycles)

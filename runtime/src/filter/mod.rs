@@ -26,8 +26,8 @@
 //!
 //! **Order.** Either the weight moves or the offsets do. While an offset remains, the weight rests; its rate passes to the
 //! offsets at once, which leaves x unchanged. So each part may use the limits in full, and they hold by construction. A
-//! model that steps again and again would keep the weight from reaching 0: after [`PATIENCE`] blend times, the next step of
-//! the model moves the whole correction into the offsets and sets the weight to 0.
+//! model that steps again and again, or the payload of a load cell, would keep the weight from its end: after [`PATIENCE`]
+//! blend times, the next step sets the weight to its end, and the offsets take up what that changes.
 //!
 //! **Shape.** Weight, offsets and payload approach their ends with the largest rate from which they can still brake, and
 //! reach them exactly. With w = 1 and no offset the output is the corrected command, bit for bit; with w = 0 and no offset

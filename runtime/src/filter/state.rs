@@ -16,7 +16,7 @@ pub const MAX_CORRECTION: f64 = 0.2;
 /// Rounding of a correction in rad or m: several times that of q, which comes as this type.
 const NOISE_F32: f64 = 3e-6;
 const NOISE_F64: f64 = 1e-12;
-/// Number of blend times after which a filter that cannot disengage, because the model steps again and again, stops waiting.
+/// Number of blend times after which a weight that cannot move, because model or payload step again and again, stops waiting.
 pub const PATIENCE: f64 = 4.0;
 
 /// Events that the filter has counted, each up to 2³² − 1.
@@ -28,7 +28,7 @@ pub struct FilterCounts {
     pub lost: u32,
     /// Calls within a cycle that was already answered.
     pub doubled: u32,
-    /// Invalid commands, for which the output was held.
+    /// Invalid commands, for which the output was held, and commands with an invalid payload.
     pub bad: u32,
     /// Commands whose correction changed more than the path explains, without a jump, a gap or a change of payload.
     pub guarded: u32,
@@ -59,7 +59,7 @@ pub(super) struct Limits<T> {
     pub(super) blend: T,
     /// Step above which a command jumps, rad or m.
     pub(super) jump: T,
-    /// Number of cycles after which disengaging does not wait any longer.
+    /// Number of cycles after which the weight does not wait any longer.
     pub(super) patience: T,
 }
 
@@ -121,11 +121,13 @@ pub struct CommandFilter<T> {
     pub(super) payload: Payload<T>,
     /// Whether the payload that the model was given has changed since the last step. Here, it takes no memory of its own.
     pub(super) payload_moves: bool,
+    /// Whether the payload that was asked for since the last step is invalid.
+    pub(super) bad_payload: bool,
     /// Sum of the absolute offsets, rad or m.
     pub(super) offsets: T,
     /// Number of cycles without a good command since the last good one.
     pub(super) missed: u32,
-    /// Number of cycles in which an offset kept the filter from disengaging.
+    /// Number of cycles in which an offset kept the weight from its end.
     pub(super) waited: T,
     pub(super) counts: FilterCounts,
 }
@@ -163,6 +165,7 @@ impl<T: Scalar> CommandFilter<T> {
             rate: T::ZERO,
             payload: Self::NO_PAYLOAD,
             payload_moves: false,
+            bad_payload: false,
             offsets: T::ZERO,
             missed: 0,
             waited: T::ZERO,

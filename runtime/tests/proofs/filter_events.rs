@@ -290,7 +290,7 @@ fn a_payload_is_reached_smoothly_and_to_the_bit() {
     assert!(worst <= 4.0 * 10.0 * 4e-6 * (1.0 + 1e-6), "{worst}");
     let mut twin = filter.clone();
     for bad in [f64::NAN, -1.0, f64::INFINITY, 1.1e5] {
-        assert_eq!(filter.payload(bad, 1).to_bits(), bad.to_bits());
+        assert_eq!(filter.payload(bad, 1), last);
     }
     for _ in 0..700 {
         assert_eq!(filter.payload(3.0, 1), twin.payload(3.0, 1));

@@ -4,7 +4,9 @@ use poegp_runtime::filter::{CommandFilter, FilterError, FilterSettings, MAX_CORR
 use poegp_runtime::guard::status::Status;
 use proptest::prelude::*;
 
-use crate::filter_paths::{Dice, JOINTS, Judge, Path, assert_twins, filter, give, plus, settled};
+use crate::filter_paths::{
+    Correction, Dice, JOINTS, Judge, Path, assert_twins, filter, give, plus, same, settled,
+};
 use crate::seeded::config;
 
 #[test]
@@ -58,6 +60,51 @@ fn bad_input_repeats_the_last_answer_and_changes_nothing() {
             let first = none.step(&bad[..4], &good, Status::OK, true, 1);
             assert_eq!(first.joints[..4], [q[0], q[1], 0.0, q[3]]);
         }
+    }
+}
+
+/// A payload that is none, such as −10 g of an empty gripper, neither stops a moving arm nor changes its correction.
+#[test]
+fn a_moving_arm_goes_on_while_the_payload_is_invalid() {
+    let mut dice = Dice(24);
+    for odd in [-0.01, f64::NAN, f64::INFINITY] {
+        let model = Correction::of(&mut dice, 5e-3);
+        let (mut path, mut judge) = (Path::new(&mut dice), Judge::<f64>::new([1e-14, 2e-14]));
+        for cycle in 0..6_000 {
+            let is_odd = (3_000..4_000).contains(&cycle);
+            path.advance(&mut dice, 1);
+            let payload = judge.payload(if is_odd { odd } else { 2.0 }, 1);
+            let (q, c) = (path.at(), model.at(&path.at(), payload));
+            let (_, corrected, sent) = judge.step(&q, &c, true, 1);
+            let status = judge.answer.expect("given").status;
+            assert_eq!(status.contains(Status::BAD_INPUT), is_odd);
+            assert!(cycle < 3_000 || same(&sent, &corrected), "cycle {cycle}");
+        }
+        assert_eq!(judge.filter.counts().bad, 1_000);
+        judge.assert("while the payload is invalid");
+    }
+    // Before the first command, there is no payload to go on with.
+    assert!(filter().payload(f64::NAN, 1).is_nan());
+}
+
+/// A payload that never rests, as a load cell reports it, does not keep the correction from being switched on.
+#[test]
+fn a_payload_that_never_rests_does_not_keep_the_correction_off() {
+    let mut dice = Dice(25);
+    for every in [1, 10, 100] {
+        let model = Correction::of(&mut dice, 5e-3);
+        let (mut path, mut judge) = (Path::new(&mut dice), Judge::<f64>::new([1e-14, 2e-14]));
+        let mut asked = 2.0;
+        for cycle in 0..4_000 {
+            if cycle % every == 0 {
+                asked = dice.within(1.995, 2.005);
+            }
+            path.advance(&mut dice, 1);
+            let payload = judge.payload(asked, 1);
+            judge.step(&path.at(), &model.at(&path.at(), payload), true, 1);
+        }
+        assert_eq!(judge.answer.expect("given").weight, 1.0, "every {every} ms");
+        judge.assert("with the noise of a load cell");
     }
 }
 

@@ -296,8 +296,10 @@ impl<T: CompiledFilter> Judge<T> {
             };
             now.plain = !lost & !jumped;
             let [of_step, of_change] = self.rounding;
-            // A filter that gives up sets its weight to zero and keeps x, which is no motion of the weight.
-            let gave_up = (weight == 0.0) & (last.weight > 0.0) & x.iter().any(|x| *x != 0.0);
+            // A filter that gives up sets its weight to its end and keeps x, which is no motion of the weight: an offset is left.
+            let mut offsets = x.iter().zip(&correction).map(|(x, c)| x - weight * c);
+            let at_end = (weight == 0.0) | (weight == 1.0);
+            let gave_up = at_end & (last.weight != weight) & offsets.any(|o| o.abs() > of_step);
             self.gave_up += u32::from(gave_up);
             let by_weight = if gave_up { 0.0 } else { weight - last.weight };
             for i in 0..JOINTS {

@@ -35,7 +35,8 @@ static int wants_another_model(void)
 }
 static poegp_model_t *other_model(void);
 
-/* The answers of a device, in turn. Answer 100 comes a cycle late, behind garbage; 150 to 154 and 250 to 399 never come. */
+/* The answers of a device, in turn. Answer 100 comes a cycle late, behind garbage; 150 to 154, 250 to 399 and 405 never
+   come. */
 static const uint8_t answer_frames[CYCLES][POEGP_CYCLIC_BYTES] = {ANSWERS};
 static size_t line_bytes;
 static int answered, asked = -1;
@@ -44,7 +45,7 @@ static void write_line(const uint8_t *bytes, size_t count)
     (void)bytes;
     line_bytes = count;
     asked++;
-    if ((asked >= 150 && asked < 155) || (asked >= 250 && asked < 400)) {
+    if ((asked >= 150 && asked < 155) || (asked >= 250 && asked < 400) || asked == 405) {
         answered = asked + 1;
     }
 }
@@ -137,15 +138,17 @@ int main(int count, char **arguments)
 const CYCLES: u16 = 600;
 
 /// Returns the bytes of a cyclic answer as a C initialiser, and their number: the correction of the first joint comes in within
-/// 50 cycles, up to 1 mrad.
+/// 50 cycles, up to 1 mrad. Answers 200 and 410 are those to bad input, with other joints.
 fn answer(sequence: u16) -> (String, usize) {
     let first = 0.3 + 1e-4 * f32::from(sequence) + 2e-5 * f32::from(sequence.min(50));
+    let is_bad = [200, 410].contains(&sequence);
+    let first = if is_bad { 0.0 } else { first };
     let answer = CyclicAnswer {
         joints: [first, -0.2, 0.4, 0.1, 0.7, -0.5].into_iter().collect(),
         applied: 1.0,
         position_error: 0.0,
         rotation_error: 0.0,
-        status: 0,
+        status: if is_bad { 16 } else { 0 },
     };
     let mut out = [0; MAX_CYCLIC];
     let bytes = encode_answer(sequence, &answer, &mut out).unwrap();
