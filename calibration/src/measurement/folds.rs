@@ -73,18 +73,41 @@ pub fn follow_one_path<F>(samples: &[Sample<F>]) -> bool {
     smooth as f64 >= SMOOTH_ROWS * (count - 2) as f64 && quantile(steps, 0.5) <= SHORT * far
 }
 
+/// Largest difference of a joint's values that counts as the same configuration.
+fn same_within(kind: JointKind) -> f64 {
+    match kind {
+        JointKind::Revolute => SAME_ANGLE,
+        JointKind::Prismatic => SAME_LENGTH,
+    }
+}
+
+fn is_same(a: &[f64], b: &[f64], kinds: &[JointKind]) -> bool {
+    let mut pairs = a.iter().zip(b).zip(kinds);
+    pairs.all(|((x, y), kind)| (x - y).abs() <= same_within(*kind))
+}
+
+/// Returns for each row of joints (rad or m) whether one of `known` has the same configuration.
+pub fn known_configurations<'a>(
+    joints: impl Iterator<Item = &'a [f64]>,
+    known: &[&[f64]],
+    kinds: &[JointKind],
+) -> Vec<bool> {
+    let mut known = known.to_vec();
+    known.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let is_known = |row: &[f64]| {
+        let within = same_within(kinds[0]);
+        let from = known.partition_point(|other| other[0] < row[0] - within);
+        let mut near = known[from..].iter();
+        near.by_ref()
+            .take_while(|other| other[0] <= row[0] + within)
+            .any(|other| is_same(row, other, kinds))
+    };
+    joints.map(is_known).collect()
+}
+
 /// Returns the group index of each row of joints (rad or m). A group holds all rows of the same configuration.
 pub fn same_configurations(joints: &[&[f64]], kinds: &[JointKind]) -> Vec<usize> {
-    let same = |a: &[f64], b: &[f64]| {
-        a.iter().zip(b).zip(kinds).all(|((x, y), kind)| {
-            (x - y).abs()
-                <= if *kind == JointKind::Revolute {
-                    SAME_ANGLE
-                } else {
-                    SAME_LENGTH
-                }
-        })
-    };
+    let same = |a: &[f64], b: &[f64]| is_same(a, b, kinds);
     let mut group: Vec<usize> = (0..joints.len()).collect();
     for i in 0..joints.len() {
         for j in 0..i {

@@ -101,22 +101,29 @@ pub struct Certificate {
 }
 
 /// Poses that a model was not trained on.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Judged<'a> {
     /// Errors of the model at these poses.
-    pub poses: &'a [HeldOutPose],
+    pub poses: Vec<HeldOutPose>,
     /// Rows of the poses.
-    pub rows: &'a [Row],
+    pub rows: Vec<Row>,
     /// Kinds of the joints.
     pub kinds: &'a [JointKind],
 }
 
 impl ReportData {
-    /// Returns the rows with the errors of the report's model.
-    pub fn judged(&self) -> Judged<'_> {
+    /// Returns the rows with the errors of the report's model, without those whose poses were trained on: `trained` says so of
+    /// each row of the test sets.
+    pub fn judged(&self, trained: &[bool]) -> Judged<'_> {
+        let is_new = |(i, _): &(usize, _)| trained.get(*i) != Some(&true);
+        let poses = self.calibrated().poses.iter().copied().enumerate();
+        let rows = self.rows.iter().cloned().enumerate();
         Judged {
-            poses: &self.calibrated().poses,
-            rows: &self.rows,
+            poses: poses.filter(is_new).map(|(_, pose)| pose).collect(),
+            rows: rows
+                .filter(|(i, _)| trained.get(*i) != Some(&true))
+                .map(|(_, row)| row)
+                .collect(),
             kinds: &self.kinds,
         }
     }
@@ -136,7 +143,7 @@ impl Certificate {
             ..*pose
         };
         let poses: Vec<HeldOutPose> = judged.poses.iter().map(with_noise).collect();
-        let repeats = repeats(judged);
+        let repeats = repeats(&judged);
         let half = |u: Option<f64>| u.map(|u| u / CERTIFICATE_FACTOR);
         let Statement {
             tolerances,
@@ -214,7 +221,7 @@ fn missing(statement: &Statement, serial_number: &str) -> Vec<&'static str> {
 
 /// Returns for each row the number of the pose that it measures: rows with equal joints, payload and tool measure one pose,
 /// in whichever file they are.
-fn repeats(judged: Judged<'_>) -> Vec<usize> {
+fn repeats(judged: &Judged<'_>) -> Vec<usize> {
     let joints: Vec<&[f64]> = judged.rows.iter().map(|r| r.joints.as_slice()).collect();
     let configurations = same_configurations(&joints, judged.kinds);
     let mut known = BTreeMap::new();

@@ -66,6 +66,49 @@ fn the_verdict_follows_the_guard_band() {
     }
 }
 
+/// A program that is run a second time measures the poses of the training again: their errors are learnt, so that they say
+/// nothing of other poses.
+#[test]
+fn the_verdict_leaves_out_poses_that_were_trained_on() {
+    let folder = folder();
+    let rows = |from: usize, to: usize| -> String {
+        let all = simulated("train", to);
+        all.lines()
+            .skip(1 + from)
+            .fold(String::new(), |text, row| text + row + "\n")
+    };
+    let header = simulated("train", 0);
+    let again = |count: usize| {
+        changed(&(header.clone() + &rows(0, count)), |names, fields| {
+            let x = names.iter().position(|name| *name == "x_mm").unwrap();
+            fields[x] = format!("{:.6}", fields[x].parse::<f64>().unwrap() + 0.05);
+        })
+    };
+    folder.write("test.csv", header.clone() + &rows(40, 80));
+    calibrate(&folder, "").ok();
+    let of_new = folder.json("arm.json")["certificate"]["conformity"].clone();
+    folder.write("test.csv", again(20) + &rows(40, 80));
+    let outcome = calibrate(&folder, "");
+    let said = "warning: test.csv: 20 of 60 rows repeat joints of the training data (within 0.1°)";
+    assert!(outcome.stderr.contains(said), "{outcome:#?}");
+    assert!(outcome.stderr.contains("[copies]"), "{outcome:#?}");
+    outcome.ok();
+    let document = folder.json("arm.json");
+    assert_eq!(document["certificate"]["conformity"], of_new);
+    // Where nothing else was measured, there is no verdict.
+    folder.write("test.csv", again(20));
+    let outcome = calibrate(&folder, "--tolerance-mm 100");
+    assert_eq!(outcome.code, Some(1), "{outcome:#?}");
+    assert!(outcome.stderr.contains("too few poses"), "{outcome:#?}");
+    // A pose or two, such as that at home, are no reason for a warning.
+    folder.write("test.csv", again(1) + &rows(40, 80));
+    let outcome = calibrate(&folder, "");
+    assert!(
+        outcome.stderr.contains("note: test.csv: 1 of 41 rows"),
+        "{outcome:#?}"
+    );
+}
+
 /// A coverage of 99 % needs a wider range than one of 68 %.
 #[test]
 fn coverage_widens_the_range() {

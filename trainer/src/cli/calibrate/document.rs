@@ -177,7 +177,12 @@ pub fn document(
     let drift = measured.drift.as_ref().map(|d| &d.report);
     document.certificate = evidence.map(|evidence| {
         let drift = instrument_drift::known(drift, &measured.set);
-        Certificate::new(evidence.judged(), &a.statement, drift, &a.serial_number)
+        Certificate::new(
+            evidence.judged(&c.tests.trained),
+            &a.statement,
+            drift,
+            &a.serial_number,
+        )
     });
     document.elastic = ElasticSummary::new(calibration, samples);
     document.outliers = outliers(calibration, &measured.set, samples);

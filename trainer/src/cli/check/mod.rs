@@ -201,8 +201,8 @@ fn checked<'a>(
     let mut rows = data::rows(&data.set);
     rows.retain(|row| is_compared(row.line));
     let judged = Judged {
-        poses: &findings.poses,
-        rows: &rows,
+        poses: findings.poses.clone(),
+        rows,
         kinds: &kinds,
     };
     let drift = instrument_drift::known(data.drift.as_ref(), &data.set);

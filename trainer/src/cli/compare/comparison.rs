@@ -259,7 +259,7 @@ impl Data {
         HeldOutPart {
             held_out: evidence.summary(),
             certificate: Certificate::new(
-                evidence.judged(),
+                evidence.judged(&self.tests.trained),
                 statement,
                 instrument_drift::known(drift, &self.set),
                 &provenance.serial_number,

@@ -18,12 +18,13 @@ use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::MeasurementSet;
+use poegp_calibration::measurement::folds::known_configurations;
 use poegp_calibration::measurement::instrument_drift::Drift;
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::robot::{LoadOptions, Robot};
-use poegp_calibration::trust::{Cause, Finding};
+use poegp_calibration::trust::{Cause, Finding, Findings, Tier};
 use poegp_calibration::validation::cross_validation::TestSet;
 
 use known_rows::KnownRows;
@@ -232,7 +233,12 @@ pub struct Tests {
     pub files: Vec<MeasurementSet>,
     /// The samples that are predicted.
     pub sets: Vec<TestSet>,
+    /// For each row, file by file, whether the training data have its configuration: a model may have learnt its error.
+    pub trained: Vec<bool>,
 }
+
+/// Share of trained poses in a test file above which it is warned of.
+const TRAINED: f64 = 0.1;
 
 impl Tests {
     /// Reads all test files, and refuses training rows among theirs.
@@ -254,7 +260,19 @@ impl Tests {
             files.push(set);
             sets.push(TestSet { name, samples });
         }
-        Ok(Self { files, sets })
+        let joints = |set: &MeasurementSet| -> Vec<Vec<f64>> {
+            set.measurements.iter().map(|m| m.joints.clone()).collect()
+        };
+        let (known, tested) = (joints(train), files.iter().flat_map(joints));
+        let known: Vec<&[f64]> = known.iter().map(Vec::as_slice).collect();
+        let tested: Vec<Vec<f64>> = tested.collect();
+        let tested = tested.iter().map(Vec::as_slice);
+        let trained = known_configurations(tested, &known, &arm.robot.kinds());
+        Ok(Self {
+            files,
+            sets,
+            trained,
+        })
     }
 
     /// Examines whether the rows of each file, read from `paths`, are measurements of `arm`, and returns the warnings.
@@ -269,6 +287,7 @@ impl Tests {
         accept: &[Cause],
     ) -> Result<Vec<Finding>, Failure> {
         let mut warnings = Vec::new();
+        let mut trained = self.trained.as_slice();
         for ((path, set), test) in paths.iter().zip(&self.files).zip(&self.sets) {
             let examined = Examined {
                 path,
@@ -280,7 +299,26 @@ impl Tests {
                 accept,
             };
             warnings.extend(examined.for_judging()?);
+            let (of_file, later) = trained.split_at(set.measurements.len());
+            trained = later;
+            warnings.extend(examined.settle(trained_poses(of_file))?);
         }
         Ok(warnings)
     }
+}
+
+/// Returns what is found of a test file whose rows were trained on where `trained` says so.
+fn trained_poses(trained: &[bool]) -> Findings {
+    let (count, all) = (trained.iter().filter(|is| **is).count(), trained.len());
+    let share = count as f64 / all.max(1) as f64;
+    let text = format!(
+        "{count} of {all} rows repeat joints of the training data (within 0.1°): their errors are not those at other \
+         poses, and the verdict leaves them out"
+    );
+    let tier = match share > TRAINED {
+        true => Tier::Warning,
+        false => Tier::Note,
+    };
+    let finding = (count > 0).then(|| Finding::new(Cause::Copies, tier, text, share, TRAINED));
+    Findings(finding.into_iter().collect())
 }
