@@ -76,7 +76,8 @@ pub fn methods(evidence: &ReportData, summary: &HeldOutSummary) -> Section {
             code { "base-tool" } " fits base and tool and assumes that the nominal model is right; " code { "poe" }
             " fits the whole geometry; " code { "poe-gp" } " and " code { "poe-gp-load" }
             " add what geometry cannot explain as a smooth function of the joints (and payload); " code { "elastic" }
-            " models joint compliance, gears and payload; " code { "parametric" } " is " code { "elastic" } " without its processes."
+            " models joint compliance, gears and payload; " code { "parametric" } " is " code { "elastic" }
+            " without its processes and own-joint curves."
         })
 }
 
