@@ -1,6 +1,7 @@
 //! Shared parts of the TOML readers: positions of errors, and numbers whose key carries their unit.
 
 use std::fmt;
+use std::marker::PhantomData;
 use std::ops::{Deref, Range};
 use std::path::Path;
 
@@ -29,57 +30,60 @@ pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
 /// Largest radius of a link, in m: a larger one is in another unit.
 const LARGEST_RADIUS: f64 = 2.0;
 
-/// A list of exactly N numbers. Arrays of serde ignore what follows in a list, such as the digits after a decimal comma.
+/// A list of exactly N values. Arrays of serde ignore what follows in a list, such as the digits after a decimal comma.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Numbers<const N: usize>(pub [f64; N]);
+pub struct Exactly<T, const N: usize>(pub [T; N]);
 
-impl<const N: usize> Deref for Numbers<N> {
-    type Target = [f64; N];
+/// A list of exactly N numbers.
+pub type Numbers<const N: usize> = Exactly<f64, N>;
 
-    fn deref(&self) -> &[f64; N] {
+impl<T, const N: usize> Deref for Exactly<T, N> {
+    type Target = [T; N];
+
+    fn deref(&self) -> &[T; N] {
         &self.0
     }
 }
 
-impl<'de, const N: usize> Deserialize<'de> for Numbers<N> {
+impl<'de, T: Deserialize<'de>, const N: usize> Deserialize<'de> for Exactly<T, N> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        deserializer.deserialize_seq(ListOf::<N>).map(Self)
+        deserializer.deserialize_seq(ListOf(PhantomData)).map(Self)
     }
 }
 
-/// Reads the array of a [`Numbers`], for fields of that type.
+/// Reads the array of an [`Exactly`], for fields of that type.
 ///
 /// # Errors
-/// Returns an error if the list has fewer or more numbers.
-pub fn exactly<'de, D: Deserializer<'de>, const N: usize>(
+/// Returns an error if the list has fewer or more values.
+pub fn exactly<'de, D: Deserializer<'de>, T: Deserialize<'de>, const N: usize>(
     deserializer: D,
-) -> Result<[f64; N], D::Error> {
-    Numbers::deserialize(deserializer).map(|numbers| numbers.0)
+) -> Result<[T; N], D::Error> {
+    Exactly::deserialize(deserializer).map(|list| list.0)
 }
 
-struct ListOf<const N: usize>;
+struct ListOf<T, const N: usize>(PhantomData<T>);
 
-impl<'de, const N: usize> Visitor<'de> for ListOf<N> {
-    type Value = [f64; N];
+impl<'de, T: Deserialize<'de>, const N: usize> Visitor<'de> for ListOf<T, N> {
+    type Value = [T; N];
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "an array of length {N}")
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[f64; N], A::Error> {
-        let mut out = [0.0; N];
-        for (i, value) in out.iter_mut().enumerate() {
-            *value = list
-                .next_element()?
-                .ok_or_else(|| A::Error::invalid_length(i, &self))?;
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<[T; N], A::Error> {
+        let mut values = Vec::with_capacity(N);
+        while values.len() < N
+            && let Some(value) = list.next_element()?
+        {
+            values.push(value);
         }
-        let mut length = N;
-        while list.next_element::<IgnoredAny>()?.is_some() {
+        let mut length = values.len();
+        while length >= N && list.next_element::<IgnoredAny>()?.is_some() {
             length += 1;
         }
-        match length == N {
-            true => Ok(out),
-            false => Err(A::Error::invalid_length(length, &self)),
+        match values.try_into() {
+            Ok(values) if length == N => Ok(values),
+            _ => Err(A::Error::invalid_length(length, &self)),
         }
     }
 }

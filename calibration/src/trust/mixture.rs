@@ -48,9 +48,7 @@ pub fn examine(data: &Data<'_>, geometry: &Geometry) -> Option<Finding> {
             "another zero of joint {}; calibrate from rows of one zero",
             j + 1
         ),
-        _ => {
-            "another position of the instrument; give these rows a session of their own".to_owned()
-        }
+        _ => "another position of the instrument; calibrate from rows of one position".to_owned(),
     };
     let text = format!(
         "{} of {count} rows ({}) are {} from where the others would be: {what}",

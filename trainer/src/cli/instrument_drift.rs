@@ -5,11 +5,16 @@ use std::path::Path;
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::Arm;
-use crate::cli::terminal::print::note;
+use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
-use poegp_calibration::measurement::sample::ToolName;
+use poegp_calibration::measurement::sample::{
+    BaseSample, InstrumentSample, ToolName, in_base_frame,
+};
+use poegp_calibration::model::config::Config;
+use poegp_calibration::model::{Method, calibrate};
+use poegp_calibration::progress::FitContext;
 
 /// Line of every report about the data that the drift correction uses.
 pub const NO_LEAK: &str = "  (from the reference points alone, not from measured poses, so held-out errors stay unbiased)";
@@ -30,10 +35,45 @@ pub fn read(
     correct: bool,
 ) -> Result<SampleFile, Failure> {
     let file = arm.read(input, tools, correction(correct))?;
-    if !correct {
-        hint(input.path, &file.set);
+    if correct {
+        let of_estimate = |drift: &Drift| drift.report.is_clear();
+        if file.drift.as_ref().is_some_and(of_estimate) {
+            let measured = arm.read(input, &mut Vec::new(), DriftCorrection::None)?;
+            if let Some([without, with]) = fits(arm, &measured.samples, &file.samples)
+                && with > without
+            {
+                warning(format_args!(
+                    "{}: the poses fit the robot better without --correct-drift, {without:.3} mm instead of {with:.3}: the \
+                     reference points moved, not the instrument",
+                    input.path.display()
+                ));
+            }
+        }
+    } else {
+        hint(arm, input.path, &file);
     }
     Ok(file)
+}
+
+/// Returns the root mean square position errors in mm of a geometry fitted to the measured samples and to the corrected ones:
+/// the poses themselves show whether the instrument moved or its reference points. `None` if a fit fails.
+fn fits(
+    arm: &Arm,
+    measured: &[InstrumentSample],
+    corrected: &[InstrumentSample],
+) -> Option<[f64; 2]> {
+    let of = |samples: &[InstrumentSample]| -> Option<f64> {
+        let config = Config::new(Method::Poe);
+        let found = calibrate(&arm.robot, samples, &config, &FitContext::default()).ok()?;
+        let base = &found.base_and_tools.instrument_from_base;
+        let square = |s: &BaseSample| {
+            let pose = found.calibrated.forward(&s.serial_joints);
+            s.observation.error(&pose).position.powi(2)
+        };
+        let squares: f64 = in_base_frame(samples, base).iter().map(square).sum();
+        Some(1e3 * (squares / samples.len() as f64).sqrt())
+    };
+    Some([of(measured)?, of(corrected)?])
 }
 
 /// Returns the drift that a certificate states, and whether it was removed: `removed`, or otherwise the drift that the
@@ -41,35 +81,45 @@ pub fn read(
 pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(DriftReport, bool)> {
     match removed {
         Some(report) => Some((report.clone(), true)),
-        None => seen(set).map(|report| (report, false)),
+        None => seen(set).map(|drift| (drift.report, false)),
     }
 }
 
-/// Returns by how much the reference points of `set` clearly show that the instrument moved, mm; `None` if they do not.
-pub fn clear_motion(set: &MeasurementSet) -> Option<f64> {
-    let report = seen(set).filter(DriftReport::is_clear)?;
-    Some(report.moved_mm)
+/// Returns by how much the reference points of `set` clearly show that the instrument moved, mm; `None` if they do not, or if
+/// the poses contradict them.
+pub fn clear_motion(arm: &Arm, set: &MeasurementSet, samples: &[InstrumentSample]) -> Option<f64> {
+    let drift = seen(set).filter(|drift| drift.report.is_clear())?;
+    let [without, with] = fits(arm, samples, &drift.correct(samples))?;
+    (with <= without).then_some(drift.report.moved_mm)
 }
 
 /// Estimates the drift from the reference points; `None` if they are missing or unusable.
-fn seen(set: &MeasurementSet) -> Option<DriftReport> {
+fn seen(set: &MeasurementSet) -> Option<Drift> {
     let first = set.measurements.first()?;
     if first.references.is_empty() {
         return None;
     }
-    Drift::estimate(set).ok().map(|drift| drift.report)
+    Drift::estimate(set).ok()
 }
 
-/// Suggests `--correct-drift` if the reference points of a file show enough motion.
-fn hint(path: &Path, set: &MeasurementSet) {
-    let Some(report) = seen(set).filter(DriftReport::is_clear) else {
+/// Suggests `--correct-drift` if the reference points of a file show enough motion, and the poses do not contradict them.
+fn hint(arm: &Arm, path: &Path, file: &SampleFile) {
+    let Some(drift) = seen(&file.set).filter(|drift| drift.report.is_clear()) else {
         return;
     };
-    let [before, after] = report.left_out_um;
-    note(format_args!(
-        "{}: its reference points show that the instrument moved by up to {:.2} mm; --correct-drift removes this \
-         ({before:.0} to {after:.0} µm on left-out points)",
-        path.display(),
-        report.moved_mm
-    ));
+    let moved = drift.report.moved_mm;
+    let path = path.display();
+    match fits(arm, &file.samples, &drift.correct(&file.samples)) {
+        Some([without, with]) if with > without => note(format_args!(
+            "{path}: its reference points moved by up to {moved:.2} mm, but the poses fit the robot better as they are, \
+             {without:.3} mm instead of {with:.3}: do not use --correct-drift"
+        )),
+        _ => {
+            let [before, after] = drift.report.left_out_um;
+            note(format_args!(
+                "{path}: its reference points show that the instrument moved by up to {moved:.2} mm; --correct-drift removes \
+                 this ({before:.0} to {after:.0} µm on left-out points)"
+            ));
+        }
+    }
 }

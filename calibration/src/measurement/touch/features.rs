@@ -394,7 +394,7 @@ impl Source<'_> {
     ) -> Result<KnownDistance, InputError> {
         let t = table.get_ref();
         let mut between = [0; 2];
-        for (index, name) in between.iter_mut().zip(t.between.get_ref()) {
+        for (index, name) in between.iter_mut().zip(t.between.get_ref().iter()) {
             let found = quoted(name.get_ref());
             let feature = features
                 .iter()

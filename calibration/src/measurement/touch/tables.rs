@@ -5,7 +5,7 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::robot::toml_source::Numbers;
+use crate::robot::toml_source::{Exactly, Numbers};
 
 /// The whole file.
 #[derive(Deserialize)]
@@ -125,7 +125,7 @@ impl FeatureTable {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct DistanceTable {
-    pub between: Spanned<[Spanned<String>; 2]>,
+    pub between: Spanned<Exactly<Spanned<String>, 2>>,
     pub mm: Spanned<f64>,
     pub sigma_mm: Option<Spanned<f64>>,
 }

@@ -40,7 +40,8 @@ pub fn steps(task: &Task) -> Vec<Step> {
 fn remedy(cause: Cause) -> Option<&'static str> {
     Some(match cause {
         Cause::Step | Cause::Drift | Cause::Mixed => {
-            "Measure again what was measured before something moved, or give each mounting a session of its own"
+            "Measure again what was measured before something moved; if only the target was remounted, give each mounting a \
+             session of its own"
         }
         Cause::Outlier => "Measure these rows again",
         Cause::Rows | Cause::Lag => "Measure these rows again, or remove them",

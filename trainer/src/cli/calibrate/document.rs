@@ -206,7 +206,7 @@ pub fn document(
         identifiability: document.identifiability.as_ref(),
         instrument_moved_mm: match a.correct_drift {
             true => None,
-            false => instrument_drift::clear_motion(&measured.set),
+            false => instrument_drift::clear_motion(&measured.arm, &measured.set, samples),
         },
         warnings: &document.warnings,
     }));
