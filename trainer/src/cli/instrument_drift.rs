@@ -68,10 +68,10 @@ fn fits(
         let base = &found.base_and_tools.instrument_from_base;
         let square = |s: &BaseSample| {
             let pose = found.calibrated.forward(&s.serial_joints);
-            s.observation.error(&pose).position.powi(2)
+            s.observation.error(&pose).position_mm.powi(2)
         };
         let squares: f64 = in_base_frame(samples, base).iter().map(square).sum();
-        Some(1e3 * (squares / samples.len() as f64).sqrt())
+        Some((squares / samples.len() as f64).sqrt())
     };
     Some([of(measured)?, of(corrected)?])
 }

@@ -8,6 +8,11 @@ use crate::texts::texts;
 /// Returns the set as an instrument would measure it that drifts by `creep_mm` along x, with two reference points. The
 /// first point is missed once, and the second is wrong once.
 fn drifted(set: &str, poses: usize, creep_mm: f64) -> String {
+    crept(set, poses, [creep_mm; 2])
+}
+
+/// Same as [`drifted`], with the poses and the reference points drifting by different amounts.
+fn crept(set: &str, poses: usize, [creep_mm, of_references_mm]: [f64; 2]) -> String {
     let csv = simulated(set, poses);
     let mut k = 0;
     let moved = changed(&csv, |names, fields| {
@@ -30,7 +35,7 @@ fn drifted(set: &str, poses: usize, creep_mm: f64) -> String {
             }
             (_, Some(k)) => {
                 row = Some(k + 1);
-                let creep = creep_mm * f64::from(k) / poses as f64;
+                let creep = of_references_mm * f64::from(k) / poses as f64;
                 let first = if k == 3 { 0.0 } else { 1.0 };
                 let mistaken = if k == 7 { 2.0 } else { 0.0 };
                 let noise = 1e-3 * f64::from(k * 7 % 5 - 2);
@@ -76,6 +81,35 @@ fn compared_without_and_with() {
     let document = folder.run(&line).ok().json();
     let creep = document["drift"]["max_um"][0].as_f64().unwrap();
     assert!((900.0..1100.0).contains(&creep), "{creep}");
+}
+
+/// A stand of reference points that was knocked shows a motion that the poses contradict: no advice to remove it, and a warning
+/// of one who does.
+#[test]
+fn reference_points_that_moved_are_no_drift_of_the_instrument() {
+    let folder = Folder::new();
+    folder.write("train.csv", crept("train", 60, [0.0, 1.0]));
+    let line =
+        format!("calibrate --robot {SERIAL} train.csv --method poe --out arm.blob --json arm.json");
+    let outcome = folder.run(&line).ok();
+    assert!(
+        outcome.stderr.contains("do not use --correct-drift"),
+        "{outcome:#?}"
+    );
+    let steps = folder.json("arm.json")["next_steps"].to_string();
+    assert!(!steps.contains("--correct-drift"), "{steps}");
+    let outcome = folder.run(&format!("{line} --correct-drift"));
+    let said = "the reference points moved, not the instrument";
+    assert!(outcome.stderr.contains(said), "{outcome:#?}");
+    // Nothing of this is said where the instrument moved.
+    folder.write("train.csv", drifted("train", 60, 1.0));
+    let outcome = folder.run(&line);
+    assert!(
+        outcome.stderr.contains("--correct-drift removes this"),
+        "{outcome:#?}"
+    );
+    let outcome = folder.run(&format!("{line} --correct-drift"));
+    assert!(!outcome.stderr.contains(said), "{outcome:#?}");
 }
 
 /// Where reference points show that the instrument moved, the advice is to remove that, not to warm the arm up; the note and

@@ -96,6 +96,7 @@ fn checked<'a>(
     let robot = nominal_robot(loaded);
     let set = read(&a.measurements, features, &robot)?;
     with_payload(loaded, &set)?;
+    with_trained_payload(loaded, &set)?;
     fresh(loaded, &a.measurements, set.sha256[0], "fresh touches")?;
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
     let found = check_touches(loaded, &set, &robot, &nominal, options.false_alarms)
@@ -132,6 +133,27 @@ fn checked<'a>(
         touches: found,
     };
     Ok((document, set))
+}
+
+/// Refuses touches with a payload that the model was not trained with: the arm sags differently, which looks like a change.
+fn with_trained_payload(loaded: &BlobModel, set: &TouchSet) -> Result<(), InputError> {
+    let Some((light, heavy)) = loaded.blob().ranges.payload_kg else {
+        return Ok(());
+    };
+    // As the device reads it.
+    let is_outside = |kg: &f64| !(light..=heavy).contains(&(*kg as f32));
+    let mut outside = set.rows.iter().filter_map(|row| {
+        let kg = row.payload_kg.filter(is_outside)?;
+        Some((row.line, kg))
+    });
+    let Some((line, kg)) = outside.next() else {
+        return Ok(());
+    };
+    let trained = wording::payloads((light.into(), heavy.into()));
+    let expected = format!(
+        "{trained}, with which the model was trained: it does not describe how the arm sags under another payload"
+    );
+    Err(InputError::new(&set.path, format!("a payload of {kg} kg"), expected).at_line(line))
 }
 
 fn refused(path: &Path, error: CheckError) -> Failure {

@@ -313,7 +313,7 @@ fn trained_poses(trained: &[bool]) -> Findings {
     let share = count as f64 / all.max(1) as f64;
     let text = format!(
         "{count} of {all} rows repeat joints of the training data (within 0.1°): their errors are not those at other \
-         poses, and the verdict leaves them out"
+         poses, and a verdict leaves them out"
     );
     let tier = match share > TRAINED {
         true => Tier::Warning,
