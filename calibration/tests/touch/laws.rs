@@ -119,6 +119,31 @@ fn noise_beyond_what_is_stated_is_found() {
     assert!(1e3 * least >= noise.beyond);
 }
 
+/// Two images of a board that nothing else determines cannot be predicted from each other. They do not outvote the touches of two
+/// sockets.
+#[test]
+fn two_images_do_not_outvote_many_touches() {
+    for seed in 61..64 {
+        let (mut set, truth) = touched(&[("socket", 2), ("camera", 1)], 160, seed);
+        let is_image = |row: &TouchRow| matches!(row.reading, Reading::Board { .. });
+        let of_images = set.rows.iter().filter(|row| is_image(row));
+        let mut images: Vec<Vec<f64>> = of_images.map(|row| row.joints.clone()).collect();
+        images.dedup();
+        images.truncate(2);
+        let mut touches = 0;
+        set.rows.retain(|row| {
+            touches += usize::from(!is_image(row));
+            images.contains(&row.joints) || !is_image(row) && touches % 4 == 0
+        });
+        let mut alone = set.clone();
+        alone.rows.retain(|row| !is_image(row));
+        let [alone, both] = [alone, set].map(|set| trial(&robot(), &set, &truth));
+        let [alone, both] = [alone, both].map(|of| of.found.summary.left_out_ratio);
+        println!("left-out ratio {alone:.2} of the touches alone, {both:.2} with two images");
+        assert!(both < alone + 0.1);
+    }
+}
+
 /// All corners of an image see what the joints miss in its pose: 0.2 mrad in each joint, another one in every image, are found
 /// as such, and neither the corners nor the arm pay for them.
 #[test]

@@ -11,10 +11,16 @@ pub const EXPECTED_RATIO: f64 = 0.9;
 /// Probability of a worse arm than nominal from which on the calibration is not worth the risk.
 pub const WORSE: f64 = 0.05;
 
+/// States of the arm below which a kind of reading is not judged beside others: what only it determines, such as the pose of a
+/// board, cannot be predicted from so few.
+const LEAST_STATES: f64 = 5.0;
+const KINDS: usize = Noise::ALL.len();
+
 /// Evidence for and against a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Verdict {
-    /// Ratio of the mean left-out errors in units of the noise, calibrated over nominal.
+    /// Ratio of the mean left-out errors in units of the noise, calibrated over nominal: that of each kind of reading, weighted by
+    /// the states of the arm in which it was read.
     pub left_out: f64,
     /// Mean left-out error of a component, nominal and calibrated, for the kind with most equations, in the unit of
     /// its reading.
@@ -39,24 +45,45 @@ impl Verdict {
         same_rows.weights.clone_from(&fit.weights);
         let before = same_rows.left_out(problem)?;
         let after = fit.left_out(problem)?;
-        let (mut sums, mut of_kind) = ([0.0; 2], [[0.0; 3]; Noise::ALL.len()]);
+        // Per kind: errors in units of the noise, mean errors, components, and states of the arm that have it.
+        let (mut sums, mut of_kind) = ([[0.0; 2]; KINDS], [[0.0; 3]; KINDS]);
+        let mut states = [0.0; KINDS];
         for (i, all) in [&before, &after].into_iter().enumerate() {
-            for (row, errors) in rows(all, fit) {
-                for (c, error) in errors.iter().enumerate() {
-                    let sd = fit.variance(problem, row, c).sqrt();
-                    sums[i] += error.abs() / sd;
-                    let kind = Noise::of(&problem.set.rows[row].reading, c) as usize;
-                    of_kind[kind][i] += error.abs();
-                    of_kind[kind][2] += 0.5;
+            for left in all {
+                let mut has = [false; KINDS];
+                for (row, errors) in rows(left, fit) {
+                    for (c, error) in errors.iter().enumerate() {
+                        let sd = fit.variance(problem, row, c).sqrt();
+                        let kind = Noise::of(&problem.set.rows[row].reading, c) as usize;
+                        sums[kind][i] += error.abs() / sd;
+                        of_kind[kind][i] += error.abs();
+                        of_kind[kind][2] += 0.5;
+                        has[kind] = true;
+                    }
+                }
+                for (count, has) in states.iter_mut().zip(has) {
+                    *count += if has { 0.5 } else { 0.0 };
                 }
             }
         }
+        // Each state counts once for each kind: an image of many corners is not worth more than a touch.
+        let most = states.iter().copied().fold(0.0, f64::max);
+        let counts = states.map(|count| {
+            if count < LEAST_STATES.min(most) {
+                0.0
+            } else {
+                count
+            }
+        });
+        let ratios = sums.iter().zip(&counts);
+        let weighted = ratios.map(|([before, after], count)| count * after / before.max(1e-12));
+        let left_out = weighted.sum::<f64>() / counts.iter().sum::<f64>().max(1.0);
         let kind = Noise::ALL
             .into_iter()
             .max_by(|a, b| of_kind[*a as usize][2].total_cmp(&of_kind[*b as usize][2]))?;
         let most = &of_kind[kind as usize];
         Some(Self {
-            left_out: sums[1] / sums[0].max(1e-12),
+            left_out,
             errors: (most[0] / most[2].max(1.0), most[1] / most[2].max(1.0)),
             kind,
             expected: known.after.mean_mm / known.before.mean_mm,
@@ -65,9 +92,8 @@ impl Verdict {
     }
 }
 
-/// Returns the rows that belong, with their errors.
-fn rows<'a>(all: &'a [LeftOut], fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
-    all.iter()
-        .flat_map(|left| left.rows.iter().copied().zip(&left.errors))
-        .filter(|(row, _)| fit.weights[*row] > 0.0)
+/// Returns the rows of a left-out state that belong, with their errors.
+fn rows<'a>(left: &'a LeftOut, fit: &'a TouchFit) -> impl Iterator<Item = (usize, &'a Vec<f64>)> {
+    let all = left.rows.iter().copied().zip(&left.errors);
+    all.filter(|(row, _)| fit.weights[*row] > 0.0)
 }
