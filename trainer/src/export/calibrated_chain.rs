@@ -174,14 +174,40 @@ impl CalibratedChain {
         out
     }
 
-    /// Returns the limits of joint `i`, in rad or m; `None` for a coupled joint, whose limits are those of the controller.
+    /// Returns what a new file of links and joints leaves out of the model: also limits, which a nominal URDF keeps.
+    pub fn not_in_new_links(&self) -> Vec<String> {
+        let mut out = self.not_in_links();
+        out.extend(self.limits_left_out());
+        out
+    }
+
+    /// Says which limits no file of links and joints can hold, as part of a sentence.
+    pub fn limits_left_out(&self) -> Option<String> {
+        let indexed = self.joints.iter().enumerate();
+        let names: Vec<&str> = indexed
+            .filter(|(i, joint)| joint.limits.is_some() && self.limits(*i).is_none())
+            .map(|(_, joint)| joint.name.as_str())
+            .collect();
+        let names = names.join(", ");
+        (!names.is_empty()).then(|| {
+            format!("the limits of joints that several joints of the controller move ({names})")
+        })
+    }
+
+    /// Returns the limits of joint `i` of the chain, in rad or m: those of the joint of the controller that moves it, times
+    /// its element of the coupling. Returns `None` for a joint that several joints of the controller move.
     pub fn limits(&self, i: usize) -> Option<(f64, f64)> {
-        let alone = self.coupling.as_ref().is_none_or(|rows| {
-            let row = rows[i].iter().enumerate();
-            let mut of_others = row.map(|(j, c)| (i == j) == (*c != 0.0));
-            of_others.all(|is_own| is_own)
-        });
-        self.joints[i].limits.filter(|_| alone)
+        let Some(rows) = &self.coupling else {
+            return self.joints[i].limits;
+        };
+        let mut moved_by = rows[i].iter().enumerate().filter(|(_, c)| **c != 0.0);
+        let (j, c) = moved_by.next()?;
+        if moved_by.next().is_some() {
+            return None;
+        }
+        let (lower, upper) = self.joints[j].limits?;
+        let (a, b) = (c * lower, c * upper);
+        Some((a.min(b), a.max(b)))
     }
 
     /// Returns the calibrated fixed frames from base to flange.

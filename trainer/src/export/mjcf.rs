@@ -17,7 +17,7 @@ use crate::export::xml::{comment_lines, escaped};
 
 /// Returns the model. Joints keep their names; bodies are `base_link`, `link_1` …, sites `tool0` (the flange) and `target`.
 pub fn text(chain: &CalibratedChain) -> String {
-    let mut about = comments(chain, &chain.not_in_links());
+    let mut about = comments(chain, &chain.not_in_new_links());
     about.push(
         "masses and inertias are small placeholders, because MuJoCo requires them: the calibration determines none"
             .to_owned(),

@@ -123,7 +123,7 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
     let calibrated = at_zero(&chain.to_flange());
     let n = chain.joints.len();
     let mut out = String::from("<?xml version=\"1.0\"?>\n");
-    out += &comment(chain);
+    out += &comment(chain, &chain.not_in_new_links());
     let _ = writeln!(out, "<robot name=\"{}\">", escaped(&chain.name));
     let link = |i: usize| match i {
         0 => "base_link".to_owned(),
@@ -188,9 +188,9 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
     out
 }
 
-/// Returns an XML comment on the calibration.
-pub(super) fn comment(chain: &CalibratedChain) -> String {
-    let mut lines = comments(chain, &chain.not_in_links());
+/// Returns an XML comment on the calibration, for a file that leaves these parts of the model out.
+pub(super) fn comment(chain: &CalibratedChain, left_out: &[String]) -> String {
+    let mut lines = comments(chain, left_out);
     lines.push(format!(
         "the target in the flange (the tip): xyz {} m, rpy {} rad",
         three(xyz(&chain.flange_from_target), " "),

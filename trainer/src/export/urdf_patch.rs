@@ -85,7 +85,7 @@ pub fn rewritten(
     edits.push((locations.end..locations.end, added.replace('\n', line_end)));
     edits.push((
         locations.robot..locations.robot,
-        comment(chain).replace('\n', line_end),
+        comment(chain, &chain.not_in_links()).replace('\n', line_end),
     ));
     edits.sort_by_key(|(range, _)| range.start);
     let mut out = String::with_capacity(text.len() + 4096);

@@ -2,6 +2,7 @@
 //! `tests/peers/exports/run` reads them with MuJoCo and Python.
 
 use nalgebra::{Matrix4, Quaternion, Rotation3, UnitQuaternion, Vector3};
+use poegp_calibration::robot::{LoadOptions, Robot};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 use serde_json::{Map, Value, json};
@@ -187,7 +188,9 @@ fn mjcf_has_the_poses_of_the_chain_and_the_joints_of_the_arm() {
                 assert!((range[0] - lower).abs() < 1e-6 && (range[1] - upper).abs() < 1e-6);
             }
         }
-        // The limits of coupled joints are those of the controller's joints.
+        // The third joint is moved by two joints of the controller, whose limits are no limits of it.
+        let said = text.contains("not in this file: ") && text.contains("(joint_3)");
+        assert!(!is_coupled || said, "{text}");
         let expected = chain.joints.iter().filter(|j| j.limits.is_some()).count();
         assert_eq!(limited + usize::from(is_coupled), expected, "{robot}");
     }
@@ -201,6 +204,51 @@ fn mjcf_has_the_poses_of_the_chain_and_the_joints_of_the_arm() {
         .map(|(name, _)| name)
         .collect();
     assert_eq!(names[..3], ["turn", "lift", "bend"]);
+}
+
+/// Four joints, each moved by one joint of the controller: as it is, reversed, doubled and halved.
+const GEARED: &str = r#"name = "geared"
+convention = "dh"
+coupling = [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 2, 0], [0, 0, 0, 0.5]]
+joint = [
+    { name = "a", kind = "revolute", limits_deg = [-170, 170], a_mm = 25, d_mm = 400, alpha_deg = -90 },
+    { name = "b", kind = "revolute", limits_deg = [-10, 90], a_mm = 315, d_mm = 0, alpha_deg = 0 },
+    { name = "c", kind = "revolute", limits_deg = [-110, 100], a_mm = 35, d_mm = 0, alpha_deg = -90 },
+    { name = "d", kind = "revolute", limits_deg = [-180, 180], a_mm = 0, d_mm = 365, alpha_deg = 0 },
+]
+"#;
+
+/// A file of links and joints has the joints of the chain, and their limits are those of the chain.
+#[test]
+fn limits_are_those_of_the_joints_of_the_chain() {
+    let folder = Folder::new();
+    folder.write("geared.toml", GEARED);
+    let commands = "simulate --robot geared.toml --poses 30 --test-sets 0 --seed 5 --out cell\n\
+        calibrate --robot geared.toml cell/train.csv --method poe --out arm.blob\n\
+        export arm.blob --out arm.urdf --mjcf arm.xml";
+    for line in commands.lines() {
+        folder.run(line.trim()).ok();
+    }
+    let wanted = [
+        (-170.0, 170.0),
+        (-90.0, 10.0),
+        (-220.0, 200.0),
+        (-90.0, 90.0),
+    ];
+    let options = LoadOptions {
+        base: None,
+        tip: Some("tool0".to_owned()),
+    };
+    let urdf = Robot::load(folder.path("arm.urdf").to_str().unwrap(), &options).unwrap();
+    let mjcf = Mjcf::read(&folder.text("arm.xml"));
+    for ((wanted, of_urdf), (_, of_mjcf)) in wanted.iter().zip(&urdf.joints).zip(&mjcf.joints) {
+        let of_mjcf = of_mjcf.as_ref().map(|range| (range[0], range[1]));
+        for (lower, upper) in [of_urdf.limits.unwrap(), of_mjcf.unwrap()] {
+            let off = (lower.to_degrees() - wanted.0).abs() + (upper.to_degrees() - wanted.1).abs();
+            assert!(off < 1e-4, "{lower} {upper}, {wanted:?}");
+        }
+    }
+    assert!(!folder.text("arm.urdf").contains("the limits of joints"));
 }
 
 fn rpy(pose: &Value) -> Matrix4<f64> {

@@ -125,6 +125,9 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
     left_out.extend(
         (has_links && chain.coupling.is_some()).then(|| format!("in URDF and MJCF {COUPLING}")),
     );
+    let has_new_links = a.mjcf.is_some() || (a.out.is_some() && a.urdf.is_none());
+    let limits = chain.limits_left_out().filter(|_| has_new_links);
+    left_out.extend(limits.map(|limits| format!("in URDF and MJCF {limits}")));
     let mut summary = json!({
         "robot": chain.name,
         "files": names,
