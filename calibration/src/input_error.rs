@@ -102,6 +102,14 @@ pub fn counted(count: usize, noun: &str) -> String {
     format!("{count} {noun}{s}")
 }
 
+/// Formats a number for a message: by its digits, or with an exponent where these are many, as in `1e300`.
+pub fn number(value: f64) -> String {
+    match value.abs() {
+        size if size >= 1e9 || (size > 0.0 && size < 1e-9) => format!("{value:e}"),
+        _ => value.to_string(),
+    }
+}
+
 /// Joins the first `most` items with commas, and shows that there are more.
 pub fn some_of<T: ToString>(items: &[T], most: usize) -> String {
     let shown: Vec<String> = items.iter().take(most).map(T::to_string).collect();
@@ -118,7 +126,15 @@ pub fn is_printable(text: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{InputError, counted};
+    use super::{InputError, counted, number};
+
+    #[test]
+    fn no_number_has_hundreds_of_digits() {
+        let values = [0.0, -0.25, 123_456.5, 1e9, -1e300, 1e-300];
+        let said = values.map(number);
+        assert_eq!(said, ["0", "-0.25", "123456.5", "1e9", "-1e300", "1e-300"]);
+        assert_eq!([f64::NAN, f64::INFINITY].map(number), ["NaN", "inf"]);
+    }
 
     #[test]
     fn one_is_no_plural() {

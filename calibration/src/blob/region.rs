@@ -12,6 +12,9 @@ use crate::numeric::halton::halton;
 /// Golden ratio. The fractional parts of its multiples are spread evenly and have no relation to the Halton sequence.
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
+/// What a joint value may exceed a trained range by, in rad or m: a blob has the ends of its ranges as `f32`.
+const ROUNDED: f64 = 1e-5;
+
 /// A region: joints within some distance of given poses, or within the trained ranges, and a range of payloads.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Region {
@@ -19,6 +22,8 @@ pub struct Region {
     pub payload_kg: Option<(f32, f32)>,
     /// The poses that the joints are near to; `None` for the trained ranges.
     pub near: Option<Near>,
+    /// Joints whose trained range ends within the reach of a pose: index, counted from 0, and trained range in rad or m.
+    pub limited: Vec<(usize, (f64, f64))>,
     /// For each pose (at least one) the range of each joint, in rad or m, clipped to the trained range.
     ranges: Vec<Vec<(f64, f64)>>,
 }
@@ -32,7 +37,7 @@ pub struct Near {
     pub reach: f64,
 }
 
-/// The error for a pose whose neighbourhood lies outside the trained ranges.
+/// The error for a pose outside the trained ranges.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NotTrained {
     /// Index of the pose, counted from 0.
@@ -51,14 +56,16 @@ impl Region {
         Self {
             payload_kg: blob.ranges.payload_kg,
             near: None,
+            limited: Vec::new(),
             ranges: vec![trained(blob)],
         }
     }
 
-    /// Creates a region about poses, clipped to the trained ranges. Each pose must have as many joints as the arm.
+    /// Creates a region about poses, clipped to the trained ranges. Each pose must have as many joints as the arm. A reach
+    /// beyond all trained ranges gives the region of [`Region::trained`].
     ///
     /// # Errors
-    /// [`NotTrained`]: the first pose whose neighbourhood lies outside the trained ranges.
+    /// [`NotTrained`]: the first pose outside the trained ranges.
     pub fn near(blob: &Blob<'_>, near: Near) -> Result<Self, NotTrained> {
         let trained = trained(blob);
         let kinds = blob.robot.joints.iter().map(|joint| joint.kind);
@@ -69,12 +76,12 @@ impl Region {
             })
             .collect();
         let mut ranges = Vec::with_capacity(near.poses.len());
+        let mut is_limited = vec![false; trained.len()];
         for (pose, joints) in near.poses.iter().enumerate() {
             let mut about = Vec::with_capacity(joints.len());
             for (joint, (value, reach)) in joints.iter().zip(&reaches).enumerate() {
                 let (lower, upper) = trained[joint];
-                let range = ((value - reach).max(lower), (value + reach).min(upper));
-                if range.0 > range.1 {
+                if !(lower - ROUNDED..=upper + ROUNDED).contains(value) {
                     return Err(NotTrained {
                         pose,
                         joint,
@@ -82,12 +89,21 @@ impl Region {
                         trained: trained[joint],
                     });
                 }
-                about.push(range);
+                let (low, high) = (value - reach, value + reach);
+                is_limited[joint] |= low < lower - ROUNDED || high > upper + ROUNDED;
+                about.push((low.clamp(lower, upper), high.clamp(lower, upper)));
             }
             ranges.push(about);
         }
+        if ranges.iter().all(|about| *about == trained) {
+            return Ok(Self::trained(blob));
+        }
+        let limited = (0..).zip(trained).zip(is_limited);
         Ok(Self {
             near: Some(near),
+            limited: limited
+                .filter_map(|(joint, is)| is.then_some(joint))
+                .collect(),
             ranges,
             ..Self::trained(blob)
         })

@@ -180,10 +180,19 @@ fn a_region_ends_where_the_training_does() {
     let blob = blob.blob();
     let mut joints: Vec<f64> = vec![0.0; 6];
     let upper = f64::from(blob.ranges.joints[2].1);
-    joints[2] = upper + 1.9_f64.to_radians();
     let near = |poses, reach| Region::near(blob, Near { poses, reach });
-    assert!(near(vec![joints.clone()], 2.0).is_ok());
-    joints[2] = upper + 2.1_f64.to_radians();
+    joints[2] = upper - 1.9_f64.to_radians();
+    let region = near(vec![vec![0.0; 6], joints.clone()], 2.0).unwrap();
+    let limited: Vec<_> = region.limited.iter().map(|(j, r)| (*j, r.1)).collect();
+    assert_eq!(limited, [(2, upper)]);
+    joints[2] = upper - 2.1_f64.to_radians();
+    assert_eq!(near(vec![joints.clone()], 2.0).unwrap().limited, []);
+    // A reach beyond all ranges is no distance to speak of.
+    assert_eq!(
+        near(vec![joints.clone()], 1e9).unwrap(),
+        Region::trained(blob)
+    );
+    joints[2] = upper + 0.1_f64.to_radians();
     let error = near(vec![vec![0.0; 6], joints], 2.0).unwrap_err();
     assert_eq!((error.pose, error.joint, error.trained.1), (1, 2, upper));
 }

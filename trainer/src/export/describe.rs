@@ -9,8 +9,8 @@ use crate::export::CalibratedChain;
 use crate::export::calibrated_chain::Distance;
 use poegp_calibration::blob::region::Region;
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::robot::Joint;
 use poegp_calibration::robot::normal_form::roll_pitch_yaw;
+use poegp_calibration::robot::{Joint, in_file_units};
 
 /// Describes how near a chain is to the model, in lines.
 pub fn accuracy(chain: &CalibratedChain) -> Vec<String> {
@@ -71,7 +71,7 @@ pub fn region(region: &Region, joints: &[Joint]) -> String {
         true => format!("{near}°"),
         false => format!("{near}° or {near} mm"),
     };
-    let joints = match &region.near {
+    let about = match &region.near {
         None => "the trained joint ranges".to_owned(),
         Some(near) => match &near.poses[..] {
             [only] => format!(
@@ -86,12 +86,29 @@ pub fn region(region: &Region, joints: &[Joint]) -> String {
             ),
         },
     };
+    let limited = region.limited.iter();
+    let limited: Vec<String> = limited
+        .map(|(i, range)| format!("joint {} to {}", i + 1, span(*range, joints[*i].kind)))
+        .collect();
+    let limited = match &limited[..] {
+        [] => String::new(),
+        all => format!(", limited to the trained ranges ({})", all.join(", ")),
+    };
     let payload = match region.payload_kg {
         Some((light, heavy)) if light < heavy => format!(", payload {light} to {heavy} kg"),
         Some((only, _)) => format!(", payload {only} kg"),
         None => String::new(),
     };
-    joints + &payload
+    about + &limited + &payload
+}
+
+/// Formats a range of a joint in degrees or millimetres, as in `-30…45.5°`.
+fn span((lower, upper): (f64, f64), kind: JointKind) -> String {
+    let [lower, upper] = [lower, upper].map(|value| short(in_file_units(kind, value)));
+    match kind {
+        JointKind::Revolute => format!("{lower}…{upper}°"),
+        JointKind::Prismatic => format!("{lower}…{upper} mm"),
+    }
 }
 
 /// Formats joint values in degrees and millimetres.

@@ -235,6 +235,17 @@ fn the_poses_of_a_file_are_a_region() {
         near < further && further < everywhere,
         "{near}, {further}, {everywhere}"
     );
+    // Ranges that the training limits are named; a reach beyond all ranges is none.
+    let text =
+        "joints within 20° of 50° 0° 5° 10° 20° 0°, limited to the trained ranges (joint 1 to ";
+    mean("--region 20@50,0,5,10,20,0 --payload-kg 5");
+    assert!(folder.text("a.toml").contains(text));
+    mean("--region 1e9@50,0,5,10,20,0 --payload-kg 5");
+    assert!(
+        folder
+            .text("a.toml")
+            .contains("over the trained joint ranges, payload 5 kg")
+    );
     folder.write("far.csv", rows.replace("picks\n10,", "picks\n150,"));
     folder.write("heavy.csv", rows.replace("30,10,5", "30,10,50"));
     folder.write("empty.csv", rows.lines().next().unwrap());
@@ -249,6 +260,10 @@ fn the_poses_of_a_file_are_a_region() {
         "-3@picks.csv",
         "15@1,2,3",
         "15@150,0,5,10,20,0",
+        "200@60,0,5,10,20,0",
+        "15@1e300,0,5,10,20,0",
+        "-1e300@picks.csv",
+        "1e-300@picks.csv",
         "10,0,5,10,20,0",
         "15@",
     ] {

@@ -9,9 +9,12 @@ use crate::cli::inputs::robot_of;
 use crate::cli::terminal::print::note;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::region::{Near, NotTrained, Region};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted, number};
 use poegp_calibration::measurement::joint_targets::{OwnTarget, read_targets};
-use poegp_calibration::robot::Robot;
+use poegp_calibration::robot::{Robot, in_file_units};
+
+/// Smallest reach, in degrees or millimetres.
+const LEAST_REACH: f64 = 1e-3;
 
 /// Default reach of a region around the poses of a file: degrees, or millimetres along prismatic joints.
 const REACH: f64 = 2.0;
@@ -32,7 +35,10 @@ pub fn region(
             if let Some(pose) = numbers(poses) {
                 let poses = vec![joints(asked, &pose, &robot)?];
                 let not_trained = |error| {
-                    Failure::Usage(format!("--region {asked}: found {}", found(&robot, &error)))
+                    let [found, expected] = found_and_expected(&robot, &error);
+                    Failure::Usage(format!(
+                        "--region {asked}: found {found}, expected {expected}"
+                    ))
                 };
                 Region::near(blob, Near { poses, reach }).map_err(not_trained)?
             } else {
@@ -44,13 +50,10 @@ pub fn region(
                 payloads = of_rows(&rows);
                 let poses = rows.iter().map(|row| row.1.clone()).collect();
                 let not_trained = |error: NotTrained| {
-                    InputError::new(
-                        file,
-                        found(&robot, &error),
-                        "poses within the trained ranges",
-                    )
-                    .at_line(rows[error.pose].0)
-                    .with_help("leave this row out, or measure there and calibrate again")
+                    let [found, expected] = found_and_expected(&robot, &error);
+                    InputError::new(file, found, expected)
+                        .at_line(rows[error.pose].0)
+                        .with_help("leave this row out, or measure there and calibrate again")
                 };
                 Region::near(blob, Near { poses, reach }).map_err(not_trained)?
             }
@@ -95,14 +98,16 @@ pub fn file(asked: &str) -> &Path {
 fn split(asked: &str) -> Result<(f64, &str), Failure> {
     let parts = asked
         .split_once('@')
-        .map(|(reach, poses)| (reach.parse::<f64>(), poses));
+        .map(|(reach, poses)| (reach, reach.parse::<f64>(), poses));
     match parts {
-        Some((Ok(_), "")) => Err(Failure::Usage(format!(
+        Some((_, Ok(_), "")) => Err(Failure::Usage(format!(
             "--region {asked}: found no poses, expected joint values or a CSV file after the @"
         ))),
-        Some((Ok(reach), poses)) if reach > 0.0 && reach.is_finite() => Ok((reach, poses)),
-        Some((Ok(reach), _)) => Err(Failure::Usage(format!(
-            "--region {asked}: found {reach} before the @, expected degrees above 0"
+        Some((_, Ok(reach), poses)) if reach >= LEAST_REACH && reach.is_finite() => {
+            Ok((reach, poses))
+        }
+        Some((text, Ok(_), _)) => Err(Failure::Usage(format!(
+            "--region {asked}: found {text} before the @, expected degrees, {LEAST_REACH} or more"
         ))),
         _ if numbers(asked).is_some_and(|all| all.len() > 1) => Err(Failure::Usage(format!(
             "--region {asked}: found a pose alone, expected degrees and @ before it, as in 15@{asked}"
@@ -121,9 +126,9 @@ fn numbers(text: &str) -> Option<Vec<f64>> {
 fn joints(asked: &str, pose: &[f64], robot: &Robot) -> Result<Vec<f64>, Failure> {
     if pose.len() != robot.joints.len() {
         return Err(Failure::Usage(format!(
-            "--region {asked}: found {} joint values, expected the {} joints of {}",
-            pose.len(),
-            robot.joints.len(),
+            "--region {asked}: found {}, expected those of the {} of {}",
+            counted(pose.len(), "joint value"),
+            counted(robot.joints.len(), "joint"),
             robot.name
         )));
     }
@@ -145,17 +150,24 @@ fn of_rows(rows: &[OwnTarget]) -> Option<(f32, f32)> {
     Some((light, heavy))
 }
 
-fn found(robot: &Robot, error: &NotTrained) -> String {
-    let (lower, upper) = error.trained;
-    let (scale, unit) = match robot.joints[error.joint].kind {
-        JointKind::Revolute => (1f64.to_degrees(), "°"),
-        JointKind::Prismatic => (1e3, " mm"),
+/// Says which joint of a pose is outside its trained range.
+fn found_and_expected(robot: &Robot, error: &NotTrained) -> [String; 2] {
+    let joint = &robot.joints[error.joint];
+    let unit = match joint.kind {
+        JointKind::Revolute => "°",
+        JointKind::Prismatic => " mm",
     };
-    format!(
-        "joint {} at {:.2}{unit}, where {:.2} to {:.2}{unit} were trained",
-        error.joint + 1,
-        scale * error.value,
-        scale * lower,
-        scale * upper
-    )
+    let text = |value| {
+        let value = in_file_units(joint.kind, value);
+        number((value * 1e4).round() / 1e4 + 0.0)
+    };
+    let (lower, upper) = error.trained;
+    [
+        format!("joint {} at {}{unit}", error.joint + 1, text(error.value)),
+        format!(
+            "its trained range, {} to {}{unit}",
+            text(lower),
+            text(upper)
+        ),
+    ]
 }
