@@ -16,6 +16,7 @@ use crate::export::describe::comments;
 use crate::export::format::{decimals, rpy, three, xyz};
 use crate::export::xml::{comment_lines, escaped};
 use crate::export::{CalibratedChain, gauge};
+use poegp_calibration::input_error::is_printable;
 use poegp_calibration::robot::normal_form::{origin, rotation_to_axis};
 use poegp_calibration::robot::urdf_document::UrdfJoint;
 
@@ -42,6 +43,46 @@ pub struct Added {
     pub link: String,
     /// Pose of the link, `parent_from_link`.
     pub pose: Pose<f64>,
+}
+
+impl Added {
+    /// Returns the name of the fixed joint that holds the link.
+    pub fn joint(&self) -> String {
+        format!("{}_joint", self.link)
+    }
+}
+
+/// A name for the link of the target that a URDF cannot have.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BadLink {
+    /// What was found, for a message.
+    pub found: String,
+}
+
+/// What is expected instead of a [`BadLink`].
+pub const NEW_LINK: &str = "a new name for the link that is added";
+
+/// Refuses to add a link whose name, or whose joint's name, is taken or shows nothing.
+pub fn check_added(
+    added: &Added,
+    links: &[impl AsRef<str>],
+    joints: &[impl AsRef<str>],
+) -> Result<(), BadLink> {
+    let bad = |found| Err(BadLink { found });
+    let joint = added.joint();
+    if added.link.trim().is_empty() {
+        return bad(format!("a link without a name, {:?}", added.link));
+    }
+    if !is_printable(&added.link) {
+        return bad(format!("{:?}, with a control character", added.link));
+    }
+    if links.iter().any(|link| link.as_ref() == added.link) {
+        return bad(format!("a link \"{}\" already", added.link));
+    }
+    if joints.iter().any(|other| other.as_ref() == joint) {
+        return bad(format!("a joint \"{joint}\" already"));
+    }
+    Ok(())
 }
 
 /// Changes to a nominal file.
@@ -118,7 +159,10 @@ pub fn changes(
 
 /// Returns a URDF of links without shapes, for arms without a URDF: base_link, a link behind every joint, tool0 (the
 /// flange).
-pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
+///
+/// # Errors
+/// [`BadLink`] where `target_link` is taken.
+pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> Result<String, BadLink> {
     let nominal = at_zero(&chain.nominal_to_flange());
     let calibrated = at_zero(&chain.to_flange());
     let n = chain.joints.len();
@@ -127,12 +171,13 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
     let _ = writeln!(out, "<robot name=\"{}\">", escaped(&chain.name));
     let link = |i: usize| match i {
         0 => "base_link".to_owned(),
+        i if i > n => "tool0".to_owned(),
         i => format!("link_{i}"),
     };
-    for i in 0..=n {
-        let _ = writeln!(out, "  <link name=\"{}\"/>", link(i));
+    let links: Vec<String> = (0..=n + 1).map(link).collect();
+    for name in &links {
+        let _ = writeln!(out, "  <link name=\"{name}\"/>");
     }
-    out += "  <link name=\"tool0\"/>\n";
     let mut before = Pose::identity();
     for (i, joint) in chain.joints.iter().enumerate() {
         let frame = gauge::nearest_on_axis(&calibrated[i], &nominal[i]);
@@ -169,23 +214,24 @@ pub fn minimal(chain: &CalibratedChain, target_link: Option<&str>) -> String {
         out += "  </joint>\n";
         before = frame;
     }
-    let fixed = |parent: &str, added: &str, pose: &Pose<f64>| {
-        added_joint(
-            "  ",
-            &Added {
-                parent: parent.to_owned(),
-                link: added.to_owned(),
-                pose: *pose,
-            },
-        )
+    let held = |parent: String, link: &str, pose: Pose<f64>| Added {
+        parent,
+        link: link.to_owned(),
+        pose,
     };
-    out += &fixed(&link(n), "tool0", &(before.inverse() * calibrated[n]));
+    let flange = held(link(n), "tool0", before.inverse() * calibrated[n]);
+    out += &added_joint("  ", &flange);
     if let Some(target) = target_link {
-        let _ = writeln!(out, "  <link name=\"{}\"/>", escaped(target));
-        out += &fixed("tool0", target, &chain.flange_from_target);
+        let target = held(flange.link.clone(), target, chain.flange_from_target);
+        let mut joints: Vec<&str> = chain.joints.iter().map(|j| j.name.as_str()).collect();
+        let of_flange = flange.joint();
+        joints.push(&of_flange);
+        check_added(&target, &links, &joints)?;
+        let _ = writeln!(out, "  <link name=\"{}\"/>", escaped(&target.link));
+        out += &added_joint("  ", &target);
     }
     out += "</robot>\n";
-    out
+    Ok(out)
 }
 
 /// Returns an XML comment on the calibration, for a file that leaves these parts of the model out.
@@ -211,8 +257,9 @@ pub(super) fn origin_tag(pose: &Pose<f64>, end: &str) -> String {
 /// Returns the fixed joint that holds an added link.
 pub(super) fn added_joint(indent: &str, added: &Added) -> String {
     let (parent, link) = (escaped(&added.parent), escaped(&added.link));
+    let name = escaped(&added.joint());
     format!(
-        "{indent}<joint name=\"{link}_joint\" type=\"fixed\">\n{indent}{indent}<parent link=\"{parent}\"/>\n\
+        "{indent}<joint name=\"{name}\" type=\"fixed\">\n{indent}{indent}<parent link=\"{parent}\"/>\n\
          {indent}{indent}<child link=\"{link}\"/>\n{indent}{indent}{}\n{indent}</joint>\n",
         origin_tag(&added.pose, "/")
     )

@@ -11,7 +11,7 @@ use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
 use crate::export::CalibratedChain;
-use crate::export::urdf::{Changes, added_joint, comment, origin_tag};
+use crate::export::urdf::{Changes, NEW_LINK, added_joint, check_added, comment, origin_tag};
 use crate::export::xml::escaped;
 use poegp_calibration::input_error::InputError;
 
@@ -30,6 +30,7 @@ struct Location {
 struct Locations {
     joints: HashMap<String, Location>,
     links: Vec<String>,
+    joint_names: Vec<String>,
     /// Position before `<robot …>`.
     robot: usize,
     /// Position before `</robot>`.
@@ -46,7 +47,7 @@ pub fn rewritten(
     chain: &CalibratedChain,
     changes: &Changes,
 ) -> Result<String, InputError> {
-    let locations = locations(file, text)?;
+    let mut locations = locations(file, text)?;
     let line_end = if text.contains("\r\n") { "\r\n" } else { "\n" };
     let mut edits: Vec<(Range<usize>, String)> = Vec::new();
     for corrected in &changes.corrected {
@@ -68,14 +69,12 @@ pub fn rewritten(
     }
     let mut added = String::new();
     for new in &changes.added {
-        if locations.links.contains(&new.link) {
-            let found = format!("a link \"{}\" already", new.link);
-            return Err(
-                InputError::new(file, found, "a new name for the link that is added").with_help(
-                    "choose another name for --target-link, or a tip after a fixed joint",
-                ),
-            );
-        }
+        check_added(new, &locations.links, &locations.joint_names).map_err(|bad| {
+            InputError::new(file, bad.found, NEW_LINK)
+                .with_help("choose another name for --target-link, or a tip after a fixed joint")
+        })?;
+        locations.links.push(new.link.clone());
+        locations.joint_names.push(new.joint());
         added += &format!(
             "  <link name=\"{}\"/>\n{}",
             escaped(&new.link),
@@ -104,6 +103,7 @@ fn locations(file: &Path, text: &str) -> Result<Locations, InputError> {
     let mut locations = Locations {
         joints: HashMap::new(),
         links: Vec::new(),
+        joint_names: Vec::new(),
         robot: 0,
         end: text.len(),
     };
@@ -156,6 +156,7 @@ fn seen(
         (1, b"link") => locations.links.extend(attribute(tag, "name")),
         (1, b"joint") => {
             *joint = attribute(tag, "name");
+            locations.joint_names.extend(joint.clone());
             if let (Some(name), false) = (joint.as_ref(), closed) {
                 let location = Location {
                     origin: range.end..range.end,

@@ -296,6 +296,9 @@ fn what_does_not_fit_is_refused() {
         std::fs::read(data("urdf/no_tool0.urdf")).unwrap(),
     );
     for line in [
+    let named = folder.text("workbench.urdf");
+    let named = named.replace("<joint name=\"plate\"", "<joint name=\"probe_joint\"");
+    folder.write("named.urdf", named);
         "arm.blob",
         "arm.blob --urdf workbench.urdf",
         "arm.blob --urdf no_tool0.urdf --out a.urdf",
@@ -305,6 +308,12 @@ fn what_does_not_fit_is_refused() {
         "arm.blob --urdf workbench.urdf --out workbench.urdf",
         "arm.blob --urdf workbench.urdf --out a.urdf --target-link camera",
         "arm.blob --dh a.txt",
+        "arm.blob --urdf named.urdf --out a.urdf --target-link probe",
+        "arm.blob --urdf workbench.urdf --out a.urdf --target-link=",
+        "arm.blob --out a.urdf --target-link tool0",
+        "arm.blob --out a.urdf --target-link base_link",
+        "arm.blob --out a.urdf --target-link link_1",
+        "arm.blob --out a.urdf --target-link=",
         "arm.blob --mdh a.txt",
         "arm.blob --joint-offsets a.csv",
         "arm.blob --poe a.xlsx",

@@ -14,7 +14,7 @@ use crate::export::calibrated_chain::COUPLING;
 use crate::export::describe::{
     accuracy, describe, distance_json, region as describe_region, target_of,
 };
-use crate::export::urdf::{Changes, changes, minimal};
+use crate::export::urdf::{Changes, NEW_LINK, changes, minimal};
 use crate::export::{
     CalibratedChain, Table, c_header, csv, dh, joint_zeros, mjcf, poe, universal_robots as ur,
     urdf_patch as urdf_text,
@@ -213,7 +213,15 @@ fn chain_files<'a>(
     if let Some(path) = &a.out {
         let text = match &a.urdf {
             Some(nominal) => corrected_urdf(a, nominal, chain, said)?,
-            None => minimal(chain, a.target_link.as_deref()),
+            None => {
+                let link = a.target_link.as_deref();
+                minimal(chain, link).map_err(|bad| {
+                    let (asked, found) = (link.unwrap_or_default(), bad.found);
+                    Failure::Usage(format!(
+                        "--target-link {asked:?}: found {found}, expected {NEW_LINK}"
+                    ))
+                })?
+            }
         };
         files.push((path, text));
     }
