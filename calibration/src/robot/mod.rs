@@ -20,6 +20,7 @@ pub mod normal_form;
 pub mod settle;
 #[cfg(test)]
 mod tests;
+mod toml_coupling;
 mod toml_description;
 pub mod toml_source;
 pub mod urdf;

@@ -44,7 +44,7 @@ use poegp_protocol::limits::MAX_RIPPLE;
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::input_error::{InputError, counted};
+use crate::input_error::{InputError, is_printable};
 use crate::robot::description::{ClassPrior, Joint, Robot, WITHIN, is_too_long};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
@@ -56,7 +56,7 @@ const GEAR_LINES: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Description {
-    name: String,
+    name: Spanned<String>,
     convention: Convention,
     base: Option<Fixed>,
     flange: Option<Fixed>,
@@ -134,6 +134,12 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
     let reader = TomlSource { file, text };
     let table: Description =
         toml::from_str(text).map_err(|error| reader.not_a_description(&error))?;
+    let robot_name = table.name.get_ref();
+    if !is_printable(robot_name) {
+        let found = format!("{robot_name:?}");
+        let expected = "a name without control characters";
+        return Err(reader.error(table.name.span(), "name", found, expected));
+    }
     let mut chain = Chain::new();
     if let Some(base) = &table.base {
         chain.push_fixed(reader.origin(&base.origin)?);
@@ -169,14 +175,16 @@ pub(super) fn parse(file: &Path, text: &str) -> Result<Robot, InputError> {
         None => None,
     };
     let link_radius = reader.radius(&table.link_radius_m, &table.link_radius_mm)?;
-    let robot = chain.finish(table.name, coupling).map_err(|error| {
-        let (found, expected) = error.describe();
-        InputError::new(
-            file,
-            found,
-            format!("{expected}, each in a [[joint]] table"),
-        )
-    })?;
+    let robot = chain
+        .finish(table.name.into_inner(), coupling)
+        .map_err(|error| {
+            let (found, expected) = error.describe();
+            InputError::new(
+                file,
+                found,
+                format!("{expected}, each in a [[joint]] table"),
+            )
+        })?;
     let prior = match &table.prior {
         Some(prior) => Some(reader.prior(prior)?),
         None => None,
@@ -458,42 +466,5 @@ impl TomlSource<'_> {
             theta.unwrap_or(0.0),
             beta.unwrap_or(0.0),
         ])
-    }
-
-    /// Checks and returns the coupling matrix; the identity becomes `None`.
-    fn coupling(
-        &self,
-        rows: &Spanned<Vec<Spanned<Vec<f64>>>>,
-        n: usize,
-    ) -> Result<Option<Vec<Vec<f64>>>, InputError> {
-        let expected = format!("a matrix of {n} rows of {n} numbers, for {n} joints");
-        if rows.get_ref().len() != n {
-            let found = counted(rows.get_ref().len(), "row");
-            return Err(self.error(rows.span(), "coupling", found, expected));
-        }
-        for row in rows.get_ref() {
-            if row.get_ref().len() != n {
-                let found = format!("a row of {}", counted(row.get_ref().len(), "number"));
-                return Err(self.error(row.span(), "coupling", found, expected));
-            }
-            if let Some(bad) = row.get_ref().iter().find(|number| !number.is_finite()) {
-                return Err(self.error(row.span(), "coupling", bad.to_string(), "finite numbers"));
-            }
-        }
-        let matrix: Vec<Vec<f64>> = rows
-            .get_ref()
-            .iter()
-            .map(|row| row.get_ref().clone())
-            .collect();
-        if !chain::moves_each_joint(&matrix) {
-            let expected = "an invertible matrix; only the column of a joint without an axis of the controller is all zeros";
-            return Err(self.error(rows.span(), "coupling", "a singular matrix", expected));
-        }
-        let is_identity = matrix.iter().enumerate().all(|(i, row)| {
-            row.iter()
-                .enumerate()
-                .all(|(j, c)| *c == if i == j { 1.0 } else { 0.0 })
-        });
-        Ok((!is_identity).then_some(matrix))
     }
 }

@@ -500,8 +500,15 @@ fn toml_limits_and_coupling_are_refused_by_name() {
         &["arm.toml:2:", "(coupling)", "1 row", "2 rows of 2 numbers"],
     );
     toml_refused(&coupled("[[1, 0], [1]]"), &["a row of 1 number"]);
-    toml_refused(&coupled("[[1, 2], [2, 4]]"), &["singular", "invertible"]);
-    toml_refused(&coupled("[[1, nan], [2, 4]]"), &["NaN", "finite"]);
+    toml_refused(&coupled("[[1, 2], [1, 2]]"), &["singular", "invertible"]);
+    toml_refused(&coupled("[[1, nan], [2, 4]]"), &["NaN", "within ±2"]);
+    let place = "arm.toml:2: column 21 (coupling)";
+    let beyond = coupled("[[1, 0], [1e300, 1]]");
+    toml_refused(&beyond, &[place, "found 1e300", "within ±2"]);
+    toml_refused(&coupled("[[1, 0], [0, -2.1]]"), &[place, "found -2.1"]);
+    assert!(description::parse(Path::new("arm.toml"), &coupled("[[1, 0], [-2, 2]]")).is_ok());
+    let named = DH.replacen("name = \"arm\"", "name = \"arm\\u0007\"", 1);
+    toml_refused(&named, &["arm.toml:1: column 8 (name)", "control"]);
     let load = |matrix| {
         description::parse(Path::new("arm.toml"), &coupled(matrix))
             .unwrap()
