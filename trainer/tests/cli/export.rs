@@ -262,6 +262,7 @@ fn what_a_chain_cannot_hold_is_said() {
             "{file}"
         );
     }
+    folder.refuses("export arm.blob --ur-kinematics a.json");
     let yaml = folder.text("a.yaml");
     for part in [
         "kinematics:\n  shoulder:\n    x: ",
@@ -295,10 +296,10 @@ fn what_does_not_fit_is_refused() {
         "no_tool0.urdf",
         std::fs::read(data("urdf/no_tool0.urdf")).unwrap(),
     );
-    for line in [
     let named = folder.text("workbench.urdf");
     let named = named.replace("<joint name=\"plate\"", "<joint name=\"probe_joint\"");
     folder.write("named.urdf", named);
+    for line in [
         "arm.blob",
         "arm.blob --urdf workbench.urdf",
         "arm.blob --urdf no_tool0.urdf --out a.urdf",
@@ -307,13 +308,13 @@ fn what_does_not_fit_is_refused() {
         "arm.blob --urdf arm.blob --out a.urdf",
         "arm.blob --urdf workbench.urdf --out workbench.urdf",
         "arm.blob --urdf workbench.urdf --out a.urdf --target-link camera",
-        "arm.blob --dh a.txt",
         "arm.blob --urdf named.urdf --out a.urdf --target-link probe",
         "arm.blob --urdf workbench.urdf --out a.urdf --target-link=",
         "arm.blob --out a.urdf --target-link tool0",
         "arm.blob --out a.urdf --target-link base_link",
         "arm.blob --out a.urdf --target-link link_1",
         "arm.blob --out a.urdf --target-link=",
+        "arm.blob --dh a.txt",
         "arm.blob --mdh a.txt",
         "arm.blob --joint-offsets a.csv",
         "arm.blob --poe a.xlsx",

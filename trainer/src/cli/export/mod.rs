@@ -429,13 +429,22 @@ fn ur_kinematics(
             "the blob's base is base_link; the file begins at base_link_inertia, turned by 180° about z".to_owned(),
         );
     }
-    let is_csv = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("csv"));
-    Ok(match is_csv {
-        true => csv::universal_robots(chain, &kinematics),
-        false => kinematics.to_yaml(chain),
+    Ok(match path.extension().and_then(|e| e.to_str()) {
+        Some(e) if e.eq_ignore_ascii_case("csv") => csv::universal_robots(chain, &kinematics),
+        Some(e) if ["yaml", "yml"].iter().any(|y| e.eq_ignore_ascii_case(y)) => {
+            kinematics.to_yaml(chain)
+        }
+        _ if is_stdout(path) => kinematics.to_yaml(chain),
+        _ => {
+            let expected = "a name that ends with .yaml, .yml or .csv, or - for YAML";
+            return Err(unknown_format(path, expected));
+        }
     })
+}
+
+/// Returns the error for a file name that does not say which format to write.
+fn unknown_format(path: &Path, expected: impl Into<String>) -> Failure {
+    InputError::new(path, "a file name without a known format", expected).into()
 }
 
 /// The format of an exported table.
@@ -459,7 +468,7 @@ fn format_of(path: &Path, has_rows: bool) -> Result<Format, Failure> {
                 " or .json"
             };
             let expected = format!("a name that ends with .toml{csv}, or - for JSON");
-            Err(InputError::new(path, "a file name without a known format", expected).into())
+            Err(unknown_format(path, expected))
         }
     }
 }
