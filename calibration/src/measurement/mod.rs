@@ -58,6 +58,9 @@ pub use crate::measurement::table::{is_remark, is_spreadsheet_error};
 
 use crate::input_error::InputError;
 
+/// Line of a header that is in no file.
+const NOWHERE: usize = 0;
+
 /// Reads a measurement file.
 ///
 /// # Errors
@@ -79,8 +82,31 @@ pub fn read(path: impl AsRef<Path>) -> Result<MeasurementSet, InputError> {
 pub fn parse(path: impl AsRef<Path>, bytes: &[u8]) -> Result<MeasurementSet, InputError> {
     let path = path.as_ref();
     let table = table::Table::parse(path, bytes, table::MEASURED_POSE)?;
-    let columns = columns::Columns::parse(path, &table)?;
-    let (measurements, row_notes) = rows::measurements(path, &table, &columns)?;
+    set_of(path, &table, bytes)
+}
+
+/// Reads the bytes of a measurement file whose rows come from other lines of `path`: `lines` are these lines, for messages.
+///
+/// # Errors
+///
+/// Those of [`read`].
+pub fn parse_rows_of(
+    path: impl AsRef<Path>,
+    bytes: &[u8],
+    lines: impl IntoIterator<Item = usize>,
+) -> Result<MeasurementSet, InputError> {
+    let path = path.as_ref();
+    let mut table = table::Table::parse(path, bytes, table::MEASURED_POSE)?;
+    table.header_line = NOWHERE;
+    for (row, line) in table.rows.iter_mut().zip(lines) {
+        row.0 = line;
+    }
+    set_of(path, &table, bytes)
+}
+
+fn set_of(path: &Path, table: &table::Table, bytes: &[u8]) -> Result<MeasurementSet, InputError> {
+    let columns = columns::Columns::parse(path, table)?;
+    let (measurements, row_notes) = rows::measurements(path, table, &columns)?;
     let mut notes = columns.notes();
     notes.extend(row_notes);
     Ok(MeasurementSet {

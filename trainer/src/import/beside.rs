@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::import::column_map::{AngleUnit, JoinBy, Label, LengthUnit, Map, MassUnit, TimeUnit};
 use crate::import::columns::{Triple, one, optional};
+use crate::import::origin::{Origin, Origins};
 use crate::import::text::Table;
 use crate::import::units::unit_of;
 use crate::import::value::{Moment, RowValues};
@@ -110,6 +111,33 @@ impl<'a> Beside<'a> {
         out.extend(self.sigma_position.map(|s| s.0));
         out.extend(self.sigma_orientation.map(|s| s.0));
         out.extend(self.references.iter().flat_map(|r| r.0));
+        out
+    }
+
+    /// Returns the columns of the measurement file that are read here, each with its origin by `of_poses`; that of the payload
+    /// by `of_joints`.
+    pub fn origins(
+        &self,
+        of_poses: impl Fn(usize) -> Origin,
+        of_joints: impl Fn(usize) -> Origin,
+    ) -> Origins {
+        let named = [
+            ("session", self.session),
+            ("target", self.target),
+            ("time_s", self.time.as_ref().map(|t| t.index)),
+            ("sigma_mm", self.sigma_position.map(|s| s.0)),
+            ("sigma_mrad", self.sigma_orientation.map(|s| s.0)),
+        ];
+        let named = named.into_iter();
+        let mut out: Origins = named
+            .filter_map(|(name, column)| Some((name.to_owned(), of_poses(column?))))
+            .collect();
+        for (k, reference) in (1..).zip(&self.references) {
+            let axes = ["x", "y", "z"].into_iter().zip(reference.0);
+            out.extend(axes.map(|(axis, column)| (format!("ref{k}_{axis}_mm"), of_poses(column))));
+        }
+        let payload = self.payload_column().map(of_joints);
+        out.extend(payload.map(|origin| ("payload_kg".to_owned(), origin)));
         out
     }
 

@@ -19,6 +19,7 @@ mod columns;
 mod join;
 mod marks;
 mod orientation;
+mod origin;
 mod points;
 mod pose;
 mod poses;
@@ -93,7 +94,7 @@ pub fn import_bytes(
         Ok::<_, InputError>(table)
     };
     let two = map.points.is_some() || map.join.is_some();
-    let (rows, mut notes) = match (two, raws, bytes) {
+    let (rows, mut notes, origins) = match (two, raws, bytes) {
         (false, [path], [bytes]) => poses::rows(&parse(path, bytes, &map.file)?, None, map)?,
         (true, [poses, joints], [pose_bytes, joint_bytes]) => {
             let layout = map.joints_file.as_ref().unwrap_or(&map.file);
@@ -133,7 +134,10 @@ pub fn import_bytes(
         .collect();
     let csv = write::csv(&rows, &sources);
     // Read the output again: an import that no other command accepts is no use.
-    let set = measurements::parse(Path::new("<imported>"), csv.as_bytes())?;
-    notes.extend(set.notes);
+    let lines = rows.iter().map(|row| row.line);
+    let set = measurements::parse_rows_of(&raws[0], csv.as_bytes(), lines)
+        .map_err(|error| origin::cited(error, &rows, &origins))?;
+    let file = raws[0].display();
+    notes.extend(set.notes.iter().map(|note| format!("{file}: {note}")));
     Ok(Imported { csv, rows, notes })
 }

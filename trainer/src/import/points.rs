@@ -4,7 +4,7 @@
 //! three or more points give the whole pose: the rigid motion that maps those positions to the points, in least squares.
 //! Otherwise every point is a measurement of a position.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -15,12 +15,13 @@ use crate::import::columns::{
     columns, joint_columns, joint_values, one, optional, twice_or_unused,
 };
 use crate::import::join::indexed;
+use crate::import::origin::{Origin, Origins, ReadRows, joint_origins};
 use crate::import::poses::left_out_note;
 use crate::import::rigid::{Fit, MAX_RESIDUAL_MM, fitted};
 use crate::import::text::{Line, Table};
 use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
-use crate::import::write::Row;
+use crate::import::write::{Row, XYZ};
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::robot::toml_source::Numbers;
 
@@ -41,13 +42,9 @@ struct Group<'a> {
 }
 
 /// Returns the rows from a file of points and a file of joints, and the notes for the user.
-pub fn rows(
-    points: &Table,
-    joints: &Table,
-    map: &Map,
-) -> Result<(Vec<Row>, Vec<String>), InputError> {
+pub fn rows(points: &Table, joints: &Table, map: &Map) -> Result<ReadRows, InputError> {
     let Some(how) = &map.points else {
-        return Ok((Vec::new(), Vec::new()));
+        return Ok((Vec::new(), Vec::new(), HashMap::new()));
     };
     let mut notes = Vec::new();
     let mut left_out = Vec::new();
@@ -81,6 +78,8 @@ pub fn rows(
             continue;
         }
         let mut row = Row {
+            line: group.points[0].line.number,
+            joints_line: Some(line.number),
             joints: joint_values(&fields, &joint_indices)?,
             ..Row::default()
         };
@@ -88,6 +87,7 @@ pub fn rows(
         let Some(targets) = &how.targets else {
             for point in &group.points {
                 let mut row = row.clone();
+                row.line = point.line.number;
                 row.position_mm = point.location;
                 row.target =
                     (how.target.is_some() || how.split.is_some()).then(|| point.target.clone());
@@ -139,7 +139,28 @@ pub fn rows(
             "at least one",
         ));
     }
-    Ok((out, notes))
+    let of_joints = |column| Origin::new(joints, true, column);
+    let mut origins = beside.origins(of_joints, of_joints);
+    origins.extend(joint_origins(&joint_indices, of_joints));
+    if how.targets.is_none() {
+        origins.extend(origins_of_points(points, map, how)?);
+    }
+    Ok((out, notes, origins))
+}
+
+/// Returns the origins of target and position, where every point is a measurement.
+fn origins_of_points(table: &Table, map: &Map, how: &Points) -> Result<Origins, InputError> {
+    let of_points = |column| Origin::new(table, false, column);
+    let xyz: [usize; 3] = columns(map, table, &how.columns, "points.columns")?;
+    let target = optional(map, table, how.target.as_ref(), "points.target")?;
+    let mut out: Origins = XYZ
+        .map(str::to_owned)
+        .into_iter()
+        .zip(xyz.map(of_points))
+        .collect();
+    let name = one(map, table, &how.name, "points.name")?;
+    out.insert("target".to_owned(), of_points(target.unwrap_or(name)));
+    Ok(out)
 }
 
 fn groups<'a>(

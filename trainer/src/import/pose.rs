@@ -106,6 +106,14 @@ impl PoseReader {
         }
     }
 
+    /// Returns the indices of the columns of x, y and z, if the position has columns of its own.
+    pub fn position(&self) -> Option<[usize; 3]> {
+        match self {
+            Self::Apart(position, _) => Some(position.0),
+            Self::Matrix(..) | Self::Reflectors(_) => None,
+        }
+    }
+
     /// Returns how many reflectors the instrument missed in a row with a measurement.
     pub fn missed(&self, fields: &RowValues<'_>) -> Result<usize, InputError> {
         match self {

@@ -6,22 +6,23 @@ use crate::import::beside::Beside;
 use crate::import::column_map::{FileJoin, Incomplete, Map};
 use crate::import::columns::{joint_columns, joint_values, twice_or_unused};
 use crate::import::join::{Joined, joined};
+use crate::import::origin::{Origin, ReadRows, joint_origins};
 use crate::import::pose::{is_miss, pose_reader};
 use crate::import::text::Table;
 use crate::import::value::RowValues;
-use crate::import::write::Row;
+use crate::import::write::{Row, XYZ};
 use poegp_calibration::input_error::{InputError, counted};
 
 /// A larger deviation from a rotation is noted when it is removed.
 const NOTED: f64 = 1e-6;
 
-/// Returns the rows of a file, and the notes for the user. `join` is the file of joints, where they have a file of their
+/// Returns the rows of a file, the notes for the user, and the columns of the rows. `join` is the file of joints, where they have a file of their
 /// own, and how to join it.
 pub fn rows(
     table: &Table,
     join: Option<(&Table, &FileJoin)>,
     map: &Map,
-) -> Result<(Vec<Row>, Vec<String>), InputError> {
+) -> Result<ReadRows, InputError> {
     let joint_table = join.map_or(table, |(joints, _)| joints);
     let joints = joint_columns(map, joint_table)?;
     let mut beside = Beside::find(map, table, joint_table)?;
@@ -65,6 +66,8 @@ pub fn rows(
             continue;
         }
         let mut row = Row {
+            line: line.number,
+            joints_line: joined.is_some().then_some(joint_line.number),
             joints: joint_values(&joint_fields, &joints)?,
             ..Row::default()
         };
@@ -105,7 +108,16 @@ pub fn rows(
             "at least one",
         ));
     }
-    Ok((out, notes))
+    let of_joints = |column| Origin::new(joint_table, join.is_some(), column);
+    let of_poses = |column| Origin::new(table, false, column);
+    let mut columns = beside.origins(of_poses, of_joints);
+    columns.extend(joint_origins(&joints, of_joints));
+    columns.extend(pose.position().into_iter().flat_map(|position| {
+        XYZ.map(str::to_owned)
+            .into_iter()
+            .zip(position.map(of_poses))
+    }));
+    Ok((out, notes, columns))
 }
 
 /// Returns the notes on a file of joints: columns that are used twice or not at all, and rows that belong to no pose.

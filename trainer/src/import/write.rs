@@ -11,6 +11,10 @@ use poegp_calibration::numeric::rotation::rotated;
 /// One measurement in the units of the measurement file.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
+    /// Line of the poses' or points' file that the row is from.
+    pub line: usize,
+    /// Line of the joints' file, if the joints have a file of their own.
+    pub joints_line: Option<usize>,
     /// Joint values in degrees, or in millimetres for a prismatic joint, each with the unit of the raw file.
     pub joints: Vec<(f64, JointUnit)>,
     /// When it was measured, in seconds.
@@ -32,6 +36,9 @@ pub struct Row {
     /// Fixed points beside the robot, in millimetres; `None` where the instrument missed one.
     pub references_mm: Vec<Option<Vector3<f64>>>,
 }
+
+/// Names of the columns of the position.
+pub const XYZ: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
 
 /// Number of decimals of millimetres and milliradians.
 const LENGTH: usize = 6;
@@ -58,14 +65,14 @@ impl Row {
             push("payload_kg".to_owned(), decimal(payload, LENGTH));
         }
         for (i, (value, unit)) in self.joints.iter().enumerate() {
-            let (unit, decimals) = match unit {
-                JointUnit::Deg | JointUnit::Rad => ("deg", ANGLE),
-                JointUnit::Mm | JointUnit::M => ("mm", LENGTH),
+            let decimals = match unit {
+                JointUnit::Deg | JointUnit::Rad => ANGLE,
+                JointUnit::Mm | JointUnit::M => LENGTH,
             };
-            push(format!("q{}_{unit}", i + 1), decimal(*value, decimals));
+            push(joint_column(i, *unit), decimal(*value, decimals));
         }
-        for (axis, value) in ["x", "y", "z"].iter().zip(self.position_mm.iter()) {
-            push(format!("{axis}_mm"), decimal(*value, LENGTH));
+        for (name, value) in XYZ.iter().zip(self.position_mm.iter()) {
+            push((*name).to_owned(), decimal(*value, LENGTH));
         }
         if let Some(rotation) = &self.orientation {
             let pose = rotated(*rotation);
@@ -87,6 +94,15 @@ impl Row {
         }
         out
     }
+}
+
+/// Returns the name of the column of joint `index`, counted from 0.
+pub fn joint_column(index: usize, unit: JointUnit) -> String {
+    let written = match unit {
+        JointUnit::Deg | JointUnit::Rad => "deg",
+        JointUnit::Mm | JointUnit::M => "mm",
+    };
+    format!("q{}_{written}", index + 1)
 }
 
 /// Returns the text of the measurement file; a comment in it names `sources`.

@@ -50,6 +50,33 @@ fn bad_cells_are_named_where_they_stand() {
     import(b"a,b\0", MAP).refused();
 }
 
+/// What the imported rows show is said of the lines and columns of the raw file.
+#[test]
+fn imported_rows_are_cited_where_they_come_from() {
+    let _texts = texts();
+    let raw = |rows: &str| format!("a report\n\nz,y,x,b,a\n300,200,100,2,1\n{rows}\n");
+    let map = format!("[file]\nskip_lines = 2\n\n{MAP}");
+    let kept = import(raw("1,2,3,4,5\n300,200,100,2,1"), &map).ok().said();
+    let note = "note: raw.csv: kept, although identical to an earlier row: 1 row (line 6 as 4)";
+    assert!(kept.stderr.contains(note), "{kept:#?}");
+    import(raw("300,200,1e9,2,1"), &map).refused();
+    let folder = Folder::new();
+    let points = "# points\npose,x,y,z\np1,100,200,300\np2,101,200,300\n";
+    let joints = "pose,a,b,rx,ry,rz\np2,1,2,5,5,5\np1,3,4,5,5,5\n";
+    let map = "[joints]\ncolumns = [\"a\", \"b\"]\nunit = \"deg\"\nname = \"pose\"\n\n\
+        [points]\nname = \"pose\"\ncolumns = [\"x\", \"y\", \"z\"]\nunit = \"mm\"\njoin = \"name\"\n\n\
+        [[reference]]\ncolumns = [\"rx\", \"ry\", \"rz\"]\nunit = \"mm\"\n";
+    folder.write("map.toml", map);
+    for (points, joints) in [
+        (points.replace("101", "1e9"), joints.to_owned()),
+        (points.to_owned(), joints.replace("4,5,5", "4,5,1e9")),
+    ] {
+        folder.write("points.csv", points);
+        folder.write("joints.csv", joints);
+        folder.refuses("import points.csv joints.csv --map map.toml --out data.csv");
+    }
+}
+
 /// A measurement in the place of a header would be lost.
 #[test]
 fn a_header_is_no_measurement() {
