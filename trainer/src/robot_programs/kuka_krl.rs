@@ -1,14 +1,14 @@
 //! Writes KUKA KRL as one `.src` file, whose lines contain what would be in a `.dat` file.
 //!
 //! `PTP {A1 …, A6 …}` moves to axis values in degrees, `E1 …` are external axes in degrees or millimetres; components that
-//! are left out keep their value. Without `C_PTP` it is an exact stop. `BAS (#INITMOV,0 )` sets the defaults of motion,
-//! `BAS (#VEL_PTP,p)` the speed in percent, `HALT` stops until the start key, `WAIT SEC s` waits and stops the advance run.
-//! A comment begins with `;`. Subprograms of a module follow its main program. ("Operating and Programming Instructions for
-//! System Integrators", KSS 8.)
+//! are left out keep their value, and axes that an arm does not have are 0. Without `C_PTP` it is an exact stop.
+//! `BAS (#INITMOV,0 )` sets the defaults of motion, `BAS (#VEL_PTP,p)` the speed in percent, `HALT` stops until the start
+//! key, `WAIT SEC s` waits and stops the advance run. A comment begins with `;`. Subprograms of a module follow its main
+//! program. ("Operating and Programming Instructions for System Integrators", KSS 8.)
 
 use std::fmt::Write as _;
 
-use crate::robot_programs::script::{Script, decimals};
+use crate::robot_programs::script::{ARM_AXES, Script, decimals};
 
 /// Speed in percent of the largest axis velocities.
 const SPEED_PERCENT: u32 = 20;
@@ -33,13 +33,15 @@ pub(super) fn write(script: &Script) -> String {
                 "; Mount {kg} kg and set its load, then press start.\nHALT"
             );
         }
-        let axes = |letter: char, values: &[f64]| -> Vec<String> {
-            let numbered = (1..).zip(decimals(values));
+        let axes = |letter: char, values: Vec<String>| -> Vec<String> {
+            let numbered = (1..).zip(values);
             numbered
                 .map(|(i, v): (usize, String)| format!("{letter}{i} {v}"))
                 .collect()
         };
-        let all = [axes('A', &stop.arm), axes('E', &stop.slides)].concat();
+        let mut arm = decimals(&stop.arm);
+        arm.resize(ARM_AXES, "0".to_owned());
+        let all = [axes('A', arm), axes('E', decimals(&stop.slides))].concat();
         let _ = writeln!(
             out,
             "PTP {{{}}}\nMEASURE_POSE ({})",

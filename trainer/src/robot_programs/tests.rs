@@ -77,7 +77,7 @@ fn a_slide_is_an_external_axis_in_millimetres() {
         "{rapid}"
     );
     let krl = program(Language::Krl, "track", &robot, &plan).unwrap();
-    assert!(krl.contains("A5 50.000,E1 1250.000}"), "{krl}");
+    assert!(krl.contains("A5 50.000,A6 0,E1 1250.000}"), "{krl}");
     let fanuc = program(Language::Fanuc, "track", &robot, &plan).unwrap();
     assert!(fanuc.contains("E1=  1250.000  mm"), "{fanuc}");
     assert!(!rapid.contains("Mount") && !krl.contains("HALT") && !fanuc.contains("PAUSE"));
@@ -103,7 +103,7 @@ fn a_slide_behind_a_revolute_joint_is_refused_by_name() {
     }
     let krl = program(Language::Krl, "gantry", &robot, &plan).unwrap();
     assert!(
-        krl.contains("A3 0.000,E1 0.000,E2 0.000,E3 0.000}"),
+        krl.contains("A3 0.000,A4 0,A5 0,A6 0,E1 0.000,E2 0.000,E3 0.000}"),
         "{krl}"
     );
 }

@@ -49,6 +49,47 @@ fn the_inverse_of_a_program_without_a_record_is_warned_of() {
     assert!(!correct("c.src --inverse --out d.src").contains(NO_RECORD));
 }
 
+/// Five joints, for controllers' languages with six axes.
+const FIVE: &str = r#"name = "five"
+convention = "dh"
+joint = [
+    { name = "a", kind = "revolute", limits_deg = [-40, 40], a_mm = 25, d_mm = 400, alpha_deg = -90 },
+    { name = "b", kind = "revolute", limits_deg = [-60, 0], a_mm = 315, d_mm = 0, alpha_deg = 0 },
+    { name = "c", kind = "revolute", limits_deg = [0, 60], a_mm = 35, d_mm = 0, alpha_deg = -90 },
+    { name = "d", kind = "revolute", limits_deg = [-60, 60], a_mm = 0, d_mm = 365, alpha_deg = 90 },
+    { name = "e", kind = "revolute", limits_deg = [20, 80], a_mm = 60, d_mm = 0, alpha_deg = 0 },
+]
+"#;
+
+/// A program of `plan` for an arm with five joints is corrected and comes back. With a value for a sixth axis it is not one
+/// of this arm.
+#[test]
+fn planned_programs_of_five_joints_are_read() {
+    let _texts = texts();
+    let folder = Folder::new();
+    folder.write("five.toml", FIVE);
+    for line in [
+        "simulate --robot five.toml --poses 60 --test-sets 0 --seed 5 --out cell",
+        "calibrate --robot five.toml cell/train.csv --method poe --out arm.blob",
+        "plan --robot five.toml --count 12 --space-filling --no-forecast --out p.csv --rapid p.mod --krl p.src",
+    ] {
+        folder.run(line).ok();
+    }
+    for (name, zero, other) in [("p.mod", ",0],", ",5],"), ("p.src", ",A6 0}", ",A6 5}")] {
+        let planned = folder.text(name);
+        assert_eq!(planned.matches(zero).count(), 12, "{planned}");
+        let line = format!("correct arm.blob {name} --out new_{name} --json a.json");
+        folder.run(&line);
+        let document = folder.json("a.json");
+        assert!(document["targets"].as_u64().unwrap() > 6, "{document:#}");
+        let corrected = folder.text(&format!("new_{name}"));
+        assert_eq!(corrected.matches(zero).count(), 12, "{corrected}");
+        assert_ne!(corrected, planned);
+        folder.write(name, planned.replacen(zero, other, 1));
+        folder.refuses(&line);
+    }
+}
+
 /// A record lists at most a thousand targets, which are fewer than half of those of this program.
 #[test]
 fn an_edited_copy_of_a_long_program_is_refused() {

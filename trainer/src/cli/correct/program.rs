@@ -19,9 +19,9 @@ use crate::robot_programs::correction::between::{Between, between, stretches};
 use crate::robot_programs::correction::engine::{self, Direction, Outcome};
 use crate::robot_programs::correction::frames::FrameFile;
 use crate::robot_programs::correction::planning::Payload;
-use crate::robot_programs::correction::program::Program;
+use crate::robot_programs::correction::program::{Goal, Program};
 use crate::robot_programs::correction::replacement::rewrite;
-use crate::robot_programs::correction::source::Source;
+use crate::robot_programs::correction::source::{Number, Source};
 use crate::robot_programs::correction::split::split;
 use crate::signing::unsigned;
 use poegp_calibration::blob::commander::Commander;
@@ -82,7 +82,10 @@ pub fn corrected(
         corrections,
         records: mut earlier,
     } = Sources::read(a, &paths, &corrector)?;
-    let program = read_program(a, format, all, &frames)?;
+    let mut program = read_program(a, format, all, &frames)?;
+    if matches!(format, Format::Rapid | Format::Krl) {
+        leave_out_unused_axes(&mut program, robot.joints.len());
+    }
     if format != Format::Table {
         refuse_slides(a, &program, &commander)?;
     }
@@ -170,6 +173,23 @@ fn read_program(
         .into());
     }
     Ok(program)
+}
+
+/// Shortens all joint targets to the arm's `joints` if each has 0 or 9E9 for the axes after them: RAPID and KRL have six axes
+/// even for an arm with fewer.
+fn leave_out_unused_axes(program: &mut Program, joints: usize) {
+    let goals = program.targets.iter_mut().map(|target| &mut target.goal);
+    let mut axes: Vec<_> = goals
+        .filter_map(|goal| match goal {
+            Goal::Joints(numbers) => Some(numbers),
+            Goal::Pose { .. } => None,
+        })
+        .collect();
+    let is_unused = |number: &Number| number.value == 0.0 || number.value == 9e9;
+    let mut beyond = axes.iter().flat_map(|numbers| numbers.iter().skip(joints));
+    if beyond.all(is_unused) {
+        axes.iter_mut().for_each(|numbers| numbers.truncate(joints));
+    }
 }
 
 /// Returns the error for a program that does not come back to the targets that its record lists.
