@@ -31,11 +31,17 @@ pub const DEGREE: f64 = std::f64::consts::PI / 180.0;
 const LARGEST_RADIUS: f64 = 2.0;
 
 /// A list of exactly N values. Arrays of serde ignore what follows in a list, such as the digits after a decimal comma.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, PartialEq)]
 pub struct Exactly<T, const N: usize>(pub [T; N]);
 
 /// A list of exactly N numbers.
 pub type Numbers<const N: usize> = Exactly<f64, N>;
+
+impl<T: fmt::Debug, const N: usize> fmt::Debug for Exactly<T, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
 
 impl<T, const N: usize> Deref for Exactly<T, N> {
     type Target = [T; N];
@@ -312,6 +318,11 @@ mod tests {
         #[derive(Debug, Deserialize)]
         struct Inner {}
         found_and_expected(toml::from_str::<File>(text).unwrap_err().message())
+    }
+
+    #[test]
+    fn numbers_show_as_a_list() {
+        assert_eq!(format!("{:?}", Exactly([1.0, 1e300])), "[1.0, 1e300]");
     }
 
     #[test]
