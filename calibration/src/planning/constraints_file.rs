@@ -37,7 +37,7 @@ use poegp_runtime::math::se3::Pose;
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::input_error::InputError;
+use crate::input_error::{InputError, number};
 use crate::planning::constraints::{Constraints, to_target};
 use crate::planning::links::{Links, mounting_plane};
 use crate::planning::rules::{Constraint, LineOfSight, Rule};
@@ -292,7 +292,7 @@ impl TomlSource<'_> {
         };
         let max_angle = angle.get_ref() * factor;
         if !(max_angle > 0.0 && max_angle <= std::f64::consts::PI) {
-            let found = angle.get_ref().to_string();
+            let found = number(*angle.get_ref());
             return Err(self.error(
                 angle.span(),
                 key,

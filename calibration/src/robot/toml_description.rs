@@ -44,7 +44,7 @@ use poegp_protocol::limits::MAX_RIPPLE;
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::input_error::{InputError, is_printable};
+use crate::input_error::{InputError, is_printable, number};
 use crate::robot::description::{ClassPrior, Joint, Robot, WITHIN, is_too_long};
 use crate::robot::normal_form as chain;
 use crate::robot::normal_form::Chain;
@@ -200,12 +200,12 @@ impl TomlSource<'_> {
     /// Reads how far an arm of the class is from its nominal model.
     fn prior(&self, table: &PriorTable) -> Result<ClassPrior, InputError> {
         let above_zero = |key: &str, value: &Spanned<f64>| {
-            let number = *value.get_ref();
-            if number > 0.0 && number.is_finite() {
-                return Ok(1e-3 * number);
+            let given = *value.get_ref();
+            if given > 0.0 && given.is_finite() {
+                return Ok(1e-3 * given);
             }
             let expected = "a number above 0";
-            Err(self.error(value.span(), key, number.to_string(), expected))
+            Err(self.error(value.span(), key, number(given), expected))
         };
         Ok(ClassPrior {
             length: above_zero("length_mm", &table.length_mm)?,
@@ -267,7 +267,7 @@ impl TomlSource<'_> {
             return Err(self.error(value.span(), key, key, expected));
         }
         let [lower, upper] = value.get_ref().0;
-        let found = format!("the limits {lower} to {upper}");
+        let found = format!("the limits {} to {}", number(lower), number(upper));
         if lower > upper {
             return Err(self.error(value.span(), key, found, "the lower limit first"));
         }
@@ -308,7 +308,7 @@ impl TomlSource<'_> {
             if let Some(bad) = lines.iter().find(|k| !GEAR_LINES.contains(k)) {
                 let (least, most) = (GEAR_LINES.start(), GEAR_LINES.end());
                 let expected = format!("{least} to {most} cycles in a turn of the joint");
-                return Err(self.error(span, key, format!("{bad} cycles"), expected));
+                return Err(self.error(span, key, format!("{} cycles", number(*bad)), expected));
             }
             out.extend(lines);
         }

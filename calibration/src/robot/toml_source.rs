@@ -10,7 +10,7 @@ use serde::de::{Error, IgnoredAny, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use toml::Spanned;
 
-use crate::input_error::InputError;
+use crate::input_error::{InputError, number};
 use crate::robot::normal_form;
 
 /// A key with its unit, the factor to SI, and the value if it is given.
@@ -234,7 +234,7 @@ impl TomlSource<'_> {
             return Ok(None);
         };
         if let Some(bad) = value.get_ref().iter().find(|number| !number.is_finite()) {
-            return Err(self.error(value.span(), key, bad.to_string(), "finite numbers"));
+            return Err(self.error(value.span(), key, number(*bad), "finite numbers"));
         }
         Ok(Some(value.get_ref().0.map(|number| to_si(number, factor))))
     }
@@ -245,7 +245,7 @@ impl TomlSource<'_> {
             return Ok(None);
         };
         if !value.get_ref().is_finite() {
-            let found = value.get_ref().to_string();
+            let found = number(*value.get_ref());
             return Err(self.error(value.span(), key, found, "a finite number"));
         }
         Ok(Some(to_si(*value.get_ref(), factor)))
@@ -266,7 +266,7 @@ impl TomlSource<'_> {
             Some((key, factor, value))
                 if !(0.0..=LARGEST_RADIUS).contains(&radius.unwrap_or(0.0)) =>
             {
-                let found = value.get_ref().to_string();
+                let found = number(*value.get_ref());
                 let expected = format!("a radius from 0 to {}", LARGEST_RADIUS / factor);
                 Err(self.error(value.span(), key, found, expected))
             }

@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use poegp_runtime::math::se3::{Pose, Twist};
 use toml::Spanned;
 
-use crate::input_error::InputError;
+use crate::input_error::{InputError, number};
 use crate::measurement::table::quoted;
 use crate::measurement::touch::set::{Board, Camera, Feature, FeatureKind, KnownDistance, Mount};
 use crate::measurement::touch::tables::{
@@ -184,11 +184,11 @@ impl Source<'_> {
 
     /// Reads a number above 0, times `unit`.
     fn above_zero(&self, key: &str, value: &Spanned<f64>, unit: f64) -> Result<f64, InputError> {
-        let number = *value.get_ref();
-        if number > 0.0 && number.is_finite() {
-            return Ok(number * unit);
+        let given = *value.get_ref();
+        if given > 0.0 && given.is_finite() {
+            return Ok(given * unit);
         }
-        Err(self.refuse(key, value, number.to_string(), "a number above 0"))
+        Err(self.refuse(key, value, number(given), "a number above 0"))
     }
 
     /// Reads a standard deviation above 0; `usual` if none is given.
@@ -208,11 +208,11 @@ impl Source<'_> {
     /// Reads the size of an error: 0 or more, and 0 if none is given.
     fn form(&self, key: &str, value: &Option<Spanned<f64>>, unit: f64) -> Result<f64, InputError> {
         let Some(value) = value else { return Ok(0.0) };
-        let number = *value.get_ref();
-        if number >= 0.0 && number.is_finite() {
-            return Ok(number * unit);
+        let given = *value.get_ref();
+        if given >= 0.0 && given.is_finite() {
+            return Ok(given * unit);
         }
-        Err(self.refuse(key, value, number.to_string(), "a number of 0 or more"))
+        Err(self.refuse(key, value, number(given), "a number of 0 or more"))
     }
 
     /// Reads a length of at least a millimetre.
@@ -233,7 +233,7 @@ impl Source<'_> {
         unit: f64,
     ) -> Result<Vector3<f64>, InputError> {
         match value.get_ref().iter().find(|number| !number.is_finite()) {
-            Some(bad) => Err(self.refuse(key, value, bad.to_string(), "finite numbers")),
+            Some(bad) => Err(self.refuse(key, value, number(*bad), "finite numbers")),
             None => Ok(Vector3::from(value.get_ref().0) * unit),
         }
     }
@@ -430,10 +430,10 @@ impl Source<'_> {
             .find(|f| !(f.is_finite() && **f > 0.0))
         {
             let expected = "focal lengths above 0 in pixels";
-            return Err(self.refuse("focal_px", &t.focal_px, bad.to_string(), expected));
+            return Err(self.refuse("focal_px", &t.focal_px, number(*bad), expected));
         }
         if let Some(bad) = t.centre_px.get_ref().iter().find(|c| !c.is_finite()) {
-            return Err(self.refuse("centre_px", &t.centre_px, bad.to_string(), "finite numbers"));
+            return Err(self.refuse("centre_px", &t.centre_px, number(*bad), "finite numbers"));
         }
         let mount = match t.mount.as_ref().map(|m| (m, m.get_ref().as_str())) {
             None | Some((_, "flange")) => Mount::Flange,

@@ -477,6 +477,10 @@ fn toml_limits_and_coupling_are_refused_by_name() {
             "1 to 1000",
         ],
     );
+    toml_refused(&limits("gear_ratio = 1e300"), &["found 1e300 cycles"]);
+    toml_refused(&limits("link_radius_mm = 1e300"), &["found 1e300,"]);
+    let huge = limits("limits_deg = [1e300, -1e300]");
+    toml_refused(&huge, &["the limits 1e300 to -1e300"]);
     toml_refused(
         &limits("gear_lines = [200, nan]"),
         &["(gear_lines)", "NaN cycles"],

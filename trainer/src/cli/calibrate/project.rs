@@ -15,7 +15,7 @@ use crate::cli::calibrate::gauge::GaugeTable;
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::FileSummary;
 use crate::report::certificate::{Instrument, Record};
-use poegp_calibration::input_error::{InputError, is_printable};
+use poegp_calibration::input_error::{InputError, is_printable, number};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::sample::ToolName;
 use poegp_calibration::model::config::Config;
@@ -261,13 +261,13 @@ impl Project {
         for (key, value) in stated {
             if let Some(value) = value.filter(|x| !(*x >= 0.0 && x.is_finite())) {
                 let expected = "a number of 0 or more".to_owned();
-                return Err(self.refused("instrument", key, value.to_string(), expected));
+                return Err(self.refused("instrument", key, number(value), expected));
             }
         }
         match file.record.temperature_c.filter(|x| !x.is_finite()) {
             Some(value) => {
                 let expected = "degrees Celsius".to_owned();
-                Err(self.refused("record", "temperature_c", value.to_string(), expected))
+                Err(self.refused("record", "temperature_c", number(value), expected))
             }
             None => Ok(()),
         }

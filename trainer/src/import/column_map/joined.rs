@@ -4,7 +4,7 @@ use toml::Spanned;
 
 use crate::import::column_map::{ColumnName, FileJoin, Join, JoinBy, Map, Points, Reflectors};
 use crate::import::rigid::spans_a_plane;
-use poegp_calibration::input_error::{InputError, counted};
+use poegp_calibration::input_error::{InputError, counted, number};
 
 impl Map {
     pub(super) fn check_points(&self, points: &Points) -> Result<(), InputError> {
@@ -120,7 +120,7 @@ impl Map {
                 "the largest time between a pose and its joints, in seconds",
             )),
             Some(tolerance) if !(tolerance.get_ref().is_finite() && *tolerance.get_ref() > 0.0) => {
-                let found = tolerance.get_ref().to_string();
+                let found = number(*tolerance.get_ref());
                 Err(self.error(
                     tolerance.span(),
                     "join.tolerance_s",
@@ -156,7 +156,7 @@ impl Map {
     fn check_residual(&self, limit: &Option<Spanned<f64>>, key: &str) -> Result<(), InputError> {
         match limit {
             Some(limit) if limit.get_ref().is_nan() || *limit.get_ref() <= 0.0 => {
-                let found = limit.get_ref().to_string();
+                let found = number(*limit.get_ref());
                 Err(self.error(limit.span(), key, found, "a number above 0"))
             }
             _ => Ok(()),
