@@ -10,7 +10,7 @@ use crate::import::columns::optional;
 use crate::import::text::{Line, Table};
 use crate::import::units::unit_of;
 use crate::import::value::RowValues;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 
 /// The rows of joints that belong to the poses.
 pub struct Joined<'a> {
@@ -57,7 +57,11 @@ fn by_order<'a>(poses: &Table, joints: &'a Table) -> Result<Vec<Option<&'a Line>
         return Ok(joints.rows.iter().map(Some).collect());
     }
     let path = poses.path.display();
-    let found = format!("{there} rows of joints for {wanted} rows of poses in {path}");
+    let found = format!(
+        "{} of joints for {} of poses in {path}",
+        counted(there, "row"),
+        counted(wanted, "row")
+    );
     // The first row without a partner, or the last one before the gap.
     let line = joints.rows.get(wanted).or(joints.rows.last());
     Err(

@@ -22,7 +22,7 @@ use crate::import::text::{Line, Table};
 use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
 use crate::import::write::{Row, XYZ};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::robot::toml_source::Numbers;
 
 const LEAVE_OUT: &str =
@@ -262,9 +262,9 @@ fn joined<'a>(
     if how.join == Join::Order {
         if groups.len() != joints.rows.len() {
             let found = format!(
-                "{} rows of joints for {} poses of points",
-                joints.rows.len(),
-                groups.len()
+                "{} of joints for {} of points",
+                counted(joints.rows.len(), "row"),
+                counted(groups.len(), "pose")
             );
             return Err(
                 InputError::new(&joints.path, found, "as many, to be joined by order")

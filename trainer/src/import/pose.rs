@@ -10,7 +10,7 @@ use crate::import::rigid::{MAX_RESIDUAL_MM, fitted};
 use crate::import::text::Table;
 use crate::import::units::shared_unit;
 use crate::import::value::RowValues;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 
 /// Notation of the pose, with the indices of its columns.
 pub enum PoseReader {
@@ -53,7 +53,11 @@ impl Reflected {
     ) -> Result<(Vector3<f64>, orientation::ReadOrientation), InputError> {
         let (pairs, which) = self.seen(fields)?;
         let Some(fit) = fitted(&pairs) else {
-            let found = format!("{} reflectors of {}", pairs.len(), self.reflectors.len());
+            let found = format!(
+                "{} of {}",
+                counted(pairs.len(), "reflector"),
+                self.reflectors.len()
+            );
             return Err(fields
                 .error(
                     self.reflectors[0].0.0[0],

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::import::column_map::{ColumnName, Decimal, Encoding, Layout, Separator};
 use crate::import::spreadsheet::{self, is_zip};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::is_spreadsheet_error;
 
 /// A row of trimmed fields.
@@ -96,7 +96,7 @@ impl Table {
                 row.fields.pop();
             }
             if row.fields.len() != width {
-                let found = format!("{} cells", row.fields.len());
+                let found = counted(row.fields.len(), "cell");
                 let expected = match &header {
                     Some(_) => format!("{width}, as the header has"),
                     None => format!("{width}, as the first row has"),

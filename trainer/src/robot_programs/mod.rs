@@ -21,6 +21,7 @@ pub(crate) mod urscript;
 use poegp_protocol::JointKind;
 
 use crate::robot_programs::script::{ARM_AXES, Script};
+use poegp_calibration::input_error::counted;
 use poegp_calibration::planning::Plan;
 use poegp_calibration::robot::Robot;
 
@@ -142,8 +143,9 @@ pub fn program(
             expected,
             robot: robot.name.clone(),
             found: format!(
-                "{revolute} revolute joints and {} slides",
-                joints - revolute
+                "{} and {}",
+                counted(revolute, "revolute joint"),
+                counted(joints - revolute, "slide")
             ),
         });
     }

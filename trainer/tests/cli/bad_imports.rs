@@ -50,6 +50,24 @@ fn bad_cells_are_named_where_they_stand() {
     import(b"a,b\0", MAP).refused();
 }
 
+/// One cell, one row.
+#[test]
+fn one_is_no_plural() {
+    let _texts = texts();
+    let short = import("a,b,x,y,z\n1,2,100,200,300\n3\n", MAP).refused();
+    assert!(
+        short.stderr.contains("found 1 cell, expected 5"),
+        "{short:#?}"
+    );
+    let folder = Folder::new();
+    folder.write("poses.csv", "x,y,z\n1,2,3\n2,3,4\n");
+    folder.write("joints.csv", "a,b\n1,2\n");
+    folder.write("map.toml", format!("join = {{ by = \"order\" }}\n\n{MAP}"));
+    let said = folder.refuses("import poses.csv joints.csv --map map.toml --out data.csv");
+    let found = "found 1 row of joints for 2 rows of poses in poses.csv";
+    assert!(said.stderr.contains(found), "{said:#?}");
+}
+
 /// What the imported rows show is said of the lines and columns of the raw file.
 #[test]
 fn imported_rows_are_cited_where_they_come_from() {

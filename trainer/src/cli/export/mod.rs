@@ -23,7 +23,7 @@ use poegp_calibration::blob::commander::pose_distance;
 use poegp_calibration::blob::joint_offsets::JointOffsets;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::predicted_poses::PredictedPoses;
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::numeric::statistics::ErrorSummary;
 use poegp_calibration::robot::{LoadOptions, Robot, urdf};
 
@@ -355,8 +355,8 @@ fn corrected_urdf(
         }
         None => {
             let found = format!(
-                "{} moving joints, or joints of another kind",
-                robot.joints.len()
+                "{}, or joints of another kind",
+                counted(robot.joints.len(), "moving joint")
             );
             let expected = format!("the {} joints of {}", chain.joints.len(), chain.name);
             return Err(InputError::new(nominal, found, expected).into());

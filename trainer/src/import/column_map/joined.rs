@@ -136,7 +136,7 @@ impl Map {
     pub(super) fn check_reflectors(&self, how: &Reflectors) -> Result<(), InputError> {
         let locations: Vec<[f64; 3]> = how.at.get_ref().iter().map(|at| at.0).collect();
         if how.columns.get_ref().len() != locations.len() {
-            let found = format!("{} places", locations.len());
+            let found = counted(locations.len(), "place");
             let expected = format!("{}, as reflectors.columns has", how.columns.get_ref().len());
             return Err(self.error(how.at.span(), "reflectors.at", found, expected));
         }
@@ -146,7 +146,7 @@ impl Map {
             return Err(self.error(how.columns.span(), "reflectors.columns", found, expected));
         }
         if locations.iter().flatten().any(|x| !x.is_finite()) || !spans_a_plane(&locations) {
-            let found = format!("{} reflectors on one line", locations.len());
+            let found = format!("{} on one line", counted(locations.len(), "reflector"));
             let expected = "three reflectors or more that are not on one line";
             return Err(self.error(how.at.span(), "reflectors.at", found, expected));
         }

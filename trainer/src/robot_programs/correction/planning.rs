@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use poegp_calibration::blob::commander::{Commander, Joints, joint_distance, pose_distance};
-use poegp_calibration::input_error::InputError;
+use poegp_calibration::input_error::{InputError, counted};
 use poegp_protocol::limits::MAX_JOINTS;
 use poegp_runtime::guard::status::Status;
 use poegp_runtime::math::se3::Pose;
@@ -324,7 +324,7 @@ fn joints_of(
             let joints = in_radians(program, commander, numbers).ok_or_else(|| {
                 let expected =
                     format!("{}, as the robot of the model has", commander.kinds().len());
-                let found = format!("a target of {} joints", numbers.len());
+                let found = format!("a target of {}", counted(numbers.len(), "joint"));
                 let source = &program.sources[target.location.file];
                 Refused::Program(source.error(target.location.at, found, expected))
             })?;
