@@ -142,23 +142,21 @@ pub fn rows(points: &Table, joints: &Table, map: &Map) -> Result<ReadRows, Input
     let of_joints = |column| Origin::new(joints, true, column);
     let mut origins = beside.origins(of_joints, of_joints);
     origins.extend(joint_origins(&joint_indices, of_joints));
-    if how.targets.is_none() {
-        origins.extend(origins_of_points(points, map, how)?);
-    }
+    origins.extend(origins_of_points(points, map, how)?);
     Ok((out, notes, origins))
 }
 
-/// Returns the origins of target and position, where every point is a measurement.
+/// Returns the origins of target and position, where every point is a measurement; otherwise none.
 fn origins_of_points(table: &Table, map: &Map, how: &Points) -> Result<Origins, InputError> {
+    if how.targets.is_some() {
+        return Ok(Origins::new());
+    }
     let of_points = |column| Origin::new(table, false, column);
     let xyz: [usize; 3] = columns(map, table, &how.columns, "points.columns")?;
     let target = optional(map, table, how.target.as_ref(), "points.target")?;
-    let mut out: Origins = XYZ
-        .map(str::to_owned)
-        .into_iter()
-        .zip(xyz.map(of_points))
-        .collect();
     let name = one(map, table, &how.name, "points.name")?;
+    let xyz = XYZ.map(str::to_owned).into_iter().zip(xyz.map(of_points));
+    let mut out: Origins = xyz.collect();
     out.insert("target".to_owned(), of_points(target.unwrap_or(name)));
     Ok(out)
 }
