@@ -115,15 +115,11 @@ impl ReportData {
     /// Returns the rows with the errors of the report's model, without those whose poses were trained on: `trained` says so of
     /// each row of the test sets.
     pub fn judged(&self, trained: &[bool]) -> Judged<'_> {
-        let is_new = |(i, _): &(usize, _)| trained.get(*i) != Some(&true);
-        let poses = self.calibrated().poses.iter().copied().enumerate();
-        let rows = self.rows.iter().cloned().enumerate();
+        let is_new = |i: &usize| trained.get(*i) != Some(&true);
+        let new = || (0..self.rows.len()).filter(is_new);
         Judged {
-            poses: poses.filter(is_new).map(|(_, pose)| pose).collect(),
-            rows: rows
-                .filter(|(i, _)| trained.get(*i) != Some(&true))
-                .map(|(_, row)| row)
-                .collect(),
+            poses: new().map(|i| self.calibrated().poses[i]).collect(),
+            rows: new().map(|i| self.rows[i].clone()).collect(),
             kinds: &self.kinds,
         }
     }
