@@ -22,3 +22,7 @@ pub const MAX_TOOLS: usize = 16;
 pub const MAX_LANDMARKS: usize = 16;
 /// Maximum number of variance landmarks of a task-space correction.
 pub const MAX_TASK_SPACE_LANDMARKS: usize = 48;
+
+/// Largest element of a coupling matrix. With it, serial joints stay within 65 536 rad, where sine and cosine in `f32` are
+/// within 1e-6.
+pub const MAX_COUPLING: f32 = 2.0;

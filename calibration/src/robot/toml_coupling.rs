@@ -1,13 +1,11 @@
 //! The coupling of the joints in a TOML description.
 
+use poegp_protocol::limits::MAX_COUPLING;
 use toml::Spanned;
 
 use crate::input_error::{InputError, counted, number};
 use crate::robot::normal_form::moves_each_joint;
 use crate::robot::toml_source::TomlSource;
-
-/// Largest element of a coupling that a blob may have, and so the largest that a device accepts.
-pub const MAX_COUPLING: f64 = 2.0;
 
 impl TomlSource<'_> {
     /// Checks and returns the coupling matrix; the identity becomes `None`.
@@ -26,7 +24,7 @@ impl TomlSource<'_> {
                 let found = format!("a row of {}", counted(row.get_ref().len(), "number"));
                 return Err(self.error(row.span(), "coupling", found, expected));
             }
-            let within = |element: &&f64| element.abs() <= MAX_COUPLING;
+            let within = |element: &&f64| element.abs() <= f64::from(MAX_COUPLING);
             if let Some(bad) = row.get_ref().iter().find(|element| !within(element)) {
                 let expected = format!("elements within ±{MAX_COUPLING}");
                 return Err(self.error(row.span(), "coupling", number(*bad), expected));

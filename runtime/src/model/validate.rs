@@ -2,7 +2,7 @@
 
 use poegp_protocol::JointKind;
 use poegp_protocol::blob::{CorrectionLimit, Transform};
-use poegp_protocol::limits::MAX_FRAMES;
+use poegp_protocol::limits::{MAX_COUPLING, MAX_FRAMES};
 
 use crate::guard::limit::Limit;
 use crate::kinematics::coupling::Coupling;
@@ -178,7 +178,3 @@ pub(super) fn checked_coupling<T: Scalar>(
     let elements = coupling.iter().map(|value| T::from_f32(*value));
     Ok(Some(Coupling::new(joints, elements)))
 }
-
-/// Largest element of a coupling matrix. With it, serial joints stay within 65 536 rad, where sine and cosine in `f32` are
-/// within 1e-6.
-const MAX_COUPLING: f32 = 2.0;

@@ -17,7 +17,7 @@ const WAIT: Duration = Duration::from_millis(100);
 const SILENCE: Duration = Duration::from_millis(1_200);
 /// Silence after which a correction that is being withdrawn is left to the controller.
 const PATIENCE: Duration = Duration::from_secs(3);
-/// Longest time for withdrawing a correction, which packets without axes hold.
+/// Longest time in which a correction that is being withdrawn may stay as it is: packets without axes hold it.
 const WITHDRAWAL: Duration = Duration::from_secs(10);
 /// Time between two reports.
 const INTERVAL: Duration = Duration::from_secs(10);
@@ -58,13 +58,18 @@ pub fn serve(
     let mut reported = heard;
     let mut cpu = cpu_time();
     let mut cycles_before = 0;
-    let mut stopped: Option<Instant> = None;
+    // While the correction is withdrawn: its size, and since when.
+    let mut withdrawn: Option<(f64, Instant)> = None;
     loop {
         let stops =
             stop.load(Ordering::Relaxed) || cycles.is_some_and(|most| cycles_before >= most);
         if stops {
             rsi.stop();
-            let since = *stopped.get_or_insert_with(Instant::now);
+            let applied = rsi.applied_deg();
+            let (_, since) = *match &mut withdrawn {
+                Some(last) if last.0 <= applied => last,
+                last => last.insert((applied, Instant::now())),
+            };
             let is_given_up = heard.elapsed() >= PATIENCE || since.elapsed() >= WITHDRAWAL;
             if rsi.is_at_zero() || is_given_up {
                 break;

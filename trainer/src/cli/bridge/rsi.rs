@@ -292,7 +292,7 @@ fn summarize(printer: Printer, report: &Report) {
     }
     if report.applied_deg > 0.0 {
         note(format_args!(
-            "packets ended before the correction was withdrawn: the last answer had {:.4}°",
+            "packets with axes ended before the correction was withdrawn: the last answer had {:.4}°",
             report.applied_deg
         ));
     }

@@ -187,7 +187,7 @@ fn repair(changed: &Change) -> String {
                 "reset the zero of joint {joint} (a collision? a lost encoder?){by} and check again"
             )
         }
-        Part::Payload => "weigh what is mounted, and correct payload_kg".to_owned(),
+        Part::Payload => "weigh what is mounted, and correct payload_kg if it differs".to_owned(),
         Part::Size => {
             "measure the known distances, radii and wires again: an arm does not change its size"
                 .to_owned()
