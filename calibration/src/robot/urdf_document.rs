@@ -1,7 +1,6 @@
 //! The links and joints of a URDF text, each with its place, before anything is made of them.
 //!
-//! Numbers and attributes of a joint are read by [`Joint::read`], which only the joints of the arm need to pass: grippers,
-//! meshes and inertias may be as they are.
+//! Numbers and attributes are read only of the joints of the arm: grippers, meshes and inertias may be as they are.
 
 use std::path::Path;
 
