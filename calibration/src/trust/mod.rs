@@ -203,7 +203,11 @@ pub fn examine(
             });
             let mistake = linear_mistakes::examine(&data, base, &geometry);
             let mixed = rest.iter().find(|f| f.cause == Cause::Mixed);
-            let arms = two_arms::examine(&data, &geometry);
+            // Rows of joints in whole degrees are of two kinds, too.
+            let is_rounded = rest.iter().any(|f| f.cause == Cause::Rounding);
+            let arms = (!is_rounded)
+                .then(|| two_arms::examine(&data, &geometry))
+                .flatten();
             // Only the best of them is named, and other residuals are attributed to it.
             let simple = step.into_iter().chain(mistake);
             let mut main = main_cause(simple, mixed, arms);

@@ -55,7 +55,7 @@ const WRITTEN: [(&str, &str); 8] = [
         "the model for the controller (`trainer inspect` shows it)",
     ),
     ("predictions.csv", "its predictions for test1.csv"),
-    ("elastic.blob", "the model that cross-validation chose"),
+    ("chosen.blob", "the model that cross-validation chose"),
     (
         "report.html",
         "held-out errors with plots: open it in a browser",
@@ -143,7 +143,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         "\n4. Let cross-validation choose the model, as `calibrate` does by default; hold out the test sets, and \
         write a report:\n",
     );
-    calibrate_with_report(a, &sets, &a.out.join("elastic.blob"))?;
+    calibrate_with_report(a, &sets, &a.out.join("chosen.blob"))?;
     let files = WRITTEN.iter().flat_map(|(names, _)| names.split(' '));
     let summary = serde_json::json!({
         "seed": a.seed,

@@ -118,7 +118,7 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
     let report = Printer::for_outputs(&[new.json.as_deref()]);
     report.line(format_args!("key {}", id_text(&key.public().id())));
     report.line(format_args!(
-        "  {}: secret key, signs models; keep it where nobody else can read it",
+        "  {}: secret key, signs models and reports; keep it where nobody else can read it",
         secret.display()
     ));
     report.line(format_args!(
@@ -249,7 +249,7 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
     };
     write_summary(a.json.as_deref(), verdict(Ok(revision)))?;
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
-        "{}: signed by key {id} as revision {revision}",
+        "{}: valid signature of key {id}, revision {revision}",
         a.file.display()
     ));
     Ok(())

@@ -196,12 +196,22 @@ fn ended(result: Result<(), Failure>) -> ExitCode {
 
 /// Creates the command line with its help texts.
 fn command() -> clap::Command {
+    // An option refuses `-1` by itself, with the values that it expects: it is no unknown option.
+    fn with_negative_numbers(arg: clap::Arg) -> clap::Arg {
+        match arg.get_action().takes_values() {
+            true => arg.allow_negative_numbers(true),
+            false => arg,
+        }
+    }
     fn with_exit_codes(command: clap::Command) -> clap::Command {
         let help = match command.get_after_help() {
             Some(help) => format!("{help}\n\n{EXIT_CODES}"),
             None => EXIT_CODES.to_owned(),
         };
-        command.after_help(help).mut_subcommands(with_exit_codes)
+        command
+            .after_help(help)
+            .mut_args(with_negative_numbers)
+            .mut_subcommands(with_exit_codes)
     }
     with_exit_codes(Arguments::command())
 }

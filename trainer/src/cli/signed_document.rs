@@ -70,8 +70,10 @@ pub fn verify(a: &Verify) -> Result<(), Failure> {
             a.file.display()
         ))),
         None => {
-            Printer::for_outputs(&[a.json.as_deref()])
-                .line(format_args!("{}: signed by key {id}", a.file.display()));
+            Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
+                "{}: valid signature of key {id}",
+                a.file.display()
+            ));
             Ok(())
         }
     }

@@ -211,12 +211,11 @@ impl Table {
                     .map(|name| format!("{name:?}"))
                     .collect();
                 Err((
-                    format!("the column {name:?}"),
                     format!(
-                        "one of those of {}: {}",
-                        self.path.display(),
-                        names.join(", ")
+                        "the column {name:?}, which {} does not have",
+                        self.path.display()
                     ),
+                    format!("one of its columns: {}", names.join(", ")),
                 ))
             }
         }

@@ -31,7 +31,7 @@ fn everything_that_it_names_is_written_and_works() {
     let files = [
         "arm.blob",
         "compare.json",
-        "elastic.blob",
+        "chosen.blob",
         "predictions.csv",
         "report.html",
         "report.json",

@@ -256,3 +256,26 @@ fn two_zeros_of_a_joint_are_found_row_by_row() {
         assert_eq!(finding.tier, Tier::Refused, "{finding:?}");
     }
 }
+
+/// A joint that is logged in whole degrees is rounded: its rows are not those of two arms.
+#[test]
+fn a_joint_in_whole_degrees_is_no_second_arm() {
+    for joint in [3, 4, 5] {
+        let mut poses = measured(Scenario::Paper, 100, 4);
+        for pose in &mut poses {
+            pose.joints[joint] = pose.joints[joint].to_degrees().round().to_radians();
+        }
+        let findings = examine(&poses);
+        let causes: Vec<Cause> = findings.0.iter().map(|f| f.cause).collect();
+        assert!(
+            causes.contains(&Cause::Rounding),
+            "joint {}: {findings:?}",
+            joint + 1
+        );
+        assert!(
+            !causes.contains(&Cause::Mixed),
+            "joint {}: {findings:?}",
+            joint + 1
+        );
+    }
+}

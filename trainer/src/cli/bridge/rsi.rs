@@ -41,7 +41,7 @@ pub struct RsiArgs {
     #[arg(long, value_name = "ADDRESS:PORT")]
     pub listen: SocketAddr,
     /// Payload in kg; needed if the model depends on it.
-    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "KG")]
     pub payload_kg: Option<f64>,
     /// Element of the controller's packets with the axis values to correct.
     #[arg(long, value_name = "ELEMENT", default_value = "ASPos")]

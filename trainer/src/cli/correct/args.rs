@@ -33,7 +33,7 @@ pub struct Correct {
     #[arg(value_name = "PROGRAM", required = true)]
     pub programs: Vec<PathBuf>,
     /// Payload of all targets in kg, for a file without payload_kg.
-    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "KG")]
     pub payload_kg: Option<f64>,
     /// Write the corrected targets (`-`: standard output); for several programs, a folder.
     #[arg(long, value_name = "FILE")]

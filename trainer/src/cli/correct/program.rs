@@ -297,7 +297,7 @@ fn payload(a: &Correct, loaded: &BlobModel) -> Result<Payload, Failure> {
         (None, true, _) => Ok(Payload::FromProgram),
         (None, false, Some((light, heavy))) => Err(Failure::Usage(format!(
             "no payload: the model depends on it ({light} to {heavy} kg were trained)\nhelp: give --payload-kg KG, or \
-             --payload-from-program for what the program says of its tools"
+             --payload-from-program to use the payloads that the program declares"
         ))),
         (None, false, None) => Ok(Payload::Fixed(0.0)),
     }

@@ -83,7 +83,7 @@ pub struct Export {
     #[arg(long, value_name = "POSES", allow_hyphen_values = true)]
     pub region: Option<String>,
     /// Fit the chain for one trained payload in kg (default: those of the region's file, else all that were trained).
-    #[arg(long, value_name = "KG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "KG")]
     pub payload_kg: Option<f32>,
     /// Write file names, distance from the model and omitted effects as JSON (`-`: standard output).
     #[arg(long, value_name = "FILE")]

@@ -121,13 +121,13 @@ pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
 fn hardly_reached(a: &Asked<'_>, constraints: &Constraints, error: &HardlyReached) -> Failure {
     let name = &feature_names(a.goals)[error.goal];
     let found = format!(
-        "{} ways to touch {name} from {} random starts",
+        "{} allowed ways to touch {name}, from {} random starts",
         error.allowed, error.starts
     );
-    let expected = format!("at least {} that the robot cell allows", error.needed);
+    let expected = format!("at least {}", error.needed);
     let file = match &constraints.file {
         Some(file) => file.clone(),
-        None => PathBuf::from("<no constraints>"),
+        None => PathBuf::from("--touch"),
     };
     let rules: Vec<String> = constraints.rules.iter().map(|rule| rule.name()).collect();
     InputError::new(file, found, expected)

@@ -94,7 +94,7 @@ pub fn tile(name: &str, unit: &str, after: Number, before: Option<Number>) -> Ma
             @if let Some(before) = before {
                 p {
                     "before: " (before) " " (unit)
-                    @if let Some((b, a)) = times { " (" (format!("{:.1}", b / a)) " times larger)" }
+                    @if let Some((b, a)) = times { " (" (format!("{:.1}", b / a)) " times as large)" }
                 }
             }
         }

@@ -136,8 +136,8 @@ fn other_robot(program: &Program, left: &[Left]) -> InputError {
         )
     } else {
         (
-            "a program of the robot that the model is of",
-            "wrong robot model, tool or frame?",
+            "targets that the robot of this model reaches",
+            "is this the program of another robot, or of another tool or frame?",
         )
     };
     source
