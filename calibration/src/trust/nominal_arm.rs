@@ -4,7 +4,6 @@
 use nalgebra::Vector3;
 use poegp_protocol::JointKind;
 use poegp_protocol::cause::Cause;
-use poegp_runtime::math::se3::Pose;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -364,15 +363,9 @@ impl Scene<'_> {
         if own.badness <= 1.0 {
             let base = fit.alignment.base.inverse() * own.alignment.base;
             let tool = fit.alignment.tools[0].inverse() * own.alignment.tools[0];
-            let off =
-                |pose: &Pose<f64>| pose.translation.norm() + self.reach * pose.log().angular.norm();
-            let remedy = match off(&tool) > off(&base) {
-                true => "give these rows a session of their own",
-                false => "calibrate from the rows of one base",
-            };
             return format!(
-                "; on their own they do, with the base {} and the target {} away: something was moved or remounted there; \
-                 {remedy}",
+                "; on their own they do, with the base {} and the target {} away: if only the target was remounted, give \
+                 these rows a session of their own; otherwise calibrate from the rows of one base",
                 lengths(base.translation.norm(), base.log().angular.norm(), true),
                 lengths(tool.translation.norm(), tool.log().angular.norm(), true)
             );

@@ -5,6 +5,7 @@ pub mod command_change;
 pub mod conformity;
 pub mod cross_validation;
 pub mod device_budget;
+pub mod drift_fit;
 pub mod held_out;
 pub mod learning_curve;
 pub mod model_selection;

@@ -9,12 +9,8 @@ use crate::cli::terminal::print::{note, warning};
 use poegp_calibration::measurement::MeasurementSet;
 use poegp_calibration::measurement::instrument_drift::{Drift, DriftReport};
 use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
-use poegp_calibration::measurement::sample::{
-    BaseSample, InstrumentSample, ToolName, in_base_frame,
-};
-use poegp_calibration::model::config::Config;
-use poegp_calibration::model::{Method, calibrate};
-use poegp_calibration::progress::FitContext;
+use poegp_calibration::measurement::sample::{InstrumentSample, ToolName};
+use poegp_calibration::validation::drift_fit::fits;
 
 /// Line of every report about the data that the drift correction uses.
 pub const NO_LEAK: &str = "  (from the reference points alone, not from measured poses, so held-out errors stay unbiased)";
@@ -39,7 +35,7 @@ pub fn read(
         let of_estimate = |drift: &Drift| drift.report.is_clear();
         if file.drift.as_ref().is_some_and(of_estimate) {
             let measured = arm.read(input, &mut Vec::new(), DriftCorrection::None)?;
-            if let Some([without, with]) = fits(arm, &measured.samples, &file.samples)
+            if let Some([without, with]) = fits(&arm.robot, &measured.samples, &file.samples)
                 && with > without
             {
                 warning(format_args!(
@@ -55,27 +51,6 @@ pub fn read(
     Ok(file)
 }
 
-/// Returns the root mean square position errors in mm of a geometry fitted to the measured samples and to the corrected ones:
-/// the poses themselves show whether the instrument moved or its reference points. `None` if a fit fails.
-fn fits(
-    arm: &Arm,
-    measured: &[InstrumentSample],
-    corrected: &[InstrumentSample],
-) -> Option<[f64; 2]> {
-    let of = |samples: &[InstrumentSample]| -> Option<f64> {
-        let config = Config::new(Method::Poe);
-        let found = calibrate(&arm.robot, samples, &config, &FitContext::default()).ok()?;
-        let base = &found.base_and_tools.instrument_from_base;
-        let square = |s: &BaseSample| {
-            let pose = found.calibrated.forward(&s.serial_joints);
-            s.observation.error(&pose).position_mm.powi(2)
-        };
-        let squares: f64 = in_base_frame(samples, base).iter().map(square).sum();
-        Some((squares / samples.len() as f64).sqrt())
-    };
-    Some([of(measured)?, of(corrected)?])
-}
-
 /// Returns the drift that a certificate states, and whether it was removed: `removed`, or otherwise the drift that the
 /// reference points of `set` show.
 pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(DriftReport, bool)> {
@@ -89,7 +64,7 @@ pub fn known(removed: Option<&DriftReport>, set: &MeasurementSet) -> Option<(Dri
 /// the poses contradict them.
 pub fn clear_motion(arm: &Arm, set: &MeasurementSet, samples: &[InstrumentSample]) -> Option<f64> {
     let drift = seen(set).filter(|drift| drift.report.is_clear())?;
-    let [without, with] = fits(arm, samples, &drift.correct(samples))?;
+    let [without, with] = fits(&arm.robot, samples, &drift.correct(samples))?;
     (with <= without).then_some(drift.report.moved_mm)
 }
 
@@ -109,7 +84,7 @@ fn hint(arm: &Arm, path: &Path, file: &SampleFile) {
     };
     let moved = drift.report.moved_mm;
     let path = path.display();
-    match fits(arm, &file.samples, &drift.correct(&file.samples)) {
+    match fits(&arm.robot, &file.samples, &drift.correct(&file.samples)) {
         Some([without, with]) if with > without => note(format_args!(
             "{path}: its reference points moved by up to {moved:.2} mm, but the poses fit the robot better as they are, \
              {without:.3} mm instead of {with:.3}: do not use --correct-drift"

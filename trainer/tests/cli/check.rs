@@ -382,7 +382,7 @@ fn a_wrong_stated_noise_is_warned_of() {
         (outcome.stdout.contains("may be hidden"), warnings)
     };
     assert!(!check("").0);
-    // Whoever prints nothing else must see it, too.
+    // A user who sees nothing else must see it, too.
     let line = "--quiet check arm.blob fresh.csv --max-mm 0.2 --position-sigma-mm 0.3";
     assert!(folder.run(line).ok().stderr.contains("may be hidden"));
     let (is_hidden, warnings) = check("--position-sigma-mm 0.3");

@@ -1,6 +1,7 @@
 //! Kinematics of the three descriptions against each other and against the direct product; every refusal by its words.
 
 mod rejected;
+mod rejected_urdf;
 
 use std::path::Path;
 
