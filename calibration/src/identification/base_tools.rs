@@ -25,6 +25,17 @@ pub struct BaseAndTools {
     pub flange_from_targets: Vec<Pose<f64>>,
 }
 
+impl BaseAndTools {
+    /// Predicts `instrument_from_target` of every sample by the nominal chain, base to flange.
+    pub fn predict(&self, nominal: &Poe<f64>, samples: &[InstrumentSample]) -> Vec<Pose<f64>> {
+        let of = |s: &InstrumentSample| {
+            let flange = self.instrument_from_base * nominal.forward(&s.serial_joints);
+            flange * self.flange_from_targets[s.tool]
+        };
+        samples.iter().map(of).collect()
+    }
+}
+
 /// The frame of a tool that was not calibrated: what is predicted of it is not a number, and no error hides it.
 pub const UNKNOWN_TOOL: Pose<f64> = Pose {
     rotation: Matrix3::from_array_storage(ArrayStorage([[f64::NAN; 3]; 3])),

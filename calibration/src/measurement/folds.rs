@@ -74,14 +74,14 @@ pub fn follow_one_path<F>(samples: &[Sample<F>]) -> bool {
 }
 
 /// Largest difference of a joint's values that counts as the same configuration.
-fn same_within(kind: JointKind) -> f64 {
+pub(super) fn same_within(kind: JointKind) -> f64 {
     match kind {
         JointKind::Revolute => SAME_ANGLE,
         JointKind::Prismatic => SAME_LENGTH,
     }
 }
 
-fn is_same(a: &[f64], b: &[f64], kinds: &[JointKind]) -> bool {
+pub(super) fn is_same(a: &[f64], b: &[f64], kinds: &[JointKind]) -> bool {
     let mut pairs = a.iter().zip(b).zip(kinds);
     pairs.all(|((x, y), kind)| (x - y).abs() <= same_within(*kind))
 }

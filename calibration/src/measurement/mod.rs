@@ -35,6 +35,7 @@ pub mod noise;
 pub mod observation;
 pub mod point_pairs;
 pub mod reader;
+pub mod repeats;
 mod rows;
 pub mod sample;
 pub mod samples;

@@ -32,6 +32,7 @@ use crate::learning::elastic::fit::setup_units;
 use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
 use crate::learning::task_space::fit::SignalVarianceLimit;
+use crate::measurement::repeats::Repeats;
 use crate::measurement::sample::{InstrumentSample, different_poses, in_base_frame};
 use crate::memory;
 use crate::model::config::Config;
@@ -72,7 +73,8 @@ pub(crate) fn calibrate_within(
         posed(robot, &nominal, samples, config, signal_variance);
     let units = setup_units(samples.len());
     context.expect(units);
-    let mut outliers = context.phase(units, || problem.gross_outliers())?;
+    let found = context.phase(units, || problem.gross_outliers())?;
+    let mut outliers = problem.of_measurements(&found);
     let mut kept: Vec<usize> = (0..samples.len()).collect();
     if config.outliers == OutlierPolicy::Reject && !outliers.is_empty() {
         kept.retain(|i| !outliers.iter().any(|o| o.sample == *i));
@@ -81,7 +83,7 @@ pub(crate) fn calibrate_within(
         (base_and_tools, problem) = posed(robot, &nominal, &samples, config, signal_variance);
     }
     let fit = config.method.implementation().fit(&problem, context)?;
-    for outlier in fit.outliers {
+    for outlier in problem.of_measurements(&fit.outliers) {
         let sample = kept[outlier.sample];
         if !outliers.iter().any(|o| o.sample == sample) {
             outliers.push(Outlier { sample, ..outlier });
@@ -111,7 +113,9 @@ pub(crate) fn calibrate_within(
         correction_limit: (0.0, 0.0),
     };
     let samples = match out.removed_warm_up() {
-        Some(warm_up) => warm_up.removed_from(&problem.samples),
+        Some(warm_up) => problem
+            .repeats
+            .means(&warm_up.removed_from(&problem.measurements)),
         None => problem.samples,
     };
     out.correction_limit = out.limit(&samples);
@@ -130,7 +134,8 @@ pub(crate) fn rejected_gross_outliers(
     };
     let limit = SignalVarianceLimit::HIGHEST;
     let (_, problem) = posed(robot, &nominal, samples, config, &limit);
-    problem.gross_outliers().iter().map(|o| o.sample).collect()
+    let found = problem.of_measurements(&problem.gross_outliers());
+    found.iter().map(|o| o.sample).collect()
 }
 
 /// Fits base and tools on the nominal arm and returns them with the remaining fit problem: `samples` seen from that base.
@@ -141,7 +146,18 @@ fn posed<'a>(
     config: &Config,
     signal_variance: &'a SignalVarianceLimit,
 ) -> (BaseAndTools, Problem<'a>) {
-    let base_and_tools = fit_base_and_tools(nominal, samples);
+    let mut base_and_tools = fit_base_and_tools(nominal, samples);
+    let predicted = base_and_tools.predict(nominal, samples);
+    let repeats = Repeats::of(samples, &predicted, nominal.kinds());
+    let known = |s: &InstrumentSample| s.clone().with_noise(config.instrument_noise());
+    let samples: Vec<InstrumentSample> = samples.iter().map(known).collect();
+    let samples = repeats.with_scatter(&samples);
+    let means = repeats.means(&samples);
+    if means.len() < samples.len() {
+        base_and_tools = fit_base_and_tools(nominal, &means);
+    }
+    let base = &base_and_tools.instrument_from_base;
+    let (means, measurements) = (in_base_frame(&means, base), in_base_frame(&samples, base));
     let flange = *nominal.frames().last().unwrap_or(&Pose::identity());
     let targets = &base_and_tools.flange_from_targets;
     let problem = Problem {
@@ -149,10 +165,9 @@ fn posed<'a>(
         tools: targets.iter().map(|t| flange * *t).collect(),
         coupling: robot.coupling.as_ref(),
         gear_lines: gear_lines(robot),
-        samples: in_base_frame(samples, &base_and_tools.instrument_from_base)
-            .into_iter()
-            .map(|s| s.with_noise(config.instrument_noise()))
-            .collect(),
+        samples: means,
+        measurements,
+        repeats,
         weighting: config.weighting,
         hyperparameters: config.hyperparameters,
         signal_variance,

@@ -14,6 +14,7 @@ mod outliers;
 mod own_joint_curve;
 mod prediction;
 mod ranges;
+mod repeats;
 mod selection;
 #[path = "../fidelity/sets.rs"]
 mod sets;

@@ -193,7 +193,7 @@ pub fn leave_one_out(fit: &ElasticFit, samples: &[BaseSample]) -> LeaveOneOut {
     let mut standardised: Standardised = [Vec::new(), Vec::new()];
     let mut add = |k: usize, first: usize, LeftOut { error, covariance }: &LeftOut| {
         let mean = (first..first + 3).map(|i| covariance[(i, i)]).sum::<f64>() / 3.0;
-        out.position_variance[k] = Some(fit.scales.position.powi(2) * mean);
+        out.position_variance[k] = Some(fit.scales.of(&samples[k]).position.powi(2) * mean);
         for (i, row) in (first..first + rows_of(&k).len()).enumerate() {
             standardised[usize::from(i >= 3)]
                 .push((error[(row, 0)] / covariance[(row, row)].sqrt()).abs());

@@ -7,6 +7,8 @@
 //! e is 1 when a session begins and 0 at T, when the longest session ends: the model describes the arm at that time.
 //! Base, tool and joints have one variance each. With S of a fitted model, W the columns times e, u = Wᵀ S⁻¹ y, M = Wᵀ
 //! S⁻¹ W and the variances Λ, the log evidence rises by ½ uᵀ (Λ⁻¹ + M)⁻¹ u − ½ log |I + Λ M|; Λ and τ maximise this rise.
+//! The model is fitted to the mean of the measurements of a pose. Their differences from this mean, which it does not
+//! describe, have the noise alone: u and M are sums over both.
 
 use poegp_runtime::math::se3::{Pose, Twist};
 use serde::Serialize;
@@ -105,27 +107,45 @@ fn share(time: f64, time_constant: f64, end: f64) -> f64 {
 }
 
 impl WarmUp {
-    /// Estimates the warm-up that a fit to `samples` did not model; `None` where the evidence shows none, or where the
-    /// time of a sample is unknown.
-    pub fn estimate(fit: &ElasticFit, samples: &[BaseSample]) -> Option<Self> {
+    /// Estimates the warm-up that a fit to `samples` did not model; `measurements` are those of each sample. `None` where
+    /// the evidence shows none, or where the time of a measurement is unknown.
+    pub fn estimate(
+        fit: &ElasticFit,
+        samples: &[BaseSample],
+        measurements: &[Vec<BaseSample>],
+    ) -> Option<Self> {
         let solved = fit.solved.as_ref()?;
-        let times: Option<Vec<f64>> = samples.iter().map(|s| Some(s.elapsed?.value)).collect();
+        let of = |rows: &Vec<BaseSample>| rows.iter().map(|s| Some(s.elapsed?.value)).collect();
+        let times: Option<Vec<Vec<f64>>> = measurements.iter().map(of).collect();
         let (times, unit) = (times?, samples.first()?.elapsed?.unit);
-        let end = times.iter().fold(0.0, |end: f64, t| end.max(*t));
+        let end = times.iter().flatten().fold(0.0, |end: f64, t| end.max(*t));
         if end <= 0.0 {
             return None;
         }
         let linear = fit.origin.linearise(samples, fit.scales);
         let columns = Columns::of(&fit.origin, samples, &linear);
+        let repeated = measurements
+            .iter()
+            .zip(&times)
+            .filter(|(rows, _)| rows.len() > 1);
+        let differences: Vec<Differences> = repeated
+            .map(|(rows, times)| Differences::of(fit, rows, times))
+            .collect();
         let best = TIME_CONSTANTS
             .into_iter()
             .map(|part| {
                 let time_constant = part * end;
-                let w = columns.times(|k| share(times[k], time_constant, end));
-                let evidence = Evidence {
+                let share = |time: f64| share(time, time_constant, end);
+                let w = columns.times(|k| {
+                    times[k].iter().map(|time| share(*time)).sum::<f64>() / times[k].len() as f64
+                });
+                let mut evidence = Evidence {
                     u: product(Transposed(&w), &solved.alpha),
                     m: product(Transposed(&w), &solved.factor.solve(&w)),
                 };
+                for of in &differences {
+                    of.add_to(&mut evidence, share);
+                }
                 (time_constant, evidence.largest())
             })
             .max_by(|(_, one), (_, other)| one.rise.total_cmp(&other.rise))?;
@@ -193,6 +213,62 @@ fn moved_back(observation: &Observation, moved: &Twist<f64>) -> Observation {
             })
         }
     }
+}
+
+/// The differences of the measurements of one pose from their mean.
+struct Differences {
+    columns: Columns,
+    /// Differences of the residuals, and the variances of their noise.
+    residuals: Vec<[(f64, f64); ROWS]>,
+    times: Vec<f64>,
+}
+
+impl Differences {
+    fn of(fit: &ElasticFit, rows: &[BaseSample], times: &[f64]) -> Self {
+        let linear = fit.origin.linearise(rows, fit.scales);
+        let residuals = fit.origin.residuals(rows, fit.scales);
+        let mean: [f64; ROWS] = mean_of(&residuals);
+        let difference = |(row, r): (usize, &[f64; ROWS])| {
+            std::array::from_fn(|i| {
+                let h = fit.hyperparameters[usize::from(i >= 3)];
+                let relative = linear.relative_noise(ROWS * row + i, h);
+                (r[i] - mean[i], libm::exp(h) * relative * relative)
+            })
+        };
+        Self {
+            columns: Columns::of(&fit.origin, rows, &linear),
+            residuals: residuals.iter().enumerate().map(difference).collect(),
+            times: times.to_vec(),
+        }
+    }
+
+    /// Adds their part of u and M for a share that each time has of the change.
+    fn add_to(&self, evidence: &mut Evidence, share: impl Fn(f64) -> f64) {
+        let w = self.columns.times(|row| share(self.times[row]));
+        let count = self.times.len();
+        for i in 0..ROWS {
+            let column = |row: usize| -> Vec<f64> {
+                (0..w.ncols()).map(|c| w[(ROWS * row + i, c)]).collect()
+            };
+            let mean: Vec<f64> = (0..w.ncols())
+                .map(|c| (0..count).map(|row| w[(ROWS * row + i, c)]).sum::<f64>() / count as f64)
+                .collect();
+            for (row, difference) in self.residuals.iter().enumerate() {
+                let (y, variance) = difference[i];
+                let own: Vec<f64> = column(row).iter().zip(&mean).map(|(x, m)| x - m).collect();
+                for (a, one) in own.iter().enumerate() {
+                    evidence.u[(a, 0)] += one * y / variance;
+                    for (b, other) in own.iter().enumerate() {
+                        evidence.m[(a, b)] += one * other / variance;
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn mean_of(rows: &[[f64; ROWS]]) -> [f64; ROWS] {
+    std::array::from_fn(|i| rows.iter().map(|r| r[i]).sum::<f64>() / rows.len() as f64)
 }
 
 /// Columns A_base, A_tool and J of every sample.

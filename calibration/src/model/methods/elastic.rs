@@ -49,13 +49,17 @@ pub(super) fn fit_elastic(
         gear_lines: problem.gear_lines.clone(),
     };
     let mut robust = fit_robust(&arm, samples, options, context)?;
-    let mut warm_up = WarmUp::estimate(&robust.fit, &some(samples, &robust.dense));
+    let dense = some(samples, &robust.dense);
+    let rows = |pose: &usize| some(&problem.measurements, problem.repeats.rows(*pose));
+    let measurements: Vec<Vec<BaseSample>> = robust.dense.iter().map(rows).collect();
+    let mut warm_up = WarmUp::estimate(&robust.fit, &dense, &measurements);
     let mut without = None;
     if let Some(found) = &mut warm_up
         && options.warm_up == WarmUpPolicy::Remove
     {
         found.report.removed = true;
-        let corrected = found.removed_from(samples);
+        let corrected = found.removed_from(&problem.measurements);
+        let corrected = problem.repeats.means(&corrected);
         robust = fit_robust(&arm, &corrected, options, context)?;
         without = Some(corrected);
     }

@@ -12,6 +12,7 @@ use crate::learning::elastic::outliers::{Outlier, gross_outliers};
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::warm_up::WarmUp;
 use crate::learning::task_space::fit::{HyperparameterSharing, SignalVarianceLimit};
+use crate::measurement::repeats::Repeats;
 use crate::measurement::sample::{BaseSample, Sample};
 use crate::measurement::shared_range::shared_payload;
 use crate::model::correction::Correction;
@@ -105,8 +106,12 @@ pub struct Problem<'a> {
     pub coupling: Option<&'a Vec<Vec<f64>>>,
     /// Gear lines that the robot's description states.
     pub gear_lines: Vec<GearLine>,
-    /// The measurements, as `base_from_target`.
+    /// The measured poses, as `base_from_target`: the mean of the measurements of each.
     pub samples: Vec<BaseSample>,
+    /// All measurements, as `base_from_target`.
+    pub measurements: Vec<BaseSample>,
+    /// The measurements of each pose.
+    pub repeats: Repeats,
     /// How poses are weighted in the frame fit.
     pub weighting: Weighting,
     /// How the outputs of the task-space process share their hyperparameters.
@@ -118,6 +123,17 @@ pub struct Problem<'a> {
 }
 
 impl Problem<'_> {
+    /// Converts outliers among the poses to outliers among the measurements: all measurements of those poses.
+    pub(crate) fn of_measurements(&self, outliers: &[Outlier]) -> Vec<Outlier> {
+        let rows = |outlier: &Outlier| {
+            let rows = self.repeats.rows(outlier.sample).to_vec();
+            let outlier = *outlier;
+            rows.into_iter()
+                .map(move |sample| Outlier { sample, ..outlier })
+        };
+        outliers.iter().flat_map(rows).collect()
+    }
+
     /// Returns the gross outliers: samples that no geometry with gravity terms explains. Those that share a payload are none:
     /// they show how the arm gives way under it.
     pub(crate) fn gross_outliers(&self) -> Vec<Outlier> {
