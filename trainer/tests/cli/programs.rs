@@ -256,6 +256,21 @@ fn rows_of_a_table_have_seeds_and_payloads() {
     for (a, b) in expected.iter().zip(&found) {
         assert!((a - 1e3 * b).abs() < 3e-3, "{expected:?} {found:?}");
     }
+    let [x, y, z] = [0, 1, 2].map(|i| 57.3 * v[i]);
+    let degrees = metres.replace(
+        &format!("{},{},{}", v[0], v[1], v[2]),
+        &format!("{x},{y},{z}"),
+    );
+    let refused = run("degrees.csv", &degrees, "--payload-kg 2.5").refused_after_output();
+    assert!(
+        refused.stderr.contains("expected at most a full turn"),
+        "{refused:#?}"
+    );
+    // A model that does not depend on the payload says so.
+    let line = "correct base.blob one.csv --frames frames.toml --payload-from-program --json - --out unknown.csv";
+    let told = folder.run(line).ok().json();
+    let remarks = told["remarks"].to_string();
+    assert!(remarks.contains("2.5 kg changes nothing"), "{remarks}");
 }
 
 #[test]

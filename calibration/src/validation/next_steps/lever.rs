@@ -55,6 +55,7 @@ pub fn step(task: &Task, covariance: &PredictionCovariance) -> Option<Step> {
             target.rotation * joint_from_target.rotation.transpose()
         })
         .collect();
+    let tools: Vec<usize> = poses.iter().map(|pose| samples[*pose].tool).collect();
     let mut tip = Mat::zeros(3 * poses.len(), covariance.noise.len());
     for (k, (pose, turned)) in poses.iter().zip(&turned).enumerate() {
         let arm = (turned * outward * REACH).cross_matrix();
@@ -84,7 +85,7 @@ pub fn step(task: &Task, covariance: &PredictionCovariance) -> Option<Step> {
     let now = Mat::from_fn(wanted, wanted, |i, j| all[(i, j)]);
     let then = &now - product(Transposed(&explained), &explained);
     let expected = |left: &Mat<f64>| -> Option<f64> {
-        let left = with_known_tool(left, &turned)?;
+        let left = with_known_tools(left, &turned, &tools)?;
         let of = |pose: usize| {
             std::array::from_fn(|axis| {
                 let noise = covariance.noise[covariance.first[pose] + axis];
@@ -113,14 +114,23 @@ pub fn step(task: &Task, covariance: &PredictionCovariance) -> Option<Step> {
     })
 }
 
-/// Removes a constant position of the tip in the flange frame (three numbers, by least squares) from the covariance of
-/// positions.
-fn with_known_tool(covariance: &Mat<f64>, turned: &[Matrix3<f64>]) -> Option<Mat<f64>> {
+/// Removes a constant position of each tool's tip in the flange frame (three numbers, by least squares) from the covariance
+/// of positions. Positions alone do not show how a target is turned, and each of several is turned in its own way.
+fn with_known_tools(
+    covariance: &Mat<f64>,
+    turned: &[Matrix3<f64>],
+    tools: &[usize],
+) -> Option<Mat<f64>> {
     let n = covariance.nrows();
-    // Stacked rotations: their columns are orthogonal and have this length.
-    let length = ((n / 3) as f64).sqrt();
-    let constant = Mat::from_fn(n, 3, |i, j| turned[i / 3][(i % 3, j)] / length);
+    let own = &tools[..n / 3];
+    let count = own.iter().max()? + 1;
+    // Stacked rotations: the columns of a tool are orthogonal and have this length.
+    let length = |tool: usize| (own.iter().filter(|of| **of == tool).count() as f64).sqrt();
+    let constant = Mat::from_fn(n, 3 * count, |i, j| match own[i / 3] == j / 3 {
+        true => turned[i / 3][(i % 3, j % 3)] / length(j / 3),
+        false => 0.0,
+    });
     let without = |m: &Mat<f64>| m - product(&constant, &product(Transposed(&constant), m));
     let half = without(covariance);
-    (n > 0).then(|| without(&half.transpose()))
+    Some(without(&half.transpose()))
 }

@@ -128,6 +128,13 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         "this file was corrected already: correct the original, or remove these columns",
     )?;
     let payload_kg = payload(a, &loaded, columns)?;
+    if loaded.blob().ranges.payload_kg.is_none() && (payload_kg > 0.0 || columns.has_payload()) {
+        note(format_args!(
+            "{}: the payload changes nothing: this model does not depend on it, because its measurements state none or its \
+             method uses none",
+            targets.display()
+        ));
+    }
     let poses = columns.pose_columns().join(", ");
     if !poses.is_empty() {
         note(format_args!(

@@ -89,6 +89,8 @@ pub fn solve(
         out.left.extend(in_part(program, &out.solved));
     }
     out.remarks.extend(extrapolated(program, &out.solved));
+    let heaviest = out.solved.iter().map(|s| s.payload_kg).fold(0.0, f64::max);
+    out.remarks.extend(unknown_payload(commander, heaviest));
     for solved in &out.solved {
         let rounding = replace(program, commander, solved, &mut out.replacements);
         out.rounding = out.rounding.max(rounding);
@@ -229,6 +231,16 @@ pub fn corrected(
         after_turned,
         is_complete: !status.contains(Status::PARTLY_CORRECTED),
         status: now.status,
+    })
+}
+
+/// Returns the remark that a payload changes nothing, because the model knows of none.
+fn unknown_payload(commander: &Commander, kg: f64) -> Option<String> {
+    (commander.payloads().is_none() && kg > 0.0).then(|| {
+        format!(
+            "the payload of {kg} kg changes nothing: this model does not depend on the payload, because its measurements state \
+             none or its method uses none"
+        )
     })
 }
 

@@ -69,6 +69,9 @@ fn is_joint(name: &str) -> bool {
     number.is_some_and(|(number, _)| number.parse::<u8>().is_ok())
 }
 
+/// Largest angle of a rotation vector in a table: a full turn, and what it loses by rounding.
+const MAX_TURN: f64 = std::f64::consts::TAU + 1e-3;
+
 /// Reads a table of poses.
 ///
 /// # Errors
@@ -123,9 +126,22 @@ pub fn read(source: Source, frames: &FrameFile) -> Result<Program, InputError> {
                 .map(Some)
         };
         let seed = columns.seeds.as_ref().map(near).transpose()?.flatten();
+        let orientation = all(&columns.orientation)?;
+        let turn: f64 = orientation
+            .iter()
+            .map(|n| n.value * n.value)
+            .sum::<f64>()
+            .sqrt();
+        if columns.dialect.orientation == Orientation::RotationVector && turn > MAX_TURN {
+            let found = format!("a rotation vector of {turn:.4} rad");
+            return Err(
+                refused(columns.orientation[0], found, "at most a full turn, 2π rad")
+                    .with_help("if it is in degrees, convert it to radians"),
+            );
+        }
         let goal = Goal::Pose {
             position: [number(x)?, number(y)?, number(z)?],
-            orientation: all(&columns.orientation)?,
+            orientation,
         };
         let configuration = seed.map(|near| Configuration {
             near: Some(near),
