@@ -1,6 +1,8 @@
 //! Follows on simulated arms what a calibration proposes to do next, and compares the gain with the forecast.
 
+use nalgebra::Vector3;
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
+use poegp_calibration::measurement::observation::Observation;
 use poegp_calibration::measurement::sample::InstrumentSample;
 use poegp_calibration::model::Method;
 use poegp_calibration::model::config::Config;
@@ -243,5 +245,37 @@ fn a_rigid_model_promises_no_more_than_it_keeps() {
         ));
         assert!(forecast <= 2.0 * found.max(LEAST_SHARE));
         assert!(poses < 100 || forecast == 0.0);
+    }
+}
+
+/// Positions do not show how a target is turned, and each of three reflectors on a flange is turned in its own way. The step
+/// of a tool that reaches further counts none of these turns as an error: it was 80 times the error that a new tool shows.
+#[test]
+fn several_reflectors_do_not_make_a_long_tool_unknown() {
+    let (robot, _) = arm("abb-irb120");
+    let mut simulator = Simulator::new(&robot, Scenario::WithBacklash, &[], 5);
+    let offsets = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.08, 0.0]].map(Vector3::from);
+    let train: Vec<InstrumentSample> = (0..60)
+        .map(|row| {
+            let pose = &simulator.measure(1)[0];
+            let reflector = pose.measured.transform_point(&offsets[row % 3]);
+            InstrumentSample {
+                observation: Observation::Position(reflector),
+                tool: row % 3,
+                ..sample(&robot, pose, None)
+            }
+        })
+        .collect();
+    let config = Config::new(Method::Elastic);
+    let found = calibrate_to_blob(&robot, &train, &config, &origin(3), &FitContext::default())
+        .unwrap_or_else(|e| panic!("{e}"));
+    let advice = steps(&robot, &found, &train);
+    let expected = advice.expected_mm.unwrap();
+    say(format_args!("{:?}", advice.summary()));
+    for before in advice.steps.iter().filter_map(|step| step.before_mm) {
+        assert!(
+            before < 2.0 * expected,
+            "{before} mm, {expected} mm expected"
+        );
     }
 }

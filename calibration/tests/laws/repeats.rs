@@ -51,9 +51,8 @@ fn error(robot: &Robot, found: &Calibration, tests: &[SimulatedPose]) -> f64 {
     tests.iter().map(of).sum::<f64>() / tests.len() as f64
 }
 
-/// A test of repeatability in the training file, thirty cycles of five poses (ISO 9283), makes a model at most 4 % worse than
-/// one cycle does, and no row an outlier: neither where the model explains the arm to the noise, so that thirty rows are
-/// worth thirty, nor where it does not.
+/// A test of repeatability in the training file, thirty cycles of five poses (ISO 9283), is worth more than one cycle where
+/// the model explains the arm to the noise, and no less where it does not. It makes no row an outlier.
 #[test]
 fn a_repeatability_test_among_the_rows_does_no_harm() {
     for (name, scenario, seed) in [
@@ -68,7 +67,7 @@ fn a_repeatability_test_among_the_rows_does_no_harm() {
         let own: Vec<_> = poses.iter().map(|pose| sample(&robot, pose)).collect();
         let all = [own, cycles(&mut arm, &robot, &repeated, 30)].concat();
         let tests = arm.measure(300);
-        for method in [Method::Elastic, Method::Poe] {
+        for (method, most) in [(Method::Elastic, 0.97), (Method::Poe, 1.04)] {
             let of = |rows: &[InstrumentSample]| {
                 let found = calibrated(&robot, rows, &Config::new(method)).calibration;
                 (error(&robot, &found, &tests), found.outliers.len())
@@ -79,7 +78,7 @@ fn a_repeatability_test_among_the_rows_does_no_harm() {
                 method.name()
             );
             assert_eq!(outliers, 0, "{name} {seed}");
-            assert!(thirty < 1.04 * once, "{name} {seed}: {once} {thirty}");
+            assert!(thirty < most * once, "{name} {seed}: {once} {thirty}");
         }
     }
 }
@@ -92,14 +91,14 @@ fn a_mistake_among_repeats_is_an_outlier() {
     let poses = arm.measure(40);
     let mut rows: Vec<_> = poses.iter().map(|pose| sample(&robot, pose)).collect();
     rows.extend(cycles(&mut arm, &robot, &poses[..4], 2));
-    for row in [1, 45] {
+    for row in [1, 46] {
         let mut pose = rows[row].observation.pose().unwrap();
         pose.translation += Vector3::new(0.003, 0.0, -0.004);
         rows[row].observation = Observation::Pose(pose);
     }
     let found = calibrated(&robot, &rows, &Config::new(Method::Elastic)).calibration;
     let found: Vec<usize> = found.outliers.iter().map(|o| o.sample).collect();
-    assert_eq!(found, [1, 45]);
+    assert_eq!(found, [1, 46]);
 }
 
 /// Only repeats show the warm-up: all other rows were measured when the arm was warm. The mean of a pose hides it; the
