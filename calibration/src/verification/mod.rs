@@ -193,6 +193,12 @@ fn check_rows(
         None => fit.effect(),
     };
     let noise_mm = weighed.noise_mm;
+    let without_mm = lengths(&left, samples, scales);
+    let model_mm = match arm.has_error_covariance {
+        // What the calibration leaves unknown is stated by few numbers, and rather too large; the rows show no more than this.
+        true => weighed.model_mm.min(excess(without_mm.rms, noise_mm)),
+        false => weighed.model_mm,
+    };
     Ok(Report {
         errors: summary,
         base_fitted: frames.is_base_fitted,
@@ -210,21 +216,28 @@ fn check_rows(
         untrained_payload: Vec::new(),
         is_searched: true,
         effect_mm: lengths(&effect, samples, scales),
-        without_mm: lengths(&left, samples, scales),
+        without_mm,
         without_mrad: angles(&left, samples, scales),
         unexplained: Unexplained::new(loaded, samples, (&left, scales), fit.count()),
         noise_mm: arm.has_error_covariance.then_some(noise_mm),
-        scatter_mm: (noise_mm * noise_mm + weighed.model_mm * weighed.model_mm).sqrt(),
+        scatter_mm: (noise_mm * noise_mm + model_mm * model_mm).sqrt(),
         noise_mrad: samples
             .iter()
             .any(|s| arm.has_error_covariance && s.observation.has_orientation())
             .then_some(weighed.noise_mrad),
-        model_mm: weighed.model_mm,
+        model_mm,
         model_has_error_covariance: arm.has_error_covariance,
         sensitivity,
         outlier_lines: outliers(&left, samples, scales, lines),
         poses,
     })
+}
+
+/// Returns how far errors of this RMS length exceed noise of one component, as one component.
+fn excess(rms_mm: f64, noise_mm: f64) -> f64 {
+    (rms_mm * rms_mm / 3.0 - noise_mm * noise_mm)
+        .max(0.0)
+        .sqrt()
 }
 
 /// Returns the rows that are compared, with the noise that the instrument states at least, and their lines.

@@ -151,6 +151,24 @@ fn a_stated_noise_is_expected() {
     assert!((stated.noise_mm.unwrap() - 0.16).abs() < 1e-6, "{stated:?}");
 }
 
+/// Noise and error of the model, as a check states them, are together what its rows show. A model of few inducing points states
+/// its own error in few numbers, and too large: it was seven times the true one on this arm.
+#[test]
+fn the_scatter_is_that_of_the_rows() {
+    for seed in 0..2 {
+        let options = Config::new(Method::Elastic);
+        let mut cell = Cell::trained(300, "abb-irb120", Scenario::Paper, seed, &options);
+        let rows = cell.disturbed(None, 100);
+        let report = cell.checked(&rows, &Options::default());
+        let shown = report.without_mm.rms / libm::sqrt(3.0);
+        let stated = report.scatter_mm;
+        assert!(
+            (0.8..1.2).contains(&(stated / shown)),
+            "{stated} {shown} mm"
+        );
+    }
+}
+
 /// Rotations without the drift are those of an arm that has not moved: a turned tool is no error of the model.
 #[test]
 fn rotations_without_a_turned_tool_are_small() {

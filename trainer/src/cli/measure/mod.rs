@@ -102,7 +102,7 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     let class = class_of(&arm.robot, &planned.set);
     let chooser = Chooser::new(&arm.robot, &arm.nominal, &planned.set, gravity, class);
     lines.pass_over(&journal);
-    let show = Show::new(a.json.as_deref())?;
+    let show = Show::new(a.json.as_deref(), planned.uncertain_below())?;
     let mut session = Session {
         options: a,
         arm: &arm,

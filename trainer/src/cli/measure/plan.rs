@@ -153,6 +153,14 @@ impl Planned {
         }
     }
 
+    /// Returns the number of rows below which an expected error may be far from the true one.
+    pub fn uncertain_below(&self) -> usize {
+        match self.features {
+            Some(_) => 0,
+            None => UNCERTAIN,
+        }
+    }
+
     /// Checks that the rows are enough for `calibrate`, and for an expected error to be relied on. Of a tracker's rows, those
     /// at the indices `without` do not count.
     ///

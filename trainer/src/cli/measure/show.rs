@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::planning::next::Next;
 use poegp_calibration::planning::next::outlook::Outlook;
+use poegp_calibration::validation::model_selection::FEW_FACTOR;
 use poegp_protocol::JointKind;
 
 use crate::cli::failure::Failure;
@@ -53,14 +54,17 @@ pub fn undone(rows: usize) -> String {
 pub struct Show {
     report: Printer,
     json: Option<(PathBuf, Option<File>)>,
+    /// Number of rows below which an expected error may be far from the true one.
+    uncertain_below: usize,
 }
 
 impl Show {
-    /// Creates the outputs; `json` is the path of the JSON output.
+    /// Creates the outputs; `json` is the path of the JSON output. With fewer rows than `uncertain_below`, an expected error may
+    /// be far from the true one.
     ///
     /// # Errors
     /// [`Failure::LostOutput`].
-    pub fn new(json: Option<&Path>) -> Result<Self, Failure> {
+    pub fn new(json: Option<&Path>, uncertain_below: usize) -> Result<Self, Failure> {
         let open = |path: &Path| {
             let file = match is_stdout(path) {
                 true => None,
@@ -71,6 +75,7 @@ impl Show {
         Ok(Self {
             report: Printer::for_outputs(&[json]),
             json: json.map(open).transpose()?,
+            uncertain_below,
         })
     }
 
@@ -186,6 +191,13 @@ impl Show {
                 let change = before.map_or_else(String::new, |before| {
                     format!(", {:+.3} mm due to this row", expected.mean_mm - before)
                 });
+                let few = match row < self.uncertain_below {
+                    true => format!(
+                        "; with fewer than {} rows, it may be wrong by a factor of {FEW_FACTOR}",
+                        self.uncertain_below
+                    ),
+                    false => String::new(),
+                };
                 let go_on = match until {
                     Some(until) if expected.mean_mm > until => {
                         format!("; continue: still above {until} mm")
@@ -193,7 +205,7 @@ impl Show {
                     _ => String::new(),
                 };
                 self.report.line(format_args!(
-                    "  expected error {:.3} mm, 95 % within {:.3} mm (nominal {:.3} mm){change}{go_on}",
+                    "  expected error {:.3} mm, 95 % within {:.3} mm (nominal {:.3} mm){change}{few}{go_on}",
                     expected.mean_mm, expected.p95_mm, found.nominal.mean_mm
                 ));
             }
