@@ -90,6 +90,42 @@ def look(arguments: argparse.Namespace) -> None:
         expect(float(row["calibrated_mean_mm"]) < float(row["nominal_mean_mm"]), f"{row['name']} got worse")
 
 
+def rows_of(folder: pathlib.Path) -> dict[str, dict]:
+    """The rows of the table by name."""
+    with (folder / "results" / "fleet.csv").open(encoding="utf-8", newline="") as file:
+        return {row["name"]: row for row in csv.DictReader(file)}
+
+
+def look_at_failures(arguments: argparse.Namespace) -> None:
+    """A robot that fails keeps its earlier result; a signed model stays; a tolerance that is not met has numbers."""
+    folder = arguments.folder
+    results, robots = folder / "results", folder / "robots"
+    (results / "r01" / "mine.txt").write_text("mine\n", encoding="utf-8")
+    with (robots / "r01" / "project.toml").open("a", encoding="utf-8") as file:
+        file.write("methud = 1\n")
+    run([arguments.trainer, "keys", "new", "--out", str(folder / "maker")], folder)
+    run([arguments.trainer, "sign", str(results / "r02" / "arm.blob"), "--key", str(folder / "maker.key")], folder)
+    for name, more in (("r02", "[calibration]\nmethod = 'poe'\n"), ("r03", "[tolerance]\nposition_mm = 0.001\n")):
+        with (robots / name / "project.toml").open("a", encoding="utf-8") as file:
+            file.write(more)
+    (robots / "forgotten").mkdir()
+    kept = ("arm.blob", "report.html", "calibrate.json", "mine.txt")
+    earlier = {file: file.read_bytes() for name in ("r01", "r02") for file in (results / name).iterdir() if file.name in kept}
+    expect(len(earlier) == 7, f"files before: {sorted(map(str, earlier))}")
+    said = run(engine(arguments), folder)
+    expect("forgotten: found no project.toml" in said, f"the folder without project.toml is not named:\n{said}")
+    for file, contents in earlier.items():
+        expect(file.exists() and file.read_bytes() == contents, f"{file} did not stay")
+    rows, page = rows_of(folder), (results / "fleet.html").read_text(encoding="utf-8")
+    states = {name: rows[name]["state"] for name in ("forgotten", "r01", "r02", "r03")}
+    wanted = {"forgotten": "no project.toml", "r01": "failed", "r02": "failed", "r03": "tolerance not met"}
+    expect(states == wanted, f"states {states}")
+    expect("methud" in rows["r01"]["message"] and "earlier run" in rows["r01"]["message"], f"message {rows['r01']['message']!r}")
+    expect("signed" in rows["r02"]["message"], f"message {rows['r02']['message']!r}")
+    expect(float(rows["r03"]["calibrated_p95_mm"]) > 0.001, f"no numbers of r03: {rows['r03']}")
+    expect('href="./r03/report.html"' in page and "does not conform" in page, "r03 has no link, or no verdict")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--snakemake", required=True)
@@ -122,6 +158,7 @@ def main() -> None:
     changed = [name for name, when in finished(folder).items() if after[name] != when]
     expect(changed == ["r01"], f"one robot changed and these were done: {changed}\n{said}")
     look(arguments)
+    look_at_failures(arguments)
 
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     jobs = sum(json.loads(file.read_text())["cpu_seconds"] for file in folder.glob("results/*/outcome.json"))

@@ -74,7 +74,7 @@ def main() -> None:
             shutil.copytree(arguments.folder / "one" / "r01", folder / "robots" / f"r{number:03}")
         everything = check.engine(arguments)
         # After `--config KEY=VALUE` a target would be one more of these.
-        one = [everything[0], "results/r001", *everything[1:]]
+        one = [everything[0], "results/r001/outcome.json", *everything[1:]]
         steps = [measured(command, folder) for command in ([*everything, "--dry-run"], everything, everything, [*one, "--dry-run", "--force"])]
         done = len(list(folder.glob("results/*/outcome.json")))
         check.expect(done == size, f"{done} robots of {size} are done")
