@@ -20,6 +20,7 @@ from pathlib import Path
 from poegp._native import Calibration as _Calibration
 from poegp._native import __version__
 from poegp._native import calibrate as _calibrate
+from poegp._outputs import check as _can_replace
 from poegp.errors import DataRefused, Error, InputError
 from poegp.model import Answer, Correction, Model, Residuals, Solution, Status
 from poegp.planning import Plan, compare, plan
@@ -76,18 +77,20 @@ class Calibration:
         return Model.load(self.blob, precision=precision)
 
     def save(self, path) -> None:
-        """Write the blob to a file."""
+        """Write the blob to a file. It replaces a model without a signature, and no other file."""
+        _can_replace(Path(path), "model", self.blob)
         Path(path).write_bytes(self.blob)
 
     def report(self, path) -> None:
         """Write an HTML page with held-out errors, plots and parameters.
 
         It calibrates again, and five times more for the cross-validation. The data must still be where they were. A calibration
-        that was unpickled has no report.
+        that was unpickled has no report. The page replaces a report, and no other file.
         """
         if self._native is None:
             raise Error("report: found an unpickled calibration, expected one that calibrate made in this process")
         _can_be_written(Path(path))
+        _can_replace(Path(path), "report")
         Path(path).write_bytes(self._native.report().encode())
 
     def __copy__(self) -> Calibration:
@@ -152,7 +155,8 @@ def calibrate(robot=None, data=None, *, method=None, **options):
     Returns
     -------
     Calibration
-        The same data and options give the same bytes as on the command line; there is no seed.
+        The same file and options give the same bytes as on the command line; there is no seed. A table gives the same numbers;
+        only the checksum of the data in the blob differs from that of a file.
 
     Raises
     ------

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from poegp._native import NativeModel, status_flags
 from poegp._native import export as _export
+from poegp._tables import joints, payload
 from poegp.errors import InputError
 
 
@@ -78,8 +79,9 @@ class Model:
     """A calibrated arm. Make one with :meth:`load`; it never changes, and any number of threads may use it.
 
     ``q`` are the controller's joints (n, dof) in rad (m for sliding joints), base first. ``payload_kg`` is a number or an
-    array (n,), and may be left out of models that do not depend on it. Poses are ``frame_from_target``, and ``frame`` is
-    ``"instrument"``, in which poses were measured, or ``"base"``, the base of the robot.
+    array (n,), and may be left out of models that do not depend on it. The columns of a DataFrame are taken by their names,
+    ``q1_rad`` … (``q1_m``), and a Series of payloads by the index of that DataFrame; other names are an error. Poses are
+    ``frame_from_target``, and ``frame`` is ``"instrument"``, in which poses were measured, or ``"base"``, the base of the robot.
     """
 
     def __init__(self, native: NativeModel) -> None:
@@ -127,6 +129,10 @@ class Model:
         """The trained payloads (lightest, heaviest); None of a model that does not depend on the payload."""
         return self._native.payload_range_kg
 
+    def _asked(self, q, payload_kg, name="q"):
+        """Joints and payloads, by the names of the columns and rows of tables."""
+        return joints(q, name, self.dof), payload(payload_kg, q, name)
+
     def predict(self, q, payload_kg=None, frame="instrument"):
         """Where the real target is: poses (n, 4, 4) in m, and their :class:`Answer`.
 
@@ -134,20 +140,20 @@ class Model:
         of another session or target, use :meth:`residuals`.
         A row with ``Status.BAD_INPUT`` has NaN as its pose and standard deviation.
         """
-        poses, *answer = self._native.predict(q, payload_kg, frame)
+        poses, *answer = self._native.predict(*self._asked(q, payload_kg), frame)
         return poses, Answer(*answer)
 
     def nominal(self, q, frame="instrument"):
         """Where the target would be by the nominal model: poses (n, 4, 4) in m, NaN for joints that are not finite."""
-        return self._native.nominal(q, frame)
+        return self._native.nominal(joints(q, "q", self.dof), frame)
 
     def correct(self, q, payload_kg=None):
         """The joints (n, dof) to command so that the real arm stands at ``nominal(q)``, and their :class:`Correction`.
 
         A row with ``Status.BAD_INPUT`` has NaN as its joints and errors.
         """
-        joints, *answer = self._native.correct(q, payload_kg)
-        return joints, Correction(*answer)
+        commands, *answer = self._native.correct(*self._asked(q, payload_kg))
+        return commands, Correction(*answer)
 
     @property
     def flange_from_target(self):
@@ -165,8 +171,8 @@ class Model:
         ValueError
             The last row of a matrix is not [0, 0, 0, 1], or its rotation is not orthonormal and right-handed.
         """
-        joints, *answer = self._native.inverse(T_wanted, seed, payload_kg, frame, tool)
-        return joints, Solution(*answer)
+        commands, *answer = self._native.inverse(T_wanted, *self._asked(seed, payload_kg, "seed"), frame, tool)
+        return commands, Solution(*answer)
 
     def jacobian(self, q, payload_kg=None):
         """How the real target moves: (n, 6, dof), zeros for joints that are not finite.
@@ -175,7 +181,7 @@ class Model:
         the base frame, for 1 rad/s (1 m/s) of each joint. Pinocchio calls this ``LOCAL_WORLD_ALIGNED``. How the correction
         itself changes with the joints is left out, some thousandths of an elastic model.
         """
-        return self._native.jacobian(q, payload_kg)
+        return self._native.jacobian(*self._asked(q, payload_kg))
 
     def residuals(self, data, **options):
         """What the model leaves of measurements: :class:`Residuals`, a row for each measured pose.
@@ -232,7 +238,7 @@ class Model:
         Returns
         -------
         dict
-            What ``trainer evaluate --json`` writes, with ``notes``: the errors are in ``sets[0]``, or in ``touches``. A note says
+            What ``trainer evaluate --json`` writes, with ``notes``: the errors are in ``sets[0]``, or in ``touches``. A warning says
             whether the measurements are in other frames than those of the calibration.
             ``training_data`` is True if the model was calibrated with these rows: its errors elsewhere are larger.
 
@@ -282,7 +288,7 @@ class Model:
             file = Path(folder) / "region.csv"
             if region is not None and not isinstance(region, (str, os.PathLike)):
                 rows = [",".join(f"q{i + 1}_rad" for i in range(self.dof))]
-                rows += [",".join(map(repr, row)) for row in self._native.region(region)]
+                rows += [",".join(map(repr, row)) for row in self._native.region(joints(region, "region", self.dof))]
                 file.write_text("\n".join(rows) + "\n")
                 region = file
             given = {"payload_kg": payload_kg, "region": region, "target_link": target_link, "urdf": nominal}

@@ -299,3 +299,25 @@ def test_a_row_takes_microseconds(arm, rows, precision, most_us):
         row = 1e6 * best / len(q)
         print(f"\n{name} {precision}: {row:.2f} µs a row of one core, {1e6 * elapsed / len(q):.2f} µs elapsed")
         assert row < most_us, name
+
+
+def test_tables_are_taken_by_names(elastic, rows):
+    """Columns in another order and payloads in another order are the same rows."""
+    names = [f"q{i}_rad" for i in range(1, 7)]
+    table = pd.DataFrame(rows.q[:20], columns=names)
+    kg = pd.Series(rows.kg[:20])
+    expected = elastic.predict(rows.q[:20], payload_kg=rows.kg[:20])[0]
+    for other in [table[names[::-1]], table]:
+        assert np.array_equal(elastic.predict(other, payload_kg=kg)[0], expected)
+        assert np.array_equal(elastic.predict(other, payload_kg=kg[::-1])[0], expected)
+    turned = table[::-1]
+    assert np.array_equal(elastic.predict(turned, payload_kg=kg)[0], expected[::-1])
+    assert np.array_equal(elastic.nominal(table[names[::-1]]), elastic.nominal(rows.q[:20]))
+    for other in [table.rename(columns={"q2_rad": "a2"}), table.assign(kg=kg), table[names[:5]]]:
+        with pytest.raises(ValueError, match="q: found the columns .*, expected q1_rad, q2_rad, .* in any order"):
+            elastic.predict(other, payload_kg=1)
+    with pytest.raises(ValueError, match="payload_kg: found a Series with another index"):
+        elastic.predict(table, payload_kg=kg.set_axis(range(5, 25)))
+    with pytest.raises(ValueError, match="payload_kg: found a Series whose index is not ascending"):
+        elastic.predict(rows.q[:20], payload_kg=kg[::-1])
+    assert np.array_equal(elastic.predict(rows.q[:20], payload_kg=kg[::-1].to_numpy()[::-1])[0], expected)

@@ -178,3 +178,23 @@ def test_frames_are_fitted_by_rows_or_by_all(elastic, arm):
         assert len(elastic.residuals(arm.test, fit_tool=given).line) == count
     for options in [{"fit_base": True, "fit_tool": True}, {"fit_tool": True, "accept": "drift", "threads": 1}]:
         assert len(elastic.residuals(arm.test, **options).line) == 300
+
+
+def test_files_of_another_kind_are_not_replaced(arm, trainer, tmp_path):
+    """Neither measurements nor a signed model."""
+    found = poegp.calibrate("abb-irb120", arm.train, method="base-tool")
+    mine = tmp_path / "mine.csv"
+    mine.write_text("a,b\n1,2\n")
+    for write in [found.save, found.report]:
+        with pytest.raises(poegp.Error, match="mine.csv: found a file with other contents, expected a new file"):
+            write(mine)
+    assert mine.read_text() == "a,b\n1,2\n"
+    blob = tmp_path / "arm.blob"
+    found.save(blob)
+    poegp.calibrate("abb-irb120", arm.train, method="poe").save(blob)
+    trainer("keys", "new", "--out", tmp_path / "cell")
+    trainer("sign", blob, "--key", tmp_path / "cell.key")
+    signed = blob.read_bytes()
+    with pytest.raises(poegp.Error, match="arm.blob: found a signed model, expected a new file, or a model without a signature"):
+        found.save(blob)
+    assert blob.read_bytes() == signed
