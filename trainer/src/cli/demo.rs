@@ -14,10 +14,11 @@ use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::{file_name, origin};
 use crate::cli::output::make_folder;
-use crate::cli::output::{check_outputs, json_text, write_outputs, write_summary, write_texts};
+use crate::cli::output::{check_outputs, document_text, write_outputs, write_summary, write_texts};
 use crate::cli::simulate::{SimulatedSet, simulated_sets};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
+use crate::cli::terminal::warnings;
 use poegp_calibration::blob::write::{Provenance, calibrate_to_blob};
 use poegp_calibration::learning::task_space::fit::HyperparameterSharing;
 use poegp_calibration::measurement as measurements;
@@ -109,7 +110,6 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     let blob = a.out.join("arm.blob");
     write_outputs(&[(&blob, found.blob.bytes())])?;
     let document = crate::cli::compare::CompareJson {
-        warnings: Vec::new(),
         version: env!("CARGO_PKG_VERSION"),
         seed: a.seed,
         per_output: false,
@@ -121,9 +121,11 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     };
     write_outputs(&[(
         &a.out.join("compare.json"),
-        json_text(&document)?.as_bytes(),
+        document_text(&document)?.as_bytes(),
     )])?;
     report.line("\n3. Write the blob, read it back, and predict the first test set as the device does (f32):\n");
+    // The warnings of the evaluation are in the summary of the demonstration.
+    warnings::begin();
     evaluate::run(&Evaluate {
         accepted: AcceptArgs::default(),
         blob,

@@ -24,11 +24,12 @@ use crate::cli::export::Export;
 pub use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::now;
-use crate::cli::output::json_text;
+use crate::cli::output::{document_text, json_text};
 use crate::cli::plan::Plan;
 use crate::cli::terminal::interrupt::cancelled_by;
 pub use crate::cli::terminal::print::be_silent;
 use crate::cli::terminal::print::with_notes;
+use crate::cli::terminal::warnings;
 use crate::cli::touches::{self as of_touches, are_touches_in_file};
 use crate::cli::{check, command, compare, correct, evaluate, export, plan, tolerance};
 use poegp_calibration::blob::predict::BlobModel;
@@ -107,7 +108,7 @@ fn run(job: &Job) -> Result<Run, Failure> {
         }
         note_repeated(job, made.document.repeats);
         return Ok(Run {
-            json: json_text(&made.document)?,
+            json: document_text(&made.document)?,
             blob: made.blob.bytes().to_vec(),
             report: made.report,
         });
@@ -115,15 +116,16 @@ fn run(job: &Job) -> Result<Run, Failure> {
     let made = make(job)?;
     note_all(job, &made);
     Ok(Run {
-        json: json_text(&made.document)?,
+        json: document_text(&made.document)?,
         blob: made.found.blob.bytes().to_vec(),
         report: made.report,
     })
 }
 
-/// Runs `work` on at most this number of threads.
+/// Runs `work`, a command, on at most this number of threads.
 fn limited<R>(threads: Option<NonZeroUsize>, work: impl FnOnce() -> R) -> R {
     let _limit = threads.map(limit_threads);
+    warnings::begin();
     work()
 }
 

@@ -8,8 +8,9 @@ use serde::Serialize;
 
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
-use crate::cli::output::{json_text, write_texts};
+use crate::cli::output::{document_text, write_texts};
 use crate::cli::terminal::print::{note, warning};
+use crate::cli::terminal::warnings;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::long::MOST_KEPT;
 use poegp_calibration::measurement::sample::{InstrumentSample, samples};
@@ -104,6 +105,7 @@ pub fn settled(
     findings.accept(accept);
     let file = path.display();
     for finding in findings.of(Tier::Warning) {
+        warnings::add_finding(finding);
         warning(format_args!("{file}: {} [{}]", finding.text, finding.cause));
     }
     for finding in findings.of(Tier::Note) {
@@ -121,9 +123,8 @@ pub fn settled(
     let document = RefusedJson {
         version: env!("CARGO_PKG_VERSION"),
         refused,
-        warnings,
     };
-    write_texts(&[(json, Some(&json_text(&document)?))])?;
+    write_texts(&[(json, Some(&document_text(&document)?))])?;
     Err(Failure::Data(lines.join("\nerror: data refused: ")))
 }
 
@@ -132,7 +133,6 @@ pub fn settled(
 struct RefusedJson {
     version: &'static str,
     refused: Vec<Finding>,
-    warnings: Vec<Finding>,
 }
 
 /// Adds to an error of the reader the mistake that explains it, if one does: a joint beyond its limits may be reversed,

@@ -14,6 +14,7 @@ use crate::cli::output;
 use crate::cli::output::transaction::Readers;
 use crate::cli::output::{check_outputs, summary_text, write_summary, write_with_blob};
 use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::terminal::warnings;
 use crate::signing::{PublicKey, SecretKey, id_text};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -159,6 +160,12 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         InputError::new(&a.file, e.to_string(), expected)
     })?;
     let trailer = envelope::open(loaded.bytes()).ok().and_then(|e| e.trailer);
+    // A device compares the revision with the last one that it has seen, whichever file it came from.
+    let there = envelope::open(&there).ok().and_then(|old| old.trailer);
+    let there = there.map(|old| old.revision);
+    let highest = trailer.as_ref().map(|old| old.revision).max(there);
+    let warned = warnings_of_signing(out, &loaded, revision, highest);
+    warned.iter().for_each(warnings::add);
     let replaced = trailer.as_ref().map(|trailer| id_text(&trailer.key_id));
     let summary = summary_text(json!({
         "file": out,
@@ -167,10 +174,6 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         "revision": revision,
         "replaced_key": replaced,
     }))?;
-    // A device compares the revision with the last one that it has seen, whichever file it came from.
-    let there = envelope::open(&there).ok().and_then(|old| old.trailer);
-    let there = there.map(|old| old.revision);
-    let highest = trailer.as_ref().map(|old| old.revision).max(there);
     write_with_blob((out, &signed), &[(a.json.as_deref(), Some(&summary))])?;
     let before = trailer.map_or_else(String::new, |old| {
         let (key, old_key) = (id_text(&key.public().id()), id_text(&old.key_id));
@@ -180,27 +183,38 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         };
         format!(", in place of {whose} as revision {}", old.revision)
     });
-    if let Some(old) = highest.filter(|old| revision < *old) {
-        warning(format_args!(
-            "{}: revision {revision} is lower than revision {old} of the signature that it replaces; a device that has \
-             had revision {old} or a later one refuses this model",
-            out.display(),
-        ));
-    }
-    if loaded.blob().robot.serial_number.is_empty() {
-        warning(format_args!(
-            "{}: the model states no serial number, so a device takes it for the model of any {}; calibrate with \
-             --serial-number",
-            out.display(),
-            loaded.blob().robot.name
-        ));
-    }
+    warned.iter().for_each(warning);
     Printer::for_outputs(&[a.json.as_deref()]).line(format_args!(
         "{}: signed by key {} as revision {revision}{before}",
         out.display(),
         id_text(&key.public().id())
     ));
     Ok(())
+}
+
+/// Returns the warnings about a model that is signed with a revision; `highest` is the highest one of the signatures that it
+/// replaces.
+fn warnings_of_signing(
+    out: &Path,
+    loaded: &BlobModel,
+    revision: u32,
+    highest: Option<u32>,
+) -> Vec<String> {
+    let (out, robot) = (out.display(), &loaded.blob().robot);
+    let lower = highest.filter(|old| revision < *old).map(|old| {
+        format!(
+            "{out}: revision {revision} is lower than revision {old} of the signature that it replaces; a device that has \
+             had revision {old} or a later one refuses this model"
+        )
+    });
+    let unnumbered = robot.serial_number.is_empty().then(|| {
+        format!(
+            "{out}: the model states no serial number, so a device takes it for the model of any {}; calibrate with \
+             --serial-number",
+            robot.name
+        )
+    });
+    lower.into_iter().chain(unnumbered).collect()
 }
 
 /// Returns a revision that grows every second, whatever SOURCE_DATE_EPOCH says: models of the same revision replace each other

@@ -116,3 +116,35 @@ fn calibrate_evaluate_and_inspect() {
         check_errors(&sets[0]["against_truth"], 15);
     }
 }
+
+/// Every warning that a command prints is in its JSON document: those that come with the results, too.
+#[test]
+fn every_printed_warning_is_in_the_document() {
+    let folder = crate::check::folder();
+    // The second joint of the test poses was turned: no fold expects such errors.
+    let turned = crate::program::changed(&simulated("test2", 20), |names, fields| {
+        let at = names.iter().position(|n| *n == "x_mm").unwrap();
+        fields[at] = format!("{:.9}", fields[at].parse::<f64>().unwrap() + 2.0);
+    });
+    folder.write("turned.csv", turned);
+    for (line, words) in [
+        (
+            format!("calibrate --robot {SERIAL} train.csv --out new.blob --test turned.csv"),
+            "the error of the test files is",
+        ),
+        (
+            "check arm.blob fresh.csv --max-mm 0.2 --position-sigma-mm 0.3".to_owned(),
+            "may be hidden",
+        ),
+        (
+            "evaluate arm.blob train.csv".to_owned(),
+            "its errors elsewhere are larger",
+        ),
+    ] {
+        // Compares what is printed with the document.
+        let outcome = folder.run(&format!("--quiet {line} --json out.json")).ok();
+        assert!(outcome.stderr.contains(words), "{outcome:#?}");
+        let warnings = folder.json("out.json")["warnings"].to_string();
+        assert!(warnings.contains(words), "{warnings}");
+    }
+}

@@ -237,6 +237,43 @@ impl Folder {
         self.finish(self.command(line).stdin(input))
     }
 
+    /// Asserts that the warnings that a command has printed are those of the JSON document that it has written.
+    fn expect_documented_warnings(&self, words: &[&str], outcome: &Outcome) {
+        let option = words.iter().position(|word| *word == "--json");
+        let file = option.and_then(|at| words.get(at + 1));
+        // A usage error writes no document.
+        let is_written = matches!(outcome.code, Some(0 | 1 | 3));
+        let bytes = file.filter(|_| is_written).and_then(|file| match *file {
+            "-" => Some(outcome.stdout.clone().into_bytes()),
+            file => std::fs::read(self.path(file)).ok(),
+        });
+        let document = bytes.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+        let Some(document) = document else {
+            return;
+        };
+        let listed = document["warnings"].as_array().cloned();
+        let listed: Vec<Value> = listed.unwrap_or_default();
+        let texts = listed.iter().filter_map(|warning| warning["text"].as_str());
+        let printed = [outcome.stdout.as_str(), outcome.stderr.as_str()];
+        let printed: Vec<&str> = printed
+            .iter()
+            .flat_map(|text| text.lines())
+            .filter_map(|line| line.strip_prefix("warning: "))
+            .collect();
+        let mut missing = printed.clone();
+        for text in texts {
+            let first = text.lines().next().unwrap_or_default();
+            let found = missing.iter().position(|line| line.contains(first));
+            let at =
+                found.unwrap_or_else(|| panic!("in the JSON, not printed: {text}\n{outcome:#?}"));
+            missing.remove(at);
+        }
+        assert!(
+            missing.is_empty(),
+            "printed, not in the JSON: {missing:?}\n{outcome:#?}"
+        );
+    }
+
     /// Runs a command to its end and checks the numbers in its output.
     pub fn finish(&self, command: &mut Command) -> Outcome {
         let output = command.output().unwrap();
@@ -255,6 +292,7 @@ impl Folder {
         } else {
             check_text(&outcome.line, &outcome.stdout);
         }
+        self.expect_documented_warnings(&words, &outcome);
         // An error quotes input, so only successful runs are checked.
         if outcome.code == Some(0) {
             check_text(&outcome.line, &outcome.stderr);

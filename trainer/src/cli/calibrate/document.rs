@@ -8,9 +8,11 @@ use crate::cli::calibrate::calibrated::Calibrated;
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::held_out::SEED;
+use crate::cli::calibrate::print;
 use crate::cli::calibrate::provenance::provenance;
 use crate::cli::failure::Failure;
 use crate::cli::instrument_drift;
+use crate::cli::terminal::warnings;
 use crate::report::certificate::Certificate;
 use crate::report::controller::ControllerSummary;
 use crate::report::sections::{BlobSummary, ListedOutlier, LossJson};
@@ -68,6 +70,7 @@ pub struct CalibrateJson {
     /// Training measurements that contradict the others, by their lines.
     pub outliers: Vec<ListedOutlier>,
     /// Warnings that the user must look at.
+    #[serde(skip)]
     pub warnings: Vec<Finding>,
     /// The method that was chosen, and why.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -136,8 +139,6 @@ pub struct TouchJson {
     pub touches: TouchSummary,
     /// Record of this arm, which `--prior` reads when a sister arm is calibrated.
     pub arm: ArmRecord,
-    /// Warnings that the user must look at.
-    pub warnings: Vec<Finding>,
     /// Numbers of the calibrated arm beside those of the nominal model.
     pub controller: ControllerSummary,
     /// Certificate; present with `--report` or a tolerance.
@@ -196,7 +197,13 @@ pub fn document(
     document.expected_error = own
         .map(|own| own.at_least(choice))
         .or_else(|| ExpectedError::new(calibration, robot, samples, choice));
-    document.warnings.extend(document.worse_anywhere());
+    if let Some(worse) = document.worse_anywhere() {
+        warnings::add_finding(&worse);
+        document.warnings.push(worse);
+    }
+    if let Some(text) = print::unlike_training(a, &document) {
+        warnings::add(text);
+    }
     document.next_steps = Some(NextSteps::new(&next_steps::Task {
         calibration,
         robot,

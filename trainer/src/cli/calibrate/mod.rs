@@ -28,7 +28,7 @@ use crate::cli::calibrate::made::Made;
 use crate::cli::calibrate::measured::Measured;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::Arm;
-use crate::cli::output::{check_not_signed, check_outputs, json_text, write_with_blob};
+use crate::cli::output::{check_not_signed, check_outputs, document_text, write_with_blob};
 use crate::cli::terminal::interrupt::cancellable;
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
@@ -61,7 +61,7 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     check_outputs(&outputs, &inputs)?;
     check_not_signed(&a.out)?;
     let made = make(a)?;
-    let json = json_text(&made.document)?;
+    let json = document_text(&made.document)?;
     let controller = made.document.controller.as_ref();
     let csv = controller.map(ControllerSummary::to_csv);
     write_with_blob(

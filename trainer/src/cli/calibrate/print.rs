@@ -13,7 +13,7 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::correction::Correction;
-use poegp_calibration::numeric::statistics::{ErrorSummary, Summary};
+use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_protocol::blob::Correction as BlobCorrection;
 
@@ -54,7 +54,8 @@ fn chosen(document: &CalibrateJson) -> Option<&Summary> {
 const UNLIKE: (usize, f64) = (5, 3.0);
 
 /// Returns a warning if the test files are off by far more than the folds expect: something differs between the files.
-fn unlike_training(a: &Job, document: &CalibrateJson, tested: &ErrorSummary) -> Option<String> {
+pub fn unlike_training(a: &Job, document: &CalibrateJson) -> Option<String> {
+    let tested = &document.held_out.as_ref()?.calibrated.errors;
     let expected = chosen(document)?.mean;
     let ratio = tested.position_mm.mean / expected;
     let is_unlike = !a.tests.is_empty() && tested.poses >= UNLIKE.0 && ratio > UNLIKE.1;
@@ -181,7 +182,7 @@ fn print(
                 before.position_mm.mean,
                 before.position_mm.p95
             ));
-            if let Some(text) = unlike_training(a, document, after) {
+            if let Some(text) = unlike_training(a, document) {
                 warning(text);
             }
             if let Some(text) = never_held_out(held_out.never_held_out) {
@@ -272,10 +273,6 @@ pub fn note_all(a: &Job, made: &Made) {
         no_deviation(a, blob).map(str::to_owned),
     ];
     rest.iter().flatten().for_each(note);
-    if let Some(held_out) = &document.held_out {
-        let tested = &held_out.calibrated.errors;
-        unlike_training(a, document, tested).iter().for_each(note);
-    }
     if let Some(certificate) = &document.certificate {
         tolerance::note_missing(certificate, &a.statement);
     }

@@ -2,10 +2,10 @@
 
 use crate::cli::calibrate::document::{CalibrateJson, TouchJson};
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
+use crate::cli::terminal::warnings;
 use crate::report::certificate::Certificate;
 use crate::report::sections;
 use crate::report::{HeldOutSummary, Page, Provenance, ReportData, Section};
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::touches::TouchResidual;
 
 /// Creates a page with its title and the line below it.
@@ -31,7 +31,7 @@ pub fn of_calibration(
         let live = document.controller.as_ref().map(|found| &found.live);
         page = page.with(sections::verdict(
             certificate,
-            &document.warnings,
+            &warnings::texts(),
             live,
             next,
         ));
@@ -81,7 +81,7 @@ pub fn of_touches(document: &TouchJson, residuals: &[TouchResidual]) -> String {
         let live = Some(&document.controller.live);
         page = page.with(sections::verdict(
             certificate,
-            &document.warnings,
+            &warnings::texts(),
             live,
             None,
         ));
@@ -116,10 +116,14 @@ pub fn of_comparison(
     evidence: &ReportData,
     summary: &HeldOutSummary,
     certificate: &Certificate,
-    warnings: &[Finding],
 ) -> String {
     let page = page("Comparison of models for", provenance)
-        .with(sections::verdict(certificate, warnings, None, None))
+        .with(sections::verdict(
+            certificate,
+            &warnings::texts(),
+            None,
+            None,
+        ))
         .with(sections::headline(evidence, summary))
         .with(sections::uncertainty_budget(certificate));
     sections::held_out(page, evidence, summary)

@@ -15,7 +15,7 @@ use crate::cli::calibrate::written_project::{self, Read};
 use crate::cli::examination::settled;
 use crate::cli::failure::{Failure, calibration_failure, device_failure};
 use crate::cli::inputs::{Arm, origin};
-use crate::cli::output::{check_not_signed, check_outputs, json_text, write_with_blob};
+use crate::cli::output::{check_not_signed, check_outputs, document_text, write_with_blob};
 use crate::cli::terminal::print::Printer;
 use crate::cli::terminal::progress;
 use crate::cli::tolerance;
@@ -64,7 +64,7 @@ pub fn run(a: &Job) -> Result<(), Failure> {
     check_outputs(&outputs, &inputs)?;
     check_not_signed(&a.out)?;
     let made = make(a)?;
-    let json = json_text(&made.document)?;
+    let json = document_text(&made.document)?;
     let csv = made.document.controller.to_csv();
     write_with_blob(
         (&a.out, made.blob.bytes()),
@@ -136,7 +136,6 @@ pub fn make(a: &Job) -> Result<Made, Failure> {
         robot: a.robot.clone(),
         touches: summary,
         arm: record,
-        warnings,
         certificate,
         controller: ControllerSummary::new(&blob, &arm.robot, None, None),
         correction_limit_mm: 1e3 * calibration.correction_limit.0,

@@ -12,7 +12,6 @@ use crate::report::certificate::Certificate;
 use crate::report::{FileSummary, Provenance};
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::numeric::statistics::Summary;
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::command_change::CommandChange;
 use poegp_calibration::verification::result::Report as Findings;
 use poegp_calibration::verification::touches::TouchReport;
@@ -60,8 +59,6 @@ impl Statistic {
 #[derive(Serialize)]
 pub struct CheckJson<'a> {
     pub version: &'static str,
-    /// Warnings about the measurements that the user must look at.
-    pub warnings: Vec<Finding>,
     pub method: &'a str,
     #[serde(skip)]
     pub training_poses: u32,

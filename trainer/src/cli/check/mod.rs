@@ -19,8 +19,9 @@ use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
-use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row, warning};
+use crate::cli::terminal::warnings::{self, WARNING};
 use crate::cli::tolerance::{self, ToleranceArgs, ToleranceTable};
 use crate::report::certificate::{Certificate, Judged, Statement};
 use crate::report::{FileSummary, data, sections};
@@ -114,7 +115,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;
     let (document, set) = checked(a, &loaded, &Input::file(&a.measurements), &options)?;
-    let json = json_text(&document)?;
+    let json = document_text(&document)?;
     let (day, kinds) = (loaded.host().provenance.date, loaded.kinds());
     let page = (a.report.as_ref()).map(|_| page::page(&document, &set, &kinds, day));
     write_texts(&[
@@ -142,7 +143,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] about the inputs. A calibration that does not hold is no error.
 pub fn document(a: &Check, loaded: &BlobModel, input: &Input<'_>) -> Result<String, Failure> {
-    json_text(&checked(a, loaded, input, &options(a)?)?.0)
+    document_text(&checked(a, loaded, input, &options(a)?)?.0)
 }
 
 fn statement(a: &Check) -> Statement {
@@ -163,7 +164,7 @@ fn checked<'a>(
     let data = inputs::read(loaded, input, correction)?;
     let sha256 = data.set.sha256;
     inputs::fresh(loaded, &a.measurements, sha256, "fresh measurements")?;
-    let mut warnings = data.examined(
+    data.examined(
         &a.measurements,
         a.json.as_deref(),
         &a.accepted.accept,
@@ -185,7 +186,7 @@ fn checked<'a>(
         trust::computed_by_model(&findings.errors),
     ];
     let found = Findings(found.into_iter().flatten().collect());
-    warnings.extend(settled(&a.measurements, found, accept, json)?);
+    settled(&a.measurements, found, accept, json)?;
     if let Some(text) = unexplained::warning(&findings) {
         warning(format_args!("{}: {text}.", a.measurements.display()));
     }
@@ -209,7 +210,6 @@ fn checked<'a>(
     let document = CheckJson {
         certificate: Certificate::new(judged, &statement(a), drift, blob.robot.serial_number),
         version: env!("CARGO_PKG_VERSION"),
-        warnings,
         method: loaded.host().provenance.method,
         training_poses: loaded.host().provenance.training_poses,
         name: file_name(&a.measurements),
@@ -251,6 +251,10 @@ fn checked<'a>(
         ),
         findings,
     };
+    warnings::add_lines(&last_lines(&document));
+    if document.holds {
+        warnings::add_lines(document.orientation().as_slice());
+    }
     Ok((document, data.set))
 }
 
@@ -442,14 +446,8 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
     for line in d.programs.iter().map(programs::CorrectedProgram::text) {
         report.line(line);
     }
-    for line in wording::findings(f, d.method, d.training_poses) {
+    for line in last_lines(d) {
         report.line(line);
-    }
-    for line in wording::sensitivity(&f.sensitivity, "These poses") {
-        report.line(line);
-    }
-    if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) {
-        report.line(format_args!("warning: {text}"));
     }
     if d.holds {
         report.line(format_args!(
@@ -469,4 +467,14 @@ fn print(report: Printer, a: &Check, d: &CheckJson<'_>, date: &str) {
             report.line(format_args!("  {advice}"));
         }
     }
+}
+
+/// Lines with what was found and what may be hidden, some of them warnings.
+fn last_lines(d: &CheckJson<'_>) -> Vec<String> {
+    let f = &d.findings;
+    let hidden = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift);
+    let mut lines = wording::findings(f, d.method, d.training_poses);
+    lines.extend(wording::sensitivity(&f.sensitivity, "These poses"));
+    lines.extend(hidden.map(|text| format!("{WARNING}{text}")));
+    lines
 }

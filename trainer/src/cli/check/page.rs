@@ -6,8 +6,8 @@ use maud::{Markup, html};
 
 use crate::cli::check::document::CheckJson;
 use crate::cli::check::programs::CorrectedProgram;
-use crate::cli::check::unexplained;
 use crate::cli::check::wording;
+use crate::cli::terminal::warnings::{self, WARNING};
 use crate::report::chart::{Axis, Brush, Plot, Series};
 use crate::report::data::drawn;
 use crate::report::sections::headline::tile;
@@ -51,11 +51,15 @@ pub fn page(d: &CheckJson<'_>, set: &MeasurementSet, kinds: &[JointKind], date: 
                 "; this model does not separate the two."
             }
         }
-        @if let Some(text) = wording::hidden(&f.sensitivity, d.max_drift_mm, d.is_default_drift) { " " b { "Warning: " } (text) "." }
     };
     titled(&d.provenance, d.method, date)
         .with(headline(d))
-        .with(sections::verdict(&d.certificate, &d.warnings, None, None))
+        .with(sections::verdict(
+            &d.certificate,
+            &warnings::texts(),
+            None,
+            None,
+        ))
         .with(errors(d))
         .with(sections::uncertainty_budget(&d.certificate))
         .with_all(f.is_searched.then(|| moved(&found)))
@@ -104,8 +108,7 @@ fn headline(d: &CheckJson<'_>) -> Section {
             @if let Some(moved) = &f.during { "Moved during the check: " (wording::during(moved)) ". " }
             @if f.is_searched { (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the target", "")) }
             @else { (wording::NOT_SEARCHED) }
-            @if let Some(text) = unexplained::warning(f) { " " b { "Warning: " } (text) "." }
-            @if let Some(text) = d.orientation() { " " (sentence(&text)) }
+            @if let Some(text) = d.orientation().filter(|text| !text.starts_with(WARNING)) { " " (sentence(&text)) }
         }
     };
     let tiles = html! {

@@ -8,6 +8,7 @@ use crate::cli::check::page::{
     with_outlier_lines,
 };
 use crate::cli::check::wording;
+use crate::cli::terminal::warnings;
 use crate::report::data::drawn;
 use crate::report::sections::headline::tile;
 use crate::report::sections::poses::{joint_columns, joint_fields, left_out};
@@ -55,14 +56,15 @@ fn touch_headline(d: &CheckTouchesJson<'_>) -> Section {
         d.statistic.of(s),
         format!("/touches/miss_mm/{}", d.statistic.key()),
     );
+    let warned = warnings::texts();
     let lead = html! {
         p class="lead" {
             (holds(d.holds))
             "Each of " (Number::count(f.rows, "/touches/rows")) " new touches was predicted from all others. The " (d.statistic.name())
             " miss is " b { (miss) " mm" } "; " (Number::mm(d.max_mm, "/max_mm")) " mm are allowed. "
             (changed(&f.changes, &f.effect_mm, d.max_drift_mm, "the tip", "/touches"))
-            @if let Some(text) = wording::hidden_joint(&f.sensitivity, d.max_drift_mm) { " " b { "Warning: " } (text) "." }
         }
+        @if !warned.is_empty() { (sections::warning_list(&warned)) }
     };
     let tiles = html! {
         div class="tiles" {

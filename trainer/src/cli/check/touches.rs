@@ -8,8 +8,9 @@ use crate::cli::check::unexplained::Rest;
 use crate::cli::check::{Check, advice, options, programs, touch_page, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{file_name, fresh};
-use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row};
+use crate::cli::terminal::warnings::{self, WARNING};
 use crate::cli::touches::{nominal_robot, read, refuse_options, with_payload};
 use crate::report::FileSummary;
 use poegp_calibration::blob::predict::BlobModel;
@@ -36,7 +37,7 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     let loaded = BlobModel::read(&a.blob)?;
     let (document, set) = checked(a, &loaded)?;
     let day = loaded.host().provenance.date;
-    let json = json_text(&document)?;
+    let json = document_text(&document)?;
     let kinds = loaded.kinds();
     let page = a
         .report
@@ -82,7 +83,7 @@ fn refuse_others(a: &Check) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] about the inputs. A calibration that does not hold is no error.
 pub fn document(a: &Check, loaded: &BlobModel) -> Result<String, Failure> {
-    json_text(&checked(a, loaded)?.0)
+    document_text(&checked(a, loaded)?.0)
 }
 
 /// Checks a model by touches; returns the findings, and the touches.
@@ -132,6 +133,7 @@ fn checked<'a>(
         provenance: provenance(loaded, &a.blob, FileSummary::of_touches(&set).into()),
         touches: found,
     };
+    warnings::add_lines(&last_lines(&document));
     Ok((document, set))
 }
 
@@ -212,14 +214,36 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
         "Noise of these touches: {:.2} times the stated one; model error estimated from these rows: {:.4} mm per axis.",
         f.noise_factor, f.model_mm
     ));
+    last_lines(d).into_iter().for_each(|line| report.line(line));
+    let hidden = wording::hidden_joint(&f.sensitivity, d.max_drift_mm);
+    if d.holds {
+        let so_far = hidden.map_or("", |_| " as far as these touches show");
+        report.line(format_args!(
+            "The calibration holds{so_far}: touches miss by {:.4} mm ({}), within the {} mm allowed.",
+            a.statistic.of(&f.miss_mm),
+            a.statistic.name(),
+            a.max_mm
+        ));
+        for advice in &d.advice {
+            report.line(format_args!("  {advice}"));
+        }
+    }
+}
+
+/// Lines with what was found and what may be hidden, some of them warnings.
+fn last_lines(d: &CheckTouchesJson<'_>) -> Vec<String> {
+    let f = &d.touches;
+    let mut lines = Vec::new();
     if let Some(text) = wording::unknown_error_by_touches(f) {
-        report.line(format_args!("warning: {text}"));
+        lines.push(format!("{WARNING}{text}"));
     }
-    for line in wording::drift(&f.changes, "joint, payload or size", f.false_alarm_rate) {
-        report.line(line);
-    }
+    lines.extend(wording::drift(
+        &f.changes,
+        "joint, payload or size",
+        f.false_alarm_rate,
+    ));
     if !f.outlier_lines.is_empty() {
-        let lines: Vec<String> = f.outlier_lines.iter().map(usize::to_string).collect();
+        let rows: Vec<String> = f.outlier_lines.iter().map(usize::to_string).collect();
         let (which, again) = match f.outlier_lines.len() {
             1 => (
                 format!(
@@ -236,36 +260,21 @@ fn print(report: Printer, a: &Check, d: &CheckTouchesJson<'_>, date: &str) {
                 "them",
             ),
         };
-        report.line(format_args!(
-            "warning: {which} {}. Touch {again} again.",
-            lines.join(", ")
+        lines.push(format!(
+            "{WARNING}{which} {}. Touch {again} again.",
+            rows.join(", ")
         ));
     }
-    for line in wording::sensitivity(&f.sensitivity, "These touches") {
-        report.line(line);
-    }
-    report.line(match f.size_ppm {
+    lines.extend(wording::sensitivity(&f.sensitivity, "These touches"));
+    lines.push(match f.size_ppm {
         Some(ppm) => format!("They show a change of the arm's size of {ppm:.0} ppm or more."),
         None => {
             "They show no change of the arm's size: state one known distance of 200 mm or more."
                 .to_owned()
         }
     });
-    report.line(wording::TOUCHES_DO_NOT_SHOW);
+    lines.push(wording::TOUCHES_DO_NOT_SHOW.to_owned());
     let hidden = wording::hidden_joint(&f.sensitivity, d.max_drift_mm);
-    if let Some(text) = &hidden {
-        report.line(format_args!("warning: {text}"));
-    }
-    if d.holds {
-        let so_far = hidden.map_or("", |_| " as far as these touches show");
-        report.line(format_args!(
-            "The calibration holds{so_far}: touches miss by {:.4} mm ({}), within the {} mm allowed.",
-            a.statistic.of(&f.miss_mm),
-            a.statistic.name(),
-            a.max_mm
-        ));
-        for advice in &d.advice {
-            report.line(format_args!("  {advice}"));
-        }
-    }
+    lines.extend(hidden.map(|text| format!("{WARNING}{text}")));
+    lines
 }

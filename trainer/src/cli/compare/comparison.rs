@@ -24,7 +24,6 @@ use poegp_calibration::measurement::reader::{DriftCorrection, SampleFile};
 use poegp_calibration::measurement::sample::{InstrumentSample, different_poses};
 use poegp_calibration::model::{CalibrationError, Method};
 use poegp_calibration::progress::threads;
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::{ModelComparison, Task, TestSet, applicable};
 use poegp_calibration::validation::learning_curve as learning;
 
@@ -73,7 +72,7 @@ fn compared_until(
         note("--no-variance has no effect: a comparison writes no blob");
     }
     data.enough_poses(a, &methods)?;
-    let warnings = data.examine(a, &methods)?;
+    data.examine(a, &methods)?;
     if a.folds() == 0 && a.tests.is_empty() {
         return Err(Failure::Usage(
             "--folds 0 without --test leaves no held-out errors to compare: give --test, or at least --folds 2"
@@ -124,7 +123,6 @@ fn compared_until(
                 &evidence,
                 &part.held_out,
                 &part.certificate,
-                &warnings,
             )
         });
         shown = Some(part);
@@ -134,7 +132,6 @@ fn compared_until(
         seed: a.seed(),
         per_output: a.fit.per_output,
         weighting: a.fit.weighting.unwrap_or_default(),
-        warnings,
         methods: models,
         shown,
         drift: data.drift.as_ref().map(|d| d.report.clone()),
@@ -228,8 +225,8 @@ impl Data {
         Ok(())
     }
 
-    /// Examines the training data and the test files, and returns the warnings about them.
-    fn examine(&self, a: &Compare, methods: &[Method]) -> Result<Vec<Finding>, Failure> {
+    /// Examines the training data and the test files.
+    fn examine(&self, a: &Compare, methods: &[Method]) -> Result<(), Failure> {
         let (json, accept) = (a.json.as_deref(), &a.accepted.accept);
         let examined = Examined {
             path: &a.train,
@@ -240,9 +237,9 @@ impl Data {
             json,
             accept,
         };
-        let mut warnings = examined.for_training(methods, &a.fit.config(Method::Elastic))?;
-        warnings.extend(self.tests.examine(&self.arm, &a.tests, json, accept)?);
-        Ok(warnings)
+        examined.for_training(methods, &a.fit.config(Method::Elastic))?;
+        self.tests.examine(&self.arm, &a.tests, json, accept)?;
+        Ok(())
     }
 
     /// Returns the part of the document about held-out errors.

@@ -6,7 +6,6 @@ use crate::report::certificate::Certificate;
 use crate::report::{HeldOutSummary, Provenance};
 use poegp_calibration::measurement::instrument_drift::DriftReport;
 use poegp_calibration::model::config::Weighting;
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::cross_validation::ModelComparison;
 
 /// The JSON document that `--json` writes.
@@ -20,8 +19,6 @@ pub struct CompareJson {
     pub per_output: bool,
     /// Setting of the fits: weights of the measurements.
     pub weighting: Weighting,
-    /// Warnings that the user must look at.
-    pub warnings: Vec<Finding>,
     /// One entry for each method.
     pub methods: Vec<ModelComparison>,
     /// Held-out errors of the best method; present with `--report` or a tolerance.

@@ -12,7 +12,7 @@ pub use crate::cli::compare::document::CompareJson;
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::instrument_drift;
-use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::Printer;
 use crate::cli::tolerance;
 use crate::report::{never_held_out, sections};
@@ -33,7 +33,11 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
         drift,
         rows,
     } = compared(a, &Input::file(&a.train))?;
-    let json = a.json.as_ref().map(|_| json_text(&document)).transpose()?;
+    let json = a
+        .json
+        .as_ref()
+        .map(|_| document_text(&document))
+        .transpose()?;
     write_texts(&[
         (a.json.as_deref(), json.as_deref()),
         (a.report.as_deref(), html.as_deref()),
@@ -76,7 +80,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
 /// [`Failure`] about the inputs. A tolerance that is not met is no error.
 pub fn document(a: &Compare, input: &Input<'_>) -> Result<String, Failure> {
     refuse_models(a)?;
-    json_text(&compared(a, input)?.document)
+    document_text(&compared(a, input)?.document)
 }
 
 /// Refuses models: they are compared by touches alone.

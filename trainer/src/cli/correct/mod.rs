@@ -25,8 +25,9 @@ use crate::cli::correct::summary::{Summed, Summing};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{self, file_name};
 use crate::cli::output::long::LongOutput;
-use crate::cli::output::{check_outputs, json_text, write_with_long};
+use crate::cli::output::{check_outputs, document_text, write_with_long};
 use crate::cli::terminal::print::{Printer, note};
+use crate::cli::terminal::warnings;
 use crate::robot_programs::correction::Format;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
@@ -69,7 +70,7 @@ pub fn program_document(a: &Correct) -> Result<String, Failure> {
         return Err(InputError::new(&a.programs[0], found, expected).into());
     };
     let (_, _, document) = program::corrected(a, format)?;
-    json_text(&document)
+    document_text(&document)
 }
 
 /// Returns the format of the programs; `None` if the input is one file of joint targets.
@@ -181,8 +182,11 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         note(format_args!("{}: {text}", targets.display()));
     }
     let document = summing.document(file_name(targets), loaded.host().provenance.method, all);
+    summary::beyond_limits(&document)
+        .iter()
+        .for_each(warnings::add);
     let json = match &a.json {
-        Some(path) => Some((path.as_path(), json_text(&document)?)),
+        Some(path) => Some((path.as_path(), document_text(&document)?)),
         None => None,
     };
     let json = json.as_ref().map(|(path, text)| (*path, text.as_bytes()));

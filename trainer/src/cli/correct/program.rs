@@ -11,7 +11,7 @@ use crate::cli::correct::record::{Corrector, Record, record_path, sha256};
 use crate::cli::correct::sources::Sources;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
-use crate::cli::output::{check_outputs, json_text, write_outputs};
+use crate::cli::output::{check_outputs, document_text, json_text, write_outputs};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::report::{FileSummary, Provenance};
 use crate::robot_programs::correction::Format;
@@ -113,7 +113,7 @@ pub fn corrected(
     let json = a
         .json
         .as_deref()
-        .map(|_| json_text(&document))
+        .map(|_| document_text(&document))
         .transpose()?;
     let mut records = Vec::new();
     let results_of_files = paths.files.iter().zip(hashes.iter().zip(&results));

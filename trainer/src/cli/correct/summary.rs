@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::cli::correct::row::Row;
 use crate::cli::terminal::print::{Printer, is_stdout};
+use crate::cli::terminal::warnings::WARNING;
 use crate::robot_programs::correction::engine::TRUSTED;
 use poegp_calibration::input_error::some_of;
 use poegp_calibration::measurement::{JointColumn, JointUnit};
@@ -289,13 +290,19 @@ pub fn print(report: Printer, out: &Path, d: &CorrectJson) {
             listed(&d.trust.far_lines)
         ));
     }
-    if !d.beyond_limits.is_empty() {
-        report.line(format_args!(
-            "warning: the correction moves joints beyond a limit in {} of the commands: {}.",
-            d.beyond_limits.len(),
-            listed(&d.beyond_limits)
-        ));
+    if let Some(text) = beyond_limits(d) {
+        report.line(format_args!("{WARNING}{text}"));
     }
+}
+
+/// Warns of joints that the correction moves beyond a limit.
+pub fn beyond_limits(d: &CorrectJson) -> Option<String> {
+    let commands = (!d.beyond_limits.is_empty()).then_some(&d.beyond_limits)?;
+    Some(format!(
+        "the correction moves joints beyond a limit in {} of the commands: {}.",
+        commands.len(),
+        listed(commands)
+    ))
 }
 
 /// Formats line numbers: "line 4", "lines 4, 7, …".

@@ -3,15 +3,12 @@
 use serde::Serialize;
 
 use poegp_calibration::numeric::statistics::ErrorSummary;
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::held_out::SigmaShares;
 
 /// The JSON document that `--json` writes.
 #[derive(Serialize)]
 pub struct EvaluateJson<'a> {
     pub version: &'static str,
-    /// Warnings about the measurements that the user must look at.
-    pub warnings: Vec<Finding>,
     pub method: &'a str,
     /// Whether the model was calibrated with these measurements.
     pub training_data: bool,

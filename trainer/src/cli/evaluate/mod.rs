@@ -15,8 +15,9 @@ use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
 use crate::cli::output::long::LongOutput;
-use crate::cli::output::{check_outputs, json_text, write_outputs, write_with_long};
-use crate::cli::terminal::print::{Printer, note, warning};
+use crate::cli::output::{check_outputs, document_text, write_outputs, write_with_long};
+use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::terminal::warnings;
 use poegp_calibration::blob::fitted_frames::FittedFrames;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::counted;
@@ -67,7 +68,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let loaded = BlobModel::read(&a.blob)?;
     let found = evaluated(a, &loaded, &Input::file(&a.test))?;
     let document = &found.document;
-    let json = json_text(document)?;
+    let json = document_text(document)?;
     let json = a.json.as_deref().map(|path| (path, json.as_bytes()));
     match found.predictions {
         Some(out) => write_with_long(out, json.as_slice())?,
@@ -76,12 +77,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let report = Printer::for_outputs(&outputs);
     let [result] = &document.sets;
     print(report, result, document.method, &found.flags, found.poses);
-    if document.training_data {
-        inputs::warn_of_training_data(&a.test, a.blob.display());
-    }
-    if let Some(text) = in_other_frames(a, result) {
-        warning(text);
-    }
+    found.last.iter().for_each(warning);
     if let Some(line) = fitted_frames(
         &loaded,
         document.base_fitted,
@@ -99,11 +95,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] about the inputs.
 pub fn document(a: &Evaluate, loaded: &BlobModel, input: &Input<'_>) -> Result<String, Failure> {
-    let found = evaluated(a, loaded, input)?;
-    // The document does not say it.
-    let [result] = &found.document.sets;
-    in_other_frames(a, result).into_iter().for_each(note);
-    json_text(&found.document)
+    document_text(&evaluated(a, loaded, input)?.document)
 }
 
 /// States that measurements are in other frames than those of the calibration, if they are.
@@ -124,6 +116,8 @@ struct Evaluated<'a> {
     flags: [usize; FLAGS.len()],
     /// Number of predictions.
     poses: usize,
+    /// Warnings that are printed after the results.
+    last: Vec<String>,
     /// Number of rows that were only used to fit frames.
     left_out: usize,
     /// Predictions, if they are asked for.
@@ -140,7 +134,7 @@ fn evaluated<'a>(
     let (set, samples, which) = (&data.set, &data.samples, a.frames.frames());
     let robot = inputs::robot_of(loaded);
     let (accept, json) = (&a.accepted.accept, a.json.as_deref());
-    let mut warnings = data.examined(&a.test, json, accept, &robot)?;
+    data.examined(&a.test, json, accept, &robot)?;
     let tools = data.frames(loaded, &a.test, which)?;
     let frames = FittedFrames::new(loaded, samples, tools, which)
         .map_err(|error| frame_failure(&a.test, &data.names, error))?;
@@ -189,10 +183,15 @@ fn evaluated<'a>(
         .flatten()
         .collect(),
     };
-    warnings.extend(settled(&a.test, Findings(found), accept, json)?);
+    settled(&a.test, Findings(found), accept, json)?;
+    let of_training =
+        training_data.then(|| inputs::training_data_warning(&a.test, a.blob.display()));
+    let last: Vec<String> = (of_training.into_iter())
+        .chain(in_other_frames(a, &result))
+        .collect();
+    last.iter().for_each(warnings::add);
     let document = EvaluateJson {
         version: env!("CARGO_PKG_VERSION"),
-        warnings,
         method: loaded.host().provenance.method,
         training_data,
         base_fitted: frames.is_base_fitted,
@@ -200,6 +199,7 @@ fn evaluated<'a>(
         sets: [result],
     };
     Ok(Evaluated {
+        last,
         document,
         flags: all.flags,
         poses,

@@ -13,7 +13,7 @@ use crate::cli::args::ChainArgs;
 use crate::cli::examination::{Examined, GRAVITY, explained};
 use crate::cli::failure::{Failure, calibration_failure};
 use crate::cli::input::Input;
-use crate::cli::terminal::print::{note, warning};
+use crate::cli::terminal::print::note;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::blob::write::Provenance;
 use poegp_calibration::input_error::{InputError, counted};
@@ -160,12 +160,12 @@ pub fn fresh(
     }
 }
 
-/// Warns that errors are those of rows that `model` was fitted to.
-pub fn warn_of_training_data(path: &Path, model: impl Display) {
-    warning(format_args!(
+/// States that errors are those of rows that `model` was fitted to.
+pub fn training_data_warning(path: &Path, model: impl Display) -> String {
+    format!(
         "{}: {model} was calibrated with these rows: its errors elsewhere are larger",
         path.display()
-    ));
+    )
 }
 
 /// Returns the time of SOURCE_DATE_EPOCH if it is set, for reproducible builds.

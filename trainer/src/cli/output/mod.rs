@@ -20,6 +20,7 @@ use crate::cli::output::long::{Complete, LongOutput};
 use crate::cli::output::paths::{could_be_written, is_stream};
 use crate::cli::output::transaction::{Readers, Staged, commit, folder_of, writing};
 use crate::cli::terminal::print::{is_stdout, to_stdout_all};
+use crate::cli::terminal::warnings::{self, Warning};
 use crate::signing::id_text;
 
 /// Refuses a path that cannot be written, before any work that would be lost.
@@ -196,6 +197,20 @@ pub fn json_text(document: &impl serde::Serialize) -> Result<String, Failure> {
     Ok(text + "\n")
 }
 
+/// Formats the results of a command as a JSON document, with the warnings of the command.
+pub fn document_text(document: &impl serde::Serialize) -> Result<String, Failure> {
+    #[derive(serde::Serialize)]
+    struct WithWarnings<'a, T> {
+        #[serde(flatten)]
+        document: &'a T,
+        warnings: Vec<Warning>,
+    }
+    json_text(&WithWarnings {
+        document,
+        warnings: warnings::documented(),
+    })
+}
+
 /// Writes the results of a command as JSON, with the version of the program, if `path` is given.
 pub fn write_summary(path: Option<&Path>, summary: serde_json::Value) -> Result<(), Failure> {
     match path {
@@ -204,9 +219,13 @@ pub fn write_summary(path: Option<&Path>, summary: serde_json::Value) -> Result<
     }
 }
 
-/// Formats the results of a command as a JSON document, with the version of the program.
+/// Formats the results of a command as a JSON document, with the version of the program, and its warnings if there are any.
 pub fn summary_text(mut summary: serde_json::Value) -> Result<String, Failure> {
     summary["version"] = env!("CARGO_PKG_VERSION").into();
+    let warnings = warnings::documented();
+    if !warnings.is_empty() {
+        summary["warnings"] = serde_json::json!(warnings);
+    }
     json_text(&summary)
 }
 
@@ -219,6 +238,11 @@ fn identity(path: &Path) -> PathBuf {
     let folder = || std::fs::canonicalize(folder_of(path)).map(|folder| folder.join(name));
     let found = std::fs::canonicalize(path).or_else(|_| folder());
     found.unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// Whether two paths are of one file, which may not exist yet.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    identity(a) == identity(b)
 }
 
 /// Refuses, before the work, outputs that cannot be written, that are the same file, or that would overwrite an input.

@@ -5,3 +5,4 @@ pub mod print;
 pub mod progress;
 pub mod snippet;
 pub mod table;
+pub mod warnings;

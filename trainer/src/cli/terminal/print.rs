@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crate::cli::failure::Failure;
-use crate::cli::terminal::table;
+use crate::cli::terminal::{table, warnings};
 use poegp_calibration::numeric::statistics::Summary;
 
 /// Whether standard output is reserved for a document, so that no part of the program prints anything else there.
@@ -61,10 +61,12 @@ pub fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Prints a warning that the user must look at on standard error, even with `--quiet`.
+/// Prints a warning that the user must look at on standard error, even with `--quiet`. It is in the command's list of
+/// warnings, from which its JSON document is fed: print it before that is made, or add it to the list before.
 pub fn warning(text: impl Display) {
+    warnings::add_printed(&text.to_string());
     if !SILENT.load(Ordering::Relaxed) {
-        let _ = writeln!(io::stderr(), "warning: {text}");
+        let _ = writeln!(io::stderr(), "{}{text}", warnings::WARNING);
     }
 }
 
@@ -153,10 +155,14 @@ impl Printer {
 
     /// Prints one line or several. A line that begins with `warning: ` is printed even with `--quiet`.
     pub fn line(self, text: impl Display) {
-        if is_quiet() {
-            if let Some(text) = text.to_string().strip_prefix("warning: ") {
-                warning(text);
+        let text = text.to_string();
+        if let Some(warned) = text.strip_prefix(warnings::WARNING) {
+            warnings::add_printed(warned);
+            if is_quiet() {
+                warning(warned);
             }
+        }
+        if is_quiet() {
             return;
         }
         if self.on_stderr {

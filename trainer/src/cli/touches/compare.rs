@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::compare::Compare;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{Arm, file_name, is_training_data, now, warn_of_training_data};
-use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::inputs::{Arm, file_name, is_training_data, now, training_data_warning};
+use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::terminal::warnings;
 use crate::cli::touches::document::{CompareTouchesJson, ModelJson};
 use crate::cli::touches::evaluate::FITTED;
 use crate::cli::touches::{compare_page, read, refuse_options, table, with_payload};
@@ -28,7 +29,7 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     let outputs = [a.json.as_deref(), a.report.as_deref()];
     check_outputs(&outputs, &inputs)?;
     let document = compared(a)?;
-    let json = json_text(&document)?;
+    let json = document_text(&document)?;
     let page = a.report.as_ref().map(|_| compare_page::page(&document));
     write_texts(&[(outputs[1], page.as_deref()), (outputs[0], Some(&json))])?;
     print(Printer::for_outputs(&outputs), a, &document);
@@ -65,7 +66,7 @@ fn refuse_others(a: &Compare) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] about the inputs.
 pub fn document(a: &Compare) -> Result<String, Failure> {
-    json_text(&compared(a)?)
+    document_text(&compared(a)?)
 }
 
 fn compared(a: &Compare) -> Result<CompareTouchesJson, Failure> {
@@ -92,12 +93,14 @@ fn compared(a: &Compare) -> Result<CompareTouchesJson, Failure> {
         training_data: is_training_data(loaded, set.sha256[0]),
         touches,
     });
-    Ok(CompareTouchesJson {
+    let document = CompareTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         name: file_name(&a.train),
         models: models.collect(),
         provenance: provenance(a, &arm.robot.name, &set, &loaded),
-    })
+    };
+    last_warnings(a, &document).iter().for_each(warnings::add);
+    Ok(document)
 }
 
 fn provenance(a: &Compare, robot: &str, set: &TouchSet, loaded: &[BlobModel]) -> Provenance {
@@ -166,10 +169,16 @@ fn print(report: Printer, a: &Compare, document: &CompareTouchesJson) {
         ));
     }
     report.line(FITTED);
-    for model in document.models.iter().filter(|model| model.training_data) {
-        warn_of_training_data(&a.train, &model.file);
-    }
-    if let Some(text) = outliers_text(&first.outliers, first.rows) {
-        warning(format_args!("{}: {text}", a.train.display()));
-    }
+    last_warnings(a, document).iter().for_each(warning);
+}
+
+/// Warnings that are printed after the results.
+fn last_warnings(a: &Compare, document: &CompareTouchesJson) -> Vec<String> {
+    let trained = document.models.iter().filter(|model| model.training_data);
+    let trained = trained.map(|model| training_data_warning(&a.train, &model.file));
+    let outliers = document.models.first().and_then(|first| {
+        let text = outliers_text(&first.touches.outliers, first.touches.rows)?;
+        Some(format!("{}: {text}", a.train.display()))
+    });
+    trained.chain(outliers).collect()
 }

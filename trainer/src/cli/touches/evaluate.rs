@@ -3,9 +3,10 @@
 
 use crate::cli::evaluate::Evaluate;
 use crate::cli::failure::Failure;
-use crate::cli::inputs::{file_name, is_training_data, warn_of_training_data};
-use crate::cli::output::{check_outputs, json_text, write_texts};
+use crate::cli::inputs::{file_name, is_training_data, training_data_warning};
+use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
+use crate::cli::terminal::warnings;
 use crate::cli::touches::document::EvaluateTouchesJson;
 use crate::cli::touches::{
     nominal_robot, print_distances, print_noise, read, refuse_options, table, with_payload,
@@ -24,7 +25,7 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     check_outputs(&[json], &[&a.blob, &a.test, features.unwrap_or(&beside)])?;
     let loaded = BlobModel::read(&a.blob)?;
     let document = evaluated(a, &loaded)?;
-    let text = json_text(&document)?;
+    let text = document_text(&document)?;
     write_texts(&[(json, Some(&text))])?;
     print(Printer::for_outputs(&[json]), a, &document);
     Ok(())
@@ -47,7 +48,7 @@ fn refuse_others(a: &Evaluate) -> Result<(), Failure> {
 /// # Errors
 /// [`Failure`] about the inputs.
 pub fn document(a: &Evaluate, loaded: &BlobModel) -> Result<String, Failure> {
-    json_text(&evaluated(a, loaded)?)
+    document_text(&evaluated(a, loaded)?)
 }
 
 fn evaluated<'a>(a: &Evaluate, loaded: &'a BlobModel) -> Result<EvaluateTouchesJson<'a>, Failure> {
@@ -58,13 +59,15 @@ fn evaluated<'a>(a: &Evaluate, loaded: &'a BlobModel) -> Result<EvaluateTouchesJ
     let nominal = robot.chain().map_err(|e| Failure::Usage(e.to_string()))?;
     let found = evaluate_touches(&set, &nominal, robot.coupling.as_ref(), &[loaded]);
     let nothing = || Failure::Usage("no model was evaluated".to_owned());
-    Ok(EvaluateTouchesJson {
+    let document = EvaluateTouchesJson {
         version: env!("CARGO_PKG_VERSION"),
         method: loaded.host().provenance.method,
         training_data: is_training_data(loaded, set.sha256[0]),
         name: file_name(&a.test),
         touches: found.into_iter().next().ok_or_else(nothing)?,
-    })
+    };
+    last_warnings(a, &document).iter().for_each(warnings::add);
+    Ok(document)
 }
 
 fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
@@ -88,19 +91,25 @@ fn print(report: Printer, a: &Evaluate, document: &EvaluateTouchesJson<'_>) {
             found.flagged, found.states
         ));
     }
-    if document.training_data {
-        warn_of_training_data(&a.test, a.blob.display());
-    }
-    let file = a.test.display();
-    if let Some(text) = outliers_text(&found.outliers, found.rows) {
-        warning(format_args!("{file}: {text}"));
-    }
-    if found.ratio >= 1.0 {
-        warning(format_args!(
+    last_warnings(a, document).iter().for_each(warning);
+}
+
+/// Warnings that are printed after the results.
+fn last_warnings(a: &Evaluate, document: &EvaluateTouchesJson<'_>) -> Vec<String> {
+    let (file, found) = (a.test.display(), &document.touches);
+    let of_training =
+        (document.training_data).then(|| training_data_warning(&a.test, a.blob.display()));
+    let outliers = outliers_text(&found.outliers, found.rows).map(|text| format!("{file}: {text}"));
+    let is_worse = (found.ratio >= 1.0).then(|| {
+        format!(
             "{file}: the nominal model misses these touches by less than the model does: the model is of another arm, or its \
              measurements do not show what these touches do"
-        ));
-    }
+        )
+    });
+    [of_training, outliers, is_worse]
+        .into_iter()
+        .flatten()
+        .collect()
 }
 
 /// Note about the fitted parameters.

@@ -33,7 +33,7 @@ pub use crate::report::sections::touches::{
 };
 pub use crate::report::sections::uncertainty::uncertainty;
 pub use crate::report::sections::verdict::{
-    line as verdict_line, record, uncertainty_budget, verdict,
+    line as verdict_line, record, uncertainty_budget, verdict, warning_list,
 };
 pub use crate::report::sections::workspace::workspace;
 

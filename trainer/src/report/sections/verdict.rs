@@ -2,7 +2,6 @@
 
 use maud::{Markup, html};
 use poegp_calibration::blob::live_correction::{COMPLETE_MM, LiveCorrection};
-use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::conformity::budget::Contribution;
 use poegp_calibration::validation::conformity::{
     Characteristic, Conformity, Evidence, LEAST_POSES, Verdict,
@@ -20,19 +19,26 @@ const LISTED: usize = 20;
 const OF_POSITION: &str = "/certificate/conformity/position";
 const OF_ROTATION: &str = "/certificate/conformity/orientation";
 
+/// Lists warnings.
+pub fn warning_list(warnings: &[String]) -> Markup {
+    html! {
+        ul class="warnings" {
+            @for text in warnings { li { b { "Warning: " } (text.trim_end_matches('.')) "." } }
+        }
+    }
+}
+
 /// Returns the section that a customer reads first: the warnings, whether the arm is good enough, how certain that is, what
 /// live corrections leave, and what to do next.
 pub fn verdict(
     certificate: &Certificate,
-    warnings: &[Finding],
+    warnings: &[String],
     live: Option<&LiveCorrection>,
     next: Option<&NextSteps>,
 ) -> Section {
     let mut section = Section::new("verdict", "");
     if !warnings.is_empty() {
-        section = section.block(html! {
-            ul class="warnings" { @for finding in warnings { li { b { "Warning: " } (finding.text) "." } } }
-        });
+        section = section.block(warning_list(warnings));
     }
     let Some(conformity) = &certificate.conformity else {
         return section.missing(format!(
