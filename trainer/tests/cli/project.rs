@@ -158,3 +158,37 @@ fn a_project_replaces_only_what_a_calibration_wrote() {
     folder.write("lines.toml", project(outputs, "operator = \"x\\ny\""));
     folder.refuses("calibrate lines.toml").said();
 }
+
+/// What a project names beside its blob is about that blob, and stays when the command line names another one.
+#[test]
+fn another_blob_leaves_the_report_of_the_project() {
+    let folder = Folder::new();
+    folder.write("train.csv", simulated("train", 40));
+    let outputs = "blob = \"arm.blob\"\nreport = \"arm.html\"\njson = \"arm.json\"";
+    folder.write(
+        "own.toml",
+        format!(
+            "version = 1\nrobot.description = \"{SERIAL}\"\ndata.train = \"train.csv\"\n\
+             calibration.method = \"base-tool\"\n[output]\n{outputs}\n"
+        ),
+    );
+    folder.run("calibrate own.toml").ok();
+    let files = ["arm.blob", "arm.html", "arm.json"];
+    let before = files.map(|name| folder.read(name));
+    let outcome = folder
+        .run("calibrate own.toml --out exp.blob --method poe")
+        .ok();
+    for name in ["arm.html is not written", "arm.json is not written"] {
+        assert!(outcome.stderr.contains(name), "{outcome:#?}");
+    }
+    assert_eq!(files.map(|name| folder.read(name)), before);
+    // Another spelling of the project's own blob is that blob.
+    folder
+        .run("calibrate own.toml --out ./arm.blob --method poe")
+        .ok();
+    assert_ne!(folder.read("arm.json"), before[2]);
+    folder
+        .run("calibrate own.toml --out exp.blob --json exp.json")
+        .ok();
+    assert_eq!(folder.json("exp.json")["method"], "base-tool");
+}

@@ -7,6 +7,7 @@ use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::calibrate::project::{File, Project, is_project};
 use crate::cli::failure::Failure;
+use crate::cli::output::is_same_file;
 use crate::cli::terminal::print::{note, stated_by};
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::certificate::Statement;
@@ -303,11 +304,28 @@ impl Job {
             true => Ok(project.resolve(name)),
             false => project.output(name, option),
         };
-        if let (None, Some(name)) = (&self.report, &output.report) {
-            self.report = Some(path(name, "--report")?);
+        // What the project names beside its blob is about that blob.
+        let other = output
+            .blob
+            .as_ref()
+            .filter(|name| !is_in_memory && !is_same_file(&project.resolve(name), &self.out));
+        let mut kept = Vec::new();
+        for (given, name, option) in [
+            (&mut self.report, &output.report, "--report"),
+            (&mut self.json, &output.json, "--json"),
+        ] {
+            match (&given, name) {
+                (None, Some(name)) if other.is_some() => kept.push((option, project.resolve(name))),
+                (None, Some(name)) => *given = Some(path(name, option)?),
+                _ => {}
+            }
         }
-        if let (None, Some(name)) = (&self.json, &output.json) {
-            self.json = Some(path(name, "--json")?);
+        for (option, path) in kept {
+            note(format_args!(
+                "{} is not written, because it belongs to the project's blob and --out names another one: {option} FILE \
+                 writes one of this blob",
+                path.display()
+            ));
         }
         Ok(())
     }
