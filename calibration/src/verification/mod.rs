@@ -85,7 +85,7 @@ pub fn check(
     };
     let all = checked(samples, lines, &[])?;
     if lines.len() != samples.len() {
-        return Ok(all);
+        return showing(all);
     }
     let without = |left_out: &[usize], samples: &[InstrumentSample], lines: &[usize]| {
         let kept = samples.iter().zip(lines);
@@ -116,6 +116,10 @@ pub fn check(
             without(&outlier_lines, &samples, &lines);
         found = checked(&kept, &rest, &searched_lines).unwrap_or(found);
     }
+    found = match showing(found) {
+        Err(_) if !untrained.is_empty() => all.clone().unsearched(),
+        found => found?,
+    };
     Ok(Report {
         errors: all.errors,
         rows: all.rows,
@@ -125,6 +129,16 @@ pub fn check(
         untrained_payload: untrained,
         ..found
     })
+}
+
+/// Returns `found` if its rows show a change of any part. A row that stands out hides all changes, so this is asked only once
+/// such rows are left out.
+fn showing(found: Report) -> Result<Report, CheckError> {
+    let shows_nothing = found.sensitivity.iter().all(|s| s.smallest.is_none());
+    match found.is_searched && shows_nothing {
+        true => Err(CheckError::NothingShown),
+        false => Ok(found),
+    }
 }
 
 /// Returns whether the payload of a row is outside the range that the model was trained with.
@@ -175,9 +189,6 @@ fn check_rows(
     let all = possible(&weighed, &frames);
     let test = drift_test(&weighed, &nuisance, &all).ok_or(CheckError::Unsolvable)?;
     let sensitivity = sensitivity(&test, &all, options.false_alarms);
-    if sensitivity.iter().all(|s| s.smallest.is_none()) {
-        return Err(CheckError::NothingShown);
-    }
     let choices = test.choose(options.false_alarms, |h| {
         can_be_found(&all[h], &sensitivity)
     });

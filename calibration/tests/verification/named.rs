@@ -50,6 +50,28 @@ fn two_opposite_joints_are_named_alone() {
     }
 }
 
+/// A row with the joints of its neighbour hides every change. It is left out and named, and the check goes on.
+#[test]
+fn a_row_with_other_joints_is_named_and_the_check_goes_on() {
+    for (name, scenario, seed) in [
+        ("abb-irb120", Scenario::Paper, 11),
+        ("abb-irb4400-serial", Scenario::Paper, 12),
+        ("ur10", Scenario::WithBacklash, 13),
+    ] {
+        let mut arm = Cell::trained(60, name, scenario, seed, &Config::new(Method::Elastic));
+        for wrong in [1, 6, 10, 15] {
+            let mut rows = arm.disturbed(None, 20);
+            let (before, rest) = rows.split_at_mut(wrong);
+            rest[0].joints.clone_from(&before[wrong - 1].joints);
+            rest[0].serial_joints = before[wrong - 1].serial_joints.clone();
+            let report = arm.checked(&rows, &Options::default());
+            assert_eq!(report.outlier_lines, [wrong + 2], "{name}");
+            assert!(report.is_searched, "{name}");
+            assert!(report.sensitivity.iter().any(|s| s.smallest.is_some()));
+        }
+    }
+}
+
 /// Under a payload that the model was not trained with an arm sags by an amount that it does not know: no joint is blamed for
 /// it. Rows with other payloads are searched.
 #[test]
