@@ -105,6 +105,11 @@ fn angle(a: &Matrix3<f64>, b: &Matrix3<f64>) -> f64 {
     2.0 * libm::asin(((a - b).norm() / 8.0_f64.sqrt()).min(1.0))
 }
 
+/// Improves a fit for rows that differ a little from its own.
+pub fn realign(start: Alignment, rows: &[Row]) -> Alignment {
+    refined(start.with_medians(rows), rows, STEPS)
+}
+
 /// Number of Gauss–Newton steps of a final fit.
 const STEPS: usize = 12;
 /// Angle in rad below which orientations count as equal.

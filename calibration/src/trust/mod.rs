@@ -10,10 +10,12 @@ mod copies;
 mod digits;
 mod finding;
 mod geometry;
+mod joint_zero;
 mod left_out;
 mod linear_mistakes;
 mod mixture;
 mod nominal_arm;
+mod nominal_fit;
 mod numbers;
 mod payloads;
 mod ratio;
@@ -36,7 +38,7 @@ pub(crate) use crate::trust::change_points::{AS_GOOD, BLIND, SPLITS, drop_among}
 pub use crate::trust::finding::{Finding, Findings, Tier};
 pub use crate::trust::residuals::{computed_by_model, overstated_noise};
 
-use crate::identification::alignment::{LEVER, Row, align};
+use crate::identification::alignment::{Alignment, LEVER, Row, align};
 use crate::measurement::MeasurementSet;
 use crate::measurement::folds::{PATH_ROWS, configurations, follow_one_path, held_out_together};
 use crate::measurement::sample::InstrumentSample;
@@ -44,6 +46,7 @@ use crate::numeric::statistics::{distinct, median};
 use crate::robot::Robot;
 use crate::trust::copies::Copies;
 use crate::trust::geometry::{Geometry, Priors};
+use crate::trust::nominal_arm::NominalArm;
 use crate::trust::readings::{Data, Reading};
 
 /// Same as [`examine`], but checks only whether the rows belong to this robot. It serves measurements by which a model is
@@ -160,12 +163,13 @@ pub fn examine(
     let mut out = Findings(numbers);
     if !out.is_refused() {
         let arm = nominal_arm::examine(&data, gravity);
-        out.0.extend(arm.findings);
+        out.0.extend(arm.findings.iter().cloned());
         let is_refused = out.is_refused();
         let is_fitted = is_enough && (!is_refused || out.0.iter().any(is_unexplained));
         let fit = || Geometry::fit(&data, &arm.alignment, Priors::Made, gravity);
         let geometry = is_fitted.then(fit).flatten();
         let base = &arm.alignment.base;
+        let scales = geometry.as_ref().map(|geometry| geometry.scales);
         if is_refused
             && let Some(geometry) = &geometry
             && let Some(mistake) = linear_mistakes::certain(&data, base, geometry)
@@ -174,60 +178,24 @@ pub fn examine(
             out.0.push(mistake);
         }
         if !is_refused && let Some(geometry) = geometry {
-            out.0.extend(suspects.into_iter().filter(|f| {
-                let (cut, rest) = parted(&data, f);
-                let off = |rows: &[usize]| median(rows.iter().map(|k| geometry.size(*k)).collect());
-                off(&cut) > CONTRADICTS * off(&rest)
-            }));
+            let scene = Scene {
+                data: &data,
+                set,
+                gravity,
+                alignment: &arm.alignment,
+            };
+            let found = scene.of_geometry(geometry, &suspects);
+            out.0.extend(scene.or_one_zero(found, &arm, &suspects));
             // A file whose residuals show a quieter instrument has repeats that are nearer each other.
             if out.0.iter().any(|f| f.cause == Cause::Copies) {
                 out.0.retain(|f| f.cause != Cause::Copies);
-                out.0
-                    .extend(Copies::new(set, samples, Some(geometry.scales)).finding());
+                out.0.extend(Copies::new(set, samples, scales).finding());
             }
-            let rest = residuals::examine(&data, set, &geometry, arm.alignment.position, reach);
-            // An episode is searched for only if the geometry explains little.
-            let is_poor = geometry.position > POOR * arm.alignment.position;
-            // Payloads that were measured one after the other are no step.
-            let geometry = payloads::with_terms_of_each_payload(geometry);
-            let terms = geometry.terms();
-            let fewer = || {
-                let fits = Geometry::fits(&data, &arm.alignment, Priors::Made, gravity);
-                let fewer = fits.flatten().filter(move |fit| fit.terms() < terms);
-                fewer.map(payloads::with_terms_of_each_payload)
-            };
-            let step = change_points::examine(&data, &geometry, fewer).or_else(|| {
-                is_poor
-                    .then(|| change_points::episode(&data, &geometry))
-                    .flatten()
-            });
-            let mistake = linear_mistakes::examine(&data, base, &geometry);
-            let mixed = rest.iter().find(|f| f.cause == Cause::Mixed);
-            // Rows of joints in whole degrees are of two kinds, too.
-            let is_rounded = rest.iter().any(|f| f.cause == Cause::Rounding);
-            let arms = (!is_rounded)
-                .then(|| two_arms::examine(&data, &geometry))
-                .flatten();
-            // Only the best of them is named, and other residuals are attributed to it.
-            let simple = step.into_iter().chain(mistake);
-            let mut main = main_cause(simple, mixed, arms);
-            let is_single = main.as_ref().is_some_and(|f| f.cause != Cause::Lag);
-            main = main.or_else(|| repeated_moves::examine(&geometry));
-            // What limits the accuracy of good rows is no excuse for rows that are refused.
-            if !is_single && let Some(main) = &mut main {
-                main.tier = rest.iter().map(|f| f.tier).fold(main.tier, Tier::max);
-            }
-            let is_explained = main.is_some();
-            out.0.extend(main);
-            out.0.extend(
-                rest.into_iter()
-                    .filter(|f| !is_explained || f.cause == Cause::Noise),
-            );
         }
         let is_explained = |f: &Finding| {
             matches!(
                 f.cause,
-                Cause::Outlier | Cause::Step | Cause::Drift | Cause::Mixed
+                Cause::Outlier | Cause::Step | Cause::Drift | Cause::Mixed | Cause::Offset
             )
         };
         if !is_refused
@@ -248,6 +216,120 @@ pub fn examine(
     out.0.extend(near.filter(|_| fits_geometry));
     out.accept(&[]);
     out
+}
+
+/// What the examination with a fitted geometry needs.
+struct Scene<'a> {
+    data: &'a Data<'a>,
+    set: &'a MeasurementSet,
+    gravity: Vector3<f64>,
+    /// Base and tools of the nominal arm.
+    alignment: &'a Alignment,
+}
+
+impl Scene<'_> {
+    /// Returns what the residuals of a geometry show. `suspects` are findings of clipped columns that it decides about.
+    fn of_geometry(&self, geometry: Geometry, suspects: &[Finding]) -> Vec<Finding> {
+        let (data, alignment) = (self.data, self.alignment);
+        let is_certain = |f: &&Finding| {
+            let (cut, rest) = parted(data, f);
+            let off = |rows: &[usize]| median(rows.iter().map(|k| geometry.size(*k)).collect());
+            off(&cut) > CONTRADICTS * off(&rest)
+        };
+        let mut out: Vec<Finding> = suspects.iter().filter(is_certain).cloned().collect();
+        let reach = data.robot.reach();
+        let rest = residuals::examine(data, self.set, &geometry, alignment.position, reach);
+        // An episode is searched for only if the geometry explains little.
+        let is_poor = geometry.position > POOR * alignment.position;
+        // Payloads that were measured one after the other are no step.
+        let geometry = payloads::with_terms_of_each_payload(geometry);
+        let terms = geometry.terms();
+        let fewer = || {
+            let fits = Geometry::fits(data, alignment, Priors::Made, self.gravity);
+            let fewer = fits.flatten().filter(move |fit| fit.terms() < terms);
+            fewer.map(payloads::with_terms_of_each_payload)
+        };
+        let step = change_points::examine(data, &geometry, fewer).or_else(|| {
+            is_poor
+                .then(|| change_points::episode(data, &geometry))
+                .flatten()
+        });
+        let mistake = linear_mistakes::examine(data, &alignment.base, &geometry);
+        let mixed = rest.iter().find(|f| f.cause == Cause::Mixed);
+        // Rows of joints in whole degrees are of two kinds, too.
+        let is_rounded = rest.iter().any(|f| f.cause == Cause::Rounding);
+        let arms = (!is_rounded)
+            .then(|| two_arms::examine(data, &geometry))
+            .flatten();
+        // Only the best of them is named, and other residuals are attributed to it.
+        let simple = step.into_iter().chain(mistake);
+        let mut main = main_cause(simple, mixed, arms);
+        let is_single = main.as_ref().is_some_and(|f| f.cause != Cause::Lag);
+        main = main.or_else(|| repeated_moves::examine(&geometry));
+        // What limits the accuracy of good rows is no excuse for rows that are refused.
+        if !is_single && let Some(main) = &mut main {
+            main.tier = rest.iter().map(|f| f.tier).fold(main.tier, Tier::max);
+        }
+        let is_explained = main.is_some();
+        out.extend(main);
+        out.extend(
+            rest.into_iter()
+                .filter(|f| !is_explained || f.cause == Cause::Noise),
+        );
+        out
+    }
+
+    /// Returns what is left of `found` with the zero of one joint put right, and that zero, if nothing of the arm is left
+    /// then; otherwise `found`.
+    fn or_one_zero(
+        &self,
+        found: Vec<Finding>,
+        arm: &NominalArm,
+        suspects: &[Finding],
+    ) -> Vec<Finding> {
+        if !found.iter().any(is_of_arm) {
+            return found;
+        }
+        let with_zero = || {
+            let (zero, mut finding) = arm.zero(self.data)?;
+            let samples = zero.put_right(self.data);
+            let data = Data {
+                robot: self.data.robot,
+                chain: self.data.chain,
+                samples: samples.iter().collect(),
+                lines: self.data.lines.clone(),
+                units: self.data.units.clone(),
+            };
+            let scene = Scene {
+                data: &data,
+                alignment: &zero.fit.alignment,
+                ..*self
+            };
+            let geometry = Geometry::fit(&data, scene.alignment, Priors::Made, self.gravity)?;
+            let mut left = scene.of_geometry(geometry, suspects);
+            finding.tier = found.iter().map(|f| f.tier).max()?;
+            let is_left = left.iter().any(is_of_arm);
+            left.insert(0, finding);
+            (!is_left).then_some(left)
+        };
+        with_zero().unwrap_or(found)
+    }
+}
+
+/// Returns whether a finding blames the arm, the joints or the rows for what a wrong zero of a joint may explain.
+fn is_of_arm(finding: &Finding) -> bool {
+    let causes = [
+        Cause::Frames,
+        Cause::Coupling,
+        Cause::Unit,
+        Cause::Mixed,
+        Cause::NoFit,
+        Cause::Orientation,
+        Cause::Lag,
+        Cause::Rows,
+        Cause::Payload,
+    ];
+    finding.tier > Tier::Note && causes.contains(&finding.cause)
 }
 
 /// Returns whether a refusal names no cause that could be put right, so that one which explains the rows takes its place.

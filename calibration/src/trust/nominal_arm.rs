@@ -12,28 +12,18 @@ use crate::measurement::observation::Observation;
 use crate::numeric::statistics::evenly_spaced;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
+use crate::trust::joint_zero::{JointZero, joint_zero};
+use crate::trust::nominal_fit::{AS_GOOD, BETTER, Fit, MOST, REFUSED_ROTATION, spread};
 use crate::trust::numbers::frozen;
 use crate::trust::readings::{Data, Reading, readings};
 use crate::trust::wording::{fits_equally, length, lengths, lines};
 
-/// Ratio of the median position residual to the arm's reach above which the file is not from this robot.
-const REFUSED_REACH: f64 = 0.009;
-/// Median rotation residual above which the file is not from this robot, in rad.
-const REFUSED_ROTATION: f64 = 60e-3;
-/// Ratio of the median position residual to the spread of the positions above which the file is not from this robot.
-const REFUSED_SPREAD: f64 = 0.07;
-/// Spread of the positions, relative to the reach, below which they give no information about scale.
-const LEAST_SPREAD: f64 = 0.01;
 /// Ratio of the median position residual to the spread above which other readings are tried.
 const SUSPICIOUS_SPREAD: f64 = 0.012;
-/// Factor by which the residual of another reading must be smaller.
-const BETTER: f64 = 0.25;
-/// Factor of the best residual within which other readings are also named.
-const AS_GOOD: f64 = 2.0;
+/// Factor by which one joint zero must lower the residual before the geometry is tried with it.
+const HALF: f64 = 0.5;
 /// Factor of the best residual within which readings count as equally good.
 const EQUAL: f64 = 1.05;
-/// Share of the rows that a reading must explain; otherwise there are two populations.
-const MOST: f64 = 0.8;
 /// Number of rows by which readings are ranked.
 const RANKED: usize = 90;
 /// Number of readings that are refined.
@@ -57,78 +47,25 @@ const EXPLAINED_REACH: f64 = 0.0035;
 /// Residuals below which the poses are those of the nominal model, so that the controller computed them, in m and rad.
 const COMPUTED: (f64, f64) = (20e-6, 0.1e-3);
 
-/// Returns the root mean square distance of the positions from their mean, in m.
-fn spread(rows: &[Row]) -> f64 {
-    let count = rows.len().max(1) as f64;
-    let mean = rows.iter().map(|r| r.seen.position()).sum::<Vector3<f64>>() / count;
-    let square = rows
-        .iter()
-        .map(|r| (r.seen.position() - mean).norm_squared());
-    (square.sum::<f64>() / count).sqrt().max(1e-9)
-}
-
-/// Returns whether the positions are far enough apart: with all of them near one point, the target of any arm could be
-/// there.
-fn is_spread(rows: &[Row], reach: f64) -> bool {
-    spread(rows) > LEAST_SPREAD * reach
-}
-
-/// A fit of base and tools, and measures of its quality.
-struct Fit {
-    alignment: Alignment,
-    /// Residual relative to the limits for this robot: above 1 it is another robot.
-    badness: f64,
-    /// Share of the rows that are near the fit.
-    share: f64,
-    /// Residual that [`MOST`] of the rows are within, relative to the spread of the positions, so that a file does not fit
-    /// better only because its unit makes it smaller.
-    relative: f64,
-    /// Whether the positions are far enough apart to be conclusive.
-    is_spread: bool,
-}
-
-impl Fit {
-    fn new(alignment: Alignment, rows: &[Row], reach: f64) -> Self {
-        let (a, spread) = (&alignment, spread(rows).max(LEAST_SPREAD * reach));
-        let most = (REFUSED_REACH * reach).min(REFUSED_SPREAD * spread);
-        Self {
-            share: a.share_within(rows, 2.0 * most, 2.0 * REFUSED_ROTATION),
-            badness: (a.position / (REFUSED_REACH * reach))
-                .max(a.rotation / REFUSED_ROTATION)
-                .max(a.position / (REFUSED_SPREAD * spread)),
-            relative: a.length_of_most(rows, MOST, spread),
-            is_spread: is_spread(rows, reach),
-            alignment,
-        }
-    }
-
-    fn of(rows: &[Row], reach: f64) -> Self {
-        Self::new(align(rows), rows, reach)
-    }
-
-    /// Returns whether this fit explains what `given` does not.
-    fn explains(&self, given: &Self) -> bool {
-        self.relative < BETTER * given.relative
-            && self.badness <= 1.0
-            && self.share >= MOST
-            && self.is_spread
-    }
-
-    fn lengths(&self, has_orientation: bool) -> String {
-        lengths(
-            self.alignment.position,
-            self.alignment.rotation,
-            has_orientation,
-        )
-    }
-}
-
 /// Result of the examination with the nominal arm.
 pub struct NominalArm {
     /// Base and tools for the file as given.
     pub alignment: Alignment,
     /// Findings; empty if this is the robot.
     pub findings: Vec<Finding>,
+    /// The fit of base and tools.
+    given: Fit,
+}
+
+impl NominalArm {
+    /// Returns one joint zero that explains at least half of what the nominal arm leaves, with the finding that says so.
+    pub fn zero(&self, data: &Data<'_>) -> Option<(JointZero, Finding)> {
+        let zero = joint_zero(data, &self.given, data.robot.reach())?;
+        let is_better = zero.fit.relative < HALF * self.given.relative;
+        let has_orientation = data.samples.iter().any(|s| s.observation.has_orientation());
+        let finding = zero_off(&zero, &self.given, has_orientation);
+        is_better.then_some((zero, finding))
+    }
 }
 
 /// Examines the data with the nominal arm.
@@ -150,7 +87,8 @@ pub fn examine(data: &Data<'_>, gravity: Vector3<f64>) -> NominalArm {
     };
     NominalArm {
         findings: scene.examine(&given).into_iter().collect(),
-        alignment: given.alignment,
+        alignment: given.alignment.clone(),
+        given,
     }
 }
 
@@ -191,6 +129,7 @@ impl Scene<'_> {
             return self.other_reading(given);
         }
         self.other_reading(given)
+            .or_else(|| self.one_zero(given))
             .or_else(|| self.populations(TIGHT))
             .or_else(|| self.wide_geometry(given))
             .or_else(|| self.orientation_alone(given))
@@ -221,6 +160,13 @@ impl Scene<'_> {
         let all = readings(self.data, self.has_orientation);
         let single = (0..all.len()).map(|i| vec![i]).collect();
         self.best_of(given, &all, single, RANKED)
+    }
+
+    /// Returns the refusal of a file that the zero of one joint explains.
+    fn one_zero(&self, given: &Fit) -> Option<Finding> {
+        let zero = joint_zero(self.data, given, self.reach)?;
+        let finding = zero_off(&zero, given, self.has_orientation);
+        zero.fit.explains(given).then_some(finding)
     }
 
     /// Returns the refusal of a file that two simultaneous mistakes explain, at least one of them in the joints.
@@ -475,6 +421,23 @@ impl Scene<'_> {
         );
         refused(Cause::NoFit, text, given.badness, 1.0)
     }
+}
+
+/// Returns the refusal that names a joint's zero.
+fn zero_off(zero: &JointZero, given: &Fit, has_orientation: bool) -> Finding {
+    let text = format!(
+        "the poses are {} from the nominal robot; {}: that would leave {}; master this joint, or correct its column or the \
+         robot's description",
+        given.lengths(has_orientation),
+        zero.sentence(),
+        zero.fit.lengths(has_orientation)
+    );
+    refused(
+        Cause::Offset,
+        text,
+        zero.fit.relative / given.relative,
+        BETTER,
+    )
 }
 
 fn refused(cause: Cause, text: String, value: f64, threshold: f64) -> Finding {

@@ -1,5 +1,6 @@
 //! Files of the repository with one thing wrong.
 
+mod arm;
 mod mistakes;
 mod poses;
 

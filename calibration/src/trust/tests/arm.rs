@@ -1,0 +1,66 @@
+//! Joint zeros that are not those of the nominal model.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+use poegp_protocol::cause::Cause;
+
+use crate::measurement::parse;
+use crate::measurement::sample::samples;
+use crate::robot::{LoadOptions, Robot};
+use crate::simulation::{Scenario, SimulatedPose, Simulator, to_csv};
+use crate::trust::{Findings, Tier, examine};
+
+/// Gravity of the simulated arms, m/s².
+const DOWN: Vector3<f64> = Vector3::new(0.0, 0.0, -9.81);
+
+fn robot(name: &str) -> Robot {
+    Robot::load(name, &LoadOptions::default()).unwrap()
+}
+
+fn examined(robot: &Robot, poses: &[SimulatedPose], gravity: Vector3<f64>) -> Findings {
+    let csv = to_csv(robot, poses, false, "arm");
+    let set = parse(Path::new("arm.csv"), csv.as_bytes()).unwrap();
+    let samples = samples(&set, robot, &mut Vec::new()).unwrap();
+    examine(robot, &set, &samples, gravity, true)
+}
+
+/// The joint whose zero is wrong is named, with the angle and its way, and none where all are right.
+#[test]
+fn a_wrong_zero_is_that_of_its_joint() {
+    for (name, seed) in [
+        ("abb-irb120", 1),
+        ("abb-irb4400-serial", 2),
+        ("kuka-iiwa7", 3),
+        ("ur10", 4),
+    ] {
+        let robot = robot(name);
+        let good = Simulator::new(&robot, Scenario::Paper, &[1.0, 5.0], seed).measure(60);
+        let findings = examined(&robot, &good, DOWN);
+        assert!(findings.0.is_empty(), "{name}: {findings:?}");
+        for (joint, degrees) in [(1, 2.0_f64), (2, -4.0), (3, 5.0), (4, 10.0)] {
+            let mut wrong = good.clone();
+            for pose in &mut wrong {
+                pose.joints[joint] += degrees.to_radians();
+            }
+            let findings = examined(&robot, &wrong, DOWN);
+            let case = format!("{name}, joint {}: {findings:?}", joint + 1);
+            let found = findings.0.iter().find(|f| f.cause == Cause::Offset);
+            let text = &found.unwrap_or_else(|| panic!("{case}")).text;
+            let (_, rest) = text
+                .split_once(&format!("the zero of joint {} looks ", joint + 1))
+                .unwrap_or_else(|| panic!("{case}"));
+            let (found, way) = rest.split_once("° off (its column reads too ").unwrap();
+            let found: f64 = found.parse().unwrap();
+            assert!((found - degrees.abs()).abs() < 0.4, "{case}");
+            let expected = if degrees > 0.0 { "high" } else { "low" };
+            assert!(way.starts_with(expected), "{case}");
+            assert!(
+                findings
+                    .0
+                    .iter()
+                    .all(|f| f.tier != Tier::Refused || f.cause == Cause::Offset)
+            );
+        }
+    }
+}
