@@ -129,13 +129,7 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         "this file was corrected already: correct the original, or remove these columns",
     )?;
     let payload_kg = payload(a, &loaded, columns)?;
-    if loaded.blob().ranges.payload_kg.is_none() && (payload_kg > 0.0 || columns.has_payload()) {
-        note(format_args!(
-            "{}: the payload changes nothing: this model does not depend on it, because its measurements state none or its \
-             method uses none",
-            targets.display()
-        ));
-    }
+    note_unknown_payload(&loaded, columns, payload_kg);
     let poses = columns.pose_columns().join(", ");
     if !poses.is_empty() {
         note(format_args!(
@@ -193,6 +187,17 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     write_with_long(out, json.as_slice())?;
     summary::print(Printer::for_outputs(&outputs), &a.out, &document);
     Ok(())
+}
+
+/// Says that payloads change nothing where the model knows of none.
+fn note_unknown_payload(loaded: &BlobModel, columns: &TargetColumns, payload_kg: f64) {
+    if loaded.blob().ranges.payload_kg.is_none() && (payload_kg > 0.0 || columns.has_payload()) {
+        note(format_args!(
+            "{}: the payload changes nothing: this model does not depend on it, because its measurements state none or its \
+             method uses none",
+            columns.path().display()
+        ));
+    }
 }
 
 /// Returns the payload of the command line, for a file without payloads. Refuses payloads from both, or from neither if
