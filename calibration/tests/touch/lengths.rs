@@ -197,7 +197,7 @@ fn measured_sets_are_not_in_doubt() {
             let nominal = TouchFit::on_nominal(&problem, 0);
             let fit = TouchFit::new(&problem, &nominal);
             let size = size(&problem, &nominal).map(|(size, _)| size.sigmas());
-            let own = own(&problem).into_iter().flat_map(|(doubts, _)| doubts);
+            let own = own(&problem).into_iter().flat_map(|(doubts, ..)| doubts);
             let own = own.map(|doubt| doubt.sigmas()).fold(0.0, f64::max);
             println!("{name}: the size by {size:.1?}, one length by {own:.1} standard deviations");
             doubted.extend(doubt(&problem, &nominal, &fit).map(|doubt| (name, doubt)));

@@ -20,7 +20,7 @@ fn built_in(name: &str) -> Robot {
 }
 
 /// Returns joints at which the flange of the nominal arm stands beside where it stands at `q`, in the same orientation.
-fn beside(robot: &Robot, q: &[f64], by: impl Fn(&Pose<f64>) -> Vector3<f64>) -> Vec<f64> {
+pub fn beside(robot: &Robot, q: &[f64], by: impl Fn(&Pose<f64>) -> Vector3<f64>) -> Vec<f64> {
     let chain = robot.chain().unwrap();
     let start = chain.forward(q);
     let goal = Pose {
@@ -53,7 +53,7 @@ fn beside(robot: &Robot, q: &[f64], by: impl Fn(&Pose<f64>) -> Vector3<f64>) -> 
 }
 
 /// Changes the joints of some rows.
-fn with_joints(
+pub fn with_joints(
     robot: &Robot,
     set: &TouchSet,
     rows: impl Fn(usize) -> bool,

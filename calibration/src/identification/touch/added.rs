@@ -6,8 +6,10 @@ use std::ops::Range;
 use crate::identification::parametric::state::ROWS;
 use crate::identification::touch::arm::{Column, Group, StateJet};
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
+use crate::identification::touch::images::separate;
 use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::noise::Noise;
+use crate::identification::touch::whitened::{AddedScales, variance};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::touch::{FeatureKind, Mount, Reading};
 use crate::numeric::matrix::Mat;
@@ -31,18 +33,24 @@ pub enum Part {
 
 /// One linearised equation.
 pub struct Equation {
-    /// Index of the row.
+    /// Index of the row; of several, that of the first.
     pub row: usize,
-    /// Kind of noise.
-    pub kind: Noise,
+    /// Index of the weight: that of the row, or one behind those of all rows for what an image shows of the arm.
+    pub weight: usize,
+    /// Index of the scale: the kind of noise, or [`SHARED`](crate::identification::touch::images::SHARED).
+    pub scale: usize,
     /// The stated variance.
     pub stated: f64,
+    /// For what an image shows of the arm, the factor by which the variance of a corner beyond the stated one adds to it.
+    pub corners: f64,
     /// Prediction minus reading.
     pub residual: f64,
     /// Derivative by the unknowns of the fit, in units of their priors.
     pub unknowns: Vec<f64>,
     /// Derivative by the terms of all parts.
     pub terms: Vec<f64>,
+    /// Share of the equation that was taken out with the errors of the joints in its image.
+    pub taken: f64,
 }
 
 /// A fitted touch problem with the terms of all parts.
@@ -59,6 +67,8 @@ pub struct Added {
     pub orders: Vec<Vec<usize>>,
     /// For each row, its state of the arm.
     pub state_of: Vec<usize>,
+    /// Number of images.
+    pub images: usize,
 }
 
 impl Added {
@@ -71,6 +81,7 @@ impl Added {
         let priors = fit.priors(problem);
         let (p, n) = (priors.len(), priors.len() + fit.scene.prior.len());
         let mut equations = Vec::with_capacity(problem.equations());
+        let mut by_joints = Vec::with_capacity(problem.equations());
         for (row, state) in problem.state_of.iter().enumerate() {
             let jet = &jets[*state];
             let row_jet = fit.jet(problem, row, &jet.pose);
@@ -87,16 +98,27 @@ impl Added {
                 for (index, column) in &row_jet.own {
                     unknowns[p + index] += column[i] * fit.scene.prior[*index];
                 }
+                let kind = Noise::of(&problem.set.rows[row].reading, i);
+                let motions = problem.joint_motions[*state].as_ref();
+                let motions = motions.filter(|_| kind == Noise::Board);
+                by_joints.push(motions.map(|m| {
+                    let by = |j: usize| (0..6).map(|a| tip[a] * m[(a, j)]).sum::<f64>();
+                    (0..m.ncols()).map(by).collect::<Vec<f64>>()
+                }));
                 equations.push(Equation {
                     row,
-                    kind: Noise::of(&problem.set.rows[row].reading, i),
+                    weight: row,
+                    scale: kind as usize,
                     stated: problem.stated_variance(row, i),
+                    corners: 0.0,
                     residual: row_jet.residual[i],
                     unknowns,
                     terms: (0..count).map(|t| by_terms[t][i]).collect(),
+                    taken: 0.0,
                 });
             }
         }
+        let images = separate(problem, fit, &mut equations, &by_joints);
         Self {
             equations,
             parts,
@@ -104,7 +126,27 @@ impl Added {
             levers: levers(problem, &linear.jacobian),
             orders: orders(problem),
             state_of: problem.state_of.clone(),
+            images,
         }
+    }
+}
+
+impl Added {
+    /// Returns the equations that show the arm and that a part concerns.
+    pub fn concerned(&self, part: Part) -> impl Iterator<Item = &Equation> {
+        let range = self.parts.iter().find(|(p, _)| *p == part);
+        let range = range.map_or(0..0, |(_, range)| range.clone());
+        let is_concerned = move |e: &&Equation| e.terms[range.clone()].iter().any(|x| *x != 0.0);
+        let shown = self.equations.iter().filter(|e| e.shows_arm());
+        shown.filter(is_concerned)
+    }
+
+    /// Returns the mean logarithm of the standard deviation of the equations that a part concerns.
+    pub fn scatter(&self, part: Part, scales: &AddedScales) -> f64 {
+        let logs = self
+            .concerned(part)
+            .map(|e| 0.5 * libm::log(variance(e, scales)));
+        logs.sum::<f64>() / self.concerned(part).count().max(1) as f64
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::identification::touch::arm::Group;
 use crate::identification::touch::fit::TouchFit;
+use crate::identification::touch::left_out::GROSS;
 use crate::identification::touch::noise::{
     CLASS_COUNTS, CLASS_FACTOR, COMMON_COUNTS, Noise, OTHER_COUNTS, OTHER_FACTOR, Scales,
     USUAL_ROWS,
@@ -10,6 +11,21 @@ use crate::identification::touch::problem::{LeftOut, TouchProblem};
 use crate::identification::touch::shared_errors;
 
 impl TouchFit {
+    /// Returns −2 log of the evidence of the rows and the stated distances, up to what all fits of the rows have in common. A
+    /// row that is left out counts as one at the limit.
+    pub(super) fn evidence(&self, problem: &TouchProblem) -> Option<f64> {
+        let mut out = self.cost(problem) + self.solved(problem)?.log_determinant();
+        for (row, touch) in problem.set.rows.iter().enumerate() {
+            for i in 0..touch.reading.equations() {
+                let weight = self.weights[row];
+                out += libm::log(self.variance(problem, row, i));
+                out += if weight > 0.0 { 0.0 } else { GROSS * GROSS };
+            }
+        }
+        let distances = problem.set.distances.iter();
+        Some(out + distances.map(|d| 2.0 * libm::log(d.sigma)).sum::<f64>())
+    }
+
     /// Updates noise and priors by the evidence: MacKay's fixed point with hyperpriors. Returns the largest relative
     /// change.
     pub(super) fn learn(&mut self, problem: &TouchProblem, left_out: &[LeftOut]) -> f64 {

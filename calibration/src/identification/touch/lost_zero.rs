@@ -10,7 +10,6 @@
 
 use crate::identification::touch::arm::Group;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
-use crate::identification::touch::left_out::GROSS;
 
 /// How many times farther from its nominal model than its class an arm is from which on single zeros are tried.
 const BEYOND: f64 = 1.2;
@@ -18,20 +17,6 @@ const BEYOND: f64 = 1.2;
 const CLEAR: f64 = 8.0;
 /// Largest zero that is fitted, rad or m; a larger one is a mistake in the file.
 const LARGEST: f64 = 0.06;
-
-/// Returns −2 log of the evidence of a fit, up to what all fits of the rows have in common. A row that is left out counts as
-/// one at the limit.
-fn evidence(problem: &TouchProblem, fit: &TouchFit) -> Option<f64> {
-    let mut out = fit.cost(problem) + fit.solved(problem)?.log_determinant();
-    for (row, touch) in problem.set.rows.iter().enumerate() {
-        for i in 0..touch.reading.equations() {
-            let weight = fit.weights[row];
-            out += libm::log(fit.variance(problem, row, i));
-            out += if weight > 0.0 { 0.0 } else { GROSS * GROSS };
-        }
-    }
-    Some(out)
-}
 
 /// Returns the joint whose zero is lost, with the fit in which it has a prior of its own; `None` if no zero stands out.
 pub fn lost_zero(
@@ -44,7 +29,7 @@ pub fn lost_zero(
     if problem.sisters.is_some() || !beyond.says() || beyond.factor < BEYOND {
         return None;
     }
-    let given = evidence(problem, fit)?;
+    let given = fit.evidence(problem)?;
     let zeros = fit.arm.columns.iter().filter(|c| c.group == Group::Zero);
     let of = |joint: usize| {
         let loose = TouchProblem {
@@ -57,7 +42,7 @@ pub fn lost_zero(
         if own.any(|(_, zero)| zero.abs() > LARGEST) {
             return None;
         }
-        Some((evidence(&loose, &fit)?, joint, fit))
+        Some((fit.evidence(&loose)?, joint, fit))
     };
     let best = zeros
         .filter_map(|column| of(column.index))

@@ -8,6 +8,7 @@ pub mod equations;
 mod evidence;
 pub mod fit;
 pub mod form;
+pub mod images;
 pub mod jet;
 pub mod judge;
 pub mod left_out;

@@ -6,6 +6,7 @@ use poegp_protocol::JointKind;
 
 use crate::identification::touch::added::{Added, Part};
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
+use crate::identification::touch::images::SHARED;
 use crate::identification::touch::left_out::as_normal;
 use crate::identification::touch::whitened::{AddedScales, FromRow, NOTHING, Whitened};
 use crate::measurement::touch::FeatureKind;
@@ -23,8 +24,10 @@ pub struct Step {
     pub displacement: f64,
     /// Drop of χ², and the drop that is needed.
     pub drop: (f64, f64),
-    /// Ratio by which the scatter falls once the step is taken out.
+    /// Ratio by which the scatter of the rows that it concerns falls once the step is taken out.
     pub fall: f64,
+    /// By how much −2 log of the evidence falls with the step.
+    pub gain: f64,
     /// Other parts whose change explains the rows as well.
     pub others: Vec<Part>,
 }
@@ -34,10 +37,13 @@ const ROUNDS: usize = 12;
 const SETTLED: f64 = 0.01;
 /// Fewest rows among which a step is searched for.
 const LEAST_ROWS: usize = 10;
-/// Drop of χ² per equation that a step must cause, and an additive term for few equations.
+/// Drop of χ² per equation that a step concerns that it must cause, and an additive term for few equations.
 const DROP: (f64, f64) = (0.7, 25.0);
 /// Ratio below which the scatter must fall once the step is taken out.
 const FALL: f64 = 0.75;
+/// By how much −2 log of the evidence rises with each term: twice the logarithm of how much closer the rows determine a
+/// displacement than it is known before, 0.1 m.
+const TERM: f64 = 17.0;
 /// Displacement from which on it is no step but another mistake, m.
 const FARTHEST: f64 = 0.1;
 /// Least weight of a row while a step is searched for.
@@ -71,10 +77,13 @@ fn settled(added: &Added, start: AddedScales) -> Option<AddedScales> {
 }
 
 /// Returns the scales of a fit; `floor` is the least weight of a row.
-fn scales_of(fit: &TouchFit, floor: f64) -> AddedScales {
+fn scales_of(fit: &TouchFit, added: &Added, floor: f64) -> AddedScales {
+    let mut tau = [fit.joint_scatter; SHARED + 1];
+    tau[..SHARED].copy_from_slice(&fit.tau);
+    let weights = fit.weights.iter().map(|w| w.max(floor));
     AddedScales {
-        tau: fit.tau,
-        weights: fit.weights.iter().map(|w| w.max(floor)).collect(),
+        tau,
+        weights: weights.chain((0..added.images).map(|_| 1.0)).collect(),
         scatter: f64::INFINITY,
     }
 }
@@ -84,8 +93,19 @@ struct Searched {
     added: Added,
     /// The steps, best first, in the scales that the best leaves.
     found: Vec<FromRow>,
-    /// Ratio by which the scatter falls once the best is taken out.
+    /// Ratio by which the scatter of the rows that it concerns falls once the best is taken out.
     fall: f64,
+    /// By how much −2 log of the evidence falls with the best.
+    gain: f64,
+}
+
+impl Searched {
+    /// Returns the drop of χ² that the best step must cause: the more rows it concerns, the more.
+    fn needed(&self) -> f64 {
+        let best = self.found.first();
+        let concerned = best.map_or(0, |best| self.added.concerned(best.part).count());
+        DROP.0 * concerned as f64 + DROP.1
+    }
 }
 
 /// Searches for steps from any row on, or from the row `from` on. `start` are the scales of the fit.
@@ -103,10 +123,20 @@ fn searched(added: Added, start: AddedScales, from: Option<usize>) -> Option<Sea
             break;
         }
     }
+    let fall = found.first().map_or(1.0, |best| {
+        let change = added.scatter(best.part, &scales) - added.scatter(best.part, &without);
+        libm::exp(change)
+    });
+    // What is left over all rows, less what so many terms and the choice of their first row explain of any rows.
+    let shown = added.equations.iter().filter(|e| e.shows_arm()).count() as f64;
+    let terms = found.first().map_or(0, |best| best.terms.len()) as f64;
+    let chosen = TERM * terms + 2.0 * libm::log(f64::max(shown, 1.0));
+    let gain = 2.0 * shown * (without.scatter - scales.scatter) - chosen;
     Some(Searched {
         added,
         found,
-        fall: libm::exp(scales.scatter - without.scatter),
+        fall,
+        gain,
     })
 }
 
@@ -115,14 +145,14 @@ pub fn step(problem: &TouchProblem, fit: &TouchFit) -> Option<Step> {
     if problem.set.rows.len() < LEAST_ROWS {
         return None;
     }
-    let needed = DROP.0 * problem.equations() as f64 + DROP.1;
+    let added = Added::new(problem, fit);
     let is_clear = |searched: &Searched| {
         let best = searched.found.first();
-        best.is_some_and(|best| best.drop > needed) && searched.fall < FALL
+        best.is_some_and(|best| best.drop > searched.needed()) && searched.fall < FALL
     };
     // Rows that the fit leaves out are often those on one side of the step.
-    let mut start = scales_of(fit, LEAST_WEIGHT);
-    let found = searched(Added::new(problem, fit), start.clone(), None).filter(is_clear)?;
+    let mut start = scales_of(fit, &added, LEAST_WEIGHT);
+    let found = searched(added, start.clone(), None).filter(is_clear)?;
     // One wrong row by itself is no step.
     let found = match worst(&found.added, &start) {
         None => found,
@@ -131,14 +161,15 @@ pub fn step(problem: &TouchProblem, fit: &TouchFit) -> Option<Step> {
             searched(found.added, start, None).filter(is_clear)?
         }
     };
-    let step = named(problem, &found, needed);
+    let step = named(problem, &found, found.needed());
     (step.displacement < FARTHEST).then_some(step)
 }
 
 /// Returns the step from `row` on that explains the rows best.
 pub fn since(problem: &TouchProblem, fit: &TouchFit, row: usize) -> Option<Step> {
-    let start = scales_of(fit, LEAST_WEIGHT);
-    let searched = searched(Added::new(problem, fit), start, Some(row))?;
+    let added = Added::new(problem, fit);
+    let start = scales_of(fit, &added, LEAST_WEIGHT);
+    let searched = searched(added, start, Some(row))?;
     (!searched.found.is_empty()).then(|| named(problem, &searched, 0.0))
 }
 
@@ -176,6 +207,7 @@ fn named(problem: &TouchProblem, searched: &Searched, needed: f64) -> Step {
         displacement,
         drop: (best.drop, needed),
         fall: searched.fall,
+        gain: searched.gain,
         others: others.map(|f| f.part).collect(),
     }
 }
@@ -206,9 +238,10 @@ pub fn contradicting(problem: &TouchProblem, fit: &TouchFit) -> Vec<usize> {
         return out;
     }
     let added = Added::new(problem, fit);
-    let mut scales = scales_of(fit, NOTHING);
+    let mut scales = scales_of(fit, &added, NOTHING);
     while out.len() < MOST_ALONE {
-        let Some(row) = worst(&added, &scales) else {
+        // An image as a whole is no single row.
+        let Some(row) = worst(&added, &scales).filter(|row| *row < rows) else {
             break;
         };
         scales.weights[row] = NOTHING;

@@ -7,7 +7,9 @@
 use std::ops::Range;
 
 use crate::identification::touch::added::{Added, Equation, Part};
+use crate::identification::touch::images::SHARED;
 use crate::identification::touch::noise::{Noise, USUAL_ROWS};
+use crate::identification::touch::shared_errors::USUAL_JOINT;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
@@ -15,11 +17,11 @@ use crate::numeric::product::{Transposed, product};
 /// Scales in which χ² is counted.
 #[derive(Clone, Debug)]
 pub struct AddedScales {
-    /// τ of every kind of noise.
-    pub tau: [f64; Noise::ALL.len()],
-    /// Weight of every row.
+    /// τ of every kind of noise, and of the errors of the joints that an image shares.
+    pub tau: [f64; SHARED + 1],
+    /// Weight of every row, and of what every image shows of the arm.
     pub weights: Vec<f64>,
-    /// Mean of the logarithm of an equation's standard deviation.
+    /// Mean of the logarithm of the standard deviation of an equation that shows the arm.
     pub scatter: f64,
 }
 
@@ -65,9 +67,14 @@ const LEAST_SHARE: f64 = 0.1;
 /// Least equations on either side for each term of a part, and least rows.
 const LEAST: (usize, usize) = (2, 3);
 
+/// Returns the variance of an equation without the scale τ² of its own.
+fn beside_scale(equation: &Equation, scales: &AddedScales) -> f64 {
+    equation.stated + equation.corners * scales.tau[Noise::Board as usize].powi(2)
+}
+
 /// Returns σ² + τ² of an equation.
-fn variance(equation: &Equation, scales: &AddedScales) -> f64 {
-    equation.stated + scales.tau[equation.kind as usize].powi(2)
+pub fn variance(equation: &Equation, scales: &AddedScales) -> f64 {
+    beside_scale(equation, scales) + scales.tau[equation.scale].powi(2)
 }
 
 impl Sums {
@@ -99,7 +106,7 @@ impl<'a> Whitened<'a> {
     /// Returns the equations in the units of `scales`; `None` if they cannot be factored.
     pub fn new(added: &'a Added, scales: &AddedScales) -> Option<Self> {
         let roots: Vec<f64> = (added.equations.iter())
-            .map(|e| (scales.weights[e.row] / variance(e, scales)).sqrt())
+            .map(|e| (scales.weights[e.weight] / variance(e, scales)).sqrt())
             .collect();
         let n = added.prior.1.nrows();
         let columns = Mat::from_fn(n, added.equations.len(), |j, i| {
@@ -169,15 +176,18 @@ impl<'a> Whitened<'a> {
         let mut own: Vec<usize> = own.filter(|i| concerned(&equations[*i])).collect();
         own.sort_by_key(at);
         let least = LEAST.0 * range.len().max(LEAST.1);
+        let shown = own.iter().filter(|i| equations[**i].shows_arm()).count();
+        let mut behind = 0;
         let known = from.map(|from| own.iter().take_while(|i| at(i) < from).count());
         let mut sums = Sums::zero(range.len(), self.gradient.len());
         let mut best: Option<FromRow> = None;
         for (before, i) in own.iter().enumerate().rev() {
             self.add(&mut sums, *i, range);
+            behind += usize::from(equations[*i].shows_arm());
             let is_first = before > 0 && state(own[before - 1]) != state(*i);
             let is_tried = match known {
                 Some(known) => before == known,
-                None => before >= least && own.len() - before >= least,
+                None => shown - behind >= least && behind >= least,
             };
             if !is_first || !is_tried {
                 continue;
@@ -249,7 +259,7 @@ impl<'a> Whitened<'a> {
                         .sum::<f64>();
                 }
             }
-            left.push((residual, lever.clamp(0.0, 1.0)));
+            left.push((residual, (lever + e.taken).clamp(0.0, 1.0)));
         }
         self.learnt(&left, before)
     }
@@ -261,11 +271,11 @@ impl<'a> Whitened<'a> {
         let mut squares = vec![(0.0, 0.0); out.weights.len()];
         for (e, (residual, lever)) in equations.iter().zip(left) {
             let share = (1.0 - lever).max(LEAST_SHARE);
-            let own = &mut squares[e.row];
+            let own = &mut squares[e.weight];
             own.0 += residual * residual / (share * variance(e, before));
             own.1 += 1.0;
         }
-        let is_counted = |scales: &AddedScales, row: usize| scales.weights[row] > NOTHING;
+        let is_counted = |scales: &AddedScales, at: usize| scales.weights[at] > NOTHING;
         for (weight, (sum, count)) in out.weights.iter_mut().zip(&squares) {
             if *weight > NOTHING {
                 let sigma = (sum / f64::max(*count, 1.0)).sqrt();
@@ -275,30 +285,42 @@ impl<'a> Whitened<'a> {
         for kind in Noise::ALL {
             let own = || {
                 let all = equations.iter().zip(left);
-                all.filter(|(e, _)| e.kind == kind && is_counted(before, e.row))
+                all.filter(|(e, _)| e.scale == kind as usize && is_counted(before, e.weight))
             };
             let count = own().count() as f64;
             if count == 0.0 {
                 continue;
             }
             let stated = own().map(|(e, _)| e.stated).sum::<f64>() / count;
-            let sum: f64 = own().map(|(e, (r, _))| out.weights[e.row] * r * r).sum();
+            let sum: f64 = own().map(|(e, (r, _))| out.weights[e.weight] * r * r).sum();
             let freedom: f64 = own().map(|(_, (_, lever))| 1.0 - lever).sum();
             let usual = kind.usual().powi(2) + stated;
             let total = (sum + USUAL_ROWS * usual) / (freedom + USUAL_ROWS);
             out.tau[kind as usize] = (total - stated).max(0.0).sqrt();
         }
-        let logs = equations.iter();
-        let sum: f64 = logs.map(|e| 0.5 * libm::log(variance(e, &out))).sum();
-        out.scatter = sum / equations.len().max(1) as f64;
+        // The errors of the joints themselves: every direction shows its own share of them.
+        let (mut sum, mut known) = (USUAL_ROWS * USUAL_JOINT.powi(2), USUAL_ROWS);
+        for (e, (residual, lever)) in equations.iter().zip(left) {
+            if e.scale == SHARED && is_counted(before, e.weight) {
+                let share = before.tau[SHARED].powi(2) / variance(e, before);
+                sum += out.weights[e.weight] * (share * residual).powi(2);
+                known += share * (1.0 - lever);
+            }
+        }
+        out.tau[SHARED] = (sum / known).sqrt();
+        let shown = || equations.iter().filter(|e| e.shows_arm());
+        let logs = shown().map(|e| 0.5 * libm::log(variance(e, &out)));
+        out.scatter = logs.sum::<f64>() / shown().count().max(1) as f64;
         out
     }
 
-    /// Returns χ² of every row as the rows with a weight predict it, with the number of its components; `None` where that
-    /// cannot be computed. A row with a weight has a part in its own prediction.
-    pub fn predicted(&self, row: usize, scales: &AddedScales) -> Option<(f64, f64)> {
+    /// Returns χ² of the row, or of what an image shows of the arm, with the weight of this index, as all others with a weight
+    /// predict it, with the number of its components; `None` where that cannot be computed. With a weight, it has a part in
+    /// its own prediction.
+    pub fn predicted(&self, weight: usize, scales: &AddedScales) -> Option<(f64, f64)> {
         let all = self.added.equations.iter().enumerate();
-        let own: Vec<usize> = all.filter(|(_, e)| e.row == row).map(|(i, _)| i).collect();
+        let own = all.filter(|(_, e)| e.weight == weight);
+        let own: Vec<usize> = own.map(|(i, _)| i).collect();
         let n = self.gradient.len();
         let scaled = |i: usize, j: usize| self.half[(j, own[i])] / self.roots[own[i]];
         let covariance = Mat::from_fn(own.len(), own.len(), |a, b| {

@@ -3,7 +3,7 @@
 use poegp_protocol::cause::Cause;
 
 use crate::identification::identifiability::list;
-use crate::identification::touch::lengths::{Doubt, OWN, SIZE, StatedLength};
+use crate::identification::touch::lengths::{Doubt, Doubted, OWN, SIZE, StatedLength};
 use crate::measurement::touch::{FeatureKind, Reading, TouchSet};
 use crate::trust::{Finding, Tier};
 
@@ -11,7 +11,8 @@ use crate::trust::{Finding, Tier};
 const LISTED: usize = 4;
 
 /// Returns the finding about what is in doubt.
-pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
+pub fn doubted(set: &TouchSet, found: &Doubted) -> Finding {
+    let doubt = &found.doubt;
     let name = |feature: usize| format!("\"{}\"", set.features[feature].name);
     let plus_minus = 1.96e3 * doubt.sigma;
     let (mm, sigmas) = (1e3 * doubt.off, doubt.sigmas());
@@ -57,6 +58,7 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
             set.tips[tip].name,
             ["x", "y", "z"][axis]
         ),
+        StatedLength::Scale(_) | StatedLength::Distance(_) => compared(set, found),
     };
     let is_size = doubt.length == StatedLength::All;
     let (cause, threshold) = match is_size {
@@ -64,6 +66,55 @@ pub fn doubted(set: &TouchSet, doubt: &Doubt) -> Finding {
         false => (Cause::Noise, OWN),
     };
     Finding::new(cause, Tier::Refused, text, sigmas, threshold)
+}
+
+/// Describes a wire and a known distance that contradict each other, or the one of them that is wrong.
+fn compared(set: &TouchSet, found: &Doubted) -> String {
+    let one = |doubt: &Doubt| match doubt.length {
+        StatedLength::Scale(feature) => scale(set, feature, doubt),
+        StatedLength::Distance(index) => distance(set, index, doubt),
+        _ => String::new(),
+    };
+    let (doubt, sigmas) = (one(&found.doubt), found.doubt.sigmas());
+    match &found.or {
+        None => format!(
+            "{doubt}, {sigmas:.1} standard deviations (limit {OWN}): measure a known length with this wire, and correct its \
+             readings, or state a larger scale_sigma_ppm"
+        ),
+        Some(or) => format!(
+            "two stated lengths contradict each other, and the touches do not show which of them is wrong: either {doubt}, \
+             or {}; measure the distance again, and a known length with the wire",
+            one(or)
+        ),
+    }
+}
+
+/// Describes the wrong scale of a wire.
+fn scale(set: &TouchSet, feature: usize, doubt: &Doubt) -> String {
+    let stated = match set.features[feature].kind {
+        FeatureKind::Anchor { scale_sigma, .. } => 1e6 * scale_sigma,
+        _ => 0.0,
+    };
+    let (ppm, plus_minus) = (1e6 * doubt.off, 1.96e6 * doubt.sigma);
+    let by = if ppm < 0.0 { "much" } else { "little" };
+    format!(
+        "\"{}\" reads {:.0} ± {plus_minus:.0} ppm too {by} by the touches, and the file states {stated:.0} ppm \
+         (scale_sigma_ppm)",
+        set.features[feature].name,
+        ppm.abs()
+    )
+}
+
+/// Describes a wrong known distance.
+fn distance(set: &TouchSet, index: usize, doubt: &Doubt) -> String {
+    let known = &set.distances[index];
+    let [a, b] = known.between.map(|feature| &set.features[feature].name);
+    let stated = 1e3 * known.distance;
+    format!(
+        "the distance of \"{a}\" and \"{b}\" is {:.2} ± {:.2} mm by the touches and {stated:.2} mm in the file",
+        stated + 1e3 * doubt.off,
+        1.96e3 * doubt.sigma
+    )
 }
 
 /// Names the stated lengths of a set.

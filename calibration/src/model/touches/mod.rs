@@ -17,9 +17,10 @@ use poegp_protocol::cause::Cause;
 use poegp_runtime::math::se3::Pose;
 
 use crate::identification::base_tools::{BaseAndTools, with_base_and_tool};
+use crate::identification::touch::added::Part;
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::judge::Verdict;
-use crate::identification::touch::lengths::{StatedLength, doubt, left_without_distances};
+use crate::identification::touch::lengths::{Doubted, StatedLength, doubt, without_distances};
 use crate::identification::touch::lost_zero::lost_zero;
 use crate::identification::touch::mistakes::explained;
 use crate::identification::touch::steps::{Step, contradicting, step};
@@ -55,7 +56,9 @@ pub const USUAL_CLASS: ClassPrior = ClassPrior {
     joint_zero: 1e-3,
 };
 
-/// Share of the noise that a length in doubt leaves, as a variance, below which a step must leave it to be believed instead.
+/// Share of the noise, as a variance, above which a length that is not believed explains nothing of it, and share of what it
+/// leaves below which a step must leave it to be believed instead.
+const LEFT: f64 = 0.75;
 const CLEARER: f64 = 0.25;
 
 /// A calibration by touches.
@@ -74,14 +77,20 @@ pub struct TouchCalibration {
     pub summary: TouchSummary,
     /// The findings against the calibration.
     pub findings: Findings,
+    /// The stated length that a finding doubts.
+    pub doubt: Option<Doubted>,
 }
 
 impl TouchCalibration {
-    /// Returns the error about a stated distance of `set` that the touches contradict, unless a refusal explains why: a step,
-    /// or a file that has to be read differently.
+    /// Returns the error about a stated distance of `set` that the touches contradict, unless a finding explains why: a step,
+    /// another length that is wrong, or a file that has to be read differently.
     pub fn contradiction(&self, set: &TouchSet) -> Option<InputError> {
-        let is_explained = |f: &Finding| f.cause == Cause::Step || f.cause.is_a_reading();
-        if self.findings.of(Tier::Refused).any(is_explained) {
+        // A small step, too, displaces a feature by more than its distance is uncertain.
+        let is_explained = |f: &Finding| {
+            f.cause == Cause::Step || (f.tier == Tier::Refused && f.cause.is_a_reading())
+        };
+        let of_length = self.doubt.filter(|d| d.doubt.length != StatedLength::All);
+        if of_length.is_some() || self.findings.0.iter().any(is_explained) {
             return None;
         }
         let measured = self.summary.distances.iter().map(|d| {
@@ -133,21 +142,23 @@ pub fn calibrate_beside_sisters(
     if let Some((joint, without)) = lost_zero(&problem, &nominal_arm, &fit) {
         (problem.lost_zero, fit) = (Some(joint), without);
     }
-    // A false length looks like a step, and a step like a false length: what explains more of the scatter is believed.
-    let (doubt, step) = match (doubt(&problem, &nominal_arm, &fit), step(&problem, &fit)) {
-        (Some((doubt, left)), step) => match step.filter(|step| step.fall.powi(2) < CLEARER * left)
-        {
-            Some(step) => (None, Some(step)),
-            None => (Some(doubt), None),
-        },
-        (None, step) => {
-            let is_more = |step: &Step| {
-                let left = left_without_distances(&problem, &fit);
-                left.is_none_or(|left| step.fall.powi(2) < CLEARER * left)
-            };
-            (None, step.filter(is_more))
-        }
+    // A false length looks like a step, and a step like a false length: that with which the rows are more probable is believed.
+    let doubt = doubt(&problem, &nominal_arm, &fit);
+    let is_more = |step: &Step| {
+        let by_length = doubt.map(|doubted| doubted.explained);
+        let by_length = by_length.or_else(|| without_distances(&problem, &fit));
+        by_length.is_none_or(|length| match step.part {
+            Part::Feature(_) => step.gain > length.gain,
+            // In a file that is sorted by feature, what else moves explains what a wrong distance does.
+            _ => length.left > LEFT || step.fall.powi(2) < CLEARER * length.left,
+        })
     };
+    let step = step(&problem, &fit).filter(is_more);
+    let doubt = doubt.filter(|_| step.is_none());
+    // A distance that is wrong by itself is an error of the file: [`TouchCalibration::contradiction`].
+    let is_alone =
+        |d: &Doubted| d.or.is_none() && matches!(d.doubt.length, StatedLength::Distance(_));
+    let doubt = doubt.filter(|doubted| !is_alone(doubted));
     if doubt.is_none() && step.is_none() {
         fit = without_single(&problem, fit);
     }
@@ -159,7 +170,8 @@ pub fn calibrate_beside_sisters(
     let unseen = unseen(&problem, &fit, &known);
     let summary = TouchSummary::new(&problem, (&nominal_arm, &fit), &known, &verdict, unseen);
     // One false length by itself explains a scatter better than a mistake of the joints.
-    let is_length = (doubt.as_ref()).is_some_and(|doubt| doubt.length != StatedLength::All);
+    let is_length =
+        (doubt.as_ref()).is_some_and(|doubted| doubted.doubt.length != StatedLength::All);
     let mistake = explained(robot, &problem, (&nominal_arm, &fit))
         .filter(|found| !is_length || !found.mistake.is_of_joints());
     let findings = match mistake {
@@ -168,7 +180,9 @@ pub fn calibrate_beside_sisters(
         None => {
             let mut findings = findings(&summary);
             findings.0.extend(lost(robot, &problem, &fit));
-            findings.0.extend(doubt.map(|doubt| doubted(set, &doubt)));
+            findings
+                .0
+                .extend(doubt.as_ref().map(|doubt| doubted(set, doubt)));
             let nominal_mm = summary.before.mean_mm;
             if let Some(step) = step.map(|step| stepped(set, &step, nominal_mm)) {
                 if step.tier == Tier::Refused {
@@ -189,6 +203,7 @@ pub fn calibrate_beside_sisters(
         record,
         summary,
         findings,
+        doubt,
     }))
 }
 
