@@ -80,8 +80,8 @@ fn a_knocked_socket_is_named_and_not_its_distance() {
                     let case = format!("{name} {tasks:?} {count} {seed}: {:#?}", found.findings);
                     let text = format!("\"{}\" was moved", set.features[knocked].name);
                     let line = set.rows[late[0]].line;
-                    let steps = found.findings.0.iter().filter(|f| f.cause == Cause::Step);
-                    let step = steps.last().expect(&case);
+                    let mut steps = found.findings.0.iter().filter(|f| f.cause == Cause::Step);
+                    let step = steps.next_back().expect(&case);
                     assert!(step.text.contains(&text), "{case}");
                     assert!(step.rows[0].abs_diff(line) <= 2, "{line} {case}");
                     assert!(found.contradiction(&moved).is_none(), "{case}");
