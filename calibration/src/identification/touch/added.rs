@@ -4,12 +4,12 @@
 use std::ops::Range;
 
 use crate::identification::parametric::state::ROWS;
+use crate::identification::touch::added_equation::{AddedScales, Equation, variance};
 use crate::identification::touch::arm::{Column, Group, StateJet};
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
 use crate::identification::touch::images::separate;
 use crate::identification::touch::jet::RowJet;
 use crate::identification::touch::noise::Noise;
-use crate::identification::touch::whitened::{AddedScales, variance};
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::touch::{FeatureKind, Mount, Reading};
 use crate::numeric::matrix::Mat;
@@ -29,28 +29,6 @@ pub enum Part {
     Instrument,
     /// The zero of a joint; its index is from 0.
     Joint(usize),
-}
-
-/// One linearised equation.
-pub struct Equation {
-    /// Index of the row; of several, that of the first.
-    pub row: usize,
-    /// Index of the weight: that of the row, or one behind those of all rows for what an image shows of the arm.
-    pub weight: usize,
-    /// Index of the scale: the kind of noise, or [`SHARED`](crate::identification::touch::images::SHARED).
-    pub scale: usize,
-    /// The stated variance.
-    pub stated: f64,
-    /// For what an image shows of the arm, the factor by which the variance of a corner beyond the stated one adds to it.
-    pub corners: f64,
-    /// Prediction minus reading.
-    pub residual: f64,
-    /// Derivative by the unknowns of the fit, in units of their priors.
-    pub unknowns: Vec<f64>,
-    /// Derivative by the terms of all parts.
-    pub terms: Vec<f64>,
-    /// Share of the equation that was taken out with the errors of the joints in its image.
-    pub taken: f64,
 }
 
 /// A fitted touch problem with the terms of all parts.

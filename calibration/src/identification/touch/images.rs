@@ -4,13 +4,10 @@
 //! eigenvectors v of UᵀU with the eigenvalues λ, the sums (U v)ᵀ e / λ are readings of independent errors of the joints. What
 //! is left of the equations, e − U v (U v)ᵀ e / λ, is free of them. Both together weigh as much as the equations did.
 
-use crate::identification::touch::added::Equation;
+use crate::identification::touch::added_equation::{Equation, SHARED};
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
-use crate::identification::touch::noise::Noise;
 use crate::numeric::matrix::Mat;
 
-/// Index of the scale of the errors of the joints that an image shares, behind those of all kinds of noise.
-pub const SHARED: usize = Noise::ALL.len();
 /// Least eigenvalue of a direction in which errors of the joints show, as a share of the largest.
 const LEAST: f64 = 1e-3;
 
@@ -83,20 +80,4 @@ fn separated(
         out.push(sum);
     }
     out
-}
-
-impl Equation {
-    /// Adds a multiple of another equation.
-    fn add(&mut self, other: &Self, by: f64) {
-        self.residual += by * other.residual;
-        let unknowns = self.unknowns.iter_mut().zip(&other.unknowns);
-        unknowns.for_each(|(a, b)| *a += by * b);
-        let terms = self.terms.iter_mut().zip(&other.terms);
-        terms.for_each(|(a, b)| *a += by * b);
-    }
-
-    /// Returns whether it shows the arm, and not corners of an image beside each other.
-    pub fn shows_arm(&self) -> bool {
-        self.taken == 0.0
-    }
 }

@@ -1,6 +1,7 @@
 //! Calibration by touches: fits the arm together with everything that was touched, for the most probable values of both.
 
 pub mod added;
+mod added_equation;
 pub mod arm;
 pub mod beyond;
 pub mod distances;

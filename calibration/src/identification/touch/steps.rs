@@ -5,10 +5,11 @@
 use poegp_protocol::JointKind;
 
 use crate::identification::touch::added::{Added, Part};
+use crate::identification::touch::added_equation::{AddedScales, SHARED};
 use crate::identification::touch::fit::{TouchFit, TouchProblem};
-use crate::identification::touch::images::SHARED;
+
 use crate::identification::touch::left_out::as_normal;
-use crate::identification::touch::whitened::{AddedScales, FromRow, NOTHING, Whitened};
+use crate::identification::touch::whitened::{FromRow, NOTHING, Whitened};
 use crate::measurement::touch::FeatureKind;
 
 /// A step along the rows.

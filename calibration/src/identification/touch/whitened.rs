@@ -6,24 +6,13 @@
 
 use std::ops::Range;
 
-use crate::identification::touch::added::{Added, Equation, Part};
-use crate::identification::touch::images::SHARED;
+use crate::identification::touch::added::{Added, Part};
+use crate::identification::touch::added_equation::{AddedScales, Equation, SHARED, variance};
 use crate::identification::touch::noise::{Noise, USUAL_ROWS};
 use crate::identification::touch::shared_errors::USUAL_JOINT;
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
-
-/// Scales in which χ² is counted.
-#[derive(Clone, Debug)]
-pub struct AddedScales {
-    /// τ of every kind of noise, and of the errors of the joints that an image shares.
-    pub tau: [f64; SHARED + 1],
-    /// Weight of every row, and of what every image shows of the arm.
-    pub weights: Vec<f64>,
-    /// Mean of the logarithm of the standard deviation of an equation that shows the arm.
-    pub scatter: f64,
-}
 
 /// Terms of a part from a row on, at their optimum.
 #[derive(Clone, Debug)]
@@ -66,16 +55,6 @@ pub const NOTHING: f64 = 1e-9;
 const LEAST_SHARE: f64 = 0.1;
 /// Least equations on either side for each term of a part, and least rows.
 const LEAST: (usize, usize) = (2, 3);
-
-/// Returns the variance of an equation without the scale τ² of its own.
-fn beside_scale(equation: &Equation, scales: &AddedScales) -> f64 {
-    equation.stated + equation.corners * scales.tau[Noise::Board as usize].powi(2)
-}
-
-/// Returns σ² + τ² of an equation.
-pub fn variance(equation: &Equation, scales: &AddedScales) -> f64 {
-    beside_scale(equation, scales) + scales.tau[equation.scale].powi(2)
-}
 
 impl Sums {
     fn zero(terms: usize, unknowns: usize) -> Self {

@@ -8,7 +8,6 @@ use crate::cli::calibrate::calibrated::Calibrated;
 use crate::cli::calibrate::elastic_summary::ElasticSummary;
 use crate::cli::calibrate::gauge::GaugeSummary;
 use crate::cli::calibrate::held_out::SEED;
-use crate::cli::calibrate::print;
 use crate::cli::calibrate::provenance::provenance;
 use crate::cli::failure::Failure;
 use crate::cli::instrument_drift;
@@ -32,7 +31,7 @@ use poegp_calibration::model::frame_changes::{FrameChange, changes};
 use poegp_calibration::model::identified::of_calibration;
 use poegp_calibration::model::touches::record::ArmRecord;
 use poegp_calibration::model::touches::summary::TouchSummary;
-use poegp_calibration::numeric::statistics::ErrorSummary;
+use poegp_calibration::numeric::statistics::{ErrorSummary, Summary};
 use poegp_calibration::trust::Finding;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_calibration::validation::model_selection::{Choice, Row};
@@ -201,7 +200,7 @@ pub fn document(
         warnings::add_finding(&worse);
         document.warnings.push(worse);
     }
-    if let Some(text) = print::unlike_training(a, &document) {
+    if let Some(text) = document.unlike_training(!a.tests.is_empty()) {
         warnings::add(text);
     }
     document.next_steps = Some(NextSteps::new(&next_steps::Task {
@@ -222,7 +221,32 @@ pub fn document(
     Ok(document)
 }
 
+/// Fewest poses, and ratio of their error to the one that the folds expect, from which on a warning asks what differs.
+const UNLIKE: (usize, f64) = (5, 3.0);
+
 impl CalibrateJson {
+    /// Returns the held-out errors of the chosen model, in mm, if folds were run.
+    pub fn held_out_by_folds(&self) -> Option<&Summary> {
+        let mut rows = self.choice.iter().flatten();
+        rows.find(|row| row.chosen).map(|row| &row.position_mm)
+    }
+
+    /// Returns a warning if there are test files that are off by far more than the folds expect: something differs between the
+    /// files.
+    pub fn unlike_training(&self, has_tests: bool) -> Option<String> {
+        let tested = &self.held_out.as_ref()?.calibrated.errors;
+        let expected = self.held_out_by_folds()?.mean;
+        let ratio = tested.position_mm.mean / expected;
+        let is_unlike = has_tests && tested.poses >= UNLIKE.0 && ratio > UNLIKE.1;
+        is_unlike.then(|| {
+            format!(
+                "the error of the test files is {ratio:.1} times the {expected:.3} mm that cross-validation expects: between \
+                 training and test, the robot, its payload, the target or the instrument changed, or the test poses are unlike \
+                 the measured ones; `trainer check` names a change"
+            )
+        })
+    }
+
     /// Returns the warning that the model may be worse than the nominal robot where no pose was measured.
     pub fn worse_anywhere(&self) -> Option<Finding> {
         self.expected_error?.finding(self.choice.as_deref()?)

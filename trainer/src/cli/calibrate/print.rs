@@ -13,7 +13,6 @@ use poegp_calibration::blob::write::CalibratedBlob;
 use poegp_calibration::learning::task_space::fit::MAX_SIGNAL_VARIANCE;
 use poegp_calibration::model::Calibration;
 use poegp_calibration::model::correction::Correction;
-use poegp_calibration::numeric::statistics::Summary;
 use poegp_calibration::validation::device_budget::BudgetTrial;
 use poegp_protocol::blob::Correction as BlobCorrection;
 
@@ -44,39 +43,13 @@ pub fn all(report: Printer, a: &Job, made: &Made) {
     print_files(report, a, blob, document);
 }
 
-/// Returns the held-out errors of the chosen model, in mm, if folds were run.
-fn chosen(document: &CalibrateJson) -> Option<&Summary> {
-    let mut rows = document.choice.iter().flatten();
-    rows.find(|row| row.chosen).map(|row| &row.position_mm)
-}
-
-/// Fewest poses, and ratio of their error to the one that the folds expect, from which on a warning asks what differs.
-const UNLIKE: (usize, f64) = (5, 3.0);
-
-/// Returns a warning if the test files are off by far more than the folds expect: something differs between the files.
-pub fn unlike_training(a: &Job, document: &CalibrateJson) -> Option<String> {
-    let tested = &document.held_out.as_ref()?.calibrated.errors;
-    let expected = chosen(document)?.mean;
-    let ratio = tested.position_mm.mean / expected;
-    let is_unlike = !a.tests.is_empty() && tested.poses >= UNLIKE.0 && ratio > UNLIKE.1;
-    is_unlike.then(|| {
-        format!(
-            "the error of the test files is {ratio:.1} times the {:.3} mm that cross-validation expects: between \
-            training and test, \
-             the robot, its payload, the target or the instrument changed, or the test poses are unlike the measured ones; \
-             `trainer check` names a change",
-            expected
-        )
-    })
-}
-
 /// Ratio of two expected errors from which on the larger one is explained.
 const MUCH_LARGER: f64 = 1.5;
 
 /// Prints the error of new poses: of poses like the measured ones, as the folds found it, and, of a model that knows how sure
 /// it is where, of joints in any combination.
 fn print_expected(report: Printer, calibration: &Calibration, document: &CalibrateJson) {
-    let alike = chosen(document);
+    let alike = document.held_out_by_folds();
     if let Some(alike) = alike {
         report.line(format_args!(
             "  expected error of new poses like the measured ones: {:.3} mm mean, 95 % within {:.3} mm (held out by folds)",
@@ -167,7 +140,7 @@ fn print(
     ));
     match &document.held_out {
         // The folds of the choice have found it.
-        None if chosen(document).is_some() => {}
+        None if document.held_out_by_folds().is_some() => {}
         None => {
             report.line("  (for the held-out error use --report, --test or `trainer evaluate`)")
         }
@@ -182,7 +155,7 @@ fn print(
                 before.position_mm.mean,
                 before.position_mm.p95
             ));
-            if let Some(text) = unlike_training(a, document) {
+            if let Some(text) = document.unlike_training(!a.tests.is_empty()) {
                 warning(text);
             }
             if let Some(text) = never_held_out(held_out.never_held_out) {
