@@ -245,7 +245,9 @@ impl Folder {
         let is_written = matches!(outcome.code, Some(0 | 1 | 3));
         let bytes = file.filter(|_| is_written).and_then(|file| match *file {
             "-" => Some(outcome.stdout.clone().into_bytes()),
-            file => std::fs::read(self.path(file)).ok(),
+            // A device such as /dev/full has no end.
+            file if self.path(file).is_file() => std::fs::read(self.path(file)).ok(),
+            _ => None,
         });
         let document = bytes.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
         let Some(document) = document else {
