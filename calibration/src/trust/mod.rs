@@ -10,6 +10,7 @@ mod copies;
 mod digits;
 mod finding;
 mod geometry;
+mod gravity_direction;
 mod joint_zero;
 mod left_out;
 mod linear_mistakes;
@@ -184,8 +185,8 @@ pub fn examine(
                 gravity,
                 alignment: &arm.alignment,
             };
-            let found = scene.of_geometry(geometry, &suspects);
-            out.0.extend(scene.or_one_zero(found, &arm, &suspects));
+            out.0
+                .extend(scene.or_other_gravity(geometry, &arm, &suspects));
             // A file whose residuals show a quieter instrument has repeats that are nearer each other.
             if out.0.iter().any(|f| f.cause == Cause::Copies) {
                 out.0.retain(|f| f.cause != Cause::Copies);
@@ -277,6 +278,29 @@ impl Scene<'_> {
                 .filter(|f| !is_explained || f.cause == Cause::Noise),
         );
         out
+    }
+
+    /// Same as [`of_geometry`](Self::of_geometry), with what explains its findings: another direction of gravity, or the zero
+    /// of one joint.
+    fn or_other_gravity(
+        &self,
+        geometry: Geometry,
+        arm: &NominalArm,
+        suspects: &[Finding],
+    ) -> Vec<Finding> {
+        let other = || {
+            let (gravity, finding) =
+                gravity_direction::examine(self.data, &geometry, self.alignment)?;
+            let geometry = Geometry::fit(self.data, self.alignment, Priors::Made, gravity)?;
+            let scene = Scene { gravity, ..*self };
+            let mut left = scene.of_geometry(geometry, suspects);
+            left.insert(0, finding);
+            Some(left)
+        };
+        other().unwrap_or_else(|| {
+            let found = self.of_geometry(geometry.clone(), suspects);
+            self.or_one_zero(found, arm, suspects)
+        })
     }
 
     /// Returns what is left of `found` with the zero of one joint put right, and that zero, if nothing of the arm is left

@@ -1,5 +1,6 @@
 //! A warm-up that is simulated is found and removed; an arm without warm-up shows none.
 
+use nalgebra::Vector3;
 use poegp_calibration::blob::write::{CalibratedBlob, calibrate_to_blob};
 use poegp_calibration::learning::elastic::options::WarmUpPolicy;
 use poegp_calibration::measurement::elapsed::{Elapsed, TimeUnit};
@@ -124,6 +125,41 @@ fn a_warm_up_is_found_and_removed() {
     };
     let (before, after) = (off(&samples), off(&corrected));
     assert!(after < 0.35 * before, "{before} mm, {after} after");
+}
+
+/// A target that slipped, or an instrument that was moved, between two rows has a trend, too. It is no warm-up: nothing is
+/// removed, and nobody is told to warm up the arm.
+#[test]
+fn a_step_is_no_warm_up() {
+    let (robot, _) = arm("abb-irb4400-serial");
+    for (file, from, shift) in [
+        ("paper_s0_train", 50, Vector3::new(0.3e-3, 0.0, 0.0)),
+        ("paper_s0_train", 65, Vector3::new(0.0, 0.2e-3, -0.2e-3)),
+        ("wild_s0_train", 60, Vector3::new(0.0, 0.0, 0.4e-3)),
+    ] {
+        let steady = in_order(&samples(&simulated_path(file), &robot)[..ROWS]);
+        for of_tool in [true, false] {
+            let moved = |(row, sample): (usize, &InstrumentSample)| {
+                let pose = sample.observation.pose();
+                let by = match pose {
+                    Some(pose) if of_tool => pose.rotation * shift,
+                    _ => shift,
+                };
+                let by = Pose {
+                    translation: if row < from { Vector3::zeros() } else { by },
+                    ..Pose::identity()
+                };
+                InstrumentSample {
+                    observation: sample.observation.transformed(&by),
+                    ..sample.clone()
+                }
+            };
+            let rows: Vec<InstrumentSample> = steady.iter().enumerate().map(moved).collect();
+            let found = calibrate(&robot, &rows, &elastic(WarmUpPolicy::Remove));
+            let report = found.calibration.warm_up.map(|found| found.report.line());
+            assert_eq!(report, None, "{file}, row {from}, of the tool: {of_tool}");
+        }
+    }
 }
 
 /// Held-out rows are compared after subtracting the warm-up that the training rows show.

@@ -9,6 +9,9 @@
 //! S⁻¹ W and the variances Λ, the log evidence rises by ½ uᵀ (Λ⁻¹ + M)⁻¹ u − ½ log |I + Λ M|; Λ and τ maximise this rise.
 //! The model is fitted to the mean of the measurements of a pose. Their differences from this mean, which it does not
 //! describe, have the noise alone: u and M are sums over both.
+//!
+//! A target that slipped has a similar trend. So a step, with e = 1 before a moment and 0 from it on, is tried as well, and
+//! there is no warm-up if it raises the evidence more.
 
 use poegp_runtime::math::se3::{Pose, Twist};
 use serde::Serialize;
@@ -35,6 +38,8 @@ const STRAIGHT: f64 = 2.0;
 const DEVIATIONS: [f64; 12] = [
     0.0, 2e-6, 4e-6, 8e-6, 16e-6, 32e-6, 64e-6, 128e-6, 256e-6, 512e-6, 1e-3, 2e-3,
 ];
+/// Most moments at which a step is tried instead.
+const STEPS: usize = 40;
 /// Most rounds over the groups.
 const ROUNDS: usize = 4;
 /// Number of groups: base, tool, joints.
@@ -108,7 +113,7 @@ fn share(time: f64, time_constant: f64, end: f64) -> f64 {
 
 impl WarmUp {
     /// Estimates the warm-up that a fit to `samples` did not model; `measurements` are those of each sample. `None` where
-    /// the evidence shows none, or where the time of a measurement is unknown.
+    /// the evidence shows none, where a step explains more, or where the time of a measurement is unknown.
     pub fn estimate(
         fit: &ElasticFit,
         samples: &[BaseSample],
@@ -131,26 +136,32 @@ impl WarmUp {
         let differences: Vec<Differences> = repeated
             .map(|(rows, times)| Differences::of(fit, rows, times))
             .collect();
+        let likely = |share: &dyn Fn(f64) -> f64| {
+            let mean = |times: &[f64]| {
+                times.iter().map(|time| share(*time)).sum::<f64>() / times.len() as f64
+            };
+            let w = columns.times(|k| mean(&times[k]));
+            let mut evidence = Evidence {
+                u: product(Transposed(&w), &solved.alpha),
+                m: product(Transposed(&w), &solved.factor.solve(&w)),
+            };
+            for of in &differences {
+                of.add_to(&mut evidence, share);
+            }
+            evidence.largest()
+        };
         let best = TIME_CONSTANTS
             .into_iter()
             .map(|part| {
                 let time_constant = part * end;
-                let share = |time: f64| share(time, time_constant, end);
-                let w = columns.times(|k| {
-                    times[k].iter().map(|time| share(*time)).sum::<f64>() / times[k].len() as f64
-                });
-                let mut evidence = Evidence {
-                    u: product(Transposed(&w), &solved.alpha),
-                    m: product(Transposed(&w), &solved.factor.solve(&w)),
-                };
-                for of in &differences {
-                    of.add_to(&mut evidence, share);
-                }
-                (time_constant, evidence.largest())
+                let found = likely(&|time| share(time, time_constant, end));
+                (time_constant, found)
             })
             .max_by(|(_, one), (_, other)| one.rise.total_cmp(&other.rise))?;
         let (time_constant, LikelyChange { rise, change }) = best;
-        if rise <= RISE {
+        // What was moved between two rows did not warm up.
+        let is_step = |moment: f64| likely(&|time| f64::from(u8::from(time < moment))).rise > rise;
+        if rise <= RISE || moments(&times).into_iter().any(is_step) {
             return None;
         }
         let joints = change[2 * ROWS..].iter().map(|z| -1e6 * z).collect();
@@ -215,6 +226,14 @@ fn moved_back(observation: &Observation, moved: &Twist<f64>) -> Observation {
     }
 }
 
+/// Returns moments at which a step is tried, evenly among the measurements.
+fn moments(times: &[Vec<f64>]) -> Vec<f64> {
+    let mut all: Vec<f64> = times.iter().flatten().copied().collect();
+    all.sort_unstable_by(f64::total_cmp);
+    let parts = STEPS.min(all.len());
+    (1..parts).map(|i| all[i * all.len() / parts]).collect()
+}
+
 /// The differences of the measurements of one pose from their mean.
 struct Differences {
     columns: Columns,
@@ -243,7 +262,7 @@ impl Differences {
     }
 
     /// Adds their part of u and M for a share that each time has of the change.
-    fn add_to(&self, evidence: &mut Evidence, share: impl Fn(f64) -> f64) {
+    fn add_to(&self, evidence: &mut Evidence, share: &dyn Fn(f64) -> f64) {
         let w = self.columns.times(|row| share(self.times[row]));
         let count = self.times.len();
         for i in 0..ROWS {

@@ -1,4 +1,4 @@
-//! Joint zeros that are not those of the nominal model.
+//! Joint zeros and gravity that are not those that are stated.
 
 use std::path::Path;
 
@@ -61,6 +61,33 @@ fn a_wrong_zero_is_that_of_its_joint() {
                     .iter()
                     .all(|f| f.tier != Tier::Refused || f.cause == Cause::Offset)
             );
+        }
+    }
+}
+
+/// An arm on a wall, or tilted, whose gravity is stated as that of an arm on the floor: the direction is named in the frame of
+/// its base. The simulated arms stand on the floor, so that the statement is turned instead.
+#[test]
+fn gravity_of_another_mounting_is_named() {
+    let tilted = Vector3::new(0.0, 9.81 * libm::sin(0.8), -9.81 * libm::cos(0.8));
+    for (name, seed) in [("abb-irb4400-serial", 5), ("kuka-iiwa7", 6), ("ur10", 7)] {
+        let robot = robot(name);
+        let poses = Simulator::new(&robot, Scenario::Paper, &[1.0, 5.0], seed).measure(80);
+        let findings = examined(&robot, &poses, DOWN);
+        assert!(findings.0.is_empty(), "{name}: {findings:?}");
+        for stated in [
+            Vector3::new(9.81, 0.0, 0.0),
+            Vector3::new(0.0, -9.81, 0.0),
+            tilted,
+        ] {
+            let findings = examined(&robot, &poses, stated);
+            let case = format!("{name}, {stated:?}: {findings:?}");
+            let [finding] = findings.0.as_slice() else {
+                panic!("{case}");
+            };
+            assert_eq!(finding.cause, Cause::Payload, "{case}");
+            let named = "gravity looks as if it pointed along -z of the base";
+            assert!(finding.text.starts_with(named), "{case}");
         }
     }
 }
