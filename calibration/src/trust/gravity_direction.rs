@@ -15,6 +15,7 @@ use crate::trust::added_terms::AddedTerms;
 use crate::trust::change_points::needed;
 use crate::trust::finding::{Finding, Tier};
 use crate::trust::geometry::{Geometry, Priors};
+use crate::trust::payloads::Lift;
 use crate::trust::readings::Data;
 use crate::trust::wording::length;
 
@@ -71,7 +72,7 @@ pub fn examine(
     }
     // The terms of gravity have either sign, so that its reverse leaves as little.
     let fit = Geometry::fit(data, alignment, Priors::Made, size * towards)?;
-    if !yields(&fit) {
+    if Lift::of(&fit).map_or_else(|| !yields(&fit), |of| of.lift > 0.0) {
         towards = -towards;
     }
     let text = format!(

@@ -157,23 +157,11 @@ impl<'a> Payloads<'a> {
     /// nothing is left in the residuals.
     fn rise(&self) -> Option<Finding> {
         let g = self.geometry;
-        let groups = g.state.layout.groups();
-        let first = groups.iter().position(|p| *p == PriorGroup::Payload)?;
-        let terms = groups.iter().filter(|p| **p == PriorGroup::Payload).count();
-        let up = -g.state.gravity.gravity.try_normalize(0.0)?;
-        let mut weighted = Mat::zeros(1, groups.len());
-        let mut carried = 0.0;
-        for (k, sample) in g.samples.iter().enumerate() {
-            carried += g.weights[k] * sample.payload_kg.unwrap_or(0.0);
-            for term in first..first + terms {
-                let lift = (0..3).map(|b| up[b] * g.linear.a[(ROWS * k + b, term)]);
-                weighted[(0, term)] += g.weights[k] * lift.sum::<f64>();
-            }
-        }
-        let lift: f64 = (first..first + terms)
-            .map(|i| weighted[(0, i)] * (g.state.deviation[i] + g.next_step[(i, 0)]))
-            .sum();
-        let variance = (&weighted * &g.covariance * weighted.transpose())[(0, 0)];
+        let Lift {
+            lift,
+            variance,
+            carried,
+        } = Lift::of(g)?;
         let noise = g.noise_factor() * g.leniency();
         let rise = lift / (variance.sqrt() * noise).max(f64::MIN_POSITIVE);
         let span = self.different.last()? - self.different.first()?;
@@ -272,6 +260,43 @@ impl<'a> Payloads<'a> {
                 three_digits(self.different[worst])
             );
             warning(text, drop, BY_PAYLOAD.0)
+        })
+    }
+}
+
+/// Sums over the poses: how far the fitted payload terms lift the target against gravity, in units of the rows' noise, with
+/// the variance, and the payloads carried.
+pub struct Lift {
+    /// Positive where loads lift the target.
+    pub lift: f64,
+    variance: f64,
+    carried: f64,
+}
+
+impl Lift {
+    /// Returns the sums; `None` without payload terms.
+    pub fn of(g: &Geometry) -> Option<Self> {
+        let groups = g.state.layout.groups();
+        let first = groups.iter().position(|p| *p == PriorGroup::Payload)?;
+        let terms = groups.iter().filter(|p| **p == PriorGroup::Payload).count();
+        let up = -g.state.gravity.gravity.try_normalize(0.0)?;
+        let mut weighted = Mat::zeros(1, groups.len());
+        let mut carried = 0.0;
+        for (k, sample) in g.samples.iter().enumerate() {
+            carried += g.weights[k] * sample.payload_kg.unwrap_or(0.0);
+            for term in first..first + terms {
+                let lift = (0..3).map(|b| up[b] * g.linear.a[(ROWS * k + b, term)]);
+                weighted[(0, term)] += g.weights[k] * lift.sum::<f64>();
+            }
+        }
+        let lift: f64 = (first..first + terms)
+            .map(|i| weighted[(0, i)] * (g.state.deviation[i] + g.next_step[(i, 0)]))
+            .sum();
+        let variance = (&weighted * &g.covariance * weighted.transpose())[(0, 0)];
+        Some(Self {
+            lift,
+            variance,
+            carried,
         })
     }
 }
