@@ -101,7 +101,7 @@ def test_an_evaluation_is_that_of_the_command_line(arm, elastic, tmp_path):
     expected = written(tmp_path, "evaluate", arm.elastic, tmp_path / "moved.csv", "--fit-base", "--fit-tool", 20)
     found = elastic.evaluate(tmp_path / "moved.csv", fit_base=True, fit_tool=20)
     assert found["base_fitted"] and found["notes"] == [] and same(found, expected)
-    # A warning of the command line, which its document does not have.
+    # A warning is in the document.
     table[CELLS] += 50.0
     assert any("not in the frames of the calibration" in warning["text"] for warning in elastic.evaluate(table)["warnings"])
     assert elastic.evaluate(arm.train)["training_data"] is True
