@@ -44,9 +44,9 @@ impl Repeats {
     /// Finds the repeats among `samples`. `predicted` has the pose of every sample by any model, in the samples' frame: joints
     /// that count as the same may still differ a little, and the model says by how much their poses then differ.
     pub fn of<F>(samples: &[Sample<F>], predicted: &[Pose<f64>], kinds: &[JointKind]) -> Self {
-        let mut poses = same_poses(samples, kinds);
+        let same = same_poses(samples, kinds);
         let displaced = |row: &usize| displacement(&samples[*row].observation, &predicted[*row]);
-        let distances: Vec<Vec<[f64; 2]>> = poses
+        let distances: Vec<Vec<[f64; 2]>> = same
             .iter()
             .map(|rows| distances_from_median(&rows.iter().map(displaced).collect::<Vec<_>>()))
             .collect();
@@ -59,21 +59,15 @@ impl Repeats {
             let usual = median(repeated().map(|distance| distance[part]).collect());
             MISTAKE * usual.max(least[part])
         });
-        let mut alone = Vec::new();
-        for (rows, distances) in poses.iter_mut().zip(&distances) {
-            let mut distances = distances.iter();
-            rows.retain(|row| {
-                let is_near =
-                    |distance: &[f64; 2]| distance.iter().zip(limit).all(|(d, most)| *d <= most);
-                let stays = distances.next().is_none_or(is_near);
-                if !stays {
-                    alone.push(vec![*row]);
-                }
-                stays
-            });
+        let is_near = |distance: &[f64; 2]| distance.iter().zip(limit).all(|(d, most)| *d <= most);
+        let mut poses = Vec::with_capacity(same.len());
+        for (rows, distances) in same.iter().zip(&distances) {
+            let (near, far): (Vec<_>, Vec<_>) =
+                (rows.iter().zip(distances)).partition(|(_, distance)| is_near(distance));
+            poses.extend(far.into_iter().map(|(row, _)| vec![*row]));
+            poses.push(near.into_iter().map(|(row, _)| *row).collect());
         }
-        poses.retain(|rows| !rows.is_empty());
-        poses.extend(alone);
+        poses.retain(|rows: &Vec<usize>| !rows.is_empty());
         poses.sort_unstable();
         let scatter = scatter(&poses, displaced, samples);
         Self { poses, scatter }

@@ -11,7 +11,6 @@ use crate::learning::elastic::options::OutlierPolicy;
 use crate::learning::elastic::outliers::Outlier;
 use crate::learning::elastic::predictive_variance::Uncertainty;
 use crate::learning::elastic::warm_up::WarmUp;
-use crate::measurement::folds::different_poses;
 use crate::measurement::sample::{BaseSample, InstrumentSample, Sample, in_base_frame};
 use crate::model::config::Config;
 use crate::model::correction::Correction;
@@ -138,25 +137,17 @@ impl Calibration {
         }
     }
 
-    /// Computes the standard deviation of new poses from the residuals of the training `samples` by generalised
-    /// cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m components.
-    /// Repeats of a pose add no components: what the model does not know of the pose is in all of them. Where it is known how
-    /// many parameters the positions and the rotations determine, each has a factor of its own. A model that knows its
+    /// Computes the standard deviation of new poses from the residuals of the training `samples`, one of each pose, by
+    /// generalised cross-validation (Golub, Heath and Wahba 1979): their RMS times m/(m − p), with p parameters fitted to m
+    /// components. Where it is known how many parameters the positions and the rotations determine, each has a factor of its own. A model that knows its
     /// deviation everywhere states no less than its root mean square over the trained ranges: poses may be few, or alike.
     pub(super) fn constant_deviation_of(&self, samples: &[BaseSample]) -> (f64, f64) {
-        let poses = different_poses(samples, self.nominal.kinds());
-        let components: usize = poses.iter().map(|s| s.observation.equations()).sum();
-        let of_positions = (3 * poses.len()) as f64;
+        let components: usize = samples.iter().map(|s| s.observation.equations()).sum();
+        let of_positions = (3 * samples.len()) as f64;
         let of_rotations = components as f64 - of_positions;
-        // Parameters can follow all rows to the last digit: residuals and what is left of m then fall alike. With repeats, p is
-        // that of the rows and may be larger than m.
-        let least = if poses.len() == samples.len() {
-            1e-9
-        } else {
-            1.0
-        };
+        // Parameters can follow all rows to the last digit: residuals and what is left of m then fall alike.
         let factor = |components: f64, parameters: f64| {
-            components.max(1.0) / (components - parameters).max(least)
+            components.max(1.0) / (components - parameters).max(1e-9)
         };
         let factors = match self.estimate {
             FrameEstimate::Parametric {

@@ -54,12 +54,8 @@ impl Equation {
     }
 }
 
-/// Returns the variance of an equation without the scale τ² of its own.
-fn beside_scale(equation: &Equation, scales: &AddedScales) -> f64 {
-    equation.stated + equation.corners * scales.tau[Noise::Board as usize].powi(2)
-}
-
 /// Returns σ² + τ² of an equation.
 pub fn variance(equation: &Equation, scales: &AddedScales) -> f64 {
-    beside_scale(equation, scales) + scales.tau[equation.scale].powi(2)
+    let of_corners = equation.corners * scales.tau[Noise::Board as usize].powi(2);
+    equation.stated + of_corners + scales.tau[equation.scale].powi(2)
 }

@@ -237,26 +237,25 @@ fn moments(times: &[Vec<f64>]) -> Vec<f64> {
 /// The differences of the measurements of one pose from their mean.
 struct Differences {
     columns: Columns,
-    /// Differences of the residuals, and the variances of their noise.
-    residuals: Vec<[(f64, f64); ROWS]>,
+    /// Residuals, and the standard deviations of their noise.
+    residuals: Vec<[f64; ROWS]>,
+    noise: Vec<[f64; ROWS]>,
     times: Vec<f64>,
 }
 
 impl Differences {
     fn of(fit: &ElasticFit, rows: &[BaseSample], times: &[f64]) -> Self {
         let linear = fit.origin.linearise(rows, fit.scales);
-        let residuals = fit.origin.residuals(rows, fit.scales);
-        let mean: [f64; ROWS] = mean_of(&residuals);
-        let difference = |(row, r): (usize, &[f64; ROWS])| {
+        let noise = |row: usize| {
             std::array::from_fn(|i| {
                 let h = fit.hyperparameters[usize::from(i >= 3)];
-                let relative = linear.relative_noise(ROWS * row + i, h);
-                (r[i] - mean[i], libm::exp(h) * relative * relative)
+                libm::exp(0.5 * h) * linear.relative_noise(ROWS * row + i, h)
             })
         };
         Self {
             columns: Columns::of(&fit.origin, rows, &linear),
-            residuals: residuals.iter().enumerate().map(difference).collect(),
+            residuals: fit.origin.residuals(rows, fit.scales),
+            noise: (0..rows.len()).map(noise).collect(),
             times: times.to_vec(),
         }
     }
@@ -264,30 +263,24 @@ impl Differences {
     /// Adds their part of u and M for a share that each time has of the change.
     fn add_to(&self, evidence: &mut Evidence, share: &dyn Fn(f64) -> f64) {
         let w = self.columns.times(|row| share(self.times[row]));
-        let count = self.times.len();
-        for i in 0..ROWS {
-            let column = |row: usize| -> Vec<f64> {
-                (0..w.ncols()).map(|c| w[(ROWS * row + i, c)]).collect()
-            };
-            let mean: Vec<f64> = (0..w.ncols())
-                .map(|c| (0..count).map(|row| w[(ROWS * row + i, c)]).sum::<f64>() / count as f64)
-                .collect();
-            for (row, difference) in self.residuals.iter().enumerate() {
-                let (y, variance) = difference[i];
-                let own: Vec<f64> = column(row).iter().zip(&mean).map(|(x, m)| x - m).collect();
-                for (a, one) in own.iter().enumerate() {
-                    evidence.u[(a, 0)] += one * y / variance;
-                    for (b, other) in own.iter().enumerate() {
-                        evidence.m[(a, b)] += one * other / variance;
-                    }
-                }
-            }
-        }
+        let y = Mat::from_fn(w.nrows(), 1, |at, _| self.residuals[at / ROWS][at % ROWS]);
+        let (w, y) = (self.centred(&w), self.centred(&y));
+        evidence.u += product(Transposed(&w), &y);
+        evidence.m += product(Transposed(&w), &w);
     }
-}
 
-fn mean_of(rows: &[[f64; ROWS]]) -> [f64; ROWS] {
-    std::array::from_fn(|i| rows.iter().map(|r| r[i]).sum::<f64>() / rows.len() as f64)
+    /// Returns what differs from the mean over the measurements, in units of the noise.
+    fn centred(&self, all: &Mat<f64>) -> Mat<f64> {
+        let count = self.times.len();
+        let mean = Mat::from_fn(ROWS, all.ncols(), |i, column| {
+            let of = |row: usize| all[(ROWS * row + i, column)];
+            (0..count).map(of).sum::<f64>() / count as f64
+        });
+        Mat::from_fn(all.nrows(), all.ncols(), |at, column| {
+            let (row, i) = (at / ROWS, at % ROWS);
+            (all[(at, column)] - mean[(i, column)]) / self.noise[row][i]
+        })
+    }
 }
 
 /// Columns A_base, A_tool and J of every sample.

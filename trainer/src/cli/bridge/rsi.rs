@@ -22,6 +22,7 @@ use crate::cli::failure::Failure;
 use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::interrupt::stoppable;
 use crate::cli::terminal::print::{Printer, note, warning};
+use crate::robot_programs::correction::engine::NO_PAYLOAD_TERMS;
 
 /// `trainer bridge rsi`.
 #[derive(Debug, Args)]
@@ -177,7 +178,9 @@ fn introduce(
     address: SocketAddr,
 ) {
     if let (Some(_), None) = (a.payload_kg, loaded.blob().ranges.payload_kg) {
-        note("the model does not depend on the payload: --payload-kg changes nothing");
+        note(format_args!(
+            "--payload-kg changes nothing: {NO_PAYLOAD_TERMS}"
+        ));
     }
     if let Some((light, heavy)) = loaded.blob().ranges.payload_kg
         && !(f64::from(light)..=f64::from(heavy)).contains(&payload_kg)

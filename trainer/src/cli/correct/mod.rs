@@ -29,6 +29,7 @@ use crate::cli::output::{check_outputs, document_text, write_with_long};
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::warnings;
 use crate::robot_programs::correction::Format;
+use crate::robot_programs::correction::engine::NO_PAYLOAD_TERMS;
 use poegp_calibration::blob::predict::BlobModel;
 use poegp_calibration::input_error::InputError;
 use poegp_calibration::measurement::JointChecks;
@@ -129,7 +130,7 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
         "this file was corrected already: correct the original, or remove these columns",
     )?;
     let payload_kg = payload(a, &loaded, columns)?;
-    note_unknown_payload(&loaded, columns, payload_kg);
+    note_unused_payload(&loaded, columns, payload_kg);
     let poses = columns.pose_columns().join(", ");
     if !poses.is_empty() {
         note(format_args!(
@@ -189,12 +190,11 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Says that payloads change nothing where the model knows of none.
-fn note_unknown_payload(loaded: &BlobModel, columns: &TargetColumns, payload_kg: f64) {
+/// Notes that payloads change nothing, if the model does not depend on them.
+fn note_unused_payload(loaded: &BlobModel, columns: &TargetColumns, payload_kg: f64) {
     if loaded.blob().ranges.payload_kg.is_none() && (payload_kg > 0.0 || columns.has_payload()) {
         note(format_args!(
-            "{}: the payload changes nothing: this model does not depend on it, because its measurements state none or its \
-             method uses none",
+            "{}: the payload changes nothing: {NO_PAYLOAD_TERMS}",
             columns.path().display()
         ));
     }

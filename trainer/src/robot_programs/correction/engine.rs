@@ -90,7 +90,7 @@ pub fn solve(
     }
     out.remarks.extend(extrapolated(program, &out.solved));
     let heaviest = out.solved.iter().map(|s| s.payload_kg).fold(0.0, f64::max);
-    out.remarks.extend(unknown_payload(commander, heaviest));
+    out.remarks.extend(unused_payload(commander, heaviest));
     for solved in &out.solved {
         let rounding = replace(program, commander, solved, &mut out.replacements);
         out.rounding = out.rounding.max(rounding);
@@ -234,14 +234,13 @@ pub fn corrected(
     })
 }
 
-/// Returns the remark that a payload changes nothing, because the model knows of none.
-fn unknown_payload(commander: &Commander, kg: f64) -> Option<String> {
-    (commander.payloads().is_none() && kg > 0.0).then(|| {
-        format!(
-            "the payload of {kg} kg changes nothing: this model does not depend on the payload, because its measurements state \
-             none or its method uses none"
-        )
-    })
+/// Why a payload changes nothing.
+pub const NO_PAYLOAD_TERMS: &str = "this model does not depend on the payload, because its measurements state none or its method uses none";
+
+/// Returns the remark that a payload changes nothing, if the model does not depend on it.
+fn unused_payload(commander: &Commander, kg: f64) -> Option<String> {
+    (commander.payloads().is_none() && kg > 0.0)
+        .then(|| format!("the payload of {kg} kg changes nothing: {NO_PAYLOAD_TERMS}"))
 }
 
 /// Returns the reason why a target is left that the model would correct with a trained payload.
