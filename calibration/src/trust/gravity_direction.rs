@@ -75,10 +75,10 @@ pub fn examine(
     if Lift::of(&fit).map_or_else(|| !yields(&fit), |of| of.lift > 0.0) {
         towards = -towards;
     }
+    let (name, option) = named(towards);
     let text = format!(
-        "gravity looks as if it pointed along {} of the base: that would leave {} of scatter instead of {}; if the arm is \
-         mounted so, state it with --gravity",
-        name(towards),
+        "gravity looks as if it pointed along {name} of the base: that would leave {} of scatter instead of {}; if the arm is \
+         mounted so, give --gravity {option}",
         length(left),
         length(scatter(geometry))
     );
@@ -87,15 +87,24 @@ pub fn examine(
     Some((size * towards, finding))
 }
 
-/// Names a direction: an axis, or its components in m/s² as --gravity takes them.
-fn name(towards: Vector3<f64>) -> String {
+/// Returns the name of a direction, an axis or its components, and what --gravity takes for it, in m/s².
+fn named(towards: Vector3<f64>) -> (String, String) {
     let axis = towards.iamax();
     if towards[axis].abs() > ALONG {
-        let sign = if towards[axis] > 0.0 { "+" } else { "-" };
-        return format!("{sign}{}", ["x", "y", "z"][axis]);
+        let mut components = ["0", "0", "0"];
+        let (sign, g) = match towards[axis] > 0.0 {
+            true => ("+", "9.81"),
+            false => ("-", "-9.81"),
+        };
+        components[axis] = g;
+        return (
+            format!("{sign}{}", ["x", "y", "z"][axis]),
+            components.join(","),
+        );
     }
-    let g = towards * 9.81;
-    format!("({:.1}, {:.1}, {:.1}) m/s²", g.x, g.y, g.z)
+    let components = towards.map(|of| format!("{:.1}", 9.81 * of));
+    let all = components.as_slice();
+    (format!("({})", all.join(", ")), all.join(","))
 }
 
 /// Returns two directions across this one and across each other.
