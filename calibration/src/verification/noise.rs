@@ -13,15 +13,19 @@
 //!
 //! M is the covariance of what the calibration leaves unknown. The D_i are the rows of position, those of rotation and further
 //! components: for a blob that knows its own error the scatter of each joint, for another one smooth deflections. The update
-//! never lowers the likelihood (a minorisation) and needs no step length.
+//! never lowers the likelihood (a minorisation) and needs no step length, but approaches small factors slowly. The logarithms
+//! of the factors are therefore extrapolated from two updates (SQUAREM; Varadhan and Roland 2008), unless this lowers the
+//! likelihood.
 
 use crate::numeric::cholesky::Factor;
 use crate::numeric::matrix::Mat;
 use crate::numeric::product::{Transposed, product};
 
-/// Largest number of rounds; each halves the remaining error of a variance's logarithm.
-const ROUNDS: usize = 16;
-/// Largest relative change of a row's variance in the last round.
+/// Largest number of rounds of three updates each.
+const ROUNDS: usize = 8;
+/// Largest factor by which two updates are extrapolated.
+const FARTHEST: f64 = 16.0;
+/// Largest relative change of a row's variance in the last update.
 const SETTLED: f64 = 1e-3;
 /// Least variance of a component, as a share of its unit.
 const NOTHING: f64 = 1e-6;
@@ -60,6 +64,11 @@ impl Factors {
             components: vec![1.0; components],
         }
     }
+
+    /// Returns all factors, those of the noise first.
+    fn all(&self) -> impl Iterator<Item = f64> {
+        self.noise.iter().chain(&self.components).copied()
+    }
 }
 
 impl Parts<'_> {
@@ -69,11 +78,8 @@ impl Parts<'_> {
         for (component, factor) in self.components.iter().zip(&factors.components) {
             v.zip_apply(component, |v, of_component| *v += factor * of_component);
         }
-        for (i, kind) in self.kind.iter().enumerate() {
-            // An absent row is a zero in y and X, so any variance will do.
-            v[(i, i)] += kind.map_or(1.0, |k| {
-                self.stated[i] + (1.0 - self.stated[i]) * factors.noise[k]
-            });
+        for i in 0..self.kind.len() {
+            v[(i, i)] += self.noise(factors, i);
         }
         v
     }
@@ -88,47 +94,124 @@ impl Parts<'_> {
         least: [f64; 2],
     ) -> Option<Factors> {
         let mut factors = first;
-        let mut variances: Option<Vec<f64>> = None;
         for _ in 0..ROUNDS {
-            let covariance = self.covariance(&factors);
-            let now: Vec<f64> = (0..y.nrows()).map(|i| covariance[(i, i)]).collect();
-            let is_same = |(a, b): (&f64, &f64)| (a - b).abs() <= SETTLED * b;
-            if variances.is_some_and(|before| now.iter().zip(&before).all(is_same)) {
+            let (_, once) = self.updated(y, x, &factors, least)?;
+            if self.has_settled(&factors, &once) {
+                factors = once;
                 break;
             }
-            variances = Some(now);
-            let factor = Factor::new(covariance, 1).ok()?;
-            let mut p = factor.inverse();
-            let vx = product(&p, x);
-            let normal = Factor::new(product(Transposed(x), &vx), 1).ok()?;
-            p -= product(&vx, &normal.solve(&vx.transpose()));
-            let py = product(&p, y);
-            for (kind, least) in least.into_iter().enumerate() {
-                let rows = (0..self.kind.len()).filter(|i| self.kind[*i] == Some(kind));
-                let (mut found, mut expected) = (0.0, 0.0);
-                for i in rows {
-                    let share = 1.0 - self.stated[i];
-                    found += share * py[(i, 0)].powi(2);
-                    expected += share * p[(i, i)];
-                }
-                if expected > 0.0 {
-                    let prior = self.expected.map(|e| e.noise[kind]);
-                    let factor = &mut factors.noise[kind];
-                    *factor = updated(*factor, (found, expected), prior).max(least);
-                }
+            let (before, twice) = self.updated(y, x, &once, least)?;
+            if self.has_settled(&once, &twice) {
+                factors = twice;
+                break;
             }
-            for (c, component) in self.components.iter().enumerate() {
-                let expected = component.dot(&p);
-                let found = py.dot(&product(component, &py));
-                if expected > 0.0 {
-                    let prior = self.expected.map(|e| e.components[c]);
-                    let factor = &mut factors.components[c];
-                    *factor = updated(*factor, (found, expected), prior).max(NOTHING);
-                }
+            let far = extrapolated([&factors, &once, &twice], least);
+            factors = match self.updated(y, x, &far, least) {
+                Some((after, next)) if after <= before => next,
+                _ => twice,
+            };
+        }
+        let are_finite = factors.all().all(f64::is_finite);
+        are_finite.then_some(factors)
+    }
+
+    /// Returns twice the negative logarithm of the restricted likelihood of `factors` and of their prior, without constants,
+    /// and the next factors.
+    fn updated(
+        &self,
+        y: &Mat<f64>,
+        x: &Mat<f64>,
+        factors: &Factors,
+        least: [f64; 2],
+    ) -> Option<(f64, Factors)> {
+        let factor = Factor::new(self.covariance(factors), 1).ok()?;
+        let mut p = factor.inverse();
+        let vx = product(&p, x);
+        let normal = Factor::new(product(Transposed(x), &vx), 1).ok()?;
+        p -= product(&vx, &normal.solve(&vx.transpose()));
+        let py = product(&p, y);
+        let logs = 2.0 * (factor.half_log_determinant() + normal.half_log_determinant());
+        let mut objective = logs + y.dot(&py);
+        if let Some(expected) = self.expected {
+            let each = factors.all().zip(expected.all());
+            objective += each
+                .map(|(v, c)| 2.0 * PRIOR * (libm::log(v) + c / v))
+                .sum::<f64>();
+        }
+        let mut next = factors.clone();
+        for (kind, least) in least.into_iter().enumerate() {
+            let rows = (0..self.kind.len()).filter(|i| self.kind[*i] == Some(kind));
+            let (mut found, mut expected) = (0.0, 0.0);
+            for i in rows {
+                let share = 1.0 - self.stated[i];
+                found += share * py[(i, 0)].powi(2);
+                expected += share * p[(i, i)];
+            }
+            if expected > 0.0 {
+                let prior = self.expected.map(|e| e.noise[kind]);
+                let factor = &mut next.noise[kind];
+                *factor = updated(*factor, (found, expected), prior).max(least);
             }
         }
-        let all = factors.noise.iter().chain(&factors.components);
-        all.clone().all(|f| f.is_finite()).then(|| factors.clone())
+        for (c, component) in self.components.iter().enumerate() {
+            let expected = component.dot(&p);
+            let found = py.dot(&product(component, &py));
+            if expected > 0.0 {
+                let prior = self.expected.map(|e| e.components[c]);
+                let factor = &mut next.components[c];
+                *factor = updated(*factor, (found, expected), prior).max(NOTHING);
+            }
+        }
+        Some((objective, next))
+    }
+
+    /// Returns whether an update from `before` to `after` changes no row's variance any more.
+    fn has_settled(&self, before: &Factors, after: &Factors) -> bool {
+        let is_same = |i: usize| {
+            let (before, after) = (self.variance(before, i), self.variance(after, i));
+            (after - before).abs() <= SETTLED * before
+        };
+        (0..self.kind.len()).all(is_same)
+    }
+
+    /// Returns the variance of a row.
+    fn variance(&self, factors: &Factors, row: usize) -> f64 {
+        let components = self.components.iter().zip(&factors.components);
+        let of_components = components.map(|(component, factor)| factor * component[(row, row)]);
+        self.fixed[(row, row)] + of_components.sum::<f64>() + self.noise(factors, row)
+    }
+
+    /// Returns the variance of a row's noise.
+    fn noise(&self, factors: &Factors, row: usize) -> f64 {
+        // An absent row is a zero in y and X, so any variance will do.
+        self.kind[row].map_or(1.0, |kind| {
+            self.stated[row] + (1.0 - self.stated[row]) * factors.noise[kind]
+        })
+    }
+}
+
+/// Returns the factors to which three successive ones lead: with differences r and then r + v, they are extrapolated by
+/// |r| ÷ |v|.
+fn extrapolated([first, second, third]: [&Factors; 3], least: [f64; 2]) -> Factors {
+    let logs = |factors: &Factors| factors.all().map(libm::log).collect::<Vec<f64>>();
+    let (a, b, c) = (logs(first), logs(second), logs(third));
+    let (mut rr, mut vv) = (0.0, 0.0);
+    for i in 0..a.len() {
+        rr += (b[i] - a[i]).powi(2);
+        vv += (c[i] - 2.0 * b[i] + a[i]).powi(2);
+    }
+    // The third factors themselves are reached by 1.
+    let by = match vv > 0.0 {
+        true => libm::sqrt(rr / vv).clamp(1.0, FARTHEST),
+        false => 1.0,
+    };
+    let of = |i: usize, least: f64| {
+        let (r, v) = (b[i] - a[i], c[i] - 2.0 * b[i] + a[i]);
+        libm::exp(a[i] + 2.0 * by * r + by * by * v).max(least)
+    };
+    Factors {
+        noise: [of(0, least[0]), of(1, least[1])],
+        components: (2..a.len()).map(|i| of(i, NOTHING)).collect(),
     }
 }
 

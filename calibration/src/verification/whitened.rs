@@ -61,7 +61,7 @@ impl<'a> Whitened<'a> {
             )
         };
         let guess = (scales.position, scales.orientation);
-        let mut sizes = vec![1.0; arm.state.layout.joints];
+        let mut sizes = vec![arm.expected_size(); arm.state.layout.joints];
         for _ in 1..ROUNDS {
             let round = Round::new(placed, arm, scales, &sizes)?;
             let factors = round.factors(arm.expected_size(), guess, during, sizes)?;
