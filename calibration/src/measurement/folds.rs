@@ -142,8 +142,14 @@ pub fn held_out_together<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<V
     stations(samples, &configuration).unwrap_or_else(|| configurations(samples, kinds))
 }
 
-/// Returns the first sample of every pose, in order: a configuration with a tool and a payload is one pose.
+/// Returns the first sample of every pose, in order.
 pub fn different_poses<'a, F>(samples: &'a [Sample<F>], kinds: &[JointKind]) -> Vec<&'a Sample<F>> {
+    let first = first_of_poses(samples, kinds);
+    first.into_iter().map(|row| &samples[row]).collect()
+}
+
+/// Returns the index of the first sample of every pose, in order: a configuration with a tool and a payload is one pose.
+pub fn first_of_poses<F>(samples: &[Sample<F>], kinds: &[JointKind]) -> Vec<usize> {
     let mut seen = BTreeSet::new();
     let mut first: Vec<usize> = Vec::new();
     for (group, rows) in configurations(samples, kinds).into_iter().enumerate() {
@@ -154,7 +160,7 @@ pub fn different_poses<'a, F>(samples: &'a [Sample<F>], kinds: &[JointKind]) -> 
         first.extend(rows.into_iter().filter(is_new));
     }
     first.sort_unstable();
-    first.into_iter().map(|row| &samples[row]).collect()
+    first
 }
 
 /// A partition of samples into folds.

@@ -10,6 +10,7 @@ use crate::identification::parametric::gear_line::GearLine;
 use crate::identification::parametric::state::{
     Layout, Linearised, ParametricModel, ROWS, prior_variance,
 };
+use crate::measurement::folds::first_of_poses;
 use crate::measurement::noise::NoiseScales;
 use crate::measurement::sample::{BaseSample, in_base_frame};
 use crate::numeric::cholesky::Factor;
@@ -49,6 +50,9 @@ pub struct Geometry {
     pub state: ParametricModel,
     /// Samples in the base frame, in chronological order.
     pub samples: Vec<BaseSample>,
+    /// Indices of the first sample of every pose. Only these give the scales: many repeats of few poses have small residuals,
+    /// beside which good rows of other poses would be outliers.
+    first_of_poses: Vec<usize>,
     /// Robust standard deviations of one component.
     pub scales: NoiseScales,
     /// The model linearised at its optimum, with rows in units of their scales.
@@ -115,7 +119,7 @@ impl Geometry {
             .iter()
             .map(|r| std::array::from_fn(|i| of(self.scales, i) * r[i]))
             .collect();
-        let scales = scales_of(&plain, &self.samples);
+        let scales = scales_of(&plain, &self.samples, &self.first_of_poses);
         let factor = |i: usize| of(self.scales, i) / of(scales, i);
         let in_units = |rows: &[[f64; ROWS]]| -> Vec<[f64; ROWS]> {
             let row = |r: &[f64; ROWS]| std::array::from_fn(|i| factor(i) * r[i]);
@@ -173,6 +177,7 @@ impl Geometry {
         let instrument: Vec<_> = data.samples.iter().map(|s| (*s).clone()).collect();
         let samples = in_base_frame(&instrument, &alignment.base);
         let payloads: Vec<f64> = samples.iter().filter_map(|s| s.payload_kg).collect();
+        let first_of_poses = first_of_poses(&samples, &data.robot.kinds());
         let joints = data.robot.joints.len();
         let layout = Layout {
             joints,
@@ -188,11 +193,11 @@ impl Geometry {
         let nominal = state.frames.clone();
         let sd = prior_deviations(&state, priors);
         for _ in 0..ROUNDS {
-            if improve(&mut state, &samples, &sd)? < SETTLED {
+            if improve(&mut state, &samples, &first_of_poses, &sd)? < SETTLED {
                 break;
             }
         }
-        let scales = robust_scales(&state, &samples);
+        let scales = robust_scales(&state, &samples, &first_of_poses);
         let linear = state.linearise(&samples, scales);
         let residuals = state.residuals(&samples, scales);
         let weights = row_weights(&residuals, &samples);
@@ -209,6 +214,7 @@ impl Geometry {
             determined: 0.0,
             state,
             samples,
+            first_of_poses,
             scales,
             linear,
             residuals,
@@ -296,8 +302,13 @@ fn prior_deviations(state: &ParametricModel, priors: Priors) -> Vec<f64> {
 
 /// Takes one step of the fit, shortened until it lowers the objective. Returns its largest part in units of the priors'
 /// standard deviations, 0 if no length lowers it; `None` if the equations cannot be solved.
-fn improve(state: &mut ParametricModel, samples: &[BaseSample], sd: &[f64]) -> Option<f64> {
-    let scales = robust_scales(state, samples);
+fn improve(
+    state: &mut ParametricModel,
+    samples: &[BaseSample],
+    first_of_poses: &[usize],
+    sd: &[f64],
+) -> Option<f64> {
+    let scales = robust_scales(state, samples, first_of_poses);
     let linear = state.linearise(samples, scales);
     let weights = row_weights(&state.residuals(samples, scales), samples);
     let factor = Factor::new(normal(&linear, &weights, sd), 1).ok()?;
@@ -379,21 +390,29 @@ fn size(residual: &[f64; ROWS], equations: usize) -> f64 {
     (residual.iter().map(|x| x * x).sum::<f64>() / equations as f64).sqrt()
 }
 
-fn robust_scales(state: &ParametricModel, samples: &[BaseSample]) -> NoiseScales {
-    scales_of(&state.residuals(samples, NoiseScales::ONE), samples)
+fn robust_scales(
+    state: &ParametricModel,
+    samples: &[BaseSample],
+    first_of_poses: &[usize],
+) -> NoiseScales {
+    let residuals = state.residuals(samples, NoiseScales::ONE);
+    scales_of(&residuals, samples, first_of_poses)
 }
 
-/// Returns the robust scales of residuals in m and rad.
-fn scales_of(residuals: &[[f64; ROWS]], samples: &[BaseSample]) -> NoiseScales {
+/// Returns the robust scales of the residuals of the first row of every pose, in m and rad.
+fn scales_of(
+    residuals: &[[f64; ROWS]],
+    samples: &[BaseSample],
+    first_of_poses: &[usize],
+) -> NoiseScales {
+    let residuals: Vec<[f64; ROWS]> = first_of_poses.iter().map(|k| residuals[*k]).collect();
     // The stated uncertainties are themselves under examination, so they do not affect the weights here.
-    let plain: Vec<BaseSample> = samples
-        .iter()
-        .map(|s| BaseSample {
-            declared_noise: Default::default(),
-            ..s.clone()
-        })
-        .collect();
-    NoiseScales::robust(residuals, &plain).at_least(LEAST_SCALE)
+    let plain = |k: &usize| BaseSample {
+        declared_noise: Default::default(),
+        ..samples[*k].clone()
+    };
+    let samples: Vec<BaseSample> = first_of_poses.iter().map(plain).collect();
+    NoiseScales::robust(&residuals, &samples).at_least(LEAST_SCALE)
 }
 
 /// Weights limit the pull of a row that does not belong, however far off it is; rows that are off together still show where

@@ -225,3 +225,73 @@ fn updated(v: f64, (found, expected): (f64, f64), prior: Option<f64>) -> f64 {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+
+    const ROWS: usize = 60;
+
+    /// Returns twice the negative logarithm of the restricted likelihood and of the prior, without constants.
+    fn objective(parts: &Parts<'_>, y: &Mat<f64>, x: &Mat<f64>, factors: &Factors) -> f64 {
+        let v = parts.covariance(factors);
+        let inverse = v.clone().try_inverse().unwrap();
+        let normal = x.transpose() * &inverse * x;
+        let beta = normal.clone().try_inverse().unwrap() * x.transpose() * &inverse * y;
+        let left = y - x * beta;
+        let square = (left.transpose() * inverse * &left)[(0, 0)];
+        let prior = factors.all().zip(parts.expected.unwrap().all());
+        let prior = prior.map(|(v, c)| 2.0 * PRIOR * (v.ln() + c / v));
+        v.determinant().ln() + normal.determinant().ln() + square + prior.sum::<f64>()
+    }
+
+    /// No other factors are more likely, whether a component is far larger than expected or absent.
+    #[test]
+    fn the_factors_are_the_most_likely() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut normal =
+            |rows, columns| Mat::from_fn(rows, columns, |_, _| StandardNormal.sample(&mut random));
+        let kind: Vec<Option<usize>> = (0..ROWS).map(|i| Some(i % 2)).collect();
+        for sizes in [[30.0, 0.0, 1.0], [0.0, 0.0, 0.0], [0.01, 100.0, 3.0]] {
+            let roots: Vec<Mat<f64>> = (0..3).map(|_| normal(ROWS, 12)).collect();
+            let components: Vec<Mat<f64>> = roots.iter().map(|r| r * r.transpose()).collect();
+            let mut y = normal(ROWS, 1);
+            for (root, size) in roots.iter().zip(sizes) {
+                y += root * normal(12, 1) * f64::sqrt(size);
+            }
+            let expected = Factors {
+                noise: [1.0; 2],
+                components: vec![0.4; 3],
+            };
+            let parts = Parts {
+                fixed: &Mat::zeros(ROWS, ROWS),
+                stated: &[0.0; ROWS],
+                kind: &kind,
+                components: &components,
+                expected: Some(&expected),
+            };
+            let x = normal(ROWS, 5);
+            let found = (parts.fitted(&y, &x, expected.clone(), [1e-3; 2])).unwrap();
+            let least = objective(&parts, &y, &x, &found);
+            for i in 0..5 {
+                for by in [0.9, 1.1] {
+                    let mut other = found.clone();
+                    match i {
+                        0 | 1 => other.noise[i] *= by,
+                        _ => other.components[i - 2] *= by,
+                    }
+                    let other = objective(&parts, &y, &x, &other);
+                    println!(
+                        "sizes {sizes:?}, factor {i} times {by}: {:+.3}",
+                        other - least
+                    );
+                    assert!(other > least, "{sizes:?}, {i}, {by}: {found:?}");
+                }
+            }
+        }
+    }
+}
