@@ -100,7 +100,7 @@ impl NoiseScales {
     }
 
     /// Returns the excess variance σ_k² − σ_q² of a row, in m² and rad².
-    fn excess<F>(&self, sample: &Sample<F>) -> [f64; 2] {
+    pub fn excess<F>(&self, sample: &Sample<F>) -> [f64; 2] {
         let of = |own: Option<f64>, quietest: Option<f64>| match (own, quietest) {
             (Some(own), Some(quietest)) => (own * own - quietest * quietest).max(0.0),
             _ => 0.0,

@@ -83,6 +83,39 @@ fn a_repeatability_test_among_the_rows_does_no_harm() {
     }
 }
 
+/// A single row of a new pose has the noise of a single row, on the host and on the device, although the model was trained with
+/// means of thirty.
+#[test]
+fn the_deviation_of_a_new_row_is_that_of_one_row() {
+    for (name, seed) in [("abb-irb120", 5), ("ur10", 6)] {
+        let robot = robot(name);
+        let mut arm = Simulator::new(&robot, Scenario::WithBacklash, &[1.0, 3.0], seed);
+        let poses = arm.measure(100);
+        let repeated = arm.measure(5);
+        let mut rows: Vec<_> = poses.iter().map(|pose| sample(&robot, pose)).collect();
+        rows.extend(cycles(&mut arm, &robot, &repeated, 30));
+        let found = calibrated(&robot, &rows, &Config::new(Method::Elastic));
+        let base = found.calibration.base_and_tools.instrument_from_base;
+        let (mut host, mut device) = (0.0, 0.0);
+        let tests = arm.measure(300);
+        for pose in &tests {
+            let new = sample(&robot, pose);
+            let predicted = (found.blob).predict_tool(&new.joints, new.payload_kg, 0);
+            let sigma = f64::from(predicted.position_sigma.unwrap());
+            let off = pose.measured.translation - predicted.pose.translation;
+            device += (off / sigma).norm_squared();
+            let [x, y, z, ..] = found.calibration.standard_deviation(&new).unwrap();
+            let off = base.rotation.transpose() * off;
+            host += off.component_div(&Vector3::new(x, y, z)).norm_squared();
+        }
+        let [host, device] = [host, device].map(|sum| (sum / (3 * tests.len()) as f64).sqrt());
+        println!("{name}: error / stated deviation, host {host:.2}, device {device:.2}");
+        for ratio in [host, device] {
+            assert!((0.8..1.25).contains(&ratio), "{name}: {ratio}");
+        }
+    }
+}
+
 /// A row that was displaced by 5 mm among its repeats is an outlier, and its repeats are none.
 #[test]
 fn a_mistake_among_repeats_is_an_outlier() {

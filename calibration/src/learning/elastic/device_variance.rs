@@ -66,15 +66,21 @@ pub fn device_variance(
 ) -> Option<DeviceVariance> {
     let (fit, samples) = (posterior.fit(), posterior.samples());
     let inflation = inflation.powi(2);
-    let noise = inflation * fit.scales.position.powi(2) * libm::exp(fit.hyperparameters[0]);
+    let noise = fit.scales.position.powi(2) * libm::exp(fit.hyperparameters[0]);
+    let noise = inflation * (noise + posterior.excess_of_rows()[0]);
     let kernels = fit.layout.kernels(&fit.hyperparameters);
-    let around = around(samples, coupling, 2.0);
+    // The device states the noise of one row, also of a pose that was trained with the mean of several.
+    let single_rows = posterior.single_rows();
+    let excess = |(row, sample)| fit.scales.excess(row)[0] - fit.scales.excess(sample)[0];
+    let excess = single_rows.iter().zip(samples).map(excess);
+    let left_out = (left_out.iter().zip(excess)).map(|(variance, more)| Some((*variance)? + more));
+    let around = around(single_rows, coupling, 2.0);
     let all = [samples, &around].concat();
     let exact = posterior.of_predictions(&around).deviations(0..AROUND);
     let exact = exact
         .iter()
         .map(|d| d.iter().map(|d| d * d).sum::<f64>() / 3.0);
-    let variances = left_out.iter().copied().chain(exact.map(Some));
+    let variances = left_out.chain(exact.map(Some));
     let priors = priors(fit, &all, coupling, &kernels)
         .into_iter()
         .enumerate();

@@ -45,6 +45,8 @@ pub struct PosteriorCovariance {
     /// Noise assumed for a measurement that states none.
     typical: InstrumentNoise,
     samples: Vec<BaseSample>,
+    /// The samples with the noise of one row, where they are means of several.
+    single_rows: Vec<BaseSample>,
     /// Covariance of the parameters of a fit without processes.
     parameters: Option<Mat<f64>>,
     /// Further factors for standard deviations at a payload that was not trained.
@@ -72,8 +74,36 @@ impl PosteriorCovariance {
             curve,
             typical: InstrumentNoise::rms_over(samples),
             samples: samples.to_vec(),
+            single_rows: samples.to_vec(),
             parameters,
             other_payload: OnceLock::new(),
+        })
+    }
+
+    /// States the noise of one row of every sample, for samples that are means of several rows.
+    #[must_use]
+    pub fn with_noise_of_rows(mut self, of_rows: &[InstrumentNoise]) -> Self {
+        for (sample, noise) in self.single_rows.iter_mut().zip(of_rows) {
+            sample.declared_noise = *noise;
+        }
+        self.typical = InstrumentNoise::rms_over(&self.single_rows);
+        self
+    }
+
+    /// Returns the samples with the noise of one row, where they are means of several.
+    pub fn single_rows(&self) -> &[BaseSample] {
+        &self.single_rows
+    }
+
+    /// Returns the variance of position and rotation, m² and rad², by which the noise of the quietest row exceeds that of the
+    /// quietest sample.
+    pub fn excess_of_rows(&self) -> [f64; 2] {
+        let all = self
+            .single_rows
+            .iter()
+            .map(|row| self.fit.scales.excess(row));
+        all.fold([f64::INFINITY; 2], |least, own| {
+            [least[0].min(own[0]), least[1].min(own[1])]
         })
     }
 

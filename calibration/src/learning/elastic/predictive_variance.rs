@@ -9,6 +9,7 @@ use crate::learning::elastic::posterior_covariance::PosteriorCovariance;
 use crate::learning::elastic::solution::ElasticFit;
 use crate::learning::elastic::variance_inflation::{REFIT_BELOW, RefitSpec};
 use crate::measurement::folds::configurations;
+use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::{BaseSample, Sample};
 
 /// The predictive uncertainty of an elastic fit.
@@ -45,6 +46,15 @@ impl Uncertainty {
         let poses = configurations(self.posterior.samples(), refit.arm.chain.kinds()).len();
         Self {
             refit: Some(refit).filter(|_| poses <= REFIT_BELOW),
+            ..self
+        }
+    }
+
+    /// States the noise of one row of every sample, for samples that are means of several rows.
+    #[must_use]
+    pub fn with_noise_of_rows(self, of_rows: &[InstrumentNoise]) -> Self {
+        Self {
+            posterior: self.posterior.with_noise_of_rows(of_rows),
             ..self
         }
     }

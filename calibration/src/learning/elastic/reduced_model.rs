@@ -73,6 +73,15 @@ pub struct ElasticReport {
     pub search: SearchReport,
 }
 
+impl ElasticReport {
+    /// Adds to the noise these variances of position and rotation, m² and rad²: those by which single rows exceed the means
+    /// that were fitted.
+    pub fn add_to_noise(&mut self, [position, orientation]: [f64; 2]) {
+        self.position_noise = libm::hypot(self.position_noise, libm::sqrt(position));
+        self.orientation_noise = libm::hypot(self.orientation_noise, libm::sqrt(orientation));
+    }
+}
+
 /// Report of the own-joint curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurveReport {

@@ -10,6 +10,7 @@ use crate::learning::elastic::solution::FitError;
 use crate::learning::elastic::variance_inflation::RefitSpec;
 use crate::learning::elastic::warm_up::WarmUp;
 use crate::learning::task_space::fit::HyperparameterSharing;
+use crate::measurement::noise::InstrumentNoise;
 use crate::measurement::sample::BaseSample;
 use crate::model::correction::Correction;
 use crate::model::error::CalibrationError;
@@ -78,8 +79,16 @@ pub(super) fn fit_elastic(
         arm,
         options: *options,
     };
+    let of_rows = |pose: &usize| InstrumentNoise::rms_over(&rows(pose));
+    let of_rows: Vec<InstrumentNoise> = robust.dense.iter().map(of_rows).collect();
     let uncertainty = Uncertainty::new(robust.fit, &dense, robust.inflation);
-    let uncertainty = uncertainty.map(|u| Box::new(u.with_refit(refit)));
+    let uncertainty = uncertainty.map(|u| u.with_noise_of_rows(&of_rows).with_refit(refit));
+    let uncertainty = uncertainty.map(Box::new);
+    if let Some(uncertainty) = &uncertainty {
+        model
+            .report
+            .add_to_noise(uncertainty.posterior().excess_of_rows());
+    }
     if options.device_variance
         && options.processes
         && let Some(uncertainty) = &uncertainty
