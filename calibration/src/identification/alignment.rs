@@ -166,7 +166,8 @@ fn tool_count(rows: &[Row]) -> usize {
     rows.iter().map(|r| r.tool + 1).max().unwrap_or(1)
 }
 
-/// Returns starts, best first. They come from the orientations if these vary; `thorough` tries the positions as well.
+/// Returns starts, best first. They come from the orientations if these vary and one tool has three of them; `thorough` tries
+/// the positions as well.
 fn starts(rows: &[Row], tools: usize, thorough: bool) -> Vec<Alignment> {
     let largest = (0..tools)
         .max_by_key(|t| rows.iter().filter(|r| r.tool == *t).count())
@@ -186,7 +187,7 @@ fn starts(rows: &[Row], tools: usize, thorough: bool) -> Vec<Alignment> {
     }
     let mut out: Vec<Alignment> = bases.iter().map(|base| linear(rows, tools, base)).collect();
     let turns = whole.iter().any(|(m, _)| angle(m, &whole[0].0) > TURNED);
-    if thorough || !turns {
+    if thorough || !turns || out.is_empty() {
         out.extend(position_starts(rows, tools));
     }
     out.sort_by(|a, b| a.length().total_cmp(&b.length()));

@@ -329,9 +329,12 @@ impl Scene<'_> {
             ..*self
         };
         let reading = scene.other_reading(&own);
-        reading.map_or_else(String::new, |finding| {
-            format!("; of those rows, {}", finding.text)
-        })
+        match reading {
+            Some(finding) => format!("; of those rows, {}", finding.text),
+            None => "; if the target was mounted several times, give each mounting a session of its own; if the instrument or \
+                the robot's base moved, calibrate from the rows of one base"
+                .to_owned(),
+        }
     }
 
     /// Returns the refusal of a file whose positions fit but whose orientations do not.

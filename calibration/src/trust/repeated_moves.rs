@@ -51,15 +51,22 @@ pub fn examine(geometry: &Geometry) -> Option<Finding> {
     let base = Shared::among(&of_base, &pairs);
     let target = Shared::among(&of_target, &pairs);
     let (shared, what) = match base.correlation >= target.correlation {
-        true => (base, "the instrument or the robot's base moved"),
-        false => (target, "the target or its mounting moved"),
+        true => (
+            base,
+            "the instrument or the robot's base moved repeatedly; calibrate from the rows of one set-up, or transform those of \
+            each by fixed points that were measured from all of them",
+        ),
+        false => (
+            target,
+            "the target or its mounting moved repeatedly; name each mounting in a column session, or measure again with a firm \
+            target",
+        ),
     };
     let least = SHARED.max(CERTAIN / (3.0 * pairs.len() as f64).sqrt());
     let displacement = shared.size * geometry.scales.position;
     (shared.correlation > least).then(|| {
         let text = format!(
-            "consecutive rows share an error of {}, although the arm moved far between them: {what} repeatedly; name \
-            each set-up in a column session, or measure again with a firm set-up",
+            "consecutive rows share an error of {}, although the arm moved far between them: {what}",
             length(displacement)
         );
         let tier = Tier::refused_if(displacement > REFUSED);

@@ -245,8 +245,8 @@ mod tests {
         let left = y - x * beta;
         let square = (left.transpose() * inverse * &left)[(0, 0)];
         let prior = factors.all().zip(parts.expected.unwrap().all());
-        let prior = prior.map(|(v, c)| 2.0 * PRIOR * (v.ln() + c / v));
-        v.determinant().ln() + normal.determinant().ln() + square + prior.sum::<f64>()
+        let prior = prior.map(|(v, c)| 2.0 * PRIOR * (libm::log(v) + c / v));
+        libm::log(v.determinant()) + libm::log(normal.determinant()) + square + prior.sum::<f64>()
     }
 
     /// No other factors are more likely, whether a component is far larger than expected or absent.

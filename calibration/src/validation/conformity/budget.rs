@@ -24,7 +24,7 @@ pub struct Knowledge<'a> {
 pub enum Source {
     /// Systematic error of the instrument, the same at all poses, and its noise if the file declares it.
     Instrument,
-    /// Scatter of the arm and the instrument at the same pose.
+    /// Scatter of the arm at the same pose.
     Repeatability,
     /// Error of the model, which is known only at the held-out poses.
     Model,
@@ -102,7 +102,6 @@ impl Contribution {
 pub fn sources(
     found: &Quantile,
     noise: &Noise,
-    poses_repeat: bool,
     knowledge: &Knowledge,
     component: usize,
 ) -> Vec<Contribution> {
@@ -111,21 +110,20 @@ pub fn sources(
         Evaluation::A,
         "scatter of the errors of the held-out poses",
     );
-    // The errors are those of poses in the instrument's frame, so nothing is added for the frames of base and tool.
-    let base_and_tool = Contribution::normal(
-        Source::BaseAndTool,
-        Evaluation::A,
-        "included in the errors of the poses",
-    );
+    // The errors are those of poses in the instrument's frame, which the arm reached: the frames of base and tool and the arm's
+    // repeatability are in them.
+    let included = |source| {
+        Contribution::normal(source, Evaluation::A, "included in the errors of the poses").of(0.0)
+    };
     let mut out = vec![
         instrument(found, noise, knowledge.instrument[component]),
-        repeatability(found, noise, poses_repeat),
+        included(Source::Repeatability),
         Contribution {
             degrees_of_freedom: Some(found.freedom),
             ..model.of(found.of_few_poses)
         },
         drift(knowledge.drift, component),
-        base_and_tool.of(0.0),
+        included(Source::BaseAndTool),
     ];
     share(&mut out);
     out
@@ -176,10 +174,6 @@ fn share(out: &mut [Contribution]) {
 }
 
 fn instrument(found: &Quantile, noise: &Noise, certificate: Option<f64>) -> Contribution {
-    let declared = match noise.repeated {
-        None => found.of_noise,
-        Some(_) => 0.0,
-    };
     let (basis, known) = match (certificate, noise.sigma > 0.0, noise.is_contradicted) {
         (Some(_), true, _) => ("certificate, and noise removed from the errors", true),
         (Some(_), false, true) => (
@@ -205,24 +199,11 @@ fn instrument(found: &Quantile, noise: &Noise, certificate: Option<f64>) -> Cont
     };
     let row = Contribution::normal(Source::Instrument, Evaluation::B, basis);
     match known {
-        true => row.of(libm::hypot(declared, certificate.unwrap_or(0.0))),
-        false => row,
-    }
-}
-
-fn repeatability(found: &Quantile, noise: &Noise, poses_repeat: bool) -> Contribution {
-    let basis = match (poses_repeat, noise.repeated) {
-        (false, _) => "not measured: measure some poses again",
-        (true, None) => "fewer than four poses repeat: the declared noise is used instead",
-        (true, Some(_)) => "poses that were measured again",
-    };
-    let row = Contribution::normal(Source::Repeatability, Evaluation::A, basis);
-    match noise.repeated {
-        Some(freedom) => Contribution {
-            degrees_of_freedom: Some(freedom),
-            ..row.of(found.of_noise)
+        true => Contribution {
+            degrees_of_freedom: noise.repeated,
+            ..row.of(libm::hypot(found.of_noise, certificate.unwrap_or(0.0)))
         },
-        None => row,
+        false => row,
     }
 }
 

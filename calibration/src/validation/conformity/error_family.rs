@@ -3,10 +3,10 @@
 //! The residual of pose i, in position or in rotation, is modelled as
 //!
 //! ```text
-//! r_i ~ N(0, (s_i² + v_i) I₃)        ln s_i ~ N(μ, τ²)
+//! r_i ~ N(0, (s_i² + v) I₃)        ln s_i ~ N(μ, τ²)
 //! ```
 //!
-//! where v_i is the known variance of its noise. The posterior distribution is computed on a grid over (μ, τ). The prior is
+//! where v is the known variance of its noise. The posterior distribution is computed on a grid over (μ, τ). The prior is
 //! uniform in exp μ and in τ (Gelman, Bayesian Analysis 2006, on the standard deviation of groups). With a prior uniform in
 //! μ, an arm that is better than its noise would be taken for one that has hardly any error.
 
@@ -96,20 +96,19 @@ pub(super) struct ErrorFamily {
     spreads: Vec<(Shape, Vec<(f64, f64)>)>,
     /// Squares of s over all pairs, with their probabilities.
     mixture: Vec<(f64, f64)>,
-    /// Noise variance of one component, as the mean over the poses.
+    /// Noise variance of one component.
     noise: f64,
     /// Logarithm of the probability of the errors with this noise, up to a constant.
     pub(super) evidence: f64,
 }
 
 impl ErrorFamily {
-    /// Fits the family to `squares`, each the square of an error and the number of measurements behind it; `sigma` is the
-    /// noise of one component of one measurement. Returns `None` if all errors are zero.
-    pub(super) fn fitted(squares: &[(f64, f64)], sigma: f64) -> Option<Self> {
+    /// Fits the family to `squares`, those of the errors; `sigma` is the noise of one component of one measurement. Returns
+    /// `None` if all errors are zero.
+    pub(super) fn fitted(squares: &[f64], sigma: f64) -> Option<Self> {
         let poses = squares.len() as f64;
         let variance = sigma * sigma;
-        let of =
-            |(square, count): &(f64, f64)| (square / 3.0, (square - 3.0 * variance / count) / 3.0);
+        let of = |square: &f64| (square / 3.0, (square - 3.0 * variance) / 3.0);
         let (all, left) = squares
             .iter()
             .map(of)
@@ -138,12 +137,11 @@ impl ErrorFamily {
             about(location.0, locations, centre - BELOW, centre + ABOVE),
             about(spread.0, spreads, 0.0, MOST_SPREAD),
         );
-        let mean_of_inverse = squares.iter().map(|(_, count)| 1.0 / count).sum::<f64>() / poses;
         let spreads = near.by_spread();
         Some(Self {
             mixture: mixture(&spreads),
             spreads,
-            noise: variance * mean_of_inverse,
+            noise: variance,
             evidence: near.evidence(),
         })
     }
@@ -251,16 +249,10 @@ struct Pair {
 struct Grid(Vec<Pair>);
 
 impl Grid {
-    fn new(squares: &[(f64, f64)], sigma: f64, locations: (f64, f64), spreads: (f64, f64)) -> Self {
+    fn new(squares: &[f64], sigma: f64, locations: (f64, f64), spreads: (f64, f64)) -> Self {
         let at = |(from, to): (f64, f64), i: usize, count: usize| {
             from + (to - from) * i as f64 / (count - 1) as f64
         };
-        // Most poses are measured equally often, so what depends on that number is computed once for each pair.
-        let mut counts: Vec<f64> = squares.iter().map(|(_, count)| *count).collect();
-        counts.sort_by(f64::total_cmp);
-        counts.dedup();
-        let index = |count: &f64| counts.partition_point(|other| other < count);
-        let poses: Vec<(f64, usize)> = squares.iter().map(|(s, c)| (*s, index(c))).collect();
         let mut pairs = Vec::with_capacity(LOCATIONS * SPREADS);
         for j in 0..SPREADS {
             let spread = at(spreads, j, SPREADS);
@@ -269,22 +261,19 @@ impl Grid {
                 let location = at(locations, i, LOCATIONS);
                 let scale = libm::exp(location);
                 // Rate and factor of the density at every node.
-                let density = |count: &f64| {
-                    shape.squares.map(|(square, weight)| {
-                        let v = scale * scale * square + sigma * sigma / count;
-                        (-0.5 / v, weight / (v * v.sqrt()))
-                    })
-                };
-                let densities: Vec<[(f64, f64); NODES]> = counts.iter().map(density).collect();
-                let likelihood = |(square, count): &(f64, usize)| {
+                let density = shape.squares.map(|(square, weight)| {
+                    let v = scale * scale * square + sigma * sigma;
+                    (-0.5 / v, weight / (v * v.sqrt()))
+                });
+                let likelihood = |square: &f64| {
                     let at_node = |(rate, weight): &(f64, f64)| weight * libm::exp(rate * square);
                     // A pose far beyond the reach of a pair rules the pair out.
-                    libm::log(densities[*count].iter().map(at_node).sum::<f64>())
+                    libm::log(density.iter().map(at_node).sum::<f64>())
                 };
                 pairs.push(Pair {
                     location,
                     spread,
-                    log: location + poses.iter().map(likelihood).sum::<f64>(),
+                    log: location + squares.iter().map(likelihood).sum::<f64>(),
                 });
             }
         }

@@ -34,12 +34,12 @@ const REACH: f64 = 4.0;
 /// (GUM G.3).
 const POSES_PER_FREEDOM: f64 = 4.0;
 
-/// The errors of the distinct poses: for each pose the mean of its measurements, which ISO 9283 calls its barycentre.
+/// The errors of the distinct poses: for each pose the mean square of its measurements, so that the arm's repeatability is in
+/// them, however often a pose was measured.
 #[derive(Clone, Debug)]
 pub struct Distinct {
-    /// For each distinct pose, the square of the mean's distance from the prediction, in mm² or mrad², and the number of its
-    /// measurements.
-    squares: Vec<(f64, f64)>,
+    /// Mean square of the errors of each distinct pose, in mm² or mrad².
+    squares: Vec<f64>,
     /// Pooled variance of one component of repeated measurements, mm² or mrad², and its degrees of freedom; `None` if no
     /// pose repeats.
     pub repeated: Option<(f64, f64)>,
@@ -77,7 +77,7 @@ impl Distinct {
             let count = group.len() as f64;
             let mean: [f64; 3] =
                 core::array::from_fn(|axis| group.iter().map(|r| r[axis]).sum::<f64>() / count);
-            squares.push((square(mean), count));
+            squares.push(group.iter().map(|r| square(*r)).sum::<f64>() / count);
             let from_mean = |r: &[f64; 3]| square(core::array::from_fn(|i| r[i] - mean[i]));
             scatter += group.iter().map(from_mean).sum::<f64>();
             freedom += 3.0 * (count - 1.0);
@@ -100,13 +100,13 @@ impl Distinct {
 pub struct Noise {
     /// Standard deviation of one component of one measurement, mm or mrad; zero if it is not known.
     pub sigma: f64,
-    /// Degrees of freedom of `sigma` if repeated measurements give it; `None` if the file declares it.
+    /// Degrees of freedom of `sigma` if repeated measurements show that it is less than the file declares.
     pub repeated: Option<f64>,
     /// Whether the errors are certainly smaller than the stated noise, which then is not removed from them.
     pub is_contradicted: bool,
 }
 
-/// Degrees of freedom from which repeated measurements are believed rather than the noise that the file declares.
+/// Degrees of freedom from which repeated measurements limit the noise that the file declares.
 const ENOUGH: f64 = 10.0;
 /// Relative standard uncertainty of a noise that a file declares.
 pub const DECLARED_NOISE_UNCERTAINTY: f64 = 0.2;
@@ -122,23 +122,18 @@ const CREDIBLE: f64 = 2.0;
 const CONTRADICTION: f64 = 3.0;
 
 impl Noise {
-    /// Takes the noise from repeated measurements if there are enough, else from what the rows declare.
+    /// Takes the noise that the rows declare. The scatter of repeated measurements has the arm's repeatability in it, too, which
+    /// is an error of the arm. It therefore only limits the noise.
     pub fn of(distinct: &Distinct) -> Self {
-        let repeated = distinct
-            .repeated
-            .filter(|(_, freedom)| *freedom >= ENOUGH || distinct.declared.is_none());
-        let declared = distinct.declared.map(|sigma| sigma * sigma);
-        let variance = match (repeated, declared) {
-            (Some((variance, _)), _) => variance,
-            (None, Some(variance)) => variance,
-            (None, None) => 0.0,
-        };
+        let declared = distinct.declared.map_or(0.0, |sigma| sigma * sigma);
+        let is_less = |(variance, freedom): &(f64, f64)| *freedom >= ENOUGH && *variance < declared;
+        let repeated = distinct.repeated.filter(is_less);
+        let variance = repeated.map_or(declared, |(variance, _)| variance);
         let repeated = repeated.map(|(_, freedom)| freedom);
         // The errors contradict the noise if they are certainly smaller than its least credible value.
         let least = variance * (1.0 - CREDIBLE * relative_uncertainty(repeated)).powi(2);
         let freedom = 3.0 * distinct.poses() as f64;
-        let of = |(square, count): &(f64, f64)| square * count;
-        let found = distinct.squares.iter().map(of).sum::<f64>() / freedom;
+        let found = distinct.squares.iter().sum::<f64>() / freedom;
         let is_contradicted = found < least * (1.0 - CONTRADICTION * (2.0 / freedom).sqrt());
         Self {
             sigma: if is_contradicted {
@@ -230,7 +225,7 @@ struct Posterior {
 /// Computes the posterior for noise of `sigma` in one component of one measurement; returns `None` if all errors are zero.
 fn posterior(distinct: &Distinct, sigma: f64) -> Option<Posterior> {
     let family = ErrorFamily::fitted(&distinct.squares, sigma)?;
-    let mut errors: Vec<f64> = distinct.squares.iter().map(|(e, _)| e.sqrt()).collect();
+    let mut errors: Vec<f64> = distinct.squares.iter().map(|e| e.sqrt()).collect();
     errors.sort_by(f64::total_cmp);
     let count = errors.len();
     let largest = errors[count - 1];

@@ -1,7 +1,7 @@
 //! Whether an arm conforms to a tolerance, and how certain that verdict is.
 //!
 //! The characteristic is the error E that 95 of 100 poses of the measured kind do not exceed, in position or in rotation. It
-//! is estimated from the errors of held-out poses, without the noise of the instrument ([`error_quantile`]). Its uncertainty
+//! is estimated from the errors of held-out poses, without the noise that the instrument states ([`error_quantile`]). Its uncertainty
 //! follows the GUM (JCGM 100:2008): each source of uncertainty has a standard uncertainty ([`budget`]), and these combine to
 //!
 //! ```text
@@ -190,13 +190,7 @@ impl Characteristic {
         }
         let noise = Noise::of(&distinct);
         let found = estimate(&distinct, &noise);
-        let budget = sources(
-            &found,
-            &noise,
-            distinct.repeated.is_some(),
-            knowledge,
-            usize::from(rotation),
-        );
+        let budget = sources(&found, &noise, knowledge, usize::from(rotation));
         Some(Self::judged(
             if rotation { "mrad" } else { "mm" },
             distinct.poses(),
