@@ -12,6 +12,7 @@ use serde_json::json;
 use crate::cli::args;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::now;
+use crate::cli::output::kind::{Kind, check_kind};
 use crate::cli::output::make_folder;
 use crate::cli::output::{check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::Printer;
@@ -70,20 +71,23 @@ pub struct Manual {
 }
 
 pub fn completions(a: &Completions, mut command: clap::Command) -> Result<(), Failure> {
-    check_outputs(&[Some(&a.out)], &[])?;
+    check_outputs(&[(Some(&a.out), Kind::Completions)], &[])?;
     let mut script = Vec::new();
     clap_complete::generate(Shell::from(a.shell), &mut command, "trainer", &mut script);
     write_outputs(&[(&a.out, &script)])
 }
 
 pub fn manual(a: &Manual, command: clap::Command) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
+    check_outputs(&[(a.json.as_deref(), Kind::Json)], &[])?;
     let _folder = make_folder(&a.out)?;
     let mut root = command.disable_help_subcommand(true);
     root.build();
     let mut pages = Vec::new();
     collect(&root, &a.out, &mut pages)
         .map_err(|error| Failure::Usage(format!("a manual page cannot be made: {error}")))?;
+    for (path, _) in &pages {
+        check_kind(path, Kind::ManualPage)?;
+    }
     let names: Vec<String> = pages
         .iter()
         .map(|(path, _)| path.display().to_string())

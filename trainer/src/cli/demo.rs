@@ -13,6 +13,7 @@ use crate::cli::evaluate::Evaluate;
 use crate::cli::examination::AcceptArgs;
 use crate::cli::failure::{Failure, device_failure};
 use crate::cli::inputs::{file_name, origin};
+use crate::cli::output::kind::{Kind, check_kind};
 use crate::cli::output::make_folder;
 use crate::cli::output::{check_outputs, document_text, write_outputs, write_summary, write_texts};
 use crate::cli::simulate::{SimulatedSet, simulated_sets};
@@ -45,24 +46,35 @@ const PAYLOADS: [f64; 5] = [1.0, 2.5, 3.5, 5.0, 7.5];
 const FOLDS: usize = 10;
 
 /// Names of the files in the folder, and what is in them.
-const WRITTEN: [(&str, &str); 8] = [
-    ("train.csv", "measurements to train on"),
+const WRITTEN: [(&str, &str, Kind); 8] = [
+    ("train.csv", "measurements to train on", Kind::Simulated),
     (
         "test1.csv test2.csv test3.csv",
         "measurements to test on, with the noiseless truth",
+        Kind::Simulated,
     ),
     (
         "arm.blob",
         "the model for the controller (`trainer inspect` shows it)",
+        Kind::Model,
     ),
-    ("predictions.csv", "its predictions for test1.csv"),
-    ("chosen.blob", "the model that cross-validation chose"),
+    (
+        "predictions.csv",
+        "its predictions for test1.csv",
+        Kind::Predictions,
+    ),
+    (
+        "chosen.blob",
+        "the model that cross-validation chose",
+        Kind::Model,
+    ),
     (
         "report.html",
         "held-out errors with plots: open it in a browser",
+        Kind::Report,
     ),
-    ("report.json", "the numbers of the report"),
-    ("compare.json", "all errors, for other programs"),
+    ("report.json", "the numbers of the report", Kind::Json),
+    ("compare.json", "all errors, for other programs", Kind::Json),
 ];
 
 /// `trainer demo`.
@@ -81,9 +93,14 @@ pub struct Demo {
 }
 
 pub fn run(a: &Demo) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
+    check_outputs(&[(a.json.as_deref(), Kind::Json)], &[])?;
     let report = Printer::for_outputs(&[a.json.as_deref()]);
     let _folder = make_folder(&a.out)?;
+    for (names, _, kind) in WRITTEN {
+        for name in names.split(' ') {
+            check_kind(&a.out.join(name), kind)?;
+        }
+    }
     let robot = Robot::load(ROBOT, &poegp_calibration::robot::LoadOptions::default())?;
 
     report.line("1. Simulate: an ABB IRB 4400 with imperfect frames and joints that yield under gravity and five");
@@ -146,7 +163,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
         write a report:\n",
     );
     calibrate_with_report(a, &sets, &a.out.join("chosen.blob"))?;
-    let files = WRITTEN.iter().flat_map(|(names, _)| names.split(' '));
+    let files = WRITTEN.iter().flat_map(|(names, _, _)| names.split(' '));
     let summary = serde_json::json!({
         "seed": a.seed,
         "methods": models,
@@ -154,7 +171,7 @@ pub fn run(a: &Demo) -> Result<(), Failure> {
     });
     write_summary(a.json.as_deref(), summary)?;
     report.line(format_args!("\nEverything is in {}:", a.out.display()));
-    for (name, what) in WRITTEN {
+    for (name, what, _) in WRITTEN {
         report.line(format_args!("  {name:30} {what}"));
     }
     Ok(())

@@ -7,6 +7,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde_json::{Value, json};
 
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_not_filled_in, check_outputs, summary_text, write_texts};
 use crate::cli::terminal::print::{Printer, is_stdout, note};
 use crate::import::column_map::Map;
@@ -111,11 +112,11 @@ fn run_sockets(a: &Import) -> Result<(), Failure> {
         false => features_beside(&a.out),
     };
     let outputs = [
-        Some(a.out.as_path()),
-        Some(features.as_path()),
-        a.json.as_deref(),
+        (Some(a.out.as_path()), Kind::Imported),
+        (Some(features.as_path()), Kind::FilledIn),
+        (a.json.as_deref(), Kind::Json),
     ];
-    check_outputs(&outputs, &[folder])?;
+    let outputs = check_outputs(&outputs, &[folder])?;
     let sockets = sockets::read(folder, a.distance)?;
     let rows: usize = sockets.features.iter().map(|(_, rows)| rows).sum();
     let of_features: serde_json::Map<String, Value> = sockets
@@ -166,11 +167,11 @@ pub fn run(a: &Import) -> Result<(), Failure> {
     let mut inputs: Vec<&Path> = a.files.iter().map(PathBuf::as_path).collect();
     inputs.extend(a.map.as_deref());
     let outputs = [
-        Some(a.out.as_path()),
-        a.json.as_deref(),
-        a.write_map.as_deref(),
+        (Some(a.out.as_path()), Kind::Imported),
+        (a.json.as_deref(), Kind::Json),
+        (a.write_map.as_deref(), Kind::FilledIn),
     ];
-    check_outputs(&outputs, &inputs)?;
+    let outputs = check_outputs(&outputs, &inputs)?;
     let report = Printer::for_outputs(&outputs);
     let read = |path: &PathBuf| {
         std::fs::read(path)

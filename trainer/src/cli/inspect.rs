@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use crate::cli::calibrate::gauge::{source_name, sources};
 use crate::cli::correct::record::sha256;
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, json_text, write_texts};
 use crate::cli::terminal::print::Printer;
 use crate::signing::{id_text, unsigned};
@@ -32,8 +33,7 @@ pub struct Inspect {
 }
 
 pub fn run(a: &Inspect) -> Result<(), Failure> {
-    let output = [a.json.as_deref()];
-    check_outputs(&output, &[&a.blob])?;
+    let output = check_outputs(&[(a.json.as_deref(), Kind::Json)], &[&a.blob])?;
     let loaded = BlobModel::read(&a.blob)?;
     let document = document(&loaded);
     let json = json_text(&document)?;

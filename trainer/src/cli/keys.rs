@@ -11,6 +11,7 @@ use serde_json::json;
 
 use crate::cli::failure::Failure;
 use crate::cli::output;
+use crate::cli::output::kind::{Kind, check_kind};
 use crate::cli::output::transaction::Readers;
 use crate::cli::output::{check_outputs, summary_text, write_summary, write_with_blob};
 use crate::cli::terminal::print::{Printer, warning};
@@ -102,7 +103,7 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
             return Err(InputError::new(path, found, "a file for each output").into());
         }
     }
-    check_outputs(&[new.json.as_deref()], &[])?;
+    check_outputs(&[(new.json.as_deref(), Kind::Json)], &[])?;
     let key = SecretKey::generate()
         .map_err(|e| Failure::Usage(format!("no randomness for a key: {e}")))?;
     let summary = summary_text(
@@ -131,12 +132,13 @@ pub fn keys(a: &Keys) -> Result<(), Failure> {
 
 pub fn sign(a: &Sign) -> Result<(), Failure> {
     let out = a.out.as_ref().unwrap_or(&a.file);
-    check_outputs(&[a.json.as_deref()], &[&a.file, &a.key, out])?;
+    check_outputs(&[(a.json.as_deref(), Kind::Json)], &[&a.file, &a.key, out])?;
     if a.json.as_ref() == Some(out) {
         let found = "two outputs in one file";
         return Err(InputError::new(out, found, "a file for each output").into());
     }
     output::check(out)?;
+    check_kind(out, Kind::Model)?;
     if let (Ok(canonical_out), Ok(key)) =
         (std::fs::canonicalize(out), std::fs::canonicalize(&a.key))
         && canonical_out == key
@@ -145,10 +147,6 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
         return Err(InputError::new(out, "the key", expected).into());
     }
     let there = std::fs::read(out).unwrap_or_default();
-    if !there.is_empty() && !there.starts_with(&envelope::MAGIC) {
-        let expected = "a new file, or a model to replace";
-        return Err(InputError::new(out, "a file that is no model", expected).into());
-    }
     let key = read_secret_key(&a.key)?;
     let loaded = BlobModel::read(&a.file)?;
     let revision = match a.revision {
@@ -236,7 +234,10 @@ pub fn read_secret_key(path: &Path) -> Result<SecretKey, Failure> {
 }
 
 pub fn verify(a: &Verify) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[&a.file, &a.public_key])?;
+    check_outputs(
+        &[(a.json.as_deref(), Kind::Json)],
+        &[&a.file, &a.public_key],
+    )?;
     let key = PublicKey::read(&a.public_key)?;
     let expected = "a model blob written by `trainer sign`";
     let bytes =

@@ -6,6 +6,7 @@ use serde_json::json;
 
 use crate::cli::failure::Failure;
 use crate::cli::keys::{Sign, Verify, read_secret_key, with_suffix};
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, summary_text, write_summary, write_texts};
 use crate::cli::terminal::print::Printer;
 use crate::signing::document;
@@ -34,7 +35,13 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
     }
     let beside = with_suffix(&a.file, ".sig");
     let out: &PathBuf = a.out.as_ref().unwrap_or(&beside);
-    check_outputs(&[Some(out), a.json.as_deref()], &[&a.file, &a.key])?;
+    check_outputs(
+        &[
+            (Some(out), Kind::Signature),
+            (a.json.as_deref(), Kind::Json),
+        ],
+        &[&a.file, &a.key],
+    )?;
     let key = read_secret_key(&a.key)?;
     let text = document::sign(&key, &read(&a.file)?);
     let id = id_text(&key.public().id());
@@ -53,7 +60,10 @@ pub fn sign(a: &Sign) -> Result<(), Failure> {
 
 pub fn verify(a: &Verify) -> Result<(), Failure> {
     let beside = with_suffix(&a.file, ".sig");
-    check_outputs(&[a.json.as_deref()], &[&a.file, &a.public_key, &beside])?;
+    check_outputs(
+        &[(a.json.as_deref(), Kind::Json)],
+        &[&a.file, &a.public_key, &beside],
+    )?;
     let key = PublicKey::read(&a.public_key)?;
     let bytes = read(&a.file)?;
     let expected = "the signature that `trainer sign` writes beside the document";

@@ -9,6 +9,7 @@ use serde_json::json;
 use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{
     check_not_filled_in, check_outputs, make_folder, summary_text, write_outputs,
 };
@@ -200,7 +201,7 @@ pub fn run(a: &Simulate) -> Result<(), Failure> {
     }
     let mut inputs = vec![Path::new(&a.robot.robot)];
     inputs.extend(a.touch_plan.as_deref());
-    check_outputs(&[a.json.as_deref()], &inputs)?;
+    check_outputs(&[(a.json.as_deref(), Kind::Json)], &inputs)?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let _folder = make_folder(&a.out)?;
     let mut simulator = Simulator::new(&arm.robot, a.scenario, &a.payloads, a.seed);

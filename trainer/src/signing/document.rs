@@ -16,7 +16,8 @@ use poegp_calibration::input_error::InputError;
 
 use crate::signing::{PublicKey, SecretKey, from_hex, id_text};
 
-const TITLE: &str = "poegp signature of a document, Ed25519";
+/// First line of a signature file.
+pub const TITLE: &str = "poegp signature of a document, Ed25519";
 const DOCUMENT: [u8; 8] = *b"POEGPDOC";
 
 /// Reason why a signature does not belong to a document and a key.

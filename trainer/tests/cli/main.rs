@@ -45,6 +45,7 @@ mod manners;
 mod measure;
 mod measure_rows;
 mod numbers;
+mod output_kinds;
 mod outputs;
 mod plan;
 mod predictions;

@@ -276,6 +276,28 @@ impl Folder {
         );
     }
 
+    /// Asserts that a JSON document that a command has written could be replaced by another one.
+    #[track_caller]
+    fn expect_replaceable(words: &[&str], stdout: &str, folder: &Self) {
+        let option = words.iter().position(|word| *word == "--json");
+        let Some(file) = option.and_then(|at| words.get(at + 1)) else {
+            return;
+        };
+        let text = match *file {
+            "-" => stdout.to_owned(),
+            file if folder.path(file).is_file() => folder.text(file),
+            _ => return,
+        };
+        // The lines of `measure` and `device monitor` are none.
+        if serde_json::from_str::<Value>(&text).is_ok_and(|json| json["version"].is_string()) {
+            let other = Self::new();
+            other.write("document.json", &text);
+            let mut command = other.command("keys new --out k --json document.json");
+            let output = command.output().unwrap();
+            assert!(output.status.success(), "{words:?}: {output:?}\n{text}");
+        }
+    }
+
     /// Runs a command to its end and checks the numbers in its output.
     pub fn finish(&self, command: &mut Command) -> Outcome {
         let output = command.output().unwrap();
@@ -295,6 +317,9 @@ impl Folder {
             check_text(&outcome.line, &outcome.stdout);
         }
         self.expect_documented_warnings(&words, &outcome);
+        if outcome.code == Some(0) {
+            Self::expect_replaceable(&words, &outcome.stdout, self);
+        }
         // An error quotes input, so only successful runs are checked.
         if outcome.code == Some(0) {
             check_text(&outcome.line, &outcome.stderr);

@@ -19,6 +19,7 @@ use crate::bridge::message::Setpoint;
 use crate::bridge::rsi::Rsi;
 use crate::bridge::server::{Report, serve};
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::interrupt::stoppable;
 use crate::cli::terminal::print::{Printer, note, warning};
@@ -88,8 +89,8 @@ fn ramp(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(a: &RsiArgs) -> Result<(), Failure> {
-    let outputs = [a.json.as_deref()];
-    check_outputs(&outputs, &[&a.blob])?;
+    let outputs = [(a.json.as_deref(), Kind::Json)];
+    let outputs = check_outputs(&outputs, &[&a.blob])?;
     let loaded = BlobModel::read(&a.blob)?;
     check_axes(&a.blob, &loaded)?;
     let payload_kg = payload(a, &loaded)?;

@@ -7,7 +7,8 @@ use crate::cli::calibrate::args::Calibrate;
 use crate::cli::calibrate::gauge::GaugeArgs;
 use crate::cli::calibrate::project::{File, Project, is_project};
 use crate::cli::failure::Failure;
-use crate::cli::output::is_same_file;
+use crate::cli::output::kind::Kind;
+use crate::cli::output::{Output, is_same_file};
 use crate::cli::terminal::print::{note, stated_by};
 use crate::cli::tolerance::ToleranceTable;
 use crate::report::certificate::Statement;
@@ -161,13 +162,13 @@ impl Job {
         self.gauge.within(folder);
     }
 
-    pub fn outputs(&self) -> [Option<&Path>; 5] {
+    pub fn outputs(&self) -> [Output<'_>; 5] {
         [
-            Some(&self.out),
-            self.json.as_deref(),
-            self.report.as_deref(),
-            self.write_project.as_deref(),
-            self.controller_csv.as_deref(),
+            (Some(&self.out), Kind::Model),
+            (self.json.as_deref(), Kind::Json),
+            (self.report.as_deref(), Kind::Report),
+            (self.write_project.as_deref(), Kind::Project),
+            (self.controller_csv.as_deref(), Kind::ControllerCsv),
         ]
     }
 
@@ -298,12 +299,8 @@ impl Job {
                 InputError::new(&project.path, "no output.blob", "the path of the blob")
                     .with_help("add `blob = \"arm.blob\"` under [output], or give --out FILE")
             })?;
-            self.out = project.output(name, "--out")?;
+            self.out = project.resolve(name);
         }
-        let path = |name: &str, option| match is_in_memory {
-            true => Ok(project.resolve(name)),
-            false => project.output(name, option),
-        };
         // What the project names beside its blob is about that blob.
         let other = output
             .blob
@@ -316,7 +313,7 @@ impl Job {
         ] {
             match (&given, name) {
                 (None, Some(name)) if other.is_some() => kept.push((option, project.resolve(name))),
-                (None, Some(name)) => *given = Some(path(name, option)?),
+                (None, Some(name)) => *given = Some(project.resolve(name)),
                 _ => {}
             }
         }

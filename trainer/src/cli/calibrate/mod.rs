@@ -54,11 +54,10 @@ pub fn run(arguments: &Calibrate) -> Result<(), Failure> {
     if touches::are_touches(a) {
         return touches::run(a);
     }
-    let outputs = a.outputs();
     let mut inputs = vec![a.train.as_path(), Path::new(&a.robot)];
     inputs.extend(a.tests.iter().chain(&a.project).map(PathBuf::as_path));
     inputs.extend(a.gauge.inputs());
-    check_outputs(&outputs, &inputs)?;
+    let outputs = check_outputs(&a.outputs(), &inputs)?;
     check_not_signed(&a.out)?;
     let made = make(a)?;
     let json = document_text(&made.document)?;

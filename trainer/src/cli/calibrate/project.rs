@@ -23,7 +23,6 @@ use poegp_calibration::numeric::statistics::distinct;
 use poegp_calibration::robot::BUILT_IN;
 use poegp_calibration::robot::toml_source::TomlSource;
 use poegp_calibration::trust::Cause;
-use poegp_protocol::blob::envelope;
 
 /// Version of the file format.
 pub const VERSION: u32 = 1;
@@ -210,33 +209,6 @@ impl Project {
             }
             None => Ok(()),
         }
-    }
-
-    /// Returns the path of an output that the file names. The author of the file may be another person than its user: it replaces only what
-    /// a calibration wrote.
-    pub fn output(&self, name: &str, option: &str) -> Result<PathBuf, InputError> {
-        let path = self.resolve(name);
-        let there = std::fs::read(&path).unwrap_or_default();
-        let is_ours = match option {
-            "--out" => there.starts_with(&envelope::MAGIC),
-            "--report" => {
-                let head = String::from_utf8_lossy(&there[..there.len().min(2000)]).into_owned();
-                head.contains("<meta name=\"generator\" content=\"poegp trainer")
-            }
-            _ => serde_json::from_slice::<serde_json::Value>(&there).is_ok_and(|json| {
-                json["version"].is_string()
-                    && !(json["robot"].is_null() && json["refused"].is_null())
-            }),
-        };
-        if is_ours || there.is_empty() {
-            return Ok(path);
-        }
-        let found = "a file that no calibration wrote";
-        let help = format!(
-            "to replace it, name it on the command line: {option} {}",
-            path.display()
-        );
-        Err(InputError::new(&path, found, "a new file, or one of the same kind").with_help(help))
     }
 
     /// Refuses values of the configuration that are out of range.

@@ -54,14 +54,13 @@ pub struct Made {
 /// # Errors
 /// [`Failure`] about the inputs or about the result.
 pub fn run(a: &Job) -> Result<(), Failure> {
-    let outputs = a.outputs();
     let features = features(a);
     let mut inputs = vec![a.train.as_path(), &features, Path::new(&a.robot)];
     inputs.extend(a.project.as_deref());
     inputs.extend(a.gauge.inputs());
     inputs.extend(a.prior.iter().map(PathBuf::as_path));
     no_other_options(a)?;
-    check_outputs(&outputs, &inputs)?;
+    let outputs = check_outputs(&a.outputs(), &inputs)?;
     check_not_signed(&a.out)?;
     let made = make(a)?;
     let json = document_text(&made.document)?;

@@ -19,6 +19,7 @@ use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row, warning};
 use crate::cli::terminal::warnings::{self, WARNING};
@@ -106,12 +107,15 @@ impl Check {
 }
 
 pub fn run(a: &Check) -> Result<(), Failure> {
-    let outputs = [a.json.as_deref(), a.report.as_deref()];
+    let outputs = [
+        (a.json.as_deref(), Kind::Json),
+        (a.report.as_deref(), Kind::Report),
+    ];
     let mut files: Vec<&Path> = vec![&a.blob, &a.measurements];
     files.extend(a.previous.as_deref());
     let programs = programs::files(&a.programs);
     files.extend(programs.iter().map(PathBuf::as_path));
-    check_outputs(&outputs, &files)?;
+    let outputs = check_outputs(&outputs, &files)?;
     let options = options(a)?;
     let loaded = BlobModel::read(&a.blob)?;
     let (document, set) = checked(a, &loaded, &Input::file(&a.measurements), &options)?;

@@ -8,6 +8,7 @@ use crate::cli::check::unexplained::Rest;
 use crate::cli::check::{Check, advice, options, programs, touch_page, wording};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{file_name, fresh};
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row};
 use crate::cli::terminal::warnings::{self, WARNING};
@@ -32,8 +33,11 @@ pub fn run(a: &Check) -> Result<(), Failure> {
     files.extend(a.previous.as_deref());
     let programs = programs::files(&a.programs);
     files.extend(programs.iter().map(PathBuf::as_path));
-    let outputs = [a.json.as_deref(), a.report.as_deref()];
-    check_outputs(&outputs, &files)?;
+    let outputs = [
+        (a.json.as_deref(), Kind::Json),
+        (a.report.as_deref(), Kind::Report),
+    ];
+    let outputs = check_outputs(&outputs, &files)?;
     let loaded = BlobModel::read(&a.blob)?;
     let (document, set) = checked(a, &loaded)?;
     let day = loaded.host().provenance.date;

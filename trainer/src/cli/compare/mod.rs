@@ -12,6 +12,7 @@ pub use crate::cli::compare::document::CompareJson;
 use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::instrument_drift;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::Printer;
 use crate::cli::tolerance;
@@ -20,13 +21,16 @@ use poegp_calibration::validation::cross_validation::ModelComparison;
 
 pub fn run(a: &Compare) -> Result<(), Failure> {
     refuse_models(a)?;
-    let output = [a.json.as_deref(), a.report.as_deref()];
+    let output = [
+        (a.json.as_deref(), Kind::Json),
+        (a.report.as_deref(), Kind::Report),
+    ];
     let inputs = [a.train.as_path(), Path::new(&a.robot.robot)];
     let inputs: Vec<&Path> = inputs
         .into_iter()
         .chain(a.tests.iter().map(PathBuf::as_path))
         .collect();
-    check_outputs(&output, &inputs)?;
+    let output = check_outputs(&output, &inputs)?;
     let Compared {
         document,
         report: html,

@@ -24,6 +24,7 @@ use crate::cli::correct::row::{Fields, correct};
 use crate::cli::correct::summary::{Summed, Summing};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{self, file_name};
+use crate::cli::output::kind::Kind;
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, document_text, write_with_long};
 use crate::cli::terminal::print::{Printer, note};
@@ -118,8 +119,11 @@ fn joint_targets(a: &Correct, targets: &Path) -> Result<(), Failure> {
             targets.display()
         )));
     }
-    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
-    check_outputs(&outputs, &[&a.blob, targets])?;
+    let outputs = [
+        (Some(a.out.as_path()), Kind::Targets),
+        (a.json.as_deref(), Kind::Json),
+    ];
+    let outputs = check_outputs(&outputs, &[&a.blob, targets])?;
     let loaded = BlobModel::read(&a.blob)?;
     let robot = inputs::robot_of(&loaded);
     let (columns, start, mut chunks) = TargetReader::open(targets)?.into_parts();

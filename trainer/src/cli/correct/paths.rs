@@ -4,6 +4,8 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::correct::args::Correct;
 use crate::cli::correct::record::record_path;
+use crate::cli::output::Output;
+use crate::cli::output::kind::Kind;
 use crate::cli::terminal::print::is_stdout;
 use crate::robot_programs::correction::Format;
 use crate::robot_programs::correction::replacement::Rewritten;
@@ -64,13 +66,17 @@ impl Paths {
     }
 
     /// Returns all paths that are written without `--dry-run`.
-    pub fn outputs<'a>(&'a self, a: &'a Correct) -> Vec<Option<&'a Path>> {
-        let results = self.files.iter().map(|(_, out)| Some(out.as_path()));
-        let mut outputs: Vec<Option<&Path>> = results.collect();
+    pub fn outputs<'a>(&'a self, a: &'a Correct) -> Vec<Output<'a>> {
+        let results = self.files.iter().map(|(_, out)| out.as_path());
+        let mut outputs: Vec<Output<'_>> = results.map(|out| (Some(out), Kind::Program)).collect();
         if !self.is_stream {
-            outputs.extend(self.records.iter().map(|path| Some(path.as_path())));
+            let records = self.records.iter().map(PathBuf::as_path);
+            outputs.extend(records.map(|path| (Some(path), Kind::Record)));
         }
-        outputs.extend([a.json.as_deref(), a.report.as_deref()]);
+        outputs.extend([
+            (a.json.as_deref(), Kind::Json),
+            (a.report.as_deref(), Kind::Report),
+        ]);
         outputs
     }
 

@@ -53,8 +53,7 @@ pub fn corrected(
     format: Format,
 ) -> Result<(Vec<Option<PathBuf>>, Files, ProgramJson), Failure> {
     let paths = Paths::new(a, format)?;
-    let outputs = paths.outputs(a);
-    check_outputs(&outputs, &paths.inputs(a))?;
+    let outputs = check_outputs(&paths.outputs(a), &paths.inputs(a))?;
     let loaded = BlobModel::read(&a.blob)?;
     let commander = commander(a, &loaded)?;
     let payload = payload(a, &loaded)?;

@@ -182,6 +182,11 @@ pub fn record_path(out: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
+/// Whether `bytes`, the contents of the file at `path`, are what a correction wrote there, by the record beside it.
+pub fn is_result(path: &Path, bytes: &[u8]) -> bool {
+    Record::read(&record_path(path)).is_ok_and(|record| record.result_sha256 == sha256(bytes))
+}
+
 /// Returns the program that a record belongs to; `None` if the file name is not that of a record.
 pub fn program_of(record: &Path) -> Option<PathBuf> {
     let name = record.file_name()?.to_str()?.strip_suffix(ENDING)?;

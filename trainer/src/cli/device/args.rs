@@ -8,6 +8,7 @@ use poegp_protocol::link::{Identity, MAX_CHUNK};
 
 use crate::cli::failure::Failure;
 use crate::cli::keys::read_secret_key;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::print::Printer;
 use crate::device::board::Board;
@@ -129,7 +130,7 @@ pub struct LinkAndJson {
 impl LinkAndJson {
     /// Refuses, before the work, a file that cannot be written or that would overwrite an input.
     pub fn check(&self, inputs: &[&Path]) -> Result<(), Failure> {
-        check_outputs(&[self.json.as_deref()], inputs)
+        check_outputs(&[(self.json.as_deref(), Kind::Json)], inputs).map(drop)
     }
 
     /// Writes the results as JSON if a file is given, and returns the printer for the user.

@@ -21,13 +21,18 @@ mod unix {
     use serde_json::json;
 
     use super::{Emulate, Failure};
+    use crate::cli::output::kind::Kind;
     use crate::cli::output::{check_outputs, write_summary};
     use crate::cli::terminal::print::Printer;
     use crate::device::emulator::{Clock, Listener, Machine, serve};
     use crate::device::port::Address;
 
     pub fn run(a: &Emulate) -> Result<(), Failure> {
-        check_outputs(&[a.json.as_deref()], &[])?;
+        let outputs = [
+            (a.json.as_deref(), Kind::Json),
+            (a.flash_image.as_deref(), Kind::FlashImage),
+        ];
+        check_outputs(&outputs, &[&a.elf])?;
         let (board, elf) = (a.board, &a.elf);
         if !elf.is_file() {
             return Err(Failure::Usage(format!(

@@ -8,6 +8,7 @@ use serde_json::json;
 use crate::cli::device::args::Flash;
 use crate::cli::device::show;
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
@@ -17,8 +18,8 @@ use crate::signing::id_text;
 use poegp_calibration::blob::predict::BlobModel;
 
 pub fn run(a: &Flash) -> Result<(), Failure> {
-    let outputs = [a.common.json.as_deref()];
-    check_outputs(&outputs, &[&a.blob])?;
+    let outputs = [(a.common.json.as_deref(), Kind::Json)];
+    let outputs = check_outputs(&outputs, &[&a.blob])?;
     // A file that is not a model is refused before the port is opened.
     let loaded = BlobModel::read(&a.blob)?;
     let (mut client, before) = a.authority.connect(&a.common.link)?;

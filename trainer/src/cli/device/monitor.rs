@@ -12,6 +12,7 @@ use serde_json::{Value, json};
 use crate::cli::device::args::Monitor;
 use crate::cli::device::show;
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, write_summary};
 use crate::cli::terminal::print::{Printer, is_quiet, is_stdout, to_stdout};
 use crate::device::client::Client;
@@ -28,7 +29,10 @@ const LOG_READ_LIMIT: Duration = Duration::from_secs(1);
 const HEADER: &str = "     cycles       /s   missed  flagged  limited  uncorrected  worst ms  latency ms  bad frames  lost bytes";
 
 pub fn run(a: &Monitor) -> Result<(), Failure> {
-    check_outputs(&[a.json.as_deref()], &[])?;
+    check_outputs(
+        &[(a.json.as_deref(), Kind::Json)],
+        a.elf.as_deref().as_slice(),
+    )?;
     let as_json = a.json.as_deref();
     if !a.once && as_json.is_some_and(|path| !is_stdout(path)) {
         return Err(Failure::Usage(

@@ -18,6 +18,7 @@ use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs as host;
 use crate::cli::inputs::file_name;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, json_text, summary_text, write_texts};
 use crate::cli::terminal::print::{Printer, error_row, is_stdout};
 use crate::cli::terminal::progress;
@@ -237,10 +238,10 @@ fn read_without_blob(test: &Path) -> Result<(MeasurementSet, Vec<InstrumentSampl
 }
 
 pub fn evaluate(a: &Evaluate) -> Result<(), Failure> {
-    let outputs = [a.common.json.as_deref()];
+    let outputs = [(a.common.json.as_deref(), Kind::Json)];
     let mut inputs = vec![a.test.as_path()];
     inputs.extend(a.blob.as_deref());
-    check_outputs(&outputs, &inputs)?;
+    let outputs = check_outputs(&outputs, &inputs)?;
     let mut commands = Commands::read(&a.common.link, &a.test, a.blob.as_deref())?;
     if commands.loaded.is_none() {
         enough_for_a_base(&a.test, &commands.samples)?;
@@ -371,8 +372,11 @@ fn other_poses(commands: &Commands, answers: &[Evaluation]) -> Vec<usize> {
 pub fn correct(a: &Correct) -> Result<(), Failure> {
     let mut inputs = vec![a.test.as_path()];
     inputs.extend(a.blob.as_deref());
-    let outputs = [Some(a.out.as_path()), a.json.as_deref()];
-    check_outputs(&outputs, &inputs)?;
+    let outputs = [
+        (Some(a.out.as_path()), Kind::Targets),
+        (a.json.as_deref(), Kind::Json),
+    ];
+    let outputs = check_outputs(&outputs, &inputs)?;
     let mut commands = Commands::read(&a.link, &a.test, a.blob.as_deref())?;
     let answers = commands.ask("correcting", Client::correct)?;
     let differs = |i: &usize| {

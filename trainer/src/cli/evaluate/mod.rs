@@ -14,6 +14,7 @@ use crate::cli::failure::Failure;
 use crate::cli::input::Input;
 use crate::cli::inputs::{self, FRAMES_HELP, file_name, fitted_frames, frame_failure};
 use crate::cli::instrument_drift;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::long::LongOutput;
 use crate::cli::output::{check_outputs, document_text, write_outputs, write_with_long};
 use crate::cli::terminal::print::{Printer, warning};
@@ -63,8 +64,11 @@ pub struct Evaluate {
 }
 
 pub fn run(a: &Evaluate) -> Result<(), Failure> {
-    let outputs = [a.predictions.as_deref(), a.json.as_deref()];
-    check_outputs(&outputs, &[&a.blob, &a.test])?;
+    let outputs = [
+        (a.predictions.as_deref(), Kind::Predictions),
+        (a.json.as_deref(), Kind::Json),
+    ];
+    let outputs = check_outputs(&outputs, &[&a.blob, &a.test])?;
     let loaded = BlobModel::read(&a.blob)?;
     let found = evaluated(a, &loaded, &Input::file(&a.test))?;
     let document = &found.document;

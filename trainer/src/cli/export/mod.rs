@@ -8,6 +8,7 @@ use clap::Args;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, json_text, summary_text, write_texts};
 use crate::cli::terminal::print::{Printer, is_stdout};
 use crate::export::calibrated_chain::COUPLING;
@@ -178,14 +179,20 @@ pub fn exported(a: &Export) -> Result<String, Failure> {
 
 /// Returns the paths of all outputs, and whether one of them is a whole chain. Refuses to write nothing, or over an input.
 fn outputs(a: &Export) -> Result<(Vec<Option<&Path>>, bool), Failure> {
-    let of_the_chain = [&a.out, &a.mjcf, &a.ur_kinematics, &a.dh, &a.mdh, &a.poe];
-    let others = [&a.joint_offsets, &a.c_header];
-    let mut outputs: Vec<Option<&Path>> = of_the_chain
-        .iter()
-        .chain(&others)
-        .map(|o| o.as_deref())
-        .collect();
-    if outputs.iter().all(Option::is_none) {
+    let of_the_chain = [
+        (a.out.as_deref(), Kind::Urdf),
+        (a.mjcf.as_deref(), Kind::Mjcf),
+        (a.ur_kinematics.as_deref(), Kind::UrKinematics),
+        (a.dh.as_deref(), Kind::Dh),
+        (a.mdh.as_deref(), Kind::ModifiedDh),
+        (a.poe.as_deref(), Kind::Poe),
+    ];
+    let others = [
+        (a.joint_offsets.as_deref(), Kind::JointOffsets),
+        (a.c_header.as_deref(), Kind::CHeader),
+    ];
+    let mut outputs = [&of_the_chain[..], &others].concat();
+    if outputs.iter().all(|(path, _)| path.is_none()) {
         return Err(Failure::Usage(
             "nothing to write: give --out, --mjcf, --ur-kinematics, --dh, --mdh, --poe, --joint-offsets or --c-header \
              a file\nhelp: `trainer export --help` describes them"
@@ -195,9 +202,9 @@ fn outputs(a: &Export) -> Result<(Vec<Option<&Path>>, bool), Failure> {
     let mut inputs = vec![a.blob.as_path()];
     inputs.extend(a.urdf.as_deref());
     inputs.extend(a.region.as_deref().map(region::file));
-    outputs.push(a.json.as_deref());
-    check_outputs(&outputs, &inputs)?;
-    let has_chain = of_the_chain.iter().any(|output| output.is_some());
+    outputs.push((a.json.as_deref(), Kind::Json));
+    let outputs = check_outputs(&outputs, &inputs)?;
+    let has_chain = of_the_chain.iter().any(|(path, _)| path.is_some());
     Ok((outputs, has_chain))
 }
 

@@ -21,6 +21,7 @@ use crate::cli::measure::plan::Planned;
 use crate::cli::measure::show::{End, Show, kept, undone};
 use crate::cli::measure::source::{Lines, Origin};
 use crate::cli::output::check_outputs;
+use crate::cli::output::kind::Kind;
 use crate::cli::terminal::print::{is_stdout, note, warning};
 use poegp_calibration::input_error::{InputError, counted};
 use poegp_calibration::measurement::touch::{TouchRow, TouchSet};
@@ -87,7 +88,13 @@ pub fn run(a: &Measure) -> Result<(), Failure> {
     if let Origin::File(path) = &a.from {
         inputs.push(path);
     }
-    check_outputs(&[Some(&a.out), a.json.as_deref()], &inputs)?;
+    check_outputs(
+        &[
+            (Some(&a.out), Kind::Rows),
+            (a.json.as_deref(), Kind::Dialogue),
+        ],
+        &inputs,
+    )?;
     let arm = Arm::load(&a.robot.robot, &a.robot.chain)?;
     let planned = Planned::read(&a.plan, a.features.as_deref(), a.positions, &arm)?;
     let mut lines = Lines::open(&a.from)?;

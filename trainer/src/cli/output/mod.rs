@@ -3,8 +3,10 @@
 //! Every output is checked before the work begins: its folder must exist, and it must be neither a folder nor protected.
 //! All are written to temporary files beside their targets ([`transaction`]), then to standard output and pipes, which
 //! cannot be undone, and then renamed: a failure leaves the old files unchanged. No folder is created. A link is
-//! followed. A target that is not a regular file (`/dev/null`, a pipe) is written to, never replaced.
+//! followed. A target that is not a regular file (`/dev/null`, a pipe) is written to, never replaced. A file that is no
+//! earlier output of the same [`kind`] is not replaced.
 
+pub mod kind;
 pub mod long;
 mod paths;
 pub mod transaction;
@@ -16,6 +18,7 @@ use poegp_calibration::input_error::InputError;
 use poegp_protocol::blob::envelope;
 
 use crate::cli::failure::Failure;
+use crate::cli::output::kind::{Kind, check_kind};
 use crate::cli::output::long::{Complete, LongOutput};
 use crate::cli::output::paths::{could_be_written, is_stream};
 use crate::cli::output::transaction::{Readers, Staged, commit, folder_of, writing};
@@ -49,13 +52,14 @@ fn could_be_new(path: &Path) -> Result<(), Failure> {
     could_be_written(path)
 }
 
-/// Refuses outputs that exist already with other contents: these files are made to be filled in by hand.
+/// Refuses outputs that exist already with other contents and are not empty: these files are made to be filled in by hand.
 ///
 /// # Errors
 /// [`InputError`] names the path.
 pub fn check_not_filled_in(outputs: &[(&Path, &[u8])]) -> Result<(), Failure> {
     let is_other = |(path, bytes): &&(&Path, &[u8])| {
-        !is_stream(path) && std::fs::read(path).is_ok_and(|there| there != *bytes)
+        !is_stream(path)
+            && std::fs::read(path).is_ok_and(|there| !there.is_empty() && there != *bytes)
     };
     match outputs.iter().find(is_other) {
         None => Ok(()),
@@ -245,11 +249,25 @@ pub fn is_same_file(a: &Path, b: &Path) -> bool {
     identity(a) == identity(b)
 }
 
-/// Refuses, before the work, outputs that cannot be written, that are the same file, or that would overwrite an input.
-pub fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), Failure> {
-    let outputs: Vec<&Path> = outputs.iter().flatten().copied().collect();
-    for (i, path) in outputs.iter().enumerate() {
-        let is_same = |other: &&Path| identity(other) == identity(path);
+/// The path of an output, if it is asked for, and what is written there.
+pub type Output<'a> = (Option<&'a Path>, Kind);
+
+/// Refuses, before the work, outputs that cannot be written, that are the same file, or that would overwrite an input or a
+/// file of another kind. Returns the paths.
+///
+/// # Errors
+/// [`InputError`] names the path and what is wrong with it.
+pub fn check_outputs<'a>(
+    outputs: &[Output<'a>],
+    inputs: &[&Path],
+) -> Result<Vec<Option<&'a Path>>, Failure> {
+    let paths = outputs.iter().map(|(path, _)| *path).collect();
+    let outputs = outputs
+        .iter()
+        .filter_map(|(path, kind)| Some(((*path)?, *kind)));
+    let outputs: Vec<(&Path, Kind)> = outputs.collect();
+    for (i, (path, kind)) in outputs.iter().enumerate() {
+        let is_same = |(other, _): &(&Path, Kind)| identity(other) == identity(path);
         if outputs[..i].iter().any(is_same) {
             let found = "two outputs in one file";
             return Err(InputError::new(path, found, "a file for each output").into());
@@ -267,8 +285,9 @@ pub fn check_outputs(outputs: &[Option<&Path>], inputs: &[&Path]) -> Result<(), 
             let found = "an input of this command";
             return Err(InputError::new(path, found, "another file for the output").into());
         }
+        check_kind(path, *kind)?;
     }
-    Ok(())
+    Ok(paths)
 }
 
 /// A folder for outputs; it is removed at the end if it was created and is still empty.

@@ -14,6 +14,7 @@ use nalgebra::Vector3;
 use crate::cli::args::{Gravity, RobotArgs, gravity, heading};
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_not_filled_in, check_outputs, json_text, write_outputs};
 use crate::cli::terminal::interrupt::cancellable_by_caller;
 use crate::cli::terminal::print::{Printer, note};
@@ -144,15 +145,15 @@ pub fn run(a: &Plan) -> Result<(), Failure> {
 fn of_poses(a: &Plan) -> Result<(), Failure> {
     let programs = [&a.rapid, &a.krl, &a.urscript, &a.fanuc];
     let mut outputs = vec![
-        Some(a.out.as_path()),
-        a.test_out.as_deref(),
-        a.json.as_deref(),
+        (Some(a.out.as_path()), Kind::FilledIn),
+        (a.test_out.as_deref(), Kind::FilledIn),
+        (a.json.as_deref(), Kind::Json),
     ];
-    outputs.extend(programs.iter().map(|p| p.as_deref()));
+    outputs.extend(programs.iter().map(|p| (p.as_deref(), Kind::FilledIn)));
     let mut inputs = vec![Path::new(&a.robot.robot)];
     inputs.extend(a.constraints.as_deref());
     inputs.extend(a.prior.as_deref());
-    check_outputs(&outputs, &inputs)?;
+    let outputs = check_outputs(&outputs, &inputs)?;
     let planned = planned(a, check_not_filled_in)?;
     let json = json_text(&planned.document)?;
     let mut files = planned.outputs();

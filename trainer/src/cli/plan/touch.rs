@@ -8,6 +8,7 @@ use serde_json::json;
 use crate::cli::args::RobotArgs;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::Arm;
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_not_filled_in, check_outputs, summary_text, write_outputs};
 use crate::cli::terminal::print::{Printer, note};
 use crate::cli::terminal::progress;
@@ -65,10 +66,14 @@ pub(super) fn goal(text: &str) -> Result<Goal, String> {
 
 /// Plans touches, writes the outputs and prints the result.
 pub(super) fn run(a: &Asked<'_>) -> Result<(), Failure> {
-    let outputs = [Some(a.out), a.features_out, a.json];
+    let outputs = [
+        (Some(a.out), Kind::FilledIn),
+        (a.features_out, Kind::FilledIn),
+        (a.json, Kind::Json),
+    ];
     let mut inputs = vec![Path::new(&a.robot.robot)];
     inputs.extend(a.constraints);
-    check_outputs(&outputs, &inputs)?;
+    let outputs = check_outputs(&outputs, &inputs)?;
     let goals = a.goals;
     let count = a
         .count

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::compare::Compare;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{Arm, file_name, is_training_data, now, training_data_warning};
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
 use crate::cli::terminal::warnings;
@@ -26,8 +27,11 @@ pub fn run(a: &Compare) -> Result<(), Failure> {
     let mut inputs = vec![a.train.as_path(), features.unwrap_or(&beside)];
     inputs.push(Path::new(&a.robot.robot));
     inputs.extend(a.blobs.iter().map(PathBuf::as_path));
-    let outputs = [a.json.as_deref(), a.report.as_deref()];
-    check_outputs(&outputs, &inputs)?;
+    let outputs = [
+        (a.json.as_deref(), Kind::Json),
+        (a.report.as_deref(), Kind::Report),
+    ];
+    let outputs = check_outputs(&outputs, &inputs)?;
     let document = compared(a)?;
     let json = document_text(&document)?;
     let page = a.report.as_ref().map(|_| compare_page::page(&document));

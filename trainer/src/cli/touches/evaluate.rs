@@ -4,6 +4,7 @@
 use crate::cli::evaluate::Evaluate;
 use crate::cli::failure::Failure;
 use crate::cli::inputs::{file_name, is_training_data, training_data_warning};
+use crate::cli::output::kind::Kind;
 use crate::cli::output::{check_outputs, document_text, write_texts};
 use crate::cli::terminal::print::{Printer, warning};
 use crate::cli::terminal::warnings;
@@ -22,7 +23,10 @@ pub fn run(a: &Evaluate) -> Result<(), Failure> {
     let json = a.json.as_deref();
     let beside = features_beside(&a.test);
     let features = a.features.as_deref();
-    check_outputs(&[json], &[&a.blob, &a.test, features.unwrap_or(&beside)])?;
+    check_outputs(
+        &[(json, Kind::Json)],
+        &[&a.blob, &a.test, features.unwrap_or(&beside)],
+    )?;
     let loaded = BlobModel::read(&a.blob)?;
     let document = evaluated(a, &loaded)?;
     let text = document_text(&document)?;
